@@ -1,0 +1,1 @@
+"""inertiax: differentiable calibration of inertial measurement units."""

@@ -1,0 +1,18 @@
+"""Array aliases, so that signatures stay short and say the shape."""
+
+from typing import TypeAlias
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+
+AnyArray: TypeAlias = jax.Array | np.ndarray
+
+Scalar: TypeAlias = Float[AnyArray, ""]
+Vec3: TypeAlias = Float[AnyArray, "3"]
+Mat3: TypeAlias = Float[AnyArray, "3 3"]
+Times: TypeAlias = Float[AnyArray, " time"]
+Triad: TypeAlias = Float[AnyArray, "time 3"]
+Labels: TypeAlias = Int[AnyArray, " time"]
+Mask: TypeAlias = Bool[AnyArray, " time"]
