@@ -42,7 +42,7 @@ class Constant(AbstractBasis):
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         # Built from the temperature so that the dtype follows it; never looks at its value, so a
         # recording without a probe may carry anything here.
-        return jnp.ones((1,), jnp.result_type(temperature, jnp.float32))
+        return jnp.ones((1,), jnp.asarray(temperature).dtype)
 
 
 class Polynomial(AbstractBasis):
