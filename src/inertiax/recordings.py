@@ -21,7 +21,9 @@ class Recording(eqx.Module):
     time: Float[np.ndarray, " time"]  # s
     accel: Float[np.ndarray, "time 3"] | None = None  # m/s²
     gyro: Float[np.ndarray, "time 3"] | None = None  # rad/s
-    temperature: Float[np.ndarray, "time probes"] | None = None  # °C, column 0 is the device's probe
+    temperature: Float[np.ndarray, "time probes"] | None = (
+        None  # °C, column 0 is the device's probe
+    )
     experiment: Int[np.ndarray, " time"] | None = None  # run of the programme (chamber setting)
     position: Int[np.ndarray, " time"] | None = None  # at rest; -1 while the table turns
     reference_accel: Float[np.ndarray, "time 3"] | None = None  # m/s², an ideal triad's reading
@@ -93,7 +95,9 @@ class Site(eqx.Module):
 class Rig(eqx.Module):
     """What the station promises, 1 sigma. `None` where it says nothing."""
 
-    position_uncertainty: float | None = eqx.field(static=True, default=None)  # rad, each positioning
+    position_uncertainty: float | None = eqx.field(
+        static=True, default=None
+    )  # rad, each positioning
     rate_uncertainty: float | None = eqx.field(static=True, default=None)  # relative to the rate
     temperature_uncertainty: float | None = eqx.field(static=True, default=None)  # °C
 
@@ -116,6 +120,7 @@ class Campaign(eqx.Module):
     model: ModelChoice = ModelChoice()
     grade: str | None = eqx.field(static=True, default=None)  # navigation | tactical | consumer
     path: Path | None = eqx.field(static=True, default=None)  # campaign.toml, if read from one
+    notes: tuple[str, ...] = eqx.field(static=True, default=())  # what a reader should know
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -129,4 +134,4 @@ class Campaign(eqx.Module):
             raise ValueError(
                 f"`Campaign.of_device({device!r})`: no such device; found {list(self.devices)}."
             )
-        return Campaign(chosen, self.site, self.rig, self.model, self.grade, self.path)
+        return Campaign(chosen, self.site, self.rig, self.model, self.grade, self.path, self.notes)
