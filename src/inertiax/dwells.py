@@ -45,19 +45,28 @@ class Dwells(eqx.Module):
         return jax.tree.map(lambda x: x[rows], self)
 
 
-def by_experiment(dwells: Dwells) -> tuple[Dwells, Int[np.ndarray, " experiments"]]:
-    """Stack the dwells of each experiment along a new leading axis, padded to equal length.
+def experiment_rows(
+    dwells: Dwells,
+) -> tuple[Int[np.ndarray, "experiments longest"], Bool[np.ndarray, "experiments longest"]]:
+    """Rows of each experiment's valid dwells, padded to the longest, and which are no padding.
 
-    Padding repeats a dwell of the same experiment with `valid = False`, so that every number in
-    it stays finite. **Returns** the stacked dwells, shape `(experiments, longest, ...)`, and the
-    experiments' numbers.
+    Padding repeats the experiment's last dwell, so that every number stays finite. Experiments are
+    in the order of their numbers.
     """
-    host = jax.tree.map(np.asarray, dwells)
-    numbers = np.unique(host.experiment[host.valid])
-    rows = [np.flatnonzero((host.experiment == n) & host.valid) for n in numbers]
+    valid = np.asarray(dwells.valid)
+    labels = np.asarray(dwells.experiment)
+    rows = [np.flatnonzero((labels == n) & valid) for n in np.unique(labels[valid])]
     longest = max(len(r) for r in rows)
     index = np.stack([np.pad(r, (0, longest - len(r)), mode="edge") for r in rows])
     kept = np.stack([np.arange(longest) < len(r) for r in rows])
-    stacked = jax.tree.map(lambda x: x[index], host)
-    stacked = eqx.tree_at(lambda d: d.valid, stacked, kept)
-    return jax.tree.map(jnp.asarray, stacked), numbers
+    return index, kept
+
+
+def by_experiment(
+    dwells: Dwells,
+    rows: Int[np.ndarray, "experiments longest"],
+    kept: Bool[np.ndarray, "experiments longest"],
+) -> Dwells:
+    """Stack the dwells of each experiment along a new leading axis, as `experiment_rows` says."""
+    stacked = jax.tree.map(lambda x: jnp.asarray(x)[rows], dwells)
+    return eqx.tree_at(lambda d: d.valid, stacked, jnp.asarray(kept))

@@ -12,6 +12,7 @@ polynomial of degree 6 well conditioned; powers of T appear only on export.
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -27,6 +28,11 @@ class AbstractBasis(eqx.Module):
     def size(self) -> int:
         """Number of basis functions."""
 
+    @property
+    @abc.abstractmethod
+    def nodes(self) -> tuple[float, ...]:
+        """As many temperatures, °C, at which values determine the coefficients."""
+
     @abc.abstractmethod
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         """Values $\\phi_k(T)$ of all basis functions at one temperature, °C."""
@@ -38,6 +44,10 @@ class Constant(AbstractBasis):
     @property
     def size(self) -> int:
         return 1
+
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        return (0.0,)
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         # Built from the temperature so that the dtype follows it; never looks at its value, so a
@@ -72,6 +82,12 @@ class Polynomial(AbstractBasis):
     def size(self) -> int:
         return self.degree + 1
 
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        # Zeros of T_{degree+1}: interpolation there is as well conditioned as the basis.
+        x = np.cos(np.pi * (np.arange(self.size) + 0.5) / self.size)
+        return tuple(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * x)
+
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         x = (2.0 * jnp.asarray(temperature) - (self.low + self.high)) / (self.high - self.low)
         values = [jnp.ones_like(x), x]
@@ -102,12 +118,18 @@ class CubicSpline(AbstractBasis):
     def size(self) -> int:
         return len(self.knots)
 
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        return self.knots
+
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         knots = np.asarray(self.knots)
         curvature = _natural_spline_curvature(knots)  # [size, size]: values at knots -> 2nd derivs
         t = jnp.asarray(temperature)
         inside = jnp.clip(t, knots[0], knots[-1])
-        i = jnp.clip(jnp.searchsorted(jnp.asarray(knots), inside, side="right") - 1, 0, len(knots) - 2)
+        i = jnp.clip(
+            jnp.searchsorted(jnp.asarray(knots), inside, side="right") - 1, 0, len(knots) - 2
+        )
         h = jnp.asarray(np.diff(knots))[i]
         b = (inside - jnp.asarray(knots)[i]) / h
         a = 1.0 - b
@@ -128,7 +150,9 @@ def _natural_spline_curvature(knots: np.ndarray) -> np.ndarray:
     second = np.zeros((n, n))
     if n == 2:
         return second
-    system = np.diag((h[:-1] + h[1:]) / 3.0) + np.diag(h[1:-1] / 6.0, 1) + np.diag(h[1:-1] / 6.0, -1)
+    system = (
+        np.diag((h[:-1] + h[1:]) / 3.0) + np.diag(h[1:-1] / 6.0, 1) + np.diag(h[1:-1] / 6.0, -1)
+    )
     right = np.zeros((n - 2, n))
     for row in range(n - 2):
         right[row, row] = 1.0 / h[row]
@@ -155,6 +179,17 @@ class Curve(eqx.Module):
     def __call__(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
         """The parameters at one temperature (°C), shape `(parameters,)`, in their own units."""
         return self.basis(temperature) @ self.coefficients
+
+
+def interpolate(
+    basis: AbstractBasis, values: Float[AnyArray, "size parameters"]
+) -> Float[Array, "size parameters"]:
+    """Coefficients of the curve that takes the given values at `basis.nodes`."""
+    # The nodes are static, so the matrix and its inverse are constants also inside `jit`.
+    with jax.ensure_compile_time_eval():
+        at_nodes = np.asarray(jax.vmap(basis)(jnp.asarray(basis.nodes)))
+    values = jnp.asarray(values)
+    return jnp.asarray(np.linalg.inv(at_nodes), values.dtype) @ values
 
 
 def to_powers(

@@ -1,0 +1,75 @@
+"""Accelerometers against a known specific force, for example from the table's angles.
+
+    r = W (a' − (E + Γ) a_ref − a⁰),   Γ full; 12 parameters
+
+**Gauge.** Nothing is free: Γ includes the triad's rotation against the reference frame. That rotation
+cannot be told from a rotation of the device on the table (`table_misalignment`), and a common scale
+factor not from an error of g.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray, Scalar
+from ..compose import compose_accel
+from ..dwells import Dwells
+from ..model import AccelerometerErrors, compensate_accel, distort_accel
+from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
+
+
+class ReferenceAccel(AbstractEstimator):
+    """Outputs against `reference_accel`; bias (3) and full Γ (9). See the module."""
+
+    triad: ClassVar[str] = "accel"
+
+    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # m/s², 1 sigma
+    robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
+            f"accel.matrix[{i},{j}]" for i in range(3) for j in range(3)
+        )
+
+    def unpack(self, vector: Float[AnyArray, " parameters"]) -> AccelerometerErrors:
+        vector = jnp.asarray(vector)
+        return AccelerometerErrors(vector[:3], vector[3:].reshape(3, 3))
+
+    def pack(self, errors: AccelerometerErrors) -> Float[Array, " parameters"]:
+        return jnp.concatenate([jnp.asarray(errors.bias), jnp.asarray(errors.matrix).reshape(9)])
+
+    def residual(
+        self, vector: Float[AnyArray, " parameters"], dwell: Dwells
+    ) -> Float[Array, " rows"]:
+        misfit, _ = self.misfit(vector, dwell)
+        return soften(whiten(dwell.accel_covariance, self.scatter, misfit), self.robust)
+
+    def misfit(
+        self, vector: Float[AnyArray, " parameters"], dwell: Dwells
+    ) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+        expected = distort_accel(self.unpack(vector), jnp.asarray(dwell.reference_accel))
+        misfit = jnp.asarray(dwell.accel) - expected
+        return misfit, diagonal_sigmas(dwell.accel_covariance)
+
+    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
+        errors = self.unpack(vector)
+        return eqx.tree_at(
+            lambda d: (d.accel, d.accel_covariance),
+            dwell,
+            (
+                compensate_accel(errors, jnp.asarray(dwell.accel)),
+                transform_covariance(jnp.asarray(errors.matrix), dwell.accel_covariance),
+            ),
+        )
+
+    def compose(
+        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
+    ) -> Float[Array, " parameters"]:
+        return self.pack(compose_accel(self.unpack(first), self.unpack(second)))
+
+    def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
+        # The residual is linear in the parameters: Gauss-Newton needs no start.
+        return jnp.zeros(self.num_parameters, jnp.asarray(dwells.accel).dtype)
