@@ -1,1 +1,89 @@
-"""inertiax: differentiable calibration of inertial measurement units."""
+"""inertiax: differentiable calibration of inertial measurement units.
+
+**Conventions**, stated once and held everywhere.
+
+Units are SI: seconds, m/s², rad/s, rad; temperatures are in °C; g-sensitivity is in rad/s per g.
+Files may be in other units and are converted on reading.
+
+Frames. The *case* frame of the device is right-handed; `accel` and `gyro` columns are along its axes
+x, y, z (indices 0, 1, 2). With the invariant estimator the accelerometers define the frame: the
+first one's axis is x, the second one's lies in the xy plane. The local level frame is north, east,
+down. `rot_ab` takes a vector's components in frame b to those in frame a.
+
+Specific force is what an accelerometer feels: at rest it points *up* with magnitude g.
+
+| paper | name here | unit | meaning |
+|---|---|---|---|
+| a | `force` | m/s² | specific force |
+| a' | `accel` | m/s² | accelerometer outputs |
+| a⁰ | `accel.bias` | m/s² | accelerometer biases |
+| Γ | `accel.matrix` | 1 | scale-factor errors (diagonal), misalignments (rad, off it) |
+| ω | `rate` | rad/s | absolute angular rate |
+| ω' | `gyro` | rad/s | gyro outputs |
+| ν⁰ | `gyro.bias` | rad/s | gyro biases |
+| Θ | `gyro.matrix` | 1 | scale-factor errors (diagonal), misalignments (rad, off it) |
+| D | `gyro.g_sensitivity` | rad/s/g | g-sensitivity |
+| T | `temperature` | °C | the device's probe |
+
+    a' = (E + Γ) a + a⁰,    ω' = (E + Θ) ω + ν⁰ + D a / g
+
+*Distort* goes from true to measured, *compensate* back. A *device* is one IMU; a *dwell* is one time
+at rest in a position (or at constant rate); an *experiment* is one run of the programme.
+
+**References.** Shaimardanov, Dzuev, Nekrasov, Rekunov, Kozlov: synthesis and experimental study of an
+iterative calibration procedure for the sensing elements of a strapdown INS (in Russian). Terms follow
+IEEE 528 (inertial sensor terminology) and IEEE 1293 (accelerometer test).
+"""
+
+import importlib
+import importlib.metadata
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from .calibration import Calibration as Calibration, read_calibration as read_calibration
+    from .campaign import load_campaign as load_campaign
+    from .recordings import Campaign as Campaign, Recording as Recording
+
+
+__version__ = importlib.metadata.version("inertiax")
+
+# Names are loaded when first used, so that `inertiax --help` need not wait for JAX.
+_HOME = {
+    "Calibration": "calibration",
+    "read_calibration": "calibration",
+    "write_calibration": "calibration",
+    "load_campaign": "campaign",
+    "Campaign": "recordings",
+    "Recording": "recordings",
+    "Site": "recordings",
+    "Rig": "recordings",
+    "ModelChoice": "recordings",
+    "Dwells": "dwells",
+    "reduce_to_dwells": "intervals",
+    "AccelerometerErrors": "model",
+    "GyroErrors": "model",
+    "compensate_accel": "model",
+    "compensate_gyro": "model",
+    "distort_accel": "model",
+    "distort_gyro": "model",
+    "Constant": "temperature",
+    "Polynomial": "temperature",
+    "CubicSpline": "temperature",
+    "Curve": "temperature",
+    "iterate": "procedure",
+    "joint_fit": "procedure",
+    "PaperIteration": "procedure",
+    "GaussNewtonIteration": "procedure",
+    "calibrate": "calibrate",
+}
+
+
+def __getattr__(name: str):
+    if name in _HOME:
+        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*_HOME, "__version__"])

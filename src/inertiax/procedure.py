@@ -73,13 +73,13 @@ def _flat_residual(coefficients: Array, args: tuple) -> Array:
     return dwell_residuals(estimator, curve, dwells).reshape(-1)
 
 
-def curve_covariance(
+def normal_matrix(
     estimator: AbstractEstimator, curve: Curve, dwells: Dwells
 ) -> Float[Array, "unknowns unknowns"]:
-    """(JᵀJ)⁻¹ of the coefficients, row-major (size, parameters), at the given curve.
+    """JᵀJ of the whitened residuals with respect to the coefficients, row-major (size, parameters).
 
     A dwell's Jacobian is the Kronecker product of φ(T) and its parameter Jacobian, so the normal
-    matrix is a sum of Kronecker products and the tall Jacobian is never built. NaN where singular.
+    matrix is a sum of Kronecker products and the tall Jacobian is never built.
     """
 
     def one(dwell: Dwells) -> tuple[Array, Array]:
@@ -89,9 +89,16 @@ def curve_covariance(
         return phi, weight * (jacobian.T @ jacobian)
 
     phis, normals = jax.vmap(one)(dwells)
-    size, count = curve.basis.size, estimator.num_parameters
-    normal = jnp.einsum("na,nb,nij->aibj", phis, phis, normals).reshape(size * count, size * count)
-    return spd_inverse(normal)
+    unknowns = curve.basis.size * estimator.num_parameters
+    normal = jnp.einsum("na,nb,nij->aibj", phis, phis, normals)
+    return normal.reshape(unknowns, unknowns)
+
+
+def curve_covariance(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> Float[Array, "unknowns unknowns"]:
+    """(JᵀJ)⁻¹ of the coefficients, row-major (size, parameters); NaN where singular."""
+    return spd_inverse(normal_matrix(estimator, curve, dwells))
 
 
 class AbstractIteration(eqx.Module):
@@ -156,7 +163,8 @@ class PaperIteration(AbstractIteration):
         zero = jnp.zeros(self.estimator.num_parameters, curve.coefficients.dtype)
 
         def block4(experiment: Dwells) -> Array:
-            return least_squares(_constant_residual, zero, (self.estimator, experiment)).parameters
+            solution = least_squares(_constant_residual, zero, (self.estimator, experiment))
+            return jnp.asarray(solution.parameters)
 
         weights = jnp.asarray(stacked.valid, zero.dtype)
         temperature = jnp.sum(weights * stacked.temperature, axis=1) / jnp.sum(weights, axis=1)
@@ -283,7 +291,7 @@ def iterate(
     sigma = jnp.where(jnp.isfinite(sigma), sigma, jnp.ones_like(sigma))
     solution = optx.fixed_point(
         lambda c, args: args[0].refine(c, args[1]),
-        _RecordedIteration(tolerance, max_iterations),
+        _RecordedIteration(atol=tolerance, max_iterations=max_iterations),
         first,
         (procedure, dwells, sigma),
         max_steps=max_iterations,

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 import optimistix as optx
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ._typing import AnyArray
@@ -135,7 +136,7 @@ class DenseNormal(lx.AbstractLinearSolver):
     def compute(self, state: tuple[Array, Array, Array], vector: PyTree, options: dict):
         del options
         matrix, scale, lower = state
-        flat, _ = jax.flatten_util.ravel_pytree(vector)
+        flat, _ = ravel_pytree(vector)
         solution = scale * cholesky_solve(lower, scale * (matrix.T @ flat))
         return solution, lx.RESULTS.successful, {}
 

@@ -7,6 +7,7 @@ stages combine (equation 6, block 5).
 """
 
 import abc
+from typing import Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,7 +19,10 @@ from ..dwells import Dwells
 from ..model import AccelerometerErrors, GyroErrors, solve3
 
 
-class AbstractEstimator(eqx.Module):
+Errors = TypeVar("Errors", AccelerometerErrors, GyroErrors)
+
+
+class AbstractEstimator(eqx.Module, Generic[Errors]):
     """Interface of the estimators; each states its gauge (what stays unobservable) in its docs."""
 
     triad: eqx.AbstractClassVar[str]  # "accel" or "gyro"
@@ -30,11 +34,11 @@ class AbstractEstimator(eqx.Module):
         """Names of the parameters, in order, e.g. `accel.bias[0]` or `gyro.matrix[2,1]`."""
 
     @abc.abstractmethod
-    def unpack(self, vector: Float[AnyArray, " parameters"]) -> AccelerometerErrors | GyroErrors:
+    def unpack(self, vector: Float[AnyArray, " parameters"]) -> Errors:
         """The vector as the triad's error parameters."""
 
     @abc.abstractmethod
-    def pack(self, errors: AccelerometerErrors | GyroErrors) -> Float[Array, " parameters"]:
+    def pack(self, errors: Errors) -> Float[Array, " parameters"]:
         """Inverse of `unpack` for errors of the estimator's own form."""
 
     @abc.abstractmethod
@@ -87,12 +91,12 @@ def soften(residual: Float[Array, " rows"], threshold: float | None) -> Float[Ar
     return residual * jnp.sqrt(2.0 / (1.0 + jnp.sqrt(1.0 + jnp.square(residual / threshold))))
 
 
-def whiten(covariance: Mat3, scatter: Scalar | float, residual: Array) -> Float[Array, "3"]:
+def whiten(covariance: Mat3 | None, scatter: Scalar | float, residual: Array) -> Float[Array, "3"]:
     """L⁻¹ r with L Lᵀ = covariance + scatter² E: three residuals of unit variance.
 
     Written out in scalars (3 × 3), for `vmap` over many dwells without LAPACK.
     """
-    c = jnp.asarray(covariance)
+    c = _given(covariance)
     extra = jnp.square(jnp.asarray(scatter))
     l00 = jnp.sqrt(c[0, 0] + extra)
     l10, l20 = c[1, 0] / l00, c[2, 0] / l00
@@ -105,9 +109,15 @@ def whiten(covariance: Mat3, scatter: Scalar | float, residual: Array) -> Float[
     return jnp.stack([w0, w1, w2])
 
 
-def diagonal_sigmas(covariance: Mat3) -> Float[Array, "3"]:
+def diagonal_sigmas(covariance: Mat3 | None) -> Float[Array, "3"]:
     """Standard deviations of the three means; for reporting, not for differentiation."""
-    return jax.lax.stop_gradient(jnp.sqrt(jnp.diagonal(jnp.asarray(covariance))))
+    return jax.lax.stop_gradient(jnp.sqrt(jnp.diagonal(_given(covariance))))
+
+
+def _given(covariance: Mat3 | None) -> Float[Array, "3 3"]:
+    # Dwells carry outputs and their covariance together, or neither.
+    assert covariance is not None
+    return jnp.asarray(covariance)
 
 
 def transform_covariance(

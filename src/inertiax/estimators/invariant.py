@@ -28,7 +28,7 @@ _ROWS = (0, 1, 1, 2, 2, 2)
 _COLUMNS = (0, 0, 1, 0, 1, 2)
 
 
-class Invariant(AbstractEstimator):
+class Invariant(AbstractEstimator[AccelerometerErrors]):
     """‖compensated output‖ = g at rest; bias (3) and lower-triangular Γ (6). See the module."""
 
     triad: ClassVar[str] = "accel"

@@ -20,7 +20,7 @@ from ..model import AccelerometerErrors, compensate_accel, distort_accel
 from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
 
 
-class ReferenceAccel(AbstractEstimator):
+class ReferenceAccel(AbstractEstimator[AccelerometerErrors]):
     """Outputs against `reference_accel`; bias (3) and full Γ (9). See the module."""
 
     triad: ClassVar[str] = "accel"

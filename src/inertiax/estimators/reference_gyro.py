@@ -23,7 +23,7 @@ from ..model import compensate_gyro, distort_gyro, GyroErrors
 from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
 
 
-class ReferenceGyro(AbstractEstimator):
+class ReferenceGyro(AbstractEstimator[GyroErrors]):
     """Outputs against `reference_gyro`; bias (3), full Θ (9), optionally D (9). See the module."""
 
     triad: ClassVar[str] = "gyro"

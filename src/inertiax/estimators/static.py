@@ -24,7 +24,7 @@ from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
 from .reference_gyro import dwell_force
 
 
-class StaticAccel(AbstractEstimator):
+class StaticAccel(AbstractEstimator[AccelerometerErrors]):
     """Accelerometer bias against a known or mean output; 3 parameters. See the module."""
 
     triad: ClassVar[str] = "accel"
@@ -69,7 +69,7 @@ class StaticAccel(AbstractEstimator):
         return jnp.zeros(3, jnp.asarray(dwells.accel).dtype)
 
 
-class StaticGyro(AbstractEstimator):
+class StaticGyro(AbstractEstimator[GyroErrors]):
     """Gyro bias, optionally with D, from rests; 3 or 12 parameters. See the module."""
 
     triad: ClassVar[str] = "gyro"

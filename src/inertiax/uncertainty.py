@@ -1,0 +1,101 @@
+"""What the data do not tell: null space and weak combinations, in words; covariance of outputs."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._typing import AnyArray, Scalar, Vec3
+from .calibration import Calibration
+from .dwells import Dwells
+from .estimators import AbstractEstimator
+from .procedure import normal_matrix
+from .temperature import AbstractBasis, Curve
+
+
+class Observability(eqx.Module):
+    """Singular values of the scaled Jacobian and the combinations that it does not see."""
+
+    condition: float  # of the Jacobian with columns scaled to unit length; inf where rank deficient
+    rank: int
+    unknowns: int
+    unseen: tuple[str, ...]  # one line per unobservable combination
+
+
+def observability(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    *,
+    tolerance: float = 1e-5,
+) -> Observability:
+    """Rank and condition of a plan at the ideal triad, before any estimate is trusted.
+
+    `tolerance` is the singular value, relative to the largest, of the column-scaled Jacobian below
+    which a combination counts as unobservable; 1e-5 there means standard deviations some 10⁵ times
+    those of a good plan.
+    """
+    curve = Curve(basis, jnp.zeros((basis.size, estimator.num_parameters)))
+    normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))
+    scale = np.sqrt(np.diagonal(normal))
+    dead = scale <= 0.0
+    safe = np.where(dead, 1.0, scale)
+    values, vectors = np.linalg.eigh(normal / np.outer(safe, safe))
+    singular = np.sqrt(np.clip(values, 0.0, None))
+    small = singular < tolerance * singular.max()
+    unseen = tuple(
+        _in_words(vectors[:, k] / safe, estimator.names, basis.size) for k in np.flatnonzero(small)
+    )
+    smallest = float(singular.min())
+    return Observability(
+        condition=float("inf") if smallest == 0.0 else float(singular.max() / smallest),
+        rank=int(np.sum(~small)),
+        unknowns=len(singular),
+        unseen=unseen,
+    )
+
+
+def _in_words(direction: np.ndarray, names: tuple[str, ...], size: int) -> str:
+    """The parameters that move together along a direction, largest first."""
+    weight = np.abs(direction).reshape(size, len(names))
+    # Compare like with like: a bias of 1 g counts as much as a matrix element of 1.
+    unit = np.array([1.0 / 9.8 if n.startswith("accel.bias") else 1.0 for n in names])
+    weight = weight * unit
+    share = weight / np.linalg.norm(weight)
+    order = np.argsort(-share, axis=None)[:4]
+    parts = []
+    for k in order:
+        row, column = np.unravel_index(k, share.shape)
+        if share[row, column] < 0.2:
+            continue
+        suffix = "" if size == 1 else f" (temperature term {row})"
+        parts.append(f"{names[column]}{suffix}")
+    return " with ".join(parts)
+
+
+def output_covariance(
+    calibration: Calibration, accel: Vec3, gyro: Vec3, temperature: Scalar | float
+) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+    """Covariance of the compensated outputs of one sample due to the calibration's uncertainty.
+
+    First order: J P Jᵀ with J the derivative of the compensation with respect to the coefficients,
+    for the specific force in (m/s²)² and the rate in (rad/s)². The sample's own noise is not in it.
+    """
+
+    def propagate(which: int, part: str) -> Array:
+        triad = getattr(calibration, part)
+        if triad is None:
+            return jnp.zeros((3, 3))
+
+        def compensated(coefficients: AnyArray) -> Array:
+            changed = eqx.tree_at(
+                lambda c: getattr(c, part).curve.coefficients, calibration, coefficients
+            )
+            return changed(accel, gyro, temperature)[which]
+
+        jacobian = jax.jacfwd(compensated)(jnp.asarray(triad.curve.coefficients)).reshape(3, -1)
+        return jacobian @ triad.covariance @ jacobian.T
+
+    # The gyros' compensation also uses the compensated force, through the g-sensitivity.
+    return propagate(0, "accel"), propagate(1, "gyro") + propagate(1, "accel")
