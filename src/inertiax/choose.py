@@ -1,0 +1,177 @@
+"""Which model to fit, from what the user asked for and which columns there are; said in words."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .dwells import Dwells
+from .estimators import AbstractEstimator, ESTIMATORS
+from .recordings import Campaign, Recording
+from .temperature import AbstractBasis, Constant, Polynomial
+
+
+HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
+
+
+class ChosenModel(eqx.Module):
+    """What is fitted, and why. `None` for a triad that is not recorded."""
+
+    accel_estimator: str | None = eqx.field(static=True)
+    gyro_estimator: str | None = eqx.field(static=True)
+    g_sensitivity: bool = eqx.field(static=True)
+    degree: int | None = eqx.field(static=True)  # None: chosen from the data, see `choose_degree`
+    reasons: tuple[str, ...] = eqx.field(static=True)
+
+
+def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenModel:
+    """Estimators for one device's recordings.
+
+    Raises `ValueError` where the campaign asks for a model that its columns cannot support.
+    """
+    has = lambda column: all(getattr(r, column) is not None for r in recordings)
+    where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
+    reasons: list[str] = []
+    accel = _accel_estimator(campaign, has, where, reasons)
+    gyro = _gyro_estimator(campaign, has, where, reasons)
+    g_sensitivity = bool(campaign.model.g_sensitivity)
+    if g_sensitivity and gyro is None:
+        raise ValueError(f"{where} g_sensitivity = true, but no gyro columns were recorded.")
+    if g_sensitivity and not (has("accel") or has("reference_accel")):
+        raise ValueError(
+            f"{where} g_sensitivity = true needs the specific force, but there are neither accel "
+            f"nor reference_accel columns."
+        )
+    degree = campaign.model.temperature_degree
+    if not has("temperature"):
+        if degree:
+            raise ValueError(
+                f"{where} temperature_degree = {degree}, but no temperature column was recorded; "
+                f"use 0 or add the column."
+            )
+        if degree is None:
+            reasons.append("no temperature was recorded, so the parameters are constants")
+        degree = 0
+    return ChosenModel(accel, gyro, g_sensitivity, degree, tuple(reasons))
+
+
+def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | None:
+    asked = campaign.model.accel_estimator
+    if not has("accel"):
+        if asked is not None:
+            raise ValueError(
+                f"{where} accel_estimator = {asked!r}, but no accelerometer columns were recorded."
+            )
+        return None
+    if asked is None:
+        asked = "reference" if has("reference_accel") else "invariant"
+        because = "there is" if asked == "reference" else "there is no"
+        reasons.append(f"accelerometers: '{asked}' because {because} reference_accel")
+    if asked not in ESTIMATORS["accel"]:
+        raise ValueError(
+            f"{where} accel_estimator = {asked!r} is not one of {sorted(ESTIMATORS['accel'])}."
+        )
+    if asked == "reference" and not has("reference_accel"):
+        raise ValueError(
+            f"{where} accel_estimator = 'reference' needs the columns reference_accel_x/y/z; "
+            f"without them use 'invariant'."
+        )
+    return asked
+
+
+def _gyro_estimator(campaign, has, where: str, reasons: list[str]) -> str | None:
+    asked = campaign.model.gyro_estimator
+    if not has("gyro"):
+        if asked is not None:
+            raise ValueError(
+                f"{where} gyro_estimator = {asked!r}, but no gyro columns were recorded."
+            )
+        return None
+    if asked is None:
+        asked = "reference" if has("reference_gyro") else "static"
+        because = "there is" if asked == "reference" else "there is no"
+        reasons.append(f"gyros: '{asked}' because {because} reference_gyro")
+    if asked not in ESTIMATORS["gyro"]:
+        raise ValueError(
+            f"{where} gyro_estimator = {asked!r} is not one of {sorted(ESTIMATORS['gyro'])}."
+        )
+    if asked == "reference" and not has("reference_gyro"):
+        raise ValueError(
+            f"{where} gyro_estimator = 'reference' needs the columns reference_gyro_x/y/z; "
+            f"without them use 'static'."
+        )
+    return asked
+
+
+def polynomial_basis(degree: int, dwells: Dwells) -> AbstractBasis:
+    """The basis of that degree over the temperatures that the dwells cover."""
+    if degree == 0:
+        return Constant()
+    temperature = np.asarray(dwells.temperature)[np.asarray(dwells.valid)]
+    low, high = float(temperature.min()), float(temperature.max())
+    if not low < high:
+        raise ValueError(
+            f"temperature_degree = {degree}, but the temperature is {low:g} °C in every dwell; "
+            f"use 0."
+        )
+    return Polynomial(degree, low, high)
+
+
+def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, str]:
+    """Degree of the temperature polynomials by the Bayesian information criterion.
+
+    The problem is linearised once at the closed-form start, where the design of every degree is the
+    Kronecker product of Chebyshev values and the dwells' Jacobians; BIC = n ln(RSS/n) + k ln n.
+    No degree is considered that the number of different temperatures cannot carry.
+    **Returns** the degree and the reason in words.
+    """
+    temperature = np.asarray(dwells.temperature)
+    span = float(np.ptp(temperature))
+    if span < 1.0:
+        return 0, f"the temperature moves by only {span:.2f} °C, so the parameters are constants"
+    start = estimator.start(dwells)
+    residual = lambda d: estimator.residual(start, d)
+    jacobian = lambda d: jax.jacfwd(estimator.residual)(start, d)
+    rows = np.asarray(jax.jit(jax.vmap(residual))(dwells)).reshape(-1)
+    parameters = np.asarray(jax.jit(jax.vmap(jacobian))(dwells))
+    num_dwells, per_dwell, count = parameters.shape
+    bins = np.unique(np.floor((temperature - temperature.min()) / span * 11.999))
+    x = 2.0 * (temperature - temperature.min()) / span - 1.0
+    scores: dict[int, float] = {}
+    for degree in range(min(HIGHEST_DEGREE, len(bins) - 1) + 1):
+        unknowns = (degree + 1) * count
+        if num_dwells * per_dwell < unknowns + 3:
+            break
+        phi = np.polynomial.chebyshev.chebvander(x, degree)
+        design = np.einsum("na,nri->nrai", phi, parameters).reshape(-1, unknowns)
+        solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)
+        rss = float(np.sum((rows - design @ solution) ** 2))
+        n = len(rows)
+        scores[degree] = n * np.log(max(rss, 1e-300) / n) + unknowns * np.log(n)
+    if not scores:
+        return 0, "too few dwells for a dependence on temperature, so the parameters are constants"
+    best = min(scores, key=lambda d: scores[d])
+    return best, f"temperature degree {best} by BIC among 0…{max(scores)}"
+
+
+def build_estimators(
+    chosen: ChosenModel, gravity: float, dwells: Dwells, *, robust: float | None
+) -> tuple[AbstractEstimator | None, AbstractEstimator | None]:
+    """The estimators of the chosen model, for accelerometers and gyros."""
+    accel: AbstractEstimator | None = None
+    gyro: AbstractEstimator | None = None
+    if chosen.accel_estimator is not None:
+        cls = ESTIMATORS["accel"][chosen.accel_estimator]
+        if chosen.accel_estimator == "invariant":
+            accel = cls(gravity=gravity, robust=robust)
+        elif chosen.accel_estimator == "static":
+            mean = np.mean(np.asarray(dwells.accel), axis=0)
+            accel = cls(nominal=jnp.asarray(mean), robust=robust)
+        else:
+            accel = cls(robust=robust)
+    if chosen.gyro_estimator is not None:
+        cls = ESTIMATORS["gyro"][chosen.gyro_estimator]
+        gyro = cls(gravity=gravity, g_sensitivity=chosen.g_sensitivity, robust=robust)
+    return accel, gyro
