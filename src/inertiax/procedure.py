@@ -158,6 +158,13 @@ class PaperIteration(AbstractIteration):
     def refine(
         self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
     ) -> Float[Array, "size parameters"]:
+        temperature, composed = self.experiments(coefficients, dwells)
+        return _linear_fit(jax.vmap(self.basis)(temperature), composed)
+
+    def experiments(
+        self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
+    ) -> tuple[Float[Array, " experiments"], Float[Array, "experiments parameters"]]:
+        """Blocks 3 to 5: each experiment's mean temperature (°C) and its refined parameters."""
         curve = Curve(self.basis, jnp.asarray(coefficients))
         stacked = by_experiment(_compensated(self.estimator, curve, dwells), self.rows, self.kept)
         zero = jnp.zeros(self.estimator.num_parameters, curve.coefficients.dtype)
@@ -172,8 +179,7 @@ class PaperIteration(AbstractIteration):
         composed = jax.vmap(lambda t, c: self.estimator.compose(curve(t), c))(
             temperature, corrections
         )
-        design = jax.vmap(self.basis)(temperature)
-        return _linear_fit(design, composed)
+        return temperature, composed
 
 
 def _linear_fit(design: Array, values: Array) -> Array:
