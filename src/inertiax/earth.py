@@ -7,7 +7,7 @@ The local level frame is ENU: x east, y north, z up. A triad at rest reads the s
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._typing import Scalar, Vec3
+from ._typing import Scalar
 
 
 # WGS 84, NGA.STND.0036_1.0.0 (2014), tables 3.1, 3.5 and 3.6.
@@ -56,7 +56,7 @@ def rest_force(magnitude: Scalar | float) -> Float[Array, "3"]:
 
 def rest_readings(
     case_to_level: Float[Array, "3 3"], magnitude: Scalar | float, latitude: Scalar | float
-) -> tuple[Vec3, Vec3]:
+) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """What ideal triads read at rest: specific force (m/s²) and absolute rate (rad/s) in the case
     frame, $R^T (0, 0, g)$ and $R^T \\Omega$, where `case_to_level` is R."""
     return case_to_level.T @ rest_force(magnitude), case_to_level.T @ earth_rate(latitude)

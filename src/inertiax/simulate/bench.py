@@ -1,8 +1,10 @@
 """The station run with a device on it: from a plan to measurements with known truth.
 
 `simulate_dwells` goes straight to dwell means: quick, pure JAX, for Monte Carlo under `vmap` over
-keys.
+keys. `simulate_recordings` writes the logs that a device would have sent, slews included.
 """
+
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -14,9 +16,11 @@ from .. import earth
 from .._typing import AnyArray
 from ..dwells import Dwells
 from ..model import distort_accel, distort_gyro
+from ..recordings import Recording
 from .chamber import first_order_lag
+from .motion import Motion, move, Turn
 from .plan import Plan
-from .triad import Device, Noise
+from .triad import Device, NAVIGATION_NOISE, Noise
 
 
 class Truth(eqx.Module):
@@ -27,12 +31,23 @@ class Truth(eqx.Module):
     rate: Float[AnyArray, "row 3"]  # rad/s, absolute angular rate in the case frame
 
 
+class Readout(eqx.Module):
+    """Steps to which the outputs are rounded; 0 = none."""
+
+    accel: float = eqx.field(static=True, default=0.0)  # m/s²
+    gyro: float = eqx.field(static=True, default=0.0)  # rad/s
+    temperature: float = eqx.field(static=True, default=0.0)  # °C
+
+
+EXACT_READOUT = Readout()
+
+
 def simulate_dwells(
     key: PRNGKeyArray | None,
     plan: Plan,
     device: Device,
     *,
-    noise: Noise = Noise(),
+    noise: Noise = NAVIGATION_NOISE,
     sample_rate: float = 10.0,
 ) -> tuple[Dwells, Truth]:
     """Dwell means of every position of every experiment, with what was really there.
@@ -42,60 +57,148 @@ def simulate_dwells(
     the same. Without a `key` no noise is drawn, and the covariances stay.
 
     Rows run through the experiments, and within one through the positions in the order visited;
-    `position` is the programme's number of the position. References are those of the plan.
+    `position` is the programme's number of the position. A plan's turns follow as rows with
+    `position` −1: their means over whole revolutions. References are those of the plan.
 
-    **Arguments:** `sample_rate` (Hz) only sets `count`.
+    **Arguments:** `sample_rate` (Hz) sets `count` and how much of the probe's noise averages out.
     """
-    n, m = plan.num_experiments, plan.programme.num_positions
-    experiment = np.repeat(np.arange(n), m)
-    probe, element = (x.reshape(-1) for x in _dwell_temperatures(plan, device))
-    force, rate = _at_rest(plan, np.tile(np.asarray(plan.programme.angles), (n, 1)))
-    keys = [None] * 3 if key is None else list(jax.random.split(key, 3))
+    n = plan.num_experiments
+    middle, duration = plan.dwells()
+    probe, element = (x.reshape(-1) for x in _dwell_temperatures(plan, device, middle))
+    force, rate = (jnp.tile(x, (n, 1)) for x in _references(plan))
     accel, gyro = _outputs(plan, device, element, force, rate)
-    shape = (n * m,)
+    number = np.concatenate([np.asarray(plan.programme.numbers), np.full(len(plan.turns), -1)])
+    duration = jnp.asarray(np.tile(duration, n))
+    count = jnp.maximum(1.0, jnp.round(duration * sample_rate))
+    keys = [None] * 3 if key is None else list(jax.random.split(key, 3))
+    variances = noise.accel**2 / duration, noise.gyro**2 / duration
     dwells = Dwells(
-        time=jnp.asarray((plan.start_times()[:, None] + plan.dwell_times()).reshape(-1)),
-        duration=jnp.full(shape, plan.dwell_time),
-        count=jnp.full(shape, max(1.0, float(round(plan.dwell_time * sample_rate)))),
-        temperature=_noisy(keys[0], probe, noise.probe / np.sqrt(plan.dwell_time * sample_rate)),
-        experiment=jnp.asarray(experiment),
-        position=jnp.asarray(np.tile(np.asarray(plan.programme.numbers), n)),
-        valid=jnp.ones(shape, bool),
-        accel=None if accel is None else _noisy(keys[1], accel, _std(noise.accel, plan)),
-        accel_covariance=None if accel is None else _covariance(noise.accel, plan),
-        gyro=None if gyro is None else _noisy(keys[2], gyro, _std(noise.gyro, plan)),
-        gyro_covariance=None if gyro is None else _covariance(noise.gyro, plan),
+        time=jnp.asarray((plan.start_times()[:, None] + middle).reshape(-1)),
+        duration=duration,
+        count=count,
+        temperature=_noisy(keys[0], probe, noise.probe / jnp.sqrt(count)),
+        experiment=jnp.asarray(np.repeat(np.arange(n), len(number))),
+        position=jnp.asarray(np.tile(number, n)),
+        valid=jnp.ones(duration.shape, bool),
+        accel=None if accel is None else _noisy(keys[1], accel, jnp.sqrt(variances[0])),
+        accel_covariance=None if accel is None else _isotropic(variances[0]),
+        gyro=None if gyro is None else _noisy(keys[2], gyro, jnp.sqrt(variances[1])),
+        gyro_covariance=None if gyro is None else _isotropic(variances[1]),
         reference_accel=force,
         reference_gyro=rate,
     )
     return dwells, Truth(element, force, rate)
 
 
+def simulate_recordings(
+    key: PRNGKeyArray | None,
+    plan: Plan,
+    device: Device,
+    *,
+    noise: Noise = NAVIGATION_NOISE,
+    readout: Readout = EXACT_READOUT,
+    sample_rate: float = 10.0,
+    effects: Sequence[Callable[[Recording, Truth], Recording]] = (),
+    serial: str = "",
+) -> tuple[tuple[Recording, ...], tuple[Truth, ...]]:
+    """The device's logs, one recording per experiment, with what was really there.
+
+    Samples are instantaneous values at `sample_rate` (Hz), half a period after 0 the first, plus
+    white noise of standard deviation density · √sample_rate; the case turns about its own sensors,
+    so slews bring no centripetal force. Time runs on through the soaks. Without a `key` no noise
+    is drawn.
+
+    `effects` is the place for physics beyond equation (1): each function takes and returns a
+    recording (beside what was really there) after the error model and before noise and rounding.
+    """
+    # In the middle of each sampling period, so that a dwell's mean time is its middle.
+    time = (np.arange(int(plan.experiment_time * sample_rate + 1e-9)) + 0.5) / sample_rate
+    motion = move(plan.segments(), time)
+    force, rate = _moving(plan, motion)
+    temperatures = eqx.filter_jit(_temperatures)
+    outputs = eqx.filter_jit(_outputs)
+    recordings, truths = [], []
+    for experiment, start in enumerate(plan.start_times()):
+        probe, element = temperatures(plan, device, jnp.asarray(experiment), jnp.asarray(time))
+        accel, gyro = outputs(plan, device, element, force, rate)
+        references = np.asarray(force), np.asarray(rate)
+        truth = Truth(np.asarray(element), *references)
+        recording = Recording(
+            time=start + time,
+            accel=None if accel is None else np.asarray(accel),
+            gyro=None if gyro is None else np.asarray(gyro),
+            temperature=np.asarray(probe)[:, None],
+            experiment=np.full(len(time), experiment),
+            position=motion.position,
+            reference_accel=references[0],
+            reference_gyro=references[1],
+            device=serial,
+            name=f"experiment {experiment}",
+        )
+        for effect in effects:
+            recording = effect(recording, truth)
+        own = None if key is None else jax.random.fold_in(key, experiment)
+        recordings.append(_read_out(own, recording, noise, readout, sample_rate))
+        truths.append(truth)
+    return tuple(recordings), tuple(truths)
+
+
+def _temperatures(
+    plan: Plan, device: Device, experiment: Int[Array, ""], time: Float[Array, " row"]
+) -> tuple[Float[Array, " row"], Float[Array, " row"]]:
+    """Temperature (°C) of the probe and of the sensing elements, which agree at the first time."""
+    u = time / plan.experiment_time
+    probe = jax.vmap(lambda fraction: plan.chamber.temperature(experiment, fraction))(u)
+    return probe, first_order_lag(time, probe, device.lag)
+
+
 def _dwell_temperatures(
-    plan: Plan, device: Device
-) -> tuple[Float[Array, "experiment position"], Float[Array, "experiment position"]]:
-    """Temperature (°C) of the probe and of the sensing elements at mid-dwell."""
-    # From the start of the experiment, where probe and elements agree.
-    times = np.concatenate([[0.0], plan.dwell_times()])
-
-    def one(experiment: Int[Array, ""]) -> tuple[Array, Array]:
-        fractions = jnp.asarray(times / plan.experiment_time)
-        probe = jax.vmap(lambda u: plan.chamber.temperature(experiment, u))(fractions)
-        return probe[1:], first_order_lag(times, probe, device.lag)[1:]
-
-    return jax.vmap(one)(jnp.arange(plan.num_experiments))
+    plan: Plan, device: Device, middle: Float[np.ndarray, " dwell"]
+) -> tuple[Float[Array, "experiment dwell"], Float[Array, "experiment dwell"]]:
+    time = jnp.asarray(np.concatenate([[0.0], middle]))
+    one = lambda experiment: _temperatures(plan, device, experiment, time)
+    probe, element = jax.vmap(one)(jnp.arange(plan.num_experiments))
+    return probe[:, 1:], element[:, 1:]
 
 
-def _at_rest(
-    plan: Plan, angles: Float[AnyArray, "row 2"]
-) -> tuple[Float[Array, "row 3"], Float[Array, "row 3"]]:
-    """Specific force and absolute rate in the case frame at each pair of table angles."""
+def _references(plan: Plan) -> tuple[Float[Array, "dwell 3"], Float[Array, "dwell 3"]]:
+    """Specific force and absolute rate in the case frame at each rest and over each turn."""
+    rests = jax.vmap(
+        lambda pair: earth.rest_readings(
+            plan.table.attitude(pair[0], pair[1]), plan.gravity, plan.latitude
+        )
+    )(jnp.asarray(plan.programme.angles))
+    turns = [_turn_means(plan, turn) for turn in plan.turns]
+    force = jnp.concatenate([rests[0], *(t[0][None] for t in turns)])
+    rate = jnp.concatenate([rests[1], *(t[1][None] for t in turns)])
+    return force, rate
 
-    def one(pair: Float[Array, "2"]) -> tuple[Array, Array]:
-        attitude = plan.table.attitude(pair[0], pair[1])
-        return earth.rest_readings(attitude, plan.gravity, plan.latitude)
 
-    return jax.vmap(one)(jnp.asarray(angles))
+def _turn_means(plan: Plan, turn: Turn) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Mean force and rate over whole revolutions: of a vector fixed in the room, only the part
+    along the turning axis is left."""
+    outer, inner = turn.start
+    attitude = plan.table.attitude(outer, inner)
+    force, earth_rate = earth.rest_readings(attitude, plan.gravity, plan.latitude)
+    spin = np.eye(2)[turn.index] * turn.rate
+    turning = plan.table.turning(inner, spin[0], spin[1])
+    axis = turning / turn.rate
+    return axis * jnp.vdot(axis, force), axis * jnp.vdot(axis, earth_rate) + turning
+
+
+def _moving(plan: Plan, motion: Motion) -> tuple[Float[Array, "row 3"], Float[Array, "row 3"]]:
+    """Specific force and absolute rate in the case frame along a motion."""
+
+    @eqx.filter_jit
+    def along(plan: Plan, angles: Array, rates: Array) -> tuple[Array, Array]:
+        def one(pair: Array, speed: Array) -> tuple[Array, Array]:
+            attitude = plan.table.attitude(pair[0], pair[1])
+            force, rate = earth.rest_readings(attitude, plan.gravity, plan.latitude)
+            return force, rate + plan.table.turning(pair[1], speed[0], speed[1])
+
+        return jax.vmap(one)(angles, rates)
+
+    return along(plan, jnp.asarray(motion.angles), jnp.asarray(motion.rates))
 
 
 def _outputs(
@@ -116,16 +219,35 @@ def _outputs(
     return accel, gyro
 
 
-def _std(density: float, plan: Plan) -> float:
-    return density / float(np.sqrt(plan.dwell_time))
+def _read_out(
+    key: PRNGKeyArray | None, ideal: Recording, noise: Noise, readout: Readout, sample_rate: float
+) -> Recording:
+    """Noise, then rounding, on the columns that a device sends."""
+    root = float(np.sqrt(sample_rate))
+    keys = [None] * 3 if key is None else list(jax.random.split(key, 3))
+
+    def sent(own: PRNGKeyArray | None, values: np.ndarray | None, std: float, step: float):
+        if values is None:
+            return None
+        values = np.asarray(_noisy(own, jnp.asarray(values), jnp.asarray(std)))
+        return np.round(values / step) * step if step > 0 else values
+
+    columns = (
+        sent(keys[0], ideal.temperature, noise.probe, readout.temperature),
+        sent(keys[1], ideal.accel, noise.accel * root, readout.accel),
+        sent(keys[2], ideal.gyro, noise.gyro * root, readout.gyro),
+    )
+    where = lambda r: (r.temperature, r.accel, r.gyro)
+    return eqx.tree_at(where, ideal, columns, is_leaf=lambda x: x is None)
 
 
-def _noisy(key: PRNGKeyArray | None, mean: Array, std: float) -> Array:
+def _noisy(key: PRNGKeyArray | None, mean: Array, std: Array) -> Array:
+    """Independent noise; `std` per row."""
     if key is None:
         return mean
-    return mean + std * jax.random.normal(key, mean.shape, mean.dtype)
+    scale = jnp.reshape(std, std.shape + (1,) * (mean.ndim - std.ndim))
+    return mean + scale * jax.random.normal(key, mean.shape, mean.dtype)
 
 
-def _covariance(density: float, plan: Plan) -> Float[Array, "row 3 3"]:
-    rows = plan.num_experiments * plan.programme.num_positions
-    return jnp.broadcast_to(_std(density, plan) ** 2 * jnp.eye(3), (rows, 3, 3))
+def _isotropic(variance: Float[Array, " row"]) -> Float[Array, "row 3 3"]:
+    return variance[:, None, None] * jnp.eye(3, dtype=variance.dtype)[None]

@@ -9,7 +9,7 @@ change by up to 15, 4 or 0.5 °C within an experiment (its sets 1, 2 and 3); it 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .._typing import AnyArray, Scalar
 
@@ -74,7 +74,9 @@ class Chamber(eqx.Module):
                 f"`Chamber(drift={self.drift!r})`: no such path; it is one of {list(DRIFTS)}."
             )
 
-    def temperature(self, experiment: int | Scalar, fraction: Scalar | float) -> Float[Array, ""]:
+    def temperature(
+        self, experiment: int | Int[AnyArray, ""], fraction: Scalar | float
+    ) -> Float[Array, ""]:
         """Temperature of the device's probe (°C) in one experiment, `fraction` (0…1) of the way
         through it."""
         index = jnp.asarray(experiment)

@@ -1,7 +1,8 @@
 """What the station is told to do: positions, temperatures and times of every experiment.
 
-An experiment is dwell, slew, dwell, …, dwell over the programme's positions, while the chamber's
-temperature drifts. Between experiments lies a soak, in which nothing is recorded.
+An experiment is dwell, slew, dwell, …, dwell over the programme's positions and then the turns, if
+any, while the chamber's temperature drifts. Between experiments lies a soak, in which nothing is
+recorded.
 """
 
 import equinox as eqx
@@ -11,11 +12,12 @@ from jaxtyping import Float
 
 from .._typing import Scalar
 from .chamber import Chamber, PAPER_CHANGES, PAPER_TEMPERATURES
+from .motion import Segment, segments, start_times, Turn
 from .programme import Programme, PROGRAMME_8, PROGRAMME_18, Table
 
 
 PAPER_GRAVITY = 9.815179  # m/s², the founding paper's reference value
-PAPER_LATITUDE = float(np.deg2rad(55.57))  # rad, Ramenskoye; not printed, where the authors work
+PAPER_LATITUDE = float(np.deg2rad(55.57))  # rad; not printed: the authors' town, Ramenskoye
 
 
 class Plan(eqx.Module):
@@ -29,6 +31,7 @@ class Plan(eqx.Module):
     dwell_time: float = eqx.field(static=True, default=60.0)  # s at each position
     slew_time: float = eqx.field(static=True, default=10.0)  # s from one position to the next
     soak_time: float = eqx.field(static=True, default=7200.0)  # s between experiments
+    turns: tuple[Turn, ...] = ()  # constant-rate turns after the positions, for gyros
 
     def __check_init__(self):
         if not (self.dwell_time > 0 and self.slew_time > 0 and self.soak_time >= 0):
@@ -46,16 +49,26 @@ class Plan(eqx.Module):
     def experiment_time(self) -> float:
         """Length of one experiment, s."""
         n = self.programme.num_positions
-        return n * self.dwell_time + (n - 1) * self.slew_time
+        turning = sum(self.slew_time + 2.0 * t.spin_up + t.plateau for t in self.turns)
+        return n * self.dwell_time + (n - 1) * self.slew_time + turning
 
     def start_times(self) -> Float[np.ndarray, " experiment"]:
         """When each experiment starts, s from the start of the campaign."""
         return np.arange(self.num_experiments) * (self.experiment_time + self.soak_time)
 
-    def dwell_times(self) -> Float[np.ndarray, " position"]:
-        """Middle of each dwell, s from the start of its experiment."""
-        step = self.dwell_time + self.slew_time
-        return 0.5 * self.dwell_time + step * np.arange(self.programme.num_positions)
+    def segments(self) -> list[Segment]:
+        """The table's motion in one experiment, stretch by stretch."""
+        return segments(
+            self.programme, self.turns, dwell_time=self.dwell_time, slew_time=self.slew_time
+        )
+
+    def dwells(self) -> tuple[Float[np.ndarray, " dwell"], Float[np.ndarray, " dwell"]]:
+        """Middle (s from the start of an experiment) and duration (s) of each rest, in the order
+        visited, and then of each turn's plateau."""
+        parts = self.segments()
+        kept = [i for i, p in enumerate(parts) if p.law in ("rest", "plateau")]
+        duration = np.array([parts[i].duration for i in kept])
+        return start_times(parts)[kept] + 0.5 * duration, duration
 
 
 def paper_set(
@@ -67,6 +80,7 @@ def paper_set(
     change: float | None = None,
     dwell_time: float = 60.0,
     slew_time: float = 10.0,
+    turns: tuple[Turn, ...] = (),
 ) -> Plan:
     """The founding paper's set 1, 2 or 3: 13 experiments from −55 to +60 °C over 18 positions, in
     each of which the temperature changes by 15, 4 or 0.5 °C (or by `change`).
@@ -82,6 +96,7 @@ def paper_set(
         Chamber(jnp.asarray(temperatures), size, drift),
         dwell_time=dwell_time,
         slew_time=slew_time,
+        turns=turns,
     )
 
 

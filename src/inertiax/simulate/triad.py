@@ -2,8 +2,8 @@
 
 No data sheet of the founding paper's A-100 is at hand. Every figure below is an **assumption**: the
 order of size that makers state for quartz pendulous accelerometers of navigation grade (bias of a
-few mg with some ten µg/°C, scale factor with about 100 ppm/°C, axes within about 1 mrad), and for the
-other grades the order of tactical and consumer units. A device's own values are drawn around them.
+few mg with some ten µg/°C, scale factor with about 100 ppm/°C, axes within about 1 mrad), and for
+the other grades the order of tactical and consumer units. A device's own values are drawn around them.
 
 The truth is a Chebyshev series over −75…+80 °C (wide enough for every drift of the paper's plans)
 of degree 6 by default, so that a degree-6 fit can represent it exactly and differences between
@@ -227,6 +227,9 @@ class Noise(eqx.Module):
     accel: float = ACCEL_FIGURES["navigation"].density  # m/s²/√Hz
     gyro: float = GYRO_FIGURES["navigation"].density  # rad/s/√Hz
     probe: float = 0.0  # °C, standard deviation of one reading
+
+
+NAVIGATION_NOISE = Noise()
 
 
 def typical_noise(grade: str, *, probe: float = 0.0) -> Noise:
