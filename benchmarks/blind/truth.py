@@ -1,0 +1,443 @@
+"""What really happens in the device or on the rig when an effect is present.
+
+Each function returns an (n, 3) change of the triad's output for unit size, or a function of the
+size where the effect is not proportional to it. Effects that begin with `x_` are in no catalogue.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from plans import Plan
+from world import Heat, plays, relax, Sensor, steps_of
+
+
+@dataclass
+class Scene:
+    """All that an effect may depend on."""
+
+    plan: Plan
+    triad: str
+    grade: str
+    heat: Heat
+    sensor: Sensor
+    ideal: np.ndarray  # (n, 3) true input of the triad, SI
+    force: np.ndarray  # (n, 3) specific force, g
+    gravity: float
+    earth: np.ndarray  # (n, 3) rad/s
+
+
+@dataclass
+class Effect:
+    """A drawn effect: `signal(size)` is its output change (n, 3)."""
+
+    name: str
+    triad: str
+    channels: list[int]
+    signal: object
+    unit: str
+    limit: float  # largest size that this grade may show
+    linear: bool = True
+    fixed: float | None = None  # the size, where nature sets it
+    parameters: dict = field(default_factory=dict)  # nuisance truths for the answers
+    coefficient: str | None = None  # unit of the size as a catalogue coefficient
+    span: list | None = None
+    detail: dict = field(default_factory=dict)
+
+
+# Upper ends of realistic sizes, (navigation, tactical, consumer). From field knowledge, not checked.
+MICRO_G = 9.81e-6
+DEG_H = np.pi / 180 / 3600
+LIMITS = {
+    "accel": dict(
+        bias=(80, 800, 8000), second=(60, 300, 3000), third=(15, 80, 800), ppm=(100, 500, 4000)
+    ),
+    "gyro": dict(bias=(1.0, 30, 700), g=(1.0, 40, 700), rate=(30, 300, 4000), ppm=(50, 400, 5000)),
+}
+
+
+def _limit(s: Scene, kind: str) -> float:
+    value = LIMITS[s.triad][kind][("navigation", "tactical", "consumer").index(s.grade)]
+    if kind in ("ppm", "rate"):
+        return value * 1e-6
+    return value * (MICRO_G if s.triad == "accel" else DEG_H)
+
+
+def _on(channels, column) -> np.ndarray:
+    out = np.zeros((len(column), 3))
+    for c in channels:
+        out[:, c] = column
+    return out
+
+
+def _one(s: Scene, rng, name, column_of, kind, unit, **more) -> Effect:
+    """An effect on one channel, proportional to its size."""
+    c = int(rng.integers(3))
+    column = column_of(c)
+    return Effect(name, s.triad, [c], lambda a: a * _on([c], column), unit, _limit(s, kind), **more)
+
+
+def _intervals(plan: Plan, wanted: np.ndarray) -> list:
+    """[start, end] of the stretches where `wanted`; gaps below 30 s are bridged."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wanted.astype(int), [0]])))
+    pairs = [[float(plan.time[a]), float(plan.time[b - 1])] for a, b in edges.reshape(-1, 2)]
+    merged = []
+    for pair in pairs:
+        if merged and pair[0] - merged[-1][1] < 30:
+            merged[-1][1] = pair[1]
+        else:
+            merged.append(pair)
+    return [p for p in merged if p[1] - p[0] > 30]
+
+
+def _cycling(s: Scene) -> np.ndarray:
+    dt = steps_of(s.plan)
+    return (s.heat.case - relax(s.heat.case, dt, 60.0)) / 60.0
+
+
+def _power_on(s: Scene, tau: float) -> np.ndarray:
+    """Self-heating of the element through its own thermal resistance."""
+    out = np.empty_like(s.plan.time)
+    for session in np.unique(s.plan.session):
+        rows = s.plan.session == session
+        out[rows] = relax(np.ones(rows.sum()), steps_of(s.plan)[rows], tau, start=0.0) - 1
+    return -out
+
+
+def thermal_lag(s: Scene, rng) -> Effect:
+    low, high = {"navigation": (20, 900), "tactical": (8, 400), "consumer": (3, 160)}[s.grade]
+    channels = [0, 1, 2] if rng.random() < 0.25 else [int(rng.integers(3))]
+    dt = steps_of(s.plan)
+
+    def signal(tau):
+        inner = _inner(s, dt, tau)
+        change = s.sensor.output(inner, s.ideal) - s.sensor.output(s.heat.case, s.ideal)
+        return change * np.isin(np.arange(3), channels)
+
+    moving = np.abs(_cycling(s)) > 0.12 * np.abs(_cycling(s)).max()
+    return Effect(
+        "thermal_lag", s.triad, channels, signal, "s", high, linear=False,
+        parameters={"time_constant": "size"}, span=_intervals(s.plan, moving), detail={"low": low},
+    )  # fmt: skip
+
+
+def _inner(s: Scene, dt, tau):
+    out = np.empty_like(s.heat.case)
+    for session in np.unique(s.plan.session):
+        rows = s.plan.session == session
+        out[rows] = relax(s.heat.case[rows], dt[rows], tau)
+    return out
+
+
+def temperature_rate(s: Scene, rng) -> Effect:
+    tau = float(rng.uniform(15, 40))
+    gradient = (s.heat.case - _inner(s, steps_of(s.plan), tau)) / tau
+    moving = np.abs(gradient) > 0.12 * np.abs(gradient).max()
+    made = _one(s, rng, "temperature_rate", lambda c: gradient, "bias", "SI per K/s")
+    made.limit *= 60.0
+    made.span = _intervals(s.plan, moving)
+    return made
+
+
+def thermal_hysteresis(s: Scene, rng) -> Effect:
+    amplitude = np.ptp(s.heat.case) / 2
+    widths = amplitude * np.array([0.1, 0.25, 0.5])
+    weights = rng.uniform(0.5, 1.5, 3)
+    loop = plays(s.heat.case, widths, weights)
+    loop /= np.ptp(loop) / 2
+    return _one(s, rng, "thermal_hysteresis", lambda c: loop, "bias", "SI, half width")
+
+
+def warm_up(s: Scene, rng) -> Effect:
+    low, high = {"navigation": (250, 900), "tactical": (120, 600), "consumer": (60, 300)}[s.grade]
+    tau = float(rng.uniform(low, high))
+    made = _one(s, rng, "warm_up", lambda c: _power_on(s, tau), "bias", "SI")
+    made.parameters = {"time_constant": (tau, "s")}
+    return made
+
+
+def temperature_order(s: Scene, rng) -> Effect:
+    x = s.sensor.scaled(s.heat.case)
+    k = int(s.plan.model["temperature_degree"]) + 1
+    wave = np.cos(k * np.arccos(np.clip(x, -1, 1)))
+    return _one(s, rng, "temperature_order", lambda c: wave, "bias", "SI")
+
+
+def temperature_dependence(s: Scene, rng) -> Effect:
+    x = s.sensor.scaled(s.heat.case)
+    curve = x + float(rng.uniform(-0.15, 0.15)) * x**2
+    made = _one(s, rng, "temperature_dependence", lambda c: curve, "bias", "SI")
+    made.limit *= 10
+    return made
+
+
+def drift(s: Scene, rng) -> Effect:
+    t = s.plan.time / s.plan.time[-1]
+    made = _one(s, rng, "drift", lambda c: t, "bias", "SI over the campaign")
+    made.limit *= 0.5
+    made.detail = {"seconds": float(s.plan.time[-1])}
+    return made
+
+
+def bias_step(s: Scene, rng) -> Effect:
+    when = float(s.plan.time[int(len(s.plan.time) * rng.uniform(0.15, 0.85))])
+    made = _one(s, rng, "bias_step", lambda c: (s.plan.time >= when) * 1.0, "bias", "SI")
+    made.parameters = {"change_time": (when, "s")}
+    made.coefficient = "m/s^2" if s.triad == "accel" else "rad/s"
+    made.span = [[when, float(s.plan.time[-1])]]
+    return made
+
+
+def settling(s: Scene, rng) -> Effect:
+    tau = float(rng.uniform(3, 9))
+    since = _since_move(s.plan)
+    form = np.exp(-since / tau) * (s.plan.resting & (s.plan.dwell >= 0))
+    sized = rng.random() < 0.5
+    made = _one(
+        s, rng, "settling",
+        lambda c: form * (s.plan.move_size[:, c] if sized else 1.0), "bias", "SI",
+    )  # fmt: skip
+    made.limit *= 4
+    made.parameters = {"time_constant": (tau, "s")}
+    made.detail = {"proportional_to_move": bool(sized)}
+    return made
+
+
+def _since_move(plan: Plan) -> np.ndarray:
+    """Seconds since the dwell began."""
+    start = np.concatenate([[True], (np.diff(plan.dwell) != 0) | (np.diff(plan.session) != 0)])
+    first = np.flatnonzero(start)
+    return plan.time - plan.time[first[np.cumsum(start) - 1]]
+
+
+def interference(s: Scene, rng) -> Effect:
+    period = float(rng.uniform(8, 30)) * s.plan.block_seconds
+    phase = float(rng.uniform(0, 2 * np.pi))
+    wave = np.sin(2 * np.pi * s.plan.time / period + phase)
+    made = _one(s, rng, "interference", lambda c: wave, "bias", "SI")
+    made.parameters = {"period": (period, "s")}
+    return made
+
+
+def _accel_unit(power):
+    return f"m/s^2/g^{power}"
+
+
+def second_order(s, rng):
+    return _one(
+        s, rng, "second_order", lambda c: s.force[:, c] ** 2, "second", "SI", coefficient=_accel_unit(2)
+    )  # fmt: skip
+
+
+def third_order(s, rng):
+    return _one(
+        s, rng, "third_order", lambda c: s.force[:, c] ** 3, "third", "SI", coefficient=_accel_unit(3)
+    )  # fmt: skip
+
+
+def odd_quadratic(s, rng):
+    column = lambda c: s.force[:, c] * np.abs(s.force[:, c])
+    return _one(s, rng, "odd_quadratic", column, "third", "SI", coefficient=_accel_unit(2))
+
+
+def scale_asymmetry(s, rng):
+    if s.triad == "accel":
+        made = _one(s, rng, "scale_asymmetry", lambda c: np.abs(s.force[:, c]), "ppm", "SI")
+        made.limit *= s.gravity
+        made.coefficient = "m/s^2/g"
+        return made
+    return _one(
+        s, rng, "scale_asymmetry", lambda c: np.abs(s.ideal[:, c]), "ppm", "SI", coefficient="1"
+    )
+
+
+def cross_coupling(s, rng):
+    c = int(rng.integers(3))
+    j, k = [(a, b) for a in range(3) for b in range(a) if c in (a, b)][int(rng.integers(2))]
+    column = s.force[:, j] * s.force[:, k]
+    return Effect(
+        "cross_coupling", s.triad, [c], lambda a: a * _on([c], column), "m/s^2/g^2", _limit(s, "second"),
+        detail={"product": [int(j), int(k)]},
+    )  # fmt: skip
+
+
+def g_sensitivity(s, rng):
+    c = int(rng.integers(3))
+    row = rng.standard_normal(3)
+    row /= np.linalg.norm(row)
+    return Effect(
+        "g_sensitivity", s.triad, [c], lambda a: a * _on([c], s.force @ row), "rad/s/g", _limit(s, "g"),
+        detail={"row": row.round(4).tolist()},
+    )  # fmt: skip
+
+
+def g2_sensitivity(s, rng):
+    c = int(rng.integers(3))
+    form = rng.standard_normal((3, 3))
+    form = (form + form.T) / np.linalg.norm(form + form.T)
+    column = np.einsum("ni,ij,nj->n", s.force, form, s.force)
+    return Effect(
+        "g2_sensitivity", s.triad, [c], lambda a: a * _on([c], column), "rad/s/g^2", _limit(s, "g")
+    )  # fmt: skip
+
+
+def rate_nonlinearity(s, rng):
+    top = np.abs(s.ideal).max()
+    odd = rng.random() < 0.5
+    column = lambda c: (
+        (s.ideal[:, c] ** 3 / top**2) if odd else (s.ideal[:, c] * np.abs(s.ideal[:, c]) / top)
+    )
+    made = _one(s, rng, "rate_nonlinearity", column, "rate", "relative at the highest rate")
+    made.detail = {"form": "cubic" if odd else "odd quadratic"}
+    return made
+
+
+def dead_band(s, rng):
+    c = int(rng.integers(3))
+
+    def signal(width):
+        x = s.ideal[:, c]
+        out = np.sign(x) * np.sqrt(np.maximum(x**2 - width**2, 0))
+        return _on([c], out - x)
+
+    return Effect("dead_band", s.triad, [c], signal, "rad/s", np.deg2rad(2.0), linear=False)
+
+
+def saturation(s, rng):
+    c = int(rng.integers(3))
+    top = np.abs(s.ideal[:, c]).max()
+
+    def signal(cut):
+        level = top * (1 - cut)
+        return _on([c], np.clip(s.ideal[:, c], -level, level) - s.ideal[:, c])
+
+    return Effect(
+        "saturation", s.triad, [c], signal, "fraction of the highest rate", 0.3, linear=False
+    )  # fmt: skip
+
+
+def cross_axis_rate(s, rng):
+    c = int(rng.integers(3))
+    j, k = [(0, 1), (1, 2), (0, 2)][int(rng.integers(3))]
+    column = s.ideal[:, j] * s.ideal[:, k] / np.abs(s.ideal).max()
+    return Effect(
+        "cross_axis_rate", s.triad, [c], lambda a: a * _on([c], column), "relative", _limit(s, "rate"),
+        detail={"product": [j, k]},
+    )  # fmt: skip
+
+
+def magnetic(s, rng):
+    dip = np.deg2rad(rng.uniform(55, 70))
+    field_ = np.cos(dip) * s.plan.north - np.sin(dip) * s.plan.up
+    c = int(rng.integers(3))
+    row = rng.standard_normal(3)
+    row /= np.linalg.norm(row)
+    return Effect(
+        "magnetic", s.triad, [c], lambda a: a * _on([c], field_ @ row), "SI in the room's field",
+        _limit(s, "bias"),
+    )  # fmt: skip
+
+
+def pier_tilt(s, rng):
+    period, phase = 86400.0, float(rng.uniform(0, 2 * np.pi))
+    wave = np.sin(2 * np.pi * s.plan.time / period + phase)
+    axis = float(rng.uniform(0, 2 * np.pi))
+    east = np.cross(s.plan.north, s.plan.up)
+    tilt = np.cos(axis) * east + np.sin(axis) * s.plan.north
+    column = np.cross(tilt, s.plan.up) * s.gravity
+    return Effect(
+        "pier_tilt", s.triad, [0, 1, 2], lambda a: a * wave[:, None] * column, "rad", 1e-4
+    )  # fmt: skip
+
+
+def table_axis_error(s, rng):
+    """Inner axis not square to the outer one: case to room is Rx(a) Ry(ε) Rz(b)."""
+    b = s.plan.angles[:, 1]
+    about = np.stack([np.sin(b), np.cos(b), 0 * b], 1)
+    column = -np.cross(about, s.plan.up) * s.gravity
+    return Effect("table_axis_error", s.triad, [0, 1, 2], lambda a: a * column, "rad", 1e-3)
+
+
+def earth_rate(s, rng):
+    del rng
+    return Effect(
+        "earth_rate", s.triad, [0, 1, 2], lambda a: a * s.earth, "share of Earth rate", 1.0, fixed=1.0
+    )  # fmt: skip
+
+
+def gravity_error(s, rng):
+    size = float(rng.uniform(1e-4, 2e-3))
+    signal = lambda a: a * s.force * s.gravity
+    return Effect("gravity_error", s.triad, [0, 1, 2], signal, "relative", 1.0, fixed=size)
+
+
+def rate_scale_error(s, rng):
+    size = float(rng.uniform(1e-4, 3e-3))
+    return Effect(
+        "rate_scale_error", s.triad, [0, 1, 2], lambda a: a * s.ideal, "relative", 1.0, fixed=size
+    )
+
+
+def table_misalignment(s, rng):
+    turn = 1e-3 * rng.standard_normal(3)
+    signal = lambda a: -a * np.cross(turn, s.ideal)
+    return Effect("table_misalignment", s.triad, [0, 1, 2], signal, "relative", 1.0, fixed=1.0)
+
+
+# Outside every catalogue ------------------------------------------------------------------------
+
+
+def x_bump(s, rng):
+    span = np.ptp(s.heat.case)
+    centre = float(s.heat.case.min() + span * rng.uniform(0.25, 0.75))
+    width = float(span * rng.uniform(0.04, 0.09))
+    column = np.exp(-0.5 * ((s.heat.case - centre) / width) ** 2)
+    made = _one(s, rng, "x_bump", lambda c: column, "bias", "SI")
+    made.detail = {"centre": centre, "width": width}
+    return made
+
+
+def x_ripple(s, rng):
+    turns = float(rng.uniform(4, 7))
+    x = (s.heat.case - s.heat.case.min()) / np.ptp(s.heat.case)
+    column = np.sin(2 * np.pi * turns * x + rng.uniform(0, 2 * np.pi))
+    made = _one(s, rng, "x_ripple", lambda c: column, "bias", "SI")
+    made.detail = {"periods": turns}
+    return made
+
+
+def x_cubic_times_temperature(s, rng):
+    column = lambda c: s.sensor.scaled(s.heat.case) * s.force[:, c] ** 3
+    return _one(s, rng, "x_cubic_times_temperature", column, "second", "SI")
+
+
+def x_rate_times_temperature(s, rng):
+    form = _cycling(s) * s.sensor.scaled(s.heat.case)
+    made = _one(s, rng, "x_rate_times_temperature", lambda c: form, "bias", "SI per K/s")
+    made.limit *= 120
+    return made
+
+
+def x_kink_in_rate(s, rng):
+    top = np.abs(s.ideal).max()
+    level = float(rng.uniform(0.25, 0.6))
+    column = lambda c: np.tanh((s.ideal[:, c] / top - level) / 0.03) * top
+    made = _one(s, rng, "x_kink_in_rate", column, "rate", "relative")
+    made.detail = {"level": level * top}
+    return made
+
+
+def x_burst(s, rng):
+    centre = float(s.plan.time[int(len(s.plan.time) * rng.uniform(0.25, 0.75))])
+    width = float(s.plan.time[-1] * rng.uniform(0.03, 0.07))
+    column = np.exp(-0.5 * ((s.plan.time - centre) / width) ** 2)
+    made = _one(s, rng, "x_burst", lambda c: column, "bias", "SI")
+    made.span = [[centre - 2 * width, centre + 2 * width]]
+    return made
+
+
+def x_notch_in_force(s, rng):
+    level = float(rng.uniform(0.3, 0.7))
+    column = lambda c: np.exp(-0.5 * ((s.force[:, c] - level) / 0.12) ** 2)
+    made = _one(s, rng, "x_notch_in_force", column, "bias", "SI")
+    made.detail = {"level": level}
+    return made
