@@ -41,15 +41,15 @@ class ThermalSolution(eqx.Module):
     covariance: Float[
         AnyArray, "unknowns unknowns"
     ]  # of coefficients, row-major (size, parameters)
-    residuals: Float[AnyArray, "dwells rows"]  # whitened; zero where the dwell is padding
+    residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell is padding
     result: optx.RESULTS  # outcome as data
-    num_iterations: Int[AnyArray, ""]
-    history: Float[AnyArray, "iterations size parameters"]  # NaN beyond `num_iterations`
-    step_sizes: Float[AnyArray, " iterations"]  # largest change, in standard deviations
+    num_iterations: Int[AnyArray, " *batch"]
+    history: Float[AnyArray, "*batch iterations size parameters"]  # NaN beyond `num_iterations`
+    step_sizes: Float[AnyArray, "*batch iterations"]  # largest change, in standard deviations
     method: str = eqx.field(static=True)
 
     @property
-    def succeeded(self) -> Bool[AnyArray, ""]:
+    def succeeded(self) -> Bool[AnyArray, " *batch"]:
         """Whether it converged with finite numbers and a full-rank Jacobian."""
         regular = jnp.all(jnp.isfinite(jnp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
         return (self.result == optx.RESULTS.successful) & regular

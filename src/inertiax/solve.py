@@ -155,14 +155,14 @@ class DenseNormal(lx.AbstractLinearSolver):
 class Solution(eqx.Module):
     """Result of one least-squares solve; every field gains leading axes under `vmap`."""
 
-    parameters: Float[AnyArray, " parameters"]
-    residuals: Float[AnyArray, " rows"]  # whitened, at the solution
-    covariance: Float[AnyArray, "parameters parameters"]  # (JᵀJ)⁻¹; NaN where rank deficient
+    parameters: Float[AnyArray, "*batch parameters"]
+    residuals: Float[AnyArray, "*batch rows"]  # whitened, at the solution
+    covariance: Float[AnyArray, "*batch parameters parameters"]  # (JᵀJ)⁻¹; NaN where rank deficient
     result: optx.RESULTS  # outcome as data; `optx.RESULTS[...]` gives its words
-    num_steps: Int[AnyArray, ""]
+    num_steps: Int[AnyArray, " *batch"]
 
     @property
-    def succeeded(self) -> Bool[AnyArray, ""]:
+    def succeeded(self) -> Bool[AnyArray, " *batch"]:
         """Whether the convergence test was met with finite numbers and a full-rank Jacobian."""
         regular = jnp.all(jnp.isfinite(jnp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
         return (self.result == optx.RESULTS.successful) & regular

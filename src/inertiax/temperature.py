@@ -166,7 +166,7 @@ class Curve(eqx.Module):
     """A vector of parameters as a function of temperature, $p(T) = \\phi(T)\\, C$."""
 
     basis: AbstractBasis
-    coefficients: Float[AnyArray, "size parameters"]
+    coefficients: Float[AnyArray, "*batch size parameters"]
 
     def __check_init__(self):
         if getattr(self.coefficients, "ndim", 2) == 2 and hasattr(self.coefficients, "shape"):
