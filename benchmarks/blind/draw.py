@@ -327,6 +327,7 @@ def null(rng) -> Case:
 
 def record(case: Case, rng):
     """Run the plan: outputs with effects, noise, rig errors and converters; references as planned."""
+    case.reference["accel"] = np.round(case.gravity * case.plan.up, 12)
     for triad in case.plan.triads:
         s, noise = case.scenes[triad], case.noise[triad]
         turn, pace = world.rig_errors(case.plan, noise, rng)
@@ -384,10 +385,11 @@ def oracle(case: Case, triad: str) -> dict:
 
 
 def _rms(p: linear.Problem, whitened: np.ndarray) -> tuple[float, float]:
-    """rms over blocks and over dwell means, in the triad's unit."""
+    """rms over blocks and over dwell means, in the triad's unit; a long rest counts by the minute."""
     r = p.chol @ whitened
     parts = r.reshape(-1, len(p.blocks.first))
-    _, index = np.unique(p.blocks.dwell, return_inverse=True)
+    minute = (p.blocks.time // 60).astype(int) if p.plan.name == "pose" else 0 * p.blocks.dwell
+    _, index = np.unique(p.blocks.dwell * 100000 + minute, return_inverse=True)
     weight = np.bincount(index)
     means = np.stack([np.bincount(index, x) / weight for x in parts])
     return float(np.sqrt(np.mean(r**2))), float(np.sqrt(np.mean(means**2)))

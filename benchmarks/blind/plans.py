@@ -211,7 +211,7 @@ def tumble(rng, *, count=None, sessions=None, model=None) -> Plan:
         refs.append("accel")
     if model in ("both", "static gyro"):
         choice["gyro_estimator"] = "static"
-        refs.append("gyro")
+        refs += ["gyro"] if model == "both" else ["gyro", "accel"]
     return table.plan(
         "tumble", _constant(float(rng.choice([0.0, 20.0, 25.0, 40.0]))), model=choice,
         block_seconds=seconds / 4, references=tuple(refs),
