@@ -1,0 +1,183 @@
+"""Which column of a file means what, and in which unit: the `[columns]` table of a campaign.
+
+The strings that users write are understood here and nowhere else; everything past this file is SI
+(temperatures in °C). A `g` is the standard 9.80665 m/s², as sensor makers use it, never the local one.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable
+from typing import Literal
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+
+
+AXES = ("x", "y", "z")
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+ACCEL_UNITS = {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3}
+GYRO_UNITS = {"rad/s": 1.0, "deg/s": math.pi / 180, "deg/h": math.pi / 180 / 3600}
+# °C = scale · (value + shift)
+TEMPERATURE_UNITS = {
+    "degC": (1.0, 0.0),
+    "°C": (1.0, 0.0),
+    "K": (1.0, -273.15),
+    "degF": (1 / 1.8, -32.0),
+    "°F": (1 / 1.8, -32.0),
+}
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table in which an unknown key is an error."""
+
+
+class TimeColumn(_Strict, frozen=True):
+    """`name` and `unit` of the stamps; or `rate` (Hz) where a log has no usable clock, and then
+    time is row number / rate. `row_index = true` says the same in words and needs `rate`."""
+
+    name: str | None = None
+    unit: str = "s"
+    rate: float | None = None
+    row_index: bool = False
+
+
+class TriadColumns(_Strict, frozen=True):
+    """Three columns of one triad.
+
+    `unit = "count"` is for raw converter readings: SI = (count − `offset`) · `scale`, with
+    `scale_unit` saying what a scale means, e.g. "m/s^2 per count" or "count per m/s^2".
+    """
+
+    names: tuple[str, str, str] | None = None
+    unit: str | None = None
+    scale: float | tuple[float, float, float] | None = None
+    scale_unit: str | None = None
+    offset: float | tuple[float, float, float] | None = None
+
+
+class ProbeColumns(_Strict, frozen=True):
+    """One temperature column (`name`) or several (`names`); the first is the device's own probe."""
+
+    name: str | None = None
+    names: tuple[str, ...] | None = None
+    unit: str = "degC"
+
+
+class LabelColumn(_Strict, frozen=True):
+    """A column of labels: device, experiment or position."""
+
+    name: str
+
+
+class ColumnMap(_Strict, frozen=True):
+    """What the `[columns]` table says. A key that is absent means canonical names and SI units."""
+
+    time: TimeColumn | str | None = None
+    accel: TriadColumns | None = None
+    gyro: TriadColumns | None = None
+    temperature: ProbeColumns | str | None = None
+    reference_accel: TriadColumns | None = None
+    reference_gyro: TriadColumns | None = None
+    device: LabelColumn | str | None = None
+    experiment: LabelColumn | str | None = None
+    position: LabelColumn | str | None = None
+
+    def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
+        """Column name that the campaign gives for a label, `None` where it gives none."""
+        said = getattr(self, key)
+        return said.name if isinstance(said, LabelColumn) else said
+
+
+class Layout(_Strict, frozen=True):
+    """How rows lie in a text file, beyond what its first lines show."""
+
+    names: tuple[str, ...] | None = None  # column names of a file without a header line
+    start_row: int = 0  # data rows to leave out at the start
+    triad: Literal["accel", "gyro"] | None = None  # the only triad a single-triad file holds
+
+
+def time_scale(column: TimeColumn, where: str) -> float:
+    """Seconds per unit of the time column. Raises `ValueError` for contradictory or unknown keys."""
+    if column.rate is not None and not (math.isfinite(column.rate) and column.rate > 0):
+        raise ValueError(
+            f"{where} time: rate must be a positive number of Hz; found {column.rate:g}."
+        )
+    if column.rate is not None and column.name is not None:
+        raise ValueError(
+            f"{where} time: both name = '{column.name}' and rate are given; write name and unit to "
+            "use the stamps, or rate alone to count rows."
+        )
+    if column.row_index and column.rate is None:
+        raise ValueError(f"{where} time: row_index = true needs rate, the samples per second.")
+    return TIME_UNITS[_known(column.unit, TIME_UNITS, f"{where} time")]
+
+
+def triad_factors(
+    column: TriadColumns, kind: Literal["accel", "gyro"], where: str
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Offset and factor of each axis, SI = (value − offset) · factor.
+
+    Raises `ValueError` for an unknown unit and for scale, scale_unit or offset without raw counts.
+    """
+    units = ACCEL_UNITS if kind == "accel" else GYRO_UNITS
+    unit = column.unit or next(iter(units))
+    if unit != "count":
+        for key in ("scale", "scale_unit", "offset"):
+            if getattr(column, key) is not None:
+                raise ValueError(
+                    f"{where}: {key} belongs to raw counts, but unit is '{unit}'; "
+                    'write unit = "count" or leave it out.'
+                )
+        return np.zeros(3), np.full(3, units[_known(unit, units, where)])
+    if column.scale is None:
+        raise ValueError(
+            f'{where}: unit = "count" needs scale (and scale_unit, for example '
+            f'"count per {next(iter(units))}"), the nominal scale of the data sheet.'
+        )
+    scale = np.broadcast_to(np.asarray(column.scale, float), (3,))
+    if not np.isfinite(scale).all() or np.any(scale == 0):
+        raise ValueError(f"{where}: scale must be finite and not zero; found {scale.tolist()}.")
+    offset = 0.0 if column.offset is None else column.offset
+    offset = np.broadcast_to(np.asarray(offset, float), (3,))
+    return offset, _scale_to_si(scale, column.scale_unit, units, where)
+
+
+def _scale_to_si(
+    scale: Float[np.ndarray, "3"], scale_unit: str | None, units: dict[str, float], where: str
+) -> Float[np.ndarray, "3"]:
+    si = next(iter(units))
+    if scale_unit is None:
+        return scale
+    above, per, below = scale_unit.replace(" per ", "|").partition("|")
+    if per and below == "count" and above in units:
+        return scale * units[above]
+    if per and above == "count" and below in units:
+        return units[below] / scale
+    raise ValueError(
+        f"{where}: scale_unit '{scale_unit}' is not understood; write \"{si} per count\" or "
+        f'"count per {si}", where the unit is one of {", ".join(units)}.'
+    )
+
+
+def temperature_to_celsius(unit: str, where: str) -> tuple[float, float]:
+    """Scale and shift, °C = scale · (value + shift)."""
+    return TEMPERATURE_UNITS[_known(unit, TEMPERATURE_UNITS, where)]
+
+
+def _known(unit: str, units: Iterable[str], where: str) -> str:
+    if unit not in units:
+        raise ValueError(
+            f"{where}: unit '{unit}' is not known; {nearest(unit, units)}use one of {', '.join(units)}."
+        )
+    return unit
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """ "did you mean 'x'? " with the likeliest of `names`, or nothing where none is near."""
+    close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)
+    return f"did you mean '{close[0]}'? " if close else ""
+
+
+CANONICAL = ColumnMap()  # the contract's column names, in SI
+AS_FOUND = Layout()  # a file that says everything itself

@@ -1,0 +1,250 @@
+"""The noise of a mean: correlated samples, quantisation, and variances known from few samples.
+
+The mean of n samples of standard deviation σ has the variance S(n) / n², S(n) being the variance of a
+sum of n neighbours: σ² n for white noise, more where samples resemble their neighbours. How S grows is
+the instrument's (`NoiseShape`) and is pooled over all dwells; σ² is the dwell's own, drawn
+towards the pooled one as far as the data say that dwells are alike.
+"""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import nnls
+from scipy.signal import lfilter
+from scipy.special import digamma, polygamma
+
+from ._typing import AnyArray
+
+
+class NoiseShape(eqx.Module):
+    """Autocorrelation of a stationary noise of unit variance, as shares of simple noises.
+
+    `white` has no memory; `differenced` is the difference of successive white samples (angle noise in
+    a gyro's increments; its sums do not grow); `red[i]` decays as `decay[i]`^h (Gauss-Markov).
+    """
+
+    white: float = eqx.field(static=True, default=1.0)
+    differenced: float = eqx.field(static=True, default=0.0)
+    red: tuple[float, ...] = eqx.field(static=True, default=())
+    decay: tuple[float, ...] = eqx.field(static=True, default=())
+
+    def sum_variance(self, counts: AnyArray) -> Float[np.ndarray, "*any"]:
+        """S(n) in units of σ²; n for white noise."""
+        n = np.asarray(counts, float)
+        total = self.white * n + self.differenced
+        for share, decay in zip(self.red, self.decay, strict=True):
+            total = total + share * red_sum_variance(decay, n)
+        return total
+
+    def mean_factor(self, counts: AnyArray) -> Float[np.ndarray, "*any"]:
+        """τ(n) = S(n) / n, so that the mean of n samples has the variance σ² τ / n."""
+        n = np.asarray(counts, float)
+        return self.sum_variance(n) / n
+
+    @property
+    def squared_sum(self) -> float:
+        """1 + 2 Σ ρ_h²: a variance from n samples is known as from n over this many independent
+        ones (Bartlett)."""
+        total = 1.0 + 0.5 * self.differenced**2
+        for a, p in zip(self.red, self.decay, strict=True):
+            total += 2.0 * sum(
+                a * b * p * q / (1 - p * q) for b, q in zip(self.red, self.decay, strict=True)
+            )
+            total -= 2.0 * a * p * self.differenced
+        return max(total, 1.0)
+
+    def slope_variance(self, count: int) -> float:
+        """Variance of u·x in units of σ² for the unit vector u proportional to time within a dwell:
+        what fitting a straight line takes from n samples beside the mean."""
+        if count > 5000:
+            return float(self.mean_factor(count))
+        u = np.arange(count) - 0.5 * (count - 1)
+        u = u / np.linalg.norm(u)
+        total = self.white + self.differenced * (1.0 - u[1:] @ u[:-1])
+        for share, decay in zip(self.red, self.decay, strict=True):
+            earlier = lfilter([0.0, decay], [1.0, -decay], u)
+            total += share * (1.0 + 2.0 * float(u @ earlier))
+        return float(total)
+
+
+def red_sum_variance(decay: float, counts: AnyArray) -> Float[np.ndarray, "*any"]:
+    """Variance of a sum of n samples with ρ_h = decay^h:
+    n (1 + φ) / (1 − φ) − 2 φ (1 − φⁿ) / (1 − φ)²."""
+    n = np.asarray(counts, float)
+    return n * (1 + decay) / (1 - decay) - 2 * decay * (1 - decay**n) / (1 - decay) ** 2
+
+
+def second_differences(
+    deviations: Float[np.ndarray, " sample"], starts: Int[np.ndarray, " dwell"]
+) -> tuple[Int[np.ndarray, " level"], Float[np.ndarray, " level"], Float[np.ndarray, " level"]]:
+    """Hadamard variances of means over m = 1, 2, 4, … samples, within dwells, pooled.
+
+    With A, B, C the sums of three neighbouring groups of m samples, the mean of (A − 2 B + C)² / 6 m²
+    at every offset. A dwell's own mean and slope drop out, so nothing is lost to estimating
+    them. **Returns** m, the variances, and about how many independent differences each rests on
+    (levels with fewer than 8 are left out, and those that only a few long dwells can judge).
+    """
+    counts = np.diff(np.append(starts, len(deviations)))
+    end = np.repeat(np.append(starts[1:], len(deviations)), counts)
+    sums = np.append(0.0, np.cumsum(deviations))
+    levels, variances, freedom = [], [], []
+    m = 1
+    while 3 * m <= counts.max():
+        enough = counts[counts >= 3 * m]
+        independent = float(np.sum(1.0 + (enough - 3 * m) / (1.4 * m)))
+        if independent < 8 or 2 * enough.sum() < counts.sum():
+            break
+        first = np.flatnonzero(np.arange(len(deviations)) + 3 * m <= end)
+        third = sums[first + 3 * m] - 3 * sums[first + 2 * m] + 3 * sums[first + m] - sums[first]
+        levels.append(m)
+        variances.append(float(np.mean(third**2)) / (6.0 * m * m))
+        freedom.append(independent)
+        m *= 2
+    return np.array(levels, np.int64), np.array(variances), np.array(freedom)
+
+
+def fit_noise_shape(
+    deviations: Float[np.ndarray, " sample"], starts: Int[np.ndarray, " dwell"]
+) -> NoiseShape:
+    """The noise shape whose Hadamard variances are those of the samples; white where none shows.
+
+    Starts from white noise and adds, one at a time, the component that lowers χ² most, while
+    that is by more than 9 (3 sigma); all shares stay non-negative (NNLS). Memories tried: up to two
+    thirds of the longest averages that can be judged; what is slower passes for a change from
+    dwell to dwell.
+
+    For a noise with S(n), the second difference of sums of m has the variance
+    15 S(m) − 6 S(2m) + S(3m).
+    """
+    levels, variances, freedom = second_differences(deviations, starts)
+    seen = variances > 0
+    levels, variances, freedom = levels[seen], variances[seen], freedom[seen]
+    if len(levels) < 2:
+        return NoiseShape()
+    weight = np.sqrt(freedom / 2.0) / variances
+    longest = max(float(levels[-1]) / 1.5, 1.0)
+    memories = np.geomspace(0.5, longest, max(2, int(6 * np.log2(longest / 0.5)) + 1))
+    decays = np.exp(-1.0 / memories)
+    columns = [_hadamard(lambda n: n, levels), _hadamard(lambda n: np.ones_like(n), levels)]
+    columns += [_hadamard(lambda n, d=d: red_sum_variance(d, n), levels) for d in decays]
+    design = np.stack(columns, axis=1) * weight[:, None]
+    target = variances * weight
+    chosen, shares, misfit = _grow(design, target)
+    if not shares.sum() > 0:
+        return NoiseShape()
+    del misfit
+    shares = shares / shares.sum()
+    by_column = dict(zip(chosen, shares, strict=True))
+    red = [k for k in chosen if k >= 2 and by_column[k] > 0]
+    return NoiseShape(
+        white=float(by_column.get(0, 0.0)),
+        differenced=float(by_column.get(1, 0.0)),
+        red=tuple(float(by_column[k]) for k in red),
+        decay=tuple(float(decays[k - 2]) for k in red),
+    )
+
+
+def _hadamard(sum_variance, levels: Int[np.ndarray, " level"]) -> Float[np.ndarray, " level"]:
+    m = levels.astype(float)
+    return (15 * sum_variance(m) - 6 * sum_variance(2 * m) + sum_variance(3 * m)) / (6 * m**2)
+
+
+def _grow(
+    design: Float[np.ndarray, "level component"], target: Float[np.ndarray, " level"]
+) -> tuple[list[int], Float[np.ndarray, " chosen"], float]:
+    """Components chosen one at a time, from white noise on, by the drop in χ²."""
+    chosen = [0]
+    shares, residual = nnls(design[:, chosen], target)
+    while len(chosen) < min(4, len(target)):
+        trials = [k for k in range(design.shape[1]) if k not in chosen]
+        fits = [nnls(design[:, [*chosen, k]], target) for k in trials]
+        best = int(np.argmin([f[1] for f in fits]))
+        if residual**2 - fits[best][1] ** 2 <= 9.0:
+            break
+        chosen.append(trials[best])
+        shares, residual = fits[best]
+    return chosen, shares, residual
+
+
+def prior_freedom(
+    log_variance: Float[np.ndarray, "dwell channel"], freedom: Float[np.ndarray, "dwell channel"]
+) -> tuple[float, Float[np.ndarray, " channel"]]:
+    """How many degrees of freedom ν₀ the other dwells are worth to one dwell's variance, and the
+    variance s₀² that they draw it to.
+
+    With σ²_k scattered as a scaled inverse χ² of ν₀ degrees of freedom, the variance of log s²_k is
+    ψ'(ν_k/2) + ψ'(ν₀/2): what sampling leaves unexplained gives ν₀. Dwells as alike as sampling
+    lets them be give ν₀ = ∞ (all take the pooled variance), very unlike ones ν₀ → 0. Fewer
+    than three dwells cannot tell, and get ν₀ = 4.
+
+    **Reference:** Smyth, *Linear models and empirical Bayes methods*, Stat. Appl. Genet. Mol. Biol.
+    3 (2004) 3, section 6.2.
+    """
+    centred = log_variance - digamma(freedom / 2) + np.log(freedom / 2)
+    if len(log_variance) < 3:
+        prior = 4.0
+    else:
+        excess = float(centred.var(axis=0, ddof=1).mean() - polygamma(1, freedom / 2).mean())
+        prior = 2.0 * _inverse_trigamma(excess) if excess > 0 else np.inf
+    shift = digamma(prior / 2) - np.log(prior / 2) if np.isfinite(prior) else 0.0
+    return prior, np.exp(centred.mean(axis=0) + shift)
+
+
+def _inverse_trigamma(value: float) -> float:
+    if value > 1e7:
+        return 1.0 / np.sqrt(value)
+    if value < 1e-6:
+        return 1.0 / value
+    x = 0.5 + 1.0 / value  # Newton on 1 / ψ', which is nearly a line (Smyth, appendix)
+    for _ in range(50):
+        slope = polygamma(2, x)
+        step = polygamma(1, x) * (1.0 - polygamma(1, x) / value) / slope
+        x += step
+        if -step / x < 1e-10:
+            break
+    return float(x)
+
+
+def quantisation_step(values: Float[np.ndarray, " time"]) -> float:
+    """The step (LSB) of a channel's digital grid, in its own unit; 0 where there is none to see.
+
+    The smallest difference of neighbouring samples is the step if nearly all differences are whole
+    multiples of it, and if it is not so fine that any number would be.
+    """
+    steps = np.abs(np.diff(values[:20_000]))
+    steps = steps[steps > 1e-12 * max(float(np.abs(values[:20_000]).max()), 1e-300)]
+    if len(steps) < 3:
+        return 0.0
+    least = float(steps.min())
+    least = float(steps[steps < 1.5 * least].mean())
+    multiples = steps / least
+    if np.median(multiples) > 1000:
+        return 0.0
+    near = multiples[multiples < 1000]
+    on_grid = np.abs(near - np.round(near)) < 0.02 * np.maximum(1.0, 0.01 * near)
+    return least if on_grid.mean() > 0.99 else 0.0
+
+
+def quantisation_floor(
+    step: Float[AnyArray, "*any"], variance: Float[AnyArray, "*any"]
+) -> Float[np.ndarray, "*any"]:
+    """Variance that averaging does not remove from the mean of a rounded signal, unit².
+
+    With noise σ before rounding the mean's error has the variance
+
+        LSB² / (2π²) Σ_k exp(−4π² k² σ² / LSB²) / k²,
+
+    which is LSB²/12 for a constant signal and nothing above σ ≈ LSB/2, where noise dithers the
+    converter. `variance` is that of the samples as recorded, so σ² = max(variance − LSB²/12, 0).
+
+    **Reference:** Widrow, Kollár, *Quantization Noise*, Cambridge 2008, ch. 5 and appendix G.
+    """
+    lsb2 = np.asarray(step, float) ** 2
+    sigma2 = np.maximum(np.asarray(variance) - lsb2 / 12.0, 0.0)
+    ratio = np.divide(
+        sigma2, lsb2, out=np.full(np.broadcast(sigma2, lsb2).shape, np.inf), where=lsb2 > 0
+    )
+    k2 = np.arange(1, 30.0) ** 2
+    decay = np.exp(-4.0 * np.pi**2 * np.minimum(ratio, 1e3)[..., None] * k2)
+    floor = lsb2 / (2.0 * np.pi**2) * (decay / k2).sum(axis=-1)
+    return np.where(ratio == 0.0, lsb2 / 12.0, floor)
