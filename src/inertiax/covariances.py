@@ -66,7 +66,7 @@ def _pooled(scatter: Scatter) -> Float[np.ndarray, "dwell 3 3"]:
         factor[:, axis] = shape.mean_factor(counts)
         left[:, axis] = _samples_left(shape, scatter)
         freedom[:, axis] = left[:, axis] / shape.squared_sum
-    own = (left > 0.5).all(axis=1)
+    own = np.all(left > 0.5, axis=1)
     if not own.any() or not squares[own].any():
         return _diagonal(quantisation_floor(scatter.step, np.zeros_like(scatter.step)))
     variance = _shrunk(squares, left, freedom, scatter.step, own)

@@ -238,56 +238,66 @@ def _pieces_by_temperature(
     return pieces
 
 
-def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
-    rows = [_rows(p.start, p.stop) for p in parts]
-    counts = np.concatenate([p.stop - p.start for p in parts])
-    starts = np.cumsum(counts) - counts
-    position = np.concatenate([p.position for p in parts])
-    step = np.concatenate(
-        [np.full(len(p.start), usual_step(r)) for r, p in zip(recordings, parts, strict=True)]
-    )
+class _Samples(eqx.Module):
+    """The rows that belong to dwells, gathered one dwell after another."""
 
-    def gather(column: str) -> np.ndarray | None:
-        if getattr(recordings[0], column) is None:
+    recordings: tuple[Recording, ...]
+    rows: tuple[Int[np.ndarray, " row"], ...]  # of each recording
+    starts: Int[np.ndarray, " dwell"]
+    counts: Int[np.ndarray, " dwell"]
+
+    def gather(self, column: str) -> np.ndarray | None:
+        """A column's rows, `None` where it was not recorded."""
+        if getattr(self.recordings[0], column) is None:
             return None
-        return np.concatenate(
-            [getattr(r, column)[i] for r, i in zip(recordings, rows, strict=True)]
+        pairs = zip(self.recordings, self.rows, strict=True)
+        return np.concatenate([getattr(r, column)[i] for r, i in pairs])
+
+    def mean(self, column: str) -> np.ndarray | None:
+        """A column's mean over each dwell."""
+        x = self.gather(column)
+        if x is None:
+            return None
+        return np.add.reduceat(x, self.starts, axis=0) / self.counts.reshape(
+            -1, *[1] * (x.ndim - 1)
         )
 
-    def mean(x: np.ndarray | None) -> np.ndarray | None:
-        if x is None:
-            return None
-        shape = (-1,) + (1,) * (x.ndim - 1)
-        return np.add.reduceat(x, starts, axis=0) / counts.reshape(shape)
 
-    time = gather("time")
-    temperature = mean(gather("temperature"))
-    references = {k: gather(f"reference_{k}") for k in ("accel", "gyro")}
-    covariance, means = {}, {}
-    for triad in ("accel", "gyro"):
-        x = gather(triad)
-        means[triad], covariance[triad] = mean(x), None
-        if x is None:
-            continue
-        lsb = _converter_steps(recordings, parts, triad)
-        ideal = references[triad]
-        scatter = _scatter(x if ideal is None else x - ideal, time, starts, lsb)
-        covariance[triad] = covariances_of_means(scatter, position >= 0)
+def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
+    counts = np.concatenate([p.stop - p.start for p in parts])
+    pairs = list(zip(recordings, parts, strict=True))
+    step = np.concatenate([np.full(len(p.start), usual_step(r)) for r, p in pairs])
+    position = np.concatenate([p.position for p in parts])
+    rows = tuple(_rows(p.start, p.stop) for p in parts)
+    samples = _Samples(tuple(recordings), rows, np.cumsum(counts) - counts, counts)
+    time, temperature = samples.mean("time"), samples.mean("temperature")
+    assert time is not None
     return Dwells(
-        time=mean(time),
+        time=time,
         duration=counts * step,
         count=counts.astype(float),
         temperature=np.zeros(len(counts)) if temperature is None else temperature[:, 0],
         experiment=np.concatenate([p.experiment for p in parts]),
         position=position,
         valid=np.ones(len(counts), bool),
-        accel=means["accel"],
-        accel_covariance=covariance["accel"],
-        gyro=means["gyro"],
-        gyro_covariance=covariance["gyro"],
-        reference_accel=mean(references["accel"]),
-        reference_gyro=mean(references["gyro"]),
+        accel=samples.mean("accel"),
+        accel_covariance=_covariances(samples, parts, "accel", position >= 0),
+        gyro=samples.mean("gyro"),
+        gyro_covariance=_covariances(samples, parts, "gyro", position >= 0),
+        reference_accel=samples.mean("reference_accel"),
+        reference_gyro=samples.mean("reference_gyro"),
     )
+
+
+def _covariances(
+    samples: _Samples, parts: list[_Blocks], triad: str, resting: Bool[np.ndarray, " dwell"]
+) -> Float[np.ndarray, "dwell 3 3"] | None:
+    x, ideal, time = (samples.gather(c) for c in (triad, f"reference_{triad}", "time"))
+    if x is None or time is None:
+        return None
+    step = _converter_steps(samples.recordings, parts, triad)
+    scatter = _scatter(x if ideal is None else x - ideal, time, samples.starts, step)
+    return covariances_of_means(scatter, resting)
 
 
 def _rows(

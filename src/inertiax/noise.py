@@ -57,7 +57,7 @@ class NoiseShape(eqx.Module):
         """Variance of u·x in units of σ² for the unit vector u proportional to time within a dwell:
         what fitting a straight line takes from n samples beside the mean."""
         if count > 5000:
-            return float(self.mean_factor(count))
+            return float(self.mean_factor(np.asarray(count)))
         u = np.arange(count) - 0.5 * (count - 1)
         u = u / np.linalg.norm(u)
         total = self.white + self.differenced * (1.0 - u[1:] @ u[:-1])
