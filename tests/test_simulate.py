@@ -1,17 +1,24 @@
 """The simulated bench: table, chamber, triads, and what they write."""
 
+import tomllib
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import msgspec
 import numpy as np
+import polars as pl
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from inertiax import rotation
+from inertiax.campaign import load_campaign
 from inertiax.earth import EARTH_RATE
 from inertiax.model import compensate_accel, compensate_gyro
 from inertiax.simulate.bench import Readout, simulate_dwells, simulate_recordings
+from inertiax.simulate.campaign import write_campaign
 from inertiax.simulate.chamber import (
     Chamber,
     DRIFTS,
@@ -30,6 +37,15 @@ from inertiax.simulate.programme import (
     reordered,
     Table,
 )
+from inertiax.simulate.scenario import (
+    check_scenario,
+    devices_of,
+    DeviceTable,
+    load_scenario,
+    plan_of,
+    Scenario,
+    SCENARIOS,
+)
 from inertiax.simulate.triad import (
     ACCEL_FIGURES,
     Device,
@@ -38,6 +54,7 @@ from inertiax.simulate.triad import (
     Noise,
     TRUTH_RANGE,
 )
+from inertiax.simulate.truth import read_truth
 
 
 def device(seed=0, **settings):
@@ -434,3 +451,202 @@ def test_effects_are_applied_in_order_before_the_readout():
 def test_a_plan_without_time_is_refused():
     with pytest.raises(ValueError, match="dwell_time.*got 0.0"):
         Plan(PROGRAMME_8, Chamber(jnp.zeros(1), 0.0), dwell_time=0.0)
+
+
+# --- scenarios -------------------------------------------------------------------------------
+
+
+SMALL = """
+[plan]
+programme = "6"
+temperatures = [0.0, 30.0]
+change = 4.0
+dwell_time = 4.0
+slew_time = 2.0
+turn_rate = 90.0
+
+[device]
+count = 2
+seed = 3
+triads = ["accel", "gyro"]
+
+[recording]
+rate = 20.0
+
+[rig]
+position_uncertainty = 20.0
+
+[model]
+g_sensitivity = true
+"""
+
+
+def small(tmp_path, text=SMALL):
+    file = tmp_path / "scenario.toml"
+    file.write_text(text, "utf-8")
+    return load_scenario(file)
+
+
+def test_a_written_campaign_is_read_back_by_the_package(tmp_path):
+    folder = write_campaign(small(tmp_path), tmp_path / "out")
+    campaign = load_campaign(folder)
+    assert campaign.devices == ("SIM0001", "SIM0002")
+    assert len(campaign.recordings) == 4
+    assert campaign.site.gravity == 9.815179
+    assert campaign.rig.position_uncertainty is not None
+    np.testing.assert_allclose(campaign.rig.position_uncertainty, 20.0 * np.pi / 180 / 3600)
+    assert (campaign.model.g_sensitivity, campaign.grade) == (True, "navigation")
+    assert campaign.notes == ()
+    first = campaign.recordings[0]
+    # 6 rests of 4 s and 5 slews of 2 s, then six times slew 2, spin up 2, turn 4, spin down 2 s.
+    assert first.num_samples == 20 * (6 * 4 + 5 * 2 + 6 * 10)
+    assert first.position is not None
+    assert list(np.unique(first.position)) == [-1, 0, 1, 2, 3, 4, 5]
+
+
+def test_truth_compensates_what_was_written(tmp_path):
+    quiet = SMALL.replace("rate = 20.0", "rate = 20.0\nnoise = false")
+    folder = write_campaign(small(tmp_path, quiet), tmp_path / "out")
+    truth = read_truth(folder / "truth.json")
+    for recording in load_campaign(folder).recordings:
+        triad, gyros = truth[recording.device].accel, truth[recording.device].gyro
+        assert triad is not None and gyros is not None
+        assert recording.temperature is not None
+        t = jnp.asarray(recording.temperature[:, 0])
+        force = jax.vmap(lambda t, a, own=triad: compensate_accel(own.errors(t), a))(
+            t, accel(recording)
+        )
+        rate = jax.vmap(lambda t, w, a, own=gyros: compensate_gyro(own.errors(t), w, a, 9.815179))(
+            t, gyro(recording), force
+        )
+        np.testing.assert_allclose(force, np.asarray(recording.reference_accel), atol=1e-13)
+        np.testing.assert_allclose(rate, np.asarray(recording.reference_gyro), atol=1e-14)
+
+
+def test_positioning_errors_are_in_the_truth_and_not_in_the_references():
+    plan = eqx.tree_at(lambda p: p.position_error, paper_set(3), 1e-4)
+    dwells, truth = simulate_dwells(jax.random.key(0), plan, device())
+    planned, _ = simulate_dwells(None, plan, device())
+    reference = np.asarray(dwells.reference_accel)
+    np.testing.assert_array_equal(reference, np.asarray(planned.reference_accel))
+    off = (np.asarray(truth.force) - reference) / plan.gravity
+    # The outer angle moves gravity by its whole error, the inner one by sin(outer) of it: the
+    # programme's mean of sin² is 2/3 by isotropy. 234 rows: 5 % standard error of a deviation.
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(np.sum(off**2, axis=1))), 1e-4 * np.sqrt(1 + 2 / 3), rtol=0.2
+    )
+
+
+def test_recordings_and_dwells_have_the_same_size_of_positioning_error():
+    plan = eqx.tree_at(lambda p: p.position_error, short_plan(), 1e-3)
+    recordings, truths = simulate_recordings(jax.random.key(0), plan, device())
+    for recording, truth in zip(recordings, truths, strict=True):
+        position = np.asarray(recording.position)
+        off = np.asarray(truth.force) - np.asarray(recording.reference_accel)
+        at = [off[position == p] for p in range(8)]
+        assert all(np.ptp(rows, axis=0).max() < 1e-12 for rows in at)  # constant at rest
+        sizes = [np.linalg.norm(rows[0]) / 9.8 for rows in at]
+        assert 2e-4 < np.mean(sizes) < 3e-3
+
+
+def test_device_n_does_not_depend_on_the_count():
+    two = devices_of(msgspec.structs.replace(Scenario(), device=DeviceTable(count=2)))
+    one = devices_of(Scenario())
+    for a, b in zip(jax.tree.leaves(one["SIM0001"]), jax.tree.leaves(two["SIM0001"]), strict=True):
+        np.testing.assert_array_equal(a, b)
+    first, second = two["SIM0001"].accel, two["SIM0002"].accel
+    assert first is not None and second is not None
+    assert np.all(first.errors(20.0).bias != second.errors(20.0).bias)
+
+
+def test_the_example_in_the_docs_is_the_default():
+    page = (Path(__file__).parents[1] / "docs" / "simulator.md").read_text("utf-8")
+    raw = tomllib.loads(page.partition("```toml\n")[2].partition("```")[0])
+    assert msgspec.convert(raw, Scenario) == Scenario()
+    # Every key is shown, in a line of its own or in a comment.
+    for table in msgspec.structs.fields(Scenario):
+        for key in msgspec.structs.fields(table.type):
+            if table.name != "model":
+                assert f"\n{key.name} = " in page or f"\n# {key.name} = " in page
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_built_in_scenarios_are_sound(name):
+    scenario = load_scenario(name)
+    check_scenario(scenario)
+    plan = plan_of(scenario)
+    if name.startswith("paper-set"):
+        expected = paper_set(int(name[-1]))
+    elif name == "paper-check":
+        expected = paper_check()
+    else:
+        return
+    assert plan.experiment_time == expected.experiment_time
+    for a, b in zip(jax.tree.leaves(plan), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("[plan]\ndwel_time = 3", r"\[plan\] unknown key 'dwel_time'; did you mean 'dwell_time'\?"),
+        ("[plans]", r"unknown table \[plans\]; did you mean 'plan'\?"),
+        ("plan = 3", r"\[plan\] must be a table; found 3"),
+        ("[plan]\nprogramme = '19'", r"\[plan\] programme: .*one of 6, 8, 18, 24; found '19'"),
+        ("[plan]\ndrift = 'centered'", r"\[plan\] drift: did you mean 'centred'\?"),
+        ("[plan]\norder = 'random'", r"\[plan\] order: .*one of given, reversed, shuffled"),
+        ("[plan]\ndwell_time = 0", r"\[plan\] dwell_time = 0 must be above 0 s"),
+        ("[plan]\ntemperatures = []", r"\[plan\] temperatures is empty"),
+        ("[plan]\ntemperatures = ['a']", r"\[plan\] temperatures.*Expected float, got str"),
+        ("[device]\ngrade = 'space'", r"\[device\] grade: Invalid enum value 'space'"),
+        ("[device]\nlag = -1", r"\[device\] lag = -1 must be 0 or more"),
+        ("[recording]\nrate = nan", r"\[recording\] rate = nan must be above 0 Hz"),
+        ("[recording]\ncolumns = ['temp']", r"\[recording\] columns: .*found 'temp'"),
+        ("[site]\ngravity = 1.0", r"\[site\] gravity = 1 is not on Earth"),
+        ("[site", "not valid TOML"),
+    ],
+)
+def test_a_wrong_scenario_is_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        small(tmp_path, text)
+    assert "scenario.toml: " in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_missing_scenario_names_the_built_in_ones(tmp_path):
+    with pytest.raises(ValueError, match="does not exist.*paper-set-1"):
+        load_scenario(tmp_path / "none.toml")
+
+
+def test_a_full_folder_is_left_alone(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="not an empty folder"):
+        write_campaign(small(tmp_path), tmp_path / "out")
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["notes.txt"]
+
+
+def test_a_run_cut_short_leaves_nothing(tmp_path):
+    def stop(text):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_campaign(small(tmp_path), tmp_path / "out", progress=stop)
+    assert [p.name for p in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_only_the_columns_asked_for_are_written(tmp_path):
+    text = SMALL.replace("rate = 20.0", 'rate = 20.0\ncolumns = ["temperature"]')
+    folder = write_campaign(small(tmp_path, text), tmp_path / "out")
+    names = pl.read_parquet(folder / "SIM0002-01.parquet").columns
+    triads = [f"{t}_{axis}" for t in ("accel", "gyro") for axis in "xyz"]
+    assert names == ["time", "temperature", *triads]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [("{", "not a truth.json"), ("[]", "schema is None"), ('{"schema": "x/1"}', "schema is 'x/1'")],
+)
+def test_another_file_is_no_truth(tmp_path, text, message):
+    (tmp_path / "truth.json").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_truth(tmp_path / "truth.json")

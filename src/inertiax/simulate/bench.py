@@ -58,19 +58,21 @@ def simulate_dwells(
 
     Rows run through the experiments, and within one through the positions in the order visited;
     `position` is the programme's number of the position. A plan's turns follow as rows with
-    `position` −1: their means over whole revolutions. References are those of the plan.
+    `position` −1: their means over whole revolutions. References are those of the plan; the truth
+    has the plan's random positioning errors in it.
 
     **Arguments:** `sample_rate` (Hz) sets `count` and how much of the probe's noise averages out.
     """
     n = plan.num_experiments
     middle, duration = plan.dwells()
     probe, element = (x.reshape(-1) for x in _dwell_temperatures(plan, device, middle))
-    force, rate = (jnp.tile(x, (n, 1)) for x in _references(plan))
+    keys = [None] * 4 if key is None else list(jax.random.split(key, 4))
+    planned = _felt(plan, jnp.zeros((n, plan.programme.num_positions, 2)))
+    force, rate = _felt(plan, plan.position_errors(keys[3]))
     accel, gyro = _outputs(plan, device, element, force, rate)
     number = np.concatenate([np.asarray(plan.programme.numbers), np.full(len(plan.turns), -1)])
     duration = jnp.asarray(np.tile(duration, n))
     count = jnp.maximum(1.0, jnp.round(duration * sample_rate))
-    keys = [None] * 3 if key is None else list(jax.random.split(key, 3))
     variances = noise.accel**2 / duration, noise.gyro**2 / duration
     dwells = Dwells(
         time=jnp.asarray((plan.start_times()[:, None] + middle).reshape(-1)),
@@ -84,8 +86,8 @@ def simulate_dwells(
         accel_covariance=None if accel is None else _isotropic(variances[0]),
         gyro=None if gyro is None else _noisy(keys[2], gyro, jnp.sqrt(variances[1])),
         gyro_covariance=None if gyro is None else _isotropic(variances[1]),
-        reference_accel=force,
-        reference_gyro=rate,
+        reference_accel=planned[0],
+        reference_gyro=planned[1],
     )
     return dwells, Truth(element, force, rate)
 
@@ -114,30 +116,32 @@ def simulate_recordings(
     # In the middle of each sampling period, so that a dwell's mean time is its middle.
     time = (np.arange(int(plan.experiment_time * sample_rate + 1e-9)) + 0.5) / sample_rate
     motion = move(plan.segments(), time)
-    force, rate = _moving(plan, motion)
+    planned = tuple(np.asarray(x) for x in _moving(plan, motion))
+    keys = [None, None] if key is None else list(jax.random.split(key))
+    errors = np.asarray(plan.position_errors(keys[1]))
     temperatures = eqx.filter_jit(_temperatures)
     outputs = eqx.filter_jit(_outputs)
     recordings, truths = [], []
     for experiment, start in enumerate(plan.start_times()):
         probe, element = temperatures(plan, device, jnp.asarray(experiment), jnp.asarray(time))
+        force, rate = _moving(plan, move(plan.segments(errors[experiment]), time))
         accel, gyro = outputs(plan, device, element, force, rate)
-        references = np.asarray(force), np.asarray(rate)
-        truth = Truth(np.asarray(element), *references)
+        truth = Truth(np.asarray(element), np.asarray(force), np.asarray(rate))
         recording = Recording(
             time=start + time,
             accel=None if accel is None else np.asarray(accel),
             gyro=None if gyro is None else np.asarray(gyro),
             temperature=np.asarray(probe)[:, None],
             experiment=np.full(len(time), experiment),
-            position=motion.position,
-            reference_accel=references[0],
-            reference_gyro=references[1],
+            position=np.asarray(motion.position),
+            reference_accel=planned[0],
+            reference_gyro=planned[1],
             device=serial,
             name=f"experiment {experiment}",
         )
         for effect in effects:
             recording = effect(recording, truth)
-        own = None if key is None else jax.random.fold_in(key, experiment)
+        own = None if keys[0] is None else jax.random.fold_in(keys[0], experiment)
         recordings.append(_read_out(own, recording, noise, readout, sample_rate))
         truths.append(truth)
     return tuple(recordings), tuple(truths)
@@ -161,17 +165,28 @@ def _dwell_temperatures(
     return probe[:, 1:], element[:, 1:]
 
 
-def _references(plan: Plan) -> tuple[Float[Array, "dwell 3"], Float[Array, "dwell 3"]]:
-    """Specific force and absolute rate in the case frame at each rest and over each turn."""
-    rests = jax.vmap(
-        lambda pair: earth.rest_readings(
-            plan.table.attitude(pair[0], pair[1]), plan.gravity, plan.latitude
-        )
-    )(jnp.asarray(plan.programme.angles))
+def _felt(
+    plan: Plan, errors: Float[Array, "experiment position 2"]
+) -> tuple[Float[Array, "row 3"], Float[Array, "row 3"]]:
+    """Specific force and absolute rate in the case frame at each rest, whose angles are off by
+    `errors` (rad), and over each turn, of every experiment."""
+
+    def rest(pair: Float[Array, "2"]) -> tuple[Array, Array]:
+        attitude = plan.table.attitude(pair[0], pair[1])
+        return earth.rest_readings(attitude, plan.gravity, plan.latitude)
+
+    angles = jnp.asarray(plan.programme.angles)
     turns = [_turn_means(plan, turn) for turn in plan.turns]
-    force = jnp.concatenate([rests[0], *(t[0][None] for t in turns)])
-    rate = jnp.concatenate([rests[1], *(t[1][None] for t in turns)])
-    return force, rate
+
+    def one(own: Float[Array, "position 2"]) -> tuple[Array, Array]:
+        force, rate = jax.vmap(rest)(angles + own)
+        return (
+            jnp.concatenate([force, *(t[0][None] for t in turns)]),
+            jnp.concatenate([rate, *(t[1][None] for t in turns)]),
+        )
+
+    force, rate = jax.vmap(one)(errors)
+    return force.reshape(-1, 3), rate.reshape(-1, 3)
 
 
 def _turn_means(plan: Plan, turn: Turn) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
@@ -186,19 +201,16 @@ def _turn_means(plan: Plan, turn: Turn) -> tuple[Float[Array, "3"], Float[Array,
     return axis * jnp.vdot(axis, force), axis * jnp.vdot(axis, earth_rate) + turning
 
 
+@eqx.filter_jit
 def _moving(plan: Plan, motion: Motion) -> tuple[Float[Array, "row 3"], Float[Array, "row 3"]]:
     """Specific force and absolute rate in the case frame along a motion."""
 
-    @eqx.filter_jit
-    def along(plan: Plan, angles: Array, rates: Array) -> tuple[Array, Array]:
-        def one(pair: Array, speed: Array) -> tuple[Array, Array]:
-            attitude = plan.table.attitude(pair[0], pair[1])
-            force, rate = earth.rest_readings(attitude, plan.gravity, plan.latitude)
-            return force, rate + plan.table.turning(pair[1], speed[0], speed[1])
+    def one(pair: Float[Array, "2"], speed: Float[Array, "2"]) -> tuple[Array, Array]:
+        attitude = plan.table.attitude(pair[0], pair[1])
+        force, rate = earth.rest_readings(attitude, plan.gravity, plan.latitude)
+        return force, rate + plan.table.turning(pair[1], speed[0], speed[1])
 
-        return jax.vmap(one)(angles, rates)
-
-    return along(plan, jnp.asarray(motion.angles), jnp.asarray(motion.rates))
+    return jax.vmap(one)(jnp.asarray(motion.angles), jnp.asarray(motion.rates))
 
 
 def _outputs(

@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._typing import AnyArray
 from .programme import Programme
 
 
@@ -67,9 +68,9 @@ class Segment(eqx.Module):
 class Motion(eqx.Module):
     """Table angles and their rates at given times."""
 
-    angles: Float[np.ndarray, "time 2"]  # rad: outer, inner
-    rates: Float[np.ndarray, "time 2"]  # rad/s
-    position: Int[np.ndarray, " time"]  # -1 while the table turns
+    angles: Float[AnyArray, "time 2"]  # rad: outer, inner
+    rates: Float[AnyArray, "time 2"]  # rad/s
+    position: Int[AnyArray, " time"]  # -1 while the table turns
 
 
 def segments(

@@ -6,9 +6,10 @@ recorded.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._typing import Scalar
 from .chamber import Chamber, PAPER_CHANGES, PAPER_TEMPERATURES
@@ -32,6 +33,7 @@ class Plan(eqx.Module):
     slew_time: float = eqx.field(static=True, default=10.0)  # s from one position to the next
     soak_time: float = eqx.field(static=True, default=7200.0)  # s between experiments
     turns: tuple[Turn, ...] = ()  # constant-rate turns after the positions, for gyros
+    position_error: Scalar | float = 0.0  # rad, 1 sigma of each axis at each positioning
 
     def __check_init__(self):
         if not (self.dwell_time > 0 and self.slew_time > 0 and self.soak_time >= 0):
@@ -56,11 +58,21 @@ class Plan(eqx.Module):
         """When each experiment starts, s from the start of the campaign."""
         return np.arange(self.num_experiments) * (self.experiment_time + self.soak_time)
 
-    def segments(self) -> list[Segment]:
-        """The table's motion in one experiment, stretch by stretch."""
-        return segments(
-            self.programme, self.turns, dwell_time=self.dwell_time, slew_time=self.slew_time
-        )
+    def segments(self, errors: Float[np.ndarray, "position 2"] | None = None) -> list[Segment]:
+        """The table's motion in one experiment, stretch by stretch; with positioning `errors`
+        (rad) the motion that really happens."""
+        programme = self.programme
+        if errors is not None:
+            angles = np.asarray(programme.angles) + errors
+            programme = Programme(programme.name, angles, programme.numbers)
+        return segments(programme, self.turns, dwell_time=self.dwell_time, slew_time=self.slew_time)
+
+    def position_errors(self, key: PRNGKeyArray | None) -> Float[Array, "experiment position 2"]:
+        """Random errors of the table's angles (rad); zero without a `key`."""
+        shape = (self.num_experiments, self.programme.num_positions, 2)
+        if key is None:
+            return jnp.zeros(shape)
+        return jnp.asarray(self.position_error) * jax.random.normal(key, shape)
 
     def dwells(self) -> tuple[Float[np.ndarray, " dwell"], Float[np.ndarray, " dwell"]]:
         """Middle (s from the start of an experiment) and duration (s) of each rest, in the order

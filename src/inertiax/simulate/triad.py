@@ -23,7 +23,7 @@ from ..temperature import Curve, Polynomial
 TRUTH_RANGE = (-75.0, 80.0)  # °C, the truth's basis; wider than any plan's temperatures
 
 _DECAY = 0.35  # ratio of successive Chebyshev coefficients: degree 6 is 0.5 % of the slope's
-_RIPPLE_PERIOD = 55.0  # °C, about two periods over the paper's range
+RIPPLE_PERIOD = 55.0  # °C, about two periods over the paper's range
 
 
 class Figures(eqx.Module):
@@ -120,7 +120,7 @@ class TrueCurve(eqx.Module):
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
         """The parameters at one temperature, °C."""
-        angle = 2.0 * jnp.pi / _RIPPLE_PERIOD * jnp.asarray(temperature)
+        angle = 2.0 * jnp.pi / RIPPLE_PERIOD * jnp.asarray(temperature)
         return self.series(temperature) + jnp.asarray(self.ripple) * jnp.sin(angle + self.phase)
 
 
