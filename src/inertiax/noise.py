@@ -28,7 +28,7 @@ class NoiseShape(eqx.Module):
     red: tuple[float, ...] = eqx.field(static=True, default=())
     decay: tuple[float, ...] = eqx.field(static=True, default=())
 
-    def sum_variance(self, counts: AnyArray) -> Float[np.ndarray, "*any"]:
+    def sum_variance(self, counts: AnyArray) -> Float[np.ndarray, " count"]:
         """S(n) in units of σ²; n for white noise."""
         n = np.asarray(counts, float)
         total = self.white * n + self.differenced
@@ -36,7 +36,7 @@ class NoiseShape(eqx.Module):
             total = total + share * red_sum_variance(decay, n)
         return total
 
-    def mean_factor(self, counts: AnyArray) -> Float[np.ndarray, "*any"]:
+    def mean_factor(self, counts: AnyArray) -> Float[np.ndarray, " count"]:
         """τ(n) = S(n) / n, so that the mean of n samples has the variance σ² τ / n."""
         n = np.asarray(counts, float)
         return self.sum_variance(n) / n
@@ -57,7 +57,7 @@ class NoiseShape(eqx.Module):
         """Variance of u·x in units of σ² for the unit vector u proportional to time within a dwell:
         what fitting a straight line takes from n samples beside the mean."""
         if count > 5000:
-            return float(self.mean_factor(np.asarray(count)))
+            return float(self.mean_factor(np.array([count]))[0])
         u = np.arange(count) - 0.5 * (count - 1)
         u = u / np.linalg.norm(u)
         total = self.white + self.differenced * (1.0 - u[1:] @ u[:-1])
@@ -67,7 +67,7 @@ class NoiseShape(eqx.Module):
         return float(total)
 
 
-def red_sum_variance(decay: float, counts: AnyArray) -> Float[np.ndarray, "*any"]:
+def red_sum_variance(decay: float, counts: AnyArray) -> Float[np.ndarray, " count"]:
     """Variance of a sum of n samples with ρ_h = decay^h:
     n (1 + φ) / (1 − φ) − 2 φ (1 − φⁿ) / (1 − φ)²."""
     n = np.asarray(counts, float)

@@ -59,7 +59,7 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
     counts = [len(_runs(motion <= m, pauses, width)[0]) for m in scan]
     threshold, low, high = _stable(scan, np.array(counts))
     start, stop = _runs(motion <= threshold, pauses, width)
-    trimmed = [_trim(recording, a, b, width) for a, b in zip(start, stop, strict=True)]
+    trimmed = [_trim(recording, int(a), int(b), width) for a, b in zip(start, stop, strict=True)]
     edges = np.array(trimmed, dtype=np.int64).reshape(-1, 2)
     statement = (
         f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
@@ -168,7 +168,7 @@ def _trim(recording: Recording, start: int, stop: int, width: int) -> tuple[int,
     block = max(width // 4, 4)
     num = (stop - start) // block
     if num < 8:
-        return int(start), int(stop)
+        return start, stop
     triads = [x for x in (recording.accel, recording.gyro) if x is not None]
     x = np.concatenate([t[start : start + num * block] for t in triads], axis=1)
     means = x.reshape(num, block, -1).mean(axis=1)
@@ -180,4 +180,4 @@ def _trim(recording: Recording, start: int, stop: int, width: int) -> tuple[int,
     most = min(num // 4, 2 * width // block)
     head = next((k for k in range(most) if not strange[k]), most)
     tail = next((k for k in range(most) if not strange[num - 1 - k]), most)
-    return int(start + head * block), int(stop - tail * block)
+    return start + head * block, stop - tail * block
