@@ -117,7 +117,9 @@ def gyro_terms(w: np.ndarray, f: np.ndarray | None, c: int) -> dict[str, list[np
     out["cross_axis_rate"] = [w[:, 0] * w[:, 1], w[:, 1] * w[:, 2], w[:, 0] * w[:, 2]]
     if f is not None:
         out["g_sensitivity"] = [f]
-        out["g2_sensitivity"] = [np.stack([f[:, i] * f[:, j] for i in range(3) for j in range(i + 1)], 1)]
+        out["g2_sensitivity"] = [
+            np.stack([f[:, i] * f[:, j] for i in range(3) for j in range(i + 1)], 1)
+        ]
     return out
 
 
@@ -131,7 +133,9 @@ def invariant(output: np.ndarray, x: np.ndarray, degree: int, gravity: float) ->
         size = np.linalg.norm(force, axis=1)
         up = force / size[:, None]
         by_bias = np.einsum("nk,nc->nkc", powers, up).reshape(len(x), -1)
-        by_matrix = np.einsum("nk,nm->nkm", powers, up[:, rows] * force[:, cols]).reshape(len(x), -1)
+        by_matrix = np.einsum("nk,nm->nkm", powers, up[:, rows] * force[:, cols]).reshape(
+            len(x), -1
+        )
         step = lstsq(np.concatenate([by_bias, by_matrix], 1), size - gravity, cond=1e-9)[0]
         bias += step[: bias.size].reshape(bias.shape)
         matrix[:, rows, cols] += step[bias.size :].reshape(degree + 1, -1)
@@ -255,7 +259,11 @@ def lasso(r: Regression) -> list[tuple[str, int, float]]:
     return sorted(((n, c, s) for (n, c), s in found.items()), key=lambda t: -t[2])
 
 
-METHODS: dict[str, Callable[[Regression], list]] = {"ols": ols, "stepwise": stepwise, "lasso": lasso}
+METHODS: dict[str, Callable[[Regression], list]] = {
+    "ols": ols,
+    "stepwise": stepwise,
+    "lasso": lasso,
+}
 
 
 def diagnose(folder: Path, method: str) -> dict:

@@ -292,7 +292,7 @@ def double(rng) -> Case:
 def outside(rng) -> Case:
     make, settings, triad, of = _pick(OPEN, rng)
     case = stage("open", make, settings, rng)
-    drawn = _sized(case, of(case.scenes[triad], rng), (8, 10, 15, 30), [], rng)
+    drawn = _sized(case, of(case.scenes[triad], rng), (10, 15, 30), [], rng)
     if drawn.textbook_r2 > 0.7 or drawn.z * np.sqrt(1 - drawn.textbook_r2) < 6:
         raise Unsuitable
     case.drawn, case.verdict = [drawn], ["unexplained"]

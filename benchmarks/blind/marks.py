@@ -88,12 +88,16 @@ def _ratios(mark: Mark, diagnosis: dict, oracle: dict):
 
 def _both(effects: list[dict], truths: list[dict]) -> bool:
     """Two different named effects for the two true ones."""
-    fits = lambda e, t: e["name"] in t["accepted"] and bool(
-        set(e.get("channels", [])) & set(t["channels_accepted"])
+    fits = lambda e, t: (
+        e["name"] in t["accepted"]
+        and bool(set(e.get("channels", [])) & set(t["channels_accepted"]))
     )
     a, b = truths
     return any(
-        fits(x, a) and fits(y, b) for i, x in enumerate(effects) for j, y in enumerate(effects) if i != j
+        fits(x, a) and fits(y, b)
+        for i, x in enumerate(effects)
+        for j, y in enumerate(effects)
+        if i != j
     )
 
 

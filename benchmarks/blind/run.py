@@ -1,6 +1,6 @@
 """Diagnose every case, each in its own process with a time limit. Resumable; never opens the answers.
 
-    python benchmarks/blind/run.py CASES -o RUNS --limit 300 --command "inertiax diagnose"
+python benchmarks/blind/run.py CASES -o RUNS --limit 300 --command "inertiax diagnose"
 """
 
 import argparse
@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
 
 INERTIAX = [sys.executable, "-c", "from inertiax.cli import main; main()", "diagnose"]
 

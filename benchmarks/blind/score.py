@@ -15,7 +15,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-
 import page
 from marks import Mark, mark
 
@@ -157,7 +156,10 @@ def main():
     if missing:
         sys.exit(f"{len(missing)} runs are missing ({', '.join(missing[:3])} …); run them first.")
     answers = open_answers(args.cases, args.answers)
-    results = {"seed": answers["seed"], "sealed": (args.cases / "answers.sha256").read_text().strip()}
+    results = {
+        "seed": answers["seed"],
+        "sealed": (args.cases / "answers.sha256").read_text().strip(),
+    }
     results["methods"] = {}
     for name, folder in runs.items():
         marks = [mark(a, *read_run(folder / a["case"])) for a in answers["cases"]]

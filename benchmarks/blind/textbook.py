@@ -173,7 +173,7 @@ def _periodic(v: View) -> Iterator[tuple[str, Candidate]]:
     low, high = 2.5 * v.plan.block_seconds, min(awake / 6, 40 * v.plan.block_seconds)
     if high <= low:
         return
-    count = int(min(400, 4 * awake * (1 / low - 1 / high)))
+    count = int(min(800, 8 * awake * (1 / low - 1 / high)))
     for f in np.linspace(1 / high, 1 / low, count):
         w = 2 * np.pi * f * t
         yield "interference", _each(lambda c, w=w: [np.sin(w), np.cos(w)])
@@ -204,7 +204,12 @@ def forces(v: View) -> Iterator[tuple[str, Candidate]]:
 def rates(v: View) -> Iterator[tuple[str, Candidate]]:
     """Names that need the table to turn, gyros; and what gravity does to them."""
     w, f = v.ideal, v.force
-    top = max(np.abs(w).max(), 1e-9)
+    yield "g_sensitivity", _each(lambda c: [f[:, j] for j in range(3)])
+    pairs = [(i, j) for i in range(3) for j in range(i + 1)]
+    yield "g2_sensitivity", _each(lambda c: [f[:, i] * f[:, j] for i, j in pairs])
+    top = np.abs(w).max()
+    if top < 1e-3:
+        return  # Earth rate alone: a scale factor wrong by 100 % is nobody's answer
     cubic = lambda c: w[:, c] ** 3 / top**3
     squared = lambda c: w[:, c] * np.abs(w[:, c]) / top**2
     yield "rate_nonlinearity", _each(lambda c: [cubic(c)])
@@ -224,9 +229,6 @@ def rates(v: View) -> Iterator[tuple[str, Candidate]]:
         tops = np.abs(w).max(axis=0) * level
         x = np.clip(w, -tops, tops) - w
         yield "saturation", _each(lambda c, x=x: [x[:, c]])
-    yield "g_sensitivity", _each(lambda c: [f[:, j] for j in range(3)])
-    pairs = [(i, j) for i in range(3) for j in range(i + 1)]
-    yield "g2_sensitivity", _each(lambda c: [f[:, i] * f[:, j] for i, j in pairs])
 
 
 def rig(v: View) -> Iterator[tuple[str, Candidate]]:
@@ -249,8 +251,9 @@ def rig(v: View) -> Iterator[tuple[str, Candidate]]:
         yield "gravity_error", _joint(v.force * v.gravity)
     else:
         yield "earth_rate", _joint(v.earth)
-        yield "rate_scale_error", _joint(v.ideal)
-    yield "table_misalignment", _joint(*[np.cross(e, v.ideal) for e in np.eye(3)])
+        yield "rate_scale_error", _joint(v.plan.rate)
+    turning = v.ideal if v.triad == "accel" else v.plan.rate
+    yield "table_misalignment", _joint(*[np.cross(e, turning) for e in np.eye(3)])
 
 
 def forms(v: View) -> Iterator[tuple[str, Candidate]]:

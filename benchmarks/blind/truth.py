@@ -44,14 +44,13 @@ class Effect:
     detail: dict = field(default_factory=dict)
 
 
-# Upper ends of realistic sizes, (navigation, tactical, consumer). From field knowledge, not checked.
+# Upper ends of realistic sizes, (navigation, tactical, consumer), in micro-g (per g², per g³) or
+# degrees per hour (per g) or ppm. From field knowledge, not checked. A draw may be three times that.
 MICRO_G = 9.81e-6
 DEG_H = np.pi / 180 / 3600
 LIMITS = {
-    "accel": dict(
-        bias=(80, 800, 8000), second=(60, 300, 3000), third=(15, 80, 800), ppm=(100, 500, 4000)
-    ),
-    "gyro": dict(bias=(1.0, 30, 700), g=(1.0, 40, 700), rate=(30, 300, 4000), ppm=(50, 400, 5000)),
+    "accel": dict(bias=(80, 600, 5000), second=(40, 150, 1000), third=(5, 25, 100), odd=(20, 80, 300), ppm=(100, 400, 3000)),
+    "gyro": dict(bias=(0.5, 20, 200), g=(1.0, 20, 360), rate=(50, 300, 3000), ppm=(50, 300, 3000)),
 }
 
 
@@ -236,7 +235,7 @@ def third_order(s, rng):
 
 def odd_quadratic(s, rng):
     column = lambda c: s.force[:, c] * np.abs(s.force[:, c])
-    return _one(s, rng, "odd_quadratic", column, "third", "SI", coefficient=_accel_unit(2))
+    return _one(s, rng, "odd_quadratic", column, "odd", "SI", coefficient=_accel_unit(2))
 
 
 def scale_asymmetry(s, rng):
@@ -345,7 +344,7 @@ def pier_tilt(s, rng):
     tilt = np.cos(axis) * east + np.sin(axis) * s.plan.north
     column = np.cross(tilt, s.plan.up) * s.gravity
     return Effect(
-        "pier_tilt", s.triad, [0, 1, 2], lambda a: a * wave[:, None] * column, "rad", 1e-4
+        "pier_tilt", s.triad, [0, 1, 2], lambda a: a * wave[:, None] * column, "rad", 2e-5
     )  # fmt: skip
 
 
