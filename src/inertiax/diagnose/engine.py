@@ -1,0 +1,67 @@
+"""From a campaign to one system of rows per triad, with candidates."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from ..effects import CATALOGUE, Effect, Signal
+from ..recordings import Campaign
+from .alternatives import alternatives
+from .baseline import Baseline, choose, fit, ModelForm, usable
+from .blocks import Blocks, cut, join, Log
+from .signals import build, specific_force
+from .system import make, System
+from .terms import coarsen, Term, terms
+
+
+class Prepared(eqx.Module):
+    """One triad, ready to be diagnosed."""
+
+    form: ModelForm
+    blocks: Blocks
+    signal: Signal
+    coarse: Signal
+    system: System
+    candidates: tuple[Term, ...]
+    missing: dict[str, str] = eqx.field(static=True)
+
+
+def rig_variance(campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline) -> list[np.ndarray]:
+    """Variance that the rig's stated uncertainties give to each chain's rows at every positioning."""
+    num = blocks.num_blocks
+    rows = [np.zeros(num) for _ in base.observed]
+    angle, rate = campaign.rig.position_uncertainty or 0.0, campaign.rig.rate_uncertainty or 0.0
+    if form.estimator == "reference":
+        given = getattr(blocks, f"reference_{form.triad}")
+        across = (given**2).sum(axis=1)[:, None] - given**2
+        square = angle**2 * across + (rate**2 * given**2 if form.triad == "gyro" else 0.0)
+        rows = [square[:, c] for c in range(3)]
+    return rows
+
+
+def prepare(campaign: Campaign, catalogue: Sequence[Effect] = CATALOGUE) -> tuple[Log, list[Prepared]]:
+    """Cut the recordings into blocks, fit the baseline of each triad and make all candidates."""
+    log = join(campaign)
+    blocks = cut(log)
+    accel_base, prepared = None, []
+    for triad in ("accel", "gyro"):
+        form = choose(campaign, blocks, triad)
+        if form is None:
+            continue
+        mine = blocks[usable(form, blocks)]
+        force = specific_force(log, blocks, accel_base)
+        base = fit(form, mine, None if force is None else mine.mean(force))
+        if triad == "accel":
+            accel_base = base
+            force = specific_force(log, blocks, accel_base)
+        prepared.append(_prepare(campaign, log, mine, form, base, force, catalogue))
+    return log, prepared
+
+
+def _prepare(campaign, log, blocks, form, base, force, catalogue) -> Prepared:
+    signal = build(log, blocks, base, force)
+    coarse = coarsen(signal, blocks)
+    listed, missing = terms(tuple(catalogue), signal, blocks, base)
+    system = make(base, blocks, rig_variance(campaign, form, blocks, base))
+    return Prepared(form, blocks, signal, coarse, system, (*listed, *alternatives(coarse, blocks, base)), missing)

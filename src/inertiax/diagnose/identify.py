@@ -1,0 +1,184 @@
+"""From candidates to an answer for one triad: gate, name, open-set check."""
+
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import numpy as np
+import scipy.stats
+
+from .alternatives import PREFIX
+from .search import bank, Bank, Candidate, count_forms, judge, refine, shortlist
+from .system import fit_noise, NoiseFit, Score, System, whiten_system
+from .terms import Term
+
+
+GATE = 0.02  # family-wise false alarms of the first effect of one triad
+NEXT = 0.01  # and of each further one
+MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
+SAME = 6.0  # difference of BIC within which names stay in the set
+MOST_EFFECTS = 4
+
+
+class Named(eqx.Module):
+    """A chosen term, its significance, and the rivals that the data cannot exclude."""
+
+    candidate: Candidate
+    p_value: float = eqx.field(static=True)
+    rivals: tuple[Candidate, ...]
+
+
+class Answer(eqx.Module):
+    """What the rows of one triad say."""
+
+    verdict: str = eqx.field(static=True)
+    named: tuple[Named, ...]
+    unlisted: Candidate | None
+    unlisted_p: float = eqx.field(static=True)
+    noise: NoiseFit  # with the chosen terms in the mean
+    null_noise: NoiseFit
+    p_value: float = eqx.field(static=True)  # of the gate
+    tests: float = eqx.field(static=True)  # effective number of independent tests
+    candidates: tuple[Term, ...]  # a short list
+    ranked: tuple[Candidate, ...]  # of the first step
+
+
+def effective_tests(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) -> float:
+    """Number of independent tests with the same smallest p-value as the correlated family.
+
+    White residuals are drawn, and the distribution 1 − (1 − p)^N is fitted to their smallest p-values.
+    """
+    rng = np.random.default_rng(20240229)
+    noise = [rng.standard_normal((n, draws)) for n in lengths]
+    smallest = np.ones(draws)
+    by_chain: dict[int, list[Score]] = {}
+    for score in scores:
+        by_chain.setdefault(score.term.chains[0] if len(score.term.chains) == 1 else -1, []).append(score)
+    for c, members in by_chain.items():
+        if c >= 0:
+            white = np.concatenate([s.white[0] for s in members], axis=1)
+            product = white.T @ noise[c]
+        at = 0
+        for s in members:
+            if c >= 0:
+                width = s.white[0].shape[1]
+                part = product[at : at + width]
+                at += width
+            else:
+                part = sum(w.T @ noise[k] for w, k in zip(s.white, s.term.chains))
+            gain = np.square(s.turn.T @ part).sum(axis=0)
+            smallest = np.minimum(smallest, scipy.stats.chi2.sf(gain, s.size))
+    return float(draws / -np.log1p(-np.clip(smallest, 1e-15, 1 - 1e-12)).sum())
+
+
+def family_p(candidate: Candidate, tests: float) -> float:
+    """Chance that the best of the whole family reaches this likelihood ratio by noise alone."""
+    single = scipy.stats.chi2.sf(max(candidate.ratio, 0.0), candidate.score.size)
+    return float(-np.expm1(tests * np.log1p(-min(single, 1 - 1e-12))))
+
+
+def _quiet(noise: NoiseFit) -> NoiseFit:
+    """The same noise with its slow parts much lower: shows slow effects that they may have swallowed."""
+    lower = tuple(np.concatenate([t[:1], np.maximum(t[1:3] - 4.0, -9.0), t[3:] - 1.0]) for t in noise.theta)
+    return NoiseFit(tuple(np.maximum(t, -9.0) for t in lower), noise.value)
+
+
+def _screen(system: System, noise: NoiseFit, everything: Sequence[Term], forms: dict, grade: str | None):
+    first = bank(system, [noise], [])
+    ranked = judge(system, first, everything, [], forms, grade)
+    quiet = Bank((_quiet(noise),), (0.0,))
+    slow = judge(system, quiet, everything, [], forms, grade)
+    short = list(dict.fromkeys([*map(id, shortlist(ranked)), *map(id, shortlist(slow))]))
+    by_id = {id(t): t for t in everything}
+    return first, ranked, slow, [by_id[k] for k in short]
+
+
+def _is_open(candidate: Candidate) -> bool:
+    return candidate.term.name.startswith(PREFIX)
+
+
+def _rank(system, noises, short, chosen, forms, grade, extra: Sequence[Candidate] = ()) -> tuple[Bank, list[Candidate]]:
+    start = bank(system, noises, chosen)
+    ranked = judge(system, start, short, chosen, forms, grade)
+    leaders = [c for c in ranked if not _is_open(c)][:4] + [c for c in ranked if _is_open(c)][:2]
+    fuller = refine(system, start, [*sorted(leaders, key=lambda c: -c.evidence), *extra], chosen, most=8)
+    return fuller, judge(system, fuller, short, chosen, forms, grade)
+
+
+def identify(
+    system: System,
+    catalogue: Sequence[Term],
+    alternatives: Sequence[Term],
+    *,
+    grade: str | None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Answer:
+    """Gate, name and check one triad's rows."""
+    everything = [*catalogue, *alternatives]
+    forms = count_forms(everything)
+    null = fit_noise(system)
+    say("noise fitted")
+    start, ranked, slow, short = _screen(system, null, everything, forms, grade)
+    scores = [c.score for c in ranked]
+    tests = effective_tests(scores, [len(y) for y in system.base.observed])
+    say(f"{len(everything)} candidates screened, {tests:.0f} independent tests")
+    leaders = [c for c in slow if not _is_open(c)][:3] + [c for c in slow if _is_open(c)][:2]
+    fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
+    first = ranked
+    gate = min(family_p(c, tests) for c in ranked[:10])
+    chosen: list[Candidate] = []
+    noise, best_open, open_p = null, None, 1.0
+    while len(chosen) < MOST_EFFECTS and ranked:
+        listed = next((c for c in ranked if not _is_open(c)), None)
+        unlisted = next((c for c in ranked if _is_open(c)), None)
+        level = GATE if not chosen else NEXT
+        if unlisted is not None and (listed is None or unlisted.evidence > listed.evidence + MARGIN):
+            p = family_p(unlisted, tests)
+            if p < level and unlisted.evidence > 0:
+                best_open, open_p = unlisted, p
+                if listed is None or not _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, grade):
+                    break
+                best_open, open_p = None, 1.0
+        if listed is None or family_p(listed, tests) >= level or listed.evidence < (0.0 if not chosen else 2.0):
+            break
+        chosen.append(listed)
+        terms = [c.term for c in chosen]
+        noise = fit_noise(system, terms, noise)
+        say(f"{listed.term.name} on {', '.join(listed.term.channel_names)}")
+        fuller, ranked = _rank(system, [noise], short, terms, forms, grade)
+    return _conclude(system, chosen, best_open, open_p, noise, null, gate, tests, short, first, forms, grade)
+
+
+def _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, grade) -> bool:
+    """Whether two catalogued effects together explain more than the best unlisted dependence."""
+    terms = [c.term for c in chosen] + [listed.term]
+    noise = fit_noise(system, terms, fuller.fits[int(np.argmin(fuller.values))])
+    catalogue = [t for t in short if not t.name.startswith(PREFIX)]
+    _, more = _rank(system, [noise], catalogue, terms, forms, grade)
+    return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN
+
+
+def _conclude(system, chosen, best_open, open_p, noise, null, gate, tests, short, first, forms, grade) -> Answer:
+    named = []
+    catalogue = [t for t in short if not t.name.startswith(PREFIX)]
+    for k, mine in enumerate(chosen):
+        others = [c.term for j, c in enumerate(chosen) if j != k]
+        shared = bank(system, [noise] if others else [noise, null], others)
+        again = judge(system, shared, catalogue, others, forms, grade)
+        names: dict[str, Candidate] = {}
+        for c in again:
+            names.setdefault(c.term.name, c)
+        own = names.get(mine.term.name, mine)
+        top = max(names.values(), key=lambda c: c.evidence)
+        lead = own if own.evidence > top.evidence - 1e-9 else top
+        rivals = tuple(
+            c for c in sorted(names.values(), key=lambda c: -c.evidence)
+            if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
+        )  # fmt: skip
+        named.append(Named(lead, family_p(lead, tests), rivals))
+    if best_open is not None and (not named or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)):
+        verdict = "unexplained"
+    elif named:
+        verdict = "missing-physics"
+    else:
+        verdict = "consistent"
+    return Answer(verdict, tuple(named), best_open, open_p, noise, null, gate, tests, tuple(short), tuple(first[:40]))

@@ -1,0 +1,272 @@
+"""One triad's rows with their noise: fit of the variances, whitening, and scores of candidate terms."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+import scipy.optimize
+from jaxtyping import Float
+
+from .baseline import Baseline
+from .blocks import Blocks
+from .terms import Term
+from .whiten import Chain, unpack, value_and_gradient, Variances, whiten_jit
+
+
+EXTRA = 16  # columns of effects that a fit of variances has room for
+CHUNK = 384  # columns whitened at once, so that one compiled program serves all
+ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
+START = np.array([0.0, -2.0, -4.0, -3.0, -3.0])
+LOUD = np.array([0.0, 0.5, -3.0, -1.0, -3.0])
+BOUNDS = [(-1.0, 1.5), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0)]
+
+
+class System(eqx.Module):
+    """Rows of one triad: chains with noise structure, residuals, and the baseline's columns."""
+
+    base: Baseline
+    chains: tuple[Chain, ...]
+    scales: tuple[np.ndarray, ...]
+
+    @property
+    def num_rows(self) -> int:
+        """Observations over all chains."""
+        return sum(len(y) for y in self.base.observed)
+
+
+def make(base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray]) -> System:
+    """Chains of a fitted baseline; `rig` gives each chain's positioning variance per block."""
+    white = getattr(blocks, f"{base.form.triad}_white")
+    gap = np.r_[0.0, np.maximum(np.diff(blocks.time), 0.0)]
+    fresh = np.r_[1.0, (np.diff(blocks.dwell) != 0).astype(float)]
+    cycle = np.r_[1.0, (np.diff(blocks.cycle) != 0).astype(float)]
+    chains, scales = [], []
+    for c, _ in enumerate(base.observed):
+        if len(base.observed) == 1:
+            level = (white * base.loads[0] ** 2).sum(axis=1)
+        else:
+            level = white[:, c]
+        chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c]))
+        mean = float(np.mean(level))
+        scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean]))
+    return System(base, tuple(chains), tuple(scales))
+
+
+class NoiseFit(eqx.Module):
+    """Fitted variances of every chain, and minus the log likelihood reached."""
+
+    theta: tuple[np.ndarray, ...]
+    value: tuple[float, ...]
+
+    @property
+    def total(self) -> float:
+        """Minus the restricted log likelihood over all chains."""
+        return float(sum(self.value))
+
+
+def _likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[np.ndarray, ...]:
+    """Residual, scaled baseline columns and padded columns of the chosen terms of one chain."""
+    y = system.base.observed[c]
+    unit = float(np.sqrt(system.scales[c][1])) * np.sqrt(len(y))
+    extra = np.zeros((len(y), EXTRA))
+    mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
+    if mine:
+        both = np.concatenate(mine, axis=1)
+        u, s, _ = np.linalg.svd(both / (np.linalg.norm(both, axis=0) + 1e-300), full_matrices=False)
+        kept = np.flatnonzero(s > 1e-7 * s[0])[:EXTRA]
+        extra[:, : len(kept)] = u[:, kept] * unit
+    q, _ = np.linalg.qr(system.base.columns[c] / np.linalg.norm(system.base.columns[c], axis=0))
+    return y, q * unit, extra
+
+
+def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> float:
+    """Minus the restricted log likelihood of the chosen terms under given variances."""
+    total = 0.0
+    for c, chain in enumerate(system.chains):
+        inputs = _likelihood_inputs(system, c, chosen)
+        total += float(value_and_gradient(noise.theta[c], system.scales[c], chain, *inputs)[0])
+    return total
+
+
+def fit_noise(
+    system: System,
+    chosen: Sequence[Term] = (),
+    start: NoiseFit | None = None,
+    only: Sequence[int] | None = None,
+) -> NoiseFit:
+    """Restricted maximum likelihood of the variance components with the chosen terms in the mean.
+
+    `only` limits the fit to some chains; the others are taken over from `start`.
+    """
+    thetas, values = [], []
+    for c in range(len(system.chains)):
+        if start is not None and only is not None and c not in only:
+            thetas.append(start.theta[c])
+            values.append(start.value[c])
+            continue
+        first = [START, LOUD] if start is None else [start.theta[c]]
+        theta, value = _maximise(system, c, chosen, first)
+        thetas.append(theta)
+        values.append(value)
+    return NoiseFit(tuple(thetas), tuple(values))
+
+
+def _maximise(
+    system: System, c: int, chosen: Sequence[Term], starts: Sequence[np.ndarray]
+) -> tuple[np.ndarray, float]:
+    inputs = _likelihood_inputs(system, c, chosen)
+
+    def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = value_and_gradient(theta, system.scales[c], system.chains[c], *inputs)
+        value = float(value)
+        return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(5))
+
+    options = {"ftol": 1e-9, "gtol": 2e-2, "maxiter": 40}
+    found = [
+        scipy.optimize.minimize(objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options)
+        for s in starts
+    ]
+    best = min(found, key=lambda f: f.fun)
+    return best.x, float(best.fun)
+
+
+def variances(system: System, noise: NoiseFit) -> list[Variances]:
+    """Variance components in SI units squared, chain by chain."""
+    return [jax.tree.map(float, unpack(t, s)) for t, s in zip(noise.theta, system.scales)]
+
+
+def whiten_columns(system: System, noise: NoiseFit, chain: int, columns: np.ndarray) -> np.ndarray:
+    """Columns of one chain, whitened, in chunks of equal width."""
+    v = unpack(noise.theta[chain], system.scales[chain])
+    pieces = []
+    for a in range(0, columns.shape[1], CHUNK):
+        piece = columns[:, a : a + CHUNK]
+        padded = np.zeros((len(columns), CHUNK))
+        padded[:, : piece.shape[1]] = piece
+        pieces.append(
+            np.asarray(whiten_jit(v, system.chains[chain], padded)[0])[:, : piece.shape[1]]
+        )
+    return np.concatenate(pieces, axis=1) if pieces else columns
+
+
+class Whitened(eqx.Module):
+    """A system under one set of variances, with the baseline (and chosen terms) projected out."""
+
+    residual: tuple[np.ndarray, ...]
+    quotient: tuple[np.ndarray, ...]  # orthonormal columns of what was projected out
+    scores: tuple["Score", ...]
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residuals."""
+        return float(sum(r @ r for r in self.residual))
+
+    @property
+    def dof(self) -> int:
+        """Rows less what was fitted."""
+        return int(sum(len(r) - q.shape[1] for r, q in zip(self.residual, self.quotient)))
+
+
+class Score(eqx.Module):
+    """A term under one set of variances: its whitened columns beside the baseline, and its gain."""
+
+    term: Term
+    white: tuple[np.ndarray, ...]  # whitened columns with the baseline projected out, per chain
+    turn: np.ndarray  # white @ turn is orthonormal
+    part: np.ndarray  # coordinates of the residual in those directions
+    gain: float = eqx.field(static=True)  # drop of the sum of squares
+
+    @property
+    def size(self) -> int:
+        """Testable directions."""
+        return self.turn.shape[1]
+
+    @property
+    def directions(self) -> tuple[np.ndarray, ...]:
+        """Orthonormal columns, per chain."""
+        return tuple(w @ self.turn for w in self.white)
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Least-squares coefficients of the term's columns."""
+        return self.turn @ self.part
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the coefficients."""
+        return self.turn @ self.turn.T
+
+
+def whiten_system(
+    system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term] = ()
+) -> Whitened:
+    """Whiten the rows, project the baseline and the chosen terms out, and score every candidate."""
+    residual, quotient = [], []
+    joint = [t for t in chosen if len(t.chains) > 1]
+    white: list[dict[int, np.ndarray]] = [{} for _ in candidates]
+    raw: list[dict[int, float]] = [{} for _ in candidates]
+    for c in range(len(system.chains)):
+        y, x = system.base.observed[c], system.base.columns[c]
+        mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains and t not in joint]
+        mine += [
+            t.columns[t.chains.index(c)] for t in joint
+        ]  # freed per chain: common ones lose a little
+        fixed = np.concatenate(
+            [
+                x / np.linalg.norm(x, axis=0),
+                *[m / (np.linalg.norm(m, axis=0) + 1e-300) for m in mine],
+            ],
+            axis=1,
+        )
+        owners = [
+            (k, t.columns[t.chains.index(c)]) for k, t in enumerate(candidates) if c in t.chains
+        ]
+        widths = [m.shape[1] for _, m in owners]
+        everything = np.concatenate(
+            [y[:, None] / system.scales[c][1] ** 0.5, fixed, *[m for _, m in owners]], axis=1
+        )
+        norms = np.linalg.norm(everything, axis=0) + 1e-300
+        norms[0] = 1.0
+        done = whiten_columns(system, noise, c, everything / norms)
+        done[:, 0] *= system.scales[c][1] ** 0.5
+        q = _range(done[:, 1 : 1 + fixed.shape[1]])
+        rest = done[:, 1 + fixed.shape[1] :]
+        before = np.linalg.norm(rest, axis=0)
+        rest = rest - q @ (q.T @ rest)
+        scaled = norms[1 + fixed.shape[1] :]
+        at = 0
+        for (k, _), width in zip(owners, widths):
+            white[k][c] = rest[:, at : at + width] * scaled[at : at + width]
+            raw[k][c] = before[at : at + width] * scaled[at : at + width]
+            at += width
+        y = done[:, 0]
+        y = y - q @ (q.T @ y)
+        residual.append(y)
+        quotient.append(q)
+    scores = [_score(t, w, r, residual) for t, w, r in zip(candidates, white, raw)]
+    return Whitened(tuple(residual), tuple(quotient), tuple(s for s in scores if s is not None))
+
+
+def _range(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns' span."""
+    u, s, _ = np.linalg.svd(
+        columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
+    )
+    return u[:, s > 1e-9 * s[0]]
+
+
+def _score(term: Term, white: dict, raw: dict, residual: list[np.ndarray]) -> Score | None:
+    before = sum(raw[c] ** 2 for c in term.chains)
+    gram = sum(white[c].T @ white[c] for c in term.chains)
+    after = np.diag(gram)
+    if not np.any(after > ABSORBED * np.maximum(before, 1e-300)):
+        return None
+    norm = np.where(
+        after > ABSORBED * np.maximum(before, 1e-300), np.sqrt(np.maximum(after, 1e-300)), np.inf
+    )
+    value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
+    good = value > 1e-7 * value[-1]
+    turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
+    part = turn.T @ sum(white[c].T @ residual[c] for c in term.chains)
+    return Score(term, tuple(white[c] for c in term.chains), turn, part, float(part @ part))

@@ -1,0 +1,47 @@
+"""A step of the bias at some moment."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
+from .signal import Signal
+
+
+def shape(signal: Signal, *, time: float) -> Float[Array, "time channels columns"]:
+    """Half a unit before the moment negative, after it positive: a unit step without a change of the mean level."""
+    return (jnp.where(jnp.asarray(signal.time) >= time, 0.5, -0.5))[:, None, None]
+
+
+def _grid(signal: Signal):
+    t = np.asarray(signal.time)
+    return np.unique(t[np.linspace(0, len(t) - 1, min(len(t), 72)).astype(int)[4:-4]])
+
+
+variants = over("time", _grid)
+
+EFFECT = Effect(
+    name="bias_step",
+    title="bias jump (popcorn, turn-on, shock)",
+    equation="c H(t - t0)",
+    units={"accel": "m/s^2", "gyro": "rad/s"},
+    prior={
+        "accel": {
+            "navigation": (5 * MICRO_G, 100 * MICRO_G),
+            "tactical": (50 * MICRO_G, 2000 * MICRO_G),
+            "consumer": (100 * MICRO_G, 5000 * MICRO_G),
+        },
+        "gyro": {
+            "navigation": (0.003 * DEG_PER_HOUR, 0.03 * DEG_PER_HOUR),
+            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
+            "consumer": (5 * DEG_PER_HOUR, 200 * DEG_PER_HOUR),
+        },
+    },
+    shape=shape,
+    variants=variants,
+    needs="recordings before and after the moment",
+    sentence="The bias of {channels} jumped at one moment.",
+    separating="repeat at the same temperature and position; log shocks and power",
+    slow=True,
+    nuisance="time",
+)

@@ -1,0 +1,49 @@
+"""Dependence of a gyro on products with the rates about its other axes."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, Variant
+from .signal import Signal
+
+
+def shape(signal: Signal, *, terms: str) -> Float[Array, "time channels columns"]:
+    """Products of rates about the input axis i and the two others p, o, (rad/s)²; magnitudes |p|, |o| in rad/s."""
+    w = jnp.asarray(signal.input)
+    p, o = jnp.roll(w, -1, axis=1), jnp.roll(w, -2, axis=1)
+    table = {
+        "ip": w * p,
+        "io": w * o,
+        "po": p * o,
+        "pp": p * p,
+        "oo": o * o,
+        "|p|": jnp.abs(p),
+        "|o|": jnp.abs(o),
+    }
+    return jnp.stack([table[k] for k in terms.split()], axis=-1)
+
+
+def variants(signal: Signal) -> tuple[Variant, ...]:
+    """Single products and the sets of them."""
+    forms = ["ip", "io", "po", "pp", "oo", "pp oo", "|p|", "|o|", "ip io po"]
+    return tuple(Variant(k, {"terms": k}) for k in forms)
+
+
+EFFECT = Effect(
+    name="cross_axis_rate",
+    title="cross-axis rate sensitivity",
+    equation="c w_j w_k",
+    units={"gyro": "rad/s/(rad/s)^2"},
+    prior={
+        "gyro": {
+            "navigation": (1e-07, 0.0001),
+            "tactical": (1e-06, 0.001),
+            "consumer": (1e-05, 0.01),
+        }
+    },
+    shape=shape,
+    variants=variants,
+    needs="rates about two axes",
+    sentence="The output of {channels} depends on the rates about the other axes, beyond misalignment.",
+    separating="rates about skew axes",
+)

@@ -1,0 +1,40 @@
+"""Cross-coupling coefficients Kip, Kio, Kpo."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, MICRO_G
+from .signal import Signal
+
+
+def shape(signal: Signal, *, terms: str) -> Float[Array, "time channels columns"]:
+    """Products of the specific force along the input axis i and the two others p, o, g²."""
+    f = jnp.asarray(signal.input)
+    p, o = jnp.roll(f, -1, axis=1), jnp.roll(f, -2, axis=1)
+    products = {"ip": f * p, "io": f * o, "po": p * o}
+    return jnp.stack([products[k] for k in terms.split()], axis=-1)
+
+
+EFFECT = Effect(
+    name="cross_coupling",
+    title="Kip, Kio, Kpo, cross-coupling coefficients (IEEE 1293)",
+    equation="Kip f_i f_p + Kio f_i f_o + Kpo f_p f_o",
+    units={"accel": "m/s^2/g^2"},
+    prior={
+        "accel": {
+            "navigation": (1 * MICRO_G, 30 * MICRO_G),
+            "tactical": (10 * MICRO_G, 500 * MICRO_G),
+            "consumer": (50 * MICRO_G, 5000 * MICRO_G),
+        }
+    },
+    shape=shape,
+    variants=fixed(
+        ("ip", {"terms": "ip"}),
+        ("io", {"terms": "io"}),
+        ("po", {"terms": "po"}),
+        ("all", {"terms": "ip io po"}),
+    ),
+    needs="positions with two axes loaded at once",
+    sentence="The output of {channels} depends on products of the specific force along two axes.",
+    separating="positions along body diagonals; remount by 90 degrees to tell it from the table",
+)

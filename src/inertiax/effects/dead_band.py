@@ -1,0 +1,50 @@
+"""Dead band or lock-in: the output is flat near zero rate."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .effect import Effect, Variant
+from .signal import Signal
+
+
+def shape(signal: Signal, *, width: float, form: str) -> Float[Array, "time channels columns"]:
+    """What lock-in (sqrt(w² - w_L²) above w_L, nothing below) or a dead zone takes away."""
+    w = jnp.asarray(signal.input)
+    if form == "zone":
+        return -jnp.where(jnp.abs(w) < width, w, 0.0)[:, :, None]
+    if form == "offset":
+        return -jnp.clip(w, -width, width)[:, :, None]
+    locked = jnp.sign(w) * jnp.sqrt(jnp.maximum(w**2 - width**2, 0.0))
+    return (locked - w)[:, :, None]
+
+
+def variants(signal: Signal) -> tuple[Variant, ...]:
+    """Widths from below the smallest to half of the largest rate."""
+    rates = np.abs(np.asarray(signal.input))
+    largest = float(rates.max())
+    if largest <= 0.0:
+        return ()
+    grid = np.geomspace(max(2e-6, 1e-5 * largest), 0.5 * largest, 14)
+    return tuple(
+        Variant(f"width={v:.4g}, {f}", {"width": float(v), "form": f})
+        for f in ("lock-in", "zone", "offset")
+        for v in grid
+    )
+
+
+EFFECT = Effect(
+    name="dead_band",
+    title="dead band, lock-in (IEEE 647)",
+    equation="w_out = sign(w) sqrt(w^2 - w_L^2), 0 below w_L",
+    units={"gyro": "1"},
+    prior={"gyro": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)}},
+    shape=shape,
+    variants=variants,
+    needs="rates near zero, fractions of the Earth rate included",
+    sentence="The output of {channels} is flat near zero rate.",
+    separating="slow rates through zero",
+    nuisance="width",
+    nuisance_unit="rad/s",
+    unit_amplitude=True,
+)

@@ -1,0 +1,42 @@
+"""Drift: linear in running time."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, inputs
+from .signal import Signal
+
+
+def shape(signal: Signal, *, on: str) -> Float[Array, "time channels columns"]:
+    """Time since the middle of the campaign, s; on the bias or times the input."""
+    time = jnp.asarray(signal.time)
+    time = time - 0.5 * (time[0] + time[-1])
+    if on == "bias":
+        return time[:, None, None]
+    return inputs(signal)[:, :, None] * time[:, None, None]
+
+
+EFFECT = Effect(
+    name="drift",
+    title="bias drift, ramp R (IEEE 952)",
+    equation="c t",
+    units={"accel": "m/s^2/s", "gyro": "rad/s/s"},
+    prior={
+        "accel": {
+            "navigation": (1e-10, 1e-07),
+            "tactical": (1e-09, 1e-06),
+            "consumer": (1e-08, 1e-05),
+        },
+        "gyro": {
+            "navigation": (1e-13, 1e-09),
+            "tactical": (1e-11, 1e-08),
+            "consumer": (1e-10, 1e-07),
+        },
+    },
+    shape=shape,
+    variants=fixed(("bias", {"on": "bias"}), ("scale", {"on": "scale"})),
+    needs="running time not tied to temperature or position",
+    sentence="The output of {channels} drifts linearly with time.",
+    separating="return to the first temperature and position; temperatures in random order",
+    slow=True,
+)

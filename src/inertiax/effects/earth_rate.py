@@ -1,0 +1,28 @@
+"""Earth rate left out of the reference."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """The room's axes seen by the device, in units of Earth's rate: coefficients are Earth's unit vector."""
+    return jnp.asarray(signal.room) * 7.292115e-5
+
+
+EFFECT = Effect(
+    name="earth_rate",
+    title="Earth rate",
+    equation="C^T w_E",
+    units={"gyro": "1"},
+    prior={"gyro": {"navigation": (0.3, 1.1), "tactical": (0.3, 1.1), "consumer": (0.3, 1.1)}},
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="rests in positions that turn the Earth rate in the device",
+    sentence="Earth's rate is missing from the reference rates.",
+    separating="several headings at the same specific force",
+    requires=("room",),
+    common=True,
+)

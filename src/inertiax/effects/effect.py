@@ -1,0 +1,166 @@
+"""What a physical effect is: metadata and one function of a signal."""
+
+from collections.abc import Callable, Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray
+from .signal import Signal
+
+
+MICRO_G = 9.80665e-6  # m/s²
+DEG_PER_HOUR = 4.84813681e-6  # rad/s
+DEG_PER_SECOND = 1.74532925e-2  # rad/s
+PPM = 1e-6
+
+
+class Variant(eqx.Module):
+    """One form of an effect: fixed values of what enters non-linearly, and of which columns it has."""
+
+    label: str = eqx.field(static=True)
+    settings: Mapping[str, float | int | str] = eqx.field(static=True)
+
+
+class Effect(eqx.Module):
+    """A physical effect on one triad's outputs.
+
+    `shape(signal, **variant.settings)` gives what the effect adds to the outputs for unit coefficients, shape
+    `(time, 3, columns)`, or `(time, 1, columns)` where it is the same on every channel. Coefficients are per
+    channel, unless the effect is `common` (of the rig or the reference): then one set serves all channels.
+    The sum over columns of coefficient × shape vanishes at coefficients zero, and its Jacobian there is the
+    signature that a diagnosis looks for.
+    """
+
+    name: str = eqx.field(static=True)
+    title: str = eqx.field(static=True)  # the standards' term
+    equation: str = eqx.field(static=True)
+    units: Mapping[str, str] = eqx.field(static=True)  # of a coefficient, by triad
+    # By triad and grade: smallest and largest usual coefficient, SI.
+    prior: Mapping[str, Mapping[str, tuple[float, float]]] = eqx.field(static=True)
+    shape: Callable[..., Float[Array, "time channels columns"]] = eqx.field(static=True)
+    variants: Callable[[Signal], tuple[Variant, ...]] = eqx.field(static=True)
+    needs: str = eqx.field(static=True)  # the excitation, in words
+    sentence: str = eqx.field(static=True)  # template with {channels}
+    separating: str = eqx.field(static=True)  # the experiment that tells it from its rivals
+    requires: tuple[str, ...] = eqx.field(static=True, default=())  # fields of the signal
+    common: bool = eqx.field(static=True, default=False)
+    slow: bool = eqx.field(static=True, default=False)  # may be evaluated at block means
+    nuisance: str = eqx.field(static=True, default="")  # the setting to refine and report, if any
+    nuisance_unit: str = eqx.field(static=True, default="s")
+    unit_amplitude: bool = eqx.field(static=True, default=False)  # the coefficient is 1 by theory
+
+    @property
+    def triads(self) -> tuple[str, ...]:
+        """Triads that can have it."""
+        return tuple(self.units)
+
+    def usual(self, triad: str, grade: str | None) -> tuple[float, float] | None:
+        """Usual range of a coefficient's size for a grade; all grades together where none is given."""
+        by_grade = self.prior.get(triad)
+        if not by_grade:
+            return None
+        if grade in by_grade:
+            return by_grade[grade]
+        return min(v[0] for v in by_grade.values()), max(v[1] for v in by_grade.values())
+
+
+def fixed(
+    *variants: tuple[str, Mapping[str, float | int | str]],
+) -> Callable[[Signal], tuple[Variant, ...]]:
+    """Variants that do not depend on the signal."""
+    made = tuple(Variant(label, settings) for label, settings in variants)
+    return lambda signal: made
+
+
+def over(
+    setting: str, values: Callable[[Signal], AnyArray], **others: float | int | str
+) -> Callable[[Signal], tuple[Variant, ...]]:
+    """Variants along a grid of one setting."""
+
+    def variants(signal: Signal) -> tuple[Variant, ...]:
+        return tuple(
+            Variant(f"{setting}={v:.4g}", {setting: float(v), **others}) for v in values(signal)
+        )
+
+    return variants
+
+
+def addition(
+    effect: Effect,
+    coefficients: Float[AnyArray, "channels columns"],
+    variant: Variant,
+    signal: Signal,
+) -> Float[Array, "time 3"]:
+    """What the effect adds to the outputs, m/s² or rad/s.
+
+    `coefficients` has shape `(3, columns)`, one row per channel, or `(1, columns)` for a common effect.
+    """
+    shape = effect.shape(signal, **variant.settings)
+    full = jnp.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2]))
+    return jnp.einsum(
+        "tcq,cq->tc", full, jnp.broadcast_to(jnp.asarray(coefficients), (3, shape.shape[2]))
+    )
+
+
+def apply(
+    effect: Effect,
+    coefficients: Float[AnyArray, "channels columns"],
+    variant: Variant,
+    signal: Signal,
+) -> Signal:
+    """The signal with the effect added to its outputs; the same signal at coefficients zero."""
+    return eqx.tree_at(
+        lambda s: s.output, signal, signal.output + addition(effect, coefficients, variant, signal)
+    )
+
+
+def inputs(signal: Signal) -> Float[Array, "time 3"]:
+    """What an ideal triad reads, in the outputs' unit: m/s² or rad/s."""
+    return jnp.asarray(signal.input) * (9.80665 if signal.triad == "accel" else 1.0)
+
+
+def chebyshev(temperature: AnyArray, order: int, low: float, high: float) -> Float[Array, " time"]:
+    """Chebyshev polynomial $T_{order}(x)$ of temperature scaled to [-1, 1]."""
+    x = (2.0 * jnp.asarray(temperature) - (low + high)) / (high - low)
+    before, value = jnp.ones_like(x), x
+    if order == 0:
+        return before
+    for _ in range(order - 1):
+        before, value = value, 2.0 * x * value - before
+    return value
+
+
+@jax.jit
+def lag(
+    time: Float[AnyArray, " time"], values: Float[AnyArray, " time"], time_constant: float
+) -> Float[Array, " time"]:
+    """First-order lag $\\tau \\dot y + y = x$, exact for a piecewise linear x, in equilibrium at the start."""
+    time, values = jnp.asarray(time), jnp.asarray(values)
+    step = jnp.diff(time, prepend=time[:1])
+    ratio = jnp.maximum(step / time_constant, 1e-9)
+    decay = jnp.exp(-ratio)
+    mean = -jnp.expm1(-ratio) / ratio
+    before = jnp.concatenate([values[:1], values[:-1]])
+    driven = (1.0 - mean) * values + (mean - decay) * before
+
+    def combine(first, second):
+        return first[0] * second[0], first[1] * second[0] + second[1]
+
+    decay = decay.at[0].set(0.0)
+    driven = driven.at[0].set(values[0])
+    return jax.lax.associative_scan(combine, (decay, driven))[1]
+
+
+@jax.jit
+def play(values: Float[AnyArray, " time"], radius: float) -> Float[Array, " time"]:
+    """Play (backlash) operator of half-width `radius`, starting in the middle of its play."""
+    values = jnp.asarray(values)
+
+    def step(y, x):
+        y = jnp.clip(y, x - radius, x + radius)
+        return y, y
+
+    return jax.lax.scan(step, values[0], values)[1]

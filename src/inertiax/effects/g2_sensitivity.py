@@ -1,0 +1,45 @@
+"""Anisoelastic sensitivity of a gyro: products of specific force."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import DEG_PER_HOUR, Effect, Variant
+from .signal import Signal
+
+
+PAIRS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+
+
+def shape(signal: Signal, *, terms: str) -> Float[Array, "time channels columns"]:
+    """Products of the specific force along two device axes, g²."""
+    f = jnp.asarray(signal.force)
+    return jnp.stack([f[:, i] * f[:, j] for i, j in (PAIRS[k] for k in terms.split())], axis=-1)[
+        :, None, :
+    ]
+
+
+def variants(signal: Signal) -> tuple[Variant, ...]:
+    """Single products, the squares, the mixed ones, and all that the sum rule leaves."""
+    forms = [*PAIRS, "xx yy", "xy yz xz", "xx yy xy yz xz"]
+    return tuple(Variant(k, {"terms": k}) for k in forms)
+
+
+EFFECT = Effect(
+    name="g2_sensitivity",
+    title="g2-sensitivity, anisoelasticity (IEEE 517)",
+    equation="f^T A f",
+    units={"gyro": "rad/s/g^2"},
+    prior={
+        "gyro": {
+            "navigation": (0.001 * DEG_PER_HOUR, 0.1 * DEG_PER_HOUR),
+            "tactical": (0.05 * DEG_PER_HOUR, 5 * DEG_PER_HOUR),
+            "consumer": (1 * DEG_PER_HOUR, 500 * DEG_PER_HOUR),
+        }
+    },
+    shape=shape,
+    variants=variants,
+    needs="rests in positions with two axes loaded at once",
+    sentence="The output of {channels} depends on products of specific force (anisoelasticity).",
+    separating="centrifuge or vibration",
+    requires=("force",),
+)

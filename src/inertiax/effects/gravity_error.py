@@ -1,0 +1,33 @@
+"""Wrong reference value of gravity."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """The specific force itself, m/s²."""
+    return jnp.asarray(signal.input)[:, :, None] * 9.80665
+
+
+EFFECT = Effect(
+    name="gravity_error",
+    title="error of the reference gravity",
+    equation="(g_true / g_assumed - 1) f",
+    units={"accel": "1"},
+    prior={
+        "accel": {
+            "navigation": (1e-07, 0.003),
+            "tactical": (1e-07, 0.003),
+            "consumer": (1e-07, 0.003),
+        }
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="a device whose scale factors are known otherwise",
+    sentence="The assumed gravity is wrong.",
+    separating="a gravity reference; the same scale change on all three axes points to it",
+    common=True,
+)

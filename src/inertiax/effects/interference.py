@@ -1,0 +1,51 @@
+"""Periodic interference."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
+from .signal import Signal
+
+
+def shape(signal: Signal, *, frequency: float) -> Float[Array, "time channels columns"]:
+    """Sine and cosine of one frequency, Hz."""
+    phase = 2.0 * jnp.pi * frequency * jnp.asarray(signal.time)
+    return jnp.stack([jnp.sin(phase), jnp.cos(phase)], axis=-1)[:, None, :]
+
+
+def _grid(signal: Signal):
+    step = float(np.median(np.diff(np.asarray(signal.time))))
+    highest = min(0.04, 0.45 / step)
+    lowest = 4.0 / signal.duration
+    return np.linspace(lowest, highest, int(min(450, max(2, (highest - lowest) * signal.duration))))
+
+
+variants = over("frequency", _grid)
+
+EFFECT = Effect(
+    name="interference",
+    title="sinusoidal noise (IEEE 952)",
+    equation="A sin(2 pi f t + phi)",
+    units={"accel": "m/s^2", "gyro": "rad/s"},
+    prior={
+        "accel": {
+            "navigation": (1 * MICRO_G, 100 * MICRO_G),
+            "tactical": (5 * MICRO_G, 500 * MICRO_G),
+            "consumer": (20 * MICRO_G, 2000 * MICRO_G),
+        },
+        "gyro": {
+            "navigation": (0.001 * DEG_PER_HOUR, 1 * DEG_PER_HOUR),
+            "tactical": (0.5 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
+            "consumer": (5 * DEG_PER_HOUR, 200 * DEG_PER_HOUR),
+        },
+    },
+    shape=shape,
+    variants=variants,
+    needs="a recording of many periods",
+    sentence="The output of {channels} carries a periodic disturbance.",
+    separating="change the sampling rate or the power supply; log the suspected source",
+    nuisance="frequency",
+    nuisance_unit="Hz",
+    slow=True,
+)

@@ -1,0 +1,33 @@
+"""Odd quadratic coefficient Koq."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, MICRO_G
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """f |f|, g²."""
+    f = jnp.asarray(signal.input)
+    return (f * jnp.abs(f))[:, :, None]
+
+
+EFFECT = Effect(
+    name="odd_quadratic",
+    title="Koq, odd quadratic coefficient (IEEE 1293)",
+    equation="Koq f |f|",
+    units={"accel": "m/s^2/g^2"},
+    prior={
+        "accel": {
+            "navigation": (1 * MICRO_G, 20 * MICRO_G),
+            "tactical": (10 * MICRO_G, 100 * MICRO_G),
+            "consumer": (20 * MICRO_G, 300 * MICRO_G),
+        }
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="at least three levels of |f| along the axis",
+    sentence="{channels} has an odd quadratic term in specific force.",
+    separating="centrifuge with three or more levels",
+)

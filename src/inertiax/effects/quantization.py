@@ -1,0 +1,47 @@
+"""Quantisation coarser than the noise."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed
+from .signal import Signal
+
+
+HARMONICS = 6
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """Mean rounding error of an output x with step q and Gaussian scatter s, m/s² or rad/s.
+
+    $(q/\\pi) \\sum_k (-1)^k/k \\, \\sin(2\\pi k x/q) \\, e^{-2 (\\pi k s/q)^2}$ (Widrow & Kollár, Quantization Noise, 2008).
+    """
+    q, s = jnp.asarray(signal.resolution)[None, :], jnp.asarray(signal.scatter)[None, :]
+    x = jnp.asarray(signal.output)
+    error = jnp.zeros_like(x)
+    for k in range(1, HARMONICS + 1):
+        error += (
+            (-1.0) ** k
+            / k
+            * jnp.sin(2.0 * jnp.pi * k * x / q)
+            * jnp.exp(-2.0 * (jnp.pi * k * s / q) ** 2)
+        )
+    return (error * q / jnp.pi)[:, :, None]
+
+
+EFFECT = Effect(
+    name="quantization",
+    title="quantisation (IEEE 952)",
+    equation="q round(x / q) - x",
+    units={"accel": "1", "gyro": "1"},
+    prior={
+        "accel": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)},
+        "gyro": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)},
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="noise below half a step of the outputs",
+    sentence="The output of {channels} is quantised more coarsely than its noise.",
+    separating="dither, or steps of input below one step of output",
+    requires=("resolution", "scatter"),
+    unit_amplitude=True,
+)

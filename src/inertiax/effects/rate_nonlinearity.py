@@ -1,0 +1,33 @@
+"""Scale-factor nonlinearity of a gyro."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed
+from .signal import Signal
+
+
+def shape(signal: Signal, *, power: int) -> Float[Array, "time channels columns"]:
+    """ω|ω| or ω³ with ω in rad/s."""
+    w = jnp.asarray(signal.input)
+    return (w * jnp.abs(w) ** (power - 1))[:, :, None]
+
+
+EFFECT = Effect(
+    name="rate_nonlinearity",
+    title="scale-factor nonlinearity (IEEE 952, 1431)",
+    equation="c w |w| or c w^3",
+    units={"gyro": "rad/s/(rad/s)^n"},
+    prior={
+        "gyro": {
+            "navigation": (1e-07, 5e-05),
+            "tactical": (1e-06, 0.0005),
+            "consumer": (1e-05, 0.005),
+        }
+    },
+    shape=shape,
+    variants=fixed(("quadratic", {"power": 2}), ("cubic", {"power": 3})),
+    needs="three or more rates of each sign",
+    sentence="The scale factor of {channels} depends on the rate.",
+    separating="more rates of both signs, integer turns",
+)

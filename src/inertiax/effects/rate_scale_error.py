@@ -1,0 +1,33 @@
+"""Wrong scale of the table's rate, or a wrong clock."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """The rate itself, rad/s."""
+    return jnp.asarray(signal.input)[:, :, None]
+
+
+EFFECT = Effect(
+    name="rate_scale_error",
+    title="rate or clock error (IEEE 1554)",
+    equation="eps w",
+    units={"gyro": "1"},
+    prior={
+        "gyro": {
+            "navigation": (1e-06, 5e-05),
+            "tactical": (1e-06, 0.001),
+            "consumer": (1e-05, 0.02),
+        }
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="gyros whose scale factors are known otherwise",
+    sentence="The table's rate or the clock is wrong by the same part on all axes.",
+    separating="compare with a time standard; integer turns",
+    common=True,
+)

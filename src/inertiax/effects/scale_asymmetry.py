@@ -1,0 +1,37 @@
+"""Scale-factor asymmetry: different scale factors for positive and negative input."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, MICRO_G
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """|f| (g) or |ω| (rad/s)."""
+    return jnp.abs(jnp.asarray(signal.input))[:, :, None]
+
+
+EFFECT = Effect(
+    name="scale_asymmetry",
+    title="K1', scale-factor asymmetry (IEEE 1293, 952)",
+    equation="(K1'/2) |f|; (K'/2) |w|",
+    units={"accel": "m/s^2/g", "gyro": "(rad/s)/(rad/s)"},
+    prior={
+        "accel": {
+            "navigation": (5 * MICRO_G, 100 * MICRO_G),
+            "tactical": (50 * MICRO_G, 1000 * MICRO_G),
+            "consumer": (200 * MICRO_G, 3000 * MICRO_G),
+        },
+        "gyro": {
+            "navigation": (1e-06, 5e-05),
+            "tactical": (1e-05, 0.0005),
+            "consumer": (0.0001, 0.003),
+        },
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="both signs of the input at several levels",
+    sentence="The scale factor of {channels} differs between positive and negative input.",
+    separating="fine steps of input near zero; rate table in both directions",
+)

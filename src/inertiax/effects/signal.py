@@ -1,0 +1,49 @@
+"""What a sensor triad goes through along time: everything a physical effect may depend on.
+
+A `Signal` is sampled like the recording. Fields that a campaign does not tell are `None`, and an
+effect that needs one of them is not testable there.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float
+
+from .._typing import AnyArray
+
+
+class Signal(eqx.Module):
+    """Inputs, outputs and circumstances of one triad, along time, in the device's frame."""
+
+    triad: str = eqx.field(static=True)  # "accel" or "gyro"
+    time: Float[AnyArray, " time"]  # s since the campaign began
+    input: Float[
+        AnyArray, "time 3"
+    ]  # g (accelerometers) or rad/s (gyros): what an ideal triad reads
+    output: Float[AnyArray, "time 3"]  # m/s² or rad/s: what the triad puts out; effects add to it
+    since_power: Float[AnyArray, " time"]  # s since the power came on
+    since_start: Float[AnyArray, " time"]  # s since the first power-on
+    since_move: Float[AnyArray, " time"]  # s since the last re-positioning
+    move: Float[AnyArray, "time 3"]  # change of `input` by the last re-positioning
+    at_rest: Bool[AnyArray, " time"]
+    temperature: Float[AnyArray, " time"] | None = None  # °C, by the probe
+    temperature_rate: Float[AnyArray, " time"] | None = None  # °C/s
+    force: Float[AnyArray, "time 3"] | None = None  # g
+    rate: Float[AnyArray, "time 3"] | None = None  # rad/s
+    room: Float[AnyArray, "time 3 3"] | None = None  # columns: the room's axes seen by the device
+    oriented: bool = eqx.field(static=True, default=False)  # whether those axes are north, west, up
+    vibration: Float[AnyArray, " time"] | None = (
+        None  # g², mean square of the specific force's scatter
+    )
+    resolution: Float[AnyArray, "3"] | None = None  # least step of the outputs, m/s² or rad/s
+    scatter: Float[AnyArray, "3"] | None = None  # 1 sigma of one sample
+    supply: Float[AnyArray, " time"] | None = None  # V
+    at_temperature: Callable[[Float[AnyArray, " time"]], Float[Array, "time 3"]] | None = None
+    degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
+    low: float = eqx.field(static=True, default=0.0)  # °C, mapped to -1 by the model's polynomials
+    high: float = eqx.field(static=True, default=1.0)  # °C, mapped to +1
+
+    @property
+    def duration(self) -> float:
+        """Length of the campaign, s."""
+        return float(self.time[-1] - self.time[0])

@@ -1,0 +1,38 @@
+"""Size effect: the accelerometers sit apart from the point that the reference is for."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """Row of ω × (ω × r) + dω/dt × r for the three components of the lever arm r, m/s² per m."""
+    w = jnp.asarray(signal.rate)
+    time = jnp.asarray(signal.time)
+    change = jnp.gradient(w, axis=0) / jnp.gradient(time)[:, None]
+    inner = w[:, :, None] * w[:, None, :] - jnp.sum(w**2, axis=1)[:, None, None] * jnp.eye(3)[None]
+    x, y, z = change[:, 0], change[:, 1], change[:, 2]
+    o = jnp.zeros_like(x)
+    cross = jnp.stack(
+        [jnp.stack([o, -z, y], -1), jnp.stack([z, o, -x], -1), jnp.stack([-y, x, o], -1)], axis=1
+    )
+    return inner + cross
+
+
+EFFECT = Effect(
+    name="size_effect",
+    title="size effect, inner lever arms",
+    equation="w x (w x r) + dw/dt x r",
+    units={"accel": "m"},
+    prior={
+        "accel": {"navigation": (0.001, 0.1), "tactical": (0.001, 0.05), "consumer": (0.0005, 0.02)}
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="accelerometer rows while the table turns",
+    sentence="The accelerometer {channels} sits a lever arm away from the centre of rotation.",
+    separating="several rates of both signs about three axes",
+    requires=("rate",),
+)

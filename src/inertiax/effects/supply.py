@@ -1,0 +1,39 @@
+"""Sensitivity to the supply voltage."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import DEG_PER_HOUR, Effect, fixed, MICRO_G
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """Supply voltage about its mean, V."""
+    supply = jnp.asarray(signal.supply)
+    return (supply - jnp.mean(supply))[:, None, None]
+
+
+EFFECT = Effect(
+    name="supply",
+    title="supply-voltage sensitivity (IEEE 952, 1293)",
+    equation="c dV",
+    units={"accel": "m/s^2/V", "gyro": "rad/s/V"},
+    prior={
+        "accel": {
+            "navigation": (1 * MICRO_G, 20 * MICRO_G),
+            "tactical": (10 * MICRO_G, 200 * MICRO_G),
+            "consumer": (100 * MICRO_G, 2000 * MICRO_G),
+        },
+        "gyro": {
+            "navigation": (0.001 * DEG_PER_HOUR, 0.1 * DEG_PER_HOUR),
+            "tactical": (0.1 * DEG_PER_HOUR, 5 * DEG_PER_HOUR),
+            "consumer": (1 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
+        },
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="a recorded supply voltage that changes",
+    sentence="The output of {channels} depends on the supply voltage.",
+    separating="log the voltage; change it by 5 % at rest",
+    requires=("supply",),
+)

@@ -1,0 +1,43 @@
+"""Constant small rotation of the device on the table."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, inputs
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """θ × input for unit rotations about the three device axes."""
+    u = inputs(signal)
+    x, y, z = u[:, 0], u[:, 1], u[:, 2]
+    o = jnp.zeros_like(x)
+    return jnp.stack(
+        [jnp.stack([o, -z, y], -1), jnp.stack([z, o, -x], -1), jnp.stack([-y, x, o], -1)], axis=1
+    )
+
+
+EFFECT = Effect(
+    name="table_misalignment",
+    title="misalignment of the device on the table (IEEE 1554)",
+    equation="theta x f",
+    units={"accel": "rad", "gyro": "rad"},
+    prior={
+        "accel": {
+            "navigation": (5e-06, 0.001),
+            "tactical": (1e-05, 0.005),
+            "consumer": (0.0001, 0.02),
+        },
+        "gyro": {
+            "navigation": (5e-06, 0.001),
+            "tactical": (1e-05, 0.005),
+            "consumer": (0.0001, 0.02),
+        },
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="a reference, and a model without misalignments of its own",
+    sentence="The device stands on the table with a small constant rotation.",
+    separating="remount by 90 and 180 degrees",
+    common=True,
+)

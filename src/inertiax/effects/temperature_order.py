@@ -1,0 +1,58 @@
+"""Temperature polynomial of too low a degree: terms above the model's degree."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import chebyshev, DEG_PER_HOUR, Effect, inputs, MICRO_G, Variant
+from .signal import Signal
+
+
+ON = {"bias": 0, "scale": 1, "misalignment": 2}
+
+
+def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels columns"]:
+    """Chebyshev terms of degree d + 1 … d + terms, on the bias, or times the input along or across the axis."""
+    order = range(signal.degree + 1, signal.degree + 1 + terms)
+    curve = jnp.stack(
+        [chebyshev(signal.temperature, k, signal.low, signal.high) for k in order], axis=-1
+    )
+    if on == "bias":
+        return curve[:, None, :]
+    scaled = inputs(signal)[:, :, None] * curve[:, None, :]
+    if on == "scale":
+        return scaled
+    return jnp.concatenate([jnp.roll(scaled, -1, axis=1), jnp.roll(scaled, -2, axis=1)], axis=2)
+
+
+def variants(signal: Signal) -> tuple[Variant, ...]:
+    """None where the model has no temperature dependence at all: that is another effect."""
+    if signal.degree == 0:
+        return ()
+    forms = [("bias", 1), ("bias", 2), ("bias", 3), ("scale", 1), ("scale", 2), ("misalignment", 1)]
+    return tuple(Variant(f"{on}, {n} more", {"terms": n, "on": on}) for on, n in forms)
+
+
+EFFECT = Effect(
+    name="temperature_order",
+    title="temperature sensitivity of higher order (IEEE 1293, 952)",
+    equation="c_k T_k(x), k > degree; x temperature scaled to [-1, 1]",
+    units={"accel": "m/s^2", "gyro": "rad/s"},
+    prior={
+        "accel": {
+            "navigation": (5 * MICRO_G, 50 * MICRO_G),
+            "tactical": (50 * MICRO_G, 500 * MICRO_G),
+            "consumer": (200 * MICRO_G, 3000 * MICRO_G),
+        },
+        "gyro": {
+            "navigation": (0.002 * DEG_PER_HOUR, 0.02 * DEG_PER_HOUR),
+            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
+            "consumer": (5 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
+        },
+    },
+    shape=shape,
+    variants=variants,
+    needs="temperatures spread over more levels than the degree",
+    sentence="The temperature dependence of {channels} is of a higher degree than the model.",
+    separating="more soak temperatures, each reached from both sides; hold out whole temperatures",
+    requires=("temperature",),
+)

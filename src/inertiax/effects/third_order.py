@@ -1,0 +1,33 @@
+"""Third-order coefficient K3."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, MICRO_G
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """f³, g³."""
+    f = jnp.asarray(signal.input)
+    return (f**3)[:, :, None]
+
+
+EFFECT = Effect(
+    name="third_order",
+    title="K3, third-order coefficient (IEEE 1293)",
+    equation="K3 f^3",
+    units={"accel": "m/s^2/g^3"},
+    prior={
+        "accel": {
+            "navigation": (0.1 * MICRO_G, 5 * MICRO_G),
+            "tactical": (2 * MICRO_G, 50 * MICRO_G),
+            "consumer": (5 * MICRO_G, 100 * MICRO_G),
+        }
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="at least three levels of |f| along the axis",
+    sentence="{channels} has a third-order term in specific force.",
+    separating="centrifuge with three or more levels",
+)

@@ -1,0 +1,40 @@
+"""Delay of the outputs against the reference."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, inputs
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """Minus the derivative of the input, m/s² or rad/s per s."""
+    u = inputs(signal)
+    slope = jnp.gradient(u, axis=0) / jnp.gradient(jnp.asarray(signal.time))[:, None]
+    moving = jnp.logical_not(jnp.asarray(signal.at_rest))
+    return jnp.where(moving[:, None], -slope, 0.0)[:, :, None]
+
+
+EFFECT = Effect(
+    name="time_delay",
+    title="group delay, time synchronisation",
+    equation="f(t - d) = f - d df/dt",
+    units={"accel": "s", "gyro": "s"},
+    prior={
+        "accel": {
+            "navigation": (0.0001, 0.005),
+            "tactical": (0.0001, 0.01),
+            "consumer": (0.001, 0.02),
+        },
+        "gyro": {
+            "navigation": (0.0001, 0.005),
+            "tactical": (0.0001, 0.01),
+            "consumer": (0.001, 0.02),
+        },
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="rows while the input changes",
+    sentence="The output of {channels} lags the reference.",
+    separating="reverse the direction of rotation: the error changes sign",
+)

@@ -1,0 +1,34 @@
+"""Vibration rectification: bias in proportion to the mean square of vibration."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .effect import Effect, fixed, MICRO_G
+from .signal import Signal
+
+
+def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+    """Mean square of the specific force about its mean, g²."""
+    return jnp.asarray(signal.vibration)[:, None, None]
+
+
+EFFECT = Effect(
+    name="vibration_rectification",
+    title="vibration rectification (VRE)",
+    equation="K_v a_rms^2",
+    units={"accel": "m/s^2/g^2"},
+    prior={
+        "accel": {
+            "navigation": (10 * MICRO_G, 60 * MICRO_G),
+            "tactical": (20 * MICRO_G, 500 * MICRO_G),
+            "consumer": (20 * MICRO_G, 2000 * MICRO_G),
+        }
+    },
+    shape=shape,
+    variants=fixed(("", {})),
+    needs="vibration that differs between rests",
+    sentence="The bias of {channels} shifts with the vibration level.",
+    separating="shaker or table drive on and off; log the vibration",
+    requires=("vibration",),
+    slow=True,
+)

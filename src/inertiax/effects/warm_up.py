@@ -1,0 +1,55 @@
+"""Warm-up: exponential from power-on."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .signal import Signal
+
+
+def shape(
+    signal: Signal, *, time_constant: float, start: str
+) -> Float[Array, "time channels columns"]:
+    """exp(-t / tau) from each power-on, or from the first only."""
+    since = jnp.asarray(signal.since_power if start == "each" else signal.since_start)
+    return jnp.exp(-since / time_constant)[:, None, None]
+
+
+def variants(signal: Signal) -> tuple[Variant, ...]:
+    """Time constants from 10 s to a third of the campaign; from each power-on, and from the first if there are more."""
+    grid = np.geomspace(10.0, max(40.0, min(4000.0, signal.duration / 3)), 14)
+    again = bool(np.any(np.asarray(signal.since_power) != np.asarray(signal.since_start)))
+    starts = ("each", "first") if again else ("each",)
+    return tuple(
+        Variant(f"time_constant={v:.4g}, {s}", {"time_constant": float(v), "start": s})
+        for s in starts
+        for v in grid
+    )
+
+
+EFFECT = Effect(
+    name="warm_up",
+    title="warm-up (turn-on transient)",
+    equation="c exp(-t / tau), t since power-on",
+    units={"accel": "m/s^2", "gyro": "rad/s"},
+    prior={
+        "accel": {
+            "navigation": (10 * MICRO_G, 300 * MICRO_G),
+            "tactical": (50 * MICRO_G, 1000 * MICRO_G),
+            "consumer": (100 * MICRO_G, 3000 * MICRO_G),
+        },
+        "gyro": {
+            "navigation": (0.01 * DEG_PER_HOUR, 0.5 * DEG_PER_HOUR),
+            "tactical": (2 * DEG_PER_HOUR, 50 * DEG_PER_HOUR),
+            "consumer": (10 * DEG_PER_HOUR, 200 * DEG_PER_HOUR),
+        },
+    },
+    shape=shape,
+    variants=variants,
+    needs="the recording begins near power-on",
+    sentence="The output of {channels} settles exponentially after power-on.",
+    separating="a power cycle at constant temperature, and a start after a long wait",
+    nuisance="time_constant",
+    slow=True,
+)
