@@ -1,0 +1,162 @@
+"""`inertiax calibrate`: a campaign to calibrations, with a report."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, TYPE_CHECKING
+
+import typer
+
+from . import console, environment, outputs
+
+
+if TYPE_CHECKING:
+    from ..calibrate import DeviceFailure, DeviceResult
+    from ..recordings import Campaign
+
+
+_METHODS = ("gauss-newton", "joint", "paper")  # as in ..calibrate, which needs JAX to import
+
+CampaignPath = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CAMPAIGN",
+        exists=True,
+        help="Folder with campaign.toml and recordings, or that file.",
+    ),
+]
+OutputFolder = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Folder for the results; made if absent. Files written before are replaced, others are "
+        "left alone.",
+    ),
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the result on standard output as one JSON document.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
+
+
+def calibrate(
+    campaign: CampaignPath,
+    output: OutputFolder,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="gauss-newton (default): the iterative procedure as a Gauss-Newton method; joint: one "
+            "least squares over all experiments; paper: the founding paper's iteration, for comparison.",
+            metavar="|".join(_METHODS),
+        ),
+    ] = "gauss-newton",
+    robust: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SIGMAS", help="Let misfits beyond so many sigmas count less (pseudo-Huber)."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Estimate the error parameters of every device; write calibration.json, report.html and figures.
+
+    With several devices each gets a folder, and summary.json lists them. Exit status 1 if any device
+    failed; the others are written all the same.
+    """
+    _check_options(method, robust)
+    outputs.require_campaign(campaign)
+    outputs.require_folder(output)
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..calibrate import calibrate as run
+        from ..campaign import load_campaign
+
+        stages("reading recordings")
+        loaded = load_campaign(campaign)
+        results = run(loaded, method=method, robust=robust, progress=stages)
+        folders = _write(results, loaded, output, stages)
+    _tell(results, folders, output, as_json=as_json, quiet=quiet)
+
+
+def _check_options(method: str, robust: float | None) -> None:
+    if method not in _METHODS:
+        raise typer.BadParameter(
+            f"'{method}' is not one of {', '.join(_METHODS)}.", param_hint="'--method'"
+        )
+    if robust is not None and not robust > 0:
+        raise typer.BadParameter(
+            f"{robust:g} must be a positive number of sigmas.", param_hint="'--robust'"
+        )
+
+
+def _write(
+    results: "tuple[DeviceResult | DeviceFailure, ...]",
+    campaign: "Campaign",
+    output: Path,
+    stages: console.Stages,
+) -> dict[str, str]:
+    """Write everything; the folder of each device, relative to `output` ("" = itself)."""
+    from ..calibrate import DeviceResult
+    from ..calibration import write_calibration
+    from ..report.calibration import FIGURES, report_calibration, report_summary
+    from ..report.document import calibration_document
+
+    done = [r for r in results if isinstance(r, DeviceResult)]
+    if not done:
+        return {}
+    devices = tuple(campaign.devices)
+    folders = outputs.folder_names(devices) if len(devices) > 1 else {devices[0]: ""}
+    command = command_line()
+    replaces = tuple(str(Path(f) / n) for f in folders.values() for n in FIGURES)
+    with outputs.staged_folder(output, replaces=replaces) as staging:
+        for result in done:
+            device = result.calibration.device
+            stages(f"writing the report{f' of device {device}' if device else ''}")
+            folder = staging / folders[device]
+            write_calibration(result.calibration, folder / "calibration.json")
+            report_calibration(result, folder, command, campaign=campaign.of_device(device))
+        if len(devices) > 1:
+            report_summary(results, staging, command, folders)
+            document = calibration_document(results, folders, Path())
+            outputs.write_json(staging / "summary.json", document)
+    return folders
+
+
+def command_line() -> str:
+    """The command as typed, to stand in a report."""
+    return shlex.join(["inertiax", *sys.argv[1:]])
+
+
+def _tell(
+    results: "tuple[DeviceResult | DeviceFailure, ...]",
+    folders: dict[str, str],
+    output: Path,
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Result on standard output, failures on standard error; exits with status 1 after a failure."""
+    from ..calibrate import DeviceFailure
+    from ..report.document import calibration_document
+    from ..report.text import print_result
+
+    failed = [r for r in results if isinstance(r, DeviceFailure)]
+    if as_json:
+        outputs.print_json(calibration_document(results, folders, output))
+    elif not quiet:
+        for result in results:
+            if not isinstance(result, DeviceFailure):
+                print_result(result, output / folders[result.calibration.device])
+    if not failed:
+        return
+    if len(results) == 1:
+        console.warn(failed[0].reason)
+    else:
+        reasons = "; ".join(f"{f.device}: {f.reason}" for f in failed[:3])
+        more = "; …" if len(failed) > 3 else ""
+        console.warn(f"{len(failed)} of {len(results)} devices failed: {reasons}{more}")
+    raise typer.Exit(1)

@@ -1,0 +1,123 @@
+"""`inertiax compensate`: a calibration applied to a recording."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated, TYPE_CHECKING
+
+import typer
+
+from . import console, environment, outputs
+from .calibrate import AsJson, Quiet
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from ..compensation import Compensated
+
+
+_SUFFIXES = (".csv", ".parquet", ".pq")
+
+
+def compensate(
+    calibration: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CALIBRATION", exists=True, dir_okay=False, help="A calibration.json."
+        ),
+    ],
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING", exists=True, dir_okay=False, help="CSV or Parquet recording."
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Result, .parquet or .csv; replaced if it exists.",
+        ),
+    ],
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            metavar="FILE",
+            help="campaign.toml whose [columns] say names and units of the recording.",
+        ),
+    ] = None,
+    any_device: Annotated[
+        bool, typer.Option("--any-device", help="Apply it to another device's recording, too.")
+    ] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compensate a recording: specific force in m/s² and angular rate in rad/s.
+
+    The result is the recording's table with accel_x/y/z and gyro_x/y/z compensated, every other
+    column kept, and a column `extrapolated`: true where the temperature is outside what the
+    calibration covered.
+    """
+    if output.suffix.lower() not in _SUFFIXES:
+        raise typer.BadParameter(
+            f"'{output.name}' must end in one of {', '.join(_SUFFIXES)}.", param_hint="'-o'"
+        )
+    outputs.require_file(output)
+    if campaign is not None:
+        outputs.require_campaign(campaign)
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..calibration import read_calibration
+        from ..compensation import compensate_file
+
+        stages("compensating")
+        result = compensate_file(
+            read_calibration(calibration), recording, campaign=campaign, any_device=any_device
+        )
+        stages("writing")
+        _write_table(result.table, output)
+    _tell(result, output, as_json=as_json, quiet=quiet)
+
+
+def _write_table(table: "pl.DataFrame", path: Path) -> None:
+    """Write beside the place and rename, so that the file is there whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise typer.BadParameter(
+            f"'{path}' cannot be written ({error.strerror}).", param_hint="'-o'"
+        ) from None
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        if path.suffix.lower() == ".csv":
+            table.write_csv(temporary)
+        else:
+            table.write_parquet(temporary)
+        temporary.chmod(outputs.file_mode())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _tell(result: "Compensated", output: Path, *, as_json: bool, quiet: bool) -> None:
+    for note in result.notes:
+        console.warn(note)
+    if as_json:
+        outputs.print_json(
+            {
+                "schema": "inertiax.compensate/1",
+                "output": str(output),
+                "rows": result.table.height,
+                "extrapolated": result.num_extrapolated,
+                "notes": list(result.notes),
+            }
+        )
+    elif not quiet:
+        typer.echo(f"{result.table.height} rows compensated: {output}")

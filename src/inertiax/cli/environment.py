@@ -1,0 +1,60 @@
+"""What the command line sets up before JAX is used: 64-bit numbers and a cache of compiled code."""
+
+import hashlib
+import os
+import platform
+import sys
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+
+
+def prepare() -> None:
+    """Set 64-bit arithmetic, and keep compiled programs in the user's cache folder.
+
+    A cache that cannot be used is left out: it saves seconds and may never fail a run.
+    """
+    # Remarks of XLA's C++ side about cached code would mix with the command's own lines.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:  # the user's own choice, which JAX reads itself
+        return
+    folder = cache_folder() / f"jax-{_machine()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        usable = os.access(folder, os.R_OK | os.W_OK | os.X_OK)
+    except OSError:
+        usable = False
+    if usable:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+        warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
+
+
+def cache_folder() -> Path:
+    """The user's cache folder for inertiax, by the platform's rules."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = str(Path.home() / "Library" / "Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME", "")
+        # The XDG specification: a relative path is invalid and to be ignored.
+        base = base if os.path.isabs(base) else str(Path.home() / ".cache")
+    return Path(base) / "inertiax"
+
+
+def _machine() -> str:
+    """Names the processor and compiler, since code for one may be illegal on another.
+
+    Home folders are shared between the machines of a cluster.
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    except OSError:
+        features = platform.processor()
+    text = f"{platform.machine()} {features} {version('jaxlib')}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,128 @@
+"""One style for all figures: colours told apart by colour-blind readers, text in one ink."""
+
+import hashlib
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+
+# Okabe and Ito (2008), Color Universal Design: told apart with every kind of colour vision.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+DASHES = ("-", "--", "-.", ":")
+INK = "#262626"
+QUIET = "#8c8c8c"
+AXIS_NAMES = ("x", "y", "z")
+
+_STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": QUIET,
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 9,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 9.5,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 6),
+    "axes.formatter.use_mathtext": True,
+    "figure.facecolor": "white",
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so a figure is the same everywhere
+    "font.size": 9,
+    "grid.color": QUIET,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 3.5,
+    "svg.fonttype": "path",  # no font needed where the page is read
+    "svg.hashsalt": "inertiax",  # the same figure gives the same file
+    "text.color": INK,
+    "xtick.color": QUIET,
+    "ytick.color": QUIET,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+}
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """The style, for the time of drawing only: a user's own settings stay as they are."""
+    with mpl.rc_context(_STYLE):
+        yield
+
+
+def new_figure(
+    rows: int, columns: int, *, width: float = 7.2, height: float, **layout: bool | str
+) -> tuple[Figure, list[Axes]]:
+    """A figure with its axes in reading order. Sizes in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **layout)
+    return figure, list(axes.flat)
+
+
+def legend_above(ax: Axes, *, columns: int = 3) -> Axes:
+    """The legend over the right end of the axes, where no data can be."""
+    ax.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=columns,
+        borderaxespad=0.1,
+        handlelength=1.6,
+        columnspacing=1.2,
+        markerscale=1.6,
+    )
+    return ax
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write a picture for documents and slides."""
+    with drawing():
+        figure.savefig(path, dpi=160, metadata={"Software": None})
+
+
+def to_svg(figure: Figure) -> str:
+    """The figure as an `<svg>` element to stand inside a page.
+
+    Text and axes take the page's text colour, so the figure is readable on light and dark.
+    """
+    buffer = io.StringIO()
+    with drawing():
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    return _shorten(text).replace(INK, "currentColor").strip()
+
+
+def _shorten(svg: str) -> str:
+    """Coordinates to a hundredth of a point: finer cannot be seen, and they are most of the file."""
+    number = lambda m: f"{float(m.group()):.2f}".rstrip("0").rstrip(".")
+    attribute = lambda m: re.sub(r"-?\d+\.\d+", number, m.group())
+    svg = re.sub(r'\b(?:d|x|y)="[^"]*"', attribute, svg)
+    return _styles_once(re.sub(r"\n\s*", "\n", svg))
+
+
+def _styles_once(svg: str) -> str:
+    """Styles that repeat (every marker has its own) as classes, named by their content so that
+    figures in one page agree on them."""
+    rules = []
+    for style, times in Counter(re.findall(r'style="([^"]*)"', svg)).items():
+        if times > 3:
+            name = "s" + hashlib.sha256(style.encode()).hexdigest()[:8]
+            svg = svg.replace(f'style="{style}"', f'class="{name}"')
+            rules.append(f".{name}{{{style}}}")
+    head = svg.index(">", svg.index("<svg")) + 1
+    return f"{svg[:head]}<style>{''.join(rules)}</style>{svg[head:]}"

@@ -1,0 +1,98 @@
+"""Parameters as people read them: labels, customary units, and values with their uncertainty."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .calibration import Calibration, TriadCalibration
+
+
+DEG_PER_HOUR = 3600.0 * 180.0 / math.pi  # in a rad/s
+_AXES = "xyz"
+
+
+class Quantity(NamedTuple):
+    """One parameter in its customary unit."""
+
+    name: str  # as in calibration.json, e.g. accel.bias[0]
+    label: str  # in words, e.g. bias x
+    value: float
+    sigma: float
+    unit: str
+
+
+def label(name: str) -> str:
+    """A parameter's name in words: `accel.matrix[1,0]` is "misalignment yx"."""
+    kind, indices = name.partition(".")[2].rstrip("]").split("[")
+    axes = "".join(_AXES[int(i)] for i in indices.split(","))
+    if kind == "bias":
+        return f"bias {axes}"
+    if kind == "g_sensitivity":
+        return f"g-sensitivity {axes}"
+    return f"scale factor {axes[0]}" if axes[0] == axes[1] else f"misalignment {axes}"
+
+
+def family(name: str) -> str:
+    """Which parameters are drawn together: "bias", "scale factor", "misalignment", ..."""
+    return label(name).rsplit(" ", 1)[0]
+
+
+def customary_unit(name: str) -> tuple[float, str]:
+    """Factor from SI and the unit in which a parameter is shown."""
+    what = family(name)
+    if what == "scale factor":
+        return 1e6, "ppm"
+    if what == "misalignment":
+        return 1e6, "µrad"
+    if name.startswith("accel"):
+        return 1.0, "m/s²"
+    return (DEG_PER_HOUR, "°/h") if what == "bias" else (DEG_PER_HOUR, "°/h/g")
+
+
+def quantities(triad: TriadCalibration, temperature: float) -> tuple[Quantity, ...]:
+    """All fitted parameters of a triad at one temperature, °C."""
+    values = np.asarray(triad.curve(temperature))
+    sigmas = np.asarray(triad.standard_deviations(temperature))
+    rows = []
+    for name, value, sigma in zip(triad.names, values, sigmas, strict=True):
+        factor, unit = customary_unit(name)
+        rows.append(Quantity(name, label(name), float(value * factor), float(sigma * factor), unit))
+    return tuple(rows)
+
+
+def middle_temperature(calibration: Calibration) -> float:
+    """Middle of the calibrated range, °C; 0 where there is no temperature model."""
+    if calibration.temperature_range is None:
+        return 0.0
+    return 0.5 * sum(calibration.temperature_range)
+
+
+def with_sigma(value: float, sigma: float) -> tuple[str, str]:
+    """Value and uncertainty as text: two significant digits of the uncertainty decide."""
+    if not (math.isfinite(sigma) and sigma > 0.0):
+        return f"{value:.6g}", f"{sigma:.2g}"
+    decimals = 1 - math.floor(math.log10(sigma))
+    # Rounding 0.0996 up to 0.10 leaves one digit too many.
+    decimals = 1 - math.floor(math.log10(round(sigma, decimals)))
+    if decimals > 12:
+        return f"{value:.6g}", f"{sigma:.2g}"
+    shown = max(decimals, 0)
+    # Adding 0.0 makes a rounded -0.0 a plain 0.
+    return f"{round(value, decimals) + 0.0:.{shown}f}", f"{round(sigma, decimals):.{shown}f}"
+
+
+def rms_text(triad: str, value: float) -> str:
+    """A root mean square of one triad with its unit."""
+    if triad == "accel":
+        return f"{value:.3g} m/s²"
+    return f"{value * DEG_PER_HOUR:.3g} °/h"
+
+
+def si_unit(name: str) -> str:
+    """The SI unit of a parameter, as `calibration.json` writes it."""
+    if ".matrix" in name:
+        return "1"
+    if name.startswith("accel"):
+        return "m/s^2"
+    return "rad/s/g" if "g_sensitivity" in name else "rad/s"

@@ -1,0 +1,1 @@
+"""Results as tables and as self-contained HTML pages with figures."""

@@ -1,0 +1,274 @@
+"""The report of `inertiax calibrate`: one page per device, and a page over several devices."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..calibrate import DeviceFailure, DeviceResult, TriadResult
+from ..calibration import Calibration, TriadCalibration
+from ..intervals import segment
+from ..plots import calibration as plots
+from ..plots.style import drawing
+from ..quantities import middle_temperature, quantities, rms_text, with_sigma
+from ..recordings import Campaign, Recording
+from ..temperature import Constant
+from .judge import (
+    coverage_sentence,
+    misfit_verdict,
+    TRIAD_NAMES,
+    triads,
+    weakest,
+    weakest_sentence,
+)
+from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
+
+
+# All files that this module may write; an earlier run's are removed where they are not written again.
+_NAMES = ("curves-accel", "curves-gyro", "misfit-accel", "misfit-gyro", "coverage", "rests")
+FIGURES = tuple(f"figures/{name}.{suffix}" for name in _NAMES for suffix in ("png", "svg"))
+
+
+def report_calibration(
+    result: DeviceResult, folder: Path, command: str, *, campaign: Campaign | None = None
+) -> None:
+    """Write `report.html` and `figures/` of one device.
+
+    **Arguments:** `campaign` are the device's recordings; with them the rests that were found are
+    drawn over the raw signal.
+    """
+    calibration = result.calibration
+    device = calibration.device
+    write_page(
+        folder / "report.html",
+        title=f"Calibration of {device}" if device else "Calibration",
+        under=_under(result),
+        verdict=_verdict(result),
+        keys=_keys(result),
+        sections=[
+            *_parameter_sections(result, folder),
+            _misfit_section(result, folder),
+            _data_section(result, folder, campaign),
+            _choices_section(result),
+        ],
+        command=command,
+    )
+
+
+def _under(result: DeviceResult) -> str:
+    names = [f"{TRIAD_NAMES[k].lower()} ('{c.estimator}')" for k, (c, _) in triads(result).items()]
+    return f"Estimated: {', '.join(names)}; {_temperature_words(result.calibration)}."
+
+
+def _temperature_words(calibration: Calibration) -> str:
+    if calibration.temperature_range is None:
+        return "constant parameters, no temperature recorded"
+    low, high = calibration.temperature_range
+    return f"data from {low:.1f} to {high:.1f} °C"
+
+
+def _verdict(result: DeviceResult) -> Verdict:
+    judged = {k: misfit_verdict(r) for k, (_, r) in triads(result).items()}
+    good = all(fine for fine, _ in judged.values())
+    lines = [text for _, text in judged.values()]
+    for name, (triad, estimate) in triads(result).items():
+        lines.append(coverage_sentence(result.calibration, estimate))
+        found = weakest(triad, estimate, result.calibration.temperature_range)
+        lines.append(weakest_sentence(name, found))
+    lines += [f"Warning: {w}" for w in result.warnings]
+    if not good:
+        headline = "Calibrated, but the model does not explain everything in the data."
+    elif result.warnings:
+        headline = "Calibrated; read the warnings."
+    else:
+        headline = "Calibrated: the model explains the data."
+    return Verdict("good" if good and not result.warnings else "attention", headline, tuple(lines))
+
+
+def _keys(result: DeviceResult) -> list[Key]:
+    keys = []
+    for name, (triad, estimate) in triads(result).items():
+        title = TRIAD_NAMES[name]
+        chi2 = estimate.chi2_per_dof
+        noise = f"χ² per degree of freedom {chi2:.2f}" if math.isfinite(chi2) else "noise unknown"
+        keys.append(Key(f"{title}: rms misfit", rms_text(name, estimate.rms), noise))
+        found = weakest(triad, estimate, result.calibration.temperature_range)
+        keys.append(Key(f"{title}: least certain", f"± {found.sigma}", found.label))
+        keys.append(
+            Key(
+                f"{title}: dwells used",
+                str(int(np.sum(np.asarray(estimate.dwells.valid)))),
+                f"{triad.curve.basis.size * len(triad.names)} unknowns",
+            )
+        )
+    if result.calibration.temperature_range is not None:
+        low, high = result.calibration.temperature_range
+        keys.append(Key("Temperature range", f"{low:.1f} … {high:.1f} °C", _degrees(result)))
+    return keys
+
+
+def _degrees(result: DeviceResult) -> str:
+    sizes = {c.curve.basis.size - 1 for c, _ in triads(result).values()}
+    return f"polynomial degree {', '.join(str(s) for s in sorted(sizes))}"
+
+
+def _parameter_sections(result: DeviceResult, folder: Path) -> list[Section]:
+    return [
+        Section(
+            f"{TRIAD_NAMES[name]}: parameters",
+            tables=(parameter_table(triad, result.calibration),),
+            figures=(_curve_picture(name, triad, result.calibration, folder),),
+        )
+        for name, (triad, _) in triads(result).items()
+    ]
+
+
+def parameter_table(triad: TriadCalibration, calibration: Calibration) -> Table:
+    """Parameters at the middle of the temperature range, or the constant ones, with 1 sigma."""
+    middle = middle_temperature(calibration)
+    rows = [
+        (q.label, *with_sigma(q.value, q.sigma), q.unit, q.name) for q in quantities(triad, middle)
+    ]
+    constant = isinstance(triad.curve.basis, Constant)
+    caption = "Constant parameters" if constant else f"At {middle:.1f} °C, the middle of the range"
+    return Table(
+        ("parameter", "value", "± 1 sigma", "unit", "name in calibration.json"),
+        tuple(rows),
+        numeric=(1, 2),
+        caption=caption,
+    )
+
+
+def _curve_picture(
+    name: str, triad: TriadCalibration, calibration: Calibration, folder: Path
+) -> Picture:
+    title = TRIAD_NAMES[name]
+    with drawing():
+        if isinstance(triad.curve.basis, Constant) or calibration.temperature_range is None:
+            figure = plots.constant_parameters(triad)
+            caption = "Constant parameters with their 95 % intervals."
+        else:
+            figure = plots.parameter_curves(triad, calibration.temperature_range)
+            caption = (
+                "Parameters over temperature with their 95 % bands (often thinner than the line). "
+                "Shaded: outside the temperatures that the data covered."
+            )
+        return picture(figure, folder, f"curves-{name}", caption, f"{title}: {caption}")
+
+
+def _misfit_section(result: DeviceResult, folder: Path) -> Section:
+    figures = []
+    for name, (_, estimate) in triads(result).items():
+        caption = (
+            f"{TRIAD_NAMES[name]}: what is left of each dwell after the fit, with 1 sigma (noise and "
+            f"scatter between dwells together; far longer bars are cut; dotted lines part the "
+            f"experiments). A trend against any of the three axes is physics that the model leaves out."
+        )
+        with drawing():
+            figure = plots.misfits(estimate)
+            figures.append(picture(figure, folder, f"misfit-{name}", caption, caption))
+    rows = tuple(_misfit_row(name, r) for name, (_, r) in triads(result).items())
+    head = (
+        "triad",
+        "rms misfit",
+        "scatter between dwells",
+        "χ² per dof",
+        "iterations",
+        "condition",
+    )
+    table = Table(head, rows, numeric=(1, 2, 3, 4, 5))
+    return Section("Misfit", tables=(table,), figures=tuple(figures))
+
+
+def _misfit_row(name: str, result: TriadResult) -> tuple[str, ...]:
+    chi2 = result.chi2_per_dof
+    return (
+        TRIAD_NAMES[name].lower(),
+        rms_text(name, result.rms),
+        rms_text(name, result.scatter),
+        f"{chi2:.3g}" if math.isfinite(chi2) else "unknown",
+        str(int(result.solution.num_iterations)),
+        f"{result.observability.condition:.3g}",
+    )
+
+
+def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None) -> Section:
+    figures, lines = [], []
+    for _, estimate in triads(result).values():
+        directions = plots.force_directions(estimate.dwells)
+        if directions is not None and len(directions):
+            caption = (
+                "Directions of the specific force in the case frame at rest (equal-area projection, "
+                "circles 30° apart). Large empty regions leave parameters uncertain."
+            )
+            with drawing():
+                figure = plots.coverage(directions)
+                figures.append(picture(figure, folder, "coverage", caption, caption))
+            break
+    searched = [] if campaign is None else [r for r in campaign.recordings if _searched(r)]
+    if searched:
+        found = [segment(r) for r in searched]
+        lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
+        caption = (
+            "Raw outputs with the rests that were found (shaded); what lies between is not used."
+        )
+        with drawing():
+            figure = plots.rests(searched[:3], found[:3])
+            figures.append(picture(figure, folder, "rests", caption, caption))
+    return Section("Data", lines=tuple(lines), figures=tuple(figures))
+
+
+def _searched(recording: Recording) -> bool:
+    return recording.position is None and recording.reference_gyro is None
+
+
+def _choices_section(result: DeviceResult) -> Section:
+    given = "Everything was given by the campaign; nothing had to be chosen."
+    items = tuple(result.choices)
+    return Section("What was chosen, and why", lines=() if items else (given,), items=items)
+
+
+# Several devices ------------------------------------------------------------------------------------
+
+
+def report_summary(
+    results: Sequence[DeviceResult | DeviceFailure],
+    folder: Path,
+    command: str,
+    folders: dict[str, str],
+) -> None:
+    """Write the `report.html` that leads to the devices' own."""
+    failed = sum(isinstance(r, DeviceFailure) for r in results)
+    headline = (
+        f"All {len(results)} devices calibrated."
+        if not failed
+        else f"{failed} of {len(results)} devices failed; the others are calibrated."
+    )
+    rows = tuple(_summary_row(r, folders) for r in results)
+    head = ("device", "outcome", "accelerometers: rms misfit", "gyros: rms misfit", "remarks")
+    write_page(
+        folder / "report.html",
+        title=f"Calibration of {len(results)} devices",
+        under="One line per device; each leads to its own report.",
+        verdict=Verdict("bad" if failed else "good", headline),
+        sections=[Section("Devices", tables=(Table(head, rows, numeric=(2, 3)),))],
+        command=command,
+    )
+
+
+def _summary_row(
+    result: DeviceResult | DeviceFailure, folders: dict[str, str]
+) -> tuple[str | Link, ...]:
+    if isinstance(result, DeviceFailure):
+        return (result.device, "failed", "", "", result.reason)
+    device = result.calibration.device
+    rms = {k: rms_text(k, r.rms) for k, (_, r) in triads(result).items()}
+    fine = all(misfit_verdict(r)[0] for _, r in triads(result).values())
+    return (
+        Link(device, f"{folders[device]}/report.html"),
+        "calibrated" if fine else "calibrated, misfit beyond noise",
+        rms.get("accel", ""),
+        rms.get("gyro", ""),
+        "; ".join(result.warnings),
+    )

@@ -1,0 +1,95 @@
+"""Results as documents for scripts: plain dictionaries of numbers and text, SI throughout."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..calibrate import DeviceFailure, DeviceResult, TriadResult
+from ..calibration import TriadCalibration
+from ..demo import DemoResult
+from ..quantities import middle_temperature, si_unit
+from .judge import triads
+
+
+Value = str | int | float | bool | None | list["Value"] | dict[str, "Value"]
+
+
+def calibration_document(
+    results: Sequence[DeviceResult | DeviceFailure], folders: dict[str, str], output: Path
+) -> dict[str, Value]:
+    """The outcome of every device, schema `inertiax.calibrations/1`."""
+    failed = sum(isinstance(r, DeviceFailure) for r in results)
+    return {
+        "schema": "inertiax.calibrations/1",
+        "num_devices": len(results),
+        "num_failed": failed,
+        "devices": [_device(r, folders, output) for r in results],
+    }
+
+
+def _device(
+    result: DeviceResult | DeviceFailure, folders: dict[str, str], output: Path
+) -> dict[str, Value]:
+    if isinstance(result, DeviceFailure):
+        return {"device": result.device, "status": "failed", "reason": result.reason}
+    calibration = result.calibration
+    folder = output / folders[calibration.device]
+    at = middle_temperature(calibration)
+    known = calibration.temperature_range is not None
+    return {
+        "device": calibration.device,
+        "status": "calibrated",
+        "calibration": str(folder / "calibration.json"),
+        "report": str(folder / "report.html"),
+        "temperature_range": list(calibration.temperature_range or ()) or None,
+        "temperature": at if known else None,
+        "choices": list(result.choices),
+        "warnings": list(result.warnings),
+        **{name: _triad(c, r, at) for name, (c, r) in triads(result).items()},
+    }
+
+
+def _triad(triad: TriadCalibration, result: TriadResult, temperature: float) -> dict[str, Value]:
+    values = np.asarray(triad.curve(temperature)).tolist()
+    sigmas = np.asarray(triad.standard_deviations(temperature)).tolist()
+    chi2 = result.chi2_per_dof
+    return {
+        "estimator": triad.estimator,
+        "method": result.solution.method,
+        "terms_over_temperature": triad.curve.basis.size,
+        "num_dwells": result.dwells.num_dwells,
+        "num_iterations": int(result.solution.num_iterations),
+        "rms": result.rms,
+        "scatter": result.scatter,
+        "unit": "m/s^2" if result.estimator.triad == "accel" else "rad/s",
+        "chi2_per_dof": chi2 if math.isfinite(chi2) else None,
+        "condition": result.observability.condition,
+        "parameters": [
+            {"name": name, "value": value, "std": sigma, "unit": si_unit(name)}
+            for name, value, sigma in zip(triad.names, values, sigmas, strict=True)
+        ],
+    }
+
+
+def demo_document(result: DemoResult) -> dict[str, Value]:
+    """The demo's table, schema `inertiax.demo/1`."""
+    return {
+        "schema": "inertiax.demo/1",
+        "units": {"bias": "m/s^2", "scale": "1", "check": "m/s^2", "change": "degC"},
+        "rows": [
+            {
+                "change": float(row.change),
+                "method": row.method,
+                "bias_from_truth": float(row.bias_from_truth),
+                "scale_from_truth": float(row.scale_from_truth),
+                "bias_from_set3": float(row.bias_from_set3),
+                "scale_from_set3": float(row.scale_from_set3),
+                "check": float(row.check),
+                "check_arcsec": float(row.check_arcsec),
+            }
+            for row in result.table
+        ],
+        "paper_iteration_spectral_radius": [float(s.paper_radius) for s in result.sets],
+    }

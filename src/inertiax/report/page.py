@@ -1,0 +1,124 @@
+"""One self-contained HTML page: a verdict, key figures, tables, figures, the command to reproduce it.
+
+Nothing is loaded from elsewhere. All text is escaped, since names of devices and files come from
+outside; only figures, which this package drew itself, are put in as they are.
+"""
+
+import platform
+import re
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import equinox as eqx
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from ..calibration import write_atomically
+from ..plots.style import save_png, to_svg
+
+
+class Verdict(eqx.Module):
+    """What the reader should take away. `tone` is good, attention or bad."""
+
+    tone: str
+    headline: str
+    lines: tuple[str, ...] = ()
+
+
+class Key(eqx.Module):
+    """One key figure."""
+
+    name: str
+    value: str
+    detail: str = ""
+
+
+class Link(eqx.Module):
+    """A table cell that leads to a file beside the page."""
+
+    text: str
+    href: str
+
+
+class Table(eqx.Module):
+    """Rows of text; columns listed in `numeric` are set to the right."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str | Link, ...], ...]
+    numeric: tuple[int, ...] = ()
+    caption: str = ""
+
+
+class Picture(eqx.Module):
+    """A figure in a page; `alt` says in words what it shows."""
+
+    svg: Markup
+    caption: str
+    alt: str
+
+
+class Section(eqx.Module):
+    """A part of the page."""
+
+    title: str
+    lines: tuple[str, ...] = ()
+    items: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Picture, ...] = ()
+
+
+def write_page(
+    path: Path,
+    *,
+    title: str,
+    under: str,
+    verdict: Verdict,
+    sections: Sequence[Section],
+    command: str,
+    keys: Sequence[Key] = (),
+) -> None:
+    """Render the page and write it."""
+    loader = PackageLoader("inertiax", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    text = environment.get_template("base.html").render(
+        title=title,
+        under=under,
+        verdict=verdict,
+        keys=keys,
+        sections=sections,
+        command=command,
+        versions=versions(),
+        footer=f"Written by inertiax {version('inertiax')}.",
+    )
+    write_atomically(path, text.encode())
+
+
+def versions() -> str:
+    """The versions that a result depends on."""
+    packages = ("inertiax", "jax", "jaxlib", "equinox", "optimistix", "numpy")
+    names = ", ".join(f"{p} {version(p)}" for p in packages)
+    return (
+        f"{names}; Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+    )
+
+
+def picture(figure: Figure, folder: Path, name: str, caption: str, alt: str) -> Picture:
+    """Put a figure into the page and write it as `figures/NAME.png` and `.svg`."""
+    figures = folder / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    svg = to_svg(figure)
+    figure.set_layout_engine("none")  # it is laid out; once is enough
+    save_png(figure, figures / f"{name}.png")
+    # Alone, a figure has no page to take its colour from.
+    alone = svg.replace("<svg ", '<svg style="background:#fff;color:#262626" ', 1)
+    write_atomically(figures / f"{name}.svg", alone.encode())
+    return Picture(Markup(_own_ids(svg, name)), caption, alt)
+
+
+def _own_ids(svg: str, name: str) -> str:
+    """Prefix a figure's ids, which must be unique in a page of several figures."""
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'href="#', f'href="#{name}-', svg)
+    return re.sub(r"url\(#", f"url(#{name}-", svg)

@@ -1,0 +1,84 @@
+"""Results as compact text on standard output."""
+
+import math
+import sys
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from ..calibrate import DeviceResult
+from ..demo import DemoResult
+from ..quantities import middle_temperature, quantities, rms_text, with_sigma
+from ..temperature import Constant
+from .judge import TRIAD_NAMES, triads
+
+
+def print_result(result: DeviceResult, folder: Path) -> None:
+    """Parameters at the middle temperature, misfit, choices, warnings, and where the files are."""
+    console = _console()
+    calibration = result.calibration
+    if calibration.device:
+        console.print(f"Device {calibration.device}", style="bold")
+    middle = middle_temperature(calibration)
+    for name, (triad, estimate) in triads(result).items():
+        constant = isinstance(triad.curve.basis, Constant)
+        where = "constant" if constant else f"at {middle:.1f} °C"
+        console.print(f"{TRIAD_NAMES[name]} ('{triad.estimator}'), {where}:")
+        table = _plain_table("", "value", "± 1 sigma", "unit")
+        for q in quantities(triad, middle):
+            table.add_row(q.label, *with_sigma(q.value, q.sigma), q.unit)
+        console.print(table)
+        chi2 = estimate.chi2_per_dof
+        noise = f", χ² per degree of freedom {chi2:.2f}" if math.isfinite(chi2) else ""
+        console.print(f"  rms misfit {rms_text(name, estimate.rms)}{noise}")
+    for choice in result.choices:
+        console.print(f"chosen: {choice}")
+    for warning in result.warnings:
+        console.print(f"warning: {warning}")
+    console.print(f"written: {folder / 'calibration.json'}, {folder / 'report.html'}")
+
+
+def print_demo(result: DemoResult, folder: Path) -> None:
+    """The demo's table: how far each way of calibration is from the truth and from set 3."""
+    console = _console()
+    console.print("Greatest differences over -55…+60 °C, and the check; simulated accelerometers.")
+    table = _plain_table(
+        "drift, °C",
+        "method",
+        "bias − truth, m/s²",
+        "scale − truth, ppm",
+        "bias − set 3, m/s²",
+        "scale − set 3, ppm",
+        "check, arcsec of g",
+        text=("method",),
+    )
+    for row in result.table:
+        table.add_row(
+            f"{row.change:g}",
+            row.method,
+            f"{row.bias_from_truth:.1e}",
+            f"{1e6 * row.scale_from_truth:.2f}",
+            f"{row.bias_from_set3:.1e}" if row.change > 1.0 else "",
+            f"{1e6 * row.scale_from_set3:.2f}" if row.change > 1.0 else "",
+            f"{row.check_arcsec:.2f}",
+        )
+    console.print(table)
+    console.print(
+        "The paper reports, for sets 1 and 2 against set 3: 2e-4 m/s², 25 ppm; check 16 arcsec."
+    )
+    console.print(f"written: {folder / 'report.html'}, {folder / 'demo.json'}")
+
+
+def _console() -> Console:
+    # Wide enough for the tables where there is no terminal to ask.
+    width = None if sys.stdout.isatty() else 200
+    return Console(highlight=False, markup=False, soft_wrap=True, width=width)
+
+
+def _plain_table(*heads: str, text: tuple[str, ...] = ("", "unit")) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for head in heads:
+        table.add_column(head, justify="left" if head in text else "right")
+    return table
