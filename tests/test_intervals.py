@@ -1,18 +1,24 @@
 """Rests, plateaus and dwell means: found where they are, with covariances that are right."""
 
+# Columns are optional in the types, and these recordings have them:
+# pyright: reportOptionalSubscript=false, reportOptionalMemberAccess=false
+# pyright: reportOptionalOperand=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportOperatorIssue=false
+
 import os
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
 from inertiax.formats import ColumnMap, Layout, read_recordings
 from inertiax.formats.columns import TimeColumn, TriadColumns
 from inertiax.intervals import reduce_to_dwells, segment
 from inertiax.noise import fit_noise_shape, NoiseShape, quantisation_floor, quantisation_step
 from inertiax.recordings import Recording
-from scipy.linalg import toeplitz
-from scipy.signal import lfilter
 
 
 REAL = os.environ.get("INERTIAX_RECORDINGS")
@@ -33,6 +39,10 @@ def _poses(rng, *, rate=100.0, rests=6, rest=8.0, move=2.0, noise=0.01):
     gyro += 0.002 * rng.standard_normal(gyro.shape)
     starts = np.arange(rests) * int(rate * (rest + move))
     return Recording(time=t, accel=accel, gyro=gyro), starts, starts + per
+
+
+def _variances(covariance):
+    return np.einsum("kii->ki", covariance)
 
 
 # --- segments ------------------------------------------------------------------------------------
@@ -258,7 +268,7 @@ def test_covariance_of_a_mean_is_right_for_correlated_noise(decay):
     for _ in range(repeats):
         x = _red(rng, decay, (dwells, n, 3)) * 0.02
         d = reduce_to_dwells([_labelled(x.reshape(-1, 3), np.repeat(np.arange(dwells), n))])
-        stated.append(np.einsum("kii->ki", d.accel_covariance) / 0.02**2)
+        stated.append(_variances(d.accel_covariance) / 0.02**2)
         errors.append(d.accel / 0.02)
     # The stated variance against theory: what is known of it rests on the slowest averages, 40
     # dwells of n / 170 independent stretches each, that is to about 6 %, less over 8 repeats
@@ -292,7 +302,7 @@ def test_a_quiet_dwell_by_chance_gets_no_great_weight():
     rng = np.random.default_rng(14)
     x = rng.standard_normal((60 * 5, 3))  # 5 samples a dwell: own variances scatter by 70 %
     d = reduce_to_dwells([_labelled(x, np.repeat(np.arange(60), 5))])
-    v = np.einsum("kii->ki", d.accel_covariance)
+    v = _variances(d.accel_covariance)
     assert v.max() / v.min() < 2.0
 
 
@@ -301,7 +311,7 @@ def test_a_noisy_dwell_keeps_its_own_variance():
     x = rng.standard_normal((20 * 400, 3))
     x[:400] *= 10.0
     d = reduce_to_dwells([_labelled(x, np.repeat(np.arange(20), 400))])
-    v = np.einsum("kii->ki", d.accel_covariance) * 400
+    v = _variances(d.accel_covariance) * 400
     assert np.all(v[0] > 70) and np.all(v[0] < 130)  # 100, known to 7 % from 400 samples
     assert np.all(v[1:] > 0.7) and np.all(v[1:] < 1.4)
 
@@ -310,7 +320,7 @@ def test_single_samples_take_the_pooled_variance_or_none():
     rng = np.random.default_rng(16)
     x = rng.standard_normal((1000, 3))
     d = reduce_to_dwells([_labelled(x, np.concatenate([np.repeat(np.arange(9), 111), [9]]))])
-    v = np.einsum("kii->ki", d.accel_covariance)
+    v = _variances(d.accel_covariance)
     assert d.count[-1] == 1
     np.testing.assert_allclose(v[-1], v[:-1].mean(0) * 111, rtol=0.25)
     alone = reduce_to_dwells([_labelled(x[:5], np.arange(5))])
@@ -327,7 +337,7 @@ def test_plateaus_are_judged_against_their_reference():
     r = Recording(time=t, gyro=gyro, reference_gyro=reference, position=np.full(4000, -1))
     d = reduce_to_dwells([r])
     np.testing.assert_array_equal(d.position, [-1, -1])
-    deviation = np.sqrt(np.einsum("kii->ki", d.gyro_covariance) * 2000)
+    deviation = np.sqrt(_variances(d.gyro_covariance) * 2000)
     np.testing.assert_allclose(deviation, 1e-5, rtol=0.15)
 
 
@@ -335,7 +345,7 @@ def test_quantised_constant_signal_has_the_error_of_rounding():
     steps = np.round(np.linspace(-1, 1, 21) * 100) / 100 + 0.001  # another constant in each dwell
     x = np.repeat(np.round(steps / 0.01) * 0.01, 50)[:, None] * np.ones(3)
     d = reduce_to_dwells([_labelled(x, np.repeat(np.arange(21), 50))])
-    v = np.einsum("kii->ki", d.accel_covariance)
+    v = _variances(d.accel_covariance)
     lsb = 0.1  # the smallest difference that the recording shows
     np.testing.assert_allclose(v, lsb**2 / 12, rtol=0.05)
 

@@ -232,7 +232,8 @@ def _check_values(table: CampaignTable, file: Path) -> None:
     site, degree = table.site, table.model.temperature_degree
     if not 9.7 <= site.gravity <= 9.9:
         raise ValueError(
-            f"{file}: [site] gravity = {site.gravity:g} is not on Earth; m/s², 9.76 to 9.84, are needed."
+            f"{file}: [site] gravity = {site.gravity:g} is no gravity on Earth; it must be within "
+            "9.7 to 9.9 m/s²."
         )
     if site.latitude is not None and not -90 <= site.latitude <= 90:
         raise ValueError(

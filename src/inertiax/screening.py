@@ -21,7 +21,7 @@ def screen(recordings: tuple[Recording, ...], gravity: float) -> tuple[str, ...]
     for recording in recordings:
         _check_accel_unit(recording, gravity)
         _check_gyro_unit(recording)
-        notes += _gaps(recording)
+        notes += _clock(recording)
         notes += _saturated(recording, "accel", "m/s²")
         notes += _saturated(recording, "gyro", "rad/s")
         notes += _stuck(recording)
@@ -30,9 +30,11 @@ def screen(recordings: tuple[Recording, ...], gravity: float) -> tuple[str, ...]
 
 def _at_rest(recording: Recording) -> Mask:
     """Rows said to be at rest; all rows where the recording does not say (mostly rest, too)."""
-    if recording.position is None or not np.any(recording.position >= 0):
-        return np.ones(recording.num_samples, bool)
-    return recording.position >= 0
+    if recording.position is not None and np.any(recording.position >= 0):
+        return recording.position >= 0
+    if recording.reference_gyro is not None:
+        return np.linalg.norm(recording.reference_gyro, axis=1) < 0.01
+    return np.ones(recording.num_samples, bool)
 
 
 def _likely(ratio: float, units: dict[str, float], columns: str) -> str:
@@ -51,7 +53,9 @@ def _likely(ratio: float, units: dict[str, float], columns: str) -> str:
 def _check_accel_unit(recording: Recording, gravity: float) -> None:
     if recording.accel is None:
         return
-    norm = float(np.median(np.linalg.norm(recording.accel[_at_rest(recording)], axis=1)))
+    rows = _at_rest(recording)
+    norm = np.linalg.norm(recording.accel[rows if rows.any() else slice(None)], axis=1)
+    norm = float(np.median(norm))
     if not gravity / 3 < norm < 3 * gravity:
         raise ValueError(
             f"{recording.name}: accel has a median norm of {norm:.4g} m/s² at rest, not within a "
@@ -63,7 +67,8 @@ def _check_gyro_unit(recording: Recording) -> None:
     if recording.gyro is None:
         return
     norm = np.linalg.norm(recording.gyro, axis=1)
-    still = float(np.median(norm[_at_rest(recording)]))
+    rows = _at_rest(recording)
+    still = float(np.median(norm[rows])) if rows.any() else 0.0
     if still > 10.0:
         raise ValueError(
             f"{recording.name}: gyro has a median norm of {still:.4g} rad/s at rest, more than 10; "
@@ -84,11 +89,16 @@ def _check_gyro_unit(recording: Recording) -> None:
         )
 
 
-def _gaps(recording: Recording) -> list[str]:
+def _clock(recording: Recording) -> list[str]:
     steps = np.diff(recording.time)
     if len(steps) < 10:
         return []
     usual = float(np.median(steps))
+    if not 1e-6 < usual < 100:
+        return [
+            f"{recording.name}: the usual step in time is {usual:.4g} s; check the unit of time "
+            "([columns] time)."
+        ]
     gaps = np.flatnonzero(steps > 20 * usual)
     if not len(gaps):
         return []
@@ -131,7 +141,7 @@ def _holds(x: Float[np.ndarray, " time"], extreme: float) -> bool:
     repeats = (np.sum((x[1:] == x[:-1]) & elsewhere) + 1) / (elsewhere.sum() + 2)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
     longest = int((edges[1::2] - edges[::2]).max())
-    return longest >= 5 and len(x) * repeats**longest < 1e-3
+    return longest >= 5 and bool(len(x) * repeats**longest < 1e-3)
 
 
 def _stuck(recording: Recording) -> list[str]:

@@ -175,8 +175,9 @@ def _known(unit: str, units: Iterable[str], where: str) -> str:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """ "did you mean 'x'? " with the likeliest of `names`, or nothing where none is near."""
-    close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)
-    return f"did you mean '{close[0]}'? " if close else ""
+    by_case = {n.lower(): n for n in names}
+    close = difflib.get_close_matches(name.lower(), list(by_case), n=1, cutoff=0.6)
+    return f"did you mean '{by_case[close[0]]}'? " if close else ""
 
 
 CANONICAL = ColumnMap()  # the contract's column names, in SI

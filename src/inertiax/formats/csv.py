@@ -7,6 +7,7 @@ are separated by semicolons.
 """
 
 import csv
+import statistics
 from pathlib import Path
 from typing import NoReturn
 
@@ -46,19 +47,20 @@ def read_table(path: Path, names: tuple[str, ...] | None = None) -> pl.DataFrame
     if header is not None and names is not None:
         raise ValueError(
             f"{path.name}: [recordings] names is for files without a header line, but this one has "
-            f"{header}; map those under [columns]."
+            f"{list(header)}; map those under [columns]."
         )
     start = offset[skipped]
     return _parse(data[start:], delimiter, list(header or names or ()), path.name)
 
 
 def sniff_delimiter(lines: list[str]) -> str:
-    """The first of tab, semicolon, comma and blank that splits all lines alike; else the likeliest."""
-    counts = {d: [len(_fields(line, d)) for line in lines[:20]] for d in _DELIMITERS}
-    for delimiter, count in counts.items():
-        if min(count) > 1 and min(count) == max(count):
+    """The first of tab, semicolon, comma and blank that splits most lines into equally many fields."""
+    for delimiter in _DELIMITERS:
+        counts = [len(_fields(line, delimiter)) for line in lines[:20]]
+        usual = statistics.mode(counts)
+        if usual > 1 and 2 * counts.count(usual) > len(counts):
             return delimiter
-    return max(counts, key=lambda d: min(counts[d]))
+    return ","
 
 
 def _text_bytes(path: Path) -> bytes:
@@ -88,7 +90,7 @@ def _first_lines(data: bytes) -> tuple[list[str], list[int]]:
 
 def _fields(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
-        return line.replace(",", " , ").split() if "," in line else line.split()
+        return line.split()
     return [f.strip() for f in next(csv.reader([line], delimiter=delimiter))]
 
 
@@ -142,6 +144,7 @@ def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.Data
             f"{where}: {len(names)} column names {names} but {table.width} columns of data."
         )
     table.columns = names
+    table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # blank lines
     last = table.row(-1)
     if last[-1] is None and len(last) > 1 and table.get_column(names[-1]).null_count() == 1:
         found = sum(v is not None for v in last)
