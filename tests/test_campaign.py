@@ -151,7 +151,7 @@ def test_a_coarse_converter_at_rest_is_not_called_saturated(tmp_path):
     pose = np.repeat([0.0, 9.8, -9.8], 1000)
     rng = np.random.default_rng(2)
     accel = np.stack(
-        [pose, 1.0 + 0 * pose, 9.8 - np.abs(pose)], axis=1
+        [pose, 0.02 * pose, 9.8 - np.abs(pose)], axis=1
     ) + 0.005 * rng.standard_normal((3000, 3))
     assert _notes(tmp_path, t, np.round(accel / 0.05) * 0.05) == ()
 
