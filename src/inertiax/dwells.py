@@ -64,8 +64,8 @@ def experiment_rows(
 
 def by_experiment(
     dwells: Dwells,
-    rows: Int[np.ndarray, "experiments longest"],
-    kept: Bool[np.ndarray, "experiments longest"],
+    rows: Int[AnyArray, "experiments longest"],
+    kept: Bool[AnyArray, "experiments longest"],
 ) -> Dwells:
     """Stack the dwells of each experiment along a new leading axis, as `experiment_rows` says."""
     stacked = jax.tree.map(lambda x: jnp.asarray(x)[rows], dwells)

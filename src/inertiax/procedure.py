@@ -137,8 +137,8 @@ class PaperIteration(AbstractIteration):
 
     estimator: AbstractEstimator
     basis: AbstractBasis
-    rows: Int[np.ndarray, "experiments longest"]
-    kept: Bool[np.ndarray, "experiments longest"]
+    rows: Int[AnyArray, "experiments longest"]
+    kept: Bool[AnyArray, "experiments longest"]
 
     @classmethod
     def plan(
@@ -217,7 +217,7 @@ class GaussNewtonIteration(AbstractIteration):
 class _RecordState(eqx.Module):
     index: Int[Array, ""]
     step_size: Float[Array, ""]
-    history: Float[Array, "iterations size parameters"]
+    history: Float[Array, "iterations unknowns"]
     step_sizes: Float[Array, " iterations"]
 
 
@@ -272,6 +272,12 @@ def start_curve(
     return interpolate(basis, jnp.tile(vector[None, :], (basis.size, 1)))
 
 
+def _refine_flat(coefficients: Array, args: tuple) -> Array:
+    procedure, dwells, _ = args
+    shape = (procedure.basis.size, -1)
+    return procedure.refine(coefficients.reshape(shape), dwells).reshape(-1)
+
+
 @eqx.filter_jit
 def iterate(
     procedure: AbstractIteration,
@@ -296,22 +302,22 @@ def iterate(
     # A singular plan has NaN there; measure steps absolutely then and let the outcome tell.
     sigma = jnp.where(jnp.isfinite(sigma), sigma, jnp.ones_like(sigma))
     solution = optx.fixed_point(
-        lambda c, args: args[0].refine(c, args[1]),
+        _refine_flat,
         _RecordedIteration(atol=tolerance, max_iterations=max_iterations),
-        first,
-        (procedure, dwells, sigma),
+        first.reshape(-1),
+        (procedure, dwells, sigma.reshape(-1)),
         max_steps=max_iterations,
         adjoint=optx.ImplicitAdjoint(linear_solver=DenseNormal()),
         throw=False,
     )
-    curve = Curve(basis, solution.value)
+    curve = Curve(basis, solution.value.reshape(first.shape))
     return ThermalSolution(
         curve=curve,
         covariance=curve_covariance(estimator, curve, dwells),
         residuals=dwell_residuals(estimator, curve, dwells),
         result=solution.result,
         num_iterations=solution.stats["num_steps"],
-        history=solution.stats["history"],
+        history=solution.stats["history"].reshape(-1, *first.shape),
         step_sizes=solution.stats["step_sizes"],
         method=procedure.method,
     )

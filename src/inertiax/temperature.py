@@ -105,7 +105,8 @@ class CubicSpline(AbstractBasis):
     **Reference:** de Boor, *A Practical Guide to Splines*, Springer 2001, ch. IV.
     """
 
-    knots: tuple[float, ...] = eqx.field(static=True)  # °C, increasing
+    # °C, increasing; plain numbers, so that they may be static
+    knots: tuple[float, ...] = eqx.field(static=True, converter=lambda k: tuple(float(t) for t in k))
 
     def __check_init__(self):
         if len(self.knots) < 2 or np.any(np.diff(self.knots) <= 0):

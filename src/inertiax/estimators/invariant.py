@@ -12,7 +12,6 @@ second lies in its xy plane. Misalignment of the triad to the case or the table 
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -59,7 +58,7 @@ class Invariant(AbstractEstimator[AccelerometerErrors]):
     ) -> Float[Array, " rows"]:
         misfit, sigma = self.misfit(vector, dwell)
         total = jnp.sqrt(jnp.square(sigma) + jnp.square(self.scatter))
-        return soften(misfit / jax.lax.stop_gradient(total), self.robust)
+        return soften(misfit / total, self.robust)
 
     def misfit(
         self, vector: Float[AnyArray, " parameters"], dwell: Dwells

@@ -1,0 +1,243 @@
+"""The procedures over temperature: convergence, divergence, agreement, derivatives."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from inertiax.dwells import experiment_rows
+from inertiax.estimators import Invariant, ReferenceGyro
+from inertiax.procedure import (
+    convergence_rate,
+    dwell_residuals,
+    extra_scatter,
+    GaussNewtonIteration,
+    iterate,
+    joint_fit,
+    PaperIteration,
+    rate_warning,
+)
+from inertiax.simulate.bench import simulate_dwells
+from inertiax.simulate.motion import turns_about_three_axes
+from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
+from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros
+from inertiax.temperature import CubicSpline, Curve, Polynomial
+
+
+ESTIMATOR = Invariant(gravity=PAPER_GRAVITY)
+# One range for all plans of this file, so that every test uses the same compiled programs.
+BASIS = Polynomial(6, -70.0, 75.0)
+
+
+@pytest.fixture(scope="module")
+def device():
+    return Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))
+
+
+def _dwells(device, number, drift, *, seed=1):
+    key = None if seed is None else jax.random.PRNGKey(seed)
+    return simulate_dwells(key, paper_set(number, drift=drift), device)[0]
+
+
+def _greatest_error(coefficients, device):
+    """Greatest error of the curves in m/s² and relative, where every plan has data."""
+    grid = jnp.linspace(-50.0, 55.0, 106)
+    fitted = jax.vmap(Curve(BASIS, coefficients))(grid)
+    truth = jax.vmap(device.accel.curve)(grid)
+    error = np.abs(np.asarray(fitted - truth))
+    return float(error[:, :3].max()), float(error[:, 3:].max())
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+@pytest.mark.parametrize("drift", ["centred", "alternating", "settling"])
+def test_default_is_as_good_as_the_joint_fit_on_every_plan(drift, number, device):
+    dwells = _dwells(device, number, drift)
+    default = iterate(GaussNewtonIteration(ESTIMATOR, BASIS), dwells)
+    joint = joint_fit(ESTIMATOR, BASIS, dwells)
+    assert bool(default.succeeded) and bool(joint.succeeded)
+    sigma = np.sqrt(np.diagonal(joint.covariance)).reshape(7, 9)
+    difference = np.abs(default.curve.coefficients - joint.curve.coefficients) / sigma
+    # They weigh the same misfits in frames that differ by Γ, 1e-3 to 1e-2.
+    assert np.max(difference) < 0.05
+
+
+def test_without_noise_the_paper_iteration_finds_the_truth(device):
+    dwells = _dwells(device, 2, "centred", seed=None)
+    solution = iterate(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
+    assert bool(solution.succeeded)
+    bias, matrix = _greatest_error(solution.curve.coefficients, device)
+    assert bias < 1e-9 and matrix < 1e-9
+    # And the traditional calibration, its first pass, does not: 4 °C at 80 ppm/°C.
+    bias, matrix = _greatest_error(solution.history[1], device)
+    assert bias > 5e-5 and matrix > 2e-5
+
+
+def test_two_iterations_reach_the_noise_floor_at_4_degrees(device):
+    dwells = _dwells(device, 2, "centred")
+    solution = iterate(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
+    after_two, converged = solution.history[3], solution.curve.coefficients
+    sigma = np.sqrt(np.diagonal(solution.covariance)).reshape(7, 9)
+    assert np.max(np.abs(after_two - converged) / sigma) < 1.0
+
+
+@pytest.mark.parametrize("number, drift", [(1, "centred"), (2, "alternating")])
+def test_predicted_rate_is_the_observed_rate(number, drift, device):
+    dwells = _dwells(device, number, drift)
+    procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
+    solution = iterate(procedure, dwells, max_iterations=20, tolerance=1e-9)
+    rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
+    steps = np.asarray(solution.step_sizes)
+    # Late steps shrink by the dominant eigenvalue alone; below 1e-6 sigma the inner solves' own
+    # tolerance shows.
+    late = steps[np.isfinite(steps) & (steps > 1e-6)][-4:]
+    observed = (late[-1] / late[0]) ** (1.0 / 3.0)
+    assert late[0] < 1.0  # it has come that far
+    assert abs(rate.radius / observed - 1.0) < 0.1
+
+
+def test_divergent_plan_is_predicted_and_named(device):
+    dwells = _dwells(device, 1, "alternating")
+    procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
+    solution = iterate(procedure, dwells)
+    assert not bool(solution.succeeded)
+    rate = convergence_rate(
+        procedure, joint_fit(ESTIMATOR, BASIS, dwells).curve.coefficients, dwells
+    )
+    assert rate.radius > 1.5
+    warning = rate_warning(procedure, rate, dwells)
+    assert warning is not None
+    assert "diverges on this plan (spectral radius" in warning
+    assert "°C inside an experiment" in warning and "looks like accel." in warning
+    default = GaussNewtonIteration(ESTIMATOR, BASIS)
+    fixed = iterate(default, dwells)
+    assert convergence_rate(default, fixed.curve.coefficients, dwells).radius < 0.01
+    assert rate_warning(default, convergence_rate(default, fixed.curve.coefficients, dwells), dwells) is None
+
+
+def test_spline_temperature_model_recovers_the_truth(device):
+    dwells = _dwells(device, 2, "centred", seed=None)
+    basis = CubicSpline(tuple(np.linspace(-57.0, 62.0, 9)))
+    solution = iterate(GaussNewtonIteration(ESTIMATOR, basis), dwells)
+    assert bool(solution.succeeded)
+    grid = jnp.linspace(-50.0, 55.0, 106)
+    error = jax.vmap(solution.curve)(grid) - jax.vmap(device.accel.curve)(grid)
+    # A natural spline with 15 °C between knots cannot be exact; 1e-5 m/s² and 1 ppm is its error here.
+    assert np.max(np.abs(error)) < 1e-4
+
+
+def test_gyros_go_through_the_same_procedure():
+    device = Device(gyro=draw_gyros(jax.random.PRNGKey(3)))
+    plan = paper_set(1, turns=turns_about_three_axes(float(np.deg2rad(30.0))))
+    dwells, _ = simulate_dwells(None, plan, device)
+    estimator = ReferenceGyro(gravity=PAPER_GRAVITY, g_sensitivity=True)
+    basis = Polynomial(6, -70.0, 75.0)
+    solution = iterate(GaussNewtonIteration(estimator, basis), dwells)
+    assert bool(solution.succeeded)
+    grid = jnp.linspace(-50.0, 55.0, 22)
+    fitted, truth = jax.vmap(solution.curve)(grid), jax.vmap(device.gyro.curve)(grid)
+    np.testing.assert_allclose(fitted, truth, atol=1e-11)
+
+
+def test_padding_changes_nothing(device):
+    dwells = _dwells(device, 2, "centred")
+    rows = np.concatenate([np.arange(dwells.num_dwells), np.zeros(7, int)])
+    padded = dwells[rows]
+    valid = np.arange(len(rows)) < dwells.num_dwells
+    padded = eqx.tree_at(lambda d: d.valid, padded, jnp.asarray(valid))
+    plain, with_padding = joint_fit(ESTIMATOR, BASIS, dwells), joint_fit(ESTIMATOR, BASIS, padded)
+    np.testing.assert_allclose(
+        with_padding.curve.coefficients, plain.curve.coefficients, rtol=1e-9, atol=1e-13
+    )
+    np.testing.assert_allclose(with_padding.covariance, plain.covariance, rtol=1e-6)
+    assert not np.any(np.asarray(with_padding.residuals)[~valid])
+
+
+def test_experiments_are_grouped_and_padded(device):
+    dwells = _dwells(device, 2, "centred")[:40]  # 18 + 18 + 4
+    rows, kept = experiment_rows(dwells)
+    assert rows.shape == (3, 18)
+    assert kept.sum(axis=1).tolist() == [18, 18, 4]
+    assert set(rows[2]) == {36, 37, 38, 39}
+
+
+def test_too_few_experiments_for_the_degree(device):
+    dwells = _dwells(device, 2, "centred")[: 18 * 5]
+    message = "5 experiments cannot determine curves with 7 coefficients; lower the temperature degree to 4"
+    with pytest.raises(ValueError, match=message):
+        PaperIteration.plan(ESTIMATOR, BASIS, dwells)
+
+
+def test_whitened_residuals_have_unit_variance(device):
+    dwells = _dwells(device, 1, "centred")
+    solution = joint_fit(ESTIMATOR, BASIS, dwells)
+    residuals = dwell_residuals(ESTIMATOR, solution.curve, dwells)
+    dof = dwells.num_dwells - 63
+    # χ² with 171 degrees of freedom: standard deviation √(2/171) = 0.11 of its mean.
+    assert abs(float(jnp.sum(residuals**2)) / dof - 1.0) < 0.35
+
+
+def test_extra_scatter_by_hand():
+    # Equal own noise s: τ² = Σ r²/(n − p) − s².
+    residuals = np.array([3.0, -3.0, 3.0, -3.0, 3.0])
+    assert extra_scatter(residuals, np.full(5, 1.0), 2) == pytest.approx(np.sqrt(45 / 3 - 1))
+    assert extra_scatter(residuals, np.zeros(5), 2) == pytest.approx(np.sqrt(15.0))
+    assert extra_scatter(residuals, np.full(5, 9.0), 2) == 0.0
+
+
+# Derivatives of the answer ------------------------------------------------------------------------
+
+
+def _answer(method, estimator, dwells):
+    if method == "joint":
+        return joint_fit(estimator, BASIS, dwells).curve.coefficients
+    return iterate(GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9).curve.coefficients
+
+
+def _perturbed(dwells, which, direction, step):
+    """Estimator and dwells with all measurements, all temperatures or g moved along a direction."""
+    estimator = ESTIMATOR
+    if which == "gravity":
+        estimator = eqx.tree_at(lambda e: e.gravity, estimator, estimator.gravity + step)
+    elif which == "temperature":
+        dwells = eqx.tree_at(lambda d: d.temperature, dwells, dwells.temperature + step * direction)
+    else:
+        moved = dwells.accel + step * direction[:, None] * jnp.array([[1.0, -2.0, 0.5]])
+        dwells = eqx.tree_at(lambda d: d.accel, dwells, moved)
+    return estimator, dwells
+
+
+STEPS = {"accel": 1e-4, "temperature": 1e-2, "gravity": 1e-4}
+
+
+@pytest.mark.parametrize("method", ["joint", "gauss-newton"])
+@pytest.mark.parametrize("which", STEPS)
+def test_derivatives_of_the_answer_are_finite_differences(which, method, device):
+    dwells = _dwells(device, 1, "centred")
+    direction = jnp.asarray(np.random.default_rng(0).normal(size=dwells.num_dwells))
+    answer = eqx.filter_jit(lambda s: _answer(method, *_perturbed(dwells, which, direction, s)))
+    zero, h = jnp.asarray(0.0), STEPS[which]
+    exact = jax.jacfwd(answer)(zero)
+    # Fourth-order central differences.
+    f = [answer(jnp.asarray(k * h)) for k in (-2, -1, 1, 2)]
+    numeric = (f[0] - 8.0 * f[1] + 8.0 * f[2] - f[3]) / (12.0 * h)
+    # Relative to the largest derivative of the same unit: biases, then matrix elements. A derivative
+    # that should vanish (of a bias with respect to g) is judged by its effect on a 1 g reading.
+    size = np.abs(exact) * np.array([1.0] * 3 + [PAPER_GRAVITY] * 6)
+    error = np.abs(numeric - exact) * np.array([1.0] * 3 + [PAPER_GRAVITY] * 6)
+    assert np.max(error) < 1e-6 * np.max(size)
+
+
+def test_derivatives_work_in_reverse_and_under_vmap(device):
+    dwells = _dwells(device, 1, "centred")
+
+    def one(shift):
+        estimator = eqx.tree_at(lambda e: e.gravity, ESTIMATOR, ESTIMATOR.gravity + shift)
+        return joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
+
+    shifts = jnp.array([0.0, 1e-3, -1e-3])
+    gradients = jax.jit(jax.vmap(jax.grad(one)))(shifts)
+    h = 1e-4
+    for shift, gradient in zip(shifts, gradients, strict=True):
+        numeric = (one(shift + h) - one(shift - h)) / (2 * h)
+        np.testing.assert_allclose(gradient, numeric, rtol=1e-6)
