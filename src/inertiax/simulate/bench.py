@@ -4,6 +4,7 @@
 keys. `simulate_recordings` writes the logs that a device would have sent, slews included.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
@@ -66,25 +67,27 @@ def simulate_dwells(
     n = plan.num_experiments
     middle, duration = plan.dwells()
     probe, element = (x.reshape(-1) for x in _dwell_temperatures(plan, device, middle))
-    keys = [None] * 4 if key is None else list(jax.random.split(key, 4))
-    planned = _felt(plan, jnp.zeros((n, plan.programme.num_positions, 2)))
-    force, rate = _felt(plan, plan.position_errors(keys[3]))
+    draws = _draws(key, (n, len(middle), 9))  # accelerometers, gyros, probe, table angles
+    errors = jnp.asarray(plan.position_error) * draws[:, : plan.programme.num_positions, 7:]
+    planned = _felt(plan, jnp.zeros_like(errors))
+    force, rate = _felt(plan, errors)
     accel, gyro = _outputs(plan, device, element, force, rate)
     number = np.concatenate([np.asarray(plan.programme.numbers), np.full(len(plan.turns), -1)])
     duration = jnp.asarray(np.tile(duration, n))
     count = jnp.maximum(1.0, jnp.round(duration * sample_rate))
     variances = noise.accel**2 / duration, noise.gyro**2 / duration
+    draws = draws.reshape(-1, 9)
     dwells = Dwells(
         time=jnp.asarray((plan.start_times()[:, None] + middle).reshape(-1)),
         duration=duration,
         count=count,
-        temperature=_noisy(keys[0], probe, noise.probe / jnp.sqrt(count)),
+        temperature=probe + noise.probe / jnp.sqrt(count) * draws[:, 6],
         experiment=jnp.asarray(np.repeat(np.arange(n), len(number))),
         position=jnp.asarray(np.tile(number, n)),
         valid=jnp.ones(duration.shape, bool),
-        accel=None if accel is None else _noisy(keys[1], accel, jnp.sqrt(variances[0])),
+        accel=None if accel is None else accel + jnp.sqrt(variances[0])[:, None] * draws[:, :3],
         accel_covariance=None if accel is None else _isotropic(variances[0]),
-        gyro=None if gyro is None else _noisy(keys[2], gyro, jnp.sqrt(variances[1])),
+        gyro=None if gyro is None else gyro + jnp.sqrt(variances[1])[:, None] * draws[:, 3:6],
         gyro_covariance=None if gyro is None else _isotropic(variances[1]),
         reference_accel=planned[0],
         reference_gyro=planned[1],
@@ -118,14 +121,13 @@ def simulate_recordings(
     motion = move(plan.segments(), time)
     planned = tuple(np.asarray(x) for x in _moving(plan, motion))
     keys = [None, None] if key is None else list(jax.random.split(key))
-    errors = np.asarray(plan.position_errors(keys[1]))
-    temperatures = eqx.filter_jit(_temperatures)
-    outputs = eqx.filter_jit(_outputs)
+    shape = (plan.num_experiments, plan.programme.num_positions, 2)
+    errors = np.asarray(jnp.asarray(plan.position_error) * _draws(keys[1], shape))
     recordings, truths = [], []
     for experiment, start in enumerate(plan.start_times()):
-        probe, element = temperatures(plan, device, jnp.asarray(experiment), jnp.asarray(time))
+        probe, element = _temperatures(plan, device, jnp.asarray(experiment), jnp.asarray(time))
         force, rate = _moving(plan, move(plan.segments(errors[experiment]), time))
-        accel, gyro = outputs(plan, device, element, force, rate)
+        accel, gyro = _outputs(plan, device, element, force, rate)
         truth = Truth(np.asarray(element), np.asarray(force), np.asarray(rate))
         recording = Recording(
             time=start + time,
@@ -147,6 +149,8 @@ def simulate_recordings(
     return tuple(recordings), tuple(truths)
 
 
+# The functions below are compiled whole: one by one, their operations take seconds to compile.
+@eqx.filter_jit
 def _temperatures(
     plan: Plan, device: Device, experiment: Int[Array, ""], time: Float[Array, " row"]
 ) -> tuple[Float[Array, " row"], Float[Array, " row"]]:
@@ -156,15 +160,17 @@ def _temperatures(
     return probe, first_order_lag(time, probe, device.lag)
 
 
+@eqx.filter_jit
 def _dwell_temperatures(
-    plan: Plan, device: Device, middle: Float[np.ndarray, " dwell"]
+    plan: Plan, device: Device, middle: Float[AnyArray, " dwell"]
 ) -> tuple[Float[Array, "experiment dwell"], Float[Array, "experiment dwell"]]:
-    time = jnp.asarray(np.concatenate([[0.0], middle]))
+    time = jnp.concatenate([jnp.zeros(1), jnp.asarray(middle)])
     one = lambda experiment: _temperatures(plan, device, experiment, time)
     probe, element = jax.vmap(one)(jnp.arange(plan.num_experiments))
     return probe[:, 1:], element[:, 1:]
 
 
+@eqx.filter_jit
 def _felt(
     plan: Plan, errors: Float[Array, "experiment position 2"]
 ) -> tuple[Float[Array, "row 3"], Float[Array, "row 3"]]:
@@ -213,6 +219,7 @@ def _moving(plan: Plan, motion: Motion) -> tuple[Float[Array, "row 3"], Float[Ar
     return jax.vmap(one)(jnp.asarray(motion.angles), jnp.asarray(motion.rates))
 
 
+@eqx.filter_jit
 def _outputs(
     plan: Plan,
     device: Device,
@@ -236,29 +243,29 @@ def _read_out(
 ) -> Recording:
     """Noise, then rounding, on the columns that a device sends."""
     root = float(np.sqrt(sample_rate))
-    keys = [None] * 3 if key is None else list(jax.random.split(key, 3))
+    draws = np.asarray(_draws(key, (ideal.num_samples, 7)))  # accelerometers, gyros, probe
 
-    def sent(own: PRNGKeyArray | None, values: np.ndarray | None, std: float, step: float):
+    def sent(values: np.ndarray | None, std: float, own: np.ndarray, step: float):
         if values is None:
             return None
-        values = np.asarray(_noisy(own, jnp.asarray(values), jnp.asarray(std)))
+        values = values + std * own
         return np.round(values / step) * step if step > 0 else values
 
     columns = (
-        sent(keys[0], ideal.temperature, noise.probe, readout.temperature),
-        sent(keys[1], ideal.accel, noise.accel * root, readout.accel),
-        sent(keys[2], ideal.gyro, noise.gyro * root, readout.gyro),
+        sent(ideal.accel, noise.accel * root, draws[:, :3], readout.accel),
+        sent(ideal.gyro, noise.gyro * root, draws[:, 3:6], readout.gyro),
+        sent(ideal.temperature, noise.probe, draws[:, 6:], readout.temperature),
     )
-    where = lambda r: (r.temperature, r.accel, r.gyro)
+    where = lambda r: (r.accel, r.gyro, r.temperature)
     return eqx.tree_at(where, ideal, columns, is_leaf=lambda x: x is None)
 
 
-def _noisy(key: PRNGKeyArray | None, mean: Array, std: Array) -> Array:
-    """Independent noise; `std` per row."""
+def _draws(key: PRNGKeyArray | None, shape: tuple[int, ...]) -> Array:
+    """Standard normal numbers; zeros without a key."""
     if key is None:
-        return mean
-    scale = jnp.reshape(std, std.shape + (1,) * (mean.ndim - std.ndim))
-    return mean + scale * jax.random.normal(key, mean.shape, mean.dtype)
+        return jnp.zeros(shape)
+    # Drawn flat: XLA on CPU takes seconds to compile the generator in more dimensions.
+    return jax.random.normal(key, (math.prod(shape),)).reshape(shape)
 
 
 def _isotropic(variance: Float[Array, " row"]) -> Float[Array, "row 3 3"]:

@@ -6,10 +6,9 @@ recorded.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float
 
 from .._typing import Scalar
 from .chamber import Chamber, PAPER_CHANGES, PAPER_TEMPERATURES
@@ -67,13 +66,6 @@ class Plan(eqx.Module):
             programme = Programme(programme.name, angles, programme.numbers)
         return segments(programme, self.turns, dwell_time=self.dwell_time, slew_time=self.slew_time)
 
-    def position_errors(self, key: PRNGKeyArray | None) -> Float[Array, "experiment position 2"]:
-        """Random errors of the table's angles (rad); zero without a `key`."""
-        shape = (self.num_experiments, self.programme.num_positions, 2)
-        if key is None:
-            return jnp.zeros(shape)
-        return jnp.asarray(self.position_error) * jax.random.normal(key, shape)
-
     def dwells(self) -> tuple[Float[np.ndarray, " dwell"], Float[np.ndarray, " dwell"]]:
         """Middle (s from the start of an experiment) and duration (s) of each rest, in the order
         visited, and then of each turn's plateau."""
@@ -105,7 +97,8 @@ def paper_set(
     size = PAPER_CHANGES[number - 1] if change is None else change
     return Plan(
         programme,
-        Chamber(jnp.asarray(temperatures), size, drift),
+        # The size as an array: the three sets then share what is compiled for one.
+        Chamber(jnp.asarray(temperatures), jnp.asarray(float(size)), drift),
         dwell_time=dwell_time,
         slew_time=slew_time,
         turns=turns,
