@@ -76,7 +76,7 @@ def _pooled(scatter: Scatter) -> Float[np.ndarray, "dwell 3 3"]:
 
 
 def _shape(scatter: Scatter, squares: Float[np.ndarray, " dwell"], axis: int) -> NoiseShape:
-    """Pooled over dwells, each in units of its own deviation; over a part where there are many."""
+    """Pooled over dwells; over a part of them where there are many."""
     counts = scatter.counts
     chosen = np.flatnonzero((counts >= 3) & (squares > 0))
     if not len(chosen):
@@ -87,8 +87,10 @@ def _shape(scatter: Scatter, squares: Float[np.ndarray, " dwell"], axis: int) ->
     starts = np.cumsum(kept) - kept
     rows = np.arange(kept.sum()) + np.repeat(scatter.starts[chosen] - starts, kept)
     scale = np.sqrt(squares[chosen] / counts[chosen])
-    # A dwell far noisier than the others speaks in its own unit, a quiet one no louder than it is.
-    scale = np.maximum(scale, np.median(scale))
+    # A dwell far noisier than the others must not speak for them all. Below that each keeps its own
+    # level: dividing by it would hide the slow part of the noise, which is much of that level.
+    usual = np.median(scale)
+    scale = np.where(scale > 3.0 * usual, scale / usual, 1.0)
     return fit_noise_shape(scatter.deviations[rows, axis] / np.repeat(scale, kept), starts)
 
 

@@ -223,16 +223,18 @@ def _pieces_by_temperature(
     assert recording.temperature is not None
     probe = recording.temperature[:, 0]
     pieces = np.ones(segments.num_segments, np.int64)
-    for k in range(segments.num_segments):
+    if not len(pieces):
+        return pieces
+    edges = np.column_stack([segments.start, segments.stop]).ravel()
+    last = edges[-1] == len(probe)  # reduceat takes no edge past the end
+    spread = np.maximum.reduceat(probe, edges[:-1] if last else edges)[::2]
+    spread = spread - np.minimum.reduceat(probe, edges[:-1] if last else edges)[::2]
+    for k in np.flatnonzero(spread > step):
         t = probe[segments.start[k] : segments.stop[k]]
-        if np.ptp(t) <= step:
-            continue
         chunks = min(64, max(2, len(t) // 32))
-        edges = np.arange(chunks + 1) * len(t) // chunks
-        if edges[1] == 0:
-            continue
-        means = np.add.reduceat(t, edges[:-1]) / np.diff(edges)
-        noise = np.std(np.diff(t)) / math.sqrt(edges[1])  # of a difference of two chunk means
+        bounds = np.arange(chunks + 1) * len(t) // chunks
+        means = np.add.reduceat(t, bounds[:-1]) / np.diff(bounds)
+        noise = np.std(np.diff(t)) / math.sqrt(bounds[1])  # of a difference of two chunk means
         steepest = float(np.abs(np.diff(means)).max()) - 4.0 * noise
         pieces[k] = min(math.ceil(max(steepest * chunks / step, 1.0)), max(1, len(t) // 8))
     return pieces

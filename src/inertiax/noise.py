@@ -6,6 +6,8 @@ the instrument's (`NoiseShape`) and is pooled over all dwells; σ² is the dwell
 towards the pooled one as far as the data say that dwells are alike.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
@@ -121,38 +123,40 @@ def fit_noise_shape(
     levels, variances, freedom = levels[seen], variances[seen], freedom[seen]
     if len(levels) < 2:
         return NoiseShape()
-    weight = np.sqrt(freedom / 2.0) / variances
     longest = max(float(levels[-1]) / 1.5, 1.0)
     memories = np.geomspace(0.5, longest, max(2, int(6 * np.log2(longest / 0.5)) + 1))
     decays = np.exp(-1.0 / memories)
     columns = [_hadamard(lambda n: n, levels), _hadamard(lambda n: np.ones_like(n), levels)]
     columns += [_hadamard(lambda n, d=d: red_sum_variance(d, n), levels) for d in decays]
-    design = np.stack(columns, axis=1) * weight[:, None]
-    target = variances * weight
-    chosen, shares, misfit = _grow(design, target)
-    if not shares.sum() > 0:
-        return NoiseShape()
-    del misfit
+    design = np.stack(columns, axis=1)
+    shares, expected = np.zeros(design.shape[1]), variances
+    for _ in range(3):
+        # A variance is uncertain in proportion to what it should be; weighted with what it happens
+        # to be, chance lows would count for more than chance highs.
+        weight = np.sqrt(freedom / 2.0) / expected
+        shares = _grow(design * weight[:, None], variances * weight)
+        expected = design @ shares
     shares = shares / shares.sum()
-    by_column = dict(zip(chosen, shares, strict=True))
-    red = [k for k in chosen if k >= 2 and by_column[k] > 0]
+    red = np.flatnonzero(shares[2:])
     return NoiseShape(
-        white=float(by_column.get(0, 0.0)),
-        differenced=float(by_column.get(1, 0.0)),
-        red=tuple(float(by_column[k]) for k in red),
-        decay=tuple(float(decays[k - 2]) for k in red),
+        white=float(shares[0]),
+        differenced=float(shares[1]),
+        red=tuple(shares[2 + red].tolist()),
+        decay=tuple(decays[red].tolist()),
     )
 
 
-def _hadamard(sum_variance, levels: Int[np.ndarray, " level"]) -> Float[np.ndarray, " level"]:
+def _hadamard(
+    sum_variance: Callable[[np.ndarray], np.ndarray], levels: Int[np.ndarray, " level"]
+) -> Float[np.ndarray, " level"]:
     m = levels.astype(float)
     return (15 * sum_variance(m) - 6 * sum_variance(2 * m) + sum_variance(3 * m)) / (6 * m**2)
 
 
 def _grow(
     design: Float[np.ndarray, "level component"], target: Float[np.ndarray, " level"]
-) -> tuple[list[int], Float[np.ndarray, " chosen"], float]:
-    """Components chosen one at a time, from white noise on, by the drop in χ²."""
+) -> Float[np.ndarray, " component"]:
+    """Shares of the components chosen one at a time, from white noise on, by the drop in χ²."""
     chosen = [0]
     shares, residual = nnls(design[:, chosen], target)
     while len(chosen) < min(4, len(target)):
@@ -163,7 +167,7 @@ def _grow(
             break
         chosen.append(trials[best])
         shares, residual = fits[best]
-    return chosen, shares, residual
+    return np.bincount(chosen, shares, minlength=design.shape[1])
 
 
 def prior_freedom(
@@ -241,10 +245,11 @@ def quantisation_floor(
     """
     lsb2 = np.asarray(step, float) ** 2
     sigma2 = np.maximum(np.asarray(variance) - lsb2 / 12.0, 0.0)
-    ratio = np.divide(
-        sigma2, lsb2, out=np.full(np.broadcast(sigma2, lsb2).shape, np.inf), where=lsb2 > 0
-    )
+    floor = np.where(sigma2 == 0.0, lsb2 / 12.0, 0.0)
+    # Beyond σ = LSB the series is below 1e-17 of LSB².
+    dithered = np.broadcast_to((sigma2 > 0.0) & (sigma2 < lsb2), floor.shape)
+    lsb2, sigma2 = (np.broadcast_to(x, floor.shape)[dithered] for x in (lsb2, sigma2))
     k2 = np.arange(1, 30.0) ** 2
-    decay = np.exp(-4.0 * np.pi**2 * np.minimum(ratio, 1e3)[..., None] * k2)
-    floor = lsb2 / (2.0 * np.pi**2) * (decay / k2).sum(axis=-1)
-    return np.where(ratio == 0.0, lsb2 / 12.0, floor)
+    decay = np.exp(-4.0 * np.pi**2 * (sigma2 / lsb2)[:, None] * k2)
+    floor[dithered] = lsb2 / (2.0 * np.pi**2) * (decay / k2).sum(axis=-1)
+    return floor
