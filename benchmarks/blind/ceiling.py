@@ -42,7 +42,9 @@ def candidates(case: draw.Case, triad: str) -> list[tuple[str, list[int], np.nda
     return [(n, c, x) for (n, c, _), x in zip(out, parts, strict=True)]
 
 
-def gains(y: np.ndarray, found: list, given: np.ndarray) -> list[tuple[float, int, str, list[int], int]]:
+def gains(
+    y: np.ndarray, found: list, given: np.ndarray
+) -> list[tuple[float, int, str, list[int], int]]:
     """(BIC gain, rank, name, channels, index) of adding each candidate to those given."""
     q0 = linear.span(given) if given.shape[1] else np.zeros((len(y), 0))
     left = y - q0 @ (q0.T @ y)
@@ -75,7 +77,9 @@ def explain(case: draw.Case, triad: str) -> tuple[list[dict], bool]:
         for g, _, n, c, _ in ranked:
             if set(c) & set(channels):
                 best[n] = max(best.get(n, -np.inf), g)
-        rivals = sorted((n for n in best if n != name and bic - best[n] < 6), key=lambda n: -best[n])
+        rivals = sorted(
+            (n for n in best if n != name and bic - best[n] < 6), key=lambda n: -best[n]
+        )
         effects.append(
             {"name": name, "channels": [f"{triad}_{'xyz'[c]}" for c in channels],
              "alternatives": rivals, "parameters": {}, "evidence": {"delta_bic": bic}}

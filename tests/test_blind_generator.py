@@ -1,0 +1,153 @@
+"""The blind proof's generator and scorer (benchmarks/blind), which share no code with the package."""
+
+import ast
+import json
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+
+BLIND = Path(__file__).parent.parent / "benchmarks" / "blind"
+sys.path.insert(0, str(BLIND))
+
+import draw  # noqa: E402
+import generate  # noqa: E402
+import linear  # noqa: E402
+import marks  # noqa: E402
+import plans  # noqa: E402
+import score  # noqa: E402
+import truth  # noqa: E402
+import world  # noqa: E402
+
+
+KINDS = ["null", "single", "aliased"]
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cases")
+    return folder, generate.generate(3, 19, folder, kinds=KINDS)
+
+
+def test_same_seed_gives_the_same_cases_and_hash(suite, tmp_path):
+    folder, answers = suite
+    again = generate.generate(1, 19, tmp_path, kinds=KINDS[:1])
+    assert again["cases"] == answers["cases"][:1]
+    for file in sorted((folder / "case-001").iterdir()):
+        assert file.read_bytes() == (tmp_path / "case-001" / file.name).read_bytes()
+    other = generate.seal({**answers, "seed": 20})[1]
+    assert generate.seal(answers)[1] == generate.seal(json.loads(json.dumps(answers)))[1] != other
+
+
+def test_cases_are_campaigns_of_the_contract(suite):
+    folder, _ = suite
+    allowed = {"time", "temperature", "experiment", "position"}
+    for prefix in ("accel", "gyro", "reference_accel", "reference_gyro"):
+        allowed |= {f"{prefix}_{a}" for a in "xyz"}
+    for case in sorted(folder.glob("case-*")):
+        settings = tomllib.loads((case / "campaign.toml").read_text())
+        assert 9.7 < settings["site"]["gravity"] < 9.9
+        assert settings["device"]["grade"] in ("navigation", "tactical", "consumer")
+        triads = [k for k in ("accel", "gyro") if f"{k}_estimator" in settings["model"]]
+        last = -np.inf
+        for file in sorted(case.glob("*.parquet")):
+            log = pl.read_parquet(file)
+            assert set(log.columns) <= allowed
+            assert {f"{k}_{a}" for k in triads for a in "xyz"} <= set(log.columns)
+            assert np.isfinite(log.to_numpy()).all()
+            time = log["time"].to_numpy()
+            assert time[0] > last and (np.diff(time) > 0).all()
+            assert log["position"].min() == -1 and log["position"].max() >= 0
+            last = time[-1]
+
+
+def test_specific_force_and_rates_agree_with_each_other():
+    """d(up)/dt = -rate × up in case axes, for moves and spins alike (100 Hz, second-order error)."""
+    table = plans.Table(100.0)
+    target, _ = plans.attitude(np.array([0.3, -0.5, 0.8]), 0.7)
+    table.move(target)
+    table.spin(np.array([1.0, 2.0, -1.0]), 1.5, 2.0)
+    plan = table.plan("t", lambda t: 0 * t, model={}, block_seconds=1.0)
+    turned = np.diff(plan.up, axis=0) * 100.0
+    middle = lambda x: 0.5 * (x[1:] + x[:-1])
+    assert np.abs(turned + np.cross(middle(plan.rate), middle(plan.up))).max() < 2e-3
+
+
+def test_size_estimates_scatter_as_the_true_covariance_says():
+    """48 runs: the normalised estimate has standard deviation 1 ± 0.1, χ² per degree 1 ± 0.01."""
+    rng = np.random.default_rng([5, 2])
+    case = draw.stage("x", plans.tumble, dict(model="reference", count=12, sessions=2), rng)
+    effect = truth.second_order(case.scenes["accel"], rng)
+    problem = case.problems["accel"]
+    seen = problem.visible(effect.signal(1.0))
+    seen /= np.linalg.norm(seen)
+    scores, chi2 = [], []
+    for _ in range(48):
+        draw.record(case, rng)
+        y = problem.visible(case.disturbance["accel"])
+        scores.append(seen @ y)
+        chi2.append(y @ y / (len(y) - problem.base.shape[1]))
+    assert 0.7 < np.std(scores) < 1.3 and abs(np.mean(scores)) < 0.5
+    assert abs(np.mean(chi2) - 1.0) < 0.05
+
+
+def test_effect_that_calibration_absorbs_leaves_nothing():
+    rng = np.random.default_rng(3)
+    case = draw.stage("x", plans.tumble, dict(model="reference", count=12, sessions=1), rng)
+    problem, scene = case.problems["accel"], case.scenes["accel"]
+    whole = np.linalg.norm(problem.whiten(problem.reduce(scene.ideal)))
+    assert np.linalg.norm(problem.visible(scene.ideal)) < 1e-8 * whole
+    turned = np.cross([1e-3, 2e-3, -1e-3], scene.ideal)
+    assert np.linalg.norm(problem.visible(turned)) < 1e-8 * whole
+
+
+def test_relaxation_process_has_the_covariance_of_its_blocks():
+    """Variance of a block mean of a unit process, against 4000 simulated blocks (5 % s.e. 2 %)."""
+    time = np.arange(160_000) * 0.5
+    x = world.ornstein_uhlenbeck(time, 20.0, 1.0, np.random.default_rng(1)).reshape(4000, 40)
+    one = np.ones(1)
+    blocks = linear.Blocks(one, one, one, 20.0 * one, one, one)
+    expected = linear._relaxation_covariance(blocks, 20.0)[0, 0]
+    assert abs(x.mean(axis=1).var() / expected - 1) < 0.1
+
+
+def test_generator_imports_nothing_of_the_package():
+    for file in BLIND.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not {n.split(".")[0] for n in names} & {"inertiax", "jax", "equinox"}, file
+
+
+def test_wilson_interval_and_span_overlap_have_their_hand_values():
+    assert np.allclose(score.wilson(8, 10), [0.4902, 0.9433], atol=1e-4)  # Newcombe 1998's form
+    assert marks.overlap([(0, 10)], [(5, 15)]) == pytest.approx(5 / 15)
+    assert marks.overlap([(0, 4), (2, 6)], [(0, 6)]) == pytest.approx(1.0)
+
+
+def test_scorer_refuses_other_answers_than_the_sealed_ones(suite, tmp_path):
+    folder, answers = suite
+    text, digest = generate.seal(answers)
+    (folder / "answers.sha256").write_text(digest + "\n")
+    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
+    good.write_bytes(text)
+    bad.write_bytes(text.replace(b"consistent", b"unexplained"))
+    assert score.open_answers(folder, good) == json.loads(text)
+    with pytest.raises(SystemExit, match="was sealed"):
+        score.open_answers(folder, bad)
+
+
+def test_a_perfect_diagnosis_gets_full_marks_and_a_wrong_one_none(suite):
+    answer = suite[1]["cases"][1]
+    truth_ = answer["effects"][0]
+    effect = {"name": truth_["name"], "channels": truth_["channels"], "alternatives": []}
+    right = marks.mark(answer, {"verdict": "missing-physics", "effects": [effect]}, 1.0)
+    assert right.right_verdict and right.first_in_class and right.true_in_set and right.channel
+    wrong = {"name": "supply", "channels": ["accel_q"], "alternatives": []}
+    other = marks.mark(answer, {"verdict": "missing-physics", "effects": [wrong]}, 1.0)
+    assert not (other.first_in_class or other.true_in_set or other.channel)
+    assert marks.mark(answer, None, None).detected is False
