@@ -63,7 +63,7 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
     edges = np.array(trimmed, dtype=np.int64).reshape(-1, 2)
     statement = (
         f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
-        f"{width * step:.3g} s; the same number for any threshold from {low:.3g} to {high:.3g}"
+        f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
     return Rests(edges[:, 0], edges[:, 1], threshold=threshold, statement=statement)
 
