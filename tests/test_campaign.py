@@ -150,9 +150,8 @@ def test_a_coarse_converter_at_rest_is_not_called_saturated(tmp_path):
     t = np.arange(3000) / 100
     pose = np.repeat([0.0, 9.8, -9.8], 1000)
     rng = np.random.default_rng(2)
-    accel = np.stack(
-        [pose, 0.02 * pose, 9.8 - np.abs(pose)], axis=1
-    ) + 0.005 * rng.standard_normal((3000, 3))
+    accel = np.stack([pose, 0.02 * pose, 9.8 - np.abs(pose)], axis=1)
+    accel += 0.005 * rng.standard_normal((3000, 3))
     assert _notes(tmp_path, t, np.round(accel / 0.05) * 0.05) == ()
 
 
