@@ -25,7 +25,11 @@ def _courses(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
     for width in (0.03, 0.08):
         for centre in np.arange(width, 1.0, 2.0 * width):
             course = np.exp(-0.5 * ((x - centre) / width) ** 2)
-            yield "bump in time", f"exp(-((t - {time[0] + centre * span:.0f} s) / {width * span:.0f} s)^2 / 2)", course
+            yield (
+                "bump in time",
+                f"exp(-((t - {time[0] + centre * span:.0f} s) / {width * span:.0f} s)^2 / 2)",
+                course,
+            )
     for centre in (0.25, 0.5, 0.75):
         yield "kink in time", f"|t - {time[0] + centre * span:.0f} s|", np.abs(x - centre)
     yield "power of time", "t^2", (x - 0.5) ** 2
@@ -48,7 +52,11 @@ def _courses(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
         yield "kink in temperature", f"|T - {at:.1f} °C|", np.abs(y - centre)
     for k in (1.0, 1.5, 2.0, 3.0, 4.0, 6.0):
         wave = 2.0 * np.pi * k * y
-        yield "wave in temperature", f"sin(2 pi T / {(high - low) / k:.1f} °C + phase)", np.stack([np.sin(wave), np.cos(wave)], 1)
+        yield (
+            "wave in temperature",
+            f"sin(2 pi T / {(high - low) / k:.1f} °C + phase)",
+            np.stack([np.sin(wave), np.cos(wave)], 1),
+        )
     rate = np.asarray(signal.temperature_rate) * 60.0
     z = 2.0 * y - 1.0
     yield "temperature rate", "(dT/dt)^2", rate**2
@@ -71,11 +79,23 @@ def _inputs(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
         both = np.stack([np.sin(np.pi * k * unit), np.cos(np.pi * k * unit)], axis=2)
         yield "wave in input", f"sin({k:g} pi {letter} / {letter}max + phase)", both
     for width in (0.15, 0.3):
-        yield "bump in input", f"exp(-({letter} / {width:g} {letter}max)^2 / 2)", np.exp(-0.5 * (unit / width) ** 2)[:, :, None]
+        yield (
+            "bump in input",
+            f"exp(-({letter} / {width:g} {letter}max)^2 / 2)",
+            np.exp(-0.5 * (unit / width) ** 2)[:, :, None],
+        )
     before = unit - np.asarray(signal.move) / max(float(np.abs(u).max()), 1e-300)
     yield "memory of the move", f"{letter} of the position before", before[:, :, None]
-    yield "memory of the move", f"sign of the change of {letter}", np.sign(np.asarray(signal.move))[:, :, None]
-    yield "product of inputs", f"{letter}_x {letter}_y {letter}_z", np.repeat(np.prod(unit, axis=1)[:, None, None], 3, axis=1)
+    yield (
+        "memory of the move",
+        f"sign of the change of {letter}",
+        np.sign(np.asarray(signal.move))[:, :, None],
+    )
+    yield (
+        "product of inputs",
+        f"{letter}_x {letter}_y {letter}_z",
+        np.repeat(np.prod(unit, axis=1)[:, None, None], 3, axis=1),
+    )
     if signal.triad == "gyro":
         yield "power of input", "w^2", unit[:, :, None] ** 2
 
@@ -97,7 +117,11 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
         add(family, formula, np.broadcast_to(course, (len(u), 3, course.shape[2])))
         if np.any(u) and not family.endswith("in time"):
             add(f"{family} times input", f"{letter} {formula}", (u / scale)[:, :, None] * course)
-            add(f"{family} times input squared", f"{letter}^2 {formula}", (u / scale)[:, :, None] ** 2 * course)
+            add(
+                f"{family} times input squared",
+                f"{letter}^2 {formula}",
+                (u / scale)[:, :, None] ** 2 * course,
+            )
     if np.any(u):
         x = np.linspace(-0.5, 0.5, len(u))[:, None, None]
         add("input squared and time", f"{letter}^2 t", (u / scale)[:, :, None] ** 2 * x)
@@ -119,4 +143,6 @@ def add_positions(made: list[Term], signal: Signal, blocks: Blocks, base: Baseli
         return
     dummy = ((blocks.position[:, None] == numbers) & rest[:, None]).astype(float)
     addition = np.broadcast_to(dummy[:, None, :], (len(dummy), 3, len(numbers)))
-    made.extend(channel_terms(PREFIX + "position", Variant("a level of each position", {}), base, addition))
+    made.extend(
+        channel_terms(PREFIX + "position", Variant("a level of each position", {}), base, addition)
+    )

@@ -4,11 +4,8 @@ Rows are observations: |a| − g for the invariant accelerometer estimator, an o
 the others, one chain of rows per channel.
 """
 
-from functools import partial
-
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 

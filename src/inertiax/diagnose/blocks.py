@@ -23,6 +23,7 @@ class Log(eqx.Module):
     """All recordings of one device in one row order, with a common clock."""
 
     time: Float[np.ndarray, " time"]  # s since the first sample, increasing across recordings
+    clock: Float[np.ndarray, " time"]  # s, as recorded
     recording: Int[np.ndarray, " time"]
     experiment: Int[np.ndarray, " time"]
     position: Int[np.ndarray, " time"]
@@ -124,6 +125,7 @@ def join(campaign: Campaign) -> Log:
     probe = _column(recordings, "temperature")
     return Log(
         time=time - time[0],
+        clock=np.concatenate([r.time for r in recordings]),
         recording=np.repeat(np.arange(len(recordings)), [r.num_samples for r in recordings]),
         experiment=np.concatenate(experiment),
         position=np.concatenate([_positions(r) for r in recordings]),

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import numpy as np
 
+from ..calibration import Calibration
 from ..effects import CATALOGUE, Effect, Signal
 from ..recordings import Campaign
 from .alternatives import alternatives
@@ -25,9 +27,12 @@ class Prepared(eqx.Module):
     system: System
     candidates: tuple[Term, ...]
     missing: dict[str, str] = eqx.field(static=True)
+    clock: np.ndarray  # s, the recording's clock at every sample of the log
 
 
-def rig_variance(campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline) -> list[np.ndarray]:
+def rig_variance(
+    campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline
+) -> list[np.ndarray]:
     """Variance that the rig's stated uncertainties give to each chain's rows at every positioning."""
     num = blocks.num_blocks
     rows = [np.zeros(num) for _ in base.observed]
@@ -40,9 +45,15 @@ def rig_variance(campaign: Campaign, form: ModelForm, blocks: Blocks, base: Base
     return rows
 
 
-def prepare(campaign: Campaign, catalogue: Sequence[Effect] = CATALOGUE) -> tuple[Log, list[Prepared]]:
+def prepare(
+    campaign: Campaign,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    calibration: Calibration | None = None,
+) -> tuple[Log, list[Prepared]]:
     """Cut the recordings into blocks, fit the baseline of each triad and make all candidates."""
     log = join(campaign)
+    if calibration is not None:
+        log = compensate(log, calibration)
     blocks = cut(log)
     accel_base, prepared = None, []
     for triad in ("accel", "gyro"):
@@ -64,4 +75,26 @@ def _prepare(campaign, log, blocks, form, base, force, catalogue) -> Prepared:
     coarse = coarsen(signal, blocks)
     listed, missing = terms(tuple(catalogue), signal, blocks, base)
     system = make(base, blocks, rig_variance(campaign, form, blocks, base))
-    return Prepared(form, blocks, signal, coarse, system, (*listed, *alternatives(coarse, blocks, base)), missing)
+    return Prepared(
+        form,
+        blocks,
+        signal,
+        coarse,
+        system,
+        (*listed, *alternatives(coarse, blocks, base)),
+        missing,
+        log.clock,
+    )
+
+
+def compensate(log: Log, calibration: Calibration) -> Log:
+    """The log with a known calibration taken away by equation (3), sample by sample."""
+    num = len(log.time)
+    accel = np.zeros((num, 3)) if log.accel is None else log.accel
+    gyro = np.zeros((num, 3)) if log.gyro is None else log.gyro
+    temperature = np.full(num, 20.0) if log.temperature is None else log.temperature
+    force, rate = jax.jit(jax.vmap(calibration))(accel, gyro, temperature)
+    changed = {"accel": np.asarray(force), "gyro": np.asarray(rate)}
+    columns = {k: getattr(log, k) for k in log.__dataclass_fields__}
+    columns |= {k: v for k, v in changed.items() if columns[k] is not None}
+    return Log(**columns)

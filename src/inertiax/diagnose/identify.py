@@ -7,8 +7,8 @@ import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
-from .search import bank, Bank, Candidate, count_forms, judge, refine, shortlist
-from .system import fit_noise, NoiseFit, Score, System, whiten_system
+from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
+from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
 
 
@@ -40,6 +40,7 @@ class Answer(eqx.Module):
     tests: float = eqx.field(static=True)  # effective number of independent tests
     candidates: tuple[Term, ...]  # a short list
     ranked: tuple[Candidate, ...]  # of the first step
+    listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
 
 
 def effective_tests(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) -> float:
@@ -52,7 +53,9 @@ def effective_tests(scores: Sequence[Score], lengths: Sequence[int], draws: int 
     smallest = np.ones(draws)
     by_chain: dict[int, list[Score]] = {}
     for score in scores:
-        by_chain.setdefault(score.term.chains[0] if len(score.term.chains) == 1 else -1, []).append(score)
+        by_chain.setdefault(score.term.chains[0] if len(score.term.chains) == 1 else -1, []).append(
+            score
+        )
     for c, members in by_chain.items():
         if c >= 0:
             white = np.concatenate([s.white[0] for s in members], axis=1)
@@ -78,11 +81,15 @@ def family_p(candidate: Candidate, tests: float) -> float:
 
 def _quiet(noise: NoiseFit) -> NoiseFit:
     """The same noise with its slow parts much lower: shows slow effects that they may have swallowed."""
-    lower = tuple(np.concatenate([t[:1], np.maximum(t[1:3] - 4.0, -9.0), t[3:] - 1.0]) for t in noise.theta)
+    lower = tuple(
+        np.concatenate([t[:1], np.maximum(t[1:3] - 4.0, -9.0), t[3:] - 1.0]) for t in noise.theta
+    )
     return NoiseFit(tuple(np.maximum(t, -9.0) for t in lower), noise.value)
 
 
-def _screen(system: System, noise: NoiseFit, everything: Sequence[Term], forms: dict, grade: str | None):
+def _screen(
+    system: System, noise: NoiseFit, everything: Sequence[Term], forms: dict, grade: str | None
+):
     first = bank(system, [noise], [])
     ranked = judge(system, first, everything, [], forms, grade)
     quiet = Bank((_quiet(noise),), (0.0,))
@@ -96,11 +103,15 @@ def _is_open(candidate: Candidate) -> bool:
     return candidate.term.name.startswith(PREFIX)
 
 
-def _rank(system, noises, short, chosen, forms, grade, extra: Sequence[Candidate] = ()) -> tuple[Bank, list[Candidate]]:
+def _rank(
+    system, noises, short, chosen, forms, grade, extra: Sequence[Candidate] = ()
+) -> tuple[Bank, list[Candidate]]:
     start = bank(system, noises, chosen)
     ranked = judge(system, start, short, chosen, forms, grade)
     leaders = [c for c in ranked if not _is_open(c)][:4] + [c for c in ranked if _is_open(c)][:2]
-    fuller = refine(system, start, [*sorted(leaders, key=lambda c: -c.evidence), *extra], chosen, most=8)
+    fuller = refine(
+        system, start, [*sorted(leaders, key=lambda c: -c.evidence), *extra], chosen, most=8
+    )
     return fuller, judge(system, fuller, short, chosen, forms, grade)
 
 
@@ -131,21 +142,43 @@ def identify(
         listed = next((c for c in ranked if not _is_open(c)), None)
         unlisted = next((c for c in ranked if _is_open(c)), None)
         level = GATE if not chosen else NEXT
-        if unlisted is not None and (listed is None or unlisted.evidence > listed.evidence + MARGIN):
+        if unlisted is not None and (
+            listed is None or unlisted.evidence > listed.evidence + MARGIN
+        ):
             p = family_p(unlisted, tests)
             if p < level and unlisted.evidence > 0:
                 best_open, open_p = unlisted, p
-                if listed is None or not _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, grade):
+                if listed is None or not _pair_beats(
+                    system, fuller, ranked, listed, unlisted, short, chosen, forms, grade
+                ):
                     break
                 best_open, open_p = None, 1.0
-        if listed is None or family_p(listed, tests) >= level or listed.evidence < (0.0 if not chosen else 2.0):
+        if (
+            listed is None
+            or family_p(listed, tests) >= level
+            or listed.evidence < (0.0 if not chosen else 2.0)
+        ):
             break
         chosen.append(listed)
         terms = [c.term for c in chosen]
         noise = fit_noise(system, terms, noise)
         say(f"{listed.term.name} on {', '.join(listed.term.channel_names)}")
         fuller, ranked = _rank(system, [noise], short, terms, forms, grade)
-    return _conclude(system, chosen, best_open, open_p, noise, null, gate, tests, short, first, forms, grade)
+    return _conclude(
+        system,
+        chosen,
+        best_open,
+        open_p,
+        noise,
+        null,
+        gate,
+        tests,
+        short,
+        first,
+        forms,
+        grade,
+        scores,
+    )
 
 
 def _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, grade) -> bool:
@@ -157,7 +190,9 @@ def _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, 
     return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN
 
 
-def _conclude(system, chosen, best_open, open_p, noise, null, gate, tests, short, first, forms, grade) -> Answer:
+def _conclude(
+    system, chosen, best_open, open_p, noise, null, gate, tests, short, first, forms, grade, scores
+) -> Answer:
     named = []
     catalogue = [t for t in short if not t.name.startswith(PREFIX)]
     for k, mine in enumerate(chosen):
@@ -175,10 +210,24 @@ def _conclude(system, chosen, best_open, open_p, noise, null, gate, tests, short
             if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
         )  # fmt: skip
         named.append(Named(lead, family_p(lead, tests), rivals))
-    if best_open is not None and (not named or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)):
+    if best_open is not None and (
+        not named or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)
+    ):
         verdict = "unexplained"
     elif named:
         verdict = "missing-physics"
     else:
         verdict = "consistent"
-    return Answer(verdict, tuple(named), best_open, open_p, noise, null, gate, tests, tuple(short), tuple(first[:40]))
+    return Answer(
+        verdict,
+        tuple(named),
+        best_open,
+        open_p,
+        noise,
+        null,
+        gate,
+        tests,
+        tuple(short),
+        tuple(first[:40]),
+        tuple(s for s in scores if s.term.effect is not None),
+    )

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
-import scipy.special
-import scipy.stats
 
 from .alternatives import PREFIX
 from .system import fit_noise, likelihood, NoiseFit, Score, System, whiten_system
@@ -67,7 +65,12 @@ def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Ba
 
 
 def judge(
-    system: System, bank: Bank, candidates: Sequence[Term], chosen: Sequence[Term], forms: dict, grade: str | None
+    system: System,
+    bank: Bank,
+    candidates: Sequence[Term],
+    chosen: Sequence[Term],
+    forms: dict,
+    grade: str | None,
 ) -> list[Candidate]:
     """Candidates with their profile likelihood ratios over the bank, best evidence first."""
     best: dict[int, tuple[float, Score]] = {}
@@ -79,10 +82,14 @@ def judge(
     made = []
     for ratio, score in best.values():
         n = system.num_rows / len(system.chains) * len(score.term.chains)
-        cost = score.size * 0.5 * np.log(n) + np.log(forms.get((score.term.name, score.term.channels), 1))
+        cost = score.size * 0.5 * np.log(n) + np.log(
+            forms.get((score.term.name, score.term.channels), 1)
+        )
         if score.term.name.startswith(PREFIX):
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
-        made.append(Candidate(score.term, score, ratio, 0.5 * ratio - cost + plausibility(score, grade)))
+        made.append(
+            Candidate(score.term, score, ratio, 0.5 * ratio - cost + plausibility(score, grade))
+        )
     return sorted(made, key=lambda c: -c.evidence)
 
 
@@ -108,7 +115,12 @@ def shortlist(ranked: Sequence[Candidate], *, per_key: int = 5, most: int = 260)
 
 
 def refine(
-    system: System, start: Bank, ranked: Sequence[Candidate], chosen: Sequence[Term], *, most: int = 6
+    system: System,
+    start: Bank,
+    ranked: Sequence[Candidate],
+    chosen: Sequence[Term],
+    *,
+    most: int = 6,
 ) -> Bank:
     """Add to the bank the variances refitted beside each of the leading candidates."""
     fits, done = list(start.fits), set()
@@ -117,7 +129,9 @@ def refine(
         if candidate.key in done or candidate.evidence < ranked[0].evidence - 25.0:
             continue
         done.add(candidate.key)
-        fits.append(fit_noise(system, [*chosen, candidate.term], start.fits[leader], candidate.term.chains))
+        fits.append(
+            fit_noise(system, [*chosen, candidate.term], start.fits[leader], candidate.term.chains)
+        )
         if len(done) >= most:
             break
     return bank(system, fits, chosen)

@@ -9,7 +9,7 @@ from .._typing import AnyArray
 from ..effects import Signal
 from ..effects.effect import chebyshev
 from .baseline import Baseline, compensated
-from .blocks import EARTH_RATE, block_mean, Blocks, Log
+from .blocks import block_mean, Blocks, EARTH_RATE, Log
 
 
 class AtTemperature(eqx.Module):
@@ -117,7 +117,9 @@ def attitude(log: Log) -> np.ndarray | None:
     if size.max() < 0.5 * EARTH_RATE:
         return device  # rests without Earth rate: nothing to check against
     mean = earth.mean(axis=0)
-    return device if np.linalg.norm(earth - mean, axis=1).max() < 0.1 * np.linalg.norm(mean) else None
+    return (
+        device if np.linalg.norm(earth - mean, axis=1).max() < 0.1 * np.linalg.norm(mean) else None
+    )
 
 
 def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bool]:

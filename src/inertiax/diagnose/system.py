@@ -6,7 +6,6 @@ import equinox as eqx
 import jax
 import numpy as np
 import scipy.optimize
-from jaxtyping import Float
 
 from .baseline import Baseline
 from .blocks import Blocks
@@ -17,8 +16,7 @@ from .whiten import Chain, unpack, value_and_gradient, Variances, whiten_jit
 EXTRA = 16  # columns of effects that a fit of variances has room for
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
-START = np.array([0.0, -2.0, -4.0, -3.0, -3.0])
-LOUD = np.array([0.0, 0.5, -3.0, -1.0, -3.0])
+START = np.array([0.0, -1.0, -4.0, -2.0, -3.0])
 BOUNDS = [(-1.0, 1.5), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0)]
 
 
@@ -28,6 +26,7 @@ class System(eqx.Module):
     base: Baseline
     chains: tuple[Chain, ...]
     scales: tuple[np.ndarray, ...]
+    frames: tuple[np.ndarray, ...]  # orthonormal basis of the baseline's columns, chain by chain
 
     @property
     def num_rows(self) -> int:
@@ -50,7 +49,8 @@ def make(base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray]) -> System:
         chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c]))
         mean = float(np.mean(level))
         scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean]))
-    return System(base, tuple(chains), tuple(scales))
+    frames = tuple(_range(x / np.linalg.norm(x, axis=0)) for x in base.columns)
+    return System(base, tuple(chains), tuple(scales), frames)
 
 
 class NoiseFit(eqx.Module):
@@ -69,15 +69,12 @@ def _likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[
     """Residual, scaled baseline columns and padded columns of the chosen terms of one chain."""
     y = system.base.observed[c]
     unit = float(np.sqrt(system.scales[c][1])) * np.sqrt(len(y))
-    extra = np.zeros((len(y), EXTRA))
+    extra = np.zeros((len(y), EXTRA if chosen else 0))
     mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
     if mine:
-        both = np.concatenate(mine, axis=1)
-        u, s, _ = np.linalg.svd(both / (np.linalg.norm(both, axis=0) + 1e-300), full_matrices=False)
-        kept = np.flatnonzero(s > 1e-7 * s[0])[:EXTRA]
-        extra[:, : len(kept)] = u[:, kept] * unit
-    q, _ = np.linalg.qr(system.base.columns[c] / np.linalg.norm(system.base.columns[c], axis=0))
-    return y, q * unit, extra
+        found = _range(np.concatenate(mine, axis=1))[:, :EXTRA]
+        extra[:, : found.shape[1]] = found * unit
+    return y, system.frames[c] * unit, extra
 
 
 def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> float:
@@ -105,7 +102,7 @@ def fit_noise(
             thetas.append(start.theta[c])
             values.append(start.value[c])
             continue
-        first = [START, LOUD] if start is None else [start.theta[c]]
+        first = [START] if start is None else [start.theta[c]]
         theta, value = _maximise(system, c, chosen, first)
         thetas.append(theta)
         values.append(value)
@@ -122,9 +119,11 @@ def _maximise(
         value = float(value)
         return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(5))
 
-    options = {"ftol": 1e-9, "gtol": 2e-2, "maxiter": 40}
+    options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 30}
     found = [
-        scipy.optimize.minimize(objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options)
+        scipy.optimize.minimize(
+            objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
+        )
         for s in starts
     ]
     best = min(found, key=lambda f: f.fun)
@@ -203,44 +202,31 @@ def whiten_system(
 ) -> Whitened:
     """Whiten the rows, project the baseline and the chosen terms out, and score every candidate."""
     residual, quotient = [], []
-    joint = [t for t in chosen if len(t.chains) > 1]
     white: list[dict[int, np.ndarray]] = [{} for _ in candidates]
     raw: list[dict[int, float]] = [{} for _ in candidates]
     for c in range(len(system.chains)):
-        y, x = system.base.observed[c], system.base.columns[c]
-        mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains and t not in joint]
-        mine += [
-            t.columns[t.chains.index(c)] for t in joint
-        ]  # freed per chain: common ones lose a little
-        fixed = np.concatenate(
-            [
-                x / np.linalg.norm(x, axis=0),
-                *[m / (np.linalg.norm(m, axis=0) + 1e-300) for m in mine],
-            ],
-            axis=1,
-        )
+        y = system.base.observed[c] / system.scales[c][1] ** 0.5
+        mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
+        fixed = np.concatenate([system.frames[c], *map(_unit, mine)], axis=1)
         owners = [
             (k, t.columns[t.chains.index(c)]) for k, t in enumerate(candidates) if c in t.chains
         ]
         widths = [m.shape[1] for _, m in owners]
-        everything = np.concatenate(
-            [y[:, None] / system.scales[c][1] ** 0.5, fixed, *[m for _, m in owners]], axis=1
+        rest = np.concatenate([m for _, m in owners], axis=1) if owners else np.zeros((len(y), 0))
+        scaled = np.linalg.norm(rest, axis=0) + 1e-300
+        done = whiten_columns(
+            system, noise, c, np.concatenate([y[:, None], fixed, rest / scaled], axis=1)
         )
-        norms = np.linalg.norm(everything, axis=0) + 1e-300
-        norms[0] = 1.0
-        done = whiten_columns(system, noise, c, everything / norms)
-        done[:, 0] *= system.scales[c][1] ** 0.5
         q = _range(done[:, 1 : 1 + fixed.shape[1]])
         rest = done[:, 1 + fixed.shape[1] :]
         before = np.linalg.norm(rest, axis=0)
         rest = rest - q @ (q.T @ rest)
-        scaled = norms[1 + fixed.shape[1] :]
         at = 0
         for (k, _), width in zip(owners, widths):
             white[k][c] = rest[:, at : at + width] * scaled[at : at + width]
             raw[k][c] = before[at : at + width] * scaled[at : at + width]
             at += width
-        y = done[:, 0]
+        y = done[:, 0] * system.scales[c][1] ** 0.5
         y = y - q @ (q.T @ y)
         residual.append(y)
         quotient.append(q)
@@ -248,12 +234,21 @@ def whiten_system(
     return Whitened(tuple(residual), tuple(quotient), tuple(s for s in scores if s is not None))
 
 
+def _unit(columns: np.ndarray) -> np.ndarray:
+    return columns / (np.linalg.norm(columns, axis=0) + 1e-300)
+
+
 def _range(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns' span."""
-    u, s, _ = np.linalg.svd(
-        columns / (np.linalg.norm(columns, axis=0) + 1e-300), full_matrices=False
-    )
-    return u[:, s > 1e-9 * s[0]]
+    """Orthonormal basis of the columns' span, by the Gram matrix twice over."""
+    columns = columns[:, np.linalg.norm(columns, axis=0) > 0.0]
+    for _ in range(2):
+        if not columns.shape[1]:
+            break
+        columns = _unit(columns)
+        value, vector = np.linalg.eigh(columns.T @ columns)
+        kept = value > 1e-12 * value[-1]
+        columns = columns @ (vector[:, kept] / np.sqrt(value[kept]))
+    return columns
 
 
 def _score(term: Term, white: dict, raw: dict, residual: list[np.ndarray]) -> Score | None:

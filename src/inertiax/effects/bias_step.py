@@ -40,6 +40,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="recordings before and after the moment",
+    driver="time",
     sentence="The bias of {channels} jumped at one moment.",
     separating="repeat at the same temperature and position; log shocks and power",
     slow=True,

@@ -44,6 +44,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="rates about two axes",
+    driver="rate",
     sentence="The output of {channels} depends on the rates about the other axes, beyond misalignment.",
     separating="rates about skew axes",
 )

@@ -35,6 +35,7 @@ EFFECT = Effect(
         ("all", {"terms": "ip io po"}),
     ),
     needs="positions with two axes loaded at once",
+    driver="specific_force",
     sentence="The output of {channels} depends on products of the specific force along two axes.",
     separating="positions along body diagonals; remount by 90 degrees to tell it from the table",
 )

@@ -42,6 +42,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="rates near zero, fractions of the Earth rate included",
+    driver="rate",
     sentence="The output of {channels} is flat near zero rate.",
     separating="slow rates through zero",
     nuisance="width",

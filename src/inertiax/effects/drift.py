@@ -36,6 +36,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("bias", {"on": "bias"}), ("scale", {"on": "scale"})),
     needs="running time not tied to temperature or position",
+    driver="time",
     sentence="The output of {channels} drifts linearly with time.",
     separating="return to the first temperature and position; temperatures in random order",
     slow=True,

@@ -21,6 +21,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="rests in positions that turn the Earth rate in the device",
+    driver="attitude",
     sentence="Earth's rate is missing from the reference rates.",
     separating="several headings at the same specific force",
     requires=("room",),

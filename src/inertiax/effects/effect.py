@@ -43,6 +43,7 @@ class Effect(eqx.Module):
     shape: Callable[..., Float[Array, "time channels columns"]] = eqx.field(static=True)
     variants: Callable[[Signal], tuple[Variant, ...]] = eqx.field(static=True)
     needs: str = eqx.field(static=True)  # the excitation, in words
+    driver: str = eqx.field(static=True)  # the quantity that drives it
     sentence: str = eqx.field(static=True)  # template with {channels}
     separating: str = eqx.field(static=True)  # the experiment that tells it from its rivals
     requires: tuple[str, ...] = eqx.field(static=True, default=())  # fields of the signal

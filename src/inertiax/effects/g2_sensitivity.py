@@ -39,6 +39,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="rests in positions with two axes loaded at once",
+    driver="specific_force",
     sentence="The output of {channels} depends on products of specific force (anisoelasticity).",
     separating="centrifuge or vibration",
     requires=("force",),

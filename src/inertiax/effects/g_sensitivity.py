@@ -30,6 +30,7 @@ EFFECT = Effect(
         ("row", {"axes": "xyz"}), ("x", {"axes": "x"}), ("y", {"axes": "y"}), ("z", {"axes": "z"})
     ),
     needs="rests in positions that differ in specific force",
+    driver="specific_force",
     sentence="The output of {channels} depends on specific force (matrix D).",
     separating="turn the heading in the same position: specific force stays, Earth rate and magnetic field turn",
     requires=("force",),

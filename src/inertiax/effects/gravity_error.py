@@ -27,6 +27,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="a device whose scale factors are known otherwise",
+    driver="specific_force",
     sentence="The assumed gravity is wrong.",
     separating="a gravity reference; the same scale change on all three axes points to it",
     common=True,

@@ -43,6 +43,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="a recording of many periods",
+    driver="time",
     sentence="The output of {channels} carries a periodic disturbance.",
     separating="change the sampling rate or the power supply; log the suspected source",
     nuisance="frequency",

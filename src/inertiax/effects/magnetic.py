@@ -50,6 +50,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="rests with different headings at known attitude",
+    driver="attitude",
     sentence="The output of {channels} depends on the direction in the room, as a magnetic field would make it.",
     separating="Helmholtz coil; turn the heading at the same specific force",
     requires=("room",),

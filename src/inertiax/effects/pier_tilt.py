@@ -43,6 +43,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="hours of recording with known attitude",
+    driver="time",
     sentence="The pier tilts slowly.",
     separating="a level or tiltmeter on the pier; repeat at another hour",
     requires=("room",),

@@ -40,6 +40,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="noise below half a step of the outputs",
+    driver="output",
     sentence="The output of {channels} is quantised more coarsely than its noise.",
     separating="dither, or steps of input below one step of output",
     requires=("resolution", "scatter"),

@@ -28,6 +28,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("quadratic", {"power": 2}), ("cubic", {"power": 3})),
     needs="three or more rates of each sign",
+    driver="rate",
     sentence="The scale factor of {channels} depends on the rate.",
     separating="more rates of both signs, integer turns",
 )

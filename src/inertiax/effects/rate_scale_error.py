@@ -27,6 +27,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="gyros whose scale factors are known otherwise",
+    driver="rate",
     sentence="The table's rate or the clock is wrong by the same part on all axes.",
     separating="compare with a time standard; integer turns",
     common=True,

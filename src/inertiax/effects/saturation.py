@@ -37,6 +37,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="several levels of input near the end of the range",
+    driver="input",
     sentence="The output of {channels} saturates near the end of its range.",
     separating="change the range",
 )

@@ -32,6 +32,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="both signs of the input at several levels",
+    driver="input",
     sentence="The scale factor of {channels} differs between positive and negative input.",
     separating="fine steps of input near zero; rate table in both directions",
 )

@@ -28,6 +28,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="at least three levels of specific force along the axis",
+    driver="specific_force",
     sentence="{channels} has a second-order term in specific force.",
     separating="centrifuge, or vibration; positions every 30 degrees",
 )

@@ -56,6 +56,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="several blocks within each rest",
+    driver="time_since_move",
     sentence="The output of {channels} settles after each re-positioning.",
     separating="longer rests, and the same position reached from two sides",
     nuisance="time_constant",

@@ -32,6 +32,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="accelerometer rows while the table turns",
+    driver="rate",
     sentence="The accelerometer {channels} sits a lever arm away from the centre of rotation.",
     separating="several rates of both signs about three axes",
     requires=("rate",),

@@ -33,6 +33,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="a recorded supply voltage that changes",
+    driver="supply",
     sentence="The output of {channels} depends on the supply voltage.",
     separating="log the voltage; change it by 5 % at rest",
     requires=("supply",),

@@ -53,6 +53,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="a reference, and many angles about each axis",
+    driver="attitude",
     sentence="The table's axes have an error that repeats with the angle.",
     separating="remount the device by 90 and 180 degrees: the error stays with the table",
     requires=("force",),

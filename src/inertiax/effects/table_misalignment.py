@@ -37,6 +37,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="a reference, and a model without misalignments of its own",
+    driver="attitude",
     sentence="The device stands on the table with a small constant rotation.",
     separating="remount by 90 and 180 degrees",
     common=True,

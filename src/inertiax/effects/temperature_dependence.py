@@ -49,6 +49,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="the temperature changes while the model is constant",
+    driver="temperature",
     sentence="The parameters of {channels} change with temperature; the model is constant.",
     separating="return to the first temperature; the same programme at another constant temperature",
     requires=("temperature",),

@@ -52,6 +52,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="temperatures spread over more levels than the degree",
+    driver="temperature",
     sentence="The temperature dependence of {channels} is of a higher degree than the model.",
     separating="more soak temperatures, each reached from both sides; hold out whole temperatures",
     requires=("temperature",),

@@ -48,6 +48,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="ramps of temperature of different rates and signs",
+    driver="temperature_rate",
     sentence="The output of {channels} is proportional to the rate of temperature.",
     separating="constant-rate ramps of both signs at several rates with soaks between them",
     requires=("temperature", "temperature_rate"),

@@ -54,6 +54,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="heating and cooling branches with soaks on both",
+    driver="temperature_branch",
     sentence="The output of {channels} depends on whether the temperature was reached from below or from above, and keeps the difference in a soak.",
     separating="soaks at the same temperature on both branches, two cycles, two amplitudes",
     requires=("temperature",),

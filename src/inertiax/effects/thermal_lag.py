@@ -31,6 +31,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="ramps of temperature where the parameters depend on it",
+    driver="temperature_rate",
     sentence="The sensing element of {channels} follows the probe with a first-order lag.",
     separating="two ramp rates and a soak between them; a lag scales with the slope of the parameter, a rate effect does not",
     requires=("temperature", "at_temperature"),

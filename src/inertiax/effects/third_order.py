@@ -28,6 +28,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="at least three levels of |f| along the axis",
+    driver="specific_force",
     sentence="{channels} has a third-order term in specific force.",
     separating="centrifuge with three or more levels",
 )

@@ -35,6 +35,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="rows while the input changes",
+    driver="rate_of_change",
     sentence="The output of {channels} lags the reference.",
     separating="reverse the direction of rotation: the error changes sign",
 )

@@ -27,6 +27,7 @@ EFFECT = Effect(
     shape=shape,
     variants=fixed(("", {})),
     needs="vibration that differs between rests",
+    driver="vibration",
     sentence="The bias of {channels} shifts with the vibration level.",
     separating="shaker or table drive on and off; log the vibration",
     requires=("vibration",),

@@ -48,6 +48,7 @@ EFFECT = Effect(
     shape=shape,
     variants=variants,
     needs="the recording begins near power-on",
+    driver="time_since_power_on",
     sentence="The output of {channels} settles exponentially after power-on.",
     separating="a power cycle at constant temperature, and a start after a long wait",
     nuisance="time_constant",

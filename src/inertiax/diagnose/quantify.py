@@ -1,0 +1,164 @@
+"""How large: parameters of a named effect with their uncertainty, and what moved in the calibration."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..effects import Variant
+from .engine import Prepared
+from .result import Detectable, Moved, Parameter
+from .search import Candidate
+from .system import NoiseFit, Score, System, whiten_system
+from .terms import block_shapes, channel_terms, common_term, Term
+
+
+def retuned(prepared: Prepared, term: Term, value: float) -> Term:
+    """The same term with another value of its effect's nuisance setting."""
+    effect = term.effect
+    settings = {**term.variant.settings, effect.nuisance: float(value)}
+    variant = Variant(f"{effect.nuisance}={value:.4g}", settings)
+    shape = block_shapes(effect, [variant], prepared.signal, prepared.coarse, prepared.blocks)[0]
+    if effect.common:
+        return common_term(effect, variant, prepared.system.base, shape)
+    return channel_terms(effect, variant, prepared.system.base, shape)[term.channels[0]]
+
+
+def _drop(score: Score, amplitude: float | None) -> float:
+    """Drop of the sum of squares with a free coefficient, or with a given one."""
+    if amplitude is None:
+        return score.gain
+    direction = np.linalg.pinv(score.turn) @ np.full(score.turn.shape[0], amplitude)
+    return float(2.0 * direction @ score.part - direction @ direction)
+
+
+def tune(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term]
+) -> tuple[Term, float | None]:
+    """Refine the nuisance setting by its profile likelihood; its standard deviation, or `None` if flat.
+
+    Where theory fixes the coefficient at one, the profile is taken at one.
+    """
+    effect = term.effect
+    if effect is None or not effect.nuisance:
+        return term, None
+    centre = float(term.variant.settings[effect.nuisance])
+    amplitude = 1.0 if effect.unit_amplitude else None
+    width = 0.45 if centre > 0 else 0.0
+    best, std = term, None
+    for _ in range(3):
+        grid = centre * np.exp(np.linspace(-width, width, 9))
+        members = [retuned(prepared, term, v) for v in grid]
+        scores = {
+            id(s.term): s for s in whiten_system(prepared.system, noise, members, others).scores
+        }
+        gains = np.array(
+            [_drop(scores[id(m)], amplitude) if id(m) in scores else -np.inf for m in members]
+        )
+        k = int(np.argmax(gains))
+        best, centre = members[k], grid[k]
+        if 0 < k < len(grid) - 1 and np.isfinite(gains[k - 1 : k + 2]).all():
+            x = np.log(grid[k - 1 : k + 2])
+            a, b, _ = np.polyfit(x - x[1], gains[k - 1 : k + 2], 2)
+            if a < 0:
+                centre = float(grid[k] * np.exp(np.clip(-0.5 * b / a, -width / 4, width / 4)))
+                std = centre / np.sqrt(-a)  # drop of chi² by one: a s² = 1 in the logarithm
+            width = float(np.clip(3.0 / np.sqrt(max(-a, 1e-12)), width / 12, width))
+    if std is not None and std > centre:
+        std = None
+    return retuned(prepared, best, centre), std
+
+
+def parameters(
+    prepared: Prepared,
+    noise: NoiseFit,
+    term: Term,
+    others: Sequence[Term],
+    nuisance_std: float | None,
+) -> tuple[tuple[str, Parameter], ...]:
+    """Coefficients and nuisance setting of a term, in SI units."""
+    effect = term.effect
+    found = whiten_system(prepared.system, noise, [term], others).scores
+    made: list[tuple[str, Parameter]] = []
+    if effect.nuisance:
+        value = float(term.variant.settings[effect.nuisance])
+        made.append((effect.nuisance, Parameter(value, nuisance_std, effect.nuisance_unit)))
+    if found:
+        values, spread = found[0].coefficients, np.sqrt(np.diag(found[0].covariance))
+        unit = effect.units[term.triad]
+        label = "amplitude" if effect.unit_amplitude else "coefficient"
+        for k, (value, std) in enumerate(zip(values, spread)):
+            name = label if len(values) == 1 else f"{label}[{k}]"
+            made.append((name, Parameter(float(value), float(std), unit)))
+    return tuple(made)
+
+
+def _solve(
+    system: System, noise: NoiseFit, chosen: Sequence[Term], chain: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Generalised least squares of the baseline's linear correction beside the chosen terms."""
+    from .system import whiten_columns
+
+    x = system.base.columns[chain]
+    mine = [t.columns[t.chains.index(chain)] for t in chosen if chain in t.chains]
+    both = np.concatenate([x, *mine], axis=1)
+    norm = np.linalg.norm(both, axis=0) + 1e-300
+    y = system.base.observed[chain]
+    unit = system.scales[chain][1] ** 0.5
+    white = whiten_columns(
+        system, noise, chain, np.concatenate([y[:, None] / unit, both / norm], axis=1)
+    )
+    gram = white[:, 1:].T @ white[:, 1:]
+    covariance = np.linalg.pinv(gram, rcond=1e-13, hermitian=True)
+    solution = covariance @ (white[:, 1:].T @ (white[:, 0] * unit)) / norm
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / norm
+    return solution[: x.shape[1]], spread[: x.shape[1]]
+
+
+def corrected(
+    system: System, noise: NoiseFit, chosen: Sequence[Term]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of the baseline with the chosen terms beside it, and their standard deviations."""
+    base = system.base
+    values, spread = base.coefficients.copy().reshape(-1), np.zeros(base.coefficients.size)
+    for c in range(len(system.chains)):
+        step, std = _solve(system, noise, chosen, c)
+        values[base.index[c]] += step
+        spread[base.index[c]] = std
+    return values.reshape(base.coefficients.shape), spread.reshape(base.coefficients.shape)
+
+
+def moved(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[Moved, ...]:
+    """Calibration parameters (at mid temperature) that the omission pulled by more than one sigma."""
+    before, _ = corrected(system, noise, [])
+    after, std = corrected(system, noise, chosen)
+    size = before.shape[1]
+    # Chebyshev series at x = 0: 1, 0, -1, 0, 1, ...
+    middle = np.array([np.cos(0.5 * np.pi * k) for k in range(size)])
+    old, new = before @ middle, after @ middle
+    spread = np.sqrt((std**2) @ middle**2)
+    names = system.base.form.names
+    made = [Moved(n, float(a), float(b), float(s)) for n, a, b, s in zip(names, old, new, spread)]
+    made.sort(key=lambda m: -abs(m.after - m.before) / max(m.std, 1e-300))
+    return tuple(m for m in made if abs(m.after - m.before) > m.std)
+
+
+def detectable(scores: Sequence[Score], z: float = 5.0) -> list[Detectable]:
+    """For each effect the smallest coefficient that would stand out by z standard deviations."""
+    best: dict[str, Detectable] = {}
+    for score in scores:
+        effect = score.term.effect
+        if effect is None:
+            continue
+        size = z * float(np.sqrt(np.diag(score.covariance).min()))
+        if size > 0.0 and (effect.name not in best or size < best[effect.name].size):
+            best[effect.name] = Detectable(
+                effect.name, score.term.channel_names, size, effect.units[score.term.triad]
+            )
+    return list(best.values())
+
+
+def contribution(prepared: Prepared, noise: NoiseFit, candidate: Candidate) -> np.ndarray:
+    """What the fitted term adds to each block's rows, worst chain, in SI units."""
+    term = candidate.term
+    values = [np.abs(c @ candidate.score.coefficients) for c in term.columns]
+    return np.max(np.stack(values), axis=0)

@@ -1,0 +1,139 @@
+"""The diagnosis: what a campaign says about the physics that its model left out."""
+
+import json
+from pathlib import Path
+
+import equinox as eqx
+
+from ..calibration import write_atomically
+
+
+SCHEMA = "inertiax.diagnosis/1"
+
+
+class Where(eqx.Module):
+    """A stretch of the campaign where a channel departs from the model."""
+
+    channel: str = eqx.field(static=True)
+    experiment: int = eqx.field(static=True)
+    start: float = eqx.field(static=True)  # s, on the recording's clock
+    end: float = eqx.field(static=True)
+    driver: str = eqx.field(static=True)
+    excess_rms: float = eqx.field(static=True)  # m/s² or rad/s
+    p_value: float = eqx.field(static=True)
+
+
+class Parameter(eqx.Module):
+    """An estimated parameter of an effect."""
+
+    value: float = eqx.field(static=True)
+    std: float | None = eqx.field(static=True)  # None where the data does not tell it
+    unit: str = eqx.field(static=True)
+
+
+class Evidence(eqx.Module):
+    """How well an effect is supported."""
+
+    delta_bic: float = eqx.field(static=True)
+    p_value: float = eqx.field(static=True)
+    held_out_gain: float = eqx.field(static=True)  # 1 − rms with it / rms without, on left-out data
+
+
+class Explanation(eqx.Module):
+    """One effect that was left out, with the names that the data cannot tell from it."""
+
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    form: str = eqx.field(static=True)
+    alternatives: tuple[str, ...] = eqx.field(static=True)
+    odds: tuple[tuple[str, float], ...] = eqx.field(static=True)  # posterior shares of the set
+    parameters: tuple[tuple[str, Parameter], ...]
+    evidence: Evidence
+    statement: str = eqx.field(static=True)
+    separating_experiment: str = eqx.field(static=True)
+
+
+class Quality(eqx.Module):
+    """How well a model fits."""
+
+    rms: float = eqx.field(static=True)  # of the rows, m/s² or rad/s
+    chi2_per_dof: float = eqx.field(static=True)
+    held_out_rms: float = eqx.field(static=True)
+
+
+class Moved(eqx.Module):
+    """A parameter of the calibration that the omission had pulled."""
+
+    name: str = eqx.field(static=True)
+    before: float = eqx.field(static=True)
+    after: float = eqx.field(static=True)
+    std: float = eqx.field(static=True)
+
+
+class Detectable(eqx.Module):
+    """The smallest size of an effect that the campaign would have shown (z = 5)."""
+
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    size: float = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+
+
+class Diagnosis(eqx.Module):
+    """Where a campaign departs from its model, what was left out, and how sure that is."""
+
+    verdict: str = eqx.field(static=True)  # consistent | missing-physics | unexplained
+    summary: str = eqx.field(static=True)
+    where: tuple[Where, ...] = ()
+    effects: tuple[Explanation, ...] = ()
+    baseline: Quality | None = None
+    augmented: Quality | None = None
+    not_testable: tuple[str, ...] = eqx.field(static=True, default=())
+    parameters_moved: tuple[Moved, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
+    empirical: str | None = eqx.field(static=True, default=None)
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def as_dict(self) -> dict:
+        """The fields of `diagnosis.json`."""
+        made = {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "summary": self.summary,
+            "where": [_fields(w) for w in self.where],
+            "effects": [_explanation(e) for e in self.effects],
+            "fit": {
+                "baseline": None if self.baseline is None else _fields(self.baseline),
+                "augmented": None if self.augmented is None else _fields(self.augmented),
+            },
+            "not_testable": list(self.not_testable),
+            "parameters_moved": [_fields(m) for m in self.parameters_moved],
+            "detectable": [_fields(d) for d in self.detectable],
+            "notes": list(self.notes),
+        }
+        if self.empirical is not None:
+            made["empirical"] = self.empirical
+        return made
+
+    def to_json(self) -> str:
+        """The text of `diagnosis.json`."""
+        return json.dumps(self.as_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def save(self, path: str | Path) -> None:
+        """Write `diagnosis.json`, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, (self.to_json() + "\n").encode())
+
+
+def _fields(module: eqx.Module) -> dict:
+    made = {k: getattr(module, k) for k in module.__dataclass_fields__}
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in made.items()}
+
+
+def _explanation(effect: Explanation) -> dict:
+    made = _fields(effect)
+    made["parameters"] = {name: _fields(value) for name, value in effect.parameters}
+    made["odds"] = dict(effect.odds)
+    made["evidence"] = _fields(effect.evidence)
+    return made

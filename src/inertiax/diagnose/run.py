@@ -1,0 +1,293 @@
+"""The whole diagnosis of a campaign: gate, locate, name, check, quantify, prove, say."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..calibration import Calibration, read_calibration, TriadCalibration, write_calibration
+from ..campaign import load_campaign
+from ..effects import CATALOGUE, Effect
+from ..recordings import Campaign
+from ..temperature import Constant, Curve, Polynomial
+from .alternatives import PREFIX
+from .engine import prepare, Prepared
+from .identify import Answer, identify, Named
+from .locate import locate
+from .prove import held_out_rms, in_sample
+from .quantify import corrected, detectable, moved, parameters, tune
+from .result import Detectable, Diagnosis, Evidence, Explanation, Quality
+from .search import Candidate
+from .system import Score, whiten_system
+from .words import sentence, summary
+
+
+Progress = Callable[[str], None]
+
+
+def _silent(text: str) -> None:
+    """No progress wanted."""
+
+
+class Finding(eqx.Module):
+    """One triad with its answer."""
+
+    prepared: Prepared
+    answer: Answer
+    scores: tuple[Score, ...]  # of the catalogue under the null noise
+
+
+def diagnose_campaign(
+    campaign: Campaign,
+    *,
+    calibration: Calibration | None = None,
+    effects: Sequence[Effect] = CATALOGUE,
+    progress: Progress = _silent,
+) -> tuple[Diagnosis, Calibration]:
+    """`diagnose` together with the calibration of the augmented model."""
+    # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
+    with jax.enable_x64(True):
+        _, triads = prepare(campaign, effects, calibration)
+        progress("blocks, models and signatures made")
+        findings = [_find(p, campaign.grade, progress) for p in triads]
+        return _conclude(campaign, findings, effects, progress)
+
+
+def diagnose(
+    campaign: Campaign,
+    *,
+    calibration: Calibration | None = None,
+    effects: Sequence[Effect] = CATALOGUE,
+    progress: Progress = _silent,
+) -> Diagnosis:
+    """Say what a one-device campaign holds beyond its model, or that nothing is missing.
+
+    **Arguments:** `campaign` with `[model]` (or the tool's choice) as the model meant; `calibration` takes
+    known parameters away first, so that only what it leaves is judged; `effects` is the catalogue.
+    **Returns** a `Diagnosis`. Raises `ValueError` for several devices or for a campaign without rests
+    and plateaus.
+    """
+    return diagnose_campaign(campaign, calibration=calibration, effects=effects, progress=progress)[
+        0
+    ]
+
+
+def run_diagnosis(
+    campaign_path: str | Path,
+    output_folder: str | Path,
+    calibration_path: str | Path | None = None,
+    progress: Progress = _silent,
+) -> Diagnosis:
+    """Diagnose the campaign at a path and write `diagnosis.json` and the augmented `calibration.json`."""
+    campaign = load_campaign(Path(campaign_path))
+    known = None if calibration_path is None else read_calibration(Path(calibration_path))
+    progress("campaign read")
+    diagnosis, augmented = diagnose_campaign(campaign, calibration=known, progress=progress)
+    folder = Path(output_folder)
+    diagnosis.save(folder / "diagnosis.json")
+    write_calibration(augmented, folder / "calibration.json")
+    return diagnosis
+
+
+def _find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
+    triad = prepared.form.triad
+    listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
+    unlisted = [t for t in prepared.candidates if t.name.startswith(PREFIX)]
+    answer = identify(
+        prepared.system,
+        listed,
+        unlisted,
+        grade=grade,
+        say=lambda text: progress(f"{triad}: {text}"),
+    )
+    return Finding(prepared, answer, answer.listed_scores)
+
+
+def _conclude(
+    campaign: Campaign, findings: list[Finding], effects: Sequence[Effect], progress: Progress
+) -> tuple[Diagnosis, Calibration]:
+    verdicts = [f.answer.verdict for f in findings]
+    verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
+    explanations, where, shifted, empirical = [], [], [], []
+    triads, qualities = [], []
+    for finding in findings:
+        prepared, answer = finding.prepared, finding.answer
+        tuned = _tuned(prepared, answer)
+        terms = [t for _, t, _ in tuned]
+        if answer.named and answer.verdict != "unexplained":
+            explanations.extend(_explain(prepared, answer, tuned))
+            shifted.extend(moved(prepared.system, answer.noise, terms))
+        for named, _, _ in tuned:
+            where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
+        if answer.unlisted is not None and answer.verdict == "unexplained":
+            where.extend(locate(prepared, answer.unlisted, 0.0, answer.unlisted_p))
+            empirical.append(_formula(answer.unlisted))
+        qualities.append((finding, *_quality(prepared, answer, terms)))
+        triads.append(_calibrated(prepared, answer, terms))
+        progress(f"{prepared.form.triad}: proved on held-out data")
+    explanations.sort(key=lambda e: -e.evidence.delta_bic)
+    chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
+    not_testable, reasons = _untestable(findings, effects)
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        summary=summary(
+            verdict, explanations, where, empirical, [f.prepared.form for f in findings]
+        ),
+        where=tuple(sorted(where, key=lambda w: (w.p_value, w.start))),
+        effects=tuple(explanations),
+        baseline=chosen[1],
+        augmented=chosen[2],
+        not_testable=not_testable,
+        parameters_moved=tuple(shifted),
+        detectable=_smallest(findings) if verdict == "consistent" else (),
+        empirical="; ".join(empirical) or None,
+        notes=reasons,
+    )
+    return diagnosis, _calibration(campaign, findings, triads, explanations)
+
+
+def _tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, object, float | None]]:
+    """Named terms with their nuisance settings refined one after the other."""
+    terms = [n.candidate.term for n in answer.named]
+    made = []
+    for k, named in enumerate(answer.named):
+        others = terms[:k] + terms[k + 1 :]
+        term, std = tune(prepared, answer.noise, terms[k], others)
+        terms[k] = term
+        found = whiten_system(prepared.system, answer.noise, [term], others).scores
+        if found:
+            candidate = Candidate(term, found[0], named.candidate.ratio, named.candidate.evidence)
+            named = Named(candidate, named.p_value, named.rivals)
+        made.append((named, term, std))
+    return made
+
+
+def _explain(prepared: Prepared, answer: Answer, tuned: list) -> list[Explanation]:
+    made = []
+    terms = [t for _, t, _ in tuned]
+    full = held_out_rms(prepared, answer.noise, terms)
+    for k, (named, term, std) in enumerate(tuned):
+        others = terms[:k] + terms[k + 1 :]
+        without = held_out_rms(prepared, answer.noise, others)
+        candidate, effect = named.candidate, term.effect
+        members = [
+            (term.name, candidate.evidence),
+            *((r.term.name, r.evidence) for r in named.rivals),
+        ]
+        weights = np.exp(np.array([e for _, e in members]) - max(e for _, e in members))
+        odds = tuple((n, float(w)) for (n, _), w in zip(members, weights / weights.sum()))
+        rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
+        bic = candidate.ratio - candidate.score.size * np.log(rows)
+        values = parameters(prepared, answer.noise, term, others, std)
+        made.append(
+            Explanation(
+                name=term.name,
+                channels=term.channel_names,
+                form=term.variant.label,
+                alternatives=tuple(r.term.name for r in named.rivals),
+                odds=odds,
+                parameters=values,
+                evidence=Evidence(float(bic), named.p_value, 1.0 - full / without),
+                statement=sentence(effect, term.channel_names, values, odds),
+                separating_experiment=effect.separating,
+            )
+        )
+    return _merge(made)
+
+
+def _merge(explanations: list[Explanation]) -> list[Explanation]:
+    """One entry for an effect found on several channels in one form."""
+    groups: dict[str, list[Explanation]] = {}
+    for e in explanations:
+        groups.setdefault(e.name, []).append(e)
+    made = []
+    for members in groups.values():
+        lead = max(members, key=lambda e: e.evidence.delta_bic)
+        if len(members) == 1:
+            made.append(lead)
+            continue
+        values = [(f"{n} ({', '.join(e.channels)})", p) for e in members for n, p in e.parameters]
+        made.append(
+            Explanation(
+                name=lead.name,
+                channels=tuple(c for e in members for c in e.channels),
+                form=lead.form,
+                alternatives=lead.alternatives,
+                odds=lead.odds,
+                parameters=(*lead.parameters, *values),
+                evidence=lead.evidence,
+                statement=" ".join(e.statement for e in members),
+                separating_experiment=lead.separating_experiment,
+            )
+        )
+    return made
+
+
+def _formula(candidate: Candidate) -> str:
+    """The best-found dependence with its coefficients, in SI units."""
+    numbers = " , ".join(
+        f"{v:.3g} ± {s:.1g}"
+        for v, s in zip(
+            candidate.score.coefficients[:3], np.sqrt(np.diag(candidate.score.covariance))
+        )
+    )
+    unit = "m/s^2" if candidate.term.triad == "accel" else "rad/s"
+    return f"{', '.join(candidate.term.channel_names)} += ({numbers}) {unit} · {candidate.term.variant.label}"
+
+
+def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, Quality]:
+    extra = list(terms)
+    if answer.verdict == "unexplained" and answer.unlisted is not None:
+        extra = [*extra, answer.unlisted.term]
+    made = []
+    for chosen in ([], extra):
+        rms, chi2 = in_sample(prepared, answer.noise, chosen)
+        made.append(Quality(rms, chi2, held_out_rms(prepared, answer.noise, chosen)))
+    return made[0], made[1]
+
+
+def _untestable(
+    findings: list[Finding], effects: Sequence[Effect]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Catalogued effects that no triad's rows can show, and why."""
+    seen = {s.term.name for f in findings for s in f.scores}
+    names = tuple(e.name for e in effects if e.name not in seen)
+    reasons = []
+    for name in names:
+        why = [f.prepared.missing[name] for f in findings if name in f.prepared.missing]
+        reasons.append(
+            f"{name}: {why[0] if why else 'the calibration itself absorbs it in this plan'}"
+        )
+    return names, tuple(reasons)
+
+
+def _smallest(findings: list[Finding]) -> tuple[Detectable, ...]:
+    return tuple(d for f in findings for d in detectable(f.scores))
+
+
+def _calibrated(prepared: Prepared, answer: Answer, terms: list) -> TriadCalibration:
+    """The triad's calibration from the augmented fit."""
+    form = prepared.form
+    values, spread = corrected(prepared.system, answer.noise, terms)
+    basis = Constant() if form.degree == 0 else Polynomial(form.degree, form.low, form.high)
+    covariance = np.diag(np.square(spread.T).reshape(-1))
+    return TriadCalibration(Curve(basis, values.T), covariance, form.names, form.estimator)
+
+
+def _calibration(
+    campaign: Campaign, findings: list[Finding], triads: list, explanations: list[Explanation]
+) -> Calibration:
+    by_name = {f.prepared.form.triad: t for f, t in zip(findings, triads)}
+    forms = [f.prepared.form for f in findings]
+    temperature = None
+    if findings[0].prepared.blocks.temperature is not None:
+        temperature = (forms[0].low, forms[0].high)
+    notes = tuple(
+        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.statement}" for e in explanations
+    )
+    return Calibration(
+        campaign.site.gravity, by_name.get("accel"), by_name.get("gyro"),
+        device=campaign.devices[0], temperature_range=temperature, notes=notes,
+    )  # fmt: skip
