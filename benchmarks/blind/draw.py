@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import linear
+import menu
 import numpy as np
 import plans
 import textbook
@@ -15,58 +16,6 @@ from truth import Effect, Scene
 
 Z_VALUES = (3, 5, 6, 8, 10, 15, 30)
 ALIAS_R2 = 0.95
-T, P = truth, plans
-
-SENSOR_TIME = [T.drift, T.bias_step, T.warm_up, T.interference]
-TUMBLE_ACCEL = [T.second_order, T.third_order, T.odd_quadratic, T.scale_asymmetry, T.cross_coupling]
-THERMAL = [T.thermal_lag, T.temperature_rate, T.thermal_hysteresis, T.temperature_order]
-RATE = [T.rate_nonlinearity, T.scale_asymmetry]
-
-# (plan, its settings, triad, what it can show)
-MENU: list[tuple[Callable[..., Plan], dict, str, list]] = [
-    (P.tumble, dict(model="invariant"), "accel", TUMBLE_ACCEL + [T.settling] + SENSOR_TIME),
-    (P.tumble, dict(model="reference"), "accel", TUMBLE_ACCEL + [T.pier_tilt, T.table_axis_error]),
-    (P.tumble, dict(model="both"), "accel", TUMBLE_ACCEL + [T.settling]),
-    (P.tumble, dict(model="static gyro"), "gyro", [T.g_sensitivity, T.g2_sensitivity, T.magnetic]),
-    (P.tumble, dict(model="static gyro"), "gyro", [T.earth_rate, T.drift, T.bias_step, T.warm_up]),
-    (P.tumble, dict(model="both"), "gyro", [T.g_sensitivity, T.g2_sensitivity, T.magnetic]),
-    (P.sweep, {}, "accel", THERMAL + [T.warm_up, T.bias_step, T.drift]),
-    (P.sweep, {}, "accel", [T.second_order, T.cross_coupling, T.scale_asymmetry, T.settling]),
-    (P.sweep, dict(degree=0), "accel", [T.temperature_dependence]),
-    (P.pose, {}, "accel", THERMAL + [T.bias_step, T.interference]),
-    (P.pose, {}, "gyro", THERMAL + [T.bias_step, T.interference, T.warm_up]),
-    (P.pose, dict(degree=0), "gyro", [T.temperature_dependence]),
-    (P.rate, {}, "gyro", RATE + [T.saturation, T.bias_step, T.drift, T.warm_up]),
-    (P.rate, dict(slow=True), "gyro", [T.dead_band]),
-    (P.rate, dict(oblique=True), "gyro", [T.cross_axis_rate, T.rate_nonlinearity]),
-    (P.mixed, {}, "gyro", RATE + [T.g_sensitivity, T.g2_sensitivity, T.magnetic, T.earth_rate]),
-    (P.mixed, {}, "accel", TUMBLE_ACCEL),
-    (P.thermal_rate, {}, "gyro", THERMAL + RATE + [T.bias_step]),
-]
-OPEN: list[tuple[Callable[..., Plan], dict, str, list]] = [
-    (P.pose, {}, "accel", [T.x_bump, T.x_ripple, T.x_rate_times_temperature, T.x_burst]),
-    (P.pose, {}, "gyro", [T.x_bump, T.x_ripple, T.x_rate_times_temperature, T.x_burst]),
-    (P.sweep, {}, "accel", [T.x_bump, T.x_ripple, T.x_cubic_times_temperature, T.x_burst]),
-    (P.thermal_rate, {}, "gyro", [T.x_bump, T.x_ripple, T.x_rate_times_temperature]),
-    (P.rate, {}, "gyro", [T.x_kink_in_rate, T.x_burst]),
-    (P.tumble, dict(model="invariant", count=36), "accel", [T.x_notch_in_force, T.x_burst]),
-]
-ALIASED: list[tuple[Callable[..., Plan], dict, str, list]] = [
-    (P.tumble, dict(model="reference", count=6), "accel", [T.third_order, T.odd_quadratic]),
-    (P.tumble, dict(model="reference"), "accel", [T.gravity_error, T.table_misalignment]),
-    (P.tumble, dict(model="invariant"), "accel", [T.gravity_error]),
-    (P.rate, {}, "gyro", [T.rate_scale_error, T.table_misalignment]),
-    (P.tumble, dict(model="invariant", count=12), "accel", [T.third_order, T.odd_quadratic]),
-    (P.tumble, dict(model="reference", count=24), "accel", [T.third_order, T.odd_quadratic]),
-    (P.tumble, dict(model="reference", count=12), "accel", [T.second_order, T.scale_asymmetry]),
-    (
-        P.sweep,
-        dict(shape="up"),
-        "accel",
-        [T.thermal_hysteresis, T.drift, T.temperature_rate, T.warm_up],
-    ),
-    (P.pose, dict(shape="up"), "gyro", [T.thermal_hysteresis, T.drift, T.thermal_lag, T.warm_up]),
-]
 
 
 @dataclass
@@ -229,13 +178,13 @@ def add(case: Case, effect: Effect, size: float, others: list[np.ndarray]) -> Dr
     return made
 
 
-def _pick(menu, rng):
+def _pick(rows, rng):
     """An effect drawn evenly by name and triad, then a plan that shows it."""
-    names = sorted({(e.__name__, triad) for _, _, triad, effects in menu for e in effects})
+    names = sorted({(e.__name__, triad) for _, _, triad, effects in rows for e in effects})
     name, triad = names[rng.integers(len(names))]
-    rows = [(m, s, e) for m, s, t, es in menu for e in es if t == triad and e.__name__ == name]
-    make, settings, effect = rows[rng.integers(len(rows))]
-    if make is P.pose:
+    found = [(m, s, e) for m, s, t, es in rows for e in es if t == triad and e.__name__ == name]
+    make, settings, effect = found[rng.integers(len(found))]
+    if make is plans.pose:
         settings = {"triad": str(rng.choice([triad, triad, "both"])), **settings}
     return make, settings, triad, effect
 
@@ -254,7 +203,7 @@ def _fair(drawn: Drawn):
 
 
 def single(rng) -> Case:
-    make, settings, triad, of = _pick(MENU, rng)
+    make, settings, triad, of = _pick(menu.MENU, rng)
     case = stage("single", make, settings, rng)
     case.drawn = [_sized(case, of(case.scenes[triad], rng), Z_VALUES, [], rng)]
     _fair(case.drawn[0])
@@ -264,11 +213,11 @@ def single(rng) -> Case:
 
 def double(rng) -> Case:
     """Two effects of one plan, each sized by what it adds to the other."""
-    make, settings, triad, of = _pick(MENU, rng)
+    make, settings, triad, of = _pick(menu.MENU, rng)
     case = stage("double", make, settings, rng)
     choices = [
-        (t, e) for m, _, t, es in MENU for e in es
-        if m is make and t in case.scenes and e is not T.earth_rate and e is not of
+        (t, e) for m, _, t, es in menu.MENU for e in es
+        if m is make and t in case.scenes and e is not truth.earth_rate and e is not of
     ]  # fmt: skip
     triad2, of2 = choices[rng.integers(len(choices))]
     pair = [of(case.scenes[triad], rng), of2(case.scenes[triad2], rng)]
@@ -290,7 +239,7 @@ def double(rng) -> Case:
 
 
 def outside(rng) -> Case:
-    make, settings, triad, of = _pick(OPEN, rng)
+    make, settings, triad, of = _pick(menu.OPEN, rng)
     case = stage("open", make, settings, rng)
     drawn = _sized(case, of(case.scenes[triad], rng), (10, 15, 30), [], rng)
     if drawn.textbook_r2 > 0.7 or drawn.z * np.sqrt(1 - drawn.textbook_r2) < 6:
@@ -301,7 +250,7 @@ def outside(rng) -> Case:
 
 def aliased(rng) -> Case:
     """Plans that cannot name the effect: the answer is the set, or nothing at all."""
-    make, settings, triad, of = _pick(ALIASED, rng)
+    make, settings, triad, of = _pick(menu.ALIASED, rng)
     case = stage("aliased", make, settings, rng)
     effect = of(case.scenes[triad], rng)
     typical = effect.fixed or effect.limit * float(rng.uniform(0.3, 1.0))
@@ -316,7 +265,7 @@ def aliased(rng) -> Case:
 
 
 def null(rng) -> Case:
-    make, settings, triad, _ = _pick(MENU, rng)
+    make, settings, triad, _ = _pick(menu.MENU, rng)
     del triad
     if settings.get("degree") == 0:
         raise Unsuitable  # a model without temperature over 60 °C is no null

@@ -74,7 +74,7 @@ def _on(channels, column) -> np.ndarray:
     return out
 
 
-def _one(s: Scene, rng, name, column_of, kind, unit, **more) -> Effect:
+def one(s: Scene, rng, name, column_of, kind, unit, **more) -> Effect:
     """An effect on one channel, proportional to its size."""
     c = int(rng.integers(3))
     column = column_of(c)
@@ -94,7 +94,8 @@ def _intervals(plan: Plan, wanted: np.ndarray) -> list:
     return [p for p in merged if p[1] - p[0] > 30]
 
 
-def _cycling(s: Scene) -> np.ndarray:
+def gradient(s: Scene) -> np.ndarray:
+    """Case temperature's rate, smoothed over a minute, K/s."""
     dt = steps_of(s.plan)
     return (s.heat.case - relax(s.heat.case, dt, 60.0)) / 60.0
 
@@ -118,7 +119,7 @@ def thermal_lag(s: Scene, rng) -> Effect:
         change = s.sensor.output(inner, s.ideal) - s.sensor.output(s.heat.case, s.ideal)
         return change * np.isin(np.arange(3), channels)
 
-    moving = np.abs(_cycling(s)) > 0.12 * np.abs(_cycling(s)).max()
+    moving = np.abs(gradient(s)) > 0.12 * np.abs(gradient(s)).max()
     return Effect(
         "thermal_lag", s.triad, channels, signal, "s", high, linear=False,
         parameters={"time_constant": "size"}, span=_intervals(s.plan, moving), detail={"low": low},
@@ -137,7 +138,7 @@ def temperature_rate(s: Scene, rng) -> Effect:
     tau = float(rng.uniform(15, 40))
     gradient = (s.heat.case - _inner(s, steps_of(s.plan), tau)) / tau
     moving = np.abs(gradient) > 0.12 * np.abs(gradient).max()
-    made = _one(s, rng, "temperature_rate", lambda c: gradient, "bias", "SI per K/s")
+    made = one(s, rng, "temperature_rate", lambda c: gradient, "bias", "SI per K/s")
     made.limit *= 60.0
     made.span = _intervals(s.plan, moving)
     return made
@@ -149,13 +150,13 @@ def thermal_hysteresis(s: Scene, rng) -> Effect:
     weights = rng.uniform(0.5, 1.5, 3)
     loop = plays(s.heat.case, widths, weights)
     loop /= np.ptp(loop) / 2
-    return _one(s, rng, "thermal_hysteresis", lambda c: loop, "bias", "SI, half width")
+    return one(s, rng, "thermal_hysteresis", lambda c: loop, "bias", "SI, half width")
 
 
 def warm_up(s: Scene, rng) -> Effect:
     low, high = {"navigation": (250, 900), "tactical": (120, 600), "consumer": (60, 300)}[s.grade]
     tau = float(rng.uniform(low, high))
-    made = _one(s, rng, "warm_up", lambda c: _power_on(s, tau), "bias", "SI")
+    made = one(s, rng, "warm_up", lambda c: _power_on(s, tau), "bias", "SI")
     made.parameters = {"time_constant": (tau, "s")}
     return made
 
@@ -164,20 +165,20 @@ def temperature_order(s: Scene, rng) -> Effect:
     x = s.sensor.scaled(s.heat.case)
     k = int(s.plan.model["temperature_degree"]) + 1
     wave = np.cos(k * np.arccos(np.clip(x, -1, 1)))
-    return _one(s, rng, "temperature_order", lambda c: wave, "bias", "SI")
+    return one(s, rng, "temperature_order", lambda c: wave, "bias", "SI")
 
 
 def temperature_dependence(s: Scene, rng) -> Effect:
     x = s.sensor.scaled(s.heat.case)
     curve = x + float(rng.uniform(-0.15, 0.15)) * x**2
-    made = _one(s, rng, "temperature_dependence", lambda c: curve, "bias", "SI")
+    made = one(s, rng, "temperature_dependence", lambda c: curve, "bias", "SI")
     made.limit *= 10
     return made
 
 
 def drift(s: Scene, rng) -> Effect:
     t = s.plan.time / s.plan.time[-1]
-    made = _one(s, rng, "drift", lambda c: t, "bias", "SI over the campaign")
+    made = one(s, rng, "drift", lambda c: t, "bias", "SI over the campaign")
     made.limit *= 0.5
     made.detail = {"seconds": float(s.plan.time[-1])}
     return made
@@ -185,7 +186,7 @@ def drift(s: Scene, rng) -> Effect:
 
 def bias_step(s: Scene, rng) -> Effect:
     when = float(s.plan.time[int(len(s.plan.time) * rng.uniform(0.15, 0.85))])
-    made = _one(s, rng, "bias_step", lambda c: (s.plan.time >= when) * 1.0, "bias", "SI")
+    made = one(s, rng, "bias_step", lambda c: (s.plan.time >= when) * 1.0, "bias", "SI")
     made.parameters = {"change_time": (when, "s")}
     made.coefficient = "m/s^2" if s.triad == "accel" else "rad/s"
     made.span = [[when, float(s.plan.time[-1])]]
@@ -197,7 +198,7 @@ def settling(s: Scene, rng) -> Effect:
     since = _since_move(s.plan)
     form = np.exp(-since / tau) * (s.plan.resting & (s.plan.dwell >= 0))
     sized = rng.random() < 0.5
-    made = _one(
+    made = one(
         s, rng, "settling",
         lambda c: form * (s.plan.move_size[:, c] if sized else 1.0), "bias", "SI",
     )  # fmt: skip
@@ -218,7 +219,7 @@ def interference(s: Scene, rng) -> Effect:
     period = float(rng.uniform(8, 30)) * s.plan.block_seconds
     phase = float(rng.uniform(0, 2 * np.pi))
     wave = np.sin(2 * np.pi * s.plan.time / period + phase)
-    made = _one(s, rng, "interference", lambda c: wave, "bias", "SI")
+    made = one(s, rng, "interference", lambda c: wave, "bias", "SI")
     made.parameters = {"period": (period, "s")}
     return made
 
@@ -228,29 +229,29 @@ def _accel_unit(power):
 
 
 def second_order(s, rng):
-    return _one(
+    return one(
         s, rng, "second_order", lambda c: s.force[:, c] ** 2, "second", "SI", coefficient=_accel_unit(2)
     )  # fmt: skip
 
 
 def third_order(s, rng):
-    return _one(
+    return one(
         s, rng, "third_order", lambda c: s.force[:, c] ** 3, "third", "SI", coefficient=_accel_unit(3)
     )  # fmt: skip
 
 
 def odd_quadratic(s, rng):
     column = lambda c: s.force[:, c] * np.abs(s.force[:, c])
-    return _one(s, rng, "odd_quadratic", column, "odd", "SI", coefficient=_accel_unit(2))
+    return one(s, rng, "odd_quadratic", column, "odd", "SI", coefficient=_accel_unit(2))
 
 
 def scale_asymmetry(s, rng):
     if s.triad == "accel":
-        made = _one(s, rng, "scale_asymmetry", lambda c: np.abs(s.force[:, c]), "ppm", "SI")
+        made = one(s, rng, "scale_asymmetry", lambda c: np.abs(s.force[:, c]), "ppm", "SI")
         made.limit *= s.gravity
         made.coefficient = "m/s^2/g"
         return made
-    return _one(
+    return one(
         s, rng, "scale_asymmetry", lambda c: np.abs(s.ideal[:, c]), "ppm", "SI", coefficient="1"
     )
 
@@ -291,7 +292,7 @@ def rate_nonlinearity(s, rng):
     column = lambda c: (
         (s.ideal[:, c] ** 3 / top**2) if odd else (s.ideal[:, c] * np.abs(s.ideal[:, c]) / top)
     )
-    made = _one(s, rng, "rate_nonlinearity", column, "rate", "relative at the highest rate")
+    made = one(s, rng, "rate_nonlinearity", column, "rate", "relative at the highest rate")
     made.detail = {"form": "cubic" if odd else "odd quadratic"}
     return made
 
@@ -386,63 +387,3 @@ def table_misalignment(s, rng):
     turn = 1e-3 * rng.standard_normal(3)
     signal = lambda a: -a * np.cross(turn, s.ideal)
     return Effect("table_misalignment", s.triad, [0, 1, 2], signal, "relative", 1.0, fixed=1.0)
-
-
-# Outside every catalogue ------------------------------------------------------------------------
-
-
-def x_bump(s, rng):
-    span = np.ptp(s.heat.case)
-    centre = float(s.heat.case.min() + span * rng.uniform(0.25, 0.75))
-    width = float(span * rng.uniform(0.04, 0.09))
-    column = np.exp(-0.5 * ((s.heat.case - centre) / width) ** 2)
-    made = _one(s, rng, "x_bump", lambda c: column, "bias", "SI")
-    made.detail = {"centre": centre, "width": width}
-    return made
-
-
-def x_ripple(s, rng):
-    turns = float(rng.uniform(4, 7))
-    x = (s.heat.case - s.heat.case.min()) / np.ptp(s.heat.case)
-    column = np.sin(2 * np.pi * turns * x + rng.uniform(0, 2 * np.pi))
-    made = _one(s, rng, "x_ripple", lambda c: column, "bias", "SI")
-    made.detail = {"periods": turns}
-    return made
-
-
-def x_cubic_times_temperature(s, rng):
-    column = lambda c: s.sensor.scaled(s.heat.case) * s.force[:, c] ** 3
-    return _one(s, rng, "x_cubic_times_temperature", column, "second", "SI")
-
-
-def x_rate_times_temperature(s, rng):
-    form = _cycling(s) * s.sensor.scaled(s.heat.case)
-    made = _one(s, rng, "x_rate_times_temperature", lambda c: form, "bias", "SI per K/s")
-    made.limit *= 120
-    return made
-
-
-def x_kink_in_rate(s, rng):
-    top = np.abs(s.ideal).max()
-    level = float(rng.uniform(0.25, 0.6))
-    column = lambda c: np.tanh((s.ideal[:, c] / top - level) / 0.03) * top
-    made = _one(s, rng, "x_kink_in_rate", column, "rate", "relative")
-    made.detail = {"level": level * top}
-    return made
-
-
-def x_burst(s, rng):
-    centre = float(s.plan.time[int(len(s.plan.time) * rng.uniform(0.25, 0.75))])
-    width = float(s.plan.time[-1] * rng.uniform(0.03, 0.07))
-    column = np.exp(-0.5 * ((s.plan.time - centre) / width) ** 2)
-    made = _one(s, rng, "x_burst", lambda c: column, "bias", "SI")
-    made.span = [[centre - 2 * width, centre + 2 * width]]
-    return made
-
-
-def x_notch_in_force(s, rng):
-    level = float(rng.uniform(0.3, 0.7))
-    column = lambda c: np.exp(-0.5 * ((s.force[:, c] - level) / 0.12) ** 2)
-    made = _one(s, rng, "x_notch_in_force", column, "bias", "SI")
-    made.detail = {"level": level}
-    return made
