@@ -165,7 +165,7 @@ def _one_recording(table: pl.DataFrame, columns: ColumnMap, layout: Layout, name
             f"{name}: holds {len(recordings)} devices ({shown}), but a "
             f"calibration is of one; write each device's rows to a file of its own."
         )
-    return recordings[0]
+    return next(iter(recordings))
 
 
 def _check_device(

@@ -38,8 +38,18 @@ def family(name: str) -> str:
     return label(name).rsplit(" ", 1)[0]
 
 
-def customary_unit(name: str) -> tuple[float, str]:
-    """Factor from SI and the unit in which a parameter is shown."""
+def customary_units(triad: TriadCalibration) -> tuple[tuple[float, str], ...]:
+    """Factor from SI and unit in which each parameter is shown.
+
+    Gyro biases are in °/h, or in °/s where one of them is beyond 1000 °/h.
+    """
+    first = np.asarray(triad.curve(triad.curve.basis.nodes[0]))
+    biases = [abs(v) for v, n in zip(first, triad.names, strict=True) if ".bias" in n]
+    coarse = bool(max(biases, default=0.0) * DEG_PER_HOUR > 1000.0)
+    return tuple(_customary_unit(name, coarse) for name in triad.names)
+
+
+def _customary_unit(name: str, coarse: bool) -> tuple[float, str]:
     what = family(name)
     if what == "scale factor":
         return 1e6, "ppm"
@@ -47,7 +57,8 @@ def customary_unit(name: str) -> tuple[float, str]:
         return 1e6, "µrad"
     if name.startswith("accel"):
         return 1.0, "m/s²"
-    return (DEG_PER_HOUR, "°/h") if what == "bias" else (DEG_PER_HOUR, "°/h/g")
+    factor, unit = (DEG_PER_HOUR / 3600.0, "°/s") if coarse else (DEG_PER_HOUR, "°/h")
+    return factor, unit if what == "bias" else f"{unit}/g"
 
 
 def quantities(triad: TriadCalibration, temperature: float) -> tuple[Quantity, ...]:
@@ -55,8 +66,8 @@ def quantities(triad: TriadCalibration, temperature: float) -> tuple[Quantity, .
     values = np.asarray(triad.curve(temperature))
     sigmas = np.asarray(triad.standard_deviations(temperature))
     rows = []
-    for name, value, sigma in zip(triad.names, values, sigmas, strict=True):
-        factor, unit = customary_unit(name)
+    units = customary_units(triad)
+    for name, value, sigma, (factor, unit) in zip(triad.names, values, sigmas, units, strict=True):
         rows.append(Quantity(name, label(name), float(value * factor), float(sigma * factor), unit))
     return tuple(rows)
 

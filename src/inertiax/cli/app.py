@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from . import calibrate, compensate, demo
+from . import calibrate, compensate, demo, simulate
 
 
 app = typer.Typer(
@@ -26,9 +26,10 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("compensate")(compensate.compensate)
+app.command("simulate")(simulate.simulate)
 
 
-def _version(asked: bool) -> None:
+def _version(asked: bool | None) -> None:
     if asked:
         typer.echo(f"inertiax {importlib.metadata.version('inertiax')}")
         raise typer.Exit()
@@ -37,9 +38,9 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool,
+        bool | None,
         typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
-    ] = False,
+    ] = None,
 ) -> None:
     del version
 
@@ -63,4 +64,4 @@ def _one_line(error: Exception) -> str:
     text = " ".join(str(error).split())
     if type(error) is ValueError or isinstance(error, OSError):
         return text
-    return f"unforeseen {type(error).__name__}: {text} (INERTIAX_TRACEBACK=1 shows where)"
+    return f"unforeseen {type(error).__name__}: {text[:300]} (INERTIAX_TRACEBACK=1 shows where)"

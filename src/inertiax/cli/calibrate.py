@@ -109,7 +109,7 @@ def _write(
     if not done:
         return {}
     devices = tuple(campaign.devices)
-    folders = outputs.folder_names(devices) if len(devices) > 1 else {devices[0]: ""}
+    folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
     command = command_line()
     replaces = tuple(str(Path(f) / n) for f in folders.values() for n in FIGURES)
     with outputs.staged_folder(output, replaces=replaces) as staging:

@@ -13,7 +13,7 @@ from ..calibrate import TriadResult
 from ..calibration import TriadCalibration
 from ..dwells import Dwells
 from ..intervals import Segments
-from ..quantities import customary_unit, DEG_PER_HOUR, family
+from ..quantities import customary_units, DEG_PER_HOUR, family
 from ..recordings import Recording
 from .style import AXIS_NAMES, COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
 
@@ -34,7 +34,7 @@ def parameter_curves(triad: TriadCalibration, temperature_range: tuple[float, fl
     families = _families(triad.names)
     figure, axes = _panels(len(families), height=2.9)
     for ax, (title, members) in zip(axes, families.items(), strict=False):
-        factor, unit = customary_unit(triad.names[members[0]])
+        factor, unit = customary_units(triad)[members[0]]
         for k, member in enumerate(members):
             curve, band = factor * values[:, member], NORMAL_95 * factor * sigmas[:, member]
             colour = COLOURS[k % len(COLOURS)]
@@ -61,7 +61,7 @@ def constant_parameters(triad: TriadCalibration) -> Figure:
     families = _families(triad.names)
     figure, axes = _panels(len(families), height=2.5)
     for ax, (title, members) in zip(axes, families.items(), strict=False):
-        factor, unit = customary_unit(triad.names[members[0]])
+        factor, unit = customary_units(triad)[members[0]]
         place = np.arange(len(members))
         ax.axhline(0.0, color=QUIET, lw=0.8)
         ax.errorbar(
@@ -90,7 +90,9 @@ def misfits(result: TriadResult) -> Figure:
     against = [(order, "dwell, in order of time")]
     if np.ptp(np.asarray(dwells.temperature)) > 0.0:
         against.append((np.asarray(dwells.temperature), "temperature, °C"))
-    against.append((np.asarray(dwells.position), "position"))
+    position = np.asarray(dwells.position)
+    if not np.array_equal(position, order):  # rests that were found are numbered by time
+        against.append((position, "position"))
     figure, axes = new_figure(len(against), 1, height=0.5 + 1.85 * len(against), sharey=True)
     misfit, sigma = factor * np.asarray(result.misfit), factor * np.asarray(result.sigma)
     labels = AXIS_NAMES if misfit.shape[1] == 3 else ("|compensated| − g",)
@@ -178,7 +180,7 @@ def rests_in(ax: Axes, recording: Recording, segments: Segments) -> Axes:
         x, low, high = _envelope(time, outputs[:, k])
         ax.fill_between(x, low, high, color=COLOURS[k], lw=0.6, alpha=0.85, label=AXIS_NAMES[k])
     for number, (a, b) in enumerate(zip(segments.start, segments.stop, strict=True)):
-        span = ax.axvspan(time[a], time[b - 1], color=QUIET, alpha=0.28, lw=0)
+        span = ax.axvspan(float(time[a]), float(time[b - 1]), color=QUIET, alpha=0.28, lw=0)
         span.set_label("rest" if number == 0 else "_")
     ax.set_xlim(time[0], time[-1])
     ax.set(xlabel=f"time, {time_unit}", ylabel=f"output, {unit}")

@@ -60,16 +60,22 @@ _STYLE = {
 @contextmanager
 def drawing() -> Iterator[None]:
     """The style, for the time of drawing only: a user's own settings stay as they are."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(_STYLE):  # pyright: ignore[reportArgumentType]
         yield
 
 
 def new_figure(
-    rows: int, columns: int, *, width: float = 7.2, height: float, **layout: bool | str
+    rows: int,
+    columns: int,
+    *,
+    width: float = 7.2,
+    height: float,
+    sharex: bool = False,
+    sharey: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with its axes in reading order. Sizes in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, **layout)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     return figure, list(axes.flat)
 
 

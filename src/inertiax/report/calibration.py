@@ -71,11 +71,14 @@ def _temperature_words(calibration: Calibration) -> str:
 def _verdict(result: DeviceResult) -> Verdict:
     judged = {k: misfit_verdict(r) for k, (_, r) in triads(result).items()}
     good = all(fine for fine, _ in judged.values())
-    lines = [text for _, text in judged.values()]
+    lines = []
     for name, (triad, estimate) in triads(result).items():
-        lines.append(coverage_sentence(result.calibration, estimate))
         found = weakest(triad, estimate, result.calibration.temperature_range)
-        lines.append(weakest_sentence(name, found))
+        lines += [
+            judged[name][1],
+            coverage_sentence(result.calibration, estimate),
+            weakest_sentence(name, found),
+        ]
     lines += [f"Warning: {w}" for w in result.warnings]
     if not good:
         headline = "Calibrated, but the model does not explain everything in the data."
@@ -163,7 +166,7 @@ def _misfit_section(result: DeviceResult, folder: Path) -> Section:
         caption = (
             f"{TRIAD_NAMES[name]}: what is left of each dwell after the fit, with 1 sigma (noise and "
             f"scatter between dwells together; far longer bars are cut; dotted lines part the "
-            f"experiments). A trend against any of the three axes is physics that the model leaves out."
+            f"experiments). A trend is physics that the model leaves out."
         )
         with drawing():
             figure = plots.misfits(estimate)

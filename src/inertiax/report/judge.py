@@ -7,7 +7,7 @@ import numpy as np
 
 from ..calibrate import DeviceResult, TriadResult
 from ..calibration import Calibration, TriadCalibration
-from ..quantities import customary_unit, label, rms_text, with_sigma
+from ..quantities import customary_units, label, rms_text, with_sigma
 
 
 TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros"}
@@ -54,7 +54,7 @@ def misfit_verdict(result: TriadResult) -> tuple[bool, str]:
         f"{name}: the misfit is {rms} rms, {math.sqrt(chi2):.1f} times what the noise of the dwells "
         f"predicts. Something differs from dwell to dwell by {scatter} "
         f"(1 sigma): re-positioning, drift, or physics that the model leaves out. The uncertainties "
-        f"include it; `inertiax diagnose` looks for the cause."
+        f"include it; 'inertiax diagnose' looks for the cause."
     )
 
 
@@ -72,7 +72,7 @@ def weakest(
     effect = sigmas * inputs
     row, column = np.unravel_index(int(np.argmax(effect)), effect.shape)
     name = triad.names[column]
-    factor, unit = customary_unit(name)
+    factor, unit = customary_units(triad)[column]
     sigma = factor * float(sigmas[row, column])
     return Weakest(
         label(name),

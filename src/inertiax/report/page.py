@@ -13,10 +13,9 @@ from pathlib import Path
 import equinox as eqx
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from ..calibration import write_atomically
-from ..plots.style import save_png, to_svg
+from ..plots.style import COLOURS, Figure, save_png, to_svg
 
 
 class Verdict(eqx.Module):
@@ -114,7 +113,11 @@ def picture(figure: Figure, folder: Path, name: str, caption: str, alt: str) -> 
     # Alone, a figure has no page to take its colour from.
     alone = svg.replace("<svg ", '<svg style="background:#fff;color:#262626" ', 1)
     write_atomically(figures / f"{name}.svg", alone.encode())
-    return Picture(Markup(_own_ids(svg, name)), caption, alt)
+    width = float(figure.get_size_inches()[0])
+    inside = _own_ids(svg, name).replace("<svg ", f'<svg style="--full:{8 * width:.0f}rem" ', 1)
+    for number, colour in enumerate(COLOURS):
+        inside = inside.replace(colour.lower(), f"var(--c{number})")  # lighter on a dark ground
+    return Picture(Markup(inside), caption, alt)
 
 
 def _own_ids(svg: str, name: str) -> str:
