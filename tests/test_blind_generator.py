@@ -1,6 +1,7 @@
 """The blind proof's generator and scorer (benchmarks/blind), which share no code with the package."""
 
 import ast
+import importlib
 import json
 import sys
 import tomllib
@@ -14,15 +15,8 @@ import pytest
 BLIND = Path(__file__).parent.parent / "benchmarks" / "blind"
 sys.path.insert(0, str(BLIND))
 
-import draw  # noqa: E402
-import generate  # noqa: E402
-import linear  # noqa: E402
-import marks  # noqa: E402
-import plans  # noqa: E402
-import score  # noqa: E402
-import truth  # noqa: E402
-import world  # noqa: E402
-
+_NAMES = ("draw", "generate", "linear", "marks", "plans", "score", "truth", "world")
+draw, generate, linear, marks, plans, score, truth, world = map(importlib.import_module, _NAMES)
 
 KINDS = ["null", "single", "aliased"]
 
@@ -61,7 +55,7 @@ def test_cases_are_campaigns_of_the_contract(suite):
             assert np.isfinite(log.to_numpy()).all()
             time = log["time"].to_numpy()
             assert time[0] > last and (np.diff(time) > 0).all()
-            assert log["position"].min() == -1 and log["position"].max() >= 0
+            assert {-1, 0} <= set(log["position"].to_list())
             last = time[-1]
 
 

@@ -32,7 +32,6 @@ class Regression:
     y: np.ndarray
     base: np.ndarray
     terms: Terms
-    spread: np.ndarray  # how each channel enters a row: (rows, 3)
 
 
 def read(folder: Path) -> tuple[dict, pl.DataFrame]:
@@ -144,43 +143,63 @@ def invariant(output: np.ndarray, x: np.ndarray, degree: int, gravity: float) ->
     return force
 
 
-def regression(settings: dict, frame: pl.DataFrame, triad: str) -> Regression:
-    """Residual rows of one triad and every column the naive methods know."""
-    model, gravity = settings["model"], settings["site"]["gravity"]
-    kind, degree = model[f"{triad}_estimator"], model.get("temperature_degree", 0)
+@dataclass
+class Means:
+    """Block means of one triad's campaign; `spread` says how each channel enters a residual row."""
+
+    y: np.ndarray
+    reading: np.ndarray
+    force: np.ndarray | None  # g
+    spread: np.ndarray  # (rows, 3)
+    drivers: dict[str, np.ndarray]
+
+
+def means(settings: dict, frame: pl.DataFrame, triad: str, kind: str, degree: int) -> Means:
+    """Residual rows of one triad after its references, or after the |a| = g calibration."""
+    gravity = settings["site"]["gravity"]
     blocks = segments(frame, rests_only=triad == "accel" or kind == "static")
-    mean = lambda a: None if a is None else np.array([a[b].mean(axis=0) for b in blocks])
-    output, reference = mean(three(frame, triad)), mean(three(frame, f"reference_{triad}"))
-    accel = mean(three(frame, "accel"))
-    force = mean(three(frame, "reference_accel"))
-    force = force / gravity if force is not None else (None if accel is None else accel / gravity)
+    mean = lambda x: np.array([x[b].mean(axis=0) for b in blocks])
+    optional = lambda prefix: None if (x := three(frame, prefix)) is None else mean(x)
+    output, reference = optional(triad), optional(f"reference_{triad}")
+    assert output is not None
+    planned, felt = optional("reference_accel"), optional("accel")
+    force = planned if planned is not None else felt
+    force = None if force is None else force / gravity
     d = drivers(frame, blocks, degree)
-    n = len(blocks)
     if kind == "invariant":
-        reading = force = invariant(output, d["scaled"], degree, gravity)
-        force = force / gravity
+        reading = invariant(output, d["scaled"], degree, gravity)
         size = np.linalg.norm(reading, axis=1)
-        spread, y = reading / size[:, None], size - gravity
-    else:
-        reading = reference if reference is not None else output
-        y = (output - (reference if reference is not None else output.mean(axis=0))).T.ravel()
-        spread = np.kron(np.eye(3), np.ones((n, 1)))
+        return Means(size - gravity, reading, reading / gravity, reading / size[:, None], d)
+    against = reference if reference is not None else output.mean(axis=0) * np.ones_like(output)
+    spread = np.kron(np.eye(3), np.ones((len(blocks), 1)))
+    reading = reference if reference is not None else output
+    return Means((output - against).T.ravel(), reading, force, spread, d)
+
+
+def regression(settings: dict, frame: pl.DataFrame, triad: str) -> Regression:
+    """Calibration columns and every column the naive methods know."""
+    model = settings["model"]
+    kind, degree = model[f"{triad}_estimator"], model.get("temperature_degree", 0)
+    m = means(settings, frame, triad, kind, degree)
+    n, force = len(m.reading), m.force
     tile = (lambda x: x) if kind == "invariant" else (lambda x: np.concatenate([x] * 3))
-    powers = [d["scaled"] ** k for k in range(degree + 1)]
+    powers = [m.drivers["scaled"] ** k for k in range(degree + 1)]
     base, terms = [], []
     for c in range(3):
         inputs = [np.ones(n)]
         if kind != "static":
-            inputs += [reading[:, j] for j in range(c + 1 if kind == "invariant" else 3)]
+            inputs += [m.reading[:, j] for j in range(c + 1 if kind == "invariant" else 3)]
         if triad == "gyro" and model.get("g_sensitivity") and force is not None:
             inputs += list(force.T)
-        base += [spread[:, c] * tile(p * x) for p in powers for x in inputs]
-        own = accel_terms(force, c) if triad == "accel" else gyro_terms(reading, force, c)
-        for name, grid in {**common_terms(d), **own}.items():
+        base += [m.spread[:, c] * tile(p * x) for p in powers for x in inputs]
+        own = gyro_terms(m.reading, force, c) if triad == "gyro" else {}
+        if triad == "accel" and force is not None:
+            own = accel_terms(force, c)
+        for name, grid in {**common_terms(m.drivers), **own}.items():
             for column in grid:
                 wide = column.reshape(n, -1)
-                terms.append((name, c, spread[:, [c]] * np.stack([tile(x) for x in wide.T], 1)))
-    return Regression(triad, y, np.stack(base, 1), terms, spread)
+                terms.append((name, c, m.spread[:, [c]] * np.stack([tile(x) for x in wide.T], 1)))
+    return Regression(triad, m.y, np.stack(base, 1), terms)
 
 
 def fitted(columns: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, int]:
@@ -285,7 +304,7 @@ def diagnose(folder: Path, method: str) -> dict:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("cases", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--method", choices=list(METHODS), required=True)

@@ -33,6 +33,9 @@ MENU: list[Row] = [
     (P.rate, dict(oblique=True), "gyro", [T.cross_axis_rate, T.rate_nonlinearity]),
     (P.mixed, {}, "gyro", RATE + [T.g_sensitivity, T.g2_sensitivity, T.magnetic, T.earth_rate]),
     (P.mixed, {}, "accel", TUMBLE_ACCEL),
+    (P.mixed, dict(accel="reference"), "accel", [T.size_effect, T.second_order]),
+    (P.thermal_mixed, {}, "accel", THERMAL + [T.second_order, T.bias_step]),
+    (P.thermal_mixed, {}, "gyro", THERMAL + [T.g_sensitivity, T.rate_nonlinearity, T.warm_up]),
     (P.thermal_rate, {}, "gyro", THERMAL + RATE + [T.bias_step]),
 ]
 OPEN: list[Row] = [

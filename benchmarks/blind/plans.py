@@ -171,7 +171,7 @@ def scattered(count: int, rng) -> np.ndarray:
     z, phi = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
     ring = np.sqrt(1 - z**2)
     points = np.stack([ring * np.cos(phi), ring * np.sin(phi), z], 1)
-    return Rotation.random(random_state=rng).apply(points)
+    return Rotation.random(rng=rng).apply(points)
 
 
 def _constant(temperature):
@@ -202,7 +202,7 @@ def tumble(rng, *, count=None, sessions=None, model=None) -> Plan:
             _tumble(table, dirs, headings, seconds, rng)
         if s + 1 < sessions:
             table.pause(float(rng.uniform(1200, 5000)))
-    choice = {"temperature_degree": 0}
+    choice: dict[str, int | str] = {"temperature_degree": 0}
     refs = []
     if model in ("invariant", "both"):
         choice["accel_estimator"] = "invariant"
@@ -357,6 +357,29 @@ def mixed(rng, *, accel=None) -> Plan:
         "mixed", _constant(25.0), model=model, block_seconds=3.0,
         references=("gyro", "accel") if accel == "reference" else ("gyro",),
         options=dict(count=count, sessions=sessions, rates=rates),
+    )  # fmt: skip
+
+
+def thermal_mixed(rng) -> Plan:
+    """Rests and rate plateaus, both triads, while the chamber goes up and down."""
+    times, temps, changes = chamber_profile(rng, shape="cycle", span=50.0)
+    count = 18
+    dirs = directions(count)
+    headings = rng.choice(4, count) * np.pi / 2
+    table = Table(2.0)
+    while table.clock < times[-1]:
+        table.experiment = 1 + int(np.searchsorted(changes, table.clock, side="right"))
+        _tumble(table, dirs, headings, 16.0, rng, order=rng.permutation(count)[:6])
+        axis = np.eye(3)[rng.integers(3)]
+        target, table.angles = attitude(axis, 0.0)
+        table.move(target)
+        for w in rng.permutation([60.0, -60.0, 20.0, -20.0]):
+            table.spin(axis, np.deg2rad(w), 14.0)
+    degree = int(rng.choice([2, 3]))
+    return table.plan(
+        "thermal_mixed", _follow(times, temps), block_seconds=8.0, references=("gyro",),
+        model={"accel_estimator": "invariant", "gyro_estimator": "reference", "temperature_degree": degree},
+        options=dict(count=count),
     )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ def diagnose(command: list[str], case: Path, out: Path, limit: float) -> dict:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("cases", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--limit", type=float, default=300.0, help="seconds a case")

@@ -144,7 +144,7 @@ def open_answers(cases: Path, answers: Path) -> dict:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("cases", type=Path)
     parser.add_argument("--answers", type=Path, required=True)
     parser.add_argument("--runs", action="append", required=True, metavar="NAME=FOLDER")

@@ -193,6 +193,10 @@ def forces(v: View) -> Iterator[tuple[str, Candidate]]:
         "cross_coupling",
         _each(lambda c: [f[:, 0] * f[:, 1], f[:, 1] * f[:, 2], f[:, 0] * f[:, 2]]),
     )
+    w = v.plan.rate
+    if np.abs(w).max() > 0:
+        arms = [np.cross(w, np.cross(w, e)) for e in np.eye(3)]
+        yield "size_effect", _each(lambda c: [a[:, c] for a in arms])
     for level in (0.6, 0.75, 0.9, 0.97):
         over = lambda c, level=level: [np.sign(f[:, c]) * np.maximum(np.abs(f[:, c]) - level, 0)]
         yield "saturation", _each(over)

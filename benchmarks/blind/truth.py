@@ -4,6 +4,7 @@ Each function returns an (n, 3) change of the triad's output for unit size, or a
 size where the effect is not proportional to it. Effects that begin with `x_` are in no catalogue.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,7 +34,7 @@ class Effect:
     name: str
     triad: str
     channels: list[int]
-    signal: object
+    signal: Callable[[float], np.ndarray]
     unit: str
     limit: float  # largest size that this grade may show
     linear: bool = True
@@ -263,6 +264,20 @@ def cross_coupling(s, rng):
     return Effect(
         "cross_coupling", s.triad, [c], lambda a: a * _on([c], column), "m/s^2/g^2", _limit(s, "second"),
         detail={"product": [int(j), int(k)]},
+    )  # fmt: skip
+
+
+def size_effect(s, rng):
+    """Lever arm r of one accelerometer: ω × (ω × r) + ω̇ × r, its own component."""
+    c = int(rng.integers(3))
+    arm = rng.standard_normal(3)
+    arm /= np.linalg.norm(arm)
+    w = s.plan.rate
+    faster = np.gradient(w, s.plan.time, axis=0)
+    column = (np.cross(w, np.cross(w, arm)) + np.cross(faster, arm))[:, c]
+    return Effect(
+        "size_effect", s.triad, [c], lambda a: a * _on([c], column), "m", 0.01,
+        detail={"direction": arm.round(4).tolist()},
     )  # fmt: skip
 
 

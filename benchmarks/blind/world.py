@@ -130,7 +130,7 @@ def ornstein_uhlenbeck(time, tau, sigma, rng) -> np.ndarray:
     kick[0] = sigma * rng.standard_normal()
     usual = np.median(keep)
     if np.allclose(keep[1:], usual):
-        return lfilter([1.0], [1.0, -usual], kick)
+        return np.asarray(lfilter([1.0], [1.0, -usual], kick))
     out, y = np.empty(len(time)), 0.0
     for i in range(len(time)):
         y = keep[i] * y + kick[i]

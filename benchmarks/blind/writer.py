@@ -10,7 +10,7 @@ from draw import Case
 def columns(case: Case) -> pl.DataFrame:
     """The log in canonical columns, SI."""
     plan = case.plan
-    data = {"time": np.round(plan.time, 6)}
+    data: dict[str, np.ndarray] = {"time": np.round(plan.time, 6)}
     for triad in plan.triads:
         for k, axis in enumerate("xyz"):
             data[f"{triad}_{axis}"] = case.output[triad][:, k]
