@@ -1,0 +1,269 @@
+"""Figures: what they show is what was given, and nothing is cut off or overlaps."""
+
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
+
+from inertiax.calibrate import TriadResult
+from inertiax.calibration import TriadCalibration
+from inertiax.demo import DemoResult, DemoRow, DemoSet, METHODS
+from inertiax.dwells import Dwells
+from inertiax.estimators import Invariant
+from inertiax.intervals import Segments
+from inertiax.plots import calibration as plots, demo as demo_plots
+from inertiax.plots.style import drawing, Figure, new_figure, to_svg
+from inertiax.procedure import ThermalSolution
+from inertiax.recordings import Recording
+from inertiax.simulate.plan import paper_set
+from inertiax.temperature import Constant, Curve, Polynomial
+from inertiax.uncertainty import Observability
+
+
+ACCEL_NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
+    f"accel.matrix[{i},{j}]" for i in range(3) for j in range(i + 1)
+)
+GYRO_NAMES = (
+    *(f"gyro.bias[{i}]" for i in range(3)),
+    *(f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3)),
+    *(f"gyro.g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)),
+)
+
+
+def triad(names: tuple[str, ...], basis, *, sigma: float = 1e-4, scale: float = 1e-3):
+    """A triad whose coefficients are k-th row, i-th column: scale · (1 + i) / (1 + k)."""
+    size, count = basis.size, len(names)
+    coefficients = scale * (1.0 + np.arange(count)) / (1.0 + np.arange(size)[:, None])
+    covariance = sigma**2 * np.eye(size * count)
+    return TriadCalibration(
+        Curve(basis, jnp.asarray(coefficients)), jnp.asarray(covariance), names, "invariant"
+    )
+
+
+def texts_of(figure: Figure):
+    """All texts that are drawn, with their boxes in pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # lays out
+    drawn = []
+    with pytest.MonkeyPatch.context() as patch:
+        # Many texts exist without being drawn, such as ticks outside the limits.
+        original = Text.draw
+        patch.setattr(Text, "draw", lambda t, renderer: (drawn.append(t), original(t, renderer)))
+        canvas.draw()
+    named = [t for t in drawn if t.get_visible() and t.get_text().strip()]
+    return [(t.get_text(), t.get_window_extent()) for t in dict.fromkeys(named)]
+
+
+def assert_readable(figure: Figure):
+    """No text is cut by the figure's edge and no two texts overlap."""
+    with drawing():
+        found = texts_of(figure)
+    assert len(found) > 3
+    edge = figure.bbox
+    for name, box in found:
+        assert box.x0 >= edge.x0 - 1 and box.x1 <= edge.x1 + 1, f"{name!r} is cut at a side"
+        assert box.y0 >= edge.y0 - 1 and box.y1 <= edge.y1 + 1, f"{name!r} is cut above or below"
+    for k, (name, box) in enumerate(found):
+        for other, second in found[:k]:
+            across = min(box.x1, second.x1) - max(box.x0, second.x0)
+            along = min(box.y1, second.y1) - max(box.y0, second.y0)
+            # Boxes have a line's full height; two pixels of common margin hide nothing.
+            assert across <= 2 or along <= 2, f"{name!r} overlaps {other!r}"
+
+
+def test_the_check_for_readability_can_fail():
+    with drawing():
+        figure, (ax,) = new_figure(1, 1, height=2.0)
+        ax.set(xlabel="time, s", ylabel="output", title="title")
+        ax.text(0.5, 0.5, "first", transform=ax.transAxes)
+        ax.text(0.52, 0.5, "second", transform=ax.transAxes)
+    with pytest.raises(AssertionError, match="overlaps"):
+        assert_readable(figure)
+
+
+@pytest.mark.parametrize("names", [ACCEL_NAMES, GYRO_NAMES])
+def test_curves_are_the_polynomials_with_95_percent_bands(names):
+    one = triad(names, Polynomial(2, -40.0, 60.0))
+    with drawing():
+        figure = plots.parameter_curves(one, (-40.0, 60.0))
+    ax = figure.axes[0]
+    line = ax.get_lines()[1]  # bias y
+    t, shown = line.get_data()
+    x = (2.0 * np.asarray(t) - 20.0) / 100.0
+    # Chebyshev by hand: T0 = 1, T1 = x, T2 = 2x² − 1; parameter 1 has coefficients 2e-3 (1, ½, ⅓).
+    value = 2e-3 * (1.0 + x / 2.0 + (2.0 * x**2 - 1.0) / 3.0)
+    factor = 1.0 if names is ACCEL_NAMES else 180.0 / np.pi * 3600.0
+    np.testing.assert_allclose(shown, factor * value, rtol=1e-12)
+    band = ax.collections[1].get_paths()[0].vertices
+    at = np.argmin(np.abs(t - 60.0))
+    top = max(y for x_, y in band if x_ == t[at])
+    x = (2.0 * t[at] - 20.0) / 100.0
+    sigma = 1e-4 * np.sqrt(1.0 + x**2 + (2.0 * x**2 - 1.0) ** 2)
+    np.testing.assert_allclose(top, factor * (value[at] + 1.959964 * sigma), rtol=1e-9)
+    assert_readable(figure)
+
+
+@pytest.mark.parametrize("names", [ACCEL_NAMES, GYRO_NAMES, GYRO_NAMES[:3]])
+def test_constants_are_shown_with_their_intervals(names):
+    with drawing():
+        figure = plots.constant_parameters(triad(names, Constant()))
+    assert_readable(figure)
+    (bar, *_) = figure.axes[0].containers
+    low, high = bar.lines[2][0].get_segments()[0][:, 1]
+    factor = 1.0 if names is ACCEL_NAMES else 180.0 / np.pi * 3600.0
+    np.testing.assert_allclose((high - low) / 2.0, factor * 1.959964e-4, rtol=1e-6)
+
+
+def test_coverage_is_an_equal_area_projection():
+    tilt = np.deg2rad(60.0)
+    up = [np.sin(tilt), 0.0, np.cos(tilt)]
+    with drawing():
+        figure = plots.coverage(9.8 * np.array([up, [0.0, 0.0, -1.0], [0.0, -1.0, -1e-9]]))
+    points = [ax.get_lines()[-1].get_data() for ax in figure.axes]
+    # Lambert's azimuthal projection to a unit disc of the hemisphere: r = √(1 − cos θ) = √½ at 60°.
+    np.testing.assert_allclose(points[0], [[0.5**0.5], [0.0]], atol=1e-12)
+    np.testing.assert_allclose(points[1], [[0.0, 0.0], [0.0, -1.0]], atol=1e-8)
+    assert_readable(figure)
+
+
+def _recording(num: int) -> Recording:
+    rng = np.random.default_rng(0)
+    return Recording(time=0.01 * np.arange(num), accel=rng.normal(size=(num, 3)), name="a log")
+
+
+def test_a_spike_of_one_sample_in_a_long_log_is_drawn():
+    recording = _recording(200_000)
+    assert recording.accel is not None
+    recording.accel[123_456, 1] = 77.0
+    found = Segments(np.array([0]), np.array([1000]), np.array([0]))
+    with drawing():
+        figure = plots.rests([recording], [found])
+    heights = [c.get_paths()[0].vertices[:, 1].max() for c in figure.axes[0].collections]
+    assert max(heights) == 77.0
+    assert_readable(figure)
+
+
+def _dwells(rng, *, experiments: int = 3, positions: int = 6) -> Dwells:
+    n = experiments * positions
+    zeros = np.zeros((n, 3, 3))
+    return Dwells(
+        time=100.0 * np.arange(n),
+        duration=np.full(n, 60.0),
+        count=np.full(n, 600.0),
+        temperature=np.linspace(-40.0, 60.0, n),
+        experiment=np.repeat(np.arange(experiments), positions),
+        position=np.tile(np.arange(positions), experiments),
+        valid=np.ones(n, bool),
+        accel=rng.normal(size=(n, 3)),
+        accel_covariance=zeros,
+    )
+
+
+def _result(misfit: np.ndarray, sigma: np.ndarray, dwells: Dwells) -> TriadResult:
+    one = triad(ACCEL_NAMES, Constant())
+    solution = ThermalSolution(
+        curve=one.curve,
+        covariance=one.covariance,
+        residuals=misfit / sigma,
+        result=optx.RESULTS.successful,
+        num_iterations=jnp.asarray(3),
+        history=np.zeros((2, 1, 9)),
+        step_sizes=np.zeros(2),
+        method="joint",
+    )
+    return TriadResult(
+        estimator=Invariant(gravity=9.81),
+        solution=solution,
+        dwells=dwells,
+        misfit=misfit,
+        sigma=sigma,
+        observability=Observability(2.0, 9, 9, ()),
+        scatter=0.0,
+        chi2_per_dof=1.0,
+    )
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_misfits_are_drawn_against_order_temperature_and_position(rows):
+    rng = np.random.default_rng(1)
+    dwells = _dwells(rng)
+    misfit = rng.normal(size=(dwells.num_dwells, rows))
+    sigma = np.full_like(misfit, 0.5)
+    sigma[3] = 1e6  # a dwell that is all but unknown must not flatten the others
+    with drawing():
+        figure = plots.misfits(_result(misfit, sigma, dwells))
+    assert [ax.get_xlabel() for ax in figure.axes] == [
+        "dwell, in order of time",
+        "temperature, °C",
+        "position",
+    ]
+    assert figure.axes[0].get_ylim()[1] < 10.0
+    assert_readable(figure)
+
+
+def demo_result() -> DemoResult:
+    """A result of the demo's shape with made-up numbers, so that drawing needs no calibration."""
+    rng = np.random.default_rng(2)
+    basis = Polynomial(6, -62.5, 67.5)
+    grid = np.linspace(-55.0, 60.0, 50)
+    sets = []
+    for number, change in enumerate((15.0, 4.0, 0.5), start=1):
+        plan = paper_set(number)
+        dwells = _dwells(rng, experiments=13, positions=18)
+        sets.append(
+            DemoSet(
+                change=change,
+                plan=plan,
+                dwells=dwells,
+                coefficients=1e-3 * rng.normal(size=(4, 7, 9)),
+                deviations=1e-6 * np.ones((50, 9)),
+                point_temperature=np.linspace(-55.0, 60.0, 13),
+                points=1e-2 * rng.normal(size=(13, 9)),
+                check_misfit=1e-4 * rng.normal(size=(4, 200)),
+                paper_radius=0.5,
+                iterations=3,
+                warning=None,
+            )
+        )
+    rows = tuple(DemoRow(s.change, m, 1e-4, 1e-5, 1e-4, 1e-5, 1e-4) for s in sets for m in METHODS)
+    return DemoResult(
+        names=ACCEL_NAMES,
+        basis=basis,
+        grid=grid,
+        truth=np.zeros((50, 9)),
+        sets=tuple(sets),
+        check_time=np.linspace(0.0, 300.0, 200),
+        check_temperature=np.linspace(20.0, 30.0, 200),
+        table=rows,
+    )
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        demo_plots.temperatures,
+        demo_plots.curves,
+        lambda r: demo_plots.differences(r, 1),
+        lambda r: demo_plots.signed_differences(r, 2),
+        demo_plots.check,
+    ],
+)
+def test_the_papers_figures_are_readable(draw):
+    with drawing():
+        assert_readable(draw(demo_result()))
+
+
+def test_svg_needs_nothing_from_elsewhere_and_takes_the_pages_ink():
+    with drawing():
+        svg = to_svg(plots.coverage(np.eye(3)))
+    assert svg.startswith("<svg") and svg.endswith("</svg>")
+    assert "currentColor" in svg and "<metadata" not in svg
+    # Names of XML namespaces are the only addresses.
+    assert not re.findall(r'(?:href|src)="(?!#)', svg)
+    assert not re.findall(r"url\((?!#)", svg)
+    with drawing():
+        assert svg == to_svg(plots.coverage(np.eye(3)))
