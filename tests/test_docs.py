@@ -1,0 +1,15 @@
+"""The code on the home page runs as it stands."""
+
+import re
+from pathlib import Path
+
+from hard_limit import run_limited
+
+
+HOME = Path(__file__).parents[1] / "docs" / "index.md"
+
+
+def test_home_page_example_runs():
+    blocks = re.findall(r"```python\n(.*?)```", HOME.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert len(blocks) == 1
+    assert run_limited(blocks[0], seconds=120.0).startswith("True")
