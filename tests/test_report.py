@@ -1,0 +1,246 @@
+"""Reports: judged rightly, safe against hostile names, complete and self-contained."""
+
+import html.parser
+import json
+import re
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+from inertiax.calibrate import DeviceFailure, DeviceResult, TriadResult
+from inertiax.calibration import Calibration, TriadCalibration
+from inertiax.dwells import Dwells
+from inertiax.estimators import Invariant
+from inertiax.procedure import ThermalSolution
+from inertiax.quantities import label, quantities, with_sigma
+from inertiax.recordings import Campaign, Recording
+from inertiax.report.calibration import FIGURES, report_calibration, report_summary
+from inertiax.report.document import calibration_document
+from inertiax.report.judge import misfit_verdict, weakest
+from inertiax.temperature import Curve, Polynomial
+from inertiax.uncertainty import Observability
+
+
+EVIL = '"><script>alert(1)</script>'
+NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
+    f"accel.matrix[{i},{j}]" for i in range(3) for j in range(i + 1)
+)
+
+
+def device_result(
+    *,
+    device: str = "",
+    scatter: float = 0.0,
+    chi2_per_dof: float = 1.0,
+    warnings: tuple[str, ...] = (),
+    sigmas: np.ndarray | None = None,
+) -> DeviceResult:
+    """A device with parameters linear in temperature from −40 to 60 °C and made-up misfits."""
+    rng = np.random.default_rng(0)
+    n, basis = 24, Polynomial(1, -40.0, 60.0)
+    sigmas = np.full(9, 1e-4) if sigmas is None else sigmas
+    curve = Curve(basis, jnp.asarray(np.stack([np.arange(9) * 1e-3, np.full(9, 1e-4)])))
+    covariance = jnp.asarray(np.diag(np.tile(sigmas**2, 2)))
+    misfit = 1e-4 * rng.normal(size=(n, 1))
+    dwells = Dwells(
+        time=60.0 * np.arange(n),
+        duration=np.full(n, 50.0),
+        count=np.full(n, 500.0),
+        temperature=np.linspace(-40.0, 60.0, n),
+        experiment=np.repeat(np.arange(4), 6),
+        position=np.tile(np.arange(6), 4),
+        valid=np.ones(n, bool),
+        accel=rng.normal(size=(n, 3)),
+        accel_covariance=np.zeros((n, 3, 3)),
+    )
+    solution = ThermalSolution(
+        curve=curve,
+        covariance=covariance,
+        residuals=misfit,
+        result=optx.RESULTS.successful,
+        num_iterations=jnp.asarray(3),
+        history=np.zeros((2, 2, 9)),
+        step_sizes=np.zeros(2),
+        method="joint",
+    )
+    result = TriadResult(
+        estimator=Invariant(gravity=9.81),
+        solution=solution,
+        dwells=dwells,
+        misfit=misfit,
+        sigma=np.full_like(misfit, 1e-4),
+        observability=Observability(2.0, 18, 18, ()),
+        scatter=scatter,
+        chi2_per_dof=chi2_per_dof,
+    )
+    calibration = Calibration(
+        gravity=9.81,
+        accel=TriadCalibration(curve, covariance, NAMES, "invariant"),
+        device=device,
+        temperature_range=(-40.0, 60.0),
+    )
+    return DeviceResult(calibration, result, None, ("degree 1 by BIC",), warnings)
+
+
+class _Page(html.parser.HTMLParser):
+    """Tags, ids, addresses and text of a page; checks that tags nest."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.addresses: list[str] = []
+        self.text = ""
+        self._open: list[str] = []
+        self.feed(text)
+        assert self._open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("href", "src", "xlink:href", "action", "data"):
+                self.addresses.append(value)
+            assert not name.startswith("on"), f"event handler {name}"
+        if tag not in ("meta", "link", "br"):
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        self._open.pop()
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if not self._open or self._open[-1] != "style":
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> tuple[_Page, Path]:
+    folder = tmp_path_factory.mktemp("report")
+    result = device_result(device=EVIL, scatter=3e-4, chi2_per_dof=9.0, warnings=(EVIL,))
+    recording = Recording(
+        time=np.arange(500.0), accel=np.random.default_rng(1).normal(size=(500, 3)), name=EVIL
+    )
+    campaign = Campaign((recording,))
+    report_calibration(result, folder, f"inertiax calibrate {EVIL}", campaign=campaign)
+    return _Page((folder / "report.html").read_text("utf-8")), folder
+
+
+def test_the_page_loads_nothing_from_elsewhere(page):
+    parsed, folder = page
+    assert {"script", "link", "img", "iframe", "object"}.isdisjoint(parsed.tags)
+    assert all(a.startswith("#") for a in parsed.addresses)
+    assert (folder / "report.html").stat().st_size < 1_000_000
+    text = (folder / "report.html").read_text("utf-8")
+    assert not re.findall(r"@import|url\((?!#)", text)
+
+
+def test_hostile_names_are_shown_as_text(page):
+    parsed, _ = page
+    assert "script" not in parsed.tags
+    assert parsed.text.count("<script>alert(1)</script>") >= 3  # title, warning, command
+
+
+def test_ids_in_the_page_are_unique(page):
+    parsed, _ = page
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert {a[1:] for a in parsed.addresses} <= set(parsed.ids)
+
+
+def test_the_page_says_verdict_key_figures_and_how_to_reproduce(page):
+    parsed, folder = page
+    assert "does not explain everything" in parsed.text
+    assert "3.0 times what the noise of the dwells predicts" in parsed.text
+    assert "inertiax calibrate" in parsed.text and "jaxlib" in parsed.text
+    assert parsed.text.index("does not explain") < parsed.text.index("Accelerometers: parameters")
+    # Middle of the range: x = 0, so bias z is its first coefficient, 2e-3 m/s², ± 1e-4.
+    assert re.search(r"bias z\s*0\.00200\s*0\.00010\s*m/s²", parsed.text)
+
+
+def test_every_figure_of_the_page_is_also_on_disk(page):
+    _, folder = page
+    found = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.suffix in (".png", ".svg")}
+    assert found <= set(FIGURES)
+    assert "figures/rests.png" in found and "figures/misfit-accel.svg" in found
+
+
+def test_misfit_is_judged_against_the_noise():
+    good = device_result().accel
+    bad = device_result(scatter=3e-4, chi2_per_dof=9.0).accel
+    unknown = device_result(chi2_per_dof=float("nan")).accel
+    assert good is not None and bad is not None and unknown is not None
+    assert (
+        misfit_verdict(good)[0]
+        and "what the noise of the dwells predicts" in misfit_verdict(good)[1]
+    )
+    assert not misfit_verdict(bad)[0]
+    assert "not known" in misfit_verdict(unknown)[1]
+
+
+def test_the_weakest_parameter_is_the_one_that_moves_the_output_most():
+    # 5e-5 of scale factor z moves the output by 5e-5 · 9.81 = 4.9e-4 m/s², more than 3e-4 of bias y.
+    sigmas = np.array([1e-5, 3e-4, 1e-5, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 5e-5])
+    result = device_result(sigmas=sigmas)
+    assert result.accel is not None and result.calibration.accel is not None
+    found = weakest(result.calibration.accel, result.accel, (-40.0, 60.0))
+    assert found.label == "scale factor z"
+    # At the ends of the range x = ±1: √(1 + 1) of a coefficient's sigma.
+    assert found.sigma == "71 ppm"
+    np.testing.assert_allclose(found.effect, 2**0.5 * 5e-5 * 9.81, rtol=1e-6)
+
+
+def test_summary_links_to_devices_and_gives_reasons(tmp_path):
+    results = (device_result(device="A/1"), DeviceFailure(EVIL, "too few positions"))
+    report_summary(results, tmp_path, "inertiax", {"A/1": "A_1", EVIL: "x"})
+    parsed = _Page((tmp_path / "report.html").read_text("utf-8"))
+    assert parsed.addresses == ["A_1/report.html"]
+    assert "1 of 2 devices failed" in parsed.text and "too few positions" in parsed.text
+    assert "script" not in parsed.tags
+
+
+def test_the_document_is_json_in_si():
+    results = (device_result(device="A"), DeviceFailure("B", "why"))
+    document = calibration_document(results, {"A": "A", "B": "B"}, Path("out"))
+    again = json.loads(json.dumps(document, allow_nan=False))
+    assert again["num_failed"] == 1
+    assert again["devices"][1] == {"device": "B", "status": "failed", "reason": "why"}
+    parameter = again["devices"][0]["accel"]["parameters"][8]
+    assert parameter["name"] == "accel.matrix[2,2]" and parameter["unit"] == "1"
+    np.testing.assert_allclose([parameter["value"], parameter["std"]], [8e-3, 1e-4])
+    nan = calibration_document((device_result(chi2_per_dof=float("nan")),), {"": ""}, Path("o"))
+    json.dumps(nan, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    "value, sigma, expected",
+    [
+        (0.0312345, 0.00012, ("0.03123", "0.00012")),
+        (-1.0, 0.0996, ("-1.00", "0.10")),
+        (123456.0, 3421.0, ("123500", "3400")),
+        (-1e-9, 0.01, ("0.000", "0.010")),
+        (5.0, 0.0, ("5", "0")),
+        (5.0, float("nan"), ("5", "nan")),
+    ],
+)
+def test_values_are_rounded_to_their_uncertainty(value, sigma, expected):
+    assert with_sigma(value, sigma) == expected
+
+
+def test_units_are_customary_ones():
+    names = ("gyro.bias[0]", "gyro.matrix[0,1]", "gyro.g_sensitivity[2,0]")
+    curve = Curve(Polynomial(0, 0.0, 1.0), jnp.asarray([[4.84813681e-6, 1e-3, 4.84813681e-6]]))
+    triad = TriadCalibration(curve, jnp.eye(3) * 1e-14, names, "reference")
+    shown = [(label(q.name), round(q.value, 6), q.unit) for q in quantities(triad, 0.5)]
+    # 1 °/h is 4.848e-6 rad/s.
+    assert shown == [
+        ("bias x", 1.0, "°/h"),
+        ("misalignment xy", 1000.0, "µrad"),
+        ("g-sensitivity zx", 1.0, "°/h/g"),
+    ]
