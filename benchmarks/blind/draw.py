@@ -7,10 +7,10 @@ import linear
 import menu
 import numpy as np
 import plans
+import rig
 import textbook
-import truth
 import world
-from plans import Plan
+from table import Plan
 from truth import Effect, Scene
 
 
@@ -217,7 +217,7 @@ def double(rng) -> Case:
     case = stage("double", make, settings, rng)
     choices = [
         (t, e) for m, _, t, es in menu.MENU for e in es
-        if m is make and t in case.scenes and e is not truth.earth_rate and e is not of
+        if m is make and t in case.scenes and e is not rig.earth_rate and e is not of
     ]  # fmt: skip
     triad2, of2 = choices[rng.integers(len(choices))]
     pair = [of(case.scenes[triad], rng), of2(case.scenes[triad2], rng)]

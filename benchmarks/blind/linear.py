@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from plans import Plan
 from scipy.linalg import qr, solve_triangular
+from table import Plan
 from world import Noise, PROBE_SHARE, PROBE_TAU, RELAXATIONS
 
 

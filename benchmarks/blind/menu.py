@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import outside as X
 import plans as P
+import rig as R
 import truth as T
-from plans import Plan
+from table import Plan
 
 
 Row = tuple[Callable[..., Plan], dict, str, list]
@@ -17,10 +18,10 @@ RATE = [T.rate_nonlinearity, T.scale_asymmetry]
 
 MENU: list[Row] = [
     (P.tumble, dict(model="invariant"), "accel", TUMBLE_ACCEL + [T.settling] + SENSOR_TIME),
-    (P.tumble, dict(model="reference"), "accel", TUMBLE_ACCEL + [T.pier_tilt, T.table_axis_error]),
+    (P.tumble, dict(model="reference"), "accel", TUMBLE_ACCEL + [R.pier_tilt, R.table_axis_error]),
     (P.tumble, dict(model="both"), "accel", TUMBLE_ACCEL + [T.settling]),
     (P.tumble, dict(model="static gyro"), "gyro", [T.g_sensitivity, T.g2_sensitivity, T.magnetic]),
-    (P.tumble, dict(model="static gyro"), "gyro", [T.earth_rate, T.drift, T.bias_step, T.warm_up]),
+    (P.tumble, dict(model="static gyro"), "gyro", [R.earth_rate, T.drift, T.bias_step, T.warm_up]),
     (P.tumble, dict(model="both"), "gyro", [T.g_sensitivity, T.g2_sensitivity, T.magnetic]),
     (P.sweep, {}, "accel", THERMAL + [T.warm_up, T.bias_step, T.drift]),
     (P.sweep, {}, "accel", [T.second_order, T.cross_coupling, T.scale_asymmetry, T.settling]),
@@ -31,7 +32,7 @@ MENU: list[Row] = [
     (P.rate, {}, "gyro", RATE + [T.saturation, T.bias_step, T.drift, T.warm_up]),
     (P.rate, dict(slow=True), "gyro", [T.dead_band]),
     (P.rate, dict(oblique=True), "gyro", [T.cross_axis_rate, T.rate_nonlinearity]),
-    (P.mixed, {}, "gyro", RATE + [T.g_sensitivity, T.g2_sensitivity, T.magnetic, T.earth_rate]),
+    (P.mixed, {}, "gyro", RATE + [T.g_sensitivity, T.g2_sensitivity, T.magnetic, R.earth_rate]),
     (P.mixed, {}, "accel", TUMBLE_ACCEL),
     (P.mixed, dict(accel="reference"), "accel", [T.size_effect, T.second_order]),
     (P.thermal_mixed, {}, "accel", THERMAL + [T.second_order, T.bias_step]),
@@ -48,9 +49,9 @@ OPEN: list[Row] = [
 ]
 ALIASED: list[Row] = [
     (P.tumble, dict(model="reference", count=6), "accel", [T.third_order, T.odd_quadratic]),
-    (P.tumble, dict(model="reference"), "accel", [T.gravity_error, T.table_misalignment]),
-    (P.tumble, dict(model="invariant"), "accel", [T.gravity_error]),
-    (P.rate, {}, "gyro", [T.rate_scale_error, T.table_misalignment]),
+    (P.tumble, dict(model="reference"), "accel", [R.gravity_error, R.table_misalignment]),
+    (P.tumble, dict(model="invariant"), "accel", [R.gravity_error]),
+    (P.rate, {}, "gyro", [R.rate_scale_error, R.table_misalignment]),
     (P.tumble, dict(model="invariant", count=12), "accel", [T.third_order, T.odd_quadratic]),
     (P.tumble, dict(model="reference", count=24), "accel", [T.third_order, T.odd_quadratic]),
     (P.tumble, dict(model="reference", count=12), "accel", [T.second_order, T.scale_asymmetry]),

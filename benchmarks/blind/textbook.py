@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from plans import Plan
+from table import Plan
 from world import relax, steps_of
 
 

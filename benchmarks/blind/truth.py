@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from plans import Plan
+from table import Plan
 from world import Heat, plays, relax, Sensor, steps_of
 
 
@@ -61,14 +61,14 @@ LIMITS = {
 }
 
 
-def _limit(s: Scene, kind: str) -> float:
+def limit(s: Scene, kind: str) -> float:
     value = LIMITS[s.triad][kind][("navigation", "tactical", "consumer").index(s.grade)]
     if kind in ("ppm", "rate"):
         return value * 1e-6
     return value * (MICRO_G if s.triad == "accel" else DEG_H)
 
 
-def _on(channels, column) -> np.ndarray:
+def on(channels, column) -> np.ndarray:
     out = np.zeros((len(column), 3))
     for c in channels:
         out[:, c] = column
@@ -79,7 +79,7 @@ def one(s: Scene, rng, name, column_of, kind, unit, **more) -> Effect:
     """An effect on one channel, proportional to its size."""
     c = int(rng.integers(3))
     column = column_of(c)
-    return Effect(name, s.triad, [c], lambda a: a * _on([c], column), unit, _limit(s, kind), **more)
+    return Effect(name, s.triad, [c], lambda a: a * on([c], column), unit, limit(s, kind), **more)
 
 
 def _intervals(plan: Plan, wanted: np.ndarray) -> list:
@@ -101,7 +101,7 @@ def gradient(s: Scene) -> np.ndarray:
     return (s.heat.case - relax(s.heat.case, dt, 60.0)) / 60.0
 
 
-def _power_on(s: Scene, tau: float) -> np.ndarray:
+def _poweron(s: Scene, tau: float) -> np.ndarray:
     """Self-heating of the element through its own thermal resistance."""
     out = np.empty_like(s.plan.time)
     for session in np.unique(s.plan.session):
@@ -157,7 +157,7 @@ def thermal_hysteresis(s: Scene, rng) -> Effect:
 def warm_up(s: Scene, rng) -> Effect:
     low, high = {"navigation": (250, 900), "tactical": (120, 600), "consumer": (60, 300)}[s.grade]
     tau = float(rng.uniform(low, high))
-    made = one(s, rng, "warm_up", lambda c: _power_on(s, tau), "bias", "SI")
+    made = one(s, rng, "warm_up", lambda c: _poweron(s, tau), "bias", "SI")
     made.parameters = {"time_constant": (tau, "s")}
     return made
 
@@ -262,7 +262,7 @@ def cross_coupling(s, rng):
     j, k = [(a, b) for a in range(3) for b in range(a) if c in (a, b)][int(rng.integers(2))]
     column = s.force[:, j] * s.force[:, k]
     return Effect(
-        "cross_coupling", s.triad, [c], lambda a: a * _on([c], column), "m/s^2/g^2", _limit(s, "second"),
+        "cross_coupling", s.triad, [c], lambda a: a * on([c], column), "m/s^2/g^2", limit(s, "second"),
         detail={"product": [int(j), int(k)]},
     )  # fmt: skip
 
@@ -276,7 +276,7 @@ def size_effect(s, rng):
     faster = np.gradient(w, s.plan.time, axis=0)
     column = (np.cross(w, np.cross(w, arm)) + np.cross(faster, arm))[:, c]
     return Effect(
-        "size_effect", s.triad, [c], lambda a: a * _on([c], column), "m", 0.01,
+        "size_effect", s.triad, [c], lambda a: a * on([c], column), "m", 0.01,
         detail={"direction": arm.round(4).tolist()},
     )  # fmt: skip
 
@@ -286,7 +286,7 @@ def g_sensitivity(s, rng):
     row = rng.standard_normal(3)
     row /= np.linalg.norm(row)
     return Effect(
-        "g_sensitivity", s.triad, [c], lambda a: a * _on([c], s.force @ row), "rad/s/g", _limit(s, "g"),
+        "g_sensitivity", s.triad, [c], lambda a: a * on([c], s.force @ row), "rad/s/g", limit(s, "g"),
         detail={"row": row.round(4).tolist()},
     )  # fmt: skip
 
@@ -297,7 +297,7 @@ def g2_sensitivity(s, rng):
     form = (form + form.T) / np.linalg.norm(form + form.T)
     column = np.einsum("ni,ij,nj->n", s.force, form, s.force)
     return Effect(
-        "g2_sensitivity", s.triad, [c], lambda a: a * _on([c], column), "rad/s/g^2", _limit(s, "g")
+        "g2_sensitivity", s.triad, [c], lambda a: a * on([c], column), "rad/s/g^2", limit(s, "g")
     )  # fmt: skip
 
 
@@ -318,7 +318,7 @@ def dead_band(s, rng):
     def signal(width):
         x = s.ideal[:, c]
         out = np.sign(x) * np.sqrt(np.maximum(x**2 - width**2, 0))
-        return _on([c], out - x)
+        return on([c], out - x)
 
     return Effect("dead_band", s.triad, [c], signal, "rad/s", np.deg2rad(2.0), linear=False)
 
@@ -329,7 +329,7 @@ def saturation(s, rng):
 
     def signal(cut):
         level = top * (1 - cut)
-        return _on([c], np.clip(s.ideal[:, c], -level, level) - s.ideal[:, c])
+        return on([c], np.clip(s.ideal[:, c], -level, level) - s.ideal[:, c])
 
     return Effect(
         "saturation", s.triad, [c], signal, "fraction of the highest rate", 0.3, linear=False
@@ -341,7 +341,7 @@ def cross_axis_rate(s, rng):
     j, k = [(0, 1), (1, 2), (0, 2)][int(rng.integers(3))]
     column = s.ideal[:, j] * s.ideal[:, k] / np.abs(s.ideal).max()
     return Effect(
-        "cross_axis_rate", s.triad, [c], lambda a: a * _on([c], column), "relative", _limit(s, "rate"),
+        "cross_axis_rate", s.triad, [c], lambda a: a * on([c], column), "relative", limit(s, "rate"),
         detail={"product": [j, k]},
     )  # fmt: skip
 
@@ -353,52 +353,6 @@ def magnetic(s, rng):
     row = rng.standard_normal(3)
     row /= np.linalg.norm(row)
     return Effect(
-        "magnetic", s.triad, [c], lambda a: a * _on([c], field_ @ row), "SI in the room's field",
-        _limit(s, "bias"),
+        "magnetic", s.triad, [c], lambda a: a * on([c], field_ @ row), "SI in the room's field",
+        limit(s, "bias"),
     )  # fmt: skip
-
-
-def pier_tilt(s, rng):
-    period, phase = 86400.0, float(rng.uniform(0, 2 * np.pi))
-    wave = np.sin(2 * np.pi * s.plan.time / period + phase)
-    axis = float(rng.uniform(0, 2 * np.pi))
-    east = np.cross(s.plan.north, s.plan.up)
-    tilt = np.cos(axis) * east + np.sin(axis) * s.plan.north
-    column = np.cross(tilt, s.plan.up) * s.gravity
-    return Effect(
-        "pier_tilt", s.triad, [0, 1, 2], lambda a: a * wave[:, None] * column, "rad", 2e-5
-    )  # fmt: skip
-
-
-def table_axis_error(s, rng):
-    """Inner axis not square to the outer one: case to room is Rx(a) Ry(ε) Rz(b)."""
-    b = s.plan.angles[:, 1]
-    about = np.stack([np.sin(b), np.cos(b), 0 * b], 1)
-    column = -np.cross(about, s.plan.up) * s.gravity
-    return Effect("table_axis_error", s.triad, [0, 1, 2], lambda a: a * column, "rad", 1e-3)
-
-
-def earth_rate(s, rng):
-    del rng
-    return Effect(
-        "earth_rate", s.triad, [0, 1, 2], lambda a: a * s.earth, "share of Earth rate", 1.0, fixed=1.0
-    )  # fmt: skip
-
-
-def gravity_error(s, rng):
-    size = float(rng.uniform(1e-4, 2e-3))
-    signal = lambda a: a * s.force * s.gravity
-    return Effect("gravity_error", s.triad, [0, 1, 2], signal, "relative", 1.0, fixed=size)
-
-
-def rate_scale_error(s, rng):
-    size = float(rng.uniform(1e-4, 3e-3))
-    return Effect(
-        "rate_scale_error", s.triad, [0, 1, 2], lambda a: a * s.ideal, "relative", 1.0, fixed=size
-    )
-
-
-def table_misalignment(s, rng):
-    turn = 1e-3 * rng.standard_normal(3)
-    signal = lambda a: -a * np.cross(turn, s.ideal)
-    return Effect("table_misalignment", s.triad, [0, 1, 2], signal, "relative", 1.0, fixed=1.0)

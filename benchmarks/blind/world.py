@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from plans import Plan
 from scipy.signal import lfilter
+from table import Plan
 
 
 EARTH_RATE = 7.292115e-5  # rad/s
