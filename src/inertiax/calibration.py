@@ -24,7 +24,10 @@ from .temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
 
 SCHEMA = "inertiax.calibration/1"
 
-_SLOT = re.compile(r"(accel|gyro)\.(bias|matrix|g_sensitivity)\[(\d)(?:,(\d))?\]")
+_SLOT = re.compile(
+    r"(accel|gyro)\.(?:(bias)\[([0-2])\]|(matrix)\[([0-2]),([0-2])\])"
+    r"|(gyro)\.(g_sensitivity)\[([0-2]),([0-2])\]"
+)
 
 
 def _slot(name: str) -> int:
@@ -35,17 +38,18 @@ def _slot(name: str) -> int:
             f"parameter name {name!r} is not one of accel|gyro . bias[i], matrix[i,j], "
             f"g_sensitivity[i,j] with i, j = 0, 1, 2."
         )
-    _, kind, row, column = match.groups()
-    if kind == "bias":
-        return int(row)
-    return {"matrix": 3, "g_sensitivity": 12}[kind] + 3 * int(row) + int(column)
+    kind, *index = [part for part in match.groups() if part is not None][1:]
+    row, column = int(index[0]), int(index[-1])
+    return {"bias": row, "matrix": 3 + 3 * row + column, "g_sensitivity": 12 + 3 * row + column}[kind]
 
 
 class TriadCalibration(eqx.Module):
     """One triad's error parameters as curves over temperature, with their covariance."""
 
     curve: Curve
-    covariance: Float[AnyArray, "unknowns unknowns"]  # of coefficients, row-major (size, parameters)
+    covariance: Float[
+        AnyArray, "unknowns unknowns"
+    ]  # of coefficients, row-major (size, parameters)
     names: tuple[str, ...] = eqx.field(static=True)  # of the curve's columns
     estimator: str = eqx.field(static=True)  # how it was estimated: invariant, reference, ...
 
@@ -197,6 +201,9 @@ def _triad_from_json(triad: _Triad, where: str) -> TriadCalibration:
     coefficients = _matrix(triad.coefficients, (basis.size, count), f"{where}.coefficients")
     unknowns = basis.size * count
     covariance = _matrix(triad.covariance, (unknowns, unknowns), f"{where}.covariance")
+    for name in triad.names:
+        if _SLOT.fullmatch(name) is None or not name.startswith(where.rsplit(" ", 1)[-1] + "."):
+            raise ValueError(f"{where}: {name!r} is not the name of one of its parameters.")
     expected = [_unit(n) for n in triad.names]
     if triad.units != expected:
         raise ValueError(f"{where}: units are {triad.units} but must be {expected}.")
