@@ -19,7 +19,7 @@ def retuned(prepared: Prepared, term: Term, value: float) -> Term:
     variant = Variant(f"{effect.nuisance}={value:.4g}", settings)
     shape = block_shapes(effect, [variant], prepared.signal, prepared.coarse, prepared.blocks)[0]
     if effect.common:
-        return common_term(effect, variant, prepared.system.base, shape)
+        return common_term(effect, variant, prepared.system.base, shape)[0]
     return channel_terms(effect, variant, prepared.system.base, shape)[term.channels[0]]
 
 

@@ -13,6 +13,9 @@ from .baseline import Baseline
 from .blocks import Blocks
 
 
+UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotation leaves |a| alone
+
+
 class Term(eqx.Module):
     """One candidate: an effect in one form on some channels, as columns of rows."""
 
@@ -104,18 +107,25 @@ def terms(
             variants, block_shapes(effect, variants, signal, coarse, blocks)
         ):
             if effect.common:
-                found.append(common_term(effect, variant, base, addition))
+                found.extend(common_term(effect, variant, base, addition))
             else:
                 found.extend(channel_terms(effect, variant, base, addition))
     return found, missing
 
 
-def common_term(effect: Effect, variant: Variant, base: Baseline, addition: np.ndarray) -> Term:
-    """One term with the same coefficients on all channels."""
+def common_term(
+    effect: Effect, variant: Variant, base: Baseline, addition: np.ndarray
+) -> list[Term]:
+    """One term with the same coefficients on all channels; none where the rows hardly feel it."""
     rows = tuple(base.rows(addition))
-    return Term(
-        effect.name, base.form.triad, (0, 1, 2), variant, tuple(range(len(rows))), rows, effect
-    )
+    felt, added = sum(float(np.sum(r**2)) for r in rows), float(np.sum(addition**2))
+    if felt < UNFELT * added:
+        return []
+    return [
+        Term(
+            effect.name, base.form.triad, (0, 1, 2), variant, tuple(range(len(rows))), rows, effect
+        )
+    ]
 
 
 def channel_terms(

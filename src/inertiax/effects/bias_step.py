@@ -4,11 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
 from .signal import Signal
 
 
-def shape(signal: Signal, *, time: float) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, time: Scalar | float) -> Float[Array, "time channels columns"]:
     """Half a unit before the moment negative, after it positive: a unit step without a change of the mean level."""
     return (jnp.where(jnp.asarray(signal.time) >= time, 0.5, -0.5))[:, None, None]
 

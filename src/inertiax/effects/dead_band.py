@@ -4,11 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import Effect, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, width: float, form: str) -> Float[Array, "time channels columns"]:
+def shape(
+    signal: Signal, *, width: Scalar | float, form: str
+) -> Float[Array, "time channels columns"]:
     """What lock-in (sqrt(w² - w_L²) above w_L, nothing below) or a dead zone takes away."""
     w = jnp.asarray(signal.input)
     if form == "zone":

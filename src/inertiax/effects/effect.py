@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._typing import AnyArray
+from .._typing import AnyArray, Scalar
 from .signal import Signal
 
 
@@ -39,7 +39,7 @@ class Effect(eqx.Module):
     equation: str = eqx.field(static=True)
     units: Mapping[str, str] = eqx.field(static=True)  # of a coefficient, by triad
     # By triad and grade: smallest and largest usual coefficient, SI.
-    prior: Mapping[str, Mapping[str, tuple[float, float]]] = eqx.field(static=True)
+    prior: Mapping[str, Mapping[str, tuple[float | int, float | int]]] = eqx.field(static=True)
     shape: Callable[..., Float[Array, "time channels columns"]] = eqx.field(static=True)
     variants: Callable[[Signal], tuple[Variant, ...]] = eqx.field(static=True)
     needs: str = eqx.field(static=True)  # the excitation, in words
@@ -58,7 +58,7 @@ class Effect(eqx.Module):
         """Triads that can have it."""
         return tuple(self.units)
 
-    def usual(self, triad: str, grade: str | None) -> tuple[float, float] | None:
+    def usual(self, triad: str, grade: str | None) -> tuple[float | int, float | int] | None:
         """Usual range of a coefficient's size for a grade; all grades together where none is given."""
         by_grade = self.prior.get(triad)
         if not by_grade:
@@ -136,7 +136,7 @@ def chebyshev(temperature: AnyArray, order: int, low: float, high: float) -> Flo
 
 @jax.jit
 def lag(
-    time: Float[AnyArray, " time"], values: Float[AnyArray, " time"], time_constant: float
+    time: Float[AnyArray, " time"], values: Float[AnyArray, " time"], time_constant: Scalar | float
 ) -> Float[Array, " time"]:
     """First-order lag $\\tau \\dot y + y = x$, exact for a piecewise linear x, in equilibrium at the start."""
     time, values = jnp.asarray(time), jnp.asarray(values)
@@ -156,7 +156,7 @@ def lag(
 
 
 @jax.jit
-def play(values: Float[AnyArray, " time"], radius: float) -> Float[Array, " time"]:
+def play(values: Float[AnyArray, " time"], radius: Scalar | float) -> Float[Array, " time"]:
     """Play (backlash) operator of half-width `radius`, starting in the middle of its play."""
     values = jnp.asarray(values)
 

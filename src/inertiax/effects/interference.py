@@ -4,11 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
 from .signal import Signal
 
 
-def shape(signal: Signal, *, frequency: float) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, frequency: Scalar | float) -> Float[Array, "time channels columns"]:
     """Sine and cosine of one frequency, Hz."""
     phase = 2.0 * jnp.pi * frequency * jnp.asarray(signal.time)
     return jnp.stack([jnp.sin(phase), jnp.cos(phase)], axis=-1)[:, None, :]

@@ -3,11 +3,12 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, period: float) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, period: Scalar | float) -> Float[Array, "time channels columns"]:
     """Small rotations about the room's axes, in sine and cosine of a period (s) or growing linearly (period 0)."""
     u = inputs(signal)
     time = jnp.asarray(signal.time)

@@ -3,11 +3,14 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, level: float, side: int) -> Float[Array, "time channels columns"]:
+def shape(
+    signal: Signal, *, level: Scalar | float, side: int
+) -> Float[Array, "time channels columns"]:
     """What a clip at `level` (part of the largest input) takes away, at both ends or at one."""
     u = inputs(signal)
     limit = level * jnp.max(jnp.abs(u))

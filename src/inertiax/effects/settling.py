@@ -4,12 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
 
 def shape(
-    signal: Signal, *, time_constant: float, size: str
+    signal: Signal, *, time_constant: Scalar | float, size: str
 ) -> Float[Array, "time channels columns"]:
     """exp(-t_s / tau) after each move, of equal size or in proportion to the change of the input along the axis."""
     decay = jnp.exp(-jnp.asarray(signal.since_move) / time_constant)[:, None, None]

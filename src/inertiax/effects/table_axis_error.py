@@ -18,7 +18,7 @@ def shape(signal: Signal, *, axis: str, form: str) -> Float[Array, "time channel
     angles = {
         "index": [c, s],
         "second": [c**2 - s**2, 2.0 * c * s],
-        "skew": [f[:, k] / across * (across > 0.1)],
+        "skew": [jnp.where(across > 0.1, f[:, k] / across, 0.0)],
     }[form]
     turned = jnp.zeros_like(u).at[:, p].set(-u[:, q]).at[:, q].set(u[:, p])
     return turned[:, :, None] * jnp.stack(angles, axis=-1)[:, None, :]

@@ -3,12 +3,13 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, inputs, lag, MICRO_G, Variant
 from .signal import Signal
 
 
 def shape(
-    signal: Signal, *, time_constant: float, on: str
+    signal: Signal, *, time_constant: Scalar | float, on: str
 ) -> Float[Array, "time channels columns"]:
     """dT/dt in °C/min, by the probe or behind it by a lag; on the bias, times the input, or with d²T/dt² beside it."""
     rate = jnp.asarray(signal.temperature_rate) * 60.0

@@ -3,12 +3,13 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, inputs, MICRO_G, play, Variant
 from .signal import Signal
 
 
 def shape(
-    signal: Signal, *, radius: float, loop: str, on: str
+    signal: Signal, *, radius: Scalar | float, loop: str, on: str
 ) -> Float[Array, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
     itself, scaled to ±1; or Rayleigh's parabolic loop, whose branch turns after `radius`."""

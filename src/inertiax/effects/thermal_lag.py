@@ -3,11 +3,14 @@
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import Effect, lag, over
 from .signal import Signal
 
 
-def shape(signal: Signal, *, time_constant: float) -> Float[Array, "time channels columns"]:
+def shape(
+    signal: Signal, *, time_constant: Scalar | float
+) -> Float[Array, "time channels columns"]:
     """Difference of the model's outputs at the element's and at the probe's temperature."""
     element = lag(signal.time, signal.temperature, time_constant)
     return (signal.at_temperature(element) - signal.at_temperature(signal.temperature))[:, :, None]

@@ -4,12 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
 
 def shape(
-    signal: Signal, *, time_constant: float, start: str
+    signal: Signal, *, time_constant: Scalar | float, start: str
 ) -> Float[Array, "time channels columns"]:
     """exp(-t / tau) from each power-on, or from the first only."""
     since = jnp.asarray(signal.since_power if start == "each" else signal.since_start)

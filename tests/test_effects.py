@@ -1,0 +1,153 @@
+"""The catalogue of physical effects: names, identity at zero, and formulas against outside values."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from inertiax.effects import addition, apply, CATALOGUE, Signal, Variant
+from inertiax.effects.effect import lag, play
+
+
+# Section "names of physical effects" of the interface: public, so a change here breaks users.
+NAMES = """temperature_order thermal_lag temperature_rate thermal_hysteresis temperature_dependence warm_up
+drift bias_step settling second_order third_order odd_quadratic scale_asymmetry cross_coupling size_effect
+vibration_rectification g_sensitivity g2_sensitivity rate_nonlinearity dead_band cross_axis_rate
+table_misalignment table_axis_error pier_tilt gravity_error earth_rate rate_scale_error time_delay
+quantization saturation interference magnetic supply""".split()
+
+BY_NAME = {e.name: e for e in CATALOGUE}
+CASES = [(e, t) for e in CATALOGUE for t in e.triads]
+
+
+class Slope(eqx.Module):
+    """A model whose three outputs are 1, 2 and 3 units per °C."""
+
+    def __call__(self, temperature):
+        return jnp.asarray(temperature)[:, None] * jnp.array([[1.0, 2.0, 3.0]])
+
+
+def make_signal(triad: str, num: int = 240, degree: int = 3) -> Signal:
+    rng = np.random.default_rng(0)
+    time = np.arange(num) * 1.0
+    force = rng.standard_normal((num, 3))
+    force /= np.linalg.norm(force, axis=1, keepdims=True)
+    rate = 0.5 * rng.standard_normal((num, 3))
+    temperature = 20.0 + 15.0 * np.sin(time / 40.0)
+    return Signal(
+        triad=triad, time=time, input=force if triad == "accel" else rate, output=np.ones((num, 3)),
+        since_power=time, since_start=time, since_move=time % 20.0, move=rng.standard_normal((num, 3)),
+        at_rest=np.arange(num) % 2 == 0, temperature=temperature,
+        temperature_rate=np.gradient(temperature, time), force=force, rate=rate,
+        room=np.broadcast_to(np.eye(3), (num, 3, 3)), vibration=rng.random(num),
+        resolution=np.full(3, 0.1), scatter=np.full(3, 0.01), supply=5.0 + 0.1 * rng.standard_normal(num),
+        at_temperature=Slope(), degree=degree, low=5.0, high=35.0,
+    )  # fmt: skip
+
+
+def forms(effect, triad):
+    """A signal and the first few forms of an effect on it (some effects exist only without a model of temperature)."""
+    for degree in (3, 0):
+        signal = make_signal(triad, degree=degree)
+        variants = effect.variants(signal)
+        if variants:
+            return signal, variants[:: max(1, len(variants) // 5)]
+    raise AssertionError(f"{effect.name} has no form on {triad}")
+
+
+def test_the_catalogue_has_exactly_the_public_names():
+    assert sorted(e.name for e in CATALOGUE) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("effect, triad", CASES, ids=lambda x: getattr(x, "name", x))
+def test_an_effect_is_identity_at_zero_and_its_shape_is_its_jacobian(effect, triad):
+    signal, variants = forms(effect, triad)
+    for variant in variants:
+        shape = effect.shape(signal, **variant.settings)
+        assert shape.shape[0] == len(signal.time) and shape.shape[1] in (1, 3)
+        assert bool(jnp.all(jnp.isfinite(shape)))
+        zero = jnp.zeros((1 if effect.common else 3, shape.shape[2]))
+        assert jnp.array_equal(apply(effect, zero, variant, signal).output, signal.output)
+        jacobian = jax.jacfwd(lambda c, v=variant: addition(effect, c, v, signal))(zero)
+        summed = jacobian.sum(axis=2)  # over the channels' own coefficients
+        expected = jnp.broadcast_to(shape, summed.shape)
+        assert jnp.allclose(
+            summed, expected, rtol=1e-12, atol=1e-12 * float(jnp.abs(shape).max() + 1e-30)
+        )
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.name)
+def test_metadata_is_complete(effect):
+    for text in (effect.title, effect.equation, effect.needs, effect.separating, effect.driver):
+        assert text
+    assert effect.sentence.format(channels="accel_x")
+    for triad in effect.triads:
+        low, high = effect.usual(triad, "tactical")
+        assert 0.0 < low < high
+        everything = effect.usual(triad, None)
+        assert everything[0] <= low and everything[1] >= high
+
+
+def test_lag_answers_a_ramp_as_the_textbook_says():
+    # tau y' + y = r t from rest: y = r (t - tau (1 - exp(-t / tau))).
+    time = np.linspace(0.0, 100.0, 400)
+    expected = 0.3 * (time - 25.0 * (1.0 - np.exp(-time / 25.0)))
+    assert np.allclose(lag(time, 0.3 * time, 25.0), expected, atol=1e-10)
+
+
+def test_play_follows_behind_by_its_half_width_and_rests_at_a_turn():
+    values = np.array([0.0, 1.0, 2.0, 3.0, 2.5, 2.0, 1.0, 0.0])
+    assert np.allclose(play(values, 1.0), [0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 1.0])
+
+
+def test_thermal_lag_is_the_models_slope_times_the_lag_of_a_ramp():
+    signal = make_signal("accel")
+    signal = eqx.tree_at(lambda s: s.temperature, signal, 0.02 * signal.time)
+    shape = BY_NAME["thermal_lag"].shape(signal, time_constant=10.0)
+    # Long after the start the element is r tau = 0.2 °C behind.
+    assert np.allclose(shape[-1, :, 0], [-0.2, -0.4, -0.6], atol=1e-9)
+
+
+def test_size_effect_gives_the_centripetal_acceleration():
+    # 2 rad/s about z, sensor 0.1 m along x: 0.4 m/s² towards the axis.
+    signal = make_signal("accel")
+    rate = np.tile([0.0, 0.0, 2.0], (len(signal.time), 1))
+    signal = eqx.tree_at(lambda s: s.rate, signal, rate)
+    added = BY_NAME["size_effect"].shape(signal) @ np.array([0.1, 0.0, 0.0])
+    assert np.allclose(added, [-0.4, 0.0, 0.0], atol=1e-12)
+
+
+def test_lock_in_is_the_hyperbola_above_and_nothing_below():
+    signal = make_signal("gyro", num=3)
+    signal = eqx.tree_at(lambda s: s.input, signal, np.array([[0.2, 0.05, -0.2]] * 3))
+    shape = BY_NAME["dead_band"].shape(signal, width=0.1, form="lock-in")
+    total = np.asarray(signal.input) + shape[:, :, 0]
+    assert np.allclose(total[0], [0.1 * np.sqrt(3.0), 0.0, -0.1 * np.sqrt(3.0)])
+
+
+def test_quantization_is_the_mean_rounding_error_of_a_noisy_value():
+    rng = np.random.default_rng(1)
+    values, scatter, step = np.array([0.03, 0.142, -0.377]), 0.03, 0.1
+    noisy = values + scatter * rng.standard_normal((400_000, 3))
+    expected = (step * np.round(noisy / step) - noisy).mean(axis=0)
+    signal = make_signal("accel", num=2)
+    signal = eqx.tree_at(
+        lambda s: (s.output, s.scatter), signal, (np.tile(values, (2, 1)), np.full(3, scatter))
+    )
+    shape = BY_NAME["quantization"].shape(signal)
+    # Monte Carlo error of the mean: 0.03 / sqrt(4e5) = 5e-5.
+    assert np.allclose(shape[0, :, 0], expected, atol=2.5e-4)
+
+
+def test_second_order_of_one_g_is_its_coefficient():
+    signal = make_signal("accel", num=2)
+    signal = eqx.tree_at(lambda s: s.input, signal, np.array([[1.0, -1.0, 0.5]] * 2))
+    added = addition(BY_NAME["second_order"], jnp.full((3, 1), 4e-4), Variant("", {}), signal)
+    assert np.allclose(added[0], [4e-4, 4e-4, 1e-4])
+
+
+def test_interference_has_the_stated_frequency():
+    signal = make_signal("gyro")
+    shape = BY_NAME["interference"].shape(signal, frequency=0.05)
+    spectrum = np.abs(np.fft.rfft(np.asarray(shape[:, 0, 0])))
+    assert np.fft.rfftfreq(len(signal.time), 1.0)[np.argmax(spectrum)] == pytest.approx(0.05)
