@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from . import calibrate, compensate, demo, simulate
+from . import calibrate, compensate, demo, diagnose, simulate
 
 
 app = typer.Typer(
@@ -26,6 +26,7 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("compensate")(compensate.compensate)
+app.command("diagnose")(diagnose.diagnose)
 app.command("simulate")(simulate.simulate)
 
 

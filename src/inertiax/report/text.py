@@ -10,6 +10,7 @@ from rich.table import Table
 
 from ..calibrate import DeviceResult
 from ..demo import DemoResult
+from ..diagnose import Diagnosis
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..temperature import Constant
 from .judge import TRIAD_NAMES, triads
@@ -69,6 +70,30 @@ def print_demo(result: DemoResult, folder: Path) -> None:
         "The paper reports, for sets 1 and 2 against set 3: 2e-4 m/s², 25 ppm; check 16 arcsec."
     )
     console.print(f"written: {folder / 'report.html'}, {folder / 'demo.json'}")
+
+
+def print_diagnosis(found: Diagnosis, device: str, folder: Path) -> None:
+    """Verdict, what was left out with its evidence, and where the files are."""
+    console = _console()
+    if device:
+        console.print(f"Device {device}", style="bold")
+    console.print(f"verdict: {found.verdict}", style="bold")
+    console.print(found.summary)
+    for effect in found.effects:
+        rivals = f" or {', '.join(effect.alternatives)}" if effect.alternatives else ""
+        console.print(f"  {effect.name}{rivals} on {', '.join(effect.channels)}")
+        for name, p in effect.parameters:
+            shown = (
+                f"{p.value:.6g} (not determined)"
+                if p.std is None
+                else " ± ".join(with_sigma(p.value, p.std))
+            )
+            console.print(f"    {name} = {shown} {p.unit}")
+        if effect.separating_experiment:
+            console.print(f"    to tell more: {effect.separating_experiment}")
+    console.print(
+        f"written: {folder / 'diagnosis.json'}, {folder / 'calibration.json'}, {folder / 'report.html'}"
+    )
 
 
 def _console() -> Console:

@@ -1,0 +1,112 @@
+"""`inertiax diagnose`: what a campaign holds beyond its model."""
+
+from pathlib import Path
+from typing import Annotated, TYPE_CHECKING
+
+import typer
+
+from . import console, environment, outputs
+from .calibrate import AsJson, CampaignPath, command_line, OutputFolder, Quiet
+
+
+if TYPE_CHECKING:
+    from ..diagnose import Diagnosis
+    from ..recordings import Campaign
+
+
+def diagnose(
+    campaign: CampaignPath,
+    output: OutputFolder,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="A known calibration: it is taken away first, and only what it leaves is judged.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Locate, name and model what the model left out; write diagnosis.json, report.html and the
+    calibration.json of the augmented model.
+
+    With several devices each gets a folder. Exit status 1 if any could not be diagnosed.
+    """
+    outputs.require_campaign(campaign)
+    outputs.require_folder(output)
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..campaign import load_campaign
+
+        stages("reading recordings")
+        loaded = load_campaign(campaign)
+        devices = tuple(loaded.devices)
+        if calibration is not None and len(devices) > 1:
+            raise ValueError(
+                f"--calibration {calibration} is of one device, but the campaign has {len(devices)}; "
+                f"split the campaign."
+            )
+        folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
+        with outputs.staged_folder(output) as staging:
+            outcomes = _diagnose_all(loaded, calibration, staging, folders, stages)
+    _tell(outcomes, folders, output, as_json=as_json, quiet=quiet)
+
+
+def _diagnose_all(
+    campaign: "Campaign",
+    calibration: Path | None,
+    staging: Path,
+    folders: dict[str, str],
+    stages: console.Stages,
+) -> "dict[str, Diagnosis | str]":
+    """Diagnosis of each device, or why there is none. A single device's failure is raised."""
+    from ..calibration import read_calibration, write_calibration
+    from ..diagnose import diagnose_campaign
+    from ..report.diagnosis import report_diagnosis
+
+    known = None if calibration is None else read_calibration(calibration)
+    outcomes: dict[str, Diagnosis | str] = {}
+    for device, name in folders.items():
+        one = campaign.of_device(device)
+        try:
+            found, augmented = diagnose_campaign(one, calibration=known, progress=stages)
+        except ValueError as error:
+            if len(folders) == 1:
+                raise
+            outcomes[device] = str(error)
+            continue
+        stages("writing the report")
+        folder = staging / name
+        found.save(folder / "diagnosis.json")
+        write_calibration(augmented, folder / "calibration.json")
+        report_diagnosis(found, folder, command_line(), campaign=one)
+        outcomes[device] = found
+    return outcomes
+
+
+def _tell(
+    outcomes: "dict[str, Diagnosis | str]",
+    folders: dict[str, str],
+    output: Path,
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    from ..report.text import print_diagnosis
+
+    failed = {d: reason for d, reason in outcomes.items() if isinstance(reason, str)}
+    found = {d: one for d, one in outcomes.items() if not isinstance(one, str)}
+    if as_json:
+        documents = [{"device": d, **one.as_dict()} for d, one in found.items()]
+        several = len(outcomes) > 1
+        outputs.print_json({"devices": documents} if several else documents[0])
+    elif not quiet:
+        for device, one in found.items():
+            print_diagnosis(one, device, output / folders[device])
+    if failed:
+        reasons = "; ".join(f"{d}: {reason}" for d, reason in list(failed.items())[:3])
+        console.warn(f"{len(failed)} of {len(outcomes)} devices not diagnosed: {reasons}")
+        raise typer.Exit(1)
