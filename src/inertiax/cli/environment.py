@@ -16,6 +16,9 @@ def prepare() -> None:
     """
     # Remarks of XLA's C++ side about cached code would mix with the command's own lines.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    # A linear solve that fails inside a derivative gives NaN, which is judged as every outcome is.
+    # Raising needs a callback into Python, and code with callbacks is never cached.
+    os.environ.setdefault("EQX_ON_ERROR", "nan")
     import jax
 
     jax.config.update("jax_enable_x64", True)

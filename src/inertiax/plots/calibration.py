@@ -13,7 +13,7 @@ from ..calibrate import TriadResult
 from ..calibration import TriadCalibration
 from ..dwells import Dwells
 from ..intervals import Segments
-from ..quantities import customary_units, DEG_PER_HOUR, family
+from ..quantities import customary_units, family, SHOWN_AS
 from ..recordings import Recording
 from .style import AXIS_NAMES, COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
 
@@ -79,11 +79,18 @@ def constant_parameters(triad: TriadCalibration) -> Figure:
     return figure
 
 
+# What the rows of a misfit are, by how many there are.
+_ROW_NAMES = {
+    1: ("|compensated| − g",),
+    2: ("tilt about one axis across gravity", "about the other"),
+    3: AXIS_NAMES,
+}
+
+
 def misfits(result: TriadResult) -> Figure:
     """What is left after the fit, per dwell with error bars of 1 sigma, in order of time and
     against temperature and position; the panels share one scale."""
-    triad = result.estimator.triad
-    factor, unit = (1.0, "m/s²") if triad == "accel" else (DEG_PER_HOUR, "°/h")
+    factor, unit = SHOWN_AS[result.misfit_unit]
     dwells = result.dwells
     # By order and not by the clock: hours of soaking between experiments would squeeze the dwells.
     order = np.argsort(np.argsort(np.asarray(dwells.time)))
@@ -95,7 +102,7 @@ def misfits(result: TriadResult) -> Figure:
         against.append((position, "position"))
     figure, axes = new_figure(len(against), 1, height=0.5 + 1.85 * len(against), sharey=True)
     misfit, sigma = factor * np.asarray(result.misfit), factor * np.asarray(result.sigma)
-    labels = AXIS_NAMES if misfit.shape[1] == 3 else ("|compensated| − g",)
+    labels = _ROW_NAMES[misfit.shape[1]]
     for ax, (x, name) in zip(axes, against, strict=True):
         ax.axhline(0.0, color=INK, lw=0.8)
         for k in range(misfit.shape[1]):

@@ -79,7 +79,16 @@ def improvement(found: Diagnosis) -> Figure:
     ax.axvline(1.0, color=INK, ls=DASHES[1], lw=1)
     for k, (_, ratio) in enumerate(rows):
         ax.barh(1 - k, ratio, height=0.5, color=COLOURS[k])
-        ax.text(ratio, 1 - k, f" {ratio:.2f}", va="center", ha="left")
+        # Inside the bar, away from the dashed line, where the bar has room for it.
+        inside = ratio > 0.15
+        ax.text(
+            ratio,
+            1 - k,
+            f" {ratio:.2f} ",
+            va="center",
+            ha="right" if inside else "left",
+            color="white" if inside else INK,
+        )
     ax.set_yticks([1, 0], [name for name, _ in rows])
     ax.set_xlim(0.0, 1.15 * max(1.0, *(ratio for _, ratio in rows)))
     ax.set_xlabel("rms misfit with the effect / without it (dashed: no better)")
