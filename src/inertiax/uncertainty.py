@@ -28,19 +28,18 @@ def observability(
     basis: AbstractBasis,
     dwells: Dwells,
     *,
-    tolerance: float = 1e-5,
+    tolerance: float = 1e-4,
 ) -> Observability:
     """Rank and condition of a plan at the ideal triad, before any estimate is trusted.
 
-    `tolerance` is the singular value, relative to the largest, of the column-scaled Jacobian below
-    which a combination counts as unobservable; 1e-5 there means standard deviations some 10⁵ times
-    those of a good plan.
+    Parameters of one kind (biases, matrix elements, g-sensitivities) and temperature term are scaled
+    alike, by the best determined of them, so that a weak one shows. `tolerance` is the singular value, relative to the largest, below which a
+    combination counts as unobservable: its standard deviation would be 10⁴ times that of the best
+    determined one, and the linearisation on which every estimate rests would not hold.
     """
     curve = Curve(basis, jnp.zeros((basis.size, estimator.num_parameters)))
     normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))
-    scale = np.sqrt(np.diagonal(normal))
-    dead = scale <= 0.0
-    safe = np.where(dead, 1.0, scale)
+    safe = _common_scale(np.sqrt(np.diagonal(normal)), estimator.names, basis.size)
     values, vectors = np.linalg.eigh(normal / np.outer(safe, safe))
     singular = np.sqrt(np.clip(values, 0.0, None))
     small = singular < tolerance * singular.max()
@@ -54,6 +53,17 @@ def observability(
         unknowns=len(singular),
         unseen=unseen,
     )
+
+
+def _common_scale(columns: np.ndarray, names: tuple[str, ...], size: int) -> np.ndarray:
+    """Column scales that keep what is weak weak: parameters of one kind share the kind's largest."""
+    columns = columns.reshape(size, len(names))
+    kinds = [name.split("[")[0] for name in names]
+    scale = np.empty_like(columns)
+    for kind in set(kinds):
+        members = [k for k, own in enumerate(kinds) if own == kind]
+        scale[:, members] = columns[:, members].max(axis=1, keepdims=True)
+    return np.where(scale > 0.0, scale, 1.0).reshape(-1)
 
 
 def _in_words(direction: np.ndarray, names: tuple[str, ...], size: int) -> str:

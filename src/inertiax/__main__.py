@@ -1,0 +1,6 @@
+"""`python -m inertiax` is the `inertiax` command."""
+
+from .cli import main
+
+
+main()
