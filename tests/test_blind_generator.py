@@ -119,7 +119,7 @@ def test_generator_imports_nothing_of_the_package():
 
 def test_wilson_interval_and_span_overlap_have_their_hand_values():
     assert np.allclose(score.wilson(8, 10), [0.4902, 0.9433], atol=1e-4)  # Newcombe 1998's form
-    assert marks.overlap([(0, 10)], [(5, 15)]) == pytest.approx(5 / 15)
+    assert marks.overlap([(0, 10)], [[5, 15]]) == pytest.approx(5 / 15)
     assert marks.overlap([(0, 4), (2, 6)], [(0, 6)]) == pytest.approx(1.0)
 
 

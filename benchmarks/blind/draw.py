@@ -354,6 +354,15 @@ def answer(case: Case) -> dict:
     }  # fmt: skip
 
 
+def _recorded(plan: Plan, span: list | None) -> list | None:
+    """The part of the intervals during which there was a log."""
+    if span is None:
+        return None
+    rows = [plan.time[plan.session == s][[0, -1]] for s in np.unique(plan.session)]
+    pairs = [(max(a, float(s)), min(b, float(e))) for a, b in span for s, e in rows]
+    return [[a, b] for a, b in pairs if b > a]
+
+
 def _effect_answer(case: Case, d: Drawn) -> dict:
     e = d.effect
     name = lambda c: f"{e.triad}_{'xyz'[c]}"
@@ -363,10 +372,13 @@ def _effect_answer(case: Case, d: Drawn) -> dict:
         parameters[key] = {"value": number, "unit": unit}
     if e.coefficient:
         parameters["coefficient"] = {"value": d.size, "unit": e.coefficient}
+    for k, (share, unit) in enumerate(e.vector):
+        parameters[f"coefficient[{k}]"] = {"value": d.size * share, "unit": unit}
     return {
         "name": e.name, "channels": [name(c) for c in e.channels],
         "channels_accepted": [name(c) for c in d.channels_accepted],
         "accepted": sorted(d.accepted), "alias_r2": {k: v for k, v in d.accepted.items() if k != e.name},
         "textbook_r2": d.textbook_r2, "z": round(d.z, 2), "size": d.size, "unit": e.unit,
-        "detail": e.detail, "parameters": parameters, "span": e.span,
+        "detail": e.detail, "parameters": parameters, "span": _recorded(case.plan, e.span),
+        "span_otherwise": _recorded(case.plan, e.span_otherwise),
     }  # fmt: skip

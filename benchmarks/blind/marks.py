@@ -38,7 +38,7 @@ def name_set(effect: dict) -> list[str]:
 def union_length(intervals) -> float:
     """Total length of a union of [start, end]."""
     total, end = 0.0, float("-inf")
-    for a, b in sorted(intervals):
+    for a, b in sorted(map(tuple, intervals)):
         total += max(b - max(a, end), 0.0)
         end = max(end, b)
     return total
@@ -66,11 +66,18 @@ def _spans(diagnosis: dict, truth: dict) -> list:
     return [(w["start"], w["end"]) for w in on if w.get("start") is not None]
 
 
+def _unit(parameter: dict) -> str:
+    """The unit; a quantity over itself is 1."""
+    unit = parameter.get("unit") or "1"
+    above, _, below = unit.partition(")/(")
+    return "1" if below and above.lstrip("(") == below.rstrip(")") else unit
+
+
 def _coverage(effect: dict, truth: dict) -> list[bool]:
     out = []
     for key, true in truth["parameters"].items():
         said = effect.get("parameters", {}).get(key)
-        if said is None or said.get("std") is None or said.get("unit") != true["unit"]:
+        if said is None or said.get("std") is None or _unit(said) != _unit(true):
             continue
         out.append(bool(abs(said["value"] - true["value"]) <= 1.96 * said["std"]))
     return out
@@ -141,6 +148,8 @@ def _mark_first(out: Mark, first: dict | None, truth: dict, diagnosis: dict):
     out.set_size = len(name_set(first))
     out.channel = _located(first, truth)
     if truth["span"]:
-        out.iou = overlap(_spans(diagnosis, truth), truth["span"])
+        said = _spans(diagnosis, truth)
+        either = [s for s in (truth["span"], truth.get("span_otherwise")) if s]
+        out.iou = max(overlap(said, s) for s in either)
     if first["name"] == truth["name"]:
         out.covered = _coverage(first, truth)

@@ -41,7 +41,9 @@ class Effect:
     fixed: float | None = None  # the size, where nature sets it
     parameters: dict = field(default_factory=dict)  # nuisance truths for the answers
     coefficient: str | None = None  # unit of the size as a catalogue coefficient
+    vector: list = field(default_factory=list)  # (share of the size, unit) of each coefficient
     span: list | None = None
+    span_otherwise: list | None = None  # an equally good account of where
     detail: dict = field(default_factory=dict)
 
 
@@ -188,9 +190,10 @@ def drift(s: Scene, rng) -> Effect:
 def bias_step(s: Scene, rng) -> Effect:
     when = float(s.plan.time[int(len(s.plan.time) * rng.uniform(0.15, 0.85))])
     made = one(s, rng, "bias_step", lambda c: (s.plan.time >= when) * 1.0, "bias", "SI")
-    made.parameters = {"change_time": (when, "s")}
+    made.parameters = {"change_time": (when, "s"), "time": (when, "s")}
     made.coefficient = "m/s^2" if s.triad == "accel" else "rad/s"
     made.span = [[when, float(s.plan.time[-1])]]
+    made.span_otherwise = [[float(s.plan.time[0]), when]]
     return made
 
 
@@ -221,7 +224,7 @@ def interference(s: Scene, rng) -> Effect:
     phase = float(rng.uniform(0, 2 * np.pi))
     wave = np.sin(2 * np.pi * s.plan.time / period + phase)
     made = one(s, rng, "interference", lambda c: wave, "bias", "SI")
-    made.parameters = {"period": (period, "s")}
+    made.parameters = {"period": (period, "s"), "frequency": (1 / period, "Hz")}
     return made
 
 
@@ -277,7 +280,7 @@ def size_effect(s, rng):
     column = (np.cross(w, np.cross(w, arm)) + np.cross(faster, arm))[:, c]
     return Effect(
         "size_effect", s.triad, [c], lambda a: a * on([c], column), "m", 0.01,
-        detail={"direction": arm.round(4).tolist()},
+        detail={"direction": arm.round(4).tolist()}, vector=[(float(x), "m") for x in arm],
     )  # fmt: skip
 
 
@@ -287,7 +290,7 @@ def g_sensitivity(s, rng):
     row /= np.linalg.norm(row)
     return Effect(
         "g_sensitivity", s.triad, [c], lambda a: a * on([c], s.force @ row), "rad/s/g", limit(s, "g"),
-        detail={"row": row.round(4).tolist()},
+        detail={"row": row.round(4).tolist()}, vector=[(float(x), "rad/s/g") for x in row],
     )  # fmt: skip
 
 
