@@ -14,6 +14,7 @@ import polars as pl
 import pytest
 
 from inertiax.calibration import read_calibration
+from inertiax.campaign import load_campaign
 from inertiax.cli import main
 from inertiax.cli.environment import cache_folder
 from inertiax.cli.outputs import folder_names, staged_folder
@@ -280,6 +281,14 @@ def test_compensate_refuses_a_recording_of_another_device(tmp_path, capsys, monk
     assert code == 1 and "'B'" in err and "'A'" in err and err.count("\n") == 1
     assert not (tmp_path / "c.csv").exists()
     assert run(capsys, monkeypatch, *arguments, "--any-device")[0] == 0
+
+
+def test_simulate_writes_a_campaign_that_calibrate_reads(tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "check"
+    code, out, err = run(capsys, monkeypatch, "simulate", "paper-check", "-o", folder, "--json")
+    assert code == 0, err
+    assert {"campaign.toml", "truth.json"} <= set(json.loads(out)["files"])
+    assert len(load_campaign(folder).recordings) == 1
 
 
 def test_a_run_replaces_its_own_files_and_leaves_others(tmp_path):

@@ -12,10 +12,16 @@ from matplotlib.text import Text
 from inertiax.calibrate import TriadResult
 from inertiax.calibration import TriadCalibration
 from inertiax.demo import DemoResult, DemoRow, DemoSet, METHODS
+from inertiax.diagnose import Diagnosis
+from inertiax.diagnose.result import Moved, Quality, Where
 from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
 from inertiax.intervals import Segments
-from inertiax.plots import calibration as plots, demo as demo_plots
+from inertiax.plots import (
+    calibration as plots,
+    demo as demo_plots,
+    diagnosis as diagnosis_plots,
+)
 from inertiax.plots.style import drawing, Figure, new_figure, to_svg
 from inertiax.procedure import ThermalSolution
 from inertiax.recordings import Recording
@@ -255,6 +261,38 @@ def demo_result() -> DemoResult:
 def test_the_papers_figures_are_readable(draw):
     with drawing():
         assert_readable(draw(demo_result()))
+
+
+def test_the_diagnosis_figures_are_readable():
+    places = tuple(
+        Where(channel, n, 1000.0 * n + 100.0, 1000.0 * n + 700.0, driver, 1e-4, 1e-9)
+        for n, driver in enumerate(("temperature_rate", "specific_force", "time"))
+        for channel in ("accel_x", "gyro_z")
+    )
+    names = [*ACCEL_NAMES, *GYRO_NAMES]
+    found = Diagnosis(
+        verdict="missing-physics",
+        summary="",
+        where=places,
+        baseline=Quality(3e-4, 9.8, 4e-4),
+        augmented=Quality(1e-4, 1.02, 2e-5),
+        parameters_moved=tuple(Moved(n, 0.0, float(k), 1.0) for k, n in enumerate(names)),
+    )
+    recordings = [
+        Recording(time=1000.0 * n + np.arange(800.0), accel=np.ones((800, 3))) for n in range(3)
+    ]
+    with drawing():
+        for figure in (
+            diagnosis_plots.places(found, recordings),
+            diagnosis_plots.pulled(found),
+            diagnosis_plots.improvement(found),
+        ):
+            assert_readable(figure)
+        bars = diagnosis_plots.places(found, recordings).axes[0].containers
+        # Experiment 1 departs from 1100 to 1700 s: from 18.3 to 28.3 min.
+        np.testing.assert_allclose(bars[2].patches[0].get_bbox().intervalx, [1100 / 60, 1700 / 60])
+        shown = [t.get_text() for t in diagnosis_plots.pulled(found).axes[0].get_yticklabels()]
+    assert shown[-1] == names[-1] and len(shown) == 20  # largest on top, no more than 20
 
 
 def test_svg_needs_nothing_from_elsewhere_and_takes_the_pages_ink():

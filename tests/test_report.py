@@ -12,12 +12,23 @@ import pytest
 
 from inertiax.calibrate import DeviceFailure, DeviceResult, TriadResult
 from inertiax.calibration import Calibration, TriadCalibration
+from inertiax.diagnose import Diagnosis
+from inertiax.diagnose.result import (
+    Detectable,
+    Evidence,
+    Explanation,
+    Moved,
+    Parameter,
+    Quality,
+    Where,
+)
 from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
 from inertiax.procedure import ThermalSolution
 from inertiax.quantities import label, quantities, with_sigma
 from inertiax.recordings import Campaign, Recording
 from inertiax.report.calibration import FIGURES, report_calibration, report_summary
+from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.document import calibration_document
 from inertiax.report.judge import misfit_verdict, weakest
 from inertiax.temperature import Curve, Polynomial
@@ -216,6 +227,67 @@ def test_the_document_is_json_in_si():
     np.testing.assert_allclose([parameter["value"], parameter["std"]], [8e-3, 1e-4])
     nan = calibration_document((device_result(chi2_per_dof=float("nan")),), {"": ""}, Path("o"))
     json.dumps(nan, allow_nan=False)
+
+
+def diagnosis(verdict: str) -> Diagnosis:
+    """A diagnosis with one of everything; `EVIL` wherever text comes from outside."""
+    effect = Explanation(
+        name="thermal_lag",
+        channels=("accel_y",),
+        form="first order",
+        alternatives=("temperature_rate",),
+        odds=(("thermal_lag", 0.8), ("temperature_rate", 0.2)),
+        parameters=(
+            ("time_constant", Parameter(310.0, 12.0, "s")),
+            ("k", Parameter(1.0, None, "1")),
+        ),
+        evidence=Evidence(512.0, 1e-30, 0.61),
+        statement=f"accel_y lags behind the probe {EVIL}",
+        separating_experiment="a soak of an hour",
+    )
+    missing = verdict == "missing-physics"
+    return Diagnosis(
+        verdict=verdict,
+        summary=f"In words {EVIL}",
+        where=(
+            ()
+            if verdict == "consistent"
+            else (
+                Where("accel_y", 0, 10.0, 200.0, "temperature_rate", 1e-4, 1e-9),
+                Where("gyro_x", 0, 250.0, 400.0, EVIL, 1e-4, 1e-9),
+            )
+        ),
+        effects=(effect,) if missing else (),
+        baseline=Quality(3e-4, 9.8, 4e-4),
+        augmented=Quality(1e-4, 1.02, 1e-4),
+        not_testable=("third_order",),
+        parameters_moved=(
+            Moved("accel.bias[1]", 1.0, 1.5, 0.1),
+            Moved("accel.bias[2]", 0.0, 0.0, 0.0),
+        ),
+        detectable=(Detectable("second_order", ("accel_x",), 1e-5, "m/s²/g²"),),
+        empirical="a formula" if verdict == "unexplained" else None,
+    )
+
+
+@pytest.mark.parametrize("verdict", ["consistent", "missing-physics", "unexplained"])
+def test_a_diagnosis_is_told_and_drawn(tmp_path, verdict):
+    recording = Recording(time=np.arange(500.0), accel=np.ones((500, 3)), device=EVIL)
+    found = diagnosis(verdict)
+    report_diagnosis(found, tmp_path, "inertiax diagnose", campaign=Campaign((recording,)))
+    parsed = _Page((tmp_path / "report.html").read_text("utf-8"))
+    assert "script" not in parsed.tags and "img" not in parsed.tags
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert "third_order" in parsed.text and "second_order" in parsed.text
+    # (1.5 − 1.0) / 0.1; a parameter without a standard deviation has no shift.
+    assert "+5.0" in parsed.text and "accel.bias[2]" not in parsed.text
+    if verdict == "missing-physics":
+        assert "thermal_lag or temperature_rate" in parsed.text
+        assert re.search(r"time_constant\s*310\s*12\s*s", parsed.text)
+        assert "not determined" in parsed.text
+        assert "-75 %" in parsed.text  # held-out rms from 4e-4 to 1e-4
+    if verdict == "unexplained":
+        assert "a formula" in parsed.text
 
 
 @pytest.mark.parametrize(

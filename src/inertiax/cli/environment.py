@@ -19,6 +19,10 @@ def prepare() -> None:
     # A linear solve that fails inside a derivative gives NaN, which is judged as every outcome is.
     # Raising needs a callback into Python, and code with callbacks is never cached.
     os.environ.setdefault("EQX_ON_ERROR", "nan")
+    # Warnings are for developers, who ask for them with -W or PYTHONWARNINGS; what a user should know
+    # is in the result.
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -33,7 +37,6 @@ def prepare() -> None:
     if usable:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-        warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
 
 
 def cache_folder() -> Path:

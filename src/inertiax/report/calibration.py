@@ -95,7 +95,9 @@ def _keys(result: DeviceResult) -> list[Key]:
         title = TRIAD_NAMES[name]
         chi2 = estimate.chi2_per_dof
         noise = f"χ² per degree of freedom {chi2:.2f}" if math.isfinite(chi2) else "noise unknown"
-        keys.append(Key(f"{title}: rms misfit", rms_text(name, estimate.rms), noise))
+        keys.append(
+            Key(f"{title}: rms misfit", rms_text(estimate.misfit_unit, estimate.rms), noise)
+        )
         found = weakest(triad, estimate, result.calibration.temperature_range)
         keys.append(Key(f"{title}: least certain", f"± {found.sigma}", found.label))
         keys.append(
@@ -188,8 +190,8 @@ def _misfit_row(name: str, result: TriadResult) -> tuple[str, ...]:
     chi2 = result.chi2_per_dof
     return (
         TRIAD_NAMES[name].lower(),
-        rms_text(name, result.rms),
-        rms_text(name, result.scatter),
+        rms_text(result.misfit_unit, result.rms),
+        rms_text(result.misfit_unit, result.scatter),
         f"{chi2:.3g}" if math.isfinite(chi2) else "unknown",
         str(int(result.solution.num_iterations)),
         f"{result.observability.condition:.3g}",
@@ -266,7 +268,7 @@ def _summary_row(
     if isinstance(result, DeviceFailure):
         return (result.device, "failed", "", "", result.reason)
     device = result.calibration.device
-    rms = {k: rms_text(k, r.rms) for k, (_, r) in triads(result).items()}
+    rms = {k: rms_text(r.misfit_unit, r.rms) for k, (_, r) in triads(result).items()}
     fine = all(misfit_verdict(r)[0] for _, r in triads(result).values())
     return (
         Link(device, f"{folders[device]}/report.html"),

@@ -63,7 +63,7 @@ def _triad(triad: TriadCalibration, result: TriadResult, temperature: float) -> 
         "num_iterations": int(result.solution.num_iterations),
         "rms": result.rms,
         "scatter": result.scatter,
-        "unit": "m/s^2" if result.estimator.triad == "accel" else "rad/s",
+        "unit": result.misfit_unit,
         "chi2_per_dof": chi2 if math.isfinite(chi2) else None,
         "condition": result.observability.condition,
         "parameters": [

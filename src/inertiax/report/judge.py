@@ -37,8 +37,8 @@ def misfit_verdict(result: TriadResult) -> tuple[bool, str]:
     Judged as the estimation did: it adds scatter between dwells where χ² is beyond its 99 % point.
     """
     name = TRIAD_NAMES[result.estimator.triad]
-    rms = rms_text(result.estimator.triad, result.rms)
-    scatter = rms_text(result.estimator.triad, result.scatter)
+    rms = rms_text(result.misfit_unit, result.rms)
+    scatter = rms_text(result.misfit_unit, result.scatter)
     chi2 = result.chi2_per_dof
     if not math.isfinite(chi2):
         return True, (

@@ -33,7 +33,7 @@ def print_result(result: DeviceResult, folder: Path) -> None:
         console.print(table)
         chi2 = estimate.chi2_per_dof
         noise = f", χ² per degree of freedom {chi2:.2f}" if math.isfinite(chi2) else ""
-        console.print(f"  rms misfit {rms_text(name, estimate.rms)}{noise}")
+        console.print(f"  rms misfit {rms_text(estimate.misfit_unit, estimate.rms)}{noise}")
     for choice in result.choices:
         console.print(f"chosen: {choice}")
     for warning in result.warnings:
@@ -48,9 +48,9 @@ def print_demo(result: DemoResult, folder: Path) -> None:
     table = _plain_table(
         "drift, °C",
         "method",
-        "bias − truth, m/s²",
+        "bias − truth, 10⁻⁶ m/s²",
         "scale − truth, ppm",
-        "bias − set 3, m/s²",
+        "bias − set 3, 10⁻⁶ m/s²",
         "scale − set 3, ppm",
         "check, arcsec of g",
         text=("method",),
@@ -59,15 +59,15 @@ def print_demo(result: DemoResult, folder: Path) -> None:
         table.add_row(
             f"{row.change:g}",
             row.method,
-            f"{row.bias_from_truth:.1e}",
+            f"{1e6 * row.bias_from_truth:.1f}",
             f"{1e6 * row.scale_from_truth:.2f}",
-            f"{row.bias_from_set3:.1e}" if row.change > 1.0 else "",
+            f"{1e6 * row.bias_from_set3:.1f}" if row.change > 1.0 else "",
             f"{1e6 * row.scale_from_set3:.2f}" if row.change > 1.0 else "",
             f"{row.check_arcsec:.2f}",
         )
     console.print(table)
     console.print(
-        "The paper reports, for sets 1 and 2 against set 3: 2e-4 m/s², 25 ppm; check 16 arcsec."
+        "The paper reports, for sets 1 and 2 against set 3: 200e-6 m/s², 25 ppm; check 16 arcsec."
     )
     console.print(f"written: {folder / 'report.html'}, {folder / 'demo.json'}")
 
