@@ -93,11 +93,14 @@ def with_sigma(value: float, sigma: float) -> tuple[str, str]:
     return f"{round(value, decimals) + 0.0:.{shown}f}", f"{round(sigma, decimals):.{shown}f}"
 
 
-def rms_text(triad: str, value: float) -> str:
-    """A root mean square of one triad with its unit."""
-    if triad == "accel":
-        return f"{value:.3g} m/s²"
-    return f"{value * DEG_PER_HOUR:.3g} °/h"
+# How a misfit in an SI unit is shown.
+SHOWN_AS = {"m/s^2": (1.0, "m/s²"), "rad/s": (DEG_PER_HOUR, "°/h"), "rad": (1e3, "mrad")}
+
+
+def rms_text(unit: str, value: float) -> str:
+    """A root mean square in the SI unit m/s^2, rad/s or rad, as people read it."""
+    factor, shown = SHOWN_AS[unit]
+    return f"{factor * value:.3g} {shown}"
 
 
 def si_unit(name: str) -> str:

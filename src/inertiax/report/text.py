@@ -46,13 +46,13 @@ def print_demo(result: DemoResult, folder: Path) -> None:
     console = _console()
     console.print("Greatest differences over -55…+60 °C, and the check; simulated accelerometers.")
     table = _plain_table(
-        "drift, °C",
+        "drift\n°C",
         "method",
-        "bias − truth, 10⁻⁶ m/s²",
-        "scale − truth, ppm",
-        "bias − set 3, 10⁻⁶ m/s²",
-        "scale − set 3, ppm",
-        "check, arcsec of g",
+        "bias\nfrom truth\n10⁻⁶ m/s²",
+        "scale\nfrom truth\nppm",
+        "bias\nfrom set 3\n10⁻⁶ m/s²",
+        "scale\nfrom set 3\nppm",
+        "check\narcsec",
         text=("method",),
     )
     for row in result.table:
@@ -97,13 +97,15 @@ def print_diagnosis(found: Diagnosis, device: str, folder: Path) -> None:
 
 
 def _console() -> Console:
-    # Wide enough for the tables where there is no terminal to ask.
-    width = None if sys.stdout.isatty() else 200
-    return Console(highlight=False, markup=False, soft_wrap=True, width=width)
+    # A table squeezed into less than 96 columns loses letters; a terminal wraps it instead. Where there
+    # is no terminal to ask, nothing is wrapped.
+    asked = Console().width if sys.stdout.isatty() else 200
+    return Console(highlight=False, markup=False, soft_wrap=True, width=max(asked, 96))
 
 
 def _plain_table(*heads: str, text: tuple[str, ...] = ("", "unit")) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for head in heads:
-        table.add_column(head, justify="left" if head in text else "right")
+        words = head in text
+        table.add_column(head, justify="left" if words else "right", no_wrap=words)
     return table
