@@ -250,11 +250,14 @@ def outside(rng) -> Case:
 
 def aliased(rng) -> Case:
     """Plans that cannot name the effect: the answer is the set, or nothing at all."""
+    absorbed = rng.random() < 0.5
     make, settings, triad, of = _pick(menu.ALIASED, rng)
     case = stage("aliased", make, settings, rng)
     effect = of(case.scenes[triad], rng)
     typical = effect.fixed or effect.limit * float(rng.uniform(0.3, 1.0))
-    if visible_z(case, effect, typical, []) < 1.0:
+    if absorbed != (visible_z(case, effect, typical, []) < 1.0):
+        raise Unsuitable
+    if absorbed:
         case.drawn, case.verdict = [add(case, effect, typical, [])], ["consistent"]
         return case
     drawn = _sized(case, effect, (8, 10, 15, 30), [], rng)
