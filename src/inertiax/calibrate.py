@@ -1,23 +1,30 @@
 """From a campaign to calibrations: reduce, choose, estimate, judge; one device at a time."""
 
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
-from scipy.stats import chi2
+from jaxtyping import Float, Int
 
 from ._typing import AnyArray
 from .calibration import Calibration, TriadCalibration
-from .choose import build_estimators, choose_degree, choose_model, ChosenModel, polynomial_basis
+from .choose import (
+    build_estimators,
+    choose_degree,
+    choose_model,
+    ChosenModel,
+    polynomial_basis,
+    settle_gyro,
+)
 from .dwells import Dwells
-from .estimators import AbstractEstimator, NOMINAL_SIGMA
+from .estimators import AbstractEstimator
 from .intervals import reduce_to_dwells
+from .model import compensate_accel
 from .procedure import (
     convergence_rate,
-    extra_scatter,
     GaussNewtonIteration,
     iterate,
     joint_fit,
@@ -25,9 +32,11 @@ from .procedure import (
     rate_warning,
     ThermalSolution,
 )
-from .recordings import Campaign
+from .recordings import Campaign, Recording
+from .scatter import chi2_per_dof, judged, num_judged, with_provisional_scatter, with_scatter
 from .temperature import AbstractBasis
-from .uncertainty import observability, Observability
+from .turns import Turns, with_motions
+from .uncertainty import Observability, observability
 
 
 METHODS = ("gauss-newton", "joint", "paper")
@@ -40,17 +49,24 @@ class TriadResult(eqx.Module):
 
     estimator: AbstractEstimator
     solution: ThermalSolution
-    dwells: Dwells  # those that were used
-    misfit: Float[AnyArray, "dwells rows"]  # m/s² or rad/s, after the fit
+    dwells: Dwells  # those that have a misfit
+    misfit: Float[AnyArray, "dwells rows"]  # after the fit, in `misfit_unit`
     sigma: Float[AnyArray, "dwells rows"]  # of each misfit, dwell noise and scatter together
     observability: Observability
-    scatter: float = eqx.field(static=True)  # m/s² or rad/s, found between dwells
+    scatter: float = eqx.field(static=True)  # found between dwells, in `misfit_unit`
     chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
 
     @property
     def rms(self) -> float:
-        """Root mean square of the misfit, m/s² or rad/s."""
+        """Root mean square of the misfit, in `misfit_unit`."""
         return float(np.sqrt(np.mean(np.square(np.asarray(self.misfit)))))
+
+    @property
+    def misfit_unit(self) -> str:
+        """m/s^2 or rad/s of an output; rad of gravity's direction after a motion."""
+        if self.dwells.motion is not None:
+            return "rad"
+        return "m/s^2" if self.estimator.triad == "accel" else "rad/s"
 
 
 class DeviceResult(eqx.Module):
@@ -110,16 +126,16 @@ def calibrate_device(
     chosen = choose_model(campaign, campaign.recordings)
     progress("reducing recordings to dwells")
     dwells = reduce_to_dwells(campaign.recordings)
-    accel, gyro = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
+    accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
     choices, warnings = list(chosen.reasons), list(campaign.notes)
-    accel_result = gyro_result = None
+    accel_result = None
     if accel is not None:
-        used = _rows_for(accel, chosen, dwells)
+        used = _rows_for("accel", chosen, dwells)
         accel_result = _estimate(accel, used, chosen, method, progress, choices, warnings)
         dwells = _with_refined_force(accel_result, dwells)
-    if gyro is not None:
-        used = _rows_for(gyro, chosen, dwells)
-        gyro_result = _estimate(gyro, used, chosen, method, progress, choices, warnings)
+    gyro_result, chosen = _calibrate_gyro(
+        campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
+    )
     calibration = Calibration(
         gravity=campaign.site.gravity,
         accel=_triad(accel_result, chosen.accel_estimator),
@@ -131,18 +147,83 @@ def calibrate_device(
     return DeviceResult(calibration, accel_result, gyro_result, tuple(choices), tuple(warnings))
 
 
-def _rows_for(estimator: AbstractEstimator, chosen: ChosenModel, dwells: Dwells) -> Dwells:
+def _calibrate_gyro(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    accel: TriadResult | None,
+    dwells: Dwells,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> tuple[TriadResult | None, ChosenModel]:
+    """The gyros' estimate, and the model with the estimator that was used in the end.
+
+    Where the choice was left open and the rotation of gravity does not determine the model, the rests
+    still tell the bias; a warning says so.
+    """
+
+    def estimate(model: ChosenModel, used: Dwells) -> TriadResult:
+        _, gyro = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
+        assert gyro is not None
+        return _estimate(gyro, used, model, method, progress, choices, warnings)
+
+    if chosen.gyro_estimator is None:
+        return None, chosen
+    if chosen.gyro_estimator == "gravity":
+        assert accel is not None  # `choose_model` saw accelerometers
+        turns = _turns(campaign, accel, dwells, g_sensitivity=chosen.g_sensitivity)
+        name, reason = settle_gyro(campaign, turns)
+        choices.extend([] if reason is None else [reason])
+        try:
+            if name == "gravity":
+                return estimate(chosen, turns.dwells), chosen
+        except ValueError as error:
+            if campaign.model.gyro_estimator == "gravity":
+                raise
+            warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
+        chosen = dataclasses.replace(chosen, gyro_estimator="static")
+    return estimate(chosen, _rows_for("gyro", chosen, dwells)), chosen
+
+
+def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitivity: bool) -> Turns:
+    """The rests with the motions between them, as the calibrated accelerometers saw both."""
+    _rests(dwells, "gyro")
+    # What the accelerometers' model leaves at a rest is an error of that rest's direction too.
+    left = accel.scatter**2 * np.eye(3)
+    dwells = eqx.tree_at(
+        lambda d: d.accel_covariance, dwells, np.asarray(dwells.accel_covariance) + left
+    )
+    force = [_force(accel, r) for r in campaign.recordings] if g_sensitivity else None
+    return with_motions(campaign.recordings, dwells, force=force)
+
+
+def _force(accel: TriadResult, recording: Recording) -> Float[np.ndarray, "time 3"]:
+    """Compensated specific force of every sample, m/s²."""
+    probe = recording.temperature
+    temperature = np.zeros(recording.num_samples) if probe is None else probe[:, 0]
+    unpack, curve = accel.estimator.unpack, accel.solution.curve
+    one = lambda t, a: compensate_accel(unpack(curve(t)), a)
+    return np.asarray(jax.jit(jax.vmap(one))(temperature, jnp.asarray(recording.accel)))
+
+
+def _rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:
     """The dwells an estimator may use: at rest, unless it has a reference for the motion."""
     by_reference = {"accel": chosen.accel_estimator, "gyro": chosen.gyro_estimator}
-    if by_reference[estimator.triad] == "reference":
+    if by_reference[triad] == "reference":
         return dwells
+    return dwells[_rests(dwells, triad)]
+
+
+def _rests(dwells: Dwells, triad: str) -> Int[np.ndarray, " rest"]:
     rests = np.flatnonzero(np.asarray(dwells.position) >= 0)
     if len(rests) == 0:
         raise ValueError(
-            f"the {estimator.triad} columns: no rests were found; calibration at rest needs the "
-            f"device to stand still for several seconds in each position."
+            f"the {triad} columns: no rests were found; calibration at rest needs the device to stand "
+            f"still for several seconds in each position."
         )
-    return dwells[rests]
+    return rests
 
 
 def _estimate(
@@ -154,7 +235,7 @@ def _estimate(
     choices: list[str],
     warnings: list[str],
 ) -> TriadResult:
-    estimator = _with_provisional_scatter(estimator, dwells)
+    estimator = with_provisional_scatter(estimator, dwells)
     dwells = jax.tree.map(jnp.asarray, dwells)
     if chosen.degree is None:
         degree, reason = choose_degree(estimator, dwells)
@@ -164,16 +245,17 @@ def _estimate(
     basis = polynomial_basis(degree, dwells)
     seen = _check_observable(estimator, basis, dwells)
     progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
+    kept = judged(dwells)
     # Two passes settle the scatter between dwells: it changes the weights, hardly the answer.
     own_chi2 = float("nan")
     for attempt in range(3):
         solution = _solve(estimator, basis, dwells, method)
-        misfit, own_sigma = _misfits(estimator, solution, dwells)
-        unknowns = basis.size * estimator.num_parameters
+        misfit, own_sigma = (x[kept] for x in _misfits(estimator, solution, dwells))
+        unknowns = basis.size * num_judged(estimator, dwells)
         if attempt == 0:
-            own_chi2 = _chi2_per_dof(misfit, own_sigma, unknowns)
+            own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
         if attempt < 2:
-            estimator = _with_scatter(estimator, misfit, own_sigma, unknowns)
+            estimator = with_scatter(estimator, misfit, own_sigma, unknowns)
     if not bool(solution.succeeded):
         raise ValueError(_failure(estimator, solution, dwells, method))
     if method == "paper":
@@ -181,11 +263,16 @@ def _estimate(
         rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
         warning = rate_warning(procedure, rate, dwells)
         warnings.extend([] if warning is None else [warning])
+    if own_chi2 > 100.0:
+        warnings.append(
+            f"{estimator.triad}: the misfit is {np.sqrt(own_chi2):.0f} times what the dwells' own noise "
+            f"explains; the uncertainties allow for it, but `inertiax diagnose` may say what is missing"
+        )
     scatter = float(estimator.scatter)
     return TriadResult(
         estimator=estimator,
         solution=solution,
-        dwells=dwells,
+        dwells=dwells[kept],
         misfit=misfit,
         sigma=np.sqrt(np.square(own_sigma) + scatter**2),
         observability=seen,
@@ -217,42 +304,19 @@ def _misfits(
     return np.asarray(misfit), np.asarray(sigma)
 
 
-def _with_provisional_scatter(estimator: AbstractEstimator, dwells: Dwells) -> AbstractEstimator:
-    """Equal weights for a start where some dwell has no noise figure of its own."""
-    covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
-    if np.all(np.trace(covariance, axis1=-2, axis2=-1) > 0.0):
-        return estimator
-    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(NOMINAL_SIGMA))
-
-
-def _with_scatter(
-    estimator: AbstractEstimator, misfit: np.ndarray, sigma: np.ndarray, unknowns: int
-) -> AbstractEstimator:
-    """Scatter between dwells by Paule and Mandel where χ² is beyond its 99 % point, else none."""
-    dof = misfit.size - unknowns
-    if np.all(sigma > 0) and dof > 0:
-        total = float(np.sum(np.square(misfit / sigma)))
-        if total <= chi2.ppf(0.99, dof):
-            return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(0.0))
-    scatter = extra_scatter(misfit.ravel(), sigma.ravel(), unknowns)
-    if scatter == 0.0 and not np.all(sigma > 0):
-        return estimator  # exact data without a noise figure: keep the provisional weights
-    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(float(scatter)))
-
-
-def _chi2_per_dof(misfit: np.ndarray, sigma: np.ndarray, unknowns: int) -> float:
-    dof = misfit.size - unknowns
-    if dof <= 0 or not np.all(sigma > 0):
-        return float("nan")
-    return float(np.sum(np.square(misfit / sigma)) / dof)
-
-
 def _check_observable(
     estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
 ) -> Observability:
-    rows = dwells.num_dwells * (1 if len(estimator.names) == 9 else 3)
+    per_dwell = eqx.filter_eval_shape(
+        lambda d: estimator.misfit(jnp.zeros(estimator.num_parameters), d)[0], dwells[0]
+    )
+    rows = int(judged(dwells).sum()) * per_dwell.shape[0]
+    if dwells.motion is not None:
+        rows += 3 * dwells.num_dwells  # the rates at rest
     unknowns = basis.size * estimator.num_parameters
-    temperature = "" if basis.size == 1 else f" ({estimator.num_parameters} at each of {basis.size} terms)"
+    temperature = (
+        "" if basis.size == 1 else f" ({estimator.num_parameters} at each of {basis.size} terms)"
+    )
     if rows < unknowns:
         raise ValueError(
             f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "

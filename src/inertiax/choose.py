@@ -11,6 +11,7 @@ from .dwells import Dwells
 from .estimators import AbstractEstimator, ESTIMATORS
 from .recordings import Campaign, Recording
 from .temperature import AbstractBasis, Constant, Polynomial
+from .turns import shortfall, Turns
 
 
 HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
@@ -35,7 +36,7 @@ def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenM
     where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
     reasons: list[str] = []
     accel = _accel_estimator(campaign, has, where, reasons)
-    gyro = _gyro_estimator(campaign, has, where, reasons)
+    gyro = _gyro_estimator(campaign, has, accel, where, reasons)
     g_sensitivity = bool(campaign.model.g_sensitivity)
     if g_sensitivity and gyro is None:
         raise ValueError(f"{where} g_sensitivity = true, but no gyro columns were recorded.")
@@ -81,7 +82,7 @@ def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | Non
     return asked
 
 
-def _gyro_estimator(campaign, has, where: str, reasons: list[str]) -> str | None:
+def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[str]) -> str | None:
     asked = campaign.model.gyro_estimator
     if not has("gyro"):
         if asked is not None:
@@ -90,9 +91,15 @@ def _gyro_estimator(campaign, has, where: str, reasons: list[str]) -> str | None
             )
         return None
     if asked is None:
-        asked = "reference" if has("reference_gyro") else "static"
-        because = "there is" if asked == "reference" else "there is no"
-        reasons.append(f"gyros: '{asked}' because {because} reference_gyro")
+        if has("reference_gyro"):
+            reasons.append("gyros: 'reference' because there is reference_gyro")
+            return "reference"
+        if accel in ("invariant", "reference"):
+            return "gravity"  # if the motions allow it: `settle_gyro` decides and gives the reason
+        reasons.append(
+            "gyros: 'static' because there are neither reference_gyro nor calibrated accel"
+        )
+        return "static"
     if asked not in ESTIMATORS["gyro"]:
         raise ValueError(
             f"{where} gyro_estimator = {asked!r} is not one of {sorted(ESTIMATORS['gyro'])}."
@@ -100,9 +107,37 @@ def _gyro_estimator(campaign, has, where: str, reasons: list[str]) -> str | None
     if asked == "reference" and not has("reference_gyro"):
         raise ValueError(
             f"{where} gyro_estimator = 'reference' needs the columns reference_gyro_x/y/z; "
-            f"without them use 'static'."
+            f"without them use 'gravity' or 'static'."
+        )
+    if asked == "gravity" and accel is None:
+        raise ValueError(
+            f"{where} gyro_estimator = 'gravity' needs accelerometer columns; without them use "
+            f"'static'."
         )
     return asked
+
+
+def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:
+    """ "gravity" or "static" for gyros without a reference, now that the motions are known, and the
+    reason in words (none where the campaign asked for it).
+
+    Raises `ValueError` where the campaign asks for "gravity" and its motions cannot support it.
+    """
+    lacking = shortfall(turns)
+    if campaign.model.gyro_estimator == "gravity":
+        if lacking is not None:
+            where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
+            raise ValueError(
+                f"{where} gyro_estimator = 'gravity', but {lacking} ({turns.statement}); use 'static' "
+                f"or record more motions."
+            )
+        return "gravity", None
+    if lacking is not None:
+        return "static", f"gyros: 'static' because there is no reference_gyro and {lacking}"
+    return "gravity", (
+        f"gyros: 'gravity' because there is no reference_gyro but the device was tilted between "
+        f"rests ({turns.statement})"
+    )
 
 
 def polynomial_basis(degree: int, dwells: Dwells) -> AbstractBasis:
@@ -137,10 +172,10 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     rows = np.asarray(jax.jit(jax.vmap(residual))(dwells)).reshape(-1)
     parameters = np.asarray(jax.jit(jax.vmap(jacobian))(dwells))
     num_dwells, per_dwell, count = parameters.shape
-    bins = np.unique(np.floor((temperature - temperature.min()) / span * 11.999))
+    levels = _temperature_levels(temperature)
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
     scores: dict[int, float] = {}
-    for degree in range(min(HIGHEST_DEGREE, len(bins) - 1) + 1):
+    for degree in range(min(HIGHEST_DEGREE, levels - 1) + 1):
         unknowns = (degree + 1) * count
         if num_dwells * per_dwell < unknowns + 3:
             break
@@ -154,6 +189,18 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         return 0, "too few dwells for a dependence on temperature, so the parameters are constants"
     best = min(scores, key=lambda d: scores[d])
     return best, f"temperature degree {best} by BIC among 0…{max(scores)}"
+
+
+def _temperature_levels(temperature: np.ndarray) -> int:
+    """How many temperatures there are at least 1/12 of the whole span apart, which is what a
+    polynomial of degree 6 can tell apart near its middle."""
+    ordered = np.sort(temperature)
+    apart = (ordered[-1] - ordered[0]) / (2 * HIGHEST_DEGREE)
+    count, last = 1, ordered[0]
+    for value in ordered:
+        if value - last >= apart:
+            count, last = count + 1, value
+    return count
 
 
 def build_estimators(

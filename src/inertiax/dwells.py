@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ._typing import AnyArray
+from .motions import Motions
 
 
 class Dwells(eqx.Module):
@@ -34,6 +35,7 @@ class Dwells(eqx.Module):
     gyro_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, (rad/s)²
     reference_accel: Float[AnyArray, "*dwell 3"] | None = None  # m/s²
     reference_gyro: Float[AnyArray, "*dwell 3"] | None = None  # rad/s
+    motion: Motions | None = None  # the motion that led to each dwell, where an estimator needs it
 
     @property
     def num_dwells(self) -> int:

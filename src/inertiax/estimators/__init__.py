@@ -1,6 +1,7 @@
 """Estimators: one residual function each. To add one, write a file and list it in `ESTIMATORS`."""
 
 from .base import AbstractEstimator as AbstractEstimator, NOMINAL_SIGMA as NOMINAL_SIGMA
+from .gravity_rotation import GravityRotation as GravityRotation
 from .invariant import ellipsoid_start as ellipsoid_start, Invariant as Invariant
 from .reference_accel import ReferenceAccel as ReferenceAccel
 from .reference_gyro import ReferenceGyro as ReferenceGyro
@@ -10,5 +11,5 @@ from .static import StaticAccel as StaticAccel, StaticGyro as StaticGyro
 # Names of `[model]` in campaign.toml, by triad.
 ESTIMATORS = {
     "accel": {"invariant": Invariant, "reference": ReferenceAccel, "static": StaticAccel},
-    "gyro": {"reference": ReferenceGyro, "static": StaticGyro},
+    "gyro": {"reference": ReferenceGyro, "gravity": GravityRotation, "static": StaticGyro},
 }
