@@ -248,9 +248,8 @@ def outside(rng) -> Case:
     return case
 
 
-def aliased(rng) -> Case:
+def aliased(rng, absorbed: bool) -> Case:
     """Plans that cannot name the effect: the answer is the set, or nothing at all."""
-    absorbed = rng.random() < 0.5
     make, settings, triad, of = _pick(menu.ALIASED, rng)
     case = stage("aliased", make, settings, rng)
     effect = of(case.scenes[triad], rng)
@@ -304,7 +303,9 @@ def record(case: Case, rng):
 
 def case(kind: str, rng: np.random.Generator) -> Case:
     """Draw until the case is fair, then run it."""
-    makers = dict(null=null, single=single, double=double, open=outside, aliased=aliased)
+    absorbed = bool(rng.random() < 0.5)
+    makers = dict(null=null, single=single, double=double, open=outside)
+    makers["aliased"] = lambda again: aliased(again, absorbed)
     for _ in range(80):
         try:
             made = makers[kind](rng)
