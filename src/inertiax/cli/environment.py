@@ -9,11 +9,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 
-def prepare() -> None:
+def prepare(*, accelerator: bool = False) -> None:
     """Set 64-bit arithmetic, and keep compiled programs in the user's cache folder.
 
-    A cache that cannot be used is left out: it saves seconds and may never fail a run.
+    A cache that cannot be used is left out: it saves seconds and may never fail a run. One device's
+    calibration is too small for a GPU to be quicker, so only a command that asks for an
+    `accelerator` uses one (or a user who sets `JAX_PLATFORMS`).
     """
+    if not accelerator:
+        os.environ.setdefault("JAX_PLATFORMS", "cpu")
     # Remarks of XLA's C++ side about cached code would mix with the command's own lines.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # A linear solve that fails inside a derivative gives NaN, which is judged as every outcome is.
@@ -28,15 +32,19 @@ def prepare() -> None:
     jax.config.update("jax_enable_x64", True)
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:  # the user's own choice, which JAX reads itself
         return
-    folder = cache_folder() / f"jax-{_machine()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        usable = os.access(folder, os.R_OK | os.W_OK | os.X_OK)
-    except OSError:
-        usable = False
-    if usable:
+    folder = _usable_folder()
+    if folder is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _usable_folder() -> Path | None:
+    try:
+        folder = cache_folder() / f"jax-{_machine()}"
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # RuntimeError: a user without a home folder
+        return None
+    return folder if os.access(folder, os.R_OK | os.W_OK | os.X_OK) else None
 
 
 def cache_folder() -> Path:
