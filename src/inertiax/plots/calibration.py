@@ -98,7 +98,9 @@ def misfits(result: TriadResult) -> Figure:
     if np.ptp(np.asarray(dwells.temperature)) > 0.0:
         against.append((np.asarray(dwells.temperature), "temperature, °C"))
     position = np.asarray(dwells.position)
-    if not np.array_equal(position, order):  # rests that were found are numbered by time
+    if not np.all(
+        np.diff(position[np.argsort(order)]) == 1
+    ):  # rests that were found are numbered by time
         against.append((position, "position"))
     figure, axes = new_figure(len(against), 1, height=0.5 + 1.85 * len(against), sharey=True)
     misfit, sigma = factor * np.asarray(result.misfit), factor * np.asarray(result.sigma)

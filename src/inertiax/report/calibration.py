@@ -215,9 +215,7 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
     if searched:
         found = [segment(r) for r in searched]
         lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
-        caption = (
-            "Raw outputs with the rests that were found (shaded); what lies between is not used."
-        )
+        caption = "Raw outputs with the rests that were found (shaded)."
         with drawing():
             figure = plots.rests(searched[:3], found[:3])
             figures.append(picture(figure, folder, "rests", caption, caption))
