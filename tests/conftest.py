@@ -2,6 +2,7 @@
 
 import os
 
+
 # Before JAX starts: one device, no accelerator probing.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 

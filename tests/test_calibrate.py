@@ -16,7 +16,7 @@ from inertiax.calibration import read_calibration
 from inertiax.recordings import Campaign, ModelChoice, Site
 from inertiax.simulate import Device, draw_accelerometers, paper_set, simulate_recordings
 from inertiax.simulate.plan import PAPER_GRAVITY
-from test_estimators import GRAVITY, needs_recordings, NOMINAL, OFFSET, PUBLISHED, SIGMAS, to_imu_tk
+from test_estimators import GRAVITY, needs_recordings, PUBLISHED, SIGMAS, to_imu_tk
 
 
 COUNTS = 'unit = "count", offset = 32768, scale = [415, 413, 415], scale_unit = "count per m/s^2"'

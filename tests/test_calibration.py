@@ -151,11 +151,14 @@ BAD_FILES = {
     "unknown key": (_broken(lambda c: c.update(colour="red")), "unknown field `colour`"),
     "missing key": (_broken(lambda c: c.pop("gravity")), "missing required field `gravity`"),
     "wrong type": (_broken(lambda c: c.update(gravity="9.8")), "Expected `float`, got `str` - at `\\$.gravity`"),
-    "other schema": (_broken(lambda c: c.update(schema="inertiax.calibration/9")), "this version reads 'inertiax.calibration/1'"),
+    "other schema": (_broken(lambda c: c.update(schema="inertiax.calibration/9")),
+                     "this version reads 'inertiax.calibration/1'"),
     "unit": (_broken(lambda c: c.update(gravity_unit="g")), "gravity_unit is 'g'; it must be 'm/s\\^2'"),
     "parameter unit": (_broken(lambda c: c["gyro"]["units"].__setitem__(0, "deg/s")), "gyro: units are"),
-    "parameter name": (_broken(lambda c: c["gyro"]["names"].__setitem__(0, "gyro.bias[7]")), "'gyro.bias\\[7\\]' is not the name of one of its parameters"),
-    "short matrix": (_broken(lambda c: c["gyro"]["covariance"].pop()), "gyro.covariance must have 21 rows of 21 numbers"),
+    "parameter name": (_broken(lambda c: c["gyro"]["names"].__setitem__(0, "gyro.bias[7]")),
+                       "'gyro.bias\\[7\\]' is not the name of one of its parameters"),
+    "short matrix": (_broken(lambda c: c["gyro"]["covariance"].pop()),
+                     "gyro.covariance must have 21 rows of 21 numbers"),
     "basis": (_broken(lambda c: c["gyro"]["basis"].update(kind="fourier")), "basis kind 'fourier' is not known"),
 }  # fmt: skip
 

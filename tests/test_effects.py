@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
 from inertiax.effects import addition, apply, CATALOGUE, Signal, Variant
 from inertiax.effects.effect import lag, play
 

@@ -10,8 +10,9 @@ import inertiax
 
 # Files, or folders taken as one; `docs/design.md` says what each holds.
 ORDER = """_typing earth rotation temperature model compose solve recordings formats screening
-campaign motions dwells noise covariances rests intervals estimators procedure turns scatter calibration uncertainty choose
-calibrate compensation effects simulate diagnose exports fleet demo quantities plots report cli __main__""".split()
+campaign motions dwells noise covariances rests intervals estimators procedure turns scatter calibration
+uncertainty choose calibrate compensation effects simulate diagnose exports fleet demo quantities plots
+report cli __main__""".split()
 
 SOURCE = Path(inertiax.__file__).parent
 
@@ -27,7 +28,9 @@ def _imported(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
             if node.level == depth + 1:
-                names |= {node.module.split(".")[0]} if node.module else {a.name for a in node.names}
+                names |= (
+                    {node.module.split(".")[0]} if node.module else {a.name for a in node.names}
+                )
             elif node.level == 0 and node.module and node.module.split(".")[0] == "inertiax":
                 names |= {node.module.split(".")[1]} if "." in node.module else set()
     return names

@@ -60,7 +60,9 @@ def test_cramer_is_numpys_solve():
         matrix = np.eye(3) + 0.2 * rng.normal(size=(3, 3))
         vector = rng.normal(size=3)
         expected = np.linalg.solve(matrix, vector)
-        np.testing.assert_allclose(solve3(jnp.asarray(matrix), jnp.asarray(vector)), expected, 1e-12)
+        np.testing.assert_allclose(
+            solve3(jnp.asarray(matrix), jnp.asarray(vector)), expected, 1e-12
+        )
 
 
 def test_compensate_inverts_distort(getkey):

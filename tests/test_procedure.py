@@ -115,7 +115,10 @@ def test_divergent_plan_is_predicted_and_named(device):
     default = GaussNewtonIteration(ESTIMATOR, BASIS)
     fixed = iterate(default, dwells)
     assert convergence_rate(default, fixed.curve.coefficients, dwells).radius < 0.01
-    assert rate_warning(default, convergence_rate(default, fixed.curve.coefficients, dwells), dwells) is None
+    assert (
+        rate_warning(default, convergence_rate(default, fixed.curve.coefficients, dwells), dwells)
+        is None
+    )
 
 
 def test_spline_temperature_model_recovers_the_truth(device):
@@ -194,7 +197,9 @@ def test_extra_scatter_by_hand():
 def _answer(method, estimator, dwells):
     if method == "joint":
         return joint_fit(estimator, BASIS, dwells).curve.coefficients
-    return iterate(GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9).curve.coefficients
+    return iterate(
+        GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9
+    ).curve.coefficients
 
 
 def _perturbed(dwells, which, direction, step):

@@ -63,7 +63,10 @@ def test_constant_never_looks_at_the_temperature():
         (lambda: Polynomial(3, 20.0, 20.0), "needs low < high in °C; got low=20.0, high=20.0"),
         (lambda: CubicSpline((1.0,)), "at least 2 increasing temperatures"),
         (lambda: CubicSpline((1.0, 1.0)), "at least 2 increasing temperatures"),
-        (lambda: Curve(Constant(), np.zeros((2, 3))), "has 1 functions but the coefficients have 2"),
+        (
+            lambda: Curve(Constant(), np.zeros((2, 3))),
+            "has 1 functions but the coefficients have 2",
+        ),
     ],
 )
 def test_messages(make, message):

@@ -7,7 +7,8 @@ Files may be in other units and are converted on reading.
 
 Frames. The *case* frame of the device is right-handed; `accel` and `gyro` columns are along its axes
 x, y, z (indices 0, 1, 2). With the invariant estimator the accelerometers define the frame: the
-first one's axis is x, the second one's lies in the xy plane. The local level frame is east, north, up. `rot_ab` takes a vector's components in frame b to those in frame a.
+first one's axis is x, the second one's lies in the xy plane. The local level frame is
+east, north, up. `rot_ab` takes a vector's components in frame b to those in frame a.
 
 Specific force is what an accelerometer feels: at rest it points *up* with magnitude g.
 

@@ -247,15 +247,14 @@ def _estimate(
     progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
     kept = judged(dwells)
     # Two passes settle the scatter between dwells: it changes the weights, hardly the answer.
-    own_chi2 = float("nan")
-    for attempt in range(3):
+    unknowns = basis.size * num_judged(estimator, dwells)
+    solution = _solve(estimator, basis, dwells, method)
+    misfit, own_sigma = (x[kept] for x in _misfits(estimator, solution, dwells))
+    own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
+    for _ in range(2):
+        estimator = with_scatter(estimator, misfit, own_sigma, unknowns)
         solution = _solve(estimator, basis, dwells, method)
         misfit, own_sigma = (x[kept] for x in _misfits(estimator, solution, dwells))
-        unknowns = basis.size * num_judged(estimator, dwells)
-        if attempt == 0:
-            own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
-        if attempt < 2:
-            estimator = with_scatter(estimator, misfit, own_sigma, unknowns)
     if not bool(solution.succeeded):
         raise ValueError(_failure(estimator, solution, dwells, method))
     if method == "paper":

@@ -40,7 +40,9 @@ def _slot(name: str) -> int:
         )
     kind, *index = [part for part in match.groups() if part is not None][1:]
     row, column = int(index[0]), int(index[-1])
-    return {"bias": row, "matrix": 3 + 3 * row + column, "g_sensitivity": 12 + 3 * row + column}[kind]
+    return {"bias": row, "matrix": 3 + 3 * row + column, "g_sensitivity": 12 + 3 * row + column}[
+        kind
+    ]
 
 
 class TriadCalibration(eqx.Module):

@@ -106,7 +106,9 @@ class CubicSpline(AbstractBasis):
     """
 
     # °C, increasing; plain numbers, so that they may be static
-    knots: tuple[float, ...] = eqx.field(static=True, converter=lambda k: tuple(float(t) for t in k))
+    knots: tuple[float, ...] = eqx.field(
+        static=True, converter=lambda k: tuple(float(t) for t in k)
+    )
 
     def __check_init__(self):
         if len(self.knots) < 2 or np.any(np.diff(self.knots) <= 0):

@@ -33,9 +33,10 @@ def observability(
     """Rank and condition of a plan at the ideal triad, before any estimate is trusted.
 
     Parameters of one kind (biases, matrix elements, g-sensitivities) and temperature term are scaled
-    alike, by the best determined of them, so that a weak one shows. `tolerance` is the singular value, relative to the largest, below which a
-    combination counts as unobservable: its standard deviation would be 10⁴ times that of the best
-    determined one, and the linearisation on which every estimate rests would not hold.
+    alike, by the best determined of them, so that a weak one shows. `tolerance` is the singular value,
+    relative to the largest, below which a combination counts as unobservable: its standard deviation
+    would be 10⁴ times that of the best determined one, and the linearisation on which every estimate
+    rests would not hold.
     """
     curve = Curve(basis, jnp.zeros((basis.size, estimator.num_parameters)))
     normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))

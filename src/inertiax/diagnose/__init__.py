@@ -1,8 +1,10 @@
 """What the model left out: located, named, quantified and proved on held-out data."""
 
+from .audit import Audit as Audit, audit as audit
 from .result import Diagnosis as Diagnosis
 from .run import (
     diagnose as diagnose,
     diagnose_campaign as diagnose_campaign,
+    diagnose_model as diagnose_model,
     run_diagnosis as run_diagnosis,
 )

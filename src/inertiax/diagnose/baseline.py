@@ -6,6 +6,7 @@ the others, one chain of rows per channel.
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -122,25 +123,32 @@ def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
 
 @jax.jit
 def _specific_force(
-    errors: AccelerometerErrors, output: Float[Array, "block 3"]
-) -> Float[Array, "block 3"]:
-    return jax.vmap(compensate_accel)(errors, output)
+    bias: Float[AnyArray, "row 3"],
+    matrix: Float[AnyArray, "row 3 3"],
+    output: Float[AnyArray, "row 3"],
+) -> Float[Array, "row 3"]:
+    def one(b, m, a):
+        return compensate_accel(AccelerometerErrors(b, m), a)
+
+    return jax.vmap(one)(jnp.asarray(bias), jnp.asarray(matrix), jnp.asarray(output))
 
 
-def errors_at(form: ModelForm, coefficients: np.ndarray, basis: np.ndarray) -> AccelerometerErrors:
-    """Bias and matrix at each row of a basis, `(time, 3)` and `(time, 3, 3)`."""
+def errors_at(
+    form: ModelForm, coefficients: np.ndarray, basis: np.ndarray
+) -> tuple[Float[np.ndarray, "row 3"], Float[np.ndarray, "row 3 3"]]:
+    """Bias and matrix at each row of a basis."""
     values = basis @ coefficients.T
     matrix = np.zeros((len(basis), 3, 3))
     for k, (i, j) in enumerate(form.matrix):
         matrix[:, i, j] = values[:, 3 + k]
-    return AccelerometerErrors(values[:, :3], matrix)
+    return values[:, :3], matrix
 
 
 def compensated(
     form: ModelForm, coefficients: np.ndarray, basis: np.ndarray, output: np.ndarray
 ) -> np.ndarray:
     """Specific force by equation (3) at each row, m/s²."""
-    return np.asarray(_specific_force(errors_at(form, coefficients, basis), output))
+    return np.asarray(_specific_force(*errors_at(form, coefficients, basis), output))
 
 
 def _spread(per_parameter: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -150,14 +158,14 @@ def _spread(per_parameter: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 def _invariant(form: ModelForm, coefficients: np.ndarray, blocks: Blocks, basis: np.ndarray):
     """Residual g − |a|, its Jacobian with turned sign, loads of the three outputs on |a|, and a."""
-    errors = errors_at(form, coefficients, basis)
-    force = np.asarray(_specific_force(errors, blocks.accel))
+    bias, matrix = errors_at(form, coefficients, basis)
+    force = np.asarray(_specific_force(bias, matrix, blocks.accel))
     size = np.linalg.norm(force, axis=1)
     # Regressors must not carry the residual: the force has the size g, and a rest has one direction.
     mean = _dwell_mean(force / size[:, None], blocks.dwell)
     direction = mean / np.linalg.norm(mean, axis=1, keepdims=True)
     force = form.gravity * direction
-    turned = np.swapaxes(np.eye(3) + errors.matrix, 1, 2)
+    turned = np.swapaxes(np.eye(3) + matrix, 1, 2)
     gain = np.linalg.solve(turned, direction[:, :, None])[:, :, 0]
     per_parameter = [gain[:, i] for i in range(3)] + [
         gain[:, i] * force[:, j] for i, j in form.matrix
@@ -175,6 +183,7 @@ def _dwell_mean(values: np.ndarray, dwell: np.ndarray) -> np.ndarray:
 
 def _fit_invariant(form: ModelForm, blocks: Blocks, weights: np.ndarray) -> Baseline:
     basis = form.basis(blocks.temperature, blocks.num_blocks)
+    assert blocks.accel is not None  # an accelerometer's form
     coefficients = _start(form, blocks.accel, basis.shape[1])
     for _ in range(12):
         residual, jacobian, gain, force = _invariant(form, coefficients, blocks, basis)
@@ -227,6 +236,9 @@ def fit(
     output = getattr(blocks, form.triad)
     reference = getattr(blocks, f"reference_{form.triad}")
     given = np.zeros_like(output) if reference is None else reference
+    felt = (
+        np.zeros_like(output) if force is None else force
+    )  # unknown: no g-sensitivity in the form
     names = form.names
     coefficients = np.zeros((len(names), basis.shape[1]))
     observed, columns, index = [], [], []
@@ -241,7 +253,7 @@ def fit(
                 if kind == "bias"
                 else given[:, j]
                 if kind == "matrix"
-                else force[:, j]
+                else felt[:, j]
             )
         jacobian = _spread(np.stack(parts, axis=1), basis)
         y = output[:, c] - given[:, c]

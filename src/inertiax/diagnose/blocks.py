@@ -6,8 +6,9 @@ tells the white noise.
 """
 
 import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from ..intervals import segment
 from ..recordings import Campaign, Recording
@@ -76,20 +77,13 @@ class Blocks(eqx.Module):
         """Samples in each block."""
         return self.stop - self.start
 
-    def mean(self, values: Float[np.ndarray, "time ..."]) -> Float[np.ndarray, "block ..."]:
+    def mean(self, values: Shaped[np.ndarray, "time ..."]) -> Float[np.ndarray, "block ..."]:
         """Means over the blocks of anything sampled as the log is."""
         return block_mean(np.asarray(values, float), self.start, self.stop)
 
     def __getitem__(self, rows: np.ndarray) -> "Blocks":
         """The same columns, only those blocks."""
-        return Blocks(**{k: None if (v := getattr(self, k)) is None else v[rows] for k in _FIELDS})
-
-
-_FIELDS = (
-    *("start", "stop", "dwell", "moving", "time", "experiment", "position", "cycle"),
-    *("temperature", "accel", "gyro", "reference_accel", "reference_gyro"),
-    *("accel_white", "gyro_white"),
-)
+        return jax.tree.map(lambda column: column[rows], self)
 
 
 def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:

@@ -7,14 +7,14 @@ import jax
 import numpy as np
 
 from ..calibration import Calibration
-from ..effects import CATALOGUE, Effect, Signal
+from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..recordings import Campaign
 from .alternatives import alternatives
 from .baseline import Baseline, choose, fit, ModelForm, usable
 from .blocks import Blocks, cut, join, Log
 from .signals import build, specific_force
 from .system import make, System
-from .terms import coarsen, Term, terms
+from .terms import block_shapes, channel_terms, coarsen, common_term, Term, terms
 
 
 class Prepared(eqx.Module):
@@ -98,3 +98,39 @@ def compensate(log: Log, calibration: Calibration) -> Log:
     columns = {k: getattr(log, k) for k in log.__dataclass_fields__}
     columns |= {k: v for k, v in changed.items() if columns[k] is not None}
     return Log(**columns)
+
+
+def retuned(prepared: Prepared, term: Term, value: float) -> Term:
+    """The same term with another value of its effect's nuisance setting."""
+    effect = term.known
+    settings = {**term.variant.settings, effect.nuisance: float(value)}
+    variant = Variant(f"{effect.nuisance}={value:.4g}", settings)
+    shape = block_shapes(effect, [variant], prepared.signal, prepared.coarse, prepared.blocks)[0]
+    if effect.common:
+        return common_term(effect, variant, prepared.system.base, shape)[0]
+    return channel_terms(effect, variant, prepared.system.base, shape)[term.channels[0]]
+
+
+def finer(prepared: Prepared, term: Term) -> list[Term]:
+    """The same effect with settings between its grid's neighbours: every block's edge for a moment in time."""
+    effect = term.effect
+    if effect is None or not effect.nuisance:
+        return []
+    value = float(term.variant.settings[effect.nuisance])
+    grid = np.unique(
+        [
+            float(t.variant.settings[effect.nuisance])
+            for t in prepared.candidates
+            if t.name == term.name and t.channels == term.channels
+        ]
+    )
+    place = int(np.argmin(np.abs(grid - value)))
+    low = grid[max(place - 1, 0)]
+    high = grid[min(place + 1, len(grid) - 1)]
+    if effect.nuisance == "time":
+        edges = prepared.coarse.time
+        values = edges[(edges > low) & (edges < high)]
+        values = values[:: max(1, len(values) // 80)]
+    else:
+        values = np.linspace(low, high, 9)[1:-1]
+    return [retuned(prepared, term, float(v)) for v in values if v != value]

@@ -17,6 +17,7 @@ NEXT = 0.01  # and of each further one
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 4
+PAIRED = 40  # leading forms of which all pairs are tried
 
 
 class Named(eqx.Module):
@@ -57,6 +58,7 @@ def effective_tests(scores: Sequence[Score], lengths: Sequence[int], draws: int 
             score
         )
     for c, members in by_chain.items():
+        product = np.empty((0, draws))
         if c >= 0:
             white = np.concatenate([s.white[0] for s in members], axis=1)
             product = white.T @ noise[c]
@@ -99,6 +101,29 @@ def _screen(
     return first, ranked, slow, [by_id[k] for k in short]
 
 
+def _finer_forms(
+    ranked: Sequence[Candidate], slow: Sequence[Candidate], finer: Callable[[Term], list[Term]]
+) -> list[Term]:
+    """Forms between those of the grid, around the leading candidates that have a grid."""
+    made: list[Term] = []
+    for order in (ranked, slow):
+        seen: set = set()
+        for candidate in order[:400]:
+            effect = candidate.term.effect
+            if effect is None or not effect.nuisance or candidate.key in seen:
+                continue
+            seen.add(candidate.key)
+            if len(seen) > 5:
+                break
+            if not any(
+                t.variant.label == candidate.term.variant.label
+                and t.channels == candidate.term.channels
+                for t in made
+            ):
+                made.extend(finer(candidate.term))
+    return made
+
+
 def _is_open(candidate: Candidate) -> bool:
     return candidate.term.name.startswith(PREFIX)
 
@@ -121,6 +146,7 @@ def identify(
     alternatives: Sequence[Term],
     *,
     grade: str | None,
+    finer: Callable[[Term], list[Term]] = lambda term: [],
     say: Callable[[str], None] = lambda text: None,
 ) -> Answer:
     """Gate, name and check one triad's rows."""
@@ -129,6 +155,7 @@ def identify(
     null = fit_noise(system)
     say("noise fitted")
     start, ranked, slow, short = _screen(system, null, everything, forms, grade)
+    short = [*short, *_finer_forms(ranked, slow, finer)]
     scores = [c.score for c in ranked]
     tests = effective_tests(scores, [len(y) for y in system.base.observed])
     say(f"{len(everything)} candidates screened, {tests:.0f} independent tests")
@@ -191,7 +218,19 @@ def _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, 
 
 
 def _conclude(
-    system, chosen, best_open, open_p, noise, null, gate, tests, short, first, forms, grade, scores
+    system,
+    chosen: list[Candidate],
+    best_open: Candidate | None,
+    open_p,
+    noise,
+    null,
+    gate,
+    tests,
+    short,
+    first,
+    forms,
+    grade,
+    scores,
 ) -> Answer:
     named = []
     catalogue = [t for t in short if not t.name.startswith(PREFIX)]
@@ -202,8 +241,8 @@ def _conclude(
         names: dict[str, Candidate] = {}
         for c in again:
             names.setdefault(c.term.name, c)
-        own = names.get(mine.term.name, mine)
-        top = max(names.values(), key=lambda c: c.evidence)
+        own: Candidate = names.get(mine.term.name, mine)
+        top: Candidate = max(names.values(), key=lambda c: c.evidence)
         lead = own if own.evidence > top.evidence - 1e-9 else top
         rivals = tuple(
             c for c in sorted(names.values(), key=lambda c: -c.evidence)

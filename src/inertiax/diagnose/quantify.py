@@ -4,23 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..effects import Variant
-from .engine import Prepared
+from .engine import Prepared, retuned
 from .result import Detectable, Moved, Parameter
 from .search import Candidate
 from .system import NoiseFit, Score, System, whiten_system
-from .terms import block_shapes, channel_terms, common_term, Term
-
-
-def retuned(prepared: Prepared, term: Term, value: float) -> Term:
-    """The same term with another value of its effect's nuisance setting."""
-    effect = term.effect
-    settings = {**term.variant.settings, effect.nuisance: float(value)}
-    variant = Variant(f"{effect.nuisance}={value:.4g}", settings)
-    shape = block_shapes(effect, [variant], prepared.signal, prepared.coarse, prepared.blocks)[0]
-    if effect.common:
-        return common_term(effect, variant, prepared.system.base, shape)[0]
-    return channel_terms(effect, variant, prepared.system.base, shape)[term.channels[0]]
+from .terms import Term
 
 
 def _drop(score: Score, amplitude: float | None) -> float:
@@ -65,7 +53,7 @@ def tune(
             width = float(np.clip(3.0 / np.sqrt(max(-a, 1e-12)), width / 12, width))
     if std is not None and std > centre:
         std = None
-    return retuned(prepared, best, centre), std
+    return retuned(prepared, best, float(centre)), None if std is None else float(std)
 
 
 def parameters(
@@ -76,7 +64,7 @@ def parameters(
     nuisance_std: float | None,
 ) -> tuple[tuple[str, Parameter], ...]:
     """Coefficients and nuisance setting of a term, in SI units."""
-    effect = term.effect
+    effect = term.known
     found = whiten_system(prepared.system, noise, [term], others).scores
     made: list[tuple[str, Parameter]] = []
     if effect.nuisance:
@@ -137,6 +125,8 @@ def moved(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[Move
     old, new = before @ middle, after @ middle
     spread = np.sqrt((std**2) @ middle**2)
     names = system.base.form.names
+    if len(names) != len(old):  # a user's model: parameters by their place in the flattened pytree
+        names = tuple(f"parameters[{k}]" for k in range(len(old)))
     made = [Moved(n, float(a), float(b), float(s)) for n, a, b, s in zip(names, old, new, spread)]
     made.sort(key=lambda m: -abs(m.after - m.before) / max(m.std, 1e-300))
     return tuple(m for m in made if abs(m.after - m.before) > m.std)

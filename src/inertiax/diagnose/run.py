@@ -6,25 +6,30 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Array, Float
 
+from .._typing import AnyArray
 from ..calibration import Calibration, read_calibration, TriadCalibration, write_calibration
 from ..campaign import load_campaign
-from ..effects import CATALOGUE, Effect
-from ..recordings import Campaign
+from ..effects import CATALOGUE, Effect, Signal
+from ..recordings import Campaign, Recording, Site
 from ..temperature import Constant, Curve, Polynomial
 from .alternatives import PREFIX
 from .engine import prepare, Prepared
 from .identify import Answer, identify, Named
 from .locate import locate
+from .model import Parameters, prepare_model
 from .prove import held_out_rms, in_sample
 from .quantify import corrected, detectable, moved, parameters, tune
 from .result import Detectable, Diagnosis, Evidence, Explanation, Quality
 from .search import Candidate
 from .system import Score, whiten_system
+from .terms import Term
 from .words import sentence, summary
 
 
 Progress = Callable[[str], None]
+DEFAULT_SITE = Site()
 
 
 def _silent(text: str) -> None:
@@ -72,6 +77,35 @@ def diagnose(
     return diagnose_campaign(campaign, calibration=calibration, effects=effects, progress=progress)[
         0
     ]
+
+
+def diagnose_model(
+    predict: Callable[[Parameters, Signal], Float[Array, "time 3"]],
+    parameters: Parameters,
+    recording: Recording,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    *,
+    triad: str,
+    inputs: Float[AnyArray, "time 3"] | None = None,
+    site: Site = DEFAULT_SITE,
+    grade: str | None = None,
+    progress: Progress = _silent,
+) -> Diagnosis:
+    """Diagnose any differentiable model of one triad's outputs.
+
+    **Arguments:** `predict(parameters, signal)` gives the expected outputs, `(time, 3)` in m/s² or rad/s, from a
+    `Signal` (times, temperature, inputs...); `parameters` is a pytree fitted beforehand, and what its Jacobian
+    spans counts as absorbed by a refit; `inputs` is what an ideal triad reads, m/s² or rad/s, where
+    the recording has no reference columns.
+    **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number.
+    Raises `ValueError` where the recording lacks the triad.
+    """
+    with jax.enable_x64(True):
+        campaign = Campaign((recording,), site, grade=grade)
+        prepared = prepare_model(
+            predict, parameters, campaign, catalogue, triad=triad, inputs=inputs
+        )
+        return _conclude(campaign, [_find(prepared, grade, progress)], catalogue, progress)[0]
 
 
 def run_diagnosis(
@@ -148,7 +182,7 @@ def _conclude(
     return diagnosis, _calibration(campaign, findings, triads, explanations)
 
 
-def _tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, object, float | None]]:
+def _tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, Term, float | None]]:
     """Named terms with their nuisance settings refined one after the other."""
     terms = [n.candidate.term for n in answer.named]
     made = []
@@ -208,7 +242,9 @@ def _merge(explanations: list[Explanation]) -> list[Explanation]:
         if len(members) == 1:
             made.append(lead)
             continue
-        values = [(f"{n} ({', '.join(e.channels)})", p) for e in members for n, p in e.parameters]
+        values = tuple(
+            (f"{n} ({', '.join(e.channels)})", p) for e in members for n, p in e.parameters
+        )
         made.append(
             Explanation(
                 name=lead.name,
@@ -216,7 +252,7 @@ def _merge(explanations: list[Explanation]) -> list[Explanation]:
                 form=lead.form,
                 alternatives=lead.alternatives,
                 odds=lead.odds,
-                parameters=(*lead.parameters, *values),
+                parameters=values,
                 evidence=lead.evidence,
                 statement=" ".join(e.statement for e in members),
                 separating_experiment=lead.separating_experiment,

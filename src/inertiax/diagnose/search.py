@@ -87,9 +87,8 @@ def judge(
         )
         if score.term.name.startswith(PREFIX):
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
-        made.append(
-            Candidate(score.term, score, ratio, 0.5 * ratio - cost + plausibility(score, grade))
-        )
+        evidence = 0.5 * ratio - cost + plausibility(score, grade)
+        made.append(Candidate(score.term, score, float(ratio), float(evidence)))
     return sorted(made, key=lambda c: -c.evidence)
 
 

@@ -45,6 +45,7 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
     """Probe temperature and its rate by local parabolas over about `span` seconds, recording by recording."""
     from scipy.signal import savgol_filter
 
+    assert log.temperature is not None
     value, rate = np.empty_like(log.temperature), np.empty_like(log.temperature)
     for number in np.unique(log.recording):
         rows = log.recording == number
@@ -129,7 +130,7 @@ def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bo
     some fixed axes of the room.
     """
     device = attitude(log)
-    if device is None:
+    if device is None or log.reference_gyro is None:
         return None, False
     rest = log.position >= 0
     earth = np.einsum("tij,ti->tj", device[rest], log.reference_gyro[rest]).mean(axis=0)
@@ -214,7 +215,8 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         triad=triad, time=log.time, input=given, output=output, since_power=since_power, since_start=since_start,
         since_move=since_move, move=_moves(given, blocks, len(log.time)), at_rest=log.position >= 0,
         temperature=temperature, temperature_rate=rate_t, force=force, rate=rate, room=room,
-        vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output), scatter=np.sqrt(white.mean(axis=0)),
+        vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
+        scatter=np.sqrt(white.mean(axis=0)),
         at_temperature=None if temperature is None or form.degree == 0 else at_temperature(base, physical),
         degree=form.degree, low=form.low, high=form.high, oriented=oriented,
     )  # fmt: skip

@@ -17,7 +17,7 @@ EXTRA = 16  # columns of effects that a fit of variances has room for
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
 START = np.array([0.0, -1.0, -4.0, -2.0, -3.0])
-BOUNDS = [(-1.0, 1.5), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0)]
+BOUNDS = [(-1.0, 4.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0)]
 
 
 class System(eqx.Module):

@@ -35,6 +35,13 @@ class Term(eqx.Module):
         return tuple(f"{self.triad}_{'xyz'[c]}" for c in self.channels)
 
     @property
+    def known(self) -> Effect:
+        """The catalogued effect. Raises `ValueError` for a structured alternative."""
+        if self.effect is None:
+            raise ValueError(f"{self.name} is not an effect of the catalogue")
+        return self.effect
+
+    @property
     def size(self) -> int:
         """Number of coefficients."""
         return self.columns[0].shape[1]

@@ -147,13 +147,12 @@ def negative_log_likelihood(
     square = jnp.diag(gram)
     used = square > 0.0
     norm = jnp.sqrt(jnp.where(used, square, 1.0))
-    eye = jnp.eye(gram.shape[0])
-    scaled = gram / (norm[:, None] * norm[None, :]) + eye * jnp.where(used, 1e-11, 1.0)
+    scaled = gram / (norm[:, None] * norm[None, :]) + jnp.diag(jnp.where(used, 1e-11, 1.0))
     factor = jnp.linalg.cholesky(scaled)
     part = jax.scipy.linalg.solve_triangular(factor, (x.T @ y) / norm, lower=True)
     # Scatter inside blocks already tells the white level; and a random walk strong enough to pass for
     # a slow effect is rarer than one that is not.
-    prior = jnp.square(theta[0] / 0.15) + 1.6 * jax.nn.softplus(theta[2] + 3.0)
+    prior = 2.0 * jnp.log1p(jnp.square(theta[0] / 0.15)) + 1.6 * jax.nn.softplus(theta[2] + 3.0)
     num = columns.shape[1]
     logs = jnp.log(jnp.diag(factor)[:num]) + jnp.log(norm[:num])
     return 0.5 * (logdet + y @ y - part @ part + prior) + jnp.sum(logs)

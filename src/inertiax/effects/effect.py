@@ -63,7 +63,7 @@ class Effect(eqx.Module):
         by_grade = self.prior.get(triad)
         if not by_grade:
             return None
-        if grade in by_grade:
+        if grade is not None and grade in by_grade:
             return by_grade[grade]
         return min(v[0] for v in by_grade.values()), max(v[1] for v in by_grade.values())
 
@@ -132,6 +132,14 @@ def chebyshev(temperature: AnyArray, order: int, low: float, high: float) -> Flo
     for _ in range(order - 1):
         before, value = value, 2.0 * x * value - before
     return value
+
+
+def gradient(
+    values: Float[AnyArray, "time 3"], time: Float[AnyArray, " time"]
+) -> Float[Array, "time 3"]:
+    """Time derivative by central differences, in the values' unit per second."""
+    change, step = jnp.gradient(values, axis=0), jnp.gradient(time)
+    return jnp.asarray(change) / jnp.asarray(step)[:, None]
 
 
 @jax.jit

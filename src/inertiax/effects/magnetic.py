@@ -11,7 +11,7 @@ DIP = 1.13  # rad, 65°: of the field below the horizontal, at middle latitudes
 
 
 def shape(signal: Signal, *, form: str) -> Float[Array, "time channels columns"]:
-    """The field, of unit size, along the input axis or along all three; of any direction if the room's axes are not known."""
+    """The field, of unit size, along the input axis or all three; any direction where the room's axes are not known."""
     room = jnp.asarray(signal.room)
     if not signal.oriented:
         return room if form == "own" else room[:, :, int(form)][:, None, :]

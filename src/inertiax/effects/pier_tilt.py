@@ -14,7 +14,8 @@ def shape(signal: Signal, *, period: Scalar | float) -> Float[Array, "time chann
     time = jnp.asarray(signal.time)
     phase = 2.0 * jnp.pi * time / period if period else time / (time[-1] - time[0])
     courses = [jnp.sin(phase), jnp.cos(phase)] if period else [phase]
-    turned = [jnp.cross(signal.room[:, :, k], u) for k in range(3)]
+    room = jnp.asarray(signal.room)
+    turned = [jnp.cross(room[:, :, k], u) for k in range(3)]
     return jnp.stack([c[:, None] * t for t in turned for c in courses], axis=-1)
 
 

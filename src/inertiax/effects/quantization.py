@@ -13,7 +13,8 @@ HARMONICS = 6
 def shape(signal: Signal) -> Float[Array, "time channels columns"]:
     """Mean rounding error of an output x with step q and Gaussian scatter s, m/s² or rad/s.
 
-    $(q/\\pi) \\sum_k (-1)^k/k \\, \\sin(2\\pi k x/q) \\, e^{-2 (\\pi k s/q)^2}$ (Widrow & Kollár, Quantization Noise, 2008).
+    $(q/\\pi) \\sum_k (-1)^k/k \\, \\sin(2\\pi k x/q) \\, e^{-2 (\\pi k s/q)^2}$
+    (Widrow & Kollár, Quantization Noise, 2008).
     """
     q, s = jnp.asarray(signal.resolution)[None, :], jnp.asarray(signal.scatter)[None, :]
     x = jnp.asarray(signal.output)

@@ -7,7 +7,7 @@ effect that needs one of them is not testable there.
 from collections.abc import Callable
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float, Shaped
 
 from .._typing import AnyArray
 
@@ -25,7 +25,7 @@ class Signal(eqx.Module):
     since_start: Float[AnyArray, " time"]  # s since the first power-on
     since_move: Float[AnyArray, " time"]  # s since the last re-positioning
     move: Float[AnyArray, "time 3"]  # change of `input` by the last re-positioning
-    at_rest: Bool[AnyArray, " time"]
+    at_rest: Shaped[AnyArray, " time"]  # true or, at block means, 1
     temperature: Float[AnyArray, " time"] | None = None  # °C, by the probe
     temperature_rate: Float[AnyArray, " time"] | None = None  # °C/s
     force: Float[AnyArray, "time 3"] | None = None  # g

@@ -3,15 +3,14 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .effect import Effect, fixed
+from .effect import Effect, fixed, gradient
 from .signal import Signal
 
 
 def shape(signal: Signal) -> Float[Array, "time channels columns"]:
     """Row of ω × (ω × r) + dω/dt × r for the three components of the lever arm r, m/s² per m."""
     w = jnp.asarray(signal.rate)
-    time = jnp.asarray(signal.time)
-    change = jnp.gradient(w, axis=0) / jnp.gradient(time)[:, None]
+    change = gradient(w, signal.time)
     inner = w[:, :, None] * w[:, None, :] - jnp.sum(w**2, axis=1)[:, None, None] * jnp.eye(3)[None]
     x, y, z = change[:, 0], change[:, 1], change[:, 2]
     o = jnp.zeros_like(x)

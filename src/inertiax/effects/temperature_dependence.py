@@ -10,7 +10,10 @@ from .signal import Signal
 def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels columns"]:
     """Chebyshev terms of degree 1 … terms, on the bias, or times the input along or across the axis."""
     curve = jnp.stack(
-        [chebyshev(signal.temperature, k, signal.low, signal.high) for k in range(1, terms + 1)],
+        [
+            chebyshev(jnp.asarray(signal.temperature), k, signal.low, signal.high)
+            for k in range(1, terms + 1)
+        ],
         axis=-1,
     )
     if on == "bias":

@@ -14,7 +14,8 @@ def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels
     """Chebyshev terms of degree d + 1 … d + terms, on the bias, or times the input along or across the axis."""
     order = range(signal.degree + 1, signal.degree + 1 + terms)
     curve = jnp.stack(
-        [chebyshev(signal.temperature, k, signal.low, signal.high) for k in order], axis=-1
+        [chebyshev(jnp.asarray(signal.temperature), k, signal.low, signal.high) for k in order],
+        axis=-1,
     )
     if on == "bias":
         return curve[:, None, :]

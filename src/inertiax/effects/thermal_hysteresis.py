@@ -56,7 +56,10 @@ EFFECT = Effect(
     variants=variants,
     needs="heating and cooling branches with soaks on both",
     driver="temperature_branch",
-    sentence="The output of {channels} depends on whether the temperature was reached from below or from above, and keeps the difference in a soak.",
+    sentence=(
+        "The output of {channels} depends on whether the temperature was reached from below or from above, "
+        "and keeps the difference in a soak."
+    ),
     separating="soaks at the same temperature on both branches, two cycles, two amplitudes",
     requires=("temperature",),
 )

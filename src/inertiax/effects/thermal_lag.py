@@ -1,5 +1,6 @@
 """First-order thermal lag from the probe to the sensing element."""
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,8 +13,10 @@ def shape(
     signal: Signal, *, time_constant: Scalar | float
 ) -> Float[Array, "time channels columns"]:
     """Difference of the model's outputs at the element's and at the probe's temperature."""
-    element = lag(signal.time, signal.temperature, time_constant)
-    return (signal.at_temperature(element) - signal.at_temperature(signal.temperature))[:, :, None]
+    probe, outputs = signal.temperature, signal.at_temperature
+    assert probe is not None and outputs is not None  # `requires` names both
+    element = lag(signal.time, probe, time_constant)
+    return (outputs(element) - outputs(jnp.asarray(probe)))[:, :, None]
 
 
 def _grid(signal: Signal):
@@ -36,7 +39,7 @@ EFFECT = Effect(
     needs="ramps of temperature where the parameters depend on it",
     driver="temperature_rate",
     sentence="The sensing element of {channels} follows the probe with a first-order lag.",
-    separating="two ramp rates and a soak between them; a lag scales with the slope of the parameter, a rate effect does not",
+    separating="two ramp rates with a soak between: a lag scales with the parameter's slope, a rate effect does not",
     requires=("temperature", "at_temperature"),
     nuisance="time_constant",
     unit_amplitude=True,

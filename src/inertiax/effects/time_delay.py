@@ -3,14 +3,14 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .effect import Effect, fixed, inputs
+from .effect import Effect, fixed, gradient, inputs
 from .signal import Signal
 
 
 def shape(signal: Signal) -> Float[Array, "time channels columns"]:
     """Minus the derivative of the input, m/s² or rad/s per s."""
     u = inputs(signal)
-    slope = jnp.gradient(u, axis=0) / jnp.gradient(jnp.asarray(signal.time))[:, None]
+    slope = gradient(u, signal.time)
     moving = jnp.logical_not(jnp.asarray(signal.at_rest))
     return jnp.where(moving[:, None], -slope, 0.0)[:, :, None]
 

@@ -1,0 +1,242 @@
+"""The diagnosis, end to end, on small campaigns written here in plain NumPy."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from inertiax.diagnose import audit, diagnose, diagnose_model, run_diagnosis
+from inertiax.effects import CATALOGUE, Effect, fixed
+from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+
+
+G = 9.81
+WHITE = 2e-4  # m/s², one sample
+FLICKER = 6e-5  # m/s², slow noise common in real accelerometers
+
+
+def slow_noise(rng, time):
+    """Three relaxations a decade apart, by recursion: close to 1/f between 0.001 and 0.1 Hz."""
+    total = np.zeros(len(time))
+    step = np.diff(time, prepend=time[0])
+    for tau in (10.0, 100.0, 1000.0):
+        decay = np.exp(-step / tau)
+        state = rng.standard_normal()
+        for k, a in enumerate(decay):
+            state = a * state + np.sqrt(1.0 - a * a) * rng.standard_normal()
+            total[k] += state
+    return FLICKER * total
+
+
+def poses(step=30.0):
+    """A tumble in each of three planes."""
+    angle = np.radians(np.arange(0.0, 360.0, step))
+    made = []
+    for k in range(3):
+        for a in angle:
+            force = np.zeros(3)
+            force[k], force[(k + 1) % 3] = np.cos(a), np.sin(a)
+            made.append(force)
+    return np.array(made)
+
+
+def tumble(seed=0, effect=None, sessions=2, step=30.0):
+    """Sessions at constant temperature; 10 s at rest in each position, 2 s between them, 4 Hz."""
+    rng = np.random.default_rng(seed)
+    force, position, experiment = [], [], []
+    for session in range(sessions):
+        for number, pose in enumerate(poses(step)):
+            force += [pose] * 48
+            position += [-1] * 8 + [number] * 40
+            experiment += [session] * 48
+    force, position = np.array(force), np.array(position)
+    time = np.arange(len(force)) * 0.25
+    bias, matrix = (
+        np.array([0.02, -0.03, 0.01]),
+        np.array([[1e-3, 0, 0], [2e-3, -2e-3, 0], [-1e-3, 1e-3, 3e-3]]),
+    )
+    output = G * force @ (np.eye(3) + matrix).T + bias
+    if effect is not None:
+        output = output + effect(force, time)
+    output = output + np.stack([slow_noise(rng, time) for _ in range(3)], axis=1)
+    output = output + WHITE * rng.standard_normal(output.shape)
+    recording = Recording(
+        time=time, accel=output, position=position, experiment=np.array(experiment)
+    )
+    model = ModelChoice(accel_estimator="invariant", temperature_degree=0)
+    return Campaign((recording,), Site(G), Rig(1e-5), model, "tactical")
+
+
+def sweep(seed=0, effect=None):
+    """One pose; up, soak, down, soak, up again faster; a gyro with a cubic in temperature."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(5000) * 1.0
+    corner = [0, 300, 1500, 2000, 3200, 3600, 4300, 5000]
+    air = np.interp(time, corner, [-10, -10, 50, 50, -10, -10, 50, 50])
+    probe = np.empty_like(air)
+    state = air[0]
+    for k, value in enumerate(air):
+        state += (value - state) / 40.0
+        probe[k] = state
+    x = (probe - 20.0) / 30.0
+    output = 1e-4 * np.stack([x - 0.3 * x**2, 0.5 * x + 0.2 * x**3, x**2], axis=1)
+    if effect is not None:
+        output = output + effect(probe, time)
+    output = output + 2e-6 * rng.standard_normal(output.shape)
+    recording = Recording(
+        time=time, gyro=output, temperature=probe[:, None] + 0.003 * rng.standard_normal((5000, 1)),
+        position=np.zeros(5000, int), experiment=np.repeat(np.arange(5), 1000),
+    )  # fmt: skip
+    model = ModelChoice(gyro_estimator="static", temperature_degree=3)
+    return Campaign((recording,), Site(G), Rig(), model, "tactical")
+
+
+def only(channel, values):
+    added = np.zeros((len(values), 3))
+    added[:, channel] = values
+    return added
+
+
+def test_a_campaign_without_omissions_is_consistent_and_says_what_it_could_have_seen():
+    found = diagnose(tumble(seed=3))
+    assert found.verdict == "consistent"
+    assert found.effects == () and found.where == ()
+    sizes = {d.name: d.size for d in found.detectable}
+    # Five sigma of the mean of 24 tumbles: order 1e-5 to 1e-3 m/s²/g², well below a tactical K2.
+    assert 1e-5 < sizes["second_order"] < 1e-3
+    assert {"gravity_error", "supply", "g_sensitivity"} <= set(found.not_testable)
+
+
+def test_second_order_is_named_located_and_measured():
+    truth = 8e-4
+    found = diagnose(tumble(seed=4, effect=lambda f, t: only(1, truth * f[:, 1] ** 2)))
+    assert found.verdict == "missing-physics"
+    (effect,) = found.effects
+    assert effect.name == "second_order" and effect.channels == ("accel_y",)
+    (coefficient,) = [p for n, p in effect.parameters if n == "coefficient"]
+    assert abs(coefficient.value - truth) < 3.0 * coefficient.std
+    assert {w.channel for w in found.where} == {"accel_y"}
+    assert found.augmented.held_out_rms < found.baseline.held_out_rms
+    assert found.augmented.chi2_per_dof == pytest.approx(
+        1.0, abs=0.1
+    )  # 1 ± sqrt(2/500) if noise is right
+
+
+def test_thermal_lag_gives_its_time_constant():
+    tau = 90.0
+
+    def lagged(probe, time):
+        element = np.empty_like(probe)
+        state = probe[0]
+        for k, value in enumerate(probe):
+            state += (value - state) * (1.0 - np.exp(-1.0 / tau))
+            element[k] = state
+        x, y = (probe - 20.0) / 30.0, (element - 20.0) / 30.0
+        return only(0, 1e-4 * ((y - 0.3 * y**2) - (x - 0.3 * x**2)))
+
+    found = diagnose(sweep(seed=5, effect=lagged))
+    assert [e.name for e in found.effects] == ["thermal_lag"]
+    assert found.effects[0].channels == ("gyro_x",)
+    value = dict(found.effects[0].parameters)["time_constant"]
+    assert (
+        abs(value.value - tau) < 4.0 * value.std
+    )  # the slope at which it acts is itself estimated
+    assert {w.driver for w in found.where} == {"temperature_rate"}
+
+
+def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_a_formula():
+    found = diagnose(
+        sweep(
+            seed=6,
+            effect=lambda probe, t: only(2, 4e-6 * np.exp(-0.5 * ((probe - 25.0) / 4.0) ** 2)),
+        )
+    )
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert "gyro_z" in found.empirical and "T" in found.empirical
+    assert not any(e.name in found.empirical for e in CATALOGUE)
+
+
+def test_the_file_has_the_public_fields(tmp_path):
+    campaign = tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2))
+    recording = campaign.recordings[0]
+    columns = [recording.time, *recording.accel.T, recording.position, recording.experiment]
+    header = "time,accel_x,accel_y,accel_z,position,experiment"
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.stack(columns, axis=1),
+        delimiter=",",
+        header=header,
+        comments="",
+        fmt="%.9g",
+    )
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["*.csv"]\n[model]\naccel_estimator = "invariant"\n'
+        'temperature_degree = 0\n[device]\ngrade = "tactical"\n'
+    )
+    run_diagnosis(tmp_path / "campaign.toml", tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert written["schema"] == "inertiax.diagnosis/1"
+    assert written["effects"][0]["name"] == "second_order"
+    assert set(written["effects"][0]["evidence"]) >= {"delta_bic", "p_value", "held_out_gain"}
+    assert set(written["where"][0]) == {
+        "channel",
+        "experiment",
+        "start",
+        "end",
+        "driver",
+        "excess_rms",
+        "p_value",
+    }
+    assert set(written["fit"]["baseline"]) == {"rms", "chi2_per_dof", "held_out_rms"}
+    assert (tmp_path / "out" / "calibration.json").exists()
+
+
+def test_an_effect_added_by_the_user_is_found():
+    def shape(signal):
+        """cos of four times the angle of the specific force in the x-y plane."""
+        f = jnp.asarray(signal.force)
+        return jnp.cos(4.0 * jnp.arctan2(f[:, 1], f[:, 0]))[:, None, None]
+
+    mine = Effect(
+        name="fourth_harmonic", title="index gear", equation="c cos 4 phi", units={"accel": "m/s^2"},
+        prior={"accel": {"tactical": (1e-5, 1e-2)}}, shape=shape, variants=fixed(("", {})),
+        needs="a tumble", driver="attitude", sentence="{channels} repeats four times a turn.",
+        separating="turn the device on the table", requires=("force",),
+    )  # fmt: skip
+
+    def truth(f, t):
+        return only(0, 1.5e-3 * np.cos(4.0 * np.arctan2(f[:, 1], f[:, 0])))
+
+    found = diagnose(tumble(seed=7, effect=truth), effects=(*CATALOGUE, mine))
+    assert [e.name for e in found.effects] == ["fourth_harmonic"]
+
+
+def test_a_plan_of_six_positions_cannot_show_second_or_third_order():
+    # With f in {-1, 0, 1}, f² acts on |a| as f³ = f, a bias, and f³ as f⁴ = f², a scale factor.
+    report = audit(tumble(step=90.0))
+    assert {"second_order", "third_order"} <= set(dict(report.not_testable))
+
+
+def test_a_tumble_in_steps_of_30_degrees_shows_both_but_not_apart_from_their_kin():
+    report = audit(tumble(step=30.0))
+    assert not {"second_order", "third_order"} & set(dict(report.not_testable))
+    aliased = {frozenset((a.first, a.second)) for a in report.aliases}
+    assert frozenset(("second_order", "scale_asymmetry")) in aliased
+    assert frozenset(("third_order", "odd_quadratic")) in aliased
+
+
+def test_any_differentiable_model_can_be_diagnosed():
+    campaign = sweep(seed=8, effect=lambda probe, t: only(1, 8e-6 * (t > 2700.0)))
+
+    def predict(parameters, signal):
+        x = (jnp.asarray(signal.temperature) - 20.0) / 30.0
+        return jnp.stack([jnp.ones_like(x), x, x**2, x**3], axis=1) @ parameters
+
+    found = diagnose_model(predict, np.zeros((4, 3)), campaign.recordings[0], triad="gyro")
+    assert [e.name for e in found.effects] == ["bias_step"]
+    time = dict(found.effects[0].parameters)["time"]
+    assert (
+        abs(time.value - 2700.0) < 20.0
+    )  # blocks are 2 s to 4 s long; the noise moves the best place by a few
