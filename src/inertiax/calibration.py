@@ -7,6 +7,7 @@ samples, `jax.jacfwd` with respect to its coefficients, inside `scan` in a navig
 import os
 import re
 import tempfile
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -18,6 +19,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ._typing import AnyArray, Scalar, Vec3
+from .augmentation import EffectEntry, FittedEffect, from_entry, to_entry
+from .effects import CATALOGUE, Effect
 from .model import AccelerometerErrors, compensate_accel, compensate_gyro, GyroErrors
 from .temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
 
@@ -76,7 +79,9 @@ class TriadCalibration(eqx.Module):
 class Calibration(eqx.Module):
     """A device's calibration; calling it compensates one sample.
 
-    `temperature_range` are the temperatures (°C) that the data covered; see `extrapolates`.
+    `temperature_range` are the temperatures (°C) that the data covered; see `extrapolates`. `effects`
+    are named effects beside the parameters; most depend on what went before, so a single sample's call
+    leaves them out and `diagnose.augmented` applies them to a recording.
     """
 
     gravity: Scalar = eqx.field(converter=jnp.asarray)  # m/s²
@@ -85,6 +90,7 @@ class Calibration(eqx.Module):
     device: str = eqx.field(static=True, default="")
     temperature_range: tuple[float, float] | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+    effects: tuple[FittedEffect, ...] = ()
 
     def accel_errors(self, temperature: Scalar | float) -> AccelerometerErrors:
         """Accelerometer parameters at one temperature, °C; an ideal triad where not calibrated."""
@@ -151,6 +157,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     accel: _Triad | None
     gyro: _Triad | None
     notes: list[str] = []
+    effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET
 
 
 def _unit(name: str) -> str:
@@ -245,6 +252,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         accel=None if calibration.accel is None else _triad_to_json(calibration.accel),
         gyro=None if calibration.gyro is None else _triad_to_json(calibration.gyro),
         notes=list(calibration.notes),
+        effects=[to_entry(e) for e in calibration.effects] or msgspec.UNSET,
     )
     write_atomically(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
 
@@ -267,9 +275,9 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Calibration:
     """Read `calibration.json`. Raises `ValueError`, one line naming file and key, for anything that
-    is not exactly this schema."""
+    is not exactly this schema, or for a named effect that the catalogue `effects` lacks."""
     path = Path(path)
     try:
         content = msgspec.json.decode(path.read_bytes(), type=_File)
@@ -294,4 +302,5 @@ def read_calibration(path: Path) -> Calibration:
         device=content.device,
         temperature_range=content.temperature_range,
         notes=tuple(content.notes),
+        effects=tuple(from_entry(e, str(path), effects) for e in content.effects or ()),
     )
