@@ -1,0 +1,183 @@
+"""`inertiax export`: a calibration in another tool's format, and what it loses there."""
+
+from pathlib import Path
+from typing import Annotated, TYPE_CHECKING
+
+import typer
+
+from . import console, environment, outputs
+from .calibrate import AsJson, Quiet
+
+
+if TYPE_CHECKING:
+    from ..exports import Export, Loss
+
+
+def export(
+    calibration: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CALIBRATION", exists=True, dir_okay=False, help="A calibration.json."
+        ),
+    ] = None,
+    to: Annotated[
+        str | None, typer.Option("--to", metavar="FORMAT", help="Format to write; see --list.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Result; without it, CALIBRATION's name with the format's suffix.",
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="A setting of the format; repeat for several."
+        ),
+    ] = None,
+    source: Annotated[
+        str,
+        typer.Option(
+            "--from", metavar="FORMAT", help="Format of CALIBRATION, where it is another tool's."
+        ),
+    ] = "inertiax",
+    show_list: Annotated[
+        bool, typer.Option("--list", help="Show the formats, what each keeps and loses.")
+    ] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a calibration in another tool's format; say what is lost and how large the error is.
+
+    The error is computed: known inputs are distorted by the calibration's own model, compensated by the
+    tool's formula with the numbers in the file, and compared, over the calibrated temperatures.
+    """
+    if show_list:
+        _list(as_json=as_json)
+        return
+    if calibration is None or to is None:
+        raise typer.BadParameter("CALIBRATION and --to FORMAT are needed (or --list).")
+    values = _settings(settings or [])
+    if output is not None:
+        outputs.require_file(output)
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..exports import by_name, export as write, measure_loss
+        from ..exports.registry import read_calibration_of
+
+        for name, option in ((to, "'--to'"), (source, "'--from'")):
+            _require_format(name, option)
+        stages("reading")
+        if source == "inertiax":
+            from ..calibration import read_calibration
+
+            known = read_calibration(calibration)
+        else:
+            known = read_calibration_of(calibration.read_bytes(), source)
+        stages("exporting")
+        result = write(known, to, **values)
+        loss = measure_loss(known, result)
+        written = _write(result, output or _default(calibration, by_name(to).SUFFIX))
+    _tell(to, result, loss, written, as_json=as_json, quiet=quiet)
+
+
+def _settings(pairs: list[str]) -> dict[str, str]:
+    values: dict[str, str] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key:
+            raise typer.BadParameter(f"'{pair}' must be KEY=VALUE.", param_hint="'--set'")
+        values[key.strip()] = value.strip()
+    return values
+
+
+def _require_format(name: str, option: str) -> None:
+    from ..exports import by_name
+
+    try:
+        by_name(name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint=option) from None
+
+
+def _default(calibration: Path, suffix: str) -> Path:
+    path = calibration.with_name(calibration.name.split(".", 1)[0] + suffix)
+    if path == calibration:
+        raise typer.BadParameter(
+            f"'{path}' is the calibration itself; name the result.", param_hint="'-o'"
+        )
+    return path
+
+
+def _write(result: "Export", output: Path) -> list[Path]:
+    from ..calibration import write_atomically
+
+    written = []
+    for tag, content in result.files:
+        path = output.with_name(output.stem + tag + output.suffix) if tag else output
+        write_atomically(path, content)
+        written.append(path)
+    return written
+
+
+def _tell(
+    name: str,
+    result: "Export",
+    loss: "Loss",
+    written: list[Path],
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    if as_json:
+        content = {
+            "schema": "inertiax.export/1",
+            "format": name,
+            "files": [str(p) for p in written],
+            "losses": list(result.losses),
+            "notes": list(result.notes),
+            "error": loss._asdict(),
+        }
+        outputs.print_json(content)
+        return
+    for text in result.losses:
+        console.warn(f"{name} loses {text}")
+    if result.losses:
+        console.warn(loss.sentence)
+    for note in result.notes:
+        console.warn(f"note: {note}")
+    if not quiet:
+        typer.echo(f"{name}: {', '.join(map(str, written))}")
+
+
+def _list(*, as_json: bool) -> None:
+    environment.prepare()
+    import msgspec
+
+    from ..exports import FORMATS
+
+    rows = [
+        {
+            "format": f.NAME,
+            "what": f.TITLE,
+            "suffix": f.SUFFIX,
+            "keeps": f.KEEPS,
+            "loses": f.LOSES,
+            "imports": hasattr(f, "read"),
+            "settings": [field.name for field in msgspec.structs.fields(f.Settings)],
+        }
+        for f in FORMATS
+    ]
+    if as_json:
+        outputs.print_json({"schema": "inertiax.export-formats/1", "formats": rows})
+        return
+    for row in rows:
+        typer.echo(f"{row['format']}: {row['what']}" + (" (reads, too)" if row["imports"] else ""))
+        typer.echo(f"  keeps     {row['keeps']}")
+        typer.echo(f"  loses     {row['loses']}")
+        if row["settings"]:
+            typer.echo(f"  settings  {', '.join(row['settings'])}")

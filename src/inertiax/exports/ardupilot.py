@@ -1,0 +1,153 @@
+"""ArduPilot's parameters: thermal `INS_TCAL*` and static `INS_*OFFS`, `INS_ACCSCAL`.
+
+ArduPilot corrects v = v' − P(T − 35) + P(T_cal − 35), then subtracts the offset that holds at T_cal, then
+(accelerometers only) multiplies by a scale; P is a cubic without constant term, its coefficients times 10⁶,
+and T is clamped to TMIN…TMAX.
+
+**Reference:** ArduPilot, `AP_InertialSensor_tempcal.cpp` and `AP_InertialSensor_Backend.cpp`.
+"""
+
+import re
+
+import numpy as np
+from jaxtyping import Float
+
+from ..calibration import Calibration
+from ..temperature import Constant, Polynomial
+from .cubic import cubic, fit_cubic, nodes
+from .export import Export, Settings as Common
+from .imported import calibration as imported, triad
+from .parameters import g_sensitivity_loss, parameters_over, temperature_span, varies
+
+
+NAME = "ardupilot"
+TITLE = "ArduPilot's parameters (INS_TCAL*, INS_*OFFS, INS_ACCSCAL)"
+SUFFIX = ".parm"
+KEEPS = "bias as a cubic in temperature, accelerometer scale factors (constants)"
+LOSES = (
+    "misalignments, gyro scale factors, temperature dependence of scale, degrees above 3, "
+    "g-sensitivity, uncertainties"
+)
+
+_REFERENCE = 35.0  # °C
+_FACTOR = 1e6
+
+
+class Settings(Common, frozen=True, kw_only=True):
+    """Which of ArduPilot's IMUs this is."""
+
+    instance: int = 1  # 1 to 3
+
+
+def _number(instance: int) -> str:
+    """The IMU's number in names such as INS_ACC2OFFS_X; the first has none."""
+    return "" if instance == 1 else str(instance)
+
+
+def write(calibration: Calibration, settings: Settings) -> Export:
+    """ArduPilot's parameter file of both triads."""
+    n = settings.instance
+    if not 1 <= n <= 3:
+        raise ValueError(f"ardupilot: instance = {n} must be within 1 to 3.")
+    low, high = temperature_span(calibration)
+    at = float(np.clip(_REFERENCE, low, high))
+    accel, gyro, scale = _fits(calibration, low, high)
+    lines = []
+    put = lambda name, value: lines.append(f"{name} {float(value):.9g}")
+    lines.append(f"INS_TCAL{n}_ENABLE {int(high > low)}")
+    put(f"INS_TCAL{n}_TMIN", low)
+    put(f"INS_TCAL{n}_TMAX", high)
+    for key, fit in (("ACC", accel), ("GYR", gyro)):
+        for order in (1, 2, 3):
+            for axis in range(3):
+                put(f"INS_TCAL{n}_{key}{order}_{'XYZ'[axis]}", fit[order, axis])
+        put(f"INS_{key}{n}_CALTEMP", at)
+        offset = cubic(_unscaled(fit), np.array([at - _REFERENCE]))[0].astype(np.float32)
+        for axis in range(3):
+            put(f"INS_{key}{_number(n)}OFFS_{'XYZ'[axis]}", offset[axis])
+    for axis in range(3):
+        put(f"INS_ACC{_number(n)}SCAL_{'XYZ'[axis]}", scale[axis])
+
+    def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
+        d = np.clip(temperature, low, high) - _REFERENCE
+
+        def one(x: np.ndarray, fit: np.ndarray):
+            c = _unscaled(fit)
+            offset = cubic(c, np.array([at - _REFERENCE]))[0].astype(np.float32)
+            c[0] = 0.0
+            return x - cubic(c, d) + cubic(c, np.array([at - _REFERENCE]))[0] - offset
+
+        return one(a, accel) * scale, one(w, gyro)
+
+    return Export(
+        files=(("", "\n".join(lines).encode() + b"\n"),),
+        applied=applied,
+        losses=(
+            "misalignments, and the gyros' scale factors",
+            *(("temperature dependence of the scale factors",) if varies(calibration) else ()),
+            *(("what a cubic bias in temperature cannot follow",) if varies(calibration) else ()),
+            *g_sensitivity_loss(calibration),
+        ),
+        notes=(
+            "ArduPilot takes an accelerometer calibration only with the sensor's own INS_ACC_ID, and "
+            "learns gyro offsets anew at each start unless INS_GYR_CAL is 0",
+            "axes must be the sensor's own after its mounting rotation, before the board's",
+        ),
+    )
+
+
+def _unscaled(fit: Float[np.ndarray, "4 3"]) -> Float[np.ndarray, "4 3"]:
+    return fit / np.array([[1.0], [_FACTOR], [_FACTOR], [_FACTOR]])
+
+
+def _fits(
+    calibration: Calibration, low: float, high: float
+) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"], Float[np.ndarray, "3"]]:
+    """Bias cubics about 35 °C (the higher terms times 10⁶) and the scale, in single precision."""
+    at = nodes(low, high) if high > low else np.array([low])
+    p = parameters_over(calibration, at)
+
+    def fit(values: np.ndarray) -> np.ndarray:
+        if high > low:
+            return fit_cubic(values, low, high, _REFERENCE)
+        return np.pad(values, ((0, 3), (0, 0)))
+
+    scale = np.diagonal(np.linalg.inv(p.accel_matrix), axis1=1, axis2=2)
+    scale = 0.5 * (scale.min(axis=0) + scale.max(axis=0))
+    times = np.array([[1.0], [_FACTOR], [_FACTOR], [_FACTOR]])
+    single = lambda x: x.astype(np.float32).astype(float)
+    return single(times * fit(p.accel_bias)), single(times * fit(p.gyro_bias)), single(scale)
+
+
+_LINE = re.compile(r"([A-Z0-9_]+)[\s,=]+([-+0-9.eE]+)")
+
+
+def read(content: bytes, *, instance: int = 1) -> Calibration:
+    """The calibration in a `.parm` file: thermal and static offsets and accelerometer scales."""
+    n = instance
+    found: dict[str, float] = {}
+    for line in content.decode().splitlines():
+        match = _LINE.fullmatch(line.strip())
+        if match:
+            found[match[1]] = float(match[2])
+    get = lambda name: np.array([found.get(f"INS_{name}_{axis}", 0.0) for axis in "XYZ"])
+    if not any(k.startswith((f"INS_TCAL{n}_", f"INS_ACC{_number(n)}OFFS")) for k in found):
+        raise ValueError(f"ardupilot: no INS_TCAL{n}_* or INS_ACC{_number(n)}OFFS_* in the file.")
+    low, high = (found.get(f"INS_TCAL{n}_{k}", 0.0) for k in ("TMIN", "TMAX"))
+    thermal = found.get(f"INS_TCAL{n}_ENABLE", 0.0) == 1 and high > low
+    basis = Polynomial(3, low, high) if thermal else Constant()
+    at = np.asarray(basis.nodes)
+    triads = []
+    for kind, key in (("accel", "ACC"), ("gyro", "GYR")):
+        bias = np.broadcast_to(get(f"{key}{_number(n)}OFFS"), (len(at), 3))
+        if thermal:
+            higher = [get(f"TCAL{n}_{key}{order}") / _FACTOR for order in (1, 2, 3)]
+            c = np.stack([np.zeros(3), *higher])
+            when = np.clip(found.get(f"INS_{key}{n}_CALTEMP", _REFERENCE), low, high)
+            bias = bias + cubic(c, at - _REFERENCE) - cubic(c, np.array([when - _REFERENCE]))
+        scale = np.ones(3)
+        if kind == "accel" and f"INS_ACC{_number(n)}SCAL_X" in found:
+            scale = get(f"ACC{_number(n)}SCAL")
+        matrix = np.broadcast_to(np.diag(1.0 / scale), (len(at), 3, 3))
+        triads.append(triad(kind, matrix, bias, basis=basis, source=NAME))
+    return imported(triads[0], triads[1], temperature_range=(low, high) if thermal else None)

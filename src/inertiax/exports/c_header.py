@@ -1,0 +1,175 @@
+"""A C99 header with the compensation: one static function, no memory, no dependency beyond C.
+
+`NAME_compensate(accel, gyro, temperature, force, rate)` is equation (3), exact: the parameters' Chebyshev
+series by Clenshaw's recurrence (or their natural splines by pieces), then two 3 × 3 systems by Cramer's rule.
+Temperatures are not clamped; `NAME_LOW` and `NAME_HIGH` are the calibrated range.
+"""
+
+import re
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ..calibration import Calibration, TriadCalibration
+from ..temperature import AbstractBasis, Constant, CubicSpline, Polynomial
+from .c_template import BODY, CHEBYSHEV, SPLINE
+from .export import Export, Settings as Common
+from .parameters import temperature_span
+
+
+NAME = "c"
+TITLE = "C99 header with the compensation, for firmware"
+SUFFIX = ".h"
+KEEPS = "the whole compensation, in double or single precision"
+LOSES = "uncertainties"
+
+_SLOTS = [f"bias[{i}]" for i in range(3)] + [f"matrix[{i},{j}]" for i in range(3) for j in range(3)]
+_D_SLOTS = [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)]
+
+
+class Settings(Common, frozen=True, kw_only=True):
+    """`name` begins every C name; `dtype` is the precision of data and arithmetic."""
+
+    name: str = "imu"
+    dtype: Literal["float32", "float64"] = "float64"
+
+
+def write(calibration: Calibration, settings: Settings) -> Export:
+    """The header. Raises `ValueError` for a name that is no C identifier."""
+    name = settings.name
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
+        raise ValueError(f"c: name = {name!r} must be a C identifier of letters, digits and _.")
+    real = "float" if settings.dtype == "float32" else "double"
+    low, high = temperature_span(calibration)
+    device = "".join(c for c in calibration.device if c.isalnum() or c in " .-_")
+    tables = [
+        _curves(f"{name}_{kind}", part, real)
+        for kind, part in (("accel", calibration.accel), ("gyro", calibration.gyro))
+    ]
+    text = BODY.format(
+        name=name,
+        guard=f"{name.upper()}_CALIBRATION_H",
+        upper=name.upper(),
+        real=real,
+        device=device or "not named",
+        low=_literal(low, real),
+        high=_literal(high, real),
+        gravity=_literal(float(calibration.gravity), real),
+        curves="\n".join(tables),
+    )
+    dtype = np.dtype(settings.dtype)
+    single = ("digits beyond single precision",) if real == "float" else ()
+    return Export(
+        files=(("", text.encode()),),
+        applied=lambda *samples: _applied(calibration, dtype, *samples),
+        losses=single,
+    )
+
+
+def _literal(value: float, real: str) -> str:
+    text = f"{value:.9g}" if real == "float" else repr(float(value))
+    if not any(c in text for c in ".e"):
+        text += ".0"
+    return text + ("f" if real == "float" else "")
+
+
+def _table(rows: Float[np.ndarray, "row column"], real: str) -> str:
+    inner = ",\n".join("    {" + ", ".join(_literal(x, real) for x in row) + "}" for row in rows)
+    return "{\n" + inner + "\n}"
+
+
+def _rows(triad: TriadCalibration | None, size: int, kind: str) -> Float[np.ndarray, "21 size"]:
+    """Coefficients of all 21 parameters in the model's order; zero where not fitted."""
+    rows = np.zeros((21, size))
+    if triad is not None:
+        slots = [f"{kind}.{s}" for s in (*_SLOTS, *_D_SLOTS)]
+        for column, parameter in enumerate(triad.names):
+            rows[slots.index(parameter)] = np.asarray(triad.curve.coefficients)[:, column]
+    return rows
+
+
+def _curves(prefix: str, triad: TriadCalibration | None, real: str) -> str:
+    """C code that evaluates a triad's 21 parameters at a temperature."""
+    kind = prefix.rsplit("_", 1)[1]
+    basis = Constant() if triad is None else triad.curve.basis
+    rows = _rows(triad, basis.size, kind)
+    if isinstance(basis, CubicSpline):
+        return SPLINE.format(
+            prefix=prefix,
+            real=real,
+            pieces=len(basis.knots) + 1,
+            edges=", ".join(_literal(k, real) for k in basis.knots),
+            edge_count=len(basis.knots),
+            table=_table(_pieces(np.asarray(basis.knots), rows).reshape(-1, 4), real),
+        )
+    low, high = (basis.low, basis.high) if isinstance(basis, Polynomial) else (-1.0, 1.0)
+    return CHEBYSHEV.format(
+        prefix=prefix,
+        real=real,
+        terms=basis.size,
+        middle=_literal(0.5 * (low + high), real),
+        half=_literal(0.5 * (high - low), real),
+        table=_table(rows, real),
+    )
+
+
+def _pieces(
+    knots: Float[np.ndarray, " knot"], values: Float[np.ndarray, "21 knot"]
+) -> Float[np.ndarray, "piece 21 4"]:
+    """Powers of (T − piece's start) of each piece; the first and last are the straight continuations."""
+    from scipy.interpolate import CubicSpline as Spline
+
+    if len(knots) == 2:
+        slope = (values[:, 1] - values[:, 0]) / (knots[1] - knots[0])
+        zero = np.zeros(len(slope))
+        inner = np.stack([values[:, 0], slope, zero, zero], axis=1)[None]
+        last = np.stack([values[:, 1], slope, zero, zero], axis=1)
+        return np.concatenate([inner, inner, last[None]])
+    spline = Spline(knots, values, axis=1, bc_type="natural")
+    inner = np.moveaxis(spline.c[::-1], (0, 1, 2), (2, 0, 1))  # [piece, parameter, power]
+    ends = []
+    for at in (knots[0], knots[-1]):
+        value, slope = spline(at), spline(at, 1)
+        ends.append(np.stack([value, slope, 0 * value, 0 * value], axis=1))
+    return np.concatenate([ends[0][None], inner, ends[1][None]])
+
+
+def _applied(
+    calibration: Calibration,
+    dtype: np.dtype,
+    accel: np.ndarray,
+    gyro: np.ndarray,
+    temperature: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The header's arithmetic in its precision, with NumPy."""
+    round_ = lambda x: np.asarray(x, dtype).astype(float)
+    parameters = []
+    for kind, triad in (("accel", calibration.accel), ("gyro", calibration.gyro)):
+        basis = Constant() if triad is None else triad.curve.basis
+        rows = round_(_rows(triad, basis.size, kind))
+        parameters.append(_evaluate(basis, rows, round_(temperature)))
+    p, q = parameters
+    solve = lambda m, x: np.linalg.solve(
+        np.eye(3) + round_(m).reshape(-1, 3, 3), round_(x)[:, :, None]
+    )[:, :, 0]
+    specific = round_(solve(p[:, 3:12], round_(accel) - p[:, :3]))
+    by_force = np.einsum("tij,tj->ti", q[:, 12:].reshape(-1, 3, 3), specific)
+    by_force = by_force / float(calibration.gravity)
+    return specific, round_(solve(q[:, 3:12], round_(gyro) - q[:, :3] - by_force))
+
+
+def _evaluate(
+    basis: AbstractBasis, rows: np.ndarray, temperature: np.ndarray
+) -> Float[np.ndarray, "sample 21"]:
+    if isinstance(basis, Polynomial):
+        x = (2 * temperature - basis.low - basis.high) / (basis.high - basis.low)
+        return np.polynomial.chebyshev.chebval(x, rows.T).T
+    if isinstance(basis, CubicSpline):
+        knots = np.asarray(basis.knots)
+        pieces = _pieces(knots, rows)
+        which = np.searchsorted(knots, temperature, side="right")
+        start = knots[np.maximum(which - 1, 0)]
+        c, d = pieces[which], (temperature - start)[:, None]
+        return c[..., 0] + d * (c[..., 1] + d * (c[..., 2] + d * c[..., 3]))
+    return np.repeat(rows.T, len(temperature), axis=0)

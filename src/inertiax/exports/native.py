@@ -1,0 +1,44 @@
+"""Our own `calibration.json`, so that files of other tools can be brought in."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ..calibration import Calibration, read_calibration, write_calibration
+from .export import Export, Settings as Common
+from .parameters import parameters_over
+
+
+NAME = "inertiax"
+TITLE = "inertiax's calibration.json"
+SUFFIX = ".json"
+KEEPS = "everything"
+LOSES = "nothing"
+
+Settings = Common
+
+
+def write(calibration: Calibration, settings: Common) -> Export:
+    """The calibration as `write_calibration` writes it."""
+    del settings
+    with tempfile.TemporaryDirectory() as folder:
+        write_calibration(calibration, Path(folder) / "calibration.json")
+        content = (Path(folder) / "calibration.json").read_bytes()
+        again = read_calibration(Path(folder) / "calibration.json")
+
+    def applied(accel: np.ndarray, gyro: np.ndarray, temperature: np.ndarray):
+        p = parameters_over(again, temperature)
+        force = np.linalg.solve(p.accel_matrix, (accel - p.accel_bias)[:, :, None])[:, :, 0]
+        left = gyro - p.gyro_bias - np.einsum("tij,tj->ti", p.gyro_by_force, force)
+        return force, np.linalg.solve(p.gyro_matrix, left[:, :, None])[:, :, 0]
+
+    return Export(files=(("", content),), applied=applied)
+
+
+def read(content: bytes) -> Calibration:
+    """The calibration in a `calibration.json`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "calibration.json"
+        path.write_bytes(content)
+        return read_calibration(path)

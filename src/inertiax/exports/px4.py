@@ -1,0 +1,156 @@
+"""PX4's parameters: thermal offsets `TC_A*`, `TC_G*` and static `CAL_ACC*`, `CAL_GYRO*`.
+
+PX4 corrects (x' − thermal(T) − offset) · scale axis by axis, thermal(T) = X3 ΔT³ + X2 ΔT² + X1 ΔT + X0 with
+ΔT = clamp(T, TMIN, TMAX) − TREF; gyros have no scale. The thermal polynomial takes the whole bias, the
+static offset is zero, and the accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range.
+
+**Reference:** PX4-Autopilot, `TemperatureCompensation.cpp` and `sensor_calibration/Accelerometer.hpp`.
+"""
+
+import re
+
+import numpy as np
+from jaxtyping import Float
+
+from ..calibration import Calibration
+from ..temperature import Constant, Polynomial
+from .cubic import cubic, fit_cubic, nodes
+from .export import Export, Settings as Common
+from .imported import calibration as imported, triad
+from .parameters import g_sensitivity_loss, parameters_over, temperature_span, varies
+
+
+NAME = "px4"
+TITLE = "PX4's parameters (TC_* and CAL_*, QGroundControl's .params)"
+SUFFIX = ".params"
+KEEPS = "bias as a cubic in temperature, accelerometer scale factors (constants)"
+LOSES = (
+    "misalignments, gyro scale factors, temperature dependence of scale, degrees above 3, "
+    "g-sensitivity, uncertainties"
+)
+
+_INT, _FLOAT = 6, 9  # MAVLink parameter types
+
+
+class Settings(Common, frozen=True, kw_only=True):
+    """Which of PX4's sensors this is, and the device numbers PX4 knows it by."""
+
+    instance: int = 0  # 0 to 3
+    accel_id: int = 0  # `device_id` of sensor_accel in a log; PX4 ignores a calibration of 0
+    gyro_id: int = 0
+
+
+def write(calibration: Calibration, settings: Settings) -> Export:
+    """PX4's parameter file of both triads."""
+    n = settings.instance
+    if not 0 <= n <= 3:
+        raise ValueError(f"px4: instance = {n} must be within 0 to 3.")
+    low, high = temperature_span(calibration)
+    middle = np.float32(0.5 * (low + high))
+    accel, gyro, scale = _fits(calibration, low, high, float(middle))
+    lines = []
+    put = lambda name, value, kind=_FLOAT: lines.append(
+        f"1\t1\t{name}\t{value if kind == _INT else f'{float(value):.9g}'}\t{kind}"
+    )
+    for letter, number, fit, present in (
+        ("A", settings.accel_id, accel, calibration.accel is not None),
+        ("G", settings.gyro_id, gyro, calibration.gyro is not None),
+    ):
+        put(f"TC_{letter}_ENABLE", int(present), _INT)
+        put(f"TC_{letter}{n}_ID", number, _INT)
+        for axis in range(3):
+            for order in (3, 2, 1, 0):
+                put(f"TC_{letter}{n}_X{order}_{axis}", fit[order, axis])
+        put(f"TC_{letter}{n}_TREF", middle)
+        put(f"TC_{letter}{n}_TMIN", np.float32(low))
+        put(f"TC_{letter}{n}_TMAX", np.float32(high))
+    for sensor, number in (("ACC", settings.accel_id), ("GYRO", settings.gyro_id)):
+        put(f"CAL_{sensor}{n}_ID", number, _INT)
+        for axis in "XYZ":
+            put(f"CAL_{sensor}{n}_{axis}OFF", 0.0)
+    for axis, value in zip("XYZ", scale, strict=True):
+        put(f"CAL_ACC{n}_{axis}SCALE", value)
+
+    def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
+        d = np.clip(temperature, low, high) - middle
+        return (a - cubic(accel, d)) * scale, w - cubic(gyro, d)
+
+    missing = settings.accel_id == 0 or settings.gyro_id == 0
+    return Export(
+        files=(("", "\n".join(lines).encode() + b"\n"),),
+        applied=applied,
+        losses=(
+            "misalignments, and the gyros' scale factors",
+            *(("temperature dependence of the scale factors",) if varies(calibration) else ()),
+            *(("what a cubic bias in temperature cannot follow",) if varies(calibration) else ()),
+            *g_sensitivity_loss(calibration),
+        ),
+        notes=(
+            *(
+                ("PX4 wants the sensors' own numbers: give --set accel_id=... gyro_id=...",)
+                if missing
+                else ()
+            ),
+            "axes must be the sensor's own, before PX4's rotation to the body",
+        ),
+    )
+
+
+def _fits(
+    calibration: Calibration, low: float, high: float, reference: float
+) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"], Float[np.ndarray, "3"]]:
+    """Bias cubics of both triads and the accelerometers' scale, as PX4's single precision keeps them."""
+    at = nodes(low, high) if high > low else np.array([low])
+    p = parameters_over(calibration, at)
+
+    def fit(values: np.ndarray) -> np.ndarray:
+        if high > low:
+            return fit_cubic(values, low, high, reference)
+        return np.pad(values, ((0, 3), (0, 0)))
+
+    scale = np.diagonal(np.linalg.inv(p.accel_matrix), axis1=1, axis2=2)
+    scale = 0.5 * (scale.min(axis=0) + scale.max(axis=0))
+    if np.any(scale < 0.1) or np.any(scale > 3):
+        raise ValueError(
+            f"px4: accelerometer scales {scale.tolist()} are outside PX4's 0.1 to 3; calibrate data in "
+            "m/s²."
+        )
+    single = lambda x: x.astype(np.float32).astype(float)
+    return single(fit(p.accel_bias)), single(fit(p.gyro_bias)), single(scale)
+
+
+_LINE = re.compile(r"\d+\s+\d+\s+([A-Z0-9_]+)\s+(\S+)\s+\d+")
+
+
+def read(content: bytes, *, instance: int = 0) -> Calibration:
+    """The calibration in a `.params` file: thermal and static offsets and accelerometer scales."""
+    found: dict[str, float] = {}
+    for line in content.decode().splitlines():
+        match = _LINE.fullmatch(line.strip())
+        if match:
+            found[match[1]] = float(match[2])
+    n = instance
+    if not any(k.startswith((f"TC_A{n}_", f"TC_G{n}_", f"CAL_ACC{n}_")) for k in found):
+        raise ValueError(f"px4: no TC_* or CAL_* parameters of sensor {n} in the file.")
+    triads, ranges = [], []
+    for kind, letter, sensor in (("accel", "A", "ACC"), ("gyro", "G", "GYRO")):
+        get = lambda name, default=0.0, s=sensor: found.get(f"CAL_{s}{n}_{name}", default)
+        offset = np.array([get(f"{axis}OFF") for axis in "XYZ"])
+        scale = np.array([get(f"{axis}SCALE", 1.0) for axis in "XYZ"])
+        enabled = found.get(f"TC_{letter}_ENABLE", 0.0) > 0
+        low, high = (found.get(f"TC_{letter}{n}_{k}", 0.0) for k in ("TMIN", "TMAX"))
+        basis = Polynomial(3, low, high) if enabled and high > low else Constant()
+        at = np.asarray(basis.nodes)
+        x = lambda j, axis, s=letter: found.get(f"TC_{s}{n}_X{j}_{axis}", 0.0)
+        coefficients = np.array([[x(j, axis) for axis in range(3)] for j in range(4)])
+        d = np.clip(at, low, high) - found.get(f"TC_{letter}{n}_TREF", 25.0)
+        if not enabled:
+            coefficients, d = np.zeros((4, 3)), np.zeros(len(at))
+        matrix = np.broadcast_to(np.diag(1.0 / scale), (len(at), 3, 3))
+        triads.append(
+            triad(kind, matrix, offset + cubic(coefficients, d), basis=basis, source=NAME)
+        )
+        ranges.append((low, high) if high > low and enabled else None)
+    spans = [r for r in ranges if r is not None]
+    span = (max(r[0] for r in spans), min(r[1] for r in spans)) if spans else None
+    return imported(triads[0], triads[1], temperature_range=span)

@@ -1,0 +1,82 @@
+"""The formats that a calibration can be written in; a new one is a file here and a name in the list."""
+
+from types import ModuleType
+
+import msgspec
+
+from ..calibration import Calibration
+from ..formats.columns import nearest
+from . import (
+    ardupilot,
+    aria,
+    azure,
+    basalt,
+    c_header,
+    imu_tk,
+    imucal,
+    kalibr,
+    native,
+    px4,
+    realsense,
+    stablehlo,
+)
+from .export import Export
+
+
+FORMATS: tuple[ModuleType, ...] = (
+    kalibr,
+    imu_tk,
+    imucal,
+    px4,
+    ardupilot,
+    azure,
+    aria,
+    basalt,
+    realsense,
+    c_header,
+    stablehlo,
+    native,
+)
+
+
+def by_name(name: str) -> ModuleType:
+    """The format of that name. Raises `ValueError` with the nearest one."""
+    names = [f.NAME for f in FORMATS]
+    if name not in names:
+        raise ValueError(
+            f"format '{name}' is not known; {nearest(name, names)}one of {', '.join(names)} is needed."
+        )
+    return FORMATS[names.index(name)]
+
+
+def export(calibration: Calibration, name: str, /, **settings: str | float | int) -> Export:
+    """The calibration in a format, by its name; `settings` are the fields of its `Settings`.
+
+    Numbers may be given as text. Raises `ValueError` for an unknown format or setting, for a missing
+    or wrong value, and where the format cannot hold the calibration at all.
+    """
+    module = by_name(name)
+    fields = {f.name: f for f in msgspec.structs.fields(module.Settings)}
+    for key in settings:
+        if key not in fields:
+            known = f"known are {', '.join(fields)}" if fields else "it has none"
+            raise ValueError(f"{name}: no setting '{key}'; {nearest(key, fields)}{known}.")
+    try:
+        chosen = msgspec.convert(settings, module.Settings, strict=False)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$.")
+        key = place.rstrip("`")
+        raise ValueError(f"{name}: {key} = {settings[key]!r}: {said}.") from None
+    return module.write(calibration, chosen)
+
+
+def read_calibration_of(content: bytes, name: str) -> Calibration:
+    """The calibration in another tool's file. Raises `ValueError` where the format cannot be read."""
+    module = by_name(name)
+    if not hasattr(module, "read"):
+        readable = [f.NAME for f in FORMATS if hasattr(f, "read")]
+        raise ValueError(f"{name}: files cannot be read back; these can: {', '.join(readable)}.")
+    try:
+        return module.read(content)
+    except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{name}: not such a file: {type(error).__name__} {error}.") from None

@@ -1,0 +1,145 @@
+"""What exports lose is stated with its true size; what was written reads back."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from exports_cases import (
+    agree,
+    azure_apply,
+    calibration,
+    constant_scale,
+    GRAVITY,
+    HIGH,
+    LOW,
+    NOISE,
+    ours,
+    samples,
+    without_gyro_scale,
+)
+from inertiax.calibration import Calibration, TriadCalibration
+from inertiax.exports import by_name, export, FORMATS, measure_loss
+from inertiax.exports.triangular import lower_times_rotation, upper_times_rotation
+from inertiax.temperature import Constant, Curve, Polynomial
+
+
+@pytest.mark.parametrize("module", FORMATS, ids=lambda m: m.NAME)
+def test_the_stated_error_is_that_of_the_file(module):
+    """Where a tool can say all, the stated error is rounding; else it is what we see independently."""
+    cal = calibration(diagonal=False, d=False)
+    result = export(cal, module.NAME, **NOISE.get(module.NAME, {}))
+    loss = measure_loss(cal, result)
+    lossy = {
+        "kalibr": (0.02, 0.02),  # biases
+        "px4": (0.1, 0.01),  # misalignments
+        "ardupilot": (0.1, 0.01),
+    }
+    if module.NAME in lossy:
+        force, rate = lossy[module.NAME]
+        assert loss.force > force and loss.rate > rate and result.losses
+    else:
+        assert loss.force < 1e-12 and loss.rate < 1e-13 and not result.losses
+
+
+def test_stated_error_of_lost_g_sensitivity_is_its_norm():
+    cal = calibration()
+    loss = measure_loss(cal, export(cal, "realsense"))
+    errors = cal.gyro_errors(20.0)
+    d = np.linalg.solve(np.eye(3) + np.asarray(errors.matrix), np.asarray(errors.g_sensitivity))
+    # At 1 g no force gives more than the largest singular value; 26 directions come near it.
+    largest = np.linalg.svd(d)[1][0]
+    assert 0.8 * largest < loss.rate <= largest * (1 + 1e-12)
+    assert abs(loss.rate - loss.rate_at_rest) < 1e-12
+
+
+def test_stated_error_of_a_frozen_temperature_is_seen_at_the_end_of_the_range():
+    basis = Polynomial(1, LOW, HIGH)
+    cal = Calibration(
+        gravity=GRAVITY,
+        accel=TriadCalibration(
+            Curve(basis, jnp.array([[0.0], [0.03]])), jnp.zeros((2, 2)), ("accel.bias[0]",), "x"
+        ),
+        temperature_range=(LOW, HIGH),
+    )
+    loss = measure_loss(cal, export(cal, "realsense"))
+    # bias = 0.03 x with x = -1…1: frozen at mid-range it is wrong by 0.03 at both ends.
+    assert loss.force == pytest.approx(0.03, rel=1e-12)
+    assert loss.force_at_rest == pytest.approx(0.03, rel=1e-12)
+    assert loss.force_at in (LOW, HIGH)
+    warm = measure_loss(cal, export(cal, "realsense", temperature=HIGH))
+    assert warm.force == pytest.approx(0.06, rel=1e-12) and warm.force_at == LOW
+
+
+def test_matrices_split_into_a_triangle_and_a_rotation():
+    matrix = np.eye(3) + 0.3 * np.random.default_rng(0).standard_normal((3, 3))
+    for split, zero in ((lower_times_rotation, np.triu), (upper_times_rotation, np.tril)):
+        triangle, rotation = split(matrix)
+        np.testing.assert_allclose(triangle @ rotation, matrix, atol=1e-15)
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(rotation) > 0 and np.all(np.diag(triangle) > 0)
+        assert np.all(zero(triangle, 1 if zero is np.triu else -1) == 0)
+    with pytest.raises(ValueError, match="axis is reversed"):
+        lower_times_rotation(np.diag([1.0, 1.0, -1.0]))
+
+
+# Imports -----------------------------------------------------------------------------------------
+
+READABLE = [m.NAME for m in FORMATS if hasattr(m, "read")]
+
+
+@pytest.mark.parametrize("name", [n for n in READABLE if n not in ("px4", "ardupilot", "imu_tk")])
+def test_what_is_written_reads_back(name):
+    cal = calibration(d=name in ("imucal", "inertiax"))
+    kwargs = {"gravity": GRAVITY} if name == "imucal" else {}
+    result = export(cal, name, **NOISE.get(name, {}))
+    again = by_name(name).read(result.content, **kwargs)
+    accel, gyro, temperature = samples()
+    expected = [x @ result.frame.T for x in ours(cal, accel, gyro, temperature)]
+    agree(ours(again, accel, gyro, temperature), expected, tolerance=1e-12)
+
+
+def test_imu_tk_files_read_back():
+    cal = calibration(d=False)
+    result = export(cal, "imu_tk")
+    (_, first), (_, second) = result.files
+    accel, gyro, temperature = samples()
+    expected = [x @ result.frame.T for x in ours(cal, accel, gyro, temperature)]
+    read = by_name("imu_tk").read
+    agree(ours(read(first), accel, gyro, temperature)[:1], expected[:1], tolerance=1e-12)
+    found = ours(read(second, kind="gyro"), accel, gyro, temperature)[1:]
+    agree(found, expected[1:], tolerance=1e-12)
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+@pytest.mark.parametrize("basis", [Constant(), Polynomial(3, LOW, HIGH)], ids=["constant", "cubic"])
+def test_parameter_files_read_back(name, basis):
+    cal = without_gyro_scale(calibration(basis, diagonal=True))
+    cal = constant_scale(cal) if basis.size > 1 else cal
+    again = by_name(name).read(export(cal, name).content)
+    accel, gyro, temperature = samples()
+    agree(
+        ours(again, accel, gyro, temperature),
+        ours(cal, accel, gyro, temperature),
+        tolerance=3e-7,
+    )
+    assert again.temperature_range == cal.temperature_range
+
+
+def test_a_thermal_azure_file_reads_back_to_a_hundredth_of_what_it_lost():
+    cal = calibration(Polynomial(3, LOW, HIGH), d=False)
+    content = export(cal, "azure").content
+    again = by_name("azure").read(content)
+    accel, gyro, temperature = samples()
+    for kind, raw, found in zip(
+        ("accel", "gyro"), (accel, gyro), ours(again, accel, gyro, temperature), strict=True
+    ):
+        expected = azure_apply(content, kind, raw, temperature)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+    assert again.temperature_range == (LOW, HIGH)
+
+
+def test_imported_files_say_that_uncertainties_are_unknown():
+    again = by_name("basalt").read(
+        export(calibration(d=False), "basalt", **NOISE["basalt"]).content
+    )
+    assert "uncertainties" in again.notes[0]

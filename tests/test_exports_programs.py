@@ -1,0 +1,106 @@
+"""The C header and the StableHLO program compute what our compensation does."""
+
+import subprocess
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from exports_cases import agree, calibration, GRAVITY, HIGH, LOW, ours, samples, triad
+from inertiax.calibration import Calibration
+from inertiax.exports import export
+from inertiax.temperature import Constant, CubicSpline, Polynomial
+
+
+MAIN = """
+#include <stdio.h>
+#include "imu.h"
+int main(void)
+{
+    double v[7];
+    while (scanf("%lf %lf %lf %lf %lf %lf %lf", v, v+1, v+2, v+3, v+4, v+5, v+6) == 7) {
+        REAL a[3], w[3], f[3], r[3];
+        for (int k = 0; k < 3; k++) { a[k] = (REAL)v[k]; w[k] = (REAL)v[3 + k]; }
+        imu_compensate(a, w, (REAL)v[6], f, r);
+        printf("%.17g %.17g %.17g %.17g %.17g %.17g\\n", f[0], f[1], f[2], r[0], r[1], r[2]);
+    }
+    return 0;
+}
+"""
+
+BASES = [
+    Constant(),
+    Polynomial(1, LOW, HIGH),
+    Polynomial(6, LOW, HIGH),
+    CubicSpline((LOW, -10.0, 25.0, HIGH)),
+    CubicSpline((LOW, HIGH)),
+]
+
+
+def run_header(folder, text, real, accel, gyro, temperature):
+    (folder / "imu.h").write_text(text)
+    (folder / "main.c").write_text(MAIN)
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", f"-DREAL={real}"]
+    # Fused multiply-adds would not be a failure of the header, but of the comparison's tolerance.
+    flags.append("-ffp-contract=off")
+    subprocess.run(["cc", *flags, "main.c", "-o", "main"], cwd=folder, check=True, timeout=60)
+    rows = np.column_stack([accel, gyro, temperature])
+    text = "\n".join(" ".join(map(repr, r)) for r in rows.tolist())
+    done = subprocess.run(
+        [str(folder / "main")], input=text, capture_output=True, text=True, check=True, timeout=60
+    )
+    out = np.array([line.split() for line in done.stdout.splitlines()], float)
+    return out[:, :3], out[:, 3:]
+
+
+@pytest.mark.parametrize("basis", BASES, ids=lambda b: f"{type(b).__name__} of {b.size}")
+def test_compiled_header_equals_our_compensation_to_1e_12(tmp_path, basis):
+    cal = calibration(basis)
+    accel, gyro, temperature = samples()
+    temperature[:2] = LOW - 15.0, HIGH + 15.0  # beyond the range the curves go on alike
+    text = export(cal, "c").content.decode()
+    found = run_header(tmp_path, text, "double", accel, gyro, temperature)
+    for a, b in zip(found, ours(cal, accel, gyro, temperature), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("basis", BASES[2:4], ids=lambda b: type(b).__name__)
+def test_compiled_header_in_single_precision(tmp_path, basis):
+    cal = calibration(basis)
+    accel, gyro, temperature = samples()
+    text = export(cal, "c", dtype="float32", name="imu").content.decode()
+    assert "double" not in text
+    found = run_header(tmp_path, text, "float", accel, gyro, temperature)
+    # Some ten roundings of 6e-8 relative in the solve of a well conditioned matrix.
+    agree(found, ours(cal, accel, gyro, temperature), tolerance=2e-6)
+
+
+def test_a_header_of_one_triad_leaves_the_other_as_it_is(tmp_path):
+    cal = Calibration(gravity=GRAVITY, accel=triad("accel", Constant()))
+    accel, gyro, temperature = samples()
+    text = export(cal, "c").content.decode()
+    force, rate = run_header(tmp_path, text, "double", accel, gyro, temperature)
+    np.testing.assert_array_equal(rate, gyro)
+    agree([force], [ours(cal, accel, gyro, temperature)[0]])
+
+
+def test_a_device_name_cannot_leave_the_headers_comment():
+    cal = calibration(device='*/ int evil; /* "')
+    text = export(cal, "c").content.decode()
+    assert "*/ int evil" not in text and "int evil" in text.splitlines()[0]
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_reloaded_stablehlo_equals_our_compensation(dtype):
+    pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
+    import jax.export
+
+    cal = calibration(Polynomial(4, LOW, HIGH))
+    content = export(cal, "stablehlo", dtype=dtype).content
+    program = jax.export.deserialize(bytearray(content))
+    for count in (1, 57):  # any number of samples
+        accel, gyro, temperature = samples(count)
+        force, rate = program.call(*(jnp.asarray(x, dtype) for x in (accel, gyro, temperature)))
+        assert force.dtype == rate.dtype == dtype
+        tolerance = 2e-13 if dtype == "float64" else 2e-6
+        agree((force, rate), ours(cal, accel, gyro, temperature), tolerance)
