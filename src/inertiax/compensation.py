@@ -37,7 +37,7 @@ def compensate_file(
     campaign: Path | None = None,
     any_device: bool = False,
 ) -> Compensated:
-    """The table of a CSV or Parquet recording with its outputs compensated, equation (3).
+    """The table of a CSV or Parquet recording with its outputs compensated, equation (3), named effects included.
 
     Columns accel_x/y/z (m/s²) and gyro_x/y/z (rad/s) hold the result, and `extrapolated` says
     where the temperature is outside `calibration.temperature_range`; all others are kept as they are.
@@ -51,8 +51,9 @@ def compensate_file(
     recording = _one_recording(table, columns, layout, path.name)
     _check_device(calibration, recording, path.name, any_device)
     _check_columns(calibration, recording, path.name)
-    force, rate, outside = compensate_recording(calibration, recording)
+    force, rate, outside, left_out = _compensate(calibration, recording)
     notes = _notes(calibration, recording, outside, path.name)
+    notes += tuple(f"{path.name}: {line}" for line in left_out)
     new = {"extrapolated": outside}
     for name, triad in (("accel", force), ("gyro", rate)):
         if triad is not None:
@@ -70,8 +71,30 @@ def compensate_recording(
 ]:
     """Specific force (m/s²), rate (rad/s), and where the temperature is outside the calibration's.
 
-    A triad that was not recorded is `None`; one that was not calibrated is returned as it is.
+    A triad that was not recorded is `None`; one that was not calibrated is returned as it is. Named
+    effects of the calibration are taken away too, where the recording lets compute them.
     """
+    return _compensate(calibration, recording)[:3]
+
+
+def _compensate(
+    calibration: Calibration, recording: Recording
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray, tuple[str, ...]]:
+    """`compensate_recording` and a line for each effect that is not taken away."""
+    force, rate, outside = _by_parameters(calibration, recording)
+    notes: tuple[str, ...] = ()
+    if calibration.effects:
+        from .diagnose import augmented  # only here: it loads the whole diagnosis
+
+        made = augmented.compensate(calibration, recording)
+        force, rate, notes = made.accel, made.gyro, made.notes
+    return force, rate, outside, notes
+
+
+def _by_parameters(
+    calibration: Calibration, recording: Recording
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray]:
+    """Sample by sample, in chunks."""
     count = recording.num_samples
     zeros = np.zeros((count, 3))
     accel = zeros if recording.accel is None else recording.accel

@@ -1,21 +1,23 @@
 """The whole diagnosis of a campaign: gate, locate, name, check, quantify, prove, say."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
+from ..augmentation import FittedEffect
 from ..calibration import Calibration, read_calibration, TriadCalibration, write_calibration
 from ..campaign import load_campaign
 from ..effects import CATALOGUE, Effect, Signal
 from ..recordings import Campaign, Recording, Site
 from ..temperature import Constant, Curve, Polynomial
 from .alternatives import PREFIX
-from .engine import prepare, Prepared
+from .augmented import fitted_effects
+from .engine import finer, prepare, Prepared
 from .identify import Answer, identify, Named
 from .locate import locate
 from .model import Parameters, prepare_model
@@ -36,7 +38,8 @@ def _silent(text: str) -> None:
     """No progress wanted."""
 
 
-class Finding(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Finding:
     """One triad with its answer."""
 
     prepared: Prepared
@@ -134,6 +137,7 @@ def _find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
         listed,
         unlisted,
         grade=grade,
+        finer=lambda term: finer(prepared, term),
         say=lambda text: progress(f"{triad}: {text}"),
     )
     return Finding(prepared, answer, answer.listed_scores)
@@ -145,7 +149,7 @@ def _conclude(
     verdicts = [f.answer.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
-    triads, qualities = [], []
+    triads, qualities, added = [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
         tuned = _tuned(prepared, answer)
@@ -160,6 +164,7 @@ def _conclude(
             empirical.append(_formula(answer.unlisted))
         qualities.append((finding, *_quality(prepared, answer, terms)))
         triads.append(_calibrated(prepared, answer, terms))
+        added.extend(fitted_effects(prepared, answer.noise, terms))
         progress(f"{prepared.form.triad}: proved on held-out data")
     explanations.sort(key=lambda e: -e.evidence.delta_bic)
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
@@ -179,7 +184,7 @@ def _conclude(
         empirical="; ".join(empirical) or None,
         notes=reasons,
     )
-    return diagnosis, _calibration(campaign, findings, triads, explanations)
+    return diagnosis, _calibration(campaign, findings, triads, explanations, tuple(added))
 
 
 def _tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, Term, float | None]]:
@@ -313,7 +318,11 @@ def _calibrated(prepared: Prepared, answer: Answer, terms: list) -> TriadCalibra
 
 
 def _calibration(
-    campaign: Campaign, findings: list[Finding], triads: list, explanations: list[Explanation]
+    campaign: Campaign,
+    findings: list[Finding],
+    triads: list,
+    explanations: list[Explanation],
+    effects: tuple[FittedEffect, ...],
 ) -> Calibration:
     by_name = {f.prepared.form.triad: t for f, t in zip(findings, triads)}
     forms = [f.prepared.form for f in findings]
@@ -325,5 +334,5 @@ def _calibration(
     )
     return Calibration(
         campaign.site.gravity, by_name.get("accel"), by_name.get("gyro"),
-        device=campaign.devices[0], temperature_range=temperature, notes=notes,
+        device=campaign.devices[0], temperature_range=temperature, notes=notes, effects=effects,
     )  # fmt: skip
