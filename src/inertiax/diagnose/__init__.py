@@ -1,6 +1,7 @@
 """What the model left out: located, named, quantified and proved on held-out data."""
 
-from .audit import Audit as Audit, audit as audit
+from .audit import audit as audit
+from .limits import Audit as Audit
 from .result import Diagnosis as Diagnosis
 from .run import (
     diagnose as diagnose,

@@ -1,8 +1,8 @@
 """From a campaign to one system of rows per triad, with candidates."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -14,10 +14,11 @@ from .baseline import Baseline, choose, fit, ModelForm, usable
 from .blocks import Blocks, cut, join, Log
 from .signals import build, specific_force
 from .system import make, System
-from .terms import block_shapes, channel_terms, coarsen, common_term, Term, terms
+from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term, terms
 
 
-class Prepared(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Prepared:
     """One triad, ready to be diagnosed."""
 
     form: ModelForm
@@ -26,7 +27,7 @@ class Prepared(eqx.Module):
     coarse: Signal
     system: System
     candidates: tuple[Term, ...]
-    missing: dict[str, str] = eqx.field(static=True)
+    missing: dict[str, str]
     clock: np.ndarray  # s, the recording's clock at every sample of the log
 
 
@@ -100,15 +101,28 @@ def compensate(log: Log, calibration: Calibration) -> Log:
     return Log(**columns)
 
 
-def retuned(prepared: Prepared, term: Term, value: float) -> Term:
-    """The same term with another value of its effect's nuisance setting."""
+def retuned(prepared: Prepared, term: Term, values: Sequence[float]) -> list[Term]:
+    """The same term with other values of its effect's nuisance setting."""
     effect = term.known
-    settings = {**term.variant.settings, effect.nuisance: float(value)}
-    variant = Variant(f"{effect.nuisance}={value:.4g}", settings)
-    shape = block_shapes(effect, [variant], prepared.signal, prepared.coarse, prepared.blocks)[0]
-    if effect.common:
-        return common_term(effect, variant, prepared.system.base, shape)[0]
-    return channel_terms(effect, variant, prepared.system.base, shape)[term.channels[0]]
+    variants = [
+        Variant(f"{effect.nuisance}={v:.4g}", {**term.variant.settings, effect.nuisance: float(v)})
+        for v in values
+    ]
+    shapes = block_shapes(
+        effect,
+        variants,
+        padded(prepared.signal, len(prepared.signal.time)),
+        padded(prepared.coarse, prepared.blocks.num_blocks),
+        prepared.blocks,
+    )
+    made = []
+    for variant, shape in zip(variants, shapes):
+        if effect.common:
+            made.extend(common_term(effect, variant, prepared.system.base, shape))
+        else:
+            every = channel_terms(effect, variant, prepared.system.base, shape)
+            made.append(every[term.channels[0]])
+    return made
 
 
 def finer(prepared: Prepared, term: Term) -> list[Term]:
@@ -133,4 +147,4 @@ def finer(prepared: Prepared, term: Term) -> list[Term]:
         values = values[:: max(1, len(values) // 80)]
     else:
         values = np.linspace(low, high, 9)[1:-1]
-    return [retuned(prepared, term, float(v)) for v in values if v != value]
+    return retuned(prepared, term, [float(v) for v in values if v != value])

@@ -1,8 +1,8 @@
 """From candidates to an answer for one triad: gate, name, open-set check."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 import scipy.stats
 
@@ -20,25 +20,27 @@ MOST_EFFECTS = 4
 PAIRED = 40  # leading forms of which all pairs are tried
 
 
-class Named(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Named:
     """A chosen term, its significance, and the rivals that the data cannot exclude."""
 
     candidate: Candidate
-    p_value: float = eqx.field(static=True)
+    p_value: float
     rivals: tuple[Candidate, ...]
 
 
-class Answer(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Answer:
     """What the rows of one triad say."""
 
-    verdict: str = eqx.field(static=True)
+    verdict: str
     named: tuple[Named, ...]
     unlisted: Candidate | None
-    unlisted_p: float = eqx.field(static=True)
+    unlisted_p: float
     noise: NoiseFit  # with the chosen terms in the mean
     null_noise: NoiseFit
-    p_value: float = eqx.field(static=True)  # of the gate
-    tests: float = eqx.field(static=True)  # effective number of independent tests
+    p_value: float  # of the gate
+    tests: float  # effective number of independent tests
     candidates: tuple[Term, ...]  # a short list
     ranked: tuple[Candidate, ...]  # of the first step
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise

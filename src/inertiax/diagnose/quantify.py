@@ -35,7 +35,7 @@ def tune(
     best, std = term, None
     for _ in range(3):
         grid = centre * np.exp(np.linspace(-width, width, 9))
-        members = [retuned(prepared, term, v) for v in grid]
+        members = retuned(prepared, term, grid.tolist())
         scores = {
             id(s.term): s for s in whiten_system(prepared.system, noise, members, others).scores
         }
@@ -53,7 +53,8 @@ def tune(
             width = float(np.clip(3.0 / np.sqrt(max(-a, 1e-12)), width / 12, width))
     if std is not None and std > centre:
         std = None
-    return retuned(prepared, best, float(centre)), None if std is None else float(std)
+    (tuned,) = retuned(prepared, best, [float(centre)])
+    return tuned, None if std is None else float(std)
 
 
 def parameters(

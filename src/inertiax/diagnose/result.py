@@ -6,6 +6,8 @@ from pathlib import Path
 import equinox as eqx
 
 from ..calibration import write_atomically
+from .limits import Audit, Detectable as Detectable
+from .residuals import Residuals
 
 
 SCHEMA = "inertiax.diagnosis/1"
@@ -70,15 +72,6 @@ class Moved(eqx.Module):
     std: float = eqx.field(static=True)
 
 
-class Detectable(eqx.Module):
-    """The smallest size of an effect that the campaign would have shown (z = 5)."""
-
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    size: float = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
-
-
 class Diagnosis(eqx.Module):
     """Where a campaign departs from its model, what was left out, and how sure that is."""
 
@@ -93,6 +86,8 @@ class Diagnosis(eqx.Module):
     detectable: tuple[Detectable, ...] = ()
     empirical: str | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+    audit: Audit | None = None
+    residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
 
     def as_dict(self) -> dict:
         """The fields of `diagnosis.json`."""
@@ -111,6 +106,8 @@ class Diagnosis(eqx.Module):
             "detectable": [_fields(d) for d in self.detectable],
             "notes": list(self.notes),
         }
+        if self.audit is not None:
+            made["audit"] = self.audit.as_dict()
         if self.empirical is not None:
             made["empirical"] = self.empirical
         return made

@@ -16,13 +16,16 @@ from ..effects import CATALOGUE, Effect, Signal
 from ..recordings import Campaign, Recording, Site
 from ..temperature import Constant, Curve, Polynomial
 from .alternatives import PREFIX
+from .audit import Audited, conclude
 from .augmented import fitted_effects
 from .engine import finer, prepare, Prepared
 from .identify import Answer, identify, Named
+from .limits import Audit
 from .locate import locate
 from .model import Parameters, prepare_model
 from .prove import held_out_rms, in_sample
-from .quantify import corrected, detectable, moved, parameters, tune
+from .quantify import corrected, moved, parameters, tune
+from .residuals import residuals
 from .result import Detectable, Diagnosis, Evidence, Explanation, Quality
 from .search import Candidate
 from .system import Score, whiten_system
@@ -149,7 +152,7 @@ def _conclude(
     verdicts = [f.answer.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
-    triads, qualities, added = [], [], []
+    triads, qualities, added, rows = [], [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
         tuned = _tuned(prepared, answer)
@@ -165,10 +168,11 @@ def _conclude(
         qualities.append((finding, *_quality(prepared, answer, terms)))
         triads.append(_calibrated(prepared, answer, terms))
         added.extend(fitted_effects(prepared, answer.noise, terms))
+        rows.append(residuals(prepared, _everything(answer, terms)))
         progress(f"{prepared.form.triad}: proved on held-out data")
     explanations.sort(key=lambda e: -e.evidence.delta_bic)
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
-    not_testable, reasons = _untestable(findings, effects)
+    plan = conclude([_audited(f) for f in findings], effects)
     diagnosis = Diagnosis(
         verdict=verdict,
         summary=summary(
@@ -178,11 +182,13 @@ def _conclude(
         effects=tuple(explanations),
         baseline=chosen[1],
         augmented=chosen[2],
-        not_testable=not_testable,
+        not_testable=tuple(name for name, _ in plan.not_testable),
         parameters_moved=tuple(shifted),
-        detectable=_smallest(findings) if verdict == "consistent" else (),
+        detectable=_smallest(plan) if verdict == "consistent" else (),
         empirical="; ".join(empirical) or None,
-        notes=reasons,
+        notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
+        audit=plan,
+        residuals=tuple(rows),
     )
     return diagnosis, _calibration(campaign, findings, triads, explanations, tuple(added))
 
@@ -279,9 +285,7 @@ def _formula(candidate: Candidate) -> str:
 
 
 def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, Quality]:
-    extra = list(terms)
-    if answer.verdict == "unexplained" and answer.unlisted is not None:
-        extra = [*extra, answer.unlisted.term]
+    extra = _everything(answer, terms)
     made = []
     for chosen in ([], extra):
         rms, chi2 = in_sample(prepared, answer.noise, chosen)
@@ -289,23 +293,31 @@ def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, 
     return made[0], made[1]
 
 
-def _untestable(
-    findings: list[Finding], effects: Sequence[Effect]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Catalogued effects that no triad's rows can show, and why."""
-    seen = {s.term.name for f in findings for s in f.scores}
-    names = tuple(e.name for e in effects if e.name not in seen)
-    reasons = []
-    for name in names:
-        why = [f.prepared.missing[name] for f in findings if name in f.prepared.missing]
-        reasons.append(
-            f"{name}: {why[0] if why else 'the calibration itself absorbs it in this plan'}"
-        )
-    return names, tuple(reasons)
+def _everything(answer: Answer, terms: list) -> list:
+    """The named terms, and the best unlisted one where something is unexplained."""
+    if answer.verdict == "unexplained" and answer.unlisted is not None:
+        return [*terms, answer.unlisted.term]
+    return list(terms)
 
 
-def _smallest(findings: list[Finding]) -> tuple[Detectable, ...]:
-    return tuple(d for f in findings for d in detectable(f.scores))
+def _audited(finding: Finding) -> Audited:
+    """The catalogue under the noise that is left beside what was found."""
+    prepared, answer = finding.prepared, finding.answer
+    scores = finding.scores
+    if answer.named:
+        listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
+        scores = whiten_system(prepared.system, answer.noise, listed).scores
+    return Audited(prepared, scores, answer.tests)
+
+
+def _smallest(plan: Audit) -> tuple[Detectable, ...]:
+    """For each effect and triad the channel on which the least of it would have shown."""
+    best: dict[tuple[str, str], Detectable] = {}
+    for d in plan.detectable:
+        key = d.name, d.channels[0].partition("_")[0]
+        if key not in best or d.size < best[key].size:
+            best[key] = d
+    return tuple(best.values())
 
 
 def _calibrated(prepared: Prepared, answer: Answer, terms: list) -> TriadCalibration:

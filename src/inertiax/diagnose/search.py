@@ -6,8 +6,8 @@ swallowed by a random walk nor a random walk taken for an effect without a fair 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 
 from .alternatives import PREFIX
@@ -15,13 +15,14 @@ from .system import fit_noise, likelihood, NoiseFit, Score, System, whiten_syste
 from .terms import Term
 
 
-class Candidate(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Candidate:
     """A term with what it gains over the terms chosen so far."""
 
     term: Term
     score: Score  # under the variances that suit it best
-    ratio: float = eqx.field(static=True)  # twice the gain of log likelihood
-    evidence: float = eqx.field(static=True)  # log odds after the price of its columns and forms
+    ratio: float  # twice the gain of log likelihood
+    evidence: float  # log odds after the price of its columns and forms
 
     @property
     def key(self) -> tuple[str, tuple[int, ...]]:
@@ -48,7 +49,8 @@ def plausibility(score: Score, grade: str | None) -> float:
     return float(-4.0 * excess**2)
 
 
-class Bank(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Bank:
     """Variances tried, each with minus the log likelihood of the chosen terms."""
 
     fits: tuple[NoiseFit, ...]

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._typing import AnyArray
+from .._typing import AnyArray, Scalar
 from ..effects import Signal
 from ..effects.effect import chebyshev
 from .baseline import Baseline, compensated
@@ -18,8 +18,8 @@ class AtTemperature(eqx.Module):
     bias: Float[AnyArray, "3 size"]
     matrix: Float[AnyArray, "3 3 size"]  # E + Γ in its constant term
     input: Float[AnyArray, "time 3"]  # m/s² or rad/s
-    low: float
-    high: float
+    low: Scalar | float
+    high: Scalar | float
 
     def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
         size = self.bias.shape[1]

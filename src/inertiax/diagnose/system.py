@@ -1,6 +1,7 @@
 """One triad's rows with their noise: fit of the variances, whitening, and scores of candidate terms."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
@@ -9,10 +10,11 @@ import scipy.optimize
 
 from .baseline import Baseline
 from .blocks import Blocks
-from .terms import Term
+from .terms import bucket, Term
 from .whiten import Chain, unpack, value_and_gradient, Variances, whiten_jit
 
 
+COLUMNS = 10  # the baseline's columns are padded to a multiple
 EXTRA = 16  # columns of effects that a fit of variances has room for
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
@@ -27,6 +29,7 @@ class System(eqx.Module):
     chains: tuple[Chain, ...]
     scales: tuple[np.ndarray, ...]
     frames: tuple[np.ndarray, ...]  # orthonormal basis of the baseline's columns, chain by chain
+    longer: tuple[Chain, ...]  # the chains with rows of padding, for compiled programs
 
     @property
     def num_rows(self) -> int:
@@ -50,7 +53,17 @@ def make(base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray]) -> System:
         mean = float(np.mean(level))
         scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean]))
     frames = tuple(_range(x / np.linalg.norm(x, axis=0)) for x in base.columns)
-    return System(base, tuple(chains), tuple(scales), frames)
+    longer = tuple(jax.tree.map(_lengthen, chain) for chain in chains)
+    return System(base, tuple(chains), tuple(scales), frames, longer)
+
+
+def _lengthen(rows: np.ndarray, width: int | None = None) -> np.ndarray:
+    """The rows with zeros behind them up to a bucket size, and columns of zeros up to `width`."""
+    made = np.zeros(
+        (bucket(len(rows)), *rows.shape[1:]) if width is None else (bucket(len(rows)), width)
+    )
+    made[(slice(len(rows)), *(slice(n) for n in rows.shape[1:]))] = rows
+    return made
 
 
 class NoiseFit(eqx.Module):
@@ -69,18 +82,20 @@ def _likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[
     """Residual, scaled baseline columns and padded columns of the chosen terms of one chain."""
     y = system.base.observed[c]
     unit = float(np.sqrt(system.scales[c][1])) * np.sqrt(len(y))
-    extra = np.zeros((len(y), EXTRA if chosen else 0))
+    extra = np.zeros((len(y), EXTRA))
     mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
     if mine:
         found = _range(np.concatenate(mine, axis=1))[:, :EXTRA]
         extra[:, : found.shape[1]] = found * unit
-    return y, system.frames[c] * unit, extra
+    frame = system.frames[c] * unit
+    wide = -(-frame.shape[1] // COLUMNS) * COLUMNS
+    return _lengthen(y), _lengthen(frame, wide), _lengthen(extra)
 
 
 def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> float:
     """Minus the restricted log likelihood of the chosen terms under given variances."""
     total = 0.0
-    for c, chain in enumerate(system.chains):
+    for c, chain in enumerate(system.longer):
         inputs = _likelihood_inputs(system, c, chosen)
         total += float(value_and_gradient(noise.theta[c], system.scales[c], chain, *inputs)[0])
     return total
@@ -115,7 +130,7 @@ def _maximise(
     inputs = _likelihood_inputs(system, c, chosen)
 
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = value_and_gradient(theta, system.scales[c], system.chains[c], *inputs)
+        value, slope = value_and_gradient(theta, system.scales[c], system.longer[c], *inputs)
         value = float(value)
         return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(5))
 
@@ -141,15 +156,13 @@ def whiten_columns(system: System, noise: NoiseFit, chain: int, columns: np.ndar
     pieces = []
     for a in range(0, columns.shape[1], CHUNK):
         piece = columns[:, a : a + CHUNK]
-        padded = np.zeros((len(columns), CHUNK))
-        padded[:, : piece.shape[1]] = piece
-        pieces.append(
-            np.asarray(whiten_jit(v, system.chains[chain], padded)[0])[:, : piece.shape[1]]
-        )
+        done = whiten_jit(v, system.longer[chain], _lengthen(piece, CHUNK))[0]
+        pieces.append(np.asarray(done)[: len(columns), : piece.shape[1]])
     return np.concatenate(pieces, axis=1) if pieces else columns
 
 
-class Whitened(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Whitened:
     """A system under one set of variances, with the baseline (and chosen terms) projected out."""
 
     residual: tuple[np.ndarray, ...]
@@ -167,14 +180,15 @@ class Whitened(eqx.Module):
         return int(sum(len(r) - q.shape[1] for r, q in zip(self.residual, self.quotient)))
 
 
-class Score(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Score:
     """A term under one set of variances: its whitened columns beside the baseline, and its gain."""
 
     term: Term
     white: tuple[np.ndarray, ...]  # whitened columns with the baseline projected out, per chain
     turn: np.ndarray  # white @ turn is orthonormal
     part: np.ndarray  # coordinates of the residual in those directions
-    gain: float = eqx.field(static=True)  # drop of the sum of squares
+    gain: float  # drop of the sum of squares
 
     @property
     def size(self) -> int:

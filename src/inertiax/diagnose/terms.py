@@ -1,8 +1,9 @@
 """Signatures: what every catalogued effect, in every form and on every channel, would do to the rows."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,24 +11,24 @@ from jaxtyping import Float
 
 from ..effects import Effect, Signal, Variant
 from .baseline import Baseline
-from .blocks import Blocks
+from .blocks import Blocks, MOST_BLOCKS
 
 
+BATCH = 32  # settings evaluated together
 UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotation leaves |a| alone
 
 
-class Term(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Term:
     """One candidate: an effect in one form on some channels, as columns of rows."""
 
-    name: str = eqx.field(static=True)
-    triad: str = eqx.field(static=True)
-    channels: tuple[int, ...] = eqx.field(static=True)
-    variant: Variant = eqx.field(static=True)
-    chains: tuple[int, ...] = eqx.field(static=True)  # which chains of rows it touches
+    name: str
+    triad: str
+    channels: tuple[int, ...]
+    variant: Variant
+    chains: tuple[int, ...]  # which chains of rows it touches
     columns: tuple[Float[np.ndarray, "block column"], ...]  # one array for each of those chains
-    effect: Effect | None = eqx.field(
-        static=True, default=None
-    )  # None for a structured alternative
+    effect: Effect | None = None  # None for a structured alternative
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -47,12 +48,35 @@ class Term(eqx.Module):
         return self.columns[0].shape[1]
 
 
+def padded(signal: Signal, rows: int) -> Signal:
+    """The signal lengthened to a bucket size by repeats of its last row, as arrays of JAX.
+
+    Campaigns of nearly the same length then share their compiled programs.
+    """
+    extra = bucket(rows, finest=1 if rows > MOST_BLOCKS else 4) - rows
+
+    def longer(x):
+        if isinstance(x, np.ndarray) and x.ndim and x.shape[0] == rows:
+            return jnp.asarray(np.concatenate([x, np.repeat(x[-1:], extra, axis=0)]))
+        return jnp.asarray(x) if isinstance(x, (np.ndarray, float)) else x
+
+    return jax.tree.map(longer, signal)
+
+
+def bucket(rows: int, finest: int = 4) -> int:
+    """The next power of two, or of `finest` equal steps between two of them, from 256 on."""
+    base = 256
+    while 2 * base < rows:
+        base *= 2
+    return next(s for s in (base + base * n // finest for n in range(finest + 1)) if s >= rows)
+
+
 def block_shapes(
     effect: Effect, variants: Sequence[Variant], signal: Signal, coarse: Signal, blocks: Blocks
 ) -> list[np.ndarray]:
     """The effect's additions for unit coefficients at the blocks, `(block, 3, column)` for each variant.
 
-    Variants that differ in numbers only are evaluated together.
+    Variants that differ in numbers only are evaluated together. The signals may be `padded`.
     """
     groups: dict[tuple, list[int]] = {}
     for k, variant in enumerate(variants):
@@ -62,23 +86,38 @@ def block_shapes(
         )
         groups.setdefault((numbers, others), []).append(k)
     made: list[np.ndarray] = [np.empty(0)] * len(variants)
-    where = coarse if effect.slow else signal
+    where, rows = (coarse, blocks.num_blocks) if effect.slow else (signal, int(blocks.stop[-1]))
     for (numbers, others), members in groups.items():
-        for first in range(0, len(members), 32):
-            part = members[first : first + 32]
-            shapes = _evaluate(effect, [variants[k] for k in part], numbers, dict(others), where)
-            for k, shape in zip(part, shapes):
-                shape = shape if effect.slow else blocks.mean(shape)
+        for first in range(0, len(members), BATCH):
+            part = members[first : first + BATCH]
+            grid = [[variants[k].settings[n] for k in part] for n in numbers]
+            together = _evaluate(effect, numbers, others, where, grid, len(part))
+            for k, shape in zip(part, together):
+                shape = shape[:rows] if effect.slow else blocks.mean(shape[:rows])
                 made[k] = np.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2]))
     return made
 
 
-def _evaluate(effect, variants, numbers, others, signal) -> list[np.ndarray]:
-    if len(variants) < 3 or not numbers:
-        return [np.asarray(effect.shape(signal, **v.settings), float) for v in variants]
-    grid = [jnp.asarray([v.settings[n] for v in variants]) for n in numbers]
-    together = jax.vmap(lambda *x: effect.shape(signal, **dict(zip(numbers, x)), **others))(*grid)
-    return list(np.asarray(together, float))
+def _evaluate(effect, numbers, others, signal, grid, count) -> np.ndarray:
+    if count < 3 and effect.nuisance not in numbers:  # constants: a shape may branch on them
+        settings = [(*others, *zip(numbers, values)) for values in zip(*grid)] or [others] * count
+        return np.stack([np.asarray(_at(effect.shape, s, signal), float) for s in settings])
+    # The batch has one size, so that one compiled program serves every grid.
+    full = [np.resize(np.asarray(values, float), BATCH) for values in grid]
+    return np.asarray(_over_grid(effect.shape, numbers, others, signal, full), float)[:count]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _at(shape, settings, signal):
+    return shape(signal, **dict(settings))
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _over_grid(shape, numbers, others, signal, grid):
+    def one(*values):
+        return shape(signal, **dict(zip(numbers, values)), **dict(others))
+
+    return jax.vmap(one)(*grid)
 
 
 def coarsen(signal: Signal, blocks: Blocks) -> Signal:
@@ -99,6 +138,7 @@ def terms(
     """All candidates of one triad, and for each effect that cannot be tested why not."""
     coarse = coarsen(signal, blocks)
     found: list[Term] = []
+    longer = padded(signal, len(signal.time)), padded(coarse, blocks.num_blocks)
     missing: dict[str, str] = {}
     for effect in catalogue:
         if signal.triad not in effect.triads:
@@ -110,9 +150,7 @@ def terms(
         variants = effect.variants(coarse if effect.slow else signal)
         if not variants:
             missing[effect.name] = "does not apply to this model"
-        for variant, addition in zip(
-            variants, block_shapes(effect, variants, signal, coarse, blocks)
-        ):
+        for variant, addition in zip(variants, block_shapes(effect, variants, *longer, blocks)):
             if effect.common:
                 found.extend(common_term(effect, variant, base, addition))
             else:

@@ -29,7 +29,7 @@ NUM_VARIANCES = 5
 class Chain(eqx.Module):
     """Blocks of one observed quantity in time order, as the noise model sees them."""
 
-    white: Float[np.ndarray, " block"]  # variance of the block mean by scatter inside blocks
+    white: Float[np.ndarray, " block"]  # variance of the block mean by scatter; 0 marks padding
     loads: Float[np.ndarray, "block channel"]  # how each channel's noise enters the observation
     gap: Float[np.ndarray, " block"]  # s since the block before; the first is 0
     new_dwell: Float[np.ndarray, " block"]  # 1 where a new positioning begins, else 0
@@ -80,7 +80,10 @@ def _gains(
 ]:
     """Innovation variance and Kalman gain at every block; they do not depend on the data."""
     a, q, h = _transition(variances, chain)
-    white = variances.white * jnp.asarray(chain.white)
+    # Rows of padding are seen with unit variance and no state: they add nothing to the likelihood.
+    real = jnp.asarray(chain.white) > 0.0
+    white = jnp.where(real, variances.white * jnp.asarray(chain.white), 1.0)
+    h = jnp.where(real[:, None], h, 0.0)
 
     def step(p, x):
         a, q, h, r = x

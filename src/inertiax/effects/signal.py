@@ -9,7 +9,7 @@ from collections.abc import Callable
 import equinox as eqx
 from jaxtyping import Array, Float, Shaped
 
-from .._typing import AnyArray
+from .._typing import AnyArray, Scalar
 
 
 class Signal(eqx.Module):
@@ -40,8 +40,8 @@ class Signal(eqx.Module):
     supply: Float[AnyArray, " time"] | None = None  # V
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[Array, "time 3"]] | None = None
     degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
-    low: float = eqx.field(static=True, default=0.0)  # °C, mapped to -1 by the model's polynomials
-    high: float = eqx.field(static=True, default=1.0)  # °C, mapped to +1
+    low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
+    high: Scalar | float = 1.0  # °C, mapped to +1
 
     @property
     def duration(self) -> float:
