@@ -1,56 +1,39 @@
-"""Plan audit: what a campaign could show, before any of its outputs is looked at.
+"""Plan audit: what a campaign could show, before any of its outputs is explained.
 
-Only the plan enters: inputs, temperatures, times and the expected noise. A signature that the
-calibration absorbs is not testable; signatures that overlap after the calibration is projected out
-cannot be told apart in this plan, whatever the noise.
+Only the plan enters: inputs, temperatures, times and the noise. A signature that the calibration absorbs
+is not testable; signatures that overlap after the calibration is projected out cannot be told apart in
+this plan, whatever the noise; what remains is as large as its whitened length says.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import numpy as np
+import scipy.stats
 
 from ..effects import CATALOGUE, Effect
 from ..recordings import Campaign
 from .alternatives import PREFIX
 from .engine import prepare, Prepared
-from .quantify import detectable
-from .result import Detectable
-from .system import fit_noise, NoiseFit, Score, START, whiten_system
+from .identify import effective_tests, GATE
+from .limits import Absorbed, Audit, Detectable, POWER
+from .overlap import alias_sets, aliases
+from .search import count_forms
+from .system import fit_noise, NoiseFit, Score, START, System, whiten_system
+from .terms import Term
 
 
-ALIASED = 0.95  # R² of two projected signatures from which they count as one
+BEYOND = 100.0  # times the usual size from which an effect counts as out of reach
 
 
-class Alias(eqx.Module):
-    """Two effects on the same channel that this plan shows in the same way."""
+@dataclass(frozen=True, eq=False)
+class Audited:
+    """One triad's catalogue under given noise."""
 
-    channel: str = eqx.field(static=True)
-    first: str = eqx.field(static=True)
-    second: str = eqx.field(static=True)
-    r_squared: float = eqx.field(static=True)
-
-
-class Audit(eqx.Module):
-    """What a plan can tell."""
-
-    not_testable: tuple[tuple[str, str], ...] = eqx.field(static=True)  # name and reason
-    detectable: tuple[Detectable, ...]
-    aliases: tuple[Alias, ...]
-
-    def lines(self) -> tuple[str, ...]:
-        """The audit as lines of text."""
-        made = [f"not testable: {name} ({why})" for name, why in self.not_testable]
-        made += [
-            f"detectable from {d.size:.2g} {d.unit}: {d.name} on {', '.join(d.channels)}"
-            for d in self.detectable
-        ]
-        made += [
-            f"not separable on {a.channel}: {a.first} and {a.second} (R² {a.r_squared:.3f})"
-            for a in self.aliases
-        ]
-        return tuple(made)
+    prepared: Prepared
+    scores: tuple[Score, ...]  # of the catalogue's terms that the calibration does not absorb
+    tests: float  # effective number of independent tests
 
 
 def audit(
@@ -64,63 +47,194 @@ def audit(
     """
     with jax.enable_x64(True):
         _, triads = prepare(campaign, effects)
-        absent, sizes, aliases, seen = [], [], [], set()
-        for prepared in triads:
-            scores = _scores(prepared, estimate_noise)
-            seen |= {s.term.name for s in scores}
-            sizes.extend(detectable(scores))
-            aliases.extend(_aliases(scores))
-        for effect in effects:
-            if effect.name not in seen:
-                why = [p.missing[effect.name] for p in triads if effect.name in p.missing]
-                absent.append(
-                    (
-                        effect.name,
-                        why[0] if why else "the calibration itself absorbs it in this plan",
-                    )
-                )
-        return Audit(tuple(absent), tuple(sizes), tuple(aliases))
+        return conclude([_audited(p, estimate_noise) for p in triads], effects)
 
 
-def _scores(prepared: Prepared, estimate_noise: bool) -> tuple[Score, ...]:
+def _audited(prepared: Prepared, estimate_noise: bool) -> Audited:
     system = prepared.system
-    if estimate_noise:
-        noise = fit_noise(system)
-    else:
-        noise = NoiseFit(tuple(START for _ in system.chains), tuple(0.0 for _ in system.chains))
-    listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
-    return whiten_system(system, noise, listed).scores
+    noise = fit_noise(system) if estimate_noise else assumed_noise(system)
+    scores = whiten_system(system, noise, prepared.candidates).scores
+    tests = effective_tests(scores, [len(y) for y in system.base.observed])
+    listed = tuple(s for s in scores if not s.term.name.startswith(PREFIX))
+    return Audited(prepared, listed, tests)
 
 
-def _aliases(scores: Sequence[Score]) -> list[Alias]:
-    """Pairs of effects of one channel whose best-matching forms overlap."""
+def assumed_noise(system: System) -> NoiseFit:
+    """White noise by the scatter inside blocks, and beside it a flicker of about the same size."""
+    return NoiseFit(tuple(START for _ in system.chains), tuple(0.0 for _ in system.chains))
+
+
+def conclude(triads: Sequence[Audited], effects: Sequence[Effect]) -> Audit:
+    """The audit of all triads together."""
+    sizes, pairs, absorbed, lines = [], [], [], []
+    for one in triads:
+        sizes.extend(detectable_sizes(one))
+        pairs.extend(aliases(one.scores))
+        absorbed.extend(_absorbed(one))
+        lines.extend(_unobservable(one.prepared.system))
+    seen = {d.name for d in sizes}
+    shown = {s.term.name for t in triads for s in t.scores}
+    taken = {a.name for a in absorbed} - shown
+    absent = []
+    for effect in effects:
+        if effect.name in seen:
+            continue
+        why = [t.prepared.missing[effect.name] for t in triads if effect.name in t.prepared.missing]
+        reason = why[0] if why else f"it needs {effect.needs}"
+        if effect.name in taken:
+            reason = "the calibration itself absorbs it in this plan"
+        elif not why and not any(t.prepared.form.triad in effect.triads for t in triads):
+            reason = (
+                f"it is an effect of the {'gyros' if 'gyro' in effect.triads else 'accelerometers'}"
+            )
+        elif effect.name in shown:
+            reason = f"not even {BEYOND:g} times its usual size would show; it needs {effect.needs}"
+        absent.append((effect.name, reason))
+    return Audit(
+        tuple(absent), tuple(sizes), tuple(pairs), tuple(absorbed), tuple(lines),
+        tuple(alias_sets(pairs, effects)),
+    )  # fmt: skip
+
+
+def needed(size: int, rows: float, forms: int, tests: float) -> float:
+    """Standard deviations at which an effect passes the diagnosis with probability `POWER`.
+
+    A term of `size` coefficients must exceed the family's threshold, $\\chi^2$ at $1 - (1 - \\alpha)^{1/N}$, and
+    pay the price of its columns and of its forms; $z = \\sqrt{\\text{threshold}} + \\Phi^{-1}(0.9)$.
+    """
+    single = -np.expm1(np.log1p(-GATE) / max(tests, 1.0))
+    gate = float(scipy.stats.chi2.isf(single, size))
+    price = size * np.log(max(rows, 2.0)) + 2.0 * np.log(max(forms, 1))
+    return float(np.sqrt(max(gate, price)) + scipy.stats.norm.ppf(POWER))
+
+
+def detectable_sizes(one: Audited) -> list[Detectable]:
+    """For each effect and channel the smallest coefficient that the diagnosis would detect.
+
+    Where theory fixes the coefficient at one, the smallest nuisance setting (a time constant, a width).
+    """
+    forms = count_forms(one.prepared.candidates)
+    system = one.prepared.system
+    rows = system.num_rows / len(system.chains)
+    found: dict[tuple[str, tuple[str, ...]], list[tuple[Score, float]]] = {}
+    for score in one.scores:
+        term = score.term
+        z = needed(
+            score.size,
+            rows * len(term.chains),
+            forms[term.name, term.channels],
+            one.tests,
+        )
+        found.setdefault((term.name, term.channel_names), []).append((score, z))
     made = []
-    for channel in sorted({s.term.channel_names for s in scores}):
-        mine = [s for s in scores if s.term.channel_names == channel]
-        names = list(dict.fromkeys(s.term.name for s in mine))
-        for i, first in enumerate(names):
-            for second in names[i + 1 :]:
-                overlap = _overlap(
-                    [s for s in mine if s.term.name == first],
-                    [s for s in mine if s.term.name == second],
-                )
-                if overlap > ALIASED:
-                    made.append(Alias(", ".join(channel), first, second, overlap))
+    for (name, channels), members in found.items():
+        effect = members[0][0].term.known
+        if effect.unit_amplitude and effect.nuisance:
+            size, unit = smallest_setting(members), effect.nuisance_unit
+        else:
+            size, unit = (
+                min(z * sigma(s) for s, z in members),
+                effect.units[one.prepared.form.triad],
+            )
+            usual = effect.usual(one.prepared.form.triad, None)
+            size = np.inf if usual and size > BEYOND * usual[1] else size
+        if np.isfinite(size):
+            made.append(Detectable(name, channels, float(size), unit))
     return made
 
 
-def _overlap(first: Sequence[Score], second: Sequence[Score]) -> float:
-    """Largest R² between a direction of one effect's forms and the other's single forms."""
-    a = (
-        np.concatenate([np.concatenate(s.directions) for s in first if s.size == 1], axis=1)
-        if any(s.size == 1 for s in first)
-        else None
+def sigma(score: Score) -> float:
+    """Standard deviation of the best-seen coefficient with the term's others at zero, SI."""
+    lengths = np.sqrt(sum(np.square(w).sum(axis=0) for w in score.white))
+    return 1.0 / float(lengths.max()) if lengths.max() > 0.0 else np.inf
+
+
+def smallest_setting(members: Sequence[tuple[Score, float]]) -> float:
+    """Smallest nuisance setting at which a coefficient of one is detected; between grid points the length
+    of the signature goes by a power of the setting."""
+    term = members[0][0].term
+    groups: dict[tuple, list[tuple[float, float]]] = {}
+    for score, z in members:
+        settings = dict(score.term.variant.settings)
+        value = float(settings.pop(term.known.nuisance))
+        strength = 1.0 / (z * sigma(score))
+        groups.setdefault(tuple(sorted(settings.items())), []).append((value, strength))
+    best = np.inf
+    for points in groups.values():
+        value, strength = np.array(sorted(points)).T
+        above = np.flatnonzero(strength >= 1.0)
+        if not len(above):
+            continue
+        k = int(above[0])
+        if k == 0:
+            best = min(best, value[0])
+            continue
+        slope = np.log(value[k] / value[k - 1]) / np.log(strength[k] / strength[k - 1])
+        best = min(best, value[k] * strength[k] ** -slope)
+    return float(best)
+
+
+def _absorbed(one: Audited) -> list[Absorbed]:
+    """Effects of which no form survives beside the calibration, by triad."""
+    seen = {(s.term.name, s.term.channels) for s in one.scores}
+    gone: dict[str, list[Term]] = {}
+    for term in one.prepared.candidates:
+        if (
+            term.effect is not None
+            and (term.name, term.channels) not in seen
+            and _felt(one.prepared.system, term)
+        ):
+            gone.setdefault(term.name, []).append(term)
+    made = []
+    for name, members in gone.items():
+        channels = dict.fromkeys(n for t in members for n in t.channel_names)
+        by = dict.fromkeys(p for t in members for p in takers(one.prepared.system, t))
+        made.append(Absorbed(name, tuple(channels), tuple(by)[:4]))
+    return made
+
+
+def _felt(system: System, term: Term) -> bool:
+    """Whether the effect at its largest usual size would reach the rows at all."""
+    usual = term.known.usual(term.triad, None)
+    size = usual[1] if usual else 1.0
+    return any(
+        size * float(np.abs(c).max(initial=0.0)) > 1e-3 * float(system.scales[k][1]) ** 0.5
+        for k, c in zip(term.chains, term.columns)
     )
-    b = (
-        np.concatenate([np.concatenate(s.directions) for s in second if s.size == 1], axis=1)
-        if any(s.size == 1 for s in second)
-        else None
-    )
-    if a is None or b is None:
-        return 0.0
-    return float(np.square(a.T @ b).max())
+
+
+def takers(system: System, term: Term) -> tuple[str, ...]:
+    """The calibration's parameters that take most of a term's columns up."""
+    base, found = system.base, []
+    for chain, columns in zip(term.chains, term.columns):
+        x = base.columns[chain]
+        norm = np.linalg.norm(x, axis=0) + 1e-300
+        share = np.abs(np.linalg.lstsq(x / norm, columns[:, :1], rcond=1e-8)[0][:, 0])
+        strongest = np.flatnonzero(share > 0.3 * share.max())
+        found += [_parameter(system, int(base.index[chain][k])) for k in strongest]
+    return tuple(dict.fromkeys(found))
+
+
+def _parameter(system: System, flat: int) -> str:
+    names = system.base.form.names
+    number = flat // system.base.coefficients.shape[1]
+    # A user's own model has parameters by their place in the flattened pytree.
+    return names[number] if len(names) == len(system.base.coefficients) else f"parameters[{number}]"
+
+
+def _unobservable(system: System) -> list[str]:
+    """Combinations of the calibration's own parameters that the plan does not excite."""
+    lines = []
+    for chain, x in enumerate(system.base.columns):
+        norm = np.linalg.norm(x, axis=0)
+        still = norm <= 1e-9 * norm.max()
+        names = [_parameter(system, int(k)) for k in system.base.index[chain]]
+        lines += [f"{n} (never excited)" for n in dict.fromkeys(np.array(names)[still].tolist())]
+        x = x[:, ~still] / norm[~still]
+        kept = np.array(names)[~still]
+        value, vector = np.linalg.eigh(x.T @ x)
+        for k in np.flatnonzero(value < 1e-9 * value[-1]):
+            part = np.abs(vector[:, k])
+            mixed = dict.fromkeys(kept[part > 0.2 * part.max()].tolist())
+            lines.append(f"a combination of {', '.join(mixed)}")
+    return lines
