@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from . import calibrate, compensate, demo, diagnose, export, simulate
+from . import calibrate, compensate, demo, design, diagnose, export, simulate
 
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("compensate")(compensate.compensate)
 app.command("diagnose")(diagnose.diagnose)
+app.command("design")(design.design)
 app.command("export")(export.export)
 app.command("simulate")(simulate.simulate)
 

@@ -24,7 +24,7 @@ from .system import fit_noise, NoiseFit, Score, START, System, whiten_system
 from .terms import Term
 
 
-BEYOND = 100.0  # times the usual size from which an effect counts as out of reach
+BEYOND = 30.0  # times the usual size from which an effect counts as out of reach
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,10 +47,12 @@ def aliases(scores: Sequence[Score]) -> list[Alias]:
 def alias_sets(pairs: Sequence[Alias], effects: Sequence[Effect]) -> list[AliasSet]:
     """Pairs that are alike in most of their forms, joined to sets; equal sets of several channels as one."""
     found: dict[tuple[str, ...], dict[str, float]] = {}
+    order = {e.name: k for k, e in enumerate(effects)}
     for channel in dict.fromkeys(a.channel for a in pairs):
         mine = [a for a in pairs if a.channel == channel and a.share >= OFTEN]
         for names in _joined([(a.first, a.second) for a in mine]):
             inside = [a.r_squared for a in mine if a.first in names and a.second in names]
+            names = tuple(sorted(names, key=lambda n: order.get(n, len(order))))
             found.setdefault(names, {})[channel] = min(inside)
     experiments = {e.name: e.separating for e in effects}
     return [

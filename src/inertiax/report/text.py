@@ -10,9 +10,10 @@ from rich.table import Table
 
 from ..calibrate import DeviceResult
 from ..demo import DemoResult
-from ..diagnose import Diagnosis
+from ..diagnose import Audit, Diagnosis
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..temperature import Constant
+from .audit import audit_sections
 from .judge import TRIAD_NAMES, triads
 
 
@@ -94,6 +95,23 @@ def print_diagnosis(found: Diagnosis, device: str, folder: Path) -> None:
     console.print(
         f"written: {folder / 'diagnosis.json'}, {folder / 'calibration.json'}, {folder / 'report.html'}"
     )
+
+
+def print_audit(audit: Audit) -> None:
+    """What a plan shows, cannot tell apart and hides."""
+    console = _console()
+    for section in audit_sections(audit):
+        console.print(section.title, style="bold")
+        for line in section.lines:
+            console.print(line)
+        for table in section.tables:
+            shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+            for k, head in enumerate(table.head):
+                shown.add_column(head, justify="right" if k in table.numeric else "left")
+            for row in table.rows:
+                shown.add_row(*map(str, row))
+            console.print(shown)
+        console.print()
 
 
 def _console() -> Console:

@@ -1,0 +1,53 @@
+"""Sizes of effects in the units that engineers use on data sheets."""
+
+import math
+
+from ..quantities import DEG_PER_HOUR
+
+
+_MICRO_G = 1e6 / 9.80665  # in a m/s²
+_DEG = 180.0 / math.pi
+
+# SI unit as the catalogue writes it: factor and customary unit.
+CUSTOMARY = {
+    "m/s^2": (_MICRO_G, "µg"),
+    "m/s^2/g": (_MICRO_G, "µg/g"),
+    "m/s^2/g^2": (_MICRO_G, "µg/g²"),
+    "m/s^2/g^3": (_MICRO_G, "µg/g³"),
+    "m/s^2/s": (3600.0 * _MICRO_G, "µg/h"),
+    "m/s^2/V": (_MICRO_G, "µg/V"),
+    "m/s^2/(degC/min)": (_MICRO_G, "µg/(°C/min)"),
+    "rad/s": (DEG_PER_HOUR, "°/h"),
+    "rad/s/g": (DEG_PER_HOUR, "°/h/g"),
+    "rad/s/g^2": (DEG_PER_HOUR, "°/h/g²"),
+    "rad/s/s": (3600.0 * DEG_PER_HOUR, "(°/h)/h"),
+    "rad/s/V": (DEG_PER_HOUR, "°/h/V"),
+    "rad/s/(degC/min)": (DEG_PER_HOUR, "°/h/(°C/min)"),
+    "rad/s/(rad/s)^2": (DEG_PER_HOUR / _DEG**2, "(°/h)/(°/s)²"),
+    "(rad/s)/(rad/s)": (1e6, "ppm"),
+    "rad": (3600.0 * _DEG, "arcsec"),
+    "m": (1e3, "mm"),
+    "1": (1e6, "ppm"),
+    "Hz": (1e3, "mHz"),
+}
+_COARSER = {"µg": (1e-3, "mg"), "°/h": (1.0 / 3600.0, "°/s"), "ppm": (1e-4, "%")}
+
+
+def customary(size: float, unit: str) -> tuple[float, str]:
+    """Factor from SI and the unit in which a value of about this size is shown.
+
+    From 1000 µg, °/h or ppm (1 %) on the coarser unit is taken, with what it is divided by kept.
+    """
+    if unit == "s" and abs(size) < 1.0:
+        return 1e3, "ms"
+    factor, shown = CUSTOMARY.get(unit, (1.0, unit.replace("^2", "²").replace("degC", "°C")))
+    for fine, (coarser, name) in _COARSER.items():
+        limit = 1e4 if fine == "ppm" else 1e3
+        if (shown == fine or shown.startswith(f"{fine}/")) and abs(size * factor) >= limit:
+            return factor * coarser, shown.replace(fine, name, 1)
+    return factor, shown
+
+
+def in_words(name: str) -> str:
+    """An effect's name as people read it."""
+    return name.replace("_", " ")
