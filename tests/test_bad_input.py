@@ -162,8 +162,8 @@ TOML = {
     ),
     "unknown format": (
         GOOD + 'format = "cvs"\n',
-        "[recordings] format 'cvs' is not known; did you mean 'csv'? one of csv, parquet, imu_tk is "
-        "needed.",
+        "[recordings] format 'cvs' is not known; did you mean 'csv'? one of csv, parquet, imu_tk, "
+        "euroc, imucal, hdf5, matlab, ulog, dataflash, ros is needed.",
     ),
     "start_row past the end": (
         GOOD + "start_row = 100\n",
@@ -362,23 +362,12 @@ OTHER_FILES = {
         "a.csv: the content is Parquet but the suffix is '.csv'; rename it to .parquet or write "
         '[recordings] format = "parquet".',
     ),
-    "MATLAB v5": (
-        "a.mat",
-        b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(200),
-        "a.mat: a MATLAB v5 file, which is not read yet; save the columns as CSV or Parquet (in "
-        "MATLAB: writetable or parquetwrite).",
-    ),
-    "MATLAB v7.3": (
-        "a.mat",
-        b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n",
-        "a.mat: an HDF5 file (MATLAB v7.3 is one too), which is not read yet; save the columns as "
-        "CSV or Parquet (in MATLAB: writetable or parquetwrite).",
-    ),
     "a spreadsheet": (
         "a.xlsx",
         b"PK\3\4\0\0",
         "a.xlsx: suffix '.xlsx' is not known and the content is binary; one of .csv, .tsv, .txt, "
-        ".log, .dat, .parquet, .pq, .mat is needed.",
+        ".log, .dat, .parquet, .pq, .mat, .h5, .hdf5, .hdf, .ulg, .ulog, .bin, .bag, .mcap, .db3 is "
+        "needed.",
     ),
     "imu_tk text with a column missing": (
         "a.mat",

@@ -17,6 +17,7 @@ import numpy as np
 
 from .formats import ColumnMap, FORMATS, Layout, read_recordings
 from .formats.columns import nearest
+from .formats.detect import is_recording
 from .recordings import Campaign, ModelChoice, Recording, Rig, Site
 from .screening import check_model_columns, screen
 
@@ -44,6 +45,12 @@ class RecordingsTable(_Strict, frozen=True):
     format: str | None = None
     names: tuple[str, ...] | None = None  # columns of text without a header line
     start_row: int = 0  # data rows left out at the start of each file
+    group: str | None = None  # HDF5 group or table, MATLAB struct
+    topic: str | None = None  # ROS or ULog topic
+    temperature_topic: str | None = None  # ROS topic of the probe
+    instance: int | None = None  # which IMU of a flight controller's log
+    sections: str | None = None  # imucal's list of labelled sections
+    turn_angle: float | None = None  # deg, of imucal's turns
 
 
 class RigTable(_Strict, frozen=True):
@@ -105,6 +112,23 @@ def load_campaign(path: Path | str) -> Campaign:
         path=file,
         notes=notes,
     )
+
+
+def load_settings(path: Path | str) -> tuple[Campaign, CampaignTable]:
+    """`campaign.toml` alone: a `Campaign` without recordings, and the table, for those who read the
+    recordings in their own way. Raises `ValueError` as `load_campaign` does."""
+    file = _campaign_file(Path(path))
+    table = _read_table(file)
+    _check_values(table, file)
+    campaign = Campaign(
+        recordings=(),
+        site=_site(table.site),
+        rig=_rig(table.rig),
+        model=_model(table.model),
+        grade=table.device.grade,
+        path=file,
+    )
+    return campaign, table
 
 
 def _site(table: SiteTable) -> Site:
@@ -275,7 +299,7 @@ def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> t
     for pattern in patterns:
         matches = _match(folder, pattern, key) if _WILD.search(pattern) else [folder / pattern]
         for match in matches:
-            if not match.is_file():
+            if not is_recording(match):
                 raise ValueError(
                     f"[recordings] {key}: '{pattern}' does not exist in {_listing(folder)}."
                 )
@@ -289,7 +313,7 @@ def _match(folder: Path, pattern: str, key: str) -> list[Path]:
             f"[recordings] {key}: the glob '{pattern}' leaves the campaign's folder; use globs inside "
             "it, or write each outside file out in full."
         )
-    found = [p for p in folder.glob(pattern) if p.is_file() and not p.name.startswith(".")]
+    found = [p for p in folder.glob(pattern) if is_recording(p) and not p.name.startswith(".")]
     found = [p for p in found if p.name != "campaign.toml"]
     if not found:
         raise ValueError(f"[recordings] {key}: '{pattern}' matches no file in {_listing(folder)}.")
@@ -314,7 +338,13 @@ def _listing(folder: Path) -> str:
 
 def _read_all(table: CampaignTable, file: Path) -> tuple[Recording, ...]:
     said, folder = table.recordings, file.parent
-    layout = Layout(names=said.names, start_row=said.start_row)
+    special = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
+    layout = Layout(
+        names=said.names,
+        start_row=said.start_row,
+        gravity=table.site.gravity,
+        **{key: getattr(said, key) for key in special},
+    )
     if said.gyro_files is None:
         files = find_files(folder, said.files)
         return tuple(

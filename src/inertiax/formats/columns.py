@@ -90,11 +90,18 @@ class ColumnMap(_Strict, frozen=True):
 
 
 class Layout(_Strict, frozen=True):
-    """How rows lie in a text file, beyond what its first lines show."""
+    """How rows lie in a file, beyond what it shows itself; a format lists the keys it knows in `KEYS`."""
 
     names: tuple[str, ...] | None = None  # column names of a file without a header line
     start_row: int = 0  # data rows to leave out at the start
     triad: Literal["accel", "gyro"] | None = None  # the only triad a single-triad file holds
+    group: str | None = None  # HDF5 group or table, MATLAB struct
+    topic: str | None = None  # ROS or ULog topic
+    temperature_topic: str | None = None  # ROS topic of the probe
+    instance: int | None = None  # which IMU of a flight controller's log
+    sections: str | None = None  # imucal's list of sections, beside the session
+    turn_angle: float | None = None  # deg, of imucal's turns
+    gravity: float | None = None  # m/s², for references that a format makes
 
 
 def time_scale(column: TimeColumn, where: str) -> float:

@@ -20,6 +20,7 @@ from .table import to_recordings
 
 NAME = "csv"
 SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat")
+KEYS = ()  # of `Layout`, beyond those that all formats know
 _COMMENTS = ("#", "%", "//")
 _DELIMITERS = ("\t", ";", ",", " ")
 

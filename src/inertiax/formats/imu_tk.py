@@ -19,6 +19,7 @@ from .table import to_recordings
 
 NAME = "imu_tk"
 SUFFIXES = (".mat",)
+KEYS = ()
 _COLUMNS = ("time", "x", "y", "z")
 
 

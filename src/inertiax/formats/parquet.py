@@ -11,6 +11,7 @@ from .table import to_recordings
 
 NAME = "parquet"
 SUFFIXES = (".parquet", ".pq")
+KEYS = ()
 MAGIC = b"PAR1"
 
 

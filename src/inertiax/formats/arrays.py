@@ -1,0 +1,89 @@
+"""Named numeric arrays, as HDF5 and MATLAB files hold them, to a table of columns.
+
+An array of n values is a column. One of n × 3 named `accel` is `accel_x`, `accel_y`, `accel_z`; one of n × k
+otherwise is `name_0`, `name_1`, …; names of groups and structs come before, joined by `/`, except for the
+group that the campaign names.
+"""
+
+import numpy as np
+import polars as pl
+
+from .columns import AXES, ColumnMap, nearest, ProbeColumns, TimeColumn, TriadColumns
+from .table import require
+
+
+def to_table(arrays: dict[str, np.ndarray], columns: ColumnMap, where: str) -> pl.DataFrame:
+    """Columns as long as the time column (without one, as the longest); shorter and longer ones are
+    other data of the file.
+
+    Raises `ValueError` where a column that the campaign names has another length than time.
+    """
+    found: dict[str, np.ndarray] = {}
+    for name, values in arrays.items():
+        found |= _split(name, values)
+    if not found:
+        raise ValueError(f"{where}: no numeric arrays in it.")
+    rows = _rows(found, columns, where)
+    kept = {k: v for k, v in found.items() if len(v) == rows}
+    for name in _wanted(columns):
+        if name in found and name not in kept:
+            raise ValueError(
+                f"{where}: '{name}' has {len(found[name])} values but time has {rows}; all columns of "
+                "a recording must have the same length."
+            )
+    return pl.DataFrame(kept)
+
+
+def choose_group(groups: list[str], asked: str, where: str) -> None:
+    """Raises `ValueError` where the group that the campaign asks for is not in the file."""
+    if asked not in groups:
+        raise ValueError(
+            f"{where}: group '{asked}' is missing; {nearest(asked, groups)}the file has {groups[:12]}."
+        )
+
+
+def _split(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    if values.dtype.names is not None:  # a table: rows of named fields
+        fields = {k: values[k] for k in values.dtype.names}
+        plain = {k: v for k, v in fields.items() if v.dtype.kind in "fiubS" and v.ndim <= 2}
+        return {k: v for n, x in plain.items() for k, v in _split(n, x).items()}
+    if values.dtype.kind == "S":
+        return {name: np.char.decode(values, "utf-8", "replace")} if values.ndim == 1 else {}
+    if values.ndim == 2 and 1 in values.shape:
+        values = values.reshape(-1)
+    if values.ndim == 1:
+        return {name: np.ascontiguousarray(values)}
+    if values.ndim != 2:
+        return {}
+    if values.shape[1] != 3 and values.shape[0] == 3:
+        values = values.T
+    labels = AXES if values.shape[1] == 3 else [str(k) for k in range(values.shape[1])]
+    if values.shape[1] > 64:  # an image or a matrix, no set of channels
+        return {}
+    return {f"{name}_{k}": np.ascontiguousarray(values[:, i]) for i, k in enumerate(labels)}
+
+
+def _rows(found: dict[str, np.ndarray], columns: ColumnMap, where: str) -> int:
+    said = columns.time
+    column = said if isinstance(said, TimeColumn) else TimeColumn(name=said)
+    if column.rate is not None:
+        triads = [n for n in _wanted(columns) if n in found]
+        return len(found[triads[0]]) if triads else max(map(len, found.values()))
+    name = column.name or "time"
+    if name not in found:
+        if column.name is not None or not any(n in found for n in _wanted(columns)):
+            require(pl.DataFrame({k: v[:0] for k, v in found.items()}), name, where)
+        return max(map(len, found.values()))  # `to_recordings` says that time is missing
+    return len(found[name])
+
+
+def _wanted(columns: ColumnMap) -> list[str]:
+    """Names of the triads' and the temperature's columns, as the campaign or the canon gives them."""
+    names: list[str] = []
+    for key in ("accel", "gyro", "reference_accel", "reference_gyro"):
+        triad = getattr(columns, key) or TriadColumns()
+        names += triad.names or [f"{key}_{a}" for a in AXES]
+    said = columns.temperature
+    if isinstance(said, ProbeColumns):
+        return [*names, *(said.names or (said.name or "temperature",))]
+    return [*names, said or "temperature"]

@@ -1,0 +1,97 @@
+"""ArduPilot's dataflash `.bin`, through pymavlink: the `IMU` messages, with their temperature.
+
+Each IMU of the log is a device of its own, named `imu0`, `imu1`, …; `[recordings] instance` reads one alone
+(ArduPilot's `I`, from 0). The messages hold values after the corrections that were active (INS_ACCOFFS,
+INS_TCAL, …); for raw ones these must have been off.
+"""
+
+import contextlib
+import io
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from ..recordings import Recording
+from .columns import AS_FOUND, AXES, ColumnMap, Layout
+from .optional import load
+from .table import to_recordings
+
+
+NAME = "dataflash"
+SUFFIXES = (".bin",)
+KEYS = ("instance",)
+MAGIC = b"\xa3\x95\x80"
+_FIELDS = tuple(f"Acc{a.upper()}" for a in AXES) + tuple(f"Gyr{a.upper()}" for a in AXES)
+_NAMES = ("IMU", "IMU2", "IMU3")  # older logs number the message instead of a field `I`
+
+
+def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
+    """Recordings in a dataflash log, one per IMU. Raises `ValueError` naming file and field."""
+    rows = _messages(path)
+    if not rows:
+        raise ValueError(
+            f"{path.name}: no IMU messages in the log; switch IMU logging on (LOG_BITMASK)."
+        )
+    instances = sorted(rows)
+    if layout.instance is not None:
+        if layout.instance not in rows:
+            raise ValueError(
+                f"{path.name}: instance {layout.instance} of IMU is missing; the log has {instances}."
+            )
+        instances = [layout.instance]
+    recordings: list[Recording] = []
+    for i in instances:
+        table = pl.DataFrame(rows[i], schema=_schema(rows[i]), orient="row")
+        if len(instances) > 1 and columns.device is None:
+            table = table.with_columns(pl.lit(f"imu{i}").alias("device"))
+        recordings += to_recordings(table, columns, layout, name=f"{path.name} IMU[{i}]")
+    return tuple(recordings)
+
+
+def _schema(rows: list[tuple[float, ...]]) -> list[str]:
+    names = ["time", *(f"{t}_{a}" for t in ("accel", "gyro") for a in AXES), "temperature"]
+    return names[: len(rows[0])]
+
+
+def _messages(path: Path) -> dict[int, list[tuple[float, ...]]]:
+    """Rows (time, accel, gyro[, temperature]) in SI of each IMU."""
+    reader = load("pymavlink.DFReader", "ardupilot", path)
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+    if head != MAGIC:
+        raise ValueError(f"{path.name}: not a dataflash log: it does not begin with its header.")
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            log = reader.DFReader_binary(str(path))
+        # pymavlink meets a damaged file with whatever its parsing runs into.
+        except Exception as error:
+            raise ValueError(
+                f"{path.name}: the dataflash log is damaged: {type(error).__name__} {error}."
+            ) from None
+        try:
+            return _collect(log, path.name)
+        finally:
+            log.close()
+
+
+def _collect(log, where: str) -> dict[int, list[tuple[float, ...]]]:
+    rows: dict[int, list[tuple[float, ...]]] = {}
+    while True:
+        message = log.recv_match(type=set(_NAMES))
+        if message is None:
+            return rows
+        name = message.get_type()
+        fields = message.to_dict()
+        for field in ("TimeUS", *_FIELDS):
+            if field not in fields:
+                raise ValueError(
+                    f"{where}: field '{field}' is missing in {name}; it has {[*fields]}."
+                )
+        instance = int(fields.get("I", _NAMES.index(name)))
+        values = [1e-6 * fields["TimeUS"], *(fields[f] for f in _FIELDS)]
+        temperature = fields.get("T", fields.get("Temp"))
+        if temperature is not None:
+            values.append(temperature)
+        rows.setdefault(instance, []).append(tuple(map(float, np.asarray(values))))

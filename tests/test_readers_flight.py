@@ -1,0 +1,251 @@
+"""Flight controllers' logs: PX4's ULog, read by pyulog, and ArduPilot's dataflash, read by pymavlink.
+
+Neither library writes a log from nothing, so the samples are laid out here after the formats'
+specifications and read back with the libraries themselves before our readers see them.
+"""
+
+import struct
+
+import numpy as np
+import pytest
+
+from inertiax.formats import ColumnMap, Layout, read_recordings
+from inertiax.formats.columns import TriadColumns
+from readers_cases import campaign, check, made_up, refusal
+
+
+SINGLE = 1e-7  # relative rounding of a 32-bit float
+
+
+# ULog --------------------------------------------------------------------------------------------
+
+FIELDS = "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;"
+FORMATS = {
+    "sensor_accel": FIELDS + "float temperature;",
+    "sensor_gyro": FIELDS + "float temperature;",
+    "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;",
+}
+
+
+def ulog_message(kind, payload):
+    return struct.pack("<HB", len(payload), ord(kind)) + payload
+
+
+def ulog(path, streams):
+    """`streams`: (topic, instance, rows of values in the format's order)."""
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)
+    data += ulog_message("B", bytes(40))
+    for topic in dict.fromkeys(topic for topic, _, _ in streams):
+        data += ulog_message("F", f"{topic}:{FORMATS[topic]}".encode())
+    for number, (topic, instance, _) in enumerate(streams):
+        data += ulog_message("A", struct.pack("<BH", instance, number) + topic.encode())
+    layouts = {"sensor_combined": "<Q6f"}
+    for number, (topic, _, rows) in enumerate(streams):
+        layout = layouts.get(topic, "<QQI4f")
+        for row in rows:
+            data += ulog_message("D", struct.pack("<H", number) + struct.pack(layout, *row))
+    path.write_bytes(data)
+
+
+def sensor_rows(data, key, *, delay=0.0, temperature=True):
+    stamps = (1e6 * (data["time"] + delay)).round().astype(int)
+    probe = data["temperature"] if temperature else np.full(len(stamps), np.nan)
+    return [
+        (t + 300, t, 1310988, *map(float, v), float(p))
+        for t, v, p in zip(stamps.tolist(), data[key], probe, strict=True)
+    ]
+
+
+def raw_log(path, data, instances=(0,)):
+    ulog(
+        path,
+        [
+            (f"sensor_{key}", i, sensor_rows(data, key))
+            for i in instances
+            for key in ("accel", "gyro")
+        ],
+    )
+
+
+def test_ulog_sensors_are_read_from_a_campaign(tmp_path):
+    pyulog = pytest.importorskip("pyulog", reason="pyulog is not installed (inertiax[px4])")
+    data = made_up()
+    raw_log(tmp_path / "a.ulg", data)
+    theirs = pyulog.ULog(str(tmp_path / "a.ulg")).get_dataset("sensor_accel").data
+    np.testing.assert_array_equal(theirs["x"], data["accel"][:, 0].astype(np.float32))
+    (recording,) = campaign(tmp_path, ["a.ulg"])
+    check(recording, data, rtol=SINGLE)
+    assert recording.device == ""
+
+
+def test_every_imu_of_a_ulog_is_a_device(tmp_path):
+    pytest.importorskip("pyulog")
+    data = made_up()
+    raw_log(tmp_path / "a.ulg", data, instances=(0, 2))
+    found = read_recordings(tmp_path / "a.ulg")
+    assert [r.device for r in found] == ["imu0", "imu2"]
+    (one,) = campaign(tmp_path, ["a.ulg"], "instance = 2")
+    check(one, data, rtol=SINGLE)
+
+
+def test_gyros_of_other_stamps_are_put_onto_the_accelerometers_by_straight_lines(tmp_path):
+    pytest.importorskip("pyulog")
+    data = made_up()
+    delay = 0.001
+    slope = np.array([0.3, -0.2, 0.1])
+    data["gyro"] = (data["time"] + delay)[:, None] * slope
+    streams = [("sensor_accel", 0, sensor_rows(data, "accel"))]
+    streams += [("sensor_gyro", 0, sensor_rows(data, "gyro", delay=delay))]
+    ulog(tmp_path / "a.ulg", streams)
+    (recording,) = read_recordings(tmp_path / "a.ulg")
+    # A straight line is met exactly; the first stamp is before the first rate and is left out.
+    np.testing.assert_allclose(recording.time, data["time"][1:], rtol=1e-15)
+    np.testing.assert_allclose(recording.gyro, data["time"][1:, None] * slope, rtol=SINGLE)
+
+
+def test_sensor_combined_is_read_where_asked_for(tmp_path):
+    pytest.importorskip("pyulog")
+    data = made_up()
+    stamps = (1e6 * data["time"]).round().astype(int).tolist()
+    rows = [(t, *w, *a) for t, w, a in zip(stamps, data["gyro"], data["accel"], strict=True)]
+    ulog(tmp_path / "a.ulg", [("sensor_combined", 0, rows)])
+    (recording,) = campaign(tmp_path, ["a.ulg"], 'topic = "sensor_combined"')
+    check(recording, data | {"temperature": None}, rtol=SINGLE)
+    assert "no topic sensor_accel or sensor_gyro in the log; it has ['sensor_combined']" in refusal(
+        read_recordings, tmp_path / "a.ulg"
+    )
+
+
+def test_units_of_a_ulog_may_be_mapped(tmp_path):
+    pytest.importorskip("pyulog")
+    data = made_up()
+    raw_log(tmp_path / "a.ulg", data | {"accel": data["accel"] / 9.80665})
+    columns = ColumnMap(accel=TriadColumns(unit="g"))
+    (recording,) = read_recordings(tmp_path / "a.ulg", columns)
+    check(recording, data, rtol=2 * SINGLE)
+
+
+def test_bad_ulogs_are_refused_in_one_line(tmp_path, monkeypatch):
+    pytest.importorskip("pyulog")
+    path = tmp_path / "a.ulg"
+    data = made_up()
+    raw_log(path, data)
+    whole = path.read_bytes()
+    say = lambda **k: refusal(read_recordings, path, layout=Layout(**k))
+    assert say(topic="vehicle_imu").startswith("a.ulg: topic 'vehicle_imu' is not read; one of ")
+    assert say(instance=3) == "a.ulg: instance 3 of sensor_accel is missing; the log has [0]."
+
+    path.write_bytes(b"no log")
+    assert say() == "a.ulg: not a ULog: it does not begin with ULog's header."
+    path.write_bytes(whole[:12])
+    assert "damaged" in say()
+    path.write_bytes(whole[:60])
+    assert "corrupt" in say()
+
+    # A log that ends within a message (the power was cut) is read up to there.
+    path.write_bytes(whole[:-10])
+    (recording,) = read_recordings(path)
+    assert recording.num_samples == 399
+
+    repeated = data | {"time": np.where(np.arange(400) == 9, data["time"][8], data["time"])}
+    raw_log(path, repeated)
+    assert "time must increase strictly" in say()
+    broken = data | {"gyro": np.where(np.arange(400)[:, None] == 9, np.nan, data["gyro"])}
+    raw_log(path, broken)
+    assert "no finite number in 1 of 400 rows, first in row 9" in say()
+    apart = [("sensor_accel", 0, sensor_rows(data, "accel"))]
+    apart += [("sensor_gyro", 0, sensor_rows(data, "gyro", delay=100.0))]
+    ulog(path, apart)
+    assert "were not logged at the same time" in say()
+
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pyulog", None)
+    assert say() == "a.ulg: reading it needs the library pyulog; install inertiax[px4]."
+
+
+# Dataflash ---------------------------------------------------------------------------------------
+
+HEAD = b"\xa3\x95"
+COLUMNS = ("TimeUS", "I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T")
+
+
+def dataflash_format(number, name, layout, columns):
+    """A FMT message: type, length, name[4], format[16], columns[64]."""
+    sizes = {"Q": 8, "B": 1, "f": 4}
+    length = 3 + sum(sizes[c] for c in layout.decode())
+    body = struct.pack("<BB4s16s64s", number, length, name, layout, ",".join(columns).encode())
+    return HEAD + b"\x80" + body
+
+
+def dataflash(path, data, instances=(0,), columns=COLUMNS):
+    layout = "".join({"TimeUS": "Q", "I": "B"}.get(c, "f") for c in columns)
+    content = (
+        HEAD
+        + b"\x80"
+        + struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    )
+    content += dataflash_format(0x81, b"IMU", layout.encode(), columns)
+    stamps = (1e6 * data["time"]).round().astype(int).tolist()
+    for k, stamp in enumerate(stamps):
+        for i in instances:
+            row = dict(zip(COLUMNS[2:8], [*data["gyro"][k], *data["accel"][k]], strict=True))
+            row |= {"TimeUS": stamp, "I": i, "T": data["temperature"][k]}
+            content += HEAD + b"\x81" + struct.pack("<" + layout, *(row[c] for c in columns))
+    path.write_bytes(content)
+
+
+def test_dataflash_messages_are_read_from_a_campaign(tmp_path):
+    reader = pytest.importorskip("pymavlink.DFReader", reason="pymavlink is not installed")
+    data = made_up()
+    dataflash(tmp_path / "a.bin", data)
+    log = reader.DFReader_binary(str(tmp_path / "a.bin"))
+    first = log.recv_match(type="IMU").to_dict()
+    log.close()
+    assert first["AccZ"] == np.float32(data["accel"][0, 2])
+    (recording,) = campaign(tmp_path, ["a.bin"])
+    check(recording, data, rtol=SINGLE)
+
+
+def test_every_imu_of_a_dataflash_log_is_a_device(tmp_path):
+    pytest.importorskip("pymavlink")
+    data = made_up()
+    dataflash(tmp_path / "a.bin", data, instances=(0, 1))
+    assert [r.device for r in read_recordings(tmp_path / "a.bin")] == ["imu0", "imu1"]
+    (one,) = campaign(tmp_path, ["a.bin"], "instance = 1")
+    check(one, data, rtol=SINGLE)
+
+
+def test_older_logs_without_probe_or_instance_are_read(tmp_path):
+    pytest.importorskip("pymavlink")
+    data = made_up()
+    columns = tuple(c for c in COLUMNS if c not in ("I", "T"))
+    dataflash(tmp_path / "a.bin", data, columns=columns)
+    (recording,) = read_recordings(tmp_path / "a.bin")
+    check(recording, data | {"temperature": None}, rtol=SINGLE)
+
+
+def test_bad_dataflash_logs_are_refused_in_one_line(tmp_path, monkeypatch):
+    pytest.importorskip("pymavlink")
+    path = tmp_path / "a.bin"
+    data = made_up()
+    dataflash(path, data)
+    whole = path.read_bytes()
+    say = lambda **k: refusal(read_recordings, path, layout=Layout(**k))
+    assert say(instance=2) == "a.bin: instance 2 of IMU is missing; the log has [0]."
+    path.write_bytes(b"\0\1no log")
+    assert say() == "a.bin: not a dataflash log: it does not begin with its header."
+    path.write_bytes(whole[:150])
+    assert "no IMU messages" in say() or "damaged" in say()
+    dataflash(path, data, columns=tuple(c for c in COLUMNS if c != "AccY"))
+    assert say().startswith("a.bin: field 'AccY' is missing in IMU; it has ")
+    dataflash(path, data | {"time": data["time"][::-1]})
+    assert "time must increase strictly" in say()
+    dataflash(path, data | {"accel": np.where(np.arange(400)[:, None] == 3, np.nan, data["accel"])})
+    assert "first in row 3" in say()
+
+    import sys
+
+    path.write_bytes(whole)
+    monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
+    assert say() == "a.bin: reading it needs the library pymavlink; install inertiax[ardupilot]."
