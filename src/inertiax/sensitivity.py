@@ -143,7 +143,8 @@ def answer(
     """
     scene = make_scene(estimator, curve, dwells) if scene is None else scene
     moved = disturbed(dwells, scene, curve, estimator, sources, draws)
-    return joint_fit(estimator, curve.basis, moved, start=curve.coefficients).curve.coefficients
+    solution = joint_fit(estimator, curve.basis, moved, start=curve.coefficients)
+    return jnp.asarray(solution.curve.coefficients)
 
 
 class Budget(eqx.Module):

@@ -59,12 +59,12 @@ class Source(eqx.Module):
     effect: Effect = eqx.field(static=True)
 
 
-def _rotated(vectors: Array | None, angles: Array) -> Array | None:
+def _rotated(vectors: AnyArray | None, angles: Array) -> Array | None:
     """Change of a vector fixed in the room when the case turns by small rotation vectors."""
     if vectors is None:
         return None
     turned = jax.vmap(lambda a, v: rotation.exp(-a) @ v)(angles, jnp.asarray(vectors))
-    return turned - vectors
+    return turned - jnp.asarray(vectors)
 
 
 def _turned(angles: Array, scene: Scene) -> Disturbance:
