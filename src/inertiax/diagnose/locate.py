@@ -1,5 +1,7 @@
 """Where: channel, experiment, span and driver of a departure."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .engine import Prepared
@@ -37,8 +39,7 @@ def spans(prepared: Prepared, envelope: np.ndarray) -> list[tuple[int, int]]:
     left = np.searchsorted(time, time - reach)
     right = np.searchsorted(time, time + reach)
     high = np.array([envelope[a:b].max() for a, b in zip(left, np.maximum(right, left + 1))])
-    usual = np.quantile(high, 0.95)
-    present = high > LEVEL * usual
+    present = high > LEVEL * high.max()
     edge = np.flatnonzero(np.diff(np.r_[False, present, False].astype(int)))
     runs = [(int(a), int(b) - 1) for a, b in zip(edge[::2], edge[1::2])]
     merged: list[tuple[int, int]] = []
@@ -74,3 +75,26 @@ def locate(prepared: Prepared, candidate: Candidate, origin: float, p_value: flo
                     )
                 )
     return made
+
+
+def tidy(places: Sequence[Where]) -> tuple[Where, ...]:
+    """Rows of one channel, experiment and driver that overlap put together; most significant first."""
+    made: list[Where] = []
+    for new in sorted(places, key=lambda w: (w.channel, w.experiment, w.driver, w.start)):
+        old = made[-1] if made else None
+        same = old is not None and all(
+            getattr(old, k) == getattr(new, k) for k in ("channel", "experiment", "driver")
+        )
+        if old is None or not same or new.start > old.end:
+            made.append(new)
+            continue
+        made[-1] = Where(
+            new.channel,
+            new.experiment,
+            old.start,
+            max(old.end, new.end),
+            new.driver,
+            max(old.excess_rms, new.excess_rms),
+            min(old.p_value, new.p_value),
+        )
+    return tuple(sorted(made, key=lambda w: (w.p_value, w.start)))

@@ -18,15 +18,16 @@ from ..temperature import Constant, Curve, Polynomial
 from .alternatives import PREFIX
 from .audit import Audited, conclude
 from .augmented import fitted_effects
+from .bursts import Burst, burst_places, find_bursts
 from .engine import finer, prepare, Prepared
 from .identify import Answer, identify, Named
 from .limits import Audit
-from .locate import locate
+from .locate import locate, tidy
 from .model import Parameters, prepare_model
 from .prove import held_out_rms, in_sample
 from .quantify import corrected, moved, parameters, tune
 from .residuals import residuals
-from .result import Detectable, Diagnosis, Evidence, Explanation, Quality
+from .result import Detectable, Diagnosis, Evidence, Explanation, Parameter, Quality
 from .search import Candidate
 from .system import Score, whiten_system
 from .terms import Term
@@ -48,6 +49,13 @@ class Finding:
     prepared: Prepared
     answer: Answer
     scores: tuple[Score, ...]  # of the catalogue under the null noise
+    bursts: tuple[Burst, ...]  # where nothing smooth explains the triad's rows
+
+    @property
+    def verdict(self) -> str:
+        """Of the triad: a short disturbance alone is something that no catalogued effect explains."""
+        consistent = self.answer.verdict == "consistent"
+        return "unexplained" if consistent and self.bursts else self.answer.verdict
 
 
 def diagnose_campaign(
@@ -143,13 +151,17 @@ def _find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
         finer=lambda term: finer(prepared, term),
         say=lambda text: progress(f"{triad}: {text}"),
     )
-    return Finding(prepared, answer, answer.listed_scores)
+    bursts: list[Burst] = []
+    if answer.verdict == "consistent":
+        outputs = np.asarray(prepared.signal.output)
+        bursts = find_bursts(prepared, outputs, answer.noise, [])
+    return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1]))
 
 
 def _conclude(
     campaign: Campaign, findings: list[Finding], effects: Sequence[Effect], progress: Progress
 ) -> tuple[Diagnosis, Calibration]:
-    verdicts = [f.answer.verdict for f in findings]
+    verdicts = [f.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
     triads, qualities, added, rows = [], [], [], []
@@ -165,6 +177,10 @@ def _conclude(
         if answer.unlisted is not None and answer.verdict == "unexplained":
             where.extend(locate(prepared, answer.unlisted, 0.0, answer.unlisted_p))
             empirical.append(_formula(answer.unlisted))
+        for burst in finding.bursts:
+            places = burst_places(prepared, burst)
+            where.extend(places)
+            empirical.append(burst.formula(places[0].start, places[-1].end))
         qualities.append((finding, *_quality(prepared, answer, terms)))
         triads.append(_calibrated(prepared, answer, terms))
         added.extend(fitted_effects(prepared, answer.noise, terms))
@@ -178,7 +194,7 @@ def _conclude(
         summary=summary(
             verdict, explanations, where, empirical, [f.prepared.form for f in findings]
         ),
-        where=tuple(sorted(where, key=lambda w: (w.p_value, w.start))),
+        where=tidy(where),
         effects=tuple(explanations),
         baseline=chosen[1],
         augmented=chosen[2],
@@ -253,17 +269,21 @@ def _merge(explanations: list[Explanation]) -> list[Explanation]:
         if len(members) == 1:
             made.append(lead)
             continue
-        values = tuple(
-            (f"{n} ({', '.join(e.channels)})", p) for e in members for n, p in e.parameters
-        )
+        channels = tuple(dict.fromkeys(c for e in members for c in e.channels))
+        values: dict[str, Parameter] = {}
+        for e in members:
+            for name, value in e.parameters:
+                label = f"{name} ({', '.join(e.channels)})"
+                again = sum(key.startswith(label) for key in values)
+                values[label if not again else f"{label}, {again + 1}"] = value
         made.append(
             Explanation(
                 name=lead.name,
-                channels=tuple(c for e in members for c in e.channels),
+                channels=channels,
                 form=lead.form,
                 alternatives=lead.alternatives,
                 odds=lead.odds,
-                parameters=values,
+                parameters=tuple(values.items()),
                 evidence=lead.evidence,
                 statement=" ".join(e.statement for e in members),
                 separating_experiment=lead.separating_experiment,

@@ -10,8 +10,8 @@ from .signal import Signal
 
 
 def shape(signal: Signal, *, time: Scalar | float) -> Float[Array, "time channels columns"]:
-    """Half a unit before the moment negative, after it positive: a unit step without a change of the mean level."""
-    return (jnp.where(jnp.asarray(signal.time) >= time, 0.5, -0.5))[:, None, None]
+    """Zero before the moment, one from then on."""
+    return jnp.where(jnp.asarray(signal.time) >= time, 1.0, 0.0)[:, None, None]
 
 
 def _grid(signal: Signal):
