@@ -23,6 +23,7 @@ from .terms import Term
 
 LEVEL = 1e-4  # family-wise false alarms
 LONGEST = 0.15  # of the campaign: longer is a change of the noise, not a short disturbance
+SHARED = 0.1  # of the excess on another channel: from there on it is a motion
 INSIDE = "scatter inside blocks"
 BETWEEN = "scatter of the means of blocks"
 
@@ -120,21 +121,30 @@ def _inside(prepared: Prepared, outputs: np.ndarray) -> list[Burst]:
     offset = values.mean(axis=0)
     square = block_mean((values - offset) ** 2, blocks.start, blocks.stop)
     sums = np.maximum(square - (mean - offset) ** 2, 0.0) * blocks.count[:, None]
-    rest = np.flatnonzero(~blocks.moving)
+    rest = np.flatnonzero(~blocks.moving & _inner(blocks.dwell))
+    windows = [most_scattered(sums[rest, c], dof[rest]) for c in range(3)]
     found = []
-    for c in range(3):
-        window = most_scattered(sums[rest, c], dof[rest])
+    for c, window in enumerate(windows):
         if window is None:
             continue
-        usual = float(np.median(sums[rest, c] / dof[rest]))
-        excess = float(np.sqrt(max(window.ratio - 1.0, 0.0) * usual))
+        usual = np.median(sums[rest] / dof[rest, None], axis=0)
+        here = rest[window.first : window.last + 1]
+        ratio = sums[here].sum(axis=0) / dof[here].sum() / usual
+        # A knock or a hand on the table moves all axes; a disturbed read-out is one channel's.
+        if np.delete(ratio - 1.0, c).max() > SHARED * (ratio[c] - 1.0):
+            continue
+        excess = float(np.sqrt(max(ratio[c] - 1.0, 0.0) * usual[c]))
         found.append(
             Burst(
-                f"{triad}_{'xyz'[c]}", int(rest[window.first]), int(rest[window.last]), excess,
-                window.p_value, INSIDE,
+                f"{triad}_{'xyz'[c]}", int(here[0]), int(here[-1]), excess, window.p_value, INSIDE
             )
-        )  # fmt: skip
+        )
     return found
+
+
+def _inner(dwell: np.ndarray) -> np.ndarray:
+    """Blocks that are neither first nor last of their rest: the ends may still hold some of the motion."""
+    return np.r_[False, np.diff(dwell) == 0] & np.r_[np.diff(dwell) == 0, False]
 
 
 def _between(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> list[Burst]:
