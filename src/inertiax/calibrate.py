@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._typing import AnyArray
 from .calibration import Calibration, TriadCalibration
@@ -23,20 +23,19 @@ from .dwells import Dwells
 from .estimators import AbstractEstimator
 from .intervals import reduce_to_dwells
 from .model import compensate_accel
+from .one_device import iterate_one, joint_fit_one, Problem
 from .procedure import (
     convergence_rate,
-    GaussNewtonIteration,
     iterate,
-    joint_fit,
     PaperIteration,
     rate_warning,
     ThermalSolution,
 )
 from .recordings import Campaign, Recording
 from .scatter import chi2_per_dof, judged, num_judged, with_provisional_scatter, with_scatter
-from .temperature import AbstractBasis
+from .temperature import AbstractBasis, Curve
 from .turns import Turns, with_motions
-from .uncertainty import Observability, observability
+from .uncertainty import judge_normal, Observability
 
 
 METHODS = ("gauss-newton", "joint", "paper")
@@ -201,11 +200,19 @@ def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitiv
 
 def _force(accel: TriadResult, recording: Recording) -> Float[np.ndarray, "time 3"]:
     """Compensated specific force of every sample, m/s²."""
+    assert recording.accel is not None
     probe = recording.temperature
     temperature = np.zeros(recording.num_samples) if probe is None else probe[:, 0]
-    unpack, curve = accel.estimator.unpack, accel.solution.curve
-    one = lambda t, a: compensate_accel(unpack(curve(t)), a)
-    return np.asarray(jax.jit(jax.vmap(one))(temperature, jnp.asarray(recording.accel)))
+    curve = accel.solution.curve
+    return np.asarray(_compensated_force(accel.estimator, curve, temperature, recording.accel))
+
+
+@eqx.filter_jit
+def _compensated_force(
+    estimator: AbstractEstimator, curve: Curve, temperature: AnyArray, accel: AnyArray
+) -> Float[Array, "time 3"]:
+    one = lambda t, a: compensate_accel(estimator.unpack(curve(t)), a)
+    return jax.vmap(one)(temperature, accel)
 
 
 def _rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:
@@ -236,7 +243,7 @@ def _estimate(
     warnings: list[str],
 ) -> TriadResult:
     estimator = with_provisional_scatter(estimator, dwells)
-    dwells = jax.tree.map(jnp.asarray, dwells)
+    dwells = jax.tree.map(np.asarray, dwells)
     if chosen.degree is None:
         degree, reason = choose_degree(estimator, dwells)
         choices.append(f"{estimator.triad}: {reason}")
@@ -249,12 +256,15 @@ def _estimate(
     # Two passes settle the scatter between dwells: it changes the weights, hardly the answer.
     unknowns = basis.size * num_judged(estimator, dwells)
     solution = _solve(estimator, basis, dwells, method)
-    misfit, own_sigma = (x[kept] for x in _misfits(estimator, solution, dwells))
+    misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
     own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
     for _ in range(2):
-        estimator = with_scatter(estimator, misfit, own_sigma, unknowns)
+        settled = with_scatter(estimator, misfit, own_sigma, unknowns)
+        if float(settled.scatter) == float(estimator.scatter):
+            break
+        estimator = settled
         solution = _solve(estimator, basis, dwells, method)
-        misfit, own_sigma = (x[kept] for x in _misfits(estimator, solution, dwells))
+        misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
     if not bool(solution.succeeded):
         raise ValueError(_failure(estimator, solution, dwells, method))
     if method == "paper":
@@ -284,23 +294,21 @@ def _solve(
     estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, method: str
 ) -> ThermalSolution:
     if method == "joint":
-        return joint_fit(estimator, basis, dwells)
+        return joint_fit_one(estimator, basis, dwells)
     if method == "paper":
         return iterate(PaperIteration.plan(estimator, basis, dwells), dwells)
-    return iterate(GaussNewtonIteration(estimator, basis), dwells)
-
-
-@eqx.filter_jit
-def _misfit_rows(estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells):
-    at = lambda d: estimator.misfit(solution.curve(d.temperature), d)
-    return jax.vmap(at)(dwells)
+    return iterate_one(estimator, basis, dwells)
 
 
 def _misfits(
-    estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells
+    estimator: AbstractEstimator,
+    solution: ThermalSolution,
+    dwells: Dwells,
+    kept: Bool[np.ndarray, " dwell"],
 ) -> tuple[np.ndarray, np.ndarray]:
-    misfit, sigma = _misfit_rows(estimator, solution, dwells)
-    return np.asarray(misfit), np.asarray(sigma)
+    """Misfit and its standard deviation by the dwells' own noise, of the dwells that are judged."""
+    now = Problem(estimator, solution.curve.basis, dwells).at(solution.curve.coefficients)
+    return now.misfit[kept], now.sigma[kept]
 
 
 def _check_observable(
@@ -321,7 +329,9 @@ def _check_observable(
             f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "
             f"for {unknowns} unknowns{temperature}; record more positions in different orientations."
         )
-    seen = observability(estimator, basis, dwells)
+    problem = Problem(estimator, basis, dwells)
+    normal = problem.normal(problem.at(np.zeros((basis.size, estimator.num_parameters))).jacobian)
+    seen = judge_normal(normal, estimator.names, basis.size)
     if seen.rank < seen.unknowns:
         raise ValueError(
             f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
@@ -341,16 +351,16 @@ def _failure(
     if method != "paper":
         return text + "; look for wrong units, a saturated axis or rests that are not at rest."
     procedure = PaperIteration.plan(estimator, solution.curve.basis, dwells)
-    exact = joint_fit(estimator, solution.curve.basis, dwells)
+    exact = joint_fit_one(estimator, solution.curve.basis, dwells)
     rate = convergence_rate(procedure, exact.curve.coefficients, dwells)
     return f"{text}: {rate_warning(procedure, rate, dwells) or 'use the default method'}."
 
 
 def _with_refined_force(result: TriadResult, dwells: Dwells) -> Dwells:
     """Dwells with compensated accelerometer outputs, for the gyros' D term."""
-    curve, estimator = result.solution.curve, result.estimator
-    refine = lambda d: estimator.compensate(curve(d.temperature), d)
-    return eqx.filter_jit(jax.vmap(refine))(jax.tree.map(jnp.asarray, dwells))
+    return Problem(result.estimator, result.solution.curve.basis, dwells).compensated(
+        result.solution.curve.coefficients
+    )
 
 
 def _triad(result: TriadResult | None, estimator: str | None) -> TriadCalibration | None:

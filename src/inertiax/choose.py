@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .dwells import Dwells
 from .estimators import AbstractEstimator, ESTIMATORS
+from .one_device import Problem
 from .recordings import Campaign, Recording
 from .temperature import AbstractBasis, Constant, Polynomial
 from .turns import shortfall, Turns
@@ -166,11 +166,9 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     span = float(np.ptp(temperature))
     if span < 1.0:
         return 0, f"the temperature moves by only {span:.2f} °C, so the parameters are constants"
-    start = estimator.start(dwells)
-    residual = lambda d: estimator.residual(start, d)
-    jacobian = lambda d: jax.jacfwd(estimator.residual)(start, d)
-    rows = np.asarray(jax.jit(jax.vmap(residual))(dwells)).reshape(-1)
-    parameters = np.asarray(jax.jit(jax.vmap(jacobian))(dwells))
+    problem = Problem(estimator, Constant(), dwells)
+    now = problem.at(problem.start())
+    rows, parameters = now.residual.reshape(-1), now.jacobian
     num_dwells, per_dwell, count = parameters.shape
     levels = _temperature_levels(temperature)
     x = 2.0 * (temperature - temperature.min()) / span - 1.0

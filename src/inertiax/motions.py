@@ -29,7 +29,7 @@ class Motions(eqx.Module):
     force: Float[AnyArray, "*dwell sample 3"] | None = None  # m/s², compensated, while it moves
 
 
-def step_angle(first: Vec3, second: Vec3, step: Scalar) -> Float[Array, "3"]:
+def step_angle(first: Vec3, second: Vec3, step: Scalar | float) -> Float[Array, "3"]:
     """Rotation vector of one step over which the rate goes linearly from `first` to `second`, rad.
 
         φ = h (ω₀ + ω₁) / 2 + h² ω₀ × ω₁ / 12

@@ -40,13 +40,22 @@ def observability(
     """
     curve = Curve(basis, jnp.zeros((basis.size, estimator.num_parameters)))
     normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))
-    safe = _common_scale(np.sqrt(np.diagonal(normal)), estimator.names, basis.size)
+    return judge_normal(normal, estimator.names, basis.size, tolerance=tolerance)
+
+
+def judge_normal(
+    normal: Float[np.ndarray, "unknowns unknowns"],
+    names: tuple[str, ...],
+    size: int,
+    *,
+    tolerance: float = 1e-4,
+) -> Observability:
+    """As `observability`, from the normal matrix JᵀJ of the coefficients, row-major (size, names)."""
+    safe = _common_scale(np.sqrt(np.diagonal(normal)), names, size)
     values, vectors = np.linalg.eigh(normal / np.outer(safe, safe))
     singular = np.sqrt(np.clip(values, 0.0, None))
     small = singular < tolerance * singular.max()
-    unseen = tuple(
-        _in_words(vectors[:, k] / safe, estimator.names, basis.size) for k in np.flatnonzero(small)
-    )
+    unseen = tuple(_in_words(vectors[:, k] / safe, names, size) for k in np.flatnonzero(small))
     smallest = float(singular.min())
     return Observability(
         condition=float("inf") if smallest == 0.0 else float(singular.max() / smallest),

@@ -1,0 +1,11 @@
+"""Noise of a log at rest: the Allan family of deviations, and the noise terms behind them."""
+
+from .confidence import degrees_of_freedom as degrees_of_freedom, interval as interval
+from .deviations import (
+    Deviations as Deviations,
+    deviations as deviations,
+    KINDS as KINDS,
+    usual_factors as usual_factors,
+)
+from .identify import identify as identify
+from .model import NoiseModel as NoiseModel, NoiseTerm as NoiseTerm, TERMS as TERMS

@@ -1,0 +1,118 @@
+"""The five noise terms of IEEE Std 952, their units, and the Allan deviation they make together.
+
+    σ²(τ) = 3 Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2
+
+All are *densities*: they do not depend on the sampling rate. What a filter or simulator asks for as
+"discrete" noise is another number; `NoiseTerm.discrete` names both so that they are not mixed.
+"""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from .confidence import EXPONENTS
+
+
+TERMS = ("Q", "N", "B", "K", "R")
+
+_FLICKER = 2.0 * np.log(2.0) / np.pi  # of B² in the Allan variance
+
+_SHAPES = {
+    "Q": lambda tau: 3.0 / tau**2,
+    "N": lambda tau: 1.0 / tau,
+    "B": lambda tau: np.full_like(tau, _FLICKER),
+    "K": lambda tau: tau / 3.0,
+    "R": lambda tau: 0.5 * tau**2,
+}
+
+NAMES = {
+    "accel": {
+        "Q": "velocity quantisation",
+        "N": "velocity random walk",
+        "B": "bias instability",
+        "K": "acceleration random walk",
+        "R": "acceleration ramp",
+    },
+    "gyro": {
+        "Q": "angle quantisation",
+        "N": "angle random walk",
+        "B": "bias instability",
+        "K": "rate random walk",
+        "R": "rate ramp",
+    },
+}
+
+SI_UNITS = {
+    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
+    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
+}
+
+_G = 9.80665  # m/s², of the unit g
+_DEG = np.rad2deg(1.0)
+# Units of data sheets with what one SI unit is in them.
+USUAL_UNITS = {
+    "accel": {
+        "Q": ("m/s", 1.0),
+        "N": ("(m/s)/sqrt(h)", 60.0),
+        "B": ("ug", 1e6 / _G),
+        "K": ("(m/s)/h^(3/2)", 60.0**3),
+        "R": ("ug/h", 3600e6 / _G),
+    },
+    "gyro": {
+        "Q": ("arcsec", 3600.0 * _DEG),
+        "N": ("deg/sqrt(h)", 60.0 * _DEG),
+        "B": ("deg/h", 3600.0 * _DEG),
+        "K": ("deg/h^(3/2)", 60.0**3 * _DEG),
+        "R": ("deg/h^2", 3600.0**2 * _DEG),
+    },
+}
+
+
+class NoiseTerm(eqx.Module):
+    """One coefficient with its 95 % interval; `lower` is zero where the log does not show the term."""
+
+    value: float  # SI, see `SI_UNITS`
+    std: float  # of the value; infinite where the value is zero
+    lower: float
+    upper: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether the log shows the term at all (95 %)."""
+        return self.lower > 0.0
+
+
+class NoiseModel(eqx.Module):
+    """Noise of one channel as coefficients of IEEE Std 952, and how well they describe the log."""
+
+    triad: str = eqx.field(static=True)  # "accel" or "gyro": tells the units
+    rate: float = eqx.field(static=True)  # Hz
+    duration: float = eqx.field(static=True)  # s
+    terms: dict[str, NoiseTerm]
+    chi2_per_dof: (
+        float  # of the spectrum, in thirds of octaves; far above 1: something else is there
+    )
+
+    def deviation(self, tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:
+        """Allan deviation that the model predicts, in the log's unit."""
+        return np.sqrt(sum(self.share(name, tau) for name in TERMS))
+
+    def share(self, name: str, tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:
+        """One term's part of the Allan variance."""
+        return self.terms[name].value ** 2 * _SHAPES[name](np.asarray(tau, float))
+
+    def exponents(self, tau: Float[np.ndarray, " tau"]) -> Int[np.ndarray, " tau"]:
+        """Exponent of the spectrum of the term that prevails at each averaging time."""
+        random = list(EXPONENTS)
+        largest = np.argmax([self.share(name, tau) for name in random], axis=0)
+        return np.array([EXPONENTS[name] for name in random])[largest]
+
+    @property
+    def discrete_sigma(self) -> float:
+        """Standard deviation of the white part of one sample at this rate: N √rate, m/s² or rad/s."""
+        return self.terms["N"].value * np.sqrt(self.rate)
+
+    @property
+    def discrete_walk(self) -> float:
+        """Standard deviation of the random walk's step from sample to sample: K / √rate."""
+        return self.terms["K"].value / np.sqrt(self.rate)

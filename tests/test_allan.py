@@ -1,0 +1,165 @@
+"""Allan deviations against allantools and hand calculation; noise terms against simulated truth."""
+
+import json
+
+import allantools
+import numpy as np
+import pytest
+from allantools.ci import edf_greenhall
+from scipy.stats import binom
+
+from hard_limit import run_limited
+from inertiax.allan import degrees_of_freedom, deviations, identify, interval, KINDS
+from inertiax.allan.identify import _expected, _tapered
+
+
+def _log(samples: int) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    return 2.0 + rng.normal(size=samples) + 0.01 * np.cumsum(rng.normal(size=samples))
+
+
+# A phase of five points by hand: rates 1, 3, 2, 4 at 1 Hz.
+def test_deviations_of_four_rates_by_hand():
+    rates = np.tile([1.0, 3.0, 2.0, 4.0], 2)
+    # Neighbours differ by 2, −1, 2, −3, 2, −1, 2: half the mean square is 27/14.
+    found = deviations(rates, rate=1.0, kind="oadev", factors=np.array([1]))
+    np.testing.assert_allclose(found.deviation, np.sqrt(27 / 14), rtol=1e-14)
+    # Means of two: 2, 3, 2, 3.
+    found = deviations(rates, rate=1.0, kind="adev", factors=np.array([2]))
+    np.testing.assert_allclose(found.deviation, np.sqrt(0.5), rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("samples, rate", [(1000, 1.0), (20_001, 100.0)])
+def test_equal_to_allantools(kind, samples, rate):
+    factors = np.array([1, 2, 3, 7, 10, 31, 100, 250, 300])
+    if kind in ("mtotdev", "ttotdev"):
+        factors = factors[:2] if samples > 1000 else factors[:6]  # it takes minutes there
+    log = _log(samples)
+    ours = deviations(log, rate=rate, kind=kind, factors=factors)
+    tau, theirs, _, count = getattr(allantools, kind)(
+        log, rate=rate, data_type="freq", taus=factors / rate
+    )
+    np.testing.assert_allclose(ours.tau, tau, rtol=1e-12)
+    np.testing.assert_allclose(ours.deviation, theirs, rtol=1e-10)
+    np.testing.assert_array_equal(ours.count, count)
+
+
+def test_a_long_log_keeps_its_digits():
+    # Blocks start their sums anew: one sum over the whole log grows with it, and loses digits.
+    log = np.cumsum(np.random.default_rng(0).normal(size=1 << 20))
+    factors = np.array([1000, 100_000])
+    ours = deviations(log, rate=100.0, kind="mdev", factors=factors)
+    theirs = allantools.mdev(log, rate=100.0, data_type="freq", taus=factors / 100.0)[1]
+    np.testing.assert_allclose(ours.deviation, theirs, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind, order", [("oadev", 2), ("adev", 2), ("mdev", 2), ("ohdev", 3)])
+@pytest.mark.parametrize("exponent", [2, 0, -1, -2])
+def test_degrees_of_freedom_are_greenhalls(kind, order, exponent):
+    overlapping, modified = kind != "adev", kind == "mdev"
+    for samples, factor in ((1000, 1), (1000, 10), (1000, 100), (100_000, 3000)):
+        theirs = edf_greenhall(exponent, order, factor, samples + 1, overlapping, modified)
+        ours = degrees_of_freedom(kind, samples, factor, exponent)
+        # Theirs comes from fitted tables where ours is a sum.
+        np.testing.assert_allclose(ours, theirs, rtol=0.02)
+
+
+def test_intervals_cover_white_noise():
+    # 90 % intervals at three averaging times over 400 logs of white noise, σ²(τ) = 1/m.
+    rng = np.random.default_rng(1)
+    factors = np.array([1, 16, 128])
+    inside = np.zeros(3)
+    for _ in range(400):
+        found = deviations(rng.normal(size=1024), rate=1.0, factors=factors)
+        low, high = interval(found, np.zeros(3, int), level=0.9)
+        truth = 1.0 / np.sqrt(factors)
+        inside += (low <= truth) & (truth <= high)
+    few, many = binom.ppf([1e-4, 1 - 1e-4], 400, 0.9)
+    assert np.all((few <= inside) & (inside <= many)), inside
+
+
+def test_expected_spectra_are_those_of_simulated_noise():
+    rng = np.random.default_rng(2)
+    size, runs = 1025, 400
+    ordinates = np.arange(1, size // 2 + 1)
+    expected = _expected(size, ordinates, 1.0)
+    step = {
+        0: lambda: np.diff(rng.normal(size=size + 1), n=2),
+        1: lambda: np.diff(rng.normal(size=size)),
+        3: lambda: rng.normal(size=size - 1),
+    }
+    for column, draw in step.items():
+        mean = np.mean([_tapered(draw()) for _ in range(runs)], axis=0)
+        ratio = mean / expected[:, column]
+        # An ordinate of five tapers has a relative sigma of √(1/5) at least; near zero it is larger.
+        assert np.all(np.abs(ratio - 1.0) < 5.5 * np.sqrt(1.0 / 2.5 / runs)), column
+        assert abs(np.mean(ratio[:20]) - 1.0) < 5.0 * np.sqrt(0.5 / runs / 20 * 5)
+
+
+MONTE_CARLO = """
+import json
+from scipy.signal import fftconvolve
+from inertiax.allan import identify
+rate, size, runs = 100.0, 1 << 16, 120
+rng = np.random.default_rng(11)
+k = np.arange(1, 2 * size)
+response = np.concatenate([[1.0], np.cumprod((k - 0.5) / k)])  # Kasdin's flicker filter
+truth = dict(N=1e-3, B=5e-4, K=3e-4)
+inside, value = {k: 0 for k in truth}, {k: [] for k in truth}
+for _ in range(runs):
+    flicker = fftconvolve(rng.normal(size=2 * size), response)[size : 2 * size]
+    walk = np.cumsum(rng.normal(size=size)) / np.sqrt(rate)
+    white = rng.normal(size=size) * np.sqrt(rate)
+    model = identify(truth["N"] * white + truth["B"] * flicker + truth["K"] * walk, rate=rate)
+    for name, true in truth.items():
+        term = model.terms[name]
+        inside[name] += bool(term.lower <= true <= term.upper)
+        value[name].append(term.value)
+print(json.dumps([inside, {k: float(np.mean(v)) for k, v in value.items()}, runs]))
+"""
+
+
+@pytest.mark.slow
+def test_noise_terms_come_back_with_right_intervals():
+    inside, mean, runs = json.loads(run_limited(MONTE_CARLO, seconds=400.0))
+    # 95 % intervals; binomial limits that 1 in 500 sets of three would leave.
+    few = binom.ppf(1e-3, runs, 0.95)
+    assert min(inside.values()) >= few, inside
+    truth = {"N": 1e-3, "B": 5e-4, "K": 3e-4}
+    for name, tolerance in (("N", 0.01), ("B", 0.2), ("K", 0.1)):
+        assert abs(mean[name] / truth[name] - 1.0) < tolerance, (name, mean)
+
+
+def test_white_noise_is_told_in_both_conventions():
+    rng = np.random.default_rng(5)
+    model = identify(0.02 * rng.normal(size=1 << 15), rate=400.0, triad="accel")
+    white = model.terms["N"]
+    assert white.lower <= 1e-3 <= white.upper  # 0.02 m/s² at 400 Hz is 1e-3 m/s²/√Hz
+    assert abs(model.discrete_sigma / 0.02 - 1.0) < 0.02
+    assert not model.terms["K"].shown and not model.terms["R"].shown
+    # The model's Allan deviation is that of the log.
+    tau = np.array([0.01, 0.1, 1.0])
+    np.testing.assert_allclose(model.deviation(tau), 1e-3 / np.sqrt(tau), rtol=0.1)
+
+
+def test_a_ramp_is_found():
+    rng = np.random.default_rng(6)
+    time = np.arange(1 << 14) / 100.0
+    ramp = identify(1e-3 * rng.normal(size=len(time)) + 2e-6 * time, rate=100.0).terms["R"]
+    # Slope of white noise: σ √(12 / n) / T = 1.65e-7.
+    assert ramp.shown and abs(ramp.value - 2e-6) < 4.0 * ramp.std
+    assert 1.6e-7 < ramp.std < 2.4e-7
+
+
+def test_what_no_term_explains_shows_in_chi2():
+    time = np.arange(1 << 14) / 100.0
+    log = np.random.default_rng(7).normal(size=len(time))
+    assert identify(log, rate=100.0).chi2_per_dof < 2.5
+    assert identify(log + 0.3 * np.sin(2 * np.pi * 3.0 * time), rate=100.0).chi2_per_dof > 10.0
+
+
+@pytest.mark.parametrize("log, words", [(np.ones(1000), "constant"), (np.ones(100), "256 or more")])
+def test_bad_logs_are_refused(log, words):
+    with pytest.raises(ValueError, match=words):
+        identify(log, rate=100.0)
