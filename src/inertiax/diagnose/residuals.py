@@ -26,6 +26,7 @@ class Residuals(eqx.Module):
     rate: Float[np.ndarray, "block 3"] | None  # rad/s
     before: Float[np.ndarray, "block row"]  # m/s² or rad/s, of the model as meant
     after: Float[np.ndarray, "block row"]  # with the effects in the fit
+    loads: Float[np.ndarray, "block 3"] | None = None  # of the outputs on a single row, |accel|
 
     def of(self, channel: str) -> int:
         """Column of the rows that a channel of the triad shows up in."""
@@ -65,4 +66,5 @@ def residuals(prepared: Prepared, chosen: Sequence[Term]) -> Residuals:
         rate=plain(coarse.rate),
         before=np.stack(columns[0], axis=1),
         after=np.stack(columns[1], axis=1),
+        loads=None if len(system.chains) == 3 else system.base.loads[0],
     )

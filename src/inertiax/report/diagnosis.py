@@ -4,10 +4,15 @@ import math
 from pathlib import Path
 
 from ..diagnose import Diagnosis
-from ..plots import diagnosis as plots
+from ..diagnose.residuals import Residuals
+from ..diagnose.result import Explanation, Moved, Parameter
+from ..effects import CATALOGUE
+from ..plots import diagnosis as plots, residuals as residual_plots
 from ..plots.style import drawing
-from ..quantities import with_sigma
+from ..quantities import label, with_sigma
 from ..recordings import Campaign
+from .audit import audit_sections, sizes_section, three_digits
+from .engineering import customary, in_words
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 
 
@@ -26,12 +31,12 @@ def report_diagnosis(
     **Arguments:** `campaign` are the device's recordings; with them the places are drawn over time.
     """
     tone, headline = _HEADLINES[found.verdict]
-    names = [" or ".join((e.name, *e.alternatives)) for e in found.effects]
+    names = [" or ".join(map(in_words, (e.name, *e.alternatives))) for e in found.effects]
     if names:
         headline = f"{headline[:-1]}: {'; '.join(names)}."
     device = "" if campaign is None else campaign.devices[0]
     sections = [
-        *_effect_section(found),
+        *_effect_section(found, folder),
         *_fit_section(found, folder),
         *_place_section(found, folder, campaign),
         *_moved_section(found, folder),
@@ -66,21 +71,19 @@ def _ratio(found: Diagnosis) -> float:
     return found.augmented.held_out_rms / found.baseline.held_out_rms
 
 
-def _effect_section(found: Diagnosis) -> list[Section]:
+def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
     sections = []
-    for effect in found.effects:
-        rows = tuple((name, *_value(p.value, p.std), p.unit) for name, p in effect.parameters)
+    for number, effect in enumerate(found.effects, start=1):
         evidence = effect.evidence
         lines = [
             effect.statement,
-            f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}, misfit on left-out "
-            f"data lower by {100 * evidence.held_out_gain:.0f} %.",
+            f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
+            f"the misfit is lower by {100 * evidence.held_out_gain:.0f} %.",
         ]
-        if effect.separating_experiment:
-            lines.append(f"Experiment that would tell more: {effect.separating_experiment}")
+        rows = tuple((name, *_value(name, p)) for name, p in effect.parameters)
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]
         if len(effect.odds) > 1:
-            odds = tuple((name, f"{100 * share:.1f}") for name, share in effect.odds)
+            odds = tuple((in_words(name), f"{100 * share:.1f}") for name, share in effect.odds)
             tables.append(
                 Table(
                     ("explanation", "share, %"),
@@ -89,36 +92,103 @@ def _effect_section(found: Diagnosis) -> list[Section]:
                     caption="This data cannot tell these apart",
                 )
             )
-        title = f"{effect.name} on {', '.join(effect.channels)}"
-        sections.append(Section(title, lines=tuple(lines), tables=tuple(tables)))
+        if effect.separating_experiment:
+            word = "separate them" if len(effect.odds) > 1 else "confirm it"
+            lines.append(f"Experiment that would {word}: {effect.separating_experiment}.")
+        title = f"{in_words(effect.name)} on {', '.join(effect.channels)}"
+        figures = _driver_figures(found, effect, folder, f"effect-{number}")
+        sections.append(Section(title, lines=tuple(lines), tables=tuple(tables), figures=figures))
     if found.empirical is not None:
         lines = ("The best-found dependence; it describes the data and explains nothing.",)
         sections.append(Section("What was found", lines=lines, items=(found.empirical,)))
     return sections
 
 
-def _value(value: float, std: float | None) -> tuple[str, str]:
+def _driver_figures(
+    found: Diagnosis, effect: Explanation, folder: Path, name: str
+) -> tuple[Picture, ...]:
+    """Residuals against the effect's driver, before and after."""
+    driver = next((e.driver for e in CATALOGUE if e.name == effect.name), "time")
+    made = []
+    for rows in found.residuals:
+        channels = tuple(c for c in effect.channels if c.startswith(rows.triad))
+        if not channels:
+            continue
+        caption = (
+            f"Residuals of the {_rows_name(rows)} against {in_words(driver)}, before and after. Dots are "
+            f"blocks of a few seconds, the line is their mean."
+        )
+        if rows.loads is not None:
+            caption += " The size of specific force is shown as the error of the channel that would make it."
+        with drawing():
+            figure = residual_plots.before_and_after(rows, driver, channels)
+            made.append(picture(figure, folder, f"{name}-{rows.triad}", caption, caption))
+    return tuple(made)
+
+
+def _rows_name(rows: Residuals) -> str:
+    name = "accelerometers" if rows.triad == "accel" else "gyros"
+    return name if len(rows.channels) == 3 else f"{name} (size of specific force less gravity)"
+
+
+def _value(name: str, parameter: Parameter) -> tuple[str, str, str]:
+    """Value, uncertainty and unit as on a data sheet."""
+    factor, unit = customary(parameter.value, parameter.unit)
+    if name.startswith("amplitude"):
+        factor, unit = 1.0, "of what theory says"
+    value, std = factor * parameter.value, parameter.std
     if std is None or not math.isfinite(std):
-        return f"{value:.6g}", "not determined"
-    return with_sigma(value, std)
+        return f"{value:.4g}", "not determined", unit
+    return *with_sigma(value, factor * std), unit
 
 
 def _fit_section(found: Diagnosis, folder: Path) -> list[Section]:
     if found.baseline is None or found.augmented is None:
         return []
-    rows = tuple(
-        (name, f"{q.rms:.3g}", f"{q.chi2_per_dof:.3g}", f"{q.held_out_rms:.3g}")
-        for name, q in (("baseline", found.baseline), ("augmented", found.augmented))
+    rows = _judged(found)
+    factor, unit = (1.0, "SI") if rows is None else residual_plots.scale(rows)
+    models = [("model as meant", found.baseline)]
+    if found.verdict != "consistent":
+        models.append(("with the effects", found.augmented))
+    cells = tuple(
+        (
+            name,
+            three_digits(factor * q.rms),
+            f"{q.chi2_per_dof:.3g}",
+            three_digits(factor * q.held_out_rms),
+        )
+        for name, q in models
     )
-    head = ("model", "rms misfit, SI", "χ² per dof", "rms on left-out data, SI")
-    figures: tuple[Picture, ...] = ()
+    head = ("model", f"rms misfit, {unit}", "χ² per dof", f"rms on left-out data, {unit}")
+    figures = _time_figures(found, folder)
     if found.verdict != "consistent" and found.baseline.rms > 0:
         caption = (
             "How much smaller the misfit is with the effects, also on data left out of the fit."
         )
         with drawing():
-            figures = (picture(plots.improvement(found), folder, "improvement", caption, caption),)
-    return [Section("Fit", tables=(Table(head, rows, numeric=(1, 2, 3)),), figures=figures)]
+            drawn = picture(plots.improvement(found), folder, "improvement", caption, caption)
+            figures = (drawn, *figures)
+    lines = () if rows is None else (f"Rows of the {_rows_name(rows)}.",)
+    table = Table(head, cells, numeric=(1, 2, 3))
+    return [Section("Fit", lines=lines, tables=(table,), figures=figures)]
+
+
+def _judged(found: Diagnosis) -> Residuals | None:
+    """The triad whose fit the diagnosis reports: that of the same rms."""
+    if found.baseline is None or not found.residuals:
+        return None
+    rms = found.baseline.rms
+    return min(found.residuals, key=lambda r: abs(math.sqrt(float((r.before**2).mean())) - rms))
+
+
+def _time_figures(found: Diagnosis, folder: Path) -> tuple[Picture, ...]:
+    made = []
+    for rows in found.residuals:
+        caption = f"Residuals of the {_rows_name(rows)} over the campaign."
+        with drawing():
+            figure = residual_plots.over_time(rows)
+            made.append(picture(figure, folder, f"over-time-{rows.triad}", caption, caption))
+    return tuple(made)
 
 
 def _place_section(found: Diagnosis, folder: Path, campaign: Campaign | None) -> list[Section]:
@@ -153,29 +223,41 @@ def _moved_section(found: Diagnosis, folder: Path) -> list[Section]:
     moved = [m for m in found.parameters_moved if m.std > 0]
     if not moved:
         return []
-    rows = tuple(
-        (
-            m.name,
-            f"{m.before:.6g}",
-            f"{m.after:.6g}",
-            f"{m.std:.2g}",
-            f"{(m.after - m.before) / m.std:+.1f}",
-        )
-        for m in moved
-    )
-    head = ("parameter", "before, SI", "after, SI", "± 1 sigma", "shift, sigmas")
+    head = ("parameter", "before", "after", "± 1 sigma", "unit", "shift, sigmas")
     caption = "How far the omission had pulled the calibrated parameters, the largest shifts."
     with drawing():
         figure = picture(plots.pulled(found), folder, "pulled", caption, caption)
-    table = Table(head, rows, numeric=(1, 2, 3, 4))
+    table = Table(head, tuple(map(_moved_row, moved)), numeric=(1, 2, 3, 5))
     return [Section("What the omission had pulled", tables=(table,), figures=(figure,))]
 
 
+def _moved_row(moved: Moved) -> tuple[str, ...]:
+    name, factor, unit = moved.name, 1.0, "SI"
+    if name.startswith(("accel.", "gyro.")):
+        triad = "accelerometers" if name.startswith("accel") else "gyros"
+        words = label(name)
+        if ".matrix" in name:
+            factor, unit = 1e6, "ppm" if words.startswith("scale") else "µrad"
+        else:
+            si = "m/s^2" if name.startswith("accel") else "rad/s"
+            si += "/g" if "g_sensitivity" in name else ""
+            factor, unit = customary(max(abs(moved.before), abs(moved.after)), si)
+        name = f"{triad}: {words}"
+    after, sigma = with_sigma(factor * moved.after, factor * moved.std)
+    before, _ = with_sigma(factor * moved.before, factor * moved.std)
+    return name, before, after, sigma, unit, f"{(moved.after - moved.before) / moved.std:+.1f}"
+
+
 def _limits_section(found: Diagnosis) -> list[Section]:
+    if found.audit is not None:
+        sections = [sizes_section(found.audit)] if found.verdict == "consistent" else []
+        beside = found.verdict != "consistent"
+        return [*sections, *audit_sections(found.audit, sizes=beside)]
     sections = []
     if found.detectable:
         rows = tuple(
-            (d.name, ", ".join(d.channels), f"{d.size:.2e}", d.unit) for d in found.detectable
+            (in_words(d.name), ", ".join(d.channels), *_size(d.size, d.unit))
+            for d in found.detectable
         )
         table = Table(
             ("effect", "channels", "smallest size", "unit"),
@@ -189,3 +271,8 @@ def _limits_section(found: Diagnosis) -> list[Section]:
         items = found.notes or found.not_testable
         sections.append(Section("Not testable", lines=lines, items=items))
     return sections
+
+
+def _size(size: float, unit: str) -> tuple[str, str]:
+    factor, shown = customary(size, unit)
+    return three_digits(factor * size), shown
