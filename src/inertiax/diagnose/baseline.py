@@ -267,3 +267,17 @@ def fit(
         index.append(np.concatenate([np.arange(k * size, (k + 1) * size) for k in mine]))
     ones = tuple(np.ones((blocks.num_blocks, 1)) for _ in range(3))
     return Baseline(form, coefficients, tuple(observed), tuple(columns), tuple(index), ones, given)
+
+
+def rows_at(base: Baseline, blocks: Blocks, force: Float[np.ndarray, "block 3"] | None) -> Baseline:
+    """The rows of other blocks under a fitted baseline's coefficients; `force` as for `fit`."""
+    form = base.form
+    if form.estimator == "invariant":
+        basis = form.basis(blocks.temperature, blocks.num_blocks)
+        residual, jacobian, gain, felt = _invariant(form, base.coefficients, blocks, basis)
+        index = (np.arange(jacobian.shape[1]),)
+        return Baseline(form, base.coefficients, (residual,), (jacobian,), index, (gain,), felt)
+    own = fit(form, blocks, force)
+    change = (own.coefficients - base.coefficients).reshape(-1)
+    observed = tuple(y + x @ change[k] for y, x, k in zip(own.observed, own.columns, own.index))
+    return Baseline(form, base.coefficients, observed, own.columns, own.index, own.loads, own.input)

@@ -67,11 +67,20 @@ def prepare(
         if triad == "accel":
             accel_base = base
             force = specific_force(log, blocks, accel_base)
-        prepared.append(_prepare(campaign, log, mine, form, base, force, catalogue))
+        prepared.append(prepare_triad(campaign, log, mine, form, base, force, catalogue))
     return log, prepared
 
 
-def _prepare(campaign, log, blocks, form, base, force, catalogue) -> Prepared:
+def prepare_triad(
+    campaign: Campaign,
+    log: Log,
+    blocks: Blocks,
+    form: ModelForm,
+    base: Baseline,
+    force: np.ndarray | None,
+    catalogue: Sequence[Effect],
+) -> Prepared:
+    """Candidates and noise structure of one triad with a fitted baseline."""
     signal = build(log, blocks, base, force)
     coarse = coarsen(signal, blocks)
     listed, missing = terms(tuple(catalogue), signal, blocks, base)

@@ -38,7 +38,7 @@ Progress = Callable[[str], None]
 DEFAULT_SITE = Site()
 
 
-def _silent(text: str) -> None:
+def silent(text: str) -> None:
     """No progress wanted."""
 
 
@@ -63,15 +63,15 @@ def diagnose_campaign(
     *,
     calibration: Calibration | None = None,
     effects: Sequence[Effect] = CATALOGUE,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> tuple[Diagnosis, Calibration]:
     """`diagnose` together with the calibration of the augmented model."""
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
         _, triads = prepare(campaign, effects, calibration)
         progress("blocks, models and signatures made")
-        findings = [_find(p, campaign.grade, progress) for p in triads]
-        return _conclude(campaign, findings, effects, progress)
+        findings = [find(p, campaign.grade, progress) for p in triads]
+        return conclude_findings(campaign, findings, effects, progress)
 
 
 def diagnose(
@@ -79,7 +79,7 @@ def diagnose(
     *,
     calibration: Calibration | None = None,
     effects: Sequence[Effect] = CATALOGUE,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Diagnosis:
     """Say what a one-device campaign holds beyond its model, or that nothing is missing.
 
@@ -103,7 +103,7 @@ def diagnose_model(
     inputs: Float[AnyArray, "time 3"] | None = None,
     site: Site = DEFAULT_SITE,
     grade: str | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Diagnosis:
     """Diagnose any differentiable model of one triad's outputs.
 
@@ -119,14 +119,16 @@ def diagnose_model(
         prepared = prepare_model(
             predict, parameters, campaign, catalogue, triad=triad, inputs=inputs
         )
-        return _conclude(campaign, [_find(prepared, grade, progress)], catalogue, progress)[0]
+        return conclude_findings(campaign, [find(prepared, grade, progress)], catalogue, progress)[
+            0
+        ]
 
 
 def run_diagnosis(
     campaign_path: str | Path,
     output_folder: str | Path,
     calibration_path: str | Path | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Diagnosis:
     """Diagnose the campaign at a path and write `diagnosis.json` and the augmented `calibration.json`."""
     campaign = load_campaign(Path(campaign_path))
@@ -139,7 +141,8 @@ def run_diagnosis(
     return diagnosis
 
 
-def _find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
+def find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
+    """Gate, locate and name for one triad."""
     triad = prepared.form.triad
     listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
     unlisted = [t for t in prepared.candidates if t.name.startswith(PREFIX)]
@@ -158,21 +161,22 @@ def _find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
     return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1]))
 
 
-def _conclude(
+def conclude_findings(
     campaign: Campaign, findings: list[Finding], effects: Sequence[Effect], progress: Progress
 ) -> tuple[Diagnosis, Calibration]:
+    """Quantify, prove and say: the diagnosis of all triads and the augmented calibration."""
     verdicts = [f.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
     triads, qualities, added, rows = [], [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
-        tuned = _tuned(prepared, answer)
-        terms = [t for _, t, _ in tuned]
+        refined = tuned(prepared, answer)
+        terms = [t for _, t, _ in refined]
         if answer.named and answer.verdict != "unexplained":
-            explanations.extend(_explain(prepared, answer, tuned))
+            explanations.extend(_explain(prepared, answer, refined))
             shifted.extend(moved(prepared.system, answer.noise, terms))
-        for named, _, _ in tuned:
+        for named, _, _ in refined:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
             where.extend(locate(prepared, answer.unlisted, 0.0, answer.unlisted_p))
@@ -209,7 +213,7 @@ def _conclude(
     return diagnosis, _calibration(campaign, findings, triads, explanations, tuple(added))
 
 
-def _tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, Term, float | None]]:
+def tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, Term, float | None]]:
     """Named terms with their nuisance settings refined one after the other."""
     terms = [n.candidate.term for n in answer.named]
     made = []

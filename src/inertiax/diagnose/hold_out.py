@@ -1,0 +1,116 @@
+"""A stretch of a campaign kept from the diagnosis, then predicted by what the rest has taught.
+
+Neither the fit nor the choice of effects sees an output of the stretch. Its times and temperatures do
+enter, because an effect with memory (lag, hysteresis) carries its state from the rest into the stretch.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..effects import CATALOGUE, Effect
+from ..recordings import Campaign
+from .baseline import Baseline, choose, fit, rows_at, usable
+from .blocks import Blocks, cut, join, Log
+from .engine import prepare_triad, Prepared
+from .result import Diagnosis
+from .run import conclude_findings, find, Progress, silent, tuned
+from .signals import specific_force
+from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term
+
+
+class Prediction(eqx.Module):
+    """How well one channel's rows of the stretch are predicted, and by what."""
+
+    channel: str = eqx.field(static=True)  # or `|accel|` for the invariant model
+    effects: tuple[str, ...] = eqx.field(static=True)
+    baseline_rms: float = eqx.field(static=True)  # m/s² or rad/s, the model alone
+    augmented_rms: float = eqx.field(static=True)  # with the effects that the rest named
+
+
+def hold_out(
+    campaign: Campaign,
+    *,
+    start: float,
+    end: float = np.inf,
+    effects: Sequence[Effect] = CATALOGUE,
+    progress: Progress = silent,
+) -> tuple[Diagnosis, tuple[Prediction, ...]]:
+    """Diagnose a campaign without the stretch from `start` to `end`, then predict the stretch.
+
+    **Arguments:** `start`, `end` in s on the clock of the recordings (of all recordings that have that time).
+    **Returns** the diagnosis of the rest, and one `Prediction` for each chain of rows. Coefficients come
+    from least squares on the rest with the white noise as weight. Raises `ValueError` where the stretch
+    or the rest holds no rows.
+    """
+    with jax.enable_x64(True):
+        log = join(campaign)
+        blocks = cut(log)
+        middle = log.clock[(blocks.start + blocks.stop) // 2]
+        inside = (middle >= start) & (middle <= end)
+        if not inside.any() or inside.all():
+            raise ValueError(
+                f"`hold_out(start={start:g}, end={end:g})`: {int(inside.sum())} of {len(inside)} blocks lie "
+                f"inside; the recordings span {log.clock.min():g} s to {log.clock.max():g} s, and both the "
+                "stretch and the rest need rows."
+            )
+        findings, predictions, accel = [], [], None
+        for triad in ("accel", "gyro"):
+            form = choose(campaign, blocks[~inside], triad)
+            if form is None:
+                continue
+            fits = usable(form, blocks)
+            rest, left = blocks[~inside & fits], blocks[inside & fits]
+            force = specific_force(log, blocks, accel)
+            base = fit(form, rest, None if force is None else rest.mean(force))
+            if triad == "accel":
+                accel = base
+                force = specific_force(log, blocks, accel)
+            prepared = prepare_triad(campaign, log, rest, form, base, force, effects)
+            finding = find(prepared, campaign.grade, progress)
+            findings.append(finding)
+            terms = [t for _, t, _ in tuned(prepared, finding.answer)]
+            predictions.extend(_predict(prepared, terms, log, left, force))
+        return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
+
+
+def _predict(
+    prepared: Prepared,
+    chosen: Sequence[Term],
+    log: Log,
+    left: Blocks,
+    force: np.ndarray | None,
+) -> list[Prediction]:
+    base = prepared.system.base
+    other = rows_at(base, left, None if force is None else left.mean(force))
+    long = padded(prepared.signal, len(log.time))
+    coarse = padded(coarsen(prepared.signal, left), left.num_blocks)
+    made = []
+    for c, chain in enumerate(prepared.system.chains):
+        mine = [t for t in chosen if c in t.chains]
+        weight = 1.0 / np.sqrt(chain.white)
+        rms = []
+        for terms in ([], mine):
+            x = [base.columns[c], *(t.columns[t.chains.index(c)] for t in terms)]
+            x = np.concatenate(x, axis=1)
+            norm = np.linalg.norm(x, axis=0) + 1e-300
+            y = base.observed[c] * weight
+            solution = np.linalg.lstsq(x / norm * weight[:, None], y, rcond=1e-9)[0] / norm
+            there = [other.columns[c]]
+            for term in terms:
+                (shape,) = block_shapes(term.known, [term.variant], long, coarse, left)
+                again = _again(term, other, shape)
+                there.append(again.columns[again.chains.index(c)])
+            miss = other.observed[c] - np.concatenate(there, axis=1) @ solution
+            rms.append(float(np.sqrt(np.mean(miss**2))))
+        channel = f"{base.form.triad}_{'xyz'[c]}" if len(base.observed) == 3 else "|accel|"
+        made.append(Prediction(channel, tuple(t.name for t in mine), rms[0], rms[1]))
+    return made
+
+
+def _again(term: Term, base: Baseline, shape: np.ndarray) -> Term:
+    if term.known.common:
+        return common_term(term.known, term.variant, base, shape)[0]
+    return channel_terms(term.known, term.variant, base, shape)[term.channels[0]]
