@@ -10,7 +10,7 @@ import inertiax
 
 # Files, or folders taken as one; `docs/design.md` says what each holds.
 ORDER = """_typing earth rotation temperature model compose solve recordings formats screening
-campaign allan motions dwells noise covariances hand_turns rests intervals estimators procedure one_device
+campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure one_device
 turns scatter effects
 augmentation calibration uncertainty sources sensitivity approaches navigation choose calibrate
 simulate design diagnose compensation exports fleet demo quantities plots

@@ -8,4 +8,5 @@ from .deviations import (
     usual_factors as usual_factors,
 )
 from .identify import identify as identify
+from .logs import ChannelNoise as ChannelNoise, LogNoise as LogNoise, noise_of as noise_of
 from .model import NoiseModel as NoiseModel, NoiseTerm as NoiseTerm, TERMS as TERMS

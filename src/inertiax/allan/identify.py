@@ -293,7 +293,7 @@ def _term(
         lower = _crossing(excess, square, 0.5)
     upper = _crossing(excess, square if square > 0.0 else 0.1 * std, 2.0)
     value = float(np.sqrt(square))
-    spread = std / (2.0 * value) if value > 0 else np.inf
+    spread = float(std / (2.0 * value)) if value > 0 else float("inf")
     return NoiseTerm(value, spread, float(np.sqrt(lower)), float(np.sqrt(upper)))
 
 
@@ -340,7 +340,7 @@ def _ramp(
     ones = np.ones(len(means) - 1)
     weights = np.linalg.solve(covariance, ones)
     slope = float(weights @ np.diff(means) / weights.sum() / step)
-    return slope, float(1.0 / np.sqrt(weights.sum()) / step)
+    return float(slope), float(1.0 / np.sqrt(weights.sum()) / step)
 
 
 def _block_covariance(

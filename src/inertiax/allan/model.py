@@ -48,7 +48,7 @@ SI_UNITS = {
 }
 
 _G = 9.80665  # m/s², of the unit g
-_DEG = np.rad2deg(1.0)
+_DEG = float(np.rad2deg(1.0))
 # Units of data sheets with what one SI unit is in them.
 USUAL_UNITS = {
     "accel": {
@@ -110,9 +110,9 @@ class NoiseModel(eqx.Module):
     @property
     def discrete_sigma(self) -> float:
         """Standard deviation of the white part of one sample at this rate: N √rate, m/s² or rad/s."""
-        return self.terms["N"].value * np.sqrt(self.rate)
+        return float(self.terms["N"].value * np.sqrt(self.rate))
 
     @property
     def discrete_walk(self) -> float:
         """Standard deviation of the random walk's step from sample to sample: K / √rate."""
-        return self.terms["K"].value / np.sqrt(self.rate)
+        return float(self.terms["K"].value / np.sqrt(self.rate))

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from . import calibrate, compensate, demo, design, diagnose, export, simulate
+from . import calibrate, compensate, demo, design, diagnose, export, fleet, noise, simulate
 
 
 app = typer.Typer(
@@ -29,6 +29,8 @@ app.command("compensate")(compensate.compensate)
 app.command("diagnose")(diagnose.diagnose)
 app.command("design")(design.design)
 app.command("export")(export.export)
+app.command("fleet")(fleet.fleet)
+app.command("noise")(noise.noise)
 app.command("simulate")(simulate.simulate)
 
 

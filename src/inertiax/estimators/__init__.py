@@ -5,6 +5,7 @@ from .gravity_rotation import GravityRotation as GravityRotation
 from .invariant import ellipsoid_start as ellipsoid_start, Invariant as Invariant
 from .reference_accel import ReferenceAccel as ReferenceAccel
 from .reference_gyro import ReferenceGyro as ReferenceGyro
+from .reference_gyro_rig import ReferenceGyroRig as ReferenceGyroRig
 from .static import StaticAccel as StaticAccel, StaticGyro as StaticGyro
 
 
