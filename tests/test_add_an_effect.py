@@ -1,0 +1,63 @@
+"""The pages on diagnosis keep their promises: their code runs, their table is the catalogue's."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from hard_limit import run_limited
+from inertiax.effects import CATALOGUE
+
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def code(page: str) -> str:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return "\n".join(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL))
+
+
+def test_the_page_adds_an_effect_and_the_diagnosis_finds_it():
+    found, size, left = run_limited(code("add-an-effect.md"), seconds=300.0).splitlines()
+    assert found == "missing-physics [('index_gear', ('accel_x',))]"
+    value, std = (float(x) for x in re.findall(r"(?:value|std)=([-+.e\d]+)", size))
+    assert abs(value - 1.5e-3) < 3.0 * std
+    # Noise of 3e-4 m/s² on x; 1.06e-3 = 1.5e-3/√2 would be left with the effect in.
+    assert float(left.split(":")[1]) < 4.5e-4
+
+
+def test_the_tutorial_names_the_concealed_effect_and_predicts_the_unseen_recording(tmp_path):
+    script = DOCS / "tutorials" / "concealed_effect.py"
+    out = run_limited(
+        f"import sys, runpy; sys.argv = ['x', {str(tmp_path)!r}]\n"
+        f"runpy.run_path({str(script)!r}, run_name='__main__')",
+        seconds=300.0,
+    )
+    assert "missing-physics ['thermal_hysteresis']" in out
+    without, within = (float(x) for x in re.findall(r"([\d.]+) °/h with", out))
+    white = 2e-6 * np.degrees(1.0) * 3600.0
+    # 3000 samples know their rms to 1.3 %; the effect's rms is several times the noise.
+    assert within < 1.05 * white and without > 3.0 * white
+    page = (DOCS / "tutorials" / "concealed-effect.md").read_text(encoding="utf-8")
+    for name in ("branches", "over-time", "unseen"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+        assert f"concealed-effect/{name}.png" in page
+        checked_in = DOCS / "tutorials" / "concealed-effect" / f"{name}.png"
+        assert 10_000 < checked_in.stat().st_size < 100_000
+
+
+def test_the_page_lists_the_catalogue_as_it_is():
+    text = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*?) \| (.*) \|$", text, flags=re.M)
+    listed = {r[0]: tuple(cell.replace("\\|", "|") for cell in r[1:]) for r in rows}
+    whose = {("accel", "gyro"): "both", ("accel",): "accelerometers", ("gyro",): "gyros"}
+    assert [r[0] for r in rows] == [e.name for e in CATALOGUE]
+    for e in CATALOGUE:
+        assert listed[e.name] == (e.title, whose[e.triads], f"`{e.equation}`", e.needs), e.name
+
+
+def test_pages_that_link_to_each_other_exist():
+    for page in ("diagnosis.md", "add-an-effect.md", "tutorials/concealed-effect.md"):
+        text = (DOCS / page).read_text(encoding="utf-8")
+        for link in re.findall(r"\]\(([^)#]+)\)", text):
+            assert ((DOCS / page).parent / link).exists(), (page, link)
