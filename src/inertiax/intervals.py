@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from .covariances import covariances_of_means, Scatter
 from .dwells import Dwells
 from .earth import EARTH_RATE
+from .hand_turns import turned_by_hand, with_known_angles
 from .noise import quantisation_step
 from .recordings import Recording
 from .rests import find_rests, PAUSE, usual_step
@@ -244,7 +245,7 @@ class _Samples(eqx.Module):
     """The rows that belong to dwells, gathered one dwell after another."""
 
     recordings: tuple[Recording, ...]
-    rows: tuple[Int[np.ndarray, " row"], ...]  # of each recording
+    rows: tuple[Int[np.ndarray, " _"], ...]  # of each recording, which differ in length
     starts: Int[np.ndarray, " dwell"]
     counts: Int[np.ndarray, " dwell"]
 
@@ -299,7 +300,13 @@ def _covariances(
         return None
     step = _converter_steps(samples.recordings, parts, triad)
     scatter = _scatter(x if ideal is None else x - ideal, time, samples.starts, step)
-    return covariances_of_means(scatter, resting)
+    covariance = covariances_of_means(scatter, resting)
+    if triad == "accel" or ideal is None:
+        return covariance
+    pairs = zip(samples.recordings, parts, strict=True)
+    duration = np.concatenate([(p.stop - p.start) * usual_step(r) for r, p in pairs])
+    turns = turned_by_hand(x, ideal, samples.starts, resting)
+    return with_known_angles(covariance, duration, turns, resting)
 
 
 def _rows(
