@@ -97,7 +97,7 @@ def disturbed(
     references and covariances stay what the station stated.
     """
     for source, own in zip(sources, draws, strict=True):
-        values = source.size * jnp.asarray(own)[_groups(source, dwells)]
+        values = jnp.asarray(source.size) * jnp.asarray(own)[_groups(source, dwells)]
         change = source.effect(values, scene, dwells)
         dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
         dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))

@@ -16,9 +16,17 @@ from .information import ideal_rows, position_information, sphere_average
 class TableLimits(eqx.Module):
     """Angles (rad) that each axis reaches, and the step to which it can be set (0: any angle)."""
 
-    outer: tuple[float, float] = eqx.field(static=True, default=(-np.pi, np.pi))
-    inner: tuple[float, float] = eqx.field(static=True, default=(-np.pi, np.pi))
-    step: float = eqx.field(static=True, default=0.0)
+    outer: tuple[float, float] = eqx.field(
+        static=True,
+        default=(-np.pi, np.pi),
+        converter=lambda pair: (float(pair[0]), float(pair[1])),
+    )
+    inner: tuple[float, float] = eqx.field(
+        static=True,
+        default=(-np.pi, np.pi),
+        converter=lambda pair: (float(pair[0]), float(pair[1])),
+    )
+    step: float = eqx.field(static=True, default=0.0, converter=float)
 
     def __check_init__(self):
         for name, (low, high) in (("outer", self.outer), ("inner", self.inner)):
