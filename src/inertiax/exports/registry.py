@@ -1,5 +1,6 @@
 """The formats that a calibration can be written in; a new one is a file here and a name in the list."""
 
+import json
 from types import ModuleType
 
 import msgspec
@@ -78,5 +79,7 @@ def read_calibration_of(content: bytes, name: str) -> Calibration:
         raise ValueError(f"{name}: files cannot be read back; these can: {', '.join(readable)}.")
     try:
         return module.read(content)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{name}: not valid JSON: {error}.") from None
     except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{name}: not such a file: {type(error).__name__} {error}.") from None
