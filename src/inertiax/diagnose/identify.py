@@ -96,7 +96,7 @@ def _screen(
 ):
     first = bank(system, [noise], [])
     ranked = judge(system, first, everything, [], forms, grade)
-    quiet = Bank((_quiet(noise),), (0.0,))
+    quiet = Bank((_quiet(noise),), (tuple(0.0 for _ in noise.theta),))
     slow = judge(system, quiet, everything, [], forms, grade)
     short = list(dict.fromkeys([*map(id, shortlist(ranked)), *map(id, shortlist(slow))]))
     by_id = {id(t): t for t in everything}
@@ -130,15 +130,27 @@ def _is_open(candidate: Candidate) -> bool:
     return candidate.term.name.startswith(PREFIX)
 
 
+def _leaders(ranked: Sequence[Candidate], listed: int, unlisted: int) -> list[Candidate]:
+    """The best few effects and structured alternatives of each set of chains."""
+    count: dict[tuple, int] = {}
+    seen: set = set()
+    made = []
+    for candidate in ranked:
+        group = (candidate.term.chains, _is_open(candidate))
+        if candidate.key in seen or count.get(group, 0) >= (unlisted if group[1] else listed):
+            continue
+        seen.add(candidate.key)
+        count[group] = count.get(group, 0) + 1
+        made.append(candidate)
+    return made
+
+
 def _rank(
     system, noises, short, chosen, forms, grade, extra: Sequence[Candidate] = ()
 ) -> tuple[Bank, list[Candidate]]:
     start = bank(system, noises, chosen)
     ranked = judge(system, start, short, chosen, forms, grade)
-    leaders = [c for c in ranked if not _is_open(c)][:4] + [c for c in ranked if _is_open(c)][:2]
-    fuller = refine(
-        system, start, [*sorted(leaders, key=lambda c: -c.evidence), *extra], chosen, most=8
-    )
+    fuller = refine(system, start, [*_leaders(ranked, 3, 2), *extra], chosen, most=8)
     return fuller, judge(system, fuller, short, chosen, forms, grade)
 
 
@@ -161,7 +173,7 @@ def identify(
     scores = [c.score for c in ranked]
     tests = effective_tests(scores, [len(y) for y in system.base.observed])
     say(f"{len(everything)} candidates screened, {tests:.0f} independent tests")
-    leaders = [c for c in slow if not _is_open(c)][:3] + [c for c in slow if _is_open(c)][:2]
+    leaders = _leaders(slow, 3, 1)
     fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
     first = ranked
     gate = min(family_p(c, tests) for c in ranked[:10])
@@ -213,7 +225,7 @@ def identify(
 def _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, grade) -> bool:
     """Whether two catalogued effects together explain more than the best unlisted dependence."""
     terms = [c.term for c in chosen] + [listed.term]
-    noise = fit_noise(system, terms, fuller.fits[int(np.argmin(fuller.values))])
+    noise = fit_noise(system, terms, fuller.leader)
     catalogue = [t for t in short if not t.name.startswith(PREFIX)]
     _, more = _rank(system, [noise], catalogue, terms, forms, grade)
     return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN

@@ -51,19 +51,34 @@ def plausibility(score: Score, grade: str | None) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """Variances tried, each with minus the log likelihood of the chosen terms."""
+    """Variances tried, each with minus the log likelihood of the chosen terms on every chain."""
 
     fits: tuple[NoiseFit, ...]
-    values: tuple[float, ...]
+    values: tuple[tuple[float, ...], ...]  # by fit, then by chain
 
     @property
-    def best(self) -> float:
-        return min(self.values)
+    def best(self) -> tuple[float, ...]:
+        """The least value of each chain."""
+        return tuple(min(column) for column in zip(*self.values))
+
+    @property
+    def leader(self) -> NoiseFit:
+        """The best of each chain's variances together."""
+        places = [int(np.argmin(column)) for column in zip(*self.values)]
+        theta = tuple(self.fits[k].theta[c] for c, k in enumerate(places))
+        return NoiseFit(theta, tuple(self.values[k][c] for c, k in enumerate(places)))
 
 
 def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Bank:
     """Evaluate the chosen terms under each set of variances."""
-    return Bank(tuple(fits), tuple(likelihood(system, f, chosen) for f in fits))
+    known: dict[tuple[int, bytes], float] = {}
+    values = []
+    for fit in fits:
+        for c, theta in enumerate(fit.theta):
+            if (c, theta.tobytes()) not in known:
+                known[c, theta.tobytes()] = likelihood(system, fit, chosen, c)
+        values.append(tuple(known[c, theta.tobytes()] for c, theta in enumerate(fit.theta)))
+    return Bank(tuple(fits), tuple(values))
 
 
 def judge(
@@ -74,11 +89,21 @@ def judge(
     forms: dict,
     grade: str | None,
 ) -> list[Candidate]:
-    """Candidates with their profile likelihood ratios over the bank, best evidence first."""
+    """Candidates with their profile likelihood ratios over the bank, best evidence first.
+
+    Chains are independent: a candidate is judged by the variances of its own chains.
+    """
     best: dict[int, tuple[float, Score]] = {}
+    done: set[tuple[int, bytes]] = set()
+    least = bank.best
     for fit, value in zip(bank.fits, bank.values):
-        for score in whiten_system(system, fit, candidates, chosen).scores:
-            ratio = score.gain - 2.0 * (value - bank.best)
+        keys = {(c, theta.tobytes()) for c, theta in enumerate(fit.theta)}
+        fresh = {c for c, _ in keys - done}
+        done |= keys
+        some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
+        for score in whiten_system(system, fit, some, chosen).scores if some else ():
+            loss = sum(value[c] - least[c] for c in score.term.chains)
+            ratio = score.gain - 2.0 * loss
             if id(score.term) not in best or ratio > best[id(score.term)][0]:
                 best[id(score.term)] = (ratio, score)
     made = []
@@ -123,16 +148,14 @@ def refine(
     *,
     most: int = 6,
 ) -> Bank:
-    """Add to the bank the variances refitted beside each of the leading candidates."""
+    """Add to the bank the variances refitted beside each chain's leading candidates."""
     fits, done = list(start.fits), set()
-    leader = min(range(len(start.values)), key=lambda k: start.values[k])
+    count: dict[tuple[int, ...], int] = {}
     for candidate in ranked:
-        if candidate.key in done or candidate.evidence < ranked[0].evidence - 25.0:
+        chains = candidate.term.chains
+        if candidate.key in done or count.get(chains, 0) >= most:
             continue
         done.add(candidate.key)
-        fits.append(
-            fit_noise(system, [*chosen, candidate.term], start.fits[leader], candidate.term.chains)
-        )
-        if len(done) >= most:
-            break
+        count[chains] = count.get(chains, 0) + 1
+        fits.append(fit_noise(system, [*chosen, candidate.term], start.leader, chains))
     return bank(system, fits, chosen)

@@ -92,13 +92,11 @@ def _likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[
     return _lengthen(y), _lengthen(frame, wide), _lengthen(extra)
 
 
-def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> float:
-    """Minus the restricted log likelihood of the chosen terms under given variances."""
-    total = 0.0
-    for c, chain in enumerate(system.longer):
-        inputs = _likelihood_inputs(system, c, chosen)
-        total += float(value_and_gradient(noise.theta[c], system.scales[c], chain, *inputs)[0])
-    return total
+def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term], chain: int) -> float:
+    """Minus the restricted log likelihood of the chosen terms on one chain under given variances."""
+    inputs = _likelihood_inputs(system, chain, chosen)
+    theta, scale = noise.theta[chain], system.scales[chain]
+    return float(value_and_gradient(theta, scale, system.longer[chain], *inputs)[0])
 
 
 def fit_noise(
