@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ._typing import AnyArray, Scalar, Vec3
 from .calibration import Calibration
@@ -92,6 +92,101 @@ def _in_words(direction: np.ndarray, names: tuple[str, ...], size: int) -> str:
         suffix = "" if size == 1 else f" (temperature term {row})"
         parts.append(f"{names[column]}{suffix}")
     return " with ".join(parts)
+
+
+def sandwich_covariance(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, *, by: str = "dwell"
+) -> Float[np.ndarray, "unknowns unknowns"]:
+    """Covariance of the coefficients that does not trust the stated noise, row-major (size, parameters).
+
+        C = c P (Σ_g s_g s_gᵀ) P,    P = (JᵀJ)⁻¹,   s_g = Σ_{i in g} J_iᵀ (E − H_i)⁻¹ᐟ² r_i,
+
+    with groups g of one "dwell" each (noise of unlike sizes; residuals freed of their leverage, HC2) or of one
+    "experiment" each (dwells of an experiment err together; plain residuals, c = G / (G − 1)). Where the noise
+    model is right it equals P on average. Groups have to be many: with fewer experiments than unknowns the
+    matrix is singular, and single deviations from it are optimistic.
+
+    Raises `ValueError` for another grouping or a single group.
+
+    **Reference:** MacKinnon and White, J. Econometrics 29 (1985) 305-325; Liang and Zeger, Biometrika 73
+    (1986) 13-22.
+    """
+    if by not in ("dwell", "experiment"):
+        raise ValueError(f"`sandwich_covariance(by={by!r})`: it is 'dwell' or 'experiment'.")
+    residual, jacobian = (np.asarray(x) for x in _dwell_system(estimator, curve, dwells))
+    normal = np.einsum("nru,nrv->uv", jacobian, jacobian)
+    scale = 1.0 / np.sqrt(np.diagonal(normal))
+    bread = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    if by == "dwell":
+        hat = np.einsum("nru,uv,nsv->nrs", jacobian, bread, jacobian)
+        values, vectors = np.linalg.eigh(np.eye(hat.shape[1]) - hat)
+        # A dwell of leverage 1 has no residual and tells nothing of its noise.
+        root = np.where(values > 1e-9, 1.0 / np.sqrt(np.maximum(values, 1e-9)), 0.0)
+        residual = np.einsum("nrk,nk,nsk,ns->nr", vectors, root, vectors, residual)
+    scores = np.einsum("nru,nr->nu", jacobian, residual)
+    factor = 1.0
+    if by == "experiment":
+        label = np.asarray(dwells.experiment)[np.asarray(dwells.valid)]
+        groups, which = np.unique(label, return_inverse=True)
+        if len(groups) < 2:
+            raise ValueError(
+                "`sandwich_covariance(by='experiment')`: one experiment has no spread."
+            )
+        summed = np.zeros((len(groups), scores.shape[1]))
+        np.add.at(summed, which, scores[np.asarray(dwells.valid)])
+        scores, factor = summed, len(groups) / (len(groups) - 1.0)
+    return factor * bread @ (scores.T @ scores) @ bread
+
+
+@eqx.filter_jit
+def _dwell_system(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> tuple[Float[Array, "dwells rows"], Float[Array, "dwells rows unknowns"]]:
+    """Whitened residual of every dwell and its Jacobian by the coefficients; zero where padding."""
+
+    def one(dwell: Dwells) -> tuple[Array, Array]:
+        vector, phi = curve(dwell.temperature), curve.basis(dwell.temperature)
+        residual = estimator.residual(vector, dwell)
+        jacobian = jax.jacfwd(estimator.residual)(vector, dwell)
+        whole = jnp.einsum("a,ri->rai", phi, jacobian).reshape(len(residual), -1)
+        weight = jnp.asarray(dwell.valid, whole.dtype)
+        return weight * residual, weight * whole
+
+    return jax.vmap(one)(dwells)
+
+
+def curve_covariance_at(
+    curve: Curve, covariance: Float[AnyArray, "unknowns unknowns"], temperature: Scalar | float
+) -> Float[Array, "parameters parameters"]:
+    """Covariance of all parameters at one temperature (°C): (φ ⊗ E)ᵀ C (φ ⊗ E)."""
+    phi = curve.basis(temperature)
+    count = jnp.shape(curve.coefficients)[1]
+    blocks = jnp.asarray(covariance).reshape(phi.size, count, phi.size, count)
+    return jnp.einsum("a,aibj,b->ij", phi, blocks, phi)
+
+
+class OutputUncertainty(eqx.Module):
+    """1 sigma of one compensated sample due to the calibration, and whether it can be relied on."""
+
+    force: Float[Array, "3"]  # m/s²
+    rate: Float[Array, "3"]  # rad/s
+    extrapolated: Bool[Array, ""]  # outside the temperatures that the calibration covers
+
+
+def output_uncertainty(
+    calibration: Calibration, accel: Vec3, gyro: Vec3, temperature: Scalar | float
+) -> OutputUncertainty:
+    """Standard deviations of a compensated sample (of raw outputs) at any temperature, °C.
+
+    Outside the calibration's range the deviation grows as the curves' own uncertainty does, but what
+    the curves' form leaves out there is in no covariance: `extrapolated` says so.
+    """
+    force, rate = output_covariance(calibration, accel, gyro, temperature)
+    return OutputUncertainty(
+        force=jnp.sqrt(jnp.diagonal(force)),
+        rate=jnp.sqrt(jnp.diagonal(rate)),
+        extrapolated=calibration.extrapolates(temperature),
+    )
 
 
 def output_covariance(
