@@ -94,9 +94,9 @@ def test_the_list_names_every_format_with_what_it_keeps_and_loses(capsys, monkey
         ([], 2, "--to FORMAT"),
         (["--to", "imucal", "--set", "temperature"], 2, "must be KEY=VALUE"),
         (
-            ["--to", "imucal", "--set", "temp=3"],
+            ["--to", "imucal", "--set", "temprature=3"],
             1,
-            "no setting 'temp'; did you mean 'temperature'?",
+            "no setting 'temprature'; did you mean 'temperature'?",
         ),
         (["--to", "imucal", "--set", "temperature=warm"], 1, "temperature = 'warm'"),
         (["--to", "imucal", "--set", "temperature=200"], 1, "outside the calibrated -40 to 70 °C"),

@@ -114,24 +114,39 @@ def test_a_session_becomes_one_recording_per_section_with_its_reference(tmp_path
     np.testing.assert_allclose(np.rad2deg(found[7].reference_gyro[0]), [0, -120, 0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("angle", [-360.0, 720.0])
-def test_known_parameters_come_back_from_a_session(tmp_path, angle):
-    session(tmp_path, noise=1e-3, angle=angle)
-    (result,) = calibrate(toml(tmp_path, "a.csv", extra=f"turn_angle = {angle}"))
-    accel, gyro = result.calibration.accel_errors(20.0), result.calibration.gyro_errors(20.0)
-    # Means of 300 samples of noise 1e-3: 6e-5 each, over 9.81 m/s² or 120 deg/s for the matrices.
-    np.testing.assert_allclose(accel.bias, BIAS_A, atol=2.5e-4)
-    np.testing.assert_allclose(accel.matrix, ACCEL - np.eye(3), atol=2.5e-5)
-    np.testing.assert_allclose(np.rad2deg(gyro.bias), BIAS_G, atol=2.5e-4)
-    np.testing.assert_allclose(gyro.matrix, GYRO - np.eye(3), atol=3e-6)
-    d = np.rad2deg(np.asarray(gyro.g_sensitivity)) / 9.81
-    np.testing.assert_allclose(d, D, atol=3e-5)
-    # A turn by hand is known to a degree, and says so: 1° of 360° or 720°.
-    sigma = result.calibration.gyro.standard_deviations(20.0)
-    names = result.calibration.gyro.names
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("quiet")
+    session(folder, noise=1e-4)
+    (result,) = calibrate(toml(folder, "a.csv"))
+    return folder, result.calibration
+
+
+def test_known_parameters_come_back_from_a_session(quiet):
+    _, found = quiet
+    accel, gyro = found.accel_errors(20.0), found.gyro_errors(20.0)
+    # Means of 300 samples of noise 1e-4: 6e-6 each, over 9.81 m/s² or 120 deg/s for the matrices.
+    np.testing.assert_allclose(accel.bias, BIAS_A, atol=2.5e-5)
+    np.testing.assert_allclose(accel.matrix, ACCEL - np.eye(3), atol=2.5e-6)
+    np.testing.assert_allclose(np.rad2deg(gyro.bias), BIAS_G, atol=2.5e-5)
+    np.testing.assert_allclose(gyro.matrix, GYRO - np.eye(3), atol=3e-7)
+    np.testing.assert_allclose(np.rad2deg(np.asarray(gyro.g_sensitivity)) / 9.81, D, atol=3e-6)
+    # A turn by hand is known to a degree, and says so.
+    sigma = found.gyro.standard_deviations(20.0)
     for k in range(3):
-        stated = float(sigma[names.index(f"gyro.matrix[{k},{k}]")])
-        assert stated == pytest.approx(ANGLE_UNCERTAINTY / np.deg2rad(abs(angle)), rel=0.05)
+        stated = float(sigma[found.gyro.names.index(f"gyro.matrix[{k},{k}]")])
+        assert stated == pytest.approx(ANGLE_UNCERTAINTY / (2 * np.pi), rel=0.05)
+
+
+def test_turns_of_another_angle_have_their_reference_and_covariance(tmp_path):
+    session(tmp_path, noise=1e-3, angle=720.0)
+    dwells = reduce_to_dwells(toml(tmp_path, "a.csv", extra="turn_angle = 720").recordings)
+    np.testing.assert_allclose(np.rad2deg(dwells.reference_gyro[8]), [0, 0, 240.0], rtol=1e-12)
+    expected = [(GYRO @ axis) * 240.0 + BIAS_G + 9.81 * D @ axis for axis in np.eye(3)]
+    np.testing.assert_allclose(np.rad2deg(dwells.gyro[6:]), expected, atol=2.5e-4)
+    # 1° in 3 s; the noise adds a millionth of that.
+    sigma = np.sqrt(np.diagonal(dwells.gyro_covariance[6:], axis1=1, axis2=2))
+    np.testing.assert_allclose(sigma, ANGLE_UNCERTAINTY / 3.0, rtol=1e-3)
 
 
 def test_a_rate_tables_plateau_is_no_turn_by_hand(tmp_path):
@@ -198,17 +213,15 @@ def imucal_result(folder, name, rate):
     )
 
 
-def test_a_quiet_session_gives_imucals_answer(tmp_path):
-    session(tmp_path, noise=1e-4)
-    theirs = imucal_result(tmp_path, "a", RATE)
-    (result,) = calibrate(toml(tmp_path, "a.csv"))
-    gyro = result.calibration.gyro_errors(20.0)
+def test_a_quiet_session_gives_imucals_answer(quiet):
+    folder, found = quiet
+    theirs = imucal_result(folder, "a", RATE)
+    gyro = found.gyro_errors(20.0)
     # The equations are the same but for the weights of the rests, whose means are good to 6e-6 deg/s.
     np.testing.assert_allclose(np.rad2deg(gyro.bias), theirs.b_g, atol=2e-5)
     np.testing.assert_allclose(np.eye(3) + gyro.matrix, theirs.K_g @ theirs.R_g, atol=1e-6)
-    np.testing.assert_allclose(
-        np.rad2deg(np.asarray(gyro.g_sensitivity)) / 9.81, theirs.K_ga, atol=2e-6
-    )
+    d = np.rad2deg(np.asarray(gyro.g_sensitivity)) / 9.81
+    np.testing.assert_allclose(d, theirs.K_ga, atol=2e-6)
 
 
 @pytest.fixture(scope="module")
