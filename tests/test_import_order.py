@@ -13,7 +13,7 @@ ORDER = """_typing earth rotation temperature model compose solve recordings for
 campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure one_device
 turns scatter effects
 augmentation calibration uncertainty sources sensitivity approaches navigation choose calibrate
-simulate design diagnose compensation exports fleet demo quantities plots
+simulate design diagnose compensation exports fleet demo quantities quality plots
 report cli __main__""".split()
 
 SOURCE = Path(inertiax.__file__).parent

@@ -11,6 +11,7 @@ from ..calibration import Calibration, TriadCalibration
 from ..intervals import segment
 from ..plots import calibration as plots
 from ..plots.style import drawing
+from ..quality import judge
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..recordings import Campaign, Recording
 from ..temperature import Constant
@@ -50,6 +51,7 @@ def report_calibration(
             *_parameter_sections(result, folder),
             _misfit_section(result, folder),
             _data_section(result, folder, campaign),
+            _quality_section(result),
             _choices_section(result),
         ],
         command=command,
@@ -71,7 +73,8 @@ def _temperature_words(calibration: Calibration) -> str:
 def _verdict(result: DeviceResult) -> Verdict:
     judged = {k: misfit_verdict(r) for k, (_, r) in triads(result).items()}
     good = all(fine for fine, _ in judged.values())
-    lines = []
+    quality = judge(result)
+    lines = [f"Is it good? {quality.answer}"]
     for name, (triad, estimate) in triads(result).items():
         found = weakest(triad, estimate, result.calibration.temperature_range)
         lines += [
@@ -80,6 +83,7 @@ def _verdict(result: DeviceResult) -> Verdict:
             weakest_sentence(name, found),
         ]
     lines += [f"Warning: {w}" for w in result.warnings]
+    lines += [f"Would improve it most: {n}" for n in quality.next]
     if not good:
         headline = "Calibrated, but the model does not explain everything in the data."
     elif result.warnings:
@@ -224,6 +228,13 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
 
 def _searched(recording: Recording) -> bool:
     return recording.position is None and recording.reference_gyro is None
+
+
+def _quality_section(result: DeviceResult) -> Section:
+    rows = tuple(
+        (f.topic, "fine" if f.fine else "attention", f.text) for f in judge(result).findings
+    )
+    return Section("Is it good?", tables=(Table(("looked at", "", "found"), rows),))
 
 
 def _choices_section(result: DeviceResult) -> Section:

@@ -9,6 +9,7 @@ import numpy as np
 from ..calibrate import DeviceFailure, DeviceResult, TriadResult
 from ..calibration import TriadCalibration
 from ..demo import DemoResult
+from ..quality import judge, Quality
 from ..quantities import middle_temperature, si_unit
 from .judge import triads
 
@@ -47,7 +48,17 @@ def _device(
         "temperature": at if known else None,
         "choices": list(result.choices),
         "warnings": list(result.warnings),
+        "quality": _quality(judge(result)),
         **{name: _triad(c, r, at) for name, (c, r) in triads(result).items()},
+    }
+
+
+def _quality(quality: Quality) -> dict[str, Value]:
+    return {
+        "verdict": quality.verdict,
+        "answer": quality.answer,
+        "findings": [{"topic": f.topic, "fine": f.fine, "text": f.text} for f in quality.findings],
+        "next": list(quality.next),
     }
 
 

@@ -1,25 +1,13 @@
 """A device's result judged in plain words: misfit against noise, coverage, the weakest parameter."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..calibrate import DeviceResult, TriadResult
 from ..calibration import Calibration, TriadCalibration
-from ..quantities import customary_units, label, rms_text, with_sigma
-
-
-TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros"}
-
-
-class Weakest(NamedTuple):
-    """The least certain parameter, by what its 1-sigma does to the output."""
-
-    label: str
-    sigma: str  # with its unit
-    temperature: float | None  # °C, where it is least certain; None without temperature model
-    effect: float  # m/s² or rad/s
+from ..quality import TRIAD_NAMES as TRIAD_NAMES, Weakest, weakest as weakest
+from ..quantities import rms_text
 
 
 def triads(result: DeviceResult) -> dict[str, tuple[TriadCalibration, TriadResult]]:
@@ -56,41 +44,6 @@ def misfit_verdict(result: TriadResult) -> tuple[bool, str]:
         f"(1 sigma): re-positioning, drift, or physics that the model leaves out. The uncertainties "
         f"include it; 'inertiax diagnose' looks for the cause."
     )
-
-
-def weakest(
-    triad: TriadCalibration, result: TriadResult, temperature_range: tuple[float, float] | None
-) -> Weakest:
-    """The parameter whose 1-sigma, anywhere in the range, moves the output most.
-
-    A bias counts as it is, a matrix element times the largest input in the data (g, or the largest
-    reference rate), g-sensitivity times 1 g.
-    """
-    grid = np.linspace(*temperature_range, 25) if temperature_range is not None else np.zeros(1)
-    sigmas = np.stack([np.asarray(triad.standard_deviations(t)) for t in grid])
-    inputs = np.array([_input(n, result) for n in triad.names])
-    effect = sigmas * inputs
-    row, column = np.unravel_index(int(np.argmax(effect)), effect.shape)
-    name = triad.names[column]
-    factor, unit = customary_units(triad)[column]
-    sigma = factor * float(sigmas[row, column])
-    return Weakest(
-        label(name),
-        f"{with_sigma(0.0, sigma)[1]} {unit}",
-        None if temperature_range is None else float(grid[row]),
-        float(effect[row, column]),
-    )
-
-
-def _input(name: str, result: TriadResult) -> float:
-    if ".matrix" not in name:
-        return 1.0
-    if name.startswith("accel"):
-        return 9.81
-    reference = result.dwells.reference_gyro
-    if reference is None:
-        return 1.0
-    return float(np.max(np.linalg.norm(np.asarray(reference), axis=1)))
 
 
 def weakest_sentence(triad: str, found: Weakest) -> str:

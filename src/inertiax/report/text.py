@@ -11,6 +11,7 @@ from rich.table import Table
 from ..calibrate import DeviceResult
 from ..demo import DemoResult
 from ..diagnose import Audit, Diagnosis
+from ..quality import judge
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..temperature import Constant
 from .audit import audit_sections
@@ -39,6 +40,10 @@ def print_result(result: DeviceResult, folder: Path) -> None:
         console.print(f"chosen: {choice}")
     for warning in result.warnings:
         console.print(f"warning: {warning}")
+    quality = judge(result)
+    console.print(f"is it good? {quality.answer}", style="bold")
+    for wanted in quality.next:
+        console.print(f"would improve it most: {wanted}")
     console.print(f"written: {folder / 'calibration.json'}, {folder / 'report.html'}")
 
 

@@ -1,0 +1,116 @@
+"""The plain answer to "is it good?", on calibrations that are and that are not."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from inertiax.calibrate import calibrate, DeviceResult
+from inertiax.quality import empty_cone, judge, Quality
+from inertiax.recordings import Campaign, ModelChoice, Recording, Site
+
+
+G = 9.81
+
+
+def _campaign(forces, *, flip=None, kick=None, noise=2e-3, scale=1.0, seed=0) -> Campaign:
+    """Rests of 2 s at 100 Hz with the given true forces on a triad of 1 % errors."""
+    rng = np.random.default_rng(seed)
+    matrix = np.array([[1.01, 0, 0], [0.004, 0.99, 0], [-0.003, 0.006, 1.008]]) * scale
+    if flip is not None:
+        matrix[flip] *= -1.0
+    output = np.asarray(forces) @ matrix.T + [0.05, -0.02, 0.1]
+    if kick is not None:
+        output[kick] += [0.0, 0.3, 0.0]
+    rows = np.repeat(output, 200, axis=0)
+    recording = Recording(
+        time=np.arange(len(rows)) * 0.01,
+        accel=rows + noise * rng.normal(size=rows.shape),
+        position=np.repeat(np.arange(len(output)), 200),
+        reference_accel=np.repeat(forces, 200, axis=0),
+    )
+    return Campaign((recording,), Site(gravity=G))
+
+
+def _directions(number: int) -> np.ndarray:
+    draws = np.random.default_rng(1).normal(size=(number, 3))
+    return draws / np.linalg.norm(draws, axis=1, keepdims=True)
+
+
+def _judged(campaign: Campaign) -> tuple[Quality, DeviceResult]:
+    (result,) = calibrate(campaign, method="joint")
+    assert isinstance(result, DeviceResult), result
+    return judge(result), result
+
+
+def test_a_good_calibration_is_called_good():
+    quality, _ = _judged(_campaign(G * _directions(24)))
+    assert quality.verdict == "good" and quality.answer.startswith("Good")
+    topics = {f.topic for f in quality.findings}
+    assert {"misfit", "orientations", "weakest"} <= topics
+    assert all(f.fine for f in quality.findings)
+
+
+def test_an_axis_of_the_wrong_sign_is_a_mistake():
+    quality, _ = _judged(_campaign(G * _directions(24), flip=1))
+    assert quality.verdict == "doubtful"
+    assert "axis y has the wrong sign" in quality.answer
+
+
+def test_a_wrong_unit_is_a_mistake():
+    # Twice the truth: within what the screening lets pass, beyond any sensor's scale-factor error.
+    quality, _ = _judged(_campaign(G * _directions(24), scale=2.0))
+    assert quality.verdict == "doubtful" and "reads 2.02 times the truth" in quality.answer
+
+
+def test_a_rest_that_was_touched_is_named_by_its_time():
+    quality, _ = _judged(_campaign(G * _directions(40), kick=7))
+    (rest,) = [f for f in quality.findings if f.topic == "rests"]
+    assert not rest.fine and "1 of 40 dwells" in rest.text
+    assert "at 15 s" in rest.text  # the middle of the eighth rest of 2 s
+    assert quality.verdict == "usable"
+
+
+def test_what_to_record_next_is_the_orientation_that_is_missing():
+    # Every orientation but those with z down.
+    forces = _directions(60)
+    forces = G * forces[forces[:, 2] > -0.2]
+    quality, result = _judged(_campaign(forces))
+    (found,) = [f for f in quality.findings if f.topic == "orientations"]
+    assert not found.fine
+    (wanted,) = quality.next
+    assert "−z" in wanted
+    # And recording it does what is promised: the least certain parameter becomes more certain.
+    assert result.accel is not None
+    more = np.concatenate([forces, [[0.0, 0.0, -G]]])
+    _, after = _judged(_campaign(more))
+    worst = lambda r: float(np.sqrt(np.diagonal(np.asarray(r.accel.solution.covariance))).max())
+    assert worst(after) < 0.95 * worst(result)
+
+
+def test_a_gap_in_temperature_is_told():
+    forces = G * np.tile(_directions(14), (2, 1))
+    campaign = _campaign(forces)
+    (recording,) = campaign.recordings
+    probe = np.where(np.arange(recording.num_samples) < recording.num_samples // 2, -20.0, 50.0)
+    ramp = np.linspace(0.0, 4.0, recording.num_samples)
+    warmed = eqx.tree_at(
+        lambda r: r.temperature, recording, (probe + ramp)[:, None], is_leaf=lambda x: x is None
+    )
+    campaign = Campaign((warmed,), campaign.site, model=ModelChoice(temperature_degree=1))
+    quality, _ = _judged(campaign)
+    (found,) = [f for f in quality.findings if f.topic == "temperature"]
+    assert not found.fine and "nothing between -18 and 52 °C" in found.text
+    assert any("an experiment at about 17 °C" in n for n in quality.next)
+
+
+@pytest.mark.parametrize(
+    "directions, angle",
+    [
+        (np.array([[0.0, 0.0, 1.0]]), 180.0),
+        (np.concatenate([np.eye(3), -np.eye(3)]), np.rad2deg(np.arccos(3**-0.5))),
+    ],
+)
+def test_the_largest_empty_cone_by_hand(directions, angle):
+    found, axis = empty_cone(directions)
+    assert abs(found - angle) < 8.0  # the grid's spacing
+    assert np.max(directions @ axis) < np.cos(np.deg2rad(angle - 10.0))
