@@ -24,6 +24,9 @@ from .system import fit_noise, NoiseFit, Score, START, System, whiten_system
 from .terms import Term
 
 
+UNEXCITED = (
+    1e-4  # part of the largest square below which a combination of parameters is not excited
+)
 BEYOND = 30.0  # times the usual size from which an effect counts as out of reach
 
 
@@ -223,18 +226,21 @@ def _parameter(system: System, flat: int) -> str:
 
 
 def _unobservable(system: System) -> list[str]:
-    """Combinations of the calibration's own parameters that the plan does not excite."""
+    """Combinations of the calibration's own parameters that the plan does not excite.
+
+    Columns of one kind of parameter are compared in the same unit, so that one which only feels what a
+    misalignment lets through counts as unexcited.
+    """
     lines = []
     for chain, x in enumerate(system.base.columns):
+        names = np.array([_parameter(system, int(k)) for k in system.base.index[chain]])
+        kinds = np.array([n.partition("[")[0] for n in names])
         norm = np.linalg.norm(x, axis=0)
-        still = norm <= 1e-9 * norm.max()
-        names = [_parameter(system, int(k)) for k in system.base.index[chain]]
-        lines += [f"{n} (never excited)" for n in dict.fromkeys(np.array(names)[still].tolist())]
-        x = x[:, ~still] / norm[~still]
-        kept = np.array(names)[~still]
-        value, vector = np.linalg.eigh(x.T @ x)
-        for k in np.flatnonzero(value < 1e-9 * value[-1]):
+        largest = np.array([norm[kinds == k].max() for k in kinds])
+        value, vector = np.linalg.eigh((x / largest).T @ (x / largest))
+        for k in np.flatnonzero(value < UNEXCITED * value[-1]):
             part = np.abs(vector[:, k])
-            mixed = dict.fromkeys(kept[part > 0.2 * part.max()].tolist())
-            lines.append(f"a combination of {', '.join(mixed)}")
-    return lines
+            mixed = list(dict.fromkeys(names[part > 0.3 * part.max()].tolist()))
+            line = mixed[0] if len(mixed) == 1 else f"a combination of {', '.join(mixed)}"
+            lines.append(line)
+    return list(dict.fromkeys(lines))

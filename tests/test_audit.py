@@ -1,0 +1,197 @@
+"""The audit of a plan: what is absorbed, what looks alike, and how small an effect it still shows."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.stats
+from typer.testing import CliRunner
+
+from inertiax.cli.app import app
+from inertiax.diagnose import audit
+from inertiax.diagnose.audit import assumed_noise, Audited, detectable_sizes, needed, sigma
+from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.identify import GATE
+from inertiax.diagnose.limits import POWER
+from inertiax.diagnose.system import NoiseFit, whiten_system
+from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.report.audit import audit_sections
+from inertiax.report.engineering import customary
+from test_diagnose import sweep, tumble
+
+
+G = 9.80665
+
+
+def still(seconds=2000.0, white=1e-4):
+    """One accelerometer triad at rest in one pose with white noise only, 2 Hz, a constant model."""
+    rng = np.random.default_rng(0)
+    time = np.arange(0.0, seconds, 0.5)
+    accel = np.array([0.0, 0.0, G]) + white * rng.standard_normal((len(time), 3))
+    recording = Recording(time, accel=accel, position=np.zeros(len(time), int))
+    model = ModelChoice(accel_estimator="static", temperature_degree=0)
+    return Campaign((recording,), Site(G), Rig(), model, "navigation")
+
+
+def scores_of(campaign, theta):
+    """All scores of the first triad under given log variances of each chain."""
+    _, (prepared, *_) = prepare(campaign)
+    noise = NoiseFit(tuple(theta for _ in prepared.system.chains), (0.0,) * 3)
+    return prepared, whiten_system(prepared.system, noise, prepared.candidates).scores
+
+
+def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
+    # Textbook: a slope fitted with a mean to N samples over T has σ √12 / (T √N), for N large.
+    white, seconds = 1e-4, 2000.0
+    _, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
+    (drift,) = [
+        s for s in scores if s.term.name == "drift" and s.term.channels == (0,)
+        and s.term.variant.label == "bias"
+    ]  # fmt: skip
+    expected = white * np.sqrt(12.0) / (seconds * np.sqrt(2.0 * seconds))
+    # The pooled scatter of 4000 samples is known to 1.1 %; blocks of a few seconds change less than 1e-3.
+    assert sigma(drift) == pytest.approx(expected, rel=0.04)
+
+
+def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
+    white, seconds = 1e-4, 2000.0
+    prepared, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
+    one = Audited(prepared, tuple(s for s in scores if s.term.effect is not None), 50.0)
+    (size,) = [
+        d.size
+        for d in detectable_sizes(one)
+        if d.name == "bias_step" and d.channels == ("accel_y",)
+    ]
+    # A step in the middle of N samples: the difference of two means of N/2, σ = 2 w / √N.
+    step = 2.0 * white / np.sqrt(2.0 * seconds)
+    forms = sum(t.name == "bias_step" and t.channels == (1,) for t in prepared.candidates)
+    rows = prepared.blocks.num_blocks
+    price = np.log(rows) + 2.0 * np.log(forms)
+    chi2 = scipy.stats.chi2.isf(1.0 - (1.0 - GATE) ** (1.0 / 50.0), 1)
+    mark = np.sqrt(max(price, chi2)) + scipy.stats.norm.ppf(0.9)
+    assert size == pytest.approx(step * mark, rel=0.04)
+
+
+def test_at_the_passing_mark_nine_draws_of_ten_pass():
+    rng = np.random.default_rng(1)
+    for size in (1, 3):
+        z = needed(size, rows=1000.0, forms=5, tests=80.0)
+        draws = rng.standard_normal((20000, size))
+        draws[:, 0] += z
+        threshold = max(
+            scipy.stats.chi2.isf(1.0 - (1.0 - GATE) ** (1.0 / 80.0), size),
+            size * np.log(1000.0) + 2.0 * np.log(5.0),
+        )
+        passed = np.mean(np.square(draws).sum(axis=1) > threshold)
+        # Coefficients beside the first only help; 20000 draws know a rate to 0.4 %.
+        assert POWER - 0.01 < passed < POWER + 0.08
+
+
+def test_assumed_flicker_makes_everything_harder_to_see():
+    prepared, quiet = scores_of(still(), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
+    noisy = whiten_system(
+        prepared.system, assumed_noise(prepared.system), prepared.candidates
+    ).scores
+    loud = {(s.term.name, s.term.channels, s.term.variant.label): sigma(s) for s in noisy}
+    for s in quiet:
+        key = s.term.name, s.term.channels, s.term.variant.label
+        if key in loud:
+            assert loud[key] > sigma(s)
+
+
+def test_six_positions_leave_three_combinations_unobserved_and_say_what_absorbs():
+    found = audit(tumble(step=90.0, sessions=1))
+    # Γ is lower triangular with 6 elements; with f along single axes only |a| feels its diagonal.
+    assert len(found.unobservable) == 3
+    by = {a.name: set(a.by) for a in found.absorbed}
+    assert "accel.matrix[2,2]" in by["third_order"]
+    assert {"accel.bias[0]", "accel.bias[1]", "accel.bias[2]"} <= by["second_order"]
+    assert not {"second_order", "third_order"} & {d.name for d in found.detectable}
+
+
+def test_sets_name_all_that_looks_alike_once_and_the_experiments():
+    found = audit(tumble(sessions=1))
+    sets = {s.names: s for s in found.sets}
+    kin = sets["second_order", "scale_asymmetry"]
+    assert set(kin.channels) == {"accel_x", "accel_y", "accel_z"} and 0.95 < kin.r_squared <= 1.0
+    assert any("centrifuge" in e for e in kin.experiments)
+    assert len(sets) == len(found.sets)
+
+
+def test_nothing_is_detectable_that_the_recording_cannot_hold():
+    found = audit(sweep())
+    names = {d.name for d in found.detectable}
+    # A gyro in one pose without reference: no rate, no change of force.
+    assert not names & {
+        "g_sensitivity",
+        "rate_nonlinearity",
+        "time_delay",
+        "quantization",
+        "supply",
+    }
+    assert {"thermal_lag", "thermal_hysteresis", "drift"} <= names
+    reasons = dict(found.not_testable)
+    assert "accelerometers" in reasons["second_order"] and "rate" in reasons["rate_nonlinearity"]
+    (tau,) = {d.unit for d in found.detectable if d.name == "thermal_lag"}
+    assert tau == "s"
+
+
+def test_sizes_are_told_in_the_units_of_data_sheets():
+    # Hand values: 1 mg = 9.80665e-3 m/s²; 1 °/h = 4.8481368e-6 rad/s; 10 arcsec = 48.481368 µrad.
+    for size, unit, value, shown in (
+        (9.80665e-5, "m/s^2/g^2", 10.0, "µg/g²"),
+        (9.80665e-2, "m/s^2", 10.0, "mg"),
+        (4.8481368e-6, "rad/s/g", 1.0, "°/h/g"),
+        (48.481368e-6, "rad", 10.0, "arcsec"),
+        (9.80665e-6 / 3600.0, "m/s^2/s", 1.0, "µg/h"),
+        (2e-3, "s", 2.0, "ms"),
+        (300.0, "s", 300.0, "s"),
+        (1e-4, "(rad/s)/(rad/s)", 100.0, "ppm"),
+        (4.8481368e-6 * (180.0 / np.pi) ** 2, "rad/s/(rad/s)^2", 1.0, "(°/h)/(°/s)²"),
+    ):
+        factor, name = customary(size, unit)
+        assert (name, factor * size) == (shown, pytest.approx(value, rel=1e-6)), unit
+
+
+def written(campaign, folder):
+    """The campaign as files."""
+    (recording,) = campaign.recordings
+    columns = np.column_stack(
+        [recording.time, recording.accel, recording.position, recording.experiment]
+    )
+    np.savetxt(
+        folder / "log.csv", columns, delimiter=",", comments="", fmt="%.9g",
+        header="time,accel_x,accel_y,accel_z,position,experiment",
+    )  # fmt: skip
+    (folder / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["*.csv"]\n'
+        '[model]\naccel_estimator = "invariant"\ntemperature_degree = 0\n'
+    )
+    return folder
+
+
+def test_the_command_audits_a_campaign(tmp_path):
+    folder = written(tumble(sessions=1), tmp_path)
+    told = CliRunner().invoke(
+        app, ["design", "--audit", "--assumed-noise", "-q", "--json", str(folder)]
+    )
+    assert told.exit_code == 0, told.output
+    content = json.loads(told.stdout)
+    assert content["schema"] == "inertiax.audit/1" and content["power"] == POWER
+    sizes = {(d["name"], *d["channels"]): d["size"] for d in content["detectable"]}
+    expected = audit(tumble(sessions=1))
+    for d in expected.detectable:
+        # Nine digits in the file.
+        assert sizes[d.name, *d.channels] == pytest.approx(d.size, rel=1e-3)
+
+
+def test_the_command_says_what_is_wrong_with_its_usage(tmp_path):
+    for arguments in (["design", str(tmp_path)], ["design", "--audit", "no-such-plan"]):
+        assert CliRunner().invoke(app, arguments).exit_code == 2
+    assert CliRunner().invoke(app, ["design", "--audit", str(tmp_path)]).exit_code == 2
+
+
+def test_the_page_has_no_row_for_what_is_not_there():
+    sections = audit_sections(audit(still()))
+    assert all(s.lines or s.tables for s in sections)
+    assert not any("alike" in s.title and not s.tables for s in sections)
