@@ -6,7 +6,15 @@ import time
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 
 _LONG = 2.0  # s; a stage shorter than this is not worth a line
@@ -74,6 +82,44 @@ class Stages:
 def _live(console: Console) -> Progress:
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     return Progress(*columns, console=console, transient=True)
+
+
+class Counter:
+    """Called with how much is done of how much: a bar with the time left on a terminal, else lines."""
+
+    def __init__(self, what: str, *, quiet: bool = False):
+        self._what, self._quiet = what, quiet
+        self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        self._bar = None if quiet or not self._console.is_terminal else _bar(self._console)
+        self._told = time.monotonic()
+
+    def __enter__(self) -> "Counter":
+        if self._bar is not None:
+            self._bar.start()
+            self._bar.add_task(self._what, total=None)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=done, total=total)
+        elif not self._quiet and time.monotonic() - self._told >= _LONG:
+            self._told = time.monotonic()
+            self._console.print(f"{self._what}: {done} of {total}")
+
+
+def _bar(console: Console) -> Progress:
+    text = TextColumn("{task.description}", markup=False)
+    count, left = MofNCompleteColumn(), TimeRemainingColumn(elapsed_when_finished=True)
+    return Progress(text, BarColumn(), count, left, console=console, transient=True)
 
 
 def warn(text: str) -> None:

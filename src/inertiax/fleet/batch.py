@@ -1,0 +1,232 @@
+"""Many devices' dwells to their parameters: padded, chunked, solved, weighted anew.
+
+The invariant accelerometer problem has programs of its own; the reference and static estimators, which are
+linear in their parameters, share one.
+"""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..dwells import Dwells
+from ..estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
+from ..temperature import AbstractBasis, Constant
+from .invariant import BatchFit, fit_invariant
+from .linear import fit_linear
+from .thermal import fit_thermal_invariant
+
+
+# Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet_solve.py).
+LANES = 256
+BLOCKS = 32
+
+
+class FleetFit(eqx.Module):
+    """Solutions of many devices, NumPy, leading with the device in the order given."""
+
+    parameters: Float[np.ndarray, "devices unknowns"]  # row-major (basis, parameters), SI
+    covariance: Float[np.ndarray, "devices unknowns unknowns"]  # NaN where rank deficient
+    misfit: Float[np.ndarray, "devices dwells rows"]  # SI; zero at padding
+    own_sigma: Float[np.ndarray, "devices dwells rows"]  # of the misfit, by the dwells' own noise
+    valid: Bool[np.ndarray, "devices dwells"]
+    scatter: Float[np.ndarray, " devices"]  # beyond that noise, SI
+    chi2_per_dof: Float[np.ndarray, " devices"]  # with the dwells' own noise; NaN where unknown
+    converged: Bool[np.ndarray, " devices"]
+    num_steps: Int[np.ndarray, " devices"]
+
+
+def stack_dwells(devices: Sequence[Dwells], length: int | None = None) -> Dwells:
+    """One `Dwells` with a leading device axis, each padded by its last row with `valid` False.
+
+    `length` defaults to the longest, rounded up to a few values so that compiled programs are shared.
+    Raises `ValueError` where a device has more dwells than `length`.
+    """
+    longest = max(d.num_dwells for d in devices)
+    length = shared_length(longest) if length is None else length
+    if longest > length:
+        raise ValueError(f"`stack_dwells(length={length})`: a device has {longest} dwells.")
+    padded = [_pad(d, length) for d in devices]
+    return jax.tree.map(lambda *x: np.stack(x), *padded)
+
+
+def shared_length(count: int) -> int:
+    """The next of 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, …: at most a fifth of padding."""
+    grain = max(2 ** (max(count - 1, 1).bit_length() - 3), 2)
+    return max(-(-count // grain) * grain, 8)
+
+
+def _pad(dwells: Dwells, length: int) -> Dwells:
+    count = dwells.num_dwells
+    rows = np.minimum(np.arange(length), count - 1)
+    padded = jax.tree.map(lambda x: np.asarray(x)[rows], dwells)
+    return eqx.tree_at(lambda d: d.valid, padded, padded.valid & (np.arange(length) < count))
+
+
+def fit_fleet(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    *,
+    threads: int | None = None,
+) -> FleetFit:
+    """Calibrate one triad of many devices, as `calibrate` does one: joint fit, then weights with the scatter
+    between dwells that the misfit shows (Paule and Mandel 1982), then again.
+
+    **Arguments:** `dwells` has a leading device axis, see `stack_dwells`; `threads` solve chunks side by
+    side (default: one for each core).
+    """
+    valid = np.asarray(dwells.valid)
+    unknowns = basis.size * estimator.num_parameters
+    own = _own_sigma(estimator, dwells)
+    known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
+    scatter = np.where(known, 0.0, NOMINAL_SIGMA)
+    fit = _solve(estimator, basis, dwells, own, scatter, threads)
+    chi2 = _chi2_per_dof(fit, own, valid, unknowns, known)
+    for _ in range(2):
+        settled = _paule_mandel(np.asarray(fit.misfit), own, valid, unknowns)
+        settled = np.where(
+            np.isfinite(settled) & (settled > 0), settled, np.where(known, 0.0, scatter)
+        )
+        changed = np.flatnonzero(np.abs(settled - scatter) > 1e-3 * settled)
+        if not len(changed):
+            break
+        scatter = settled
+        part = jax.tree.map(partial(_rows, rows=changed), dwells)
+        again = _solve(estimator, basis, part, own[changed], scatter[changed], threads)
+        fit = jax.tree.map(partial(_put, rows=changed), fit, again)
+    return FleetFit(
+        parameters=fit.parameters,
+        covariance=fit.covariance,
+        misfit=fit.misfit,
+        own_sigma=own,
+        valid=valid,
+        scatter=scatter,
+        chi2_per_dof=chi2,
+        converged=fit.converged,
+        num_steps=fit.num_steps,
+    )
+
+
+def _rows(column: np.ndarray, *, rows: np.ndarray) -> np.ndarray:
+    return np.asarray(column)[rows]
+
+
+def _put(whole: np.ndarray, part: np.ndarray, *, rows: np.ndarray) -> np.ndarray:
+    result = whole.copy()
+    result[rows] = part
+    return result
+
+
+def _own_sigma(
+    estimator: AbstractEstimator, dwells: Dwells
+) -> Float[np.ndarray, "devices dwells rows"]:
+    """Standard deviation of a misfit by the dwell's own noise."""
+    covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
+    if not isinstance(estimator, Invariant):
+        return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    output = np.asarray(dwells.accel)
+    direction = output / np.linalg.norm(output, axis=-1, keepdims=True)
+    return np.sqrt(np.einsum("dni,dnij,dnj->dn", direction, covariance, direction))[:, :, None]
+
+
+def _solve(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    own: np.ndarray,
+    scatter: np.ndarray,
+    threads: int | None,
+) -> BatchFit:
+    """One weighted solve of every device, in chunks of one compiled shape."""
+    count = len(scatter)
+    size = LANES if isinstance(basis, Constant) and isinstance(estimator, Invariant) else BLOCKS
+    size = min(size, 1 << max(count - 1, 0).bit_length())
+    starts = range(0, count, size)
+    rows = [np.minimum(np.arange(s, s + size), count - 1) for s in starts]
+
+    def one(chunk: np.ndarray) -> BatchFit:
+        part = jax.tree.map(lambda x: np.asarray(x)[chunk], dwells)
+        fit = _solve_chunk(estimator, basis, part, own[chunk], scatter[chunk])
+        return jax.tree.map(np.asarray, fit)
+
+    # The first chunk compiles; the others then run the same program side by side.
+    fits = [one(rows[0])]
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        fits.extend(pool.map(one, rows[1:]))
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count], *fits)
+
+
+def _solve_chunk(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    own: np.ndarray,
+    scatter: np.ndarray,
+) -> BatchFit:
+    if isinstance(estimator, Invariant) and estimator.robust is None:
+        sigma = np.sqrt(np.square(own[:, :, 0]) + np.square(scatter)[:, None])
+        weights = np.where(dwells.valid, 1.0 / sigma, 0.0)
+        if isinstance(basis, Constant):
+            lanes = np.ascontiguousarray(np.transpose(dwells.accel, (2, 1, 0)))
+            return _constant(lanes, np.ascontiguousarray(weights.T), estimator.gravity)
+        return _thermal(dwells.accel, dwells.temperature, weights, estimator.gravity, basis)
+    return _linear(estimator, basis, dwells, jnp.asarray(scatter))
+
+
+@eqx.filter_jit
+def _constant(outputs, weights, gravity) -> BatchFit:
+    return fit_invariant(outputs, weights, jnp.asarray(gravity))
+
+
+@eqx.filter_jit
+def _thermal(outputs, temperature, weights, gravity, basis) -> BatchFit:
+    return fit_thermal_invariant(outputs, temperature, weights, jnp.asarray(gravity), basis)
+
+
+@eqx.filter_jit
+def _linear(estimator, basis, dwells, scatter) -> BatchFit:
+    return fit_linear(estimator, basis, jax.tree.map(jnp.asarray, dwells), scatter)
+
+
+def _chi2_per_dof(
+    fit: BatchFit, own: np.ndarray, valid: np.ndarray, unknowns: int, known: np.ndarray
+) -> Float[np.ndarray, " devices"]:
+    dof = valid.sum(axis=1) * own.shape[2] - unknowns
+    kept = valid[:, :, None] & (own > 0)
+    ratio = np.divide(fit.misfit, own, out=np.zeros_like(own), where=kept)
+    total = np.square(ratio).sum(axis=(1, 2))
+    return np.where(known & (dof > 0), total / np.maximum(dof, 1), np.nan)
+
+
+def _paule_mandel(
+    misfit: np.ndarray, own: np.ndarray, valid: np.ndarray, unknowns: int
+) -> Float[np.ndarray, " devices"]:
+    """`procedure.extra_scatter` of every device; 0 where χ² is within its 99 % point."""
+    from scipy.stats import chi2
+
+    kept = np.broadcast_to(valid[:, :, None], own.shape)
+    r2 = np.where(kept, np.square(misfit), 0.0)
+    s2 = np.where(kept, np.square(own), 1.0)
+    dof = kept.sum(axis=(1, 2)) - unknowns
+    used = np.maximum(dof, 1)
+
+    def excess(t2: np.ndarray) -> np.ndarray:
+        total = s2 + t2[:, None, None]
+        ratio = np.divide(r2, total, out=np.zeros_like(r2), where=total > 0)
+        return ratio.sum(axis=(1, 2)) - used
+
+    low, high = np.zeros(len(dof)), r2.sum(axis=(1, 2)) / used
+    quiet = np.all((own > 0) | ~kept, axis=(1, 2))
+    quiet &= excess(low) + used <= chi2.ppf(0.99, used)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        above = excess(middle) > 0
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.where(quiet | (dof <= 0), 0.0, np.sqrt(high))

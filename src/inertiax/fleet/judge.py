@@ -1,0 +1,65 @@
+"""Which devices of a fleet are set aside, and why, in one line each."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..estimators import AbstractEstimator
+from ..temperature import AbstractBasis
+from .batch import FleetFit
+
+
+# Beyond these a calibration is worse than none: 1 sigma of a curve's coefficient, and the misfit at rest.
+LARGEST_SIGMA = {
+    "accel.bias": 0.1,  # m/s²
+    "accel.matrix": 1e-2,
+    "gyro.bias": 1e-2,  # rad/s
+    "gyro.matrix": 1e-2,
+    "gyro.g_sensitivity": 1e-2,  # rad/s per g
+}
+LARGEST_MISFIT = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
+
+
+def judge(
+    estimator: AbstractEstimator, basis: AbstractBasis, fit: FleetFit
+) -> tuple[str | None, ...]:
+    """For each device `None`, or the reason why its estimate cannot be used."""
+    sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
+    sigma = sigma.reshape(len(sigma), basis.size, -1)
+    return tuple(_one(estimator, basis, fit, sigma[k], k) for k in range(len(sigma)))
+
+
+def _one(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    fit: FleetFit,
+    sigma: Float[np.ndarray, "size parameters"],
+    k: int,
+) -> str | None:
+    triad, dwells = estimator.triad, int(fit.valid[k].sum())
+    unknowns = basis.size * estimator.num_parameters
+    rows = dwells * fit.misfit.shape[2]
+    if rows < unknowns:
+        return f"{triad}: too few positions: {dwells} dwells give {rows} equations for {unknowns} unknowns"
+    if not np.all(np.isfinite(sigma)):
+        return (
+            f"{triad}: the positions of {dwells} dwells do not determine all {unknowns} parameters; "
+            "record more positions in different orientations"
+        )
+    if not fit.converged[k]:
+        return (
+            f"{triad}: no convergence after {int(fit.num_steps[k])} steps; look for wrong units, a "
+            "saturated axis or rests that are not at rest"
+        )
+    rms = float(np.sqrt(np.square(fit.misfit[k][fit.valid[k]]).mean()))
+    if rms > LARGEST_MISFIT[triad]:
+        unit = "m/s²" if triad == "accel" else "rad/s"
+        return (
+            f"{triad}: the misfit is {rms:.2g} {unit} rms (limit {LARGEST_MISFIT[triad]:g}); look for wrong "
+            "units, a saturated axis or rests that are not at rest"
+        )
+    for j, name in enumerate(estimator.names):
+        limit = LARGEST_SIGMA[name.partition("[")[0]]
+        worst = float(sigma[:, j].max())
+        if worst > limit:
+            return f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {limit:g}): record more positions"
+    return None

@@ -1,0 +1,123 @@
+"""The output folder of a fleet run: parts written once each, beside a manifest, so that nothing is lost.
+
+    manifest.json                 what is calibrated, how, and how it is split into tasks
+    parts/part-000017.parquet     one row for each device of task 17, good ones and those set aside
+
+A part is written beside and renamed, so it is there whole or not at all; a task is done when its part is
+there. A run that was killed is started again with the same command and does the tasks that are left.
+"""
+
+import hashlib
+import os
+import threading
+from pathlib import Path
+
+import msgspec
+import polars as pl
+
+from ..calibration import write_atomically
+from .tasks import Task
+
+
+SCHEMA = "inertiax.fleet/1"
+
+
+class TriadModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is estimated of one triad, the same for all devices."""
+
+    estimator: str
+    names: tuple[str, ...]
+    degree: int
+    low: float  # °C, mapped to -1
+    high: float  # °C, mapped to +1
+
+
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The plan of a run."""
+
+    schema: str
+    inputs: str  # fingerprint of the files' names, sizes and times of change
+    gravity: float
+    accel: TriadModel | None
+    gyro: TriadModel | None
+    g_sensitivity: bool
+    reasons: tuple[str, ...]
+    tasks: tuple[Task, ...]
+
+    @property
+    def num_devices(self) -> int:
+        """Devices in all tasks."""
+        return sum(len(t.devices) for t in self.tasks)
+
+
+def fingerprint(files: tuple[Path, ...]) -> str:
+    """Changes when a file is added, taken away, or written to."""
+    digest = hashlib.sha256()
+    for file in files:
+        state = file.stat()
+        digest.update(f"{file.name}\0{state.st_size}\0{state.st_mtime_ns}\n".encode())
+    return digest.hexdigest()
+
+
+def write_manifest(manifest: Manifest, folder: Path) -> None:
+    """Begin a run in a folder."""
+    (folder / "parts").mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / "manifest.json", msgspec.json.encode(manifest))
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The plan of the run that a folder holds, `None` where it holds none.
+
+    Raises `ValueError` where the file is damaged or of another version.
+    """
+    file = folder / "manifest.json"
+    if not file.exists():
+        return None
+    try:
+        manifest = msgspec.json.decode(file.read_bytes(), type=Manifest)
+    except msgspec.DecodeError as error:
+        raise ValueError(f"{file}: damaged: {error}; choose another folder.") from None
+    if manifest.schema != SCHEMA:
+        raise ValueError(f"{file}: schema is '{manifest.schema}'; this version reads '{SCHEMA}'.")
+    return manifest
+
+
+def part_file(folder: Path, task: int) -> Path:
+    """Where a task's devices are stored."""
+    return folder / "parts" / f"part-{task:06d}.parquet"
+
+
+def is_done(folder: Path, task: int) -> bool:
+    """Whether a task's part is there."""
+    return part_file(folder, task).exists()
+
+
+def write_part(folder: Path, task: int, table: pl.DataFrame) -> None:
+    """Store a task's devices, whole or not at all."""
+    write_table(table, part_file(folder, task))
+
+
+def write_table(table: pl.DataFrame, file: Path) -> None:
+    """Write a Parquet file beside its place and rename it.
+
+    The name written first is of this process and thread alone, so that two runs in one folder do no
+    harm: the later one replaces a file by an equal one.
+    """
+    beside = file.with_name(f".{file.name}.{os.getpid()}.{threading.get_ident()}")
+    try:
+        table.write_parquet(beside)
+        with beside.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        beside.replace(file)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def read_parts(folder: Path) -> pl.LazyFrame:
+    """All devices stored so far. Raises `ValueError` where there is no run or nothing is done."""
+    if read_manifest(folder) is None:
+        raise ValueError(f"{folder}: no manifest.json; it is not the output of a fleet run.")
+    files = sorted((folder / "parts").glob("part-*.parquet"))
+    if not files:
+        raise ValueError(f"{folder}: no part is done yet.")
+    return pl.scan_parquet(files)

@@ -1,0 +1,319 @@
+"""Fleets: batched solves against SciPy and the one-device fit; runs that are broken off; bad devices."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import polars as pl
+import pytest
+from scipy.optimize import least_squares
+
+from fleet_data import COLUMNS, dwell_means, GRAVITY, HIGH, LOW, parameters, ROWS, write_line
+from hard_limit import run_limited
+from inertiax.dwells import Dwells
+from inertiax.estimators import Invariant, ReferenceAccel
+from inertiax.fleet import fit_fleet, fleet_calibration, read_parts, run_fleet, stack_dwells
+from inertiax.fleet.cholesky import factor_lanes, inverse_blocks, invert_lanes, solve_lanes
+from inertiax.procedure import joint_fit
+from inertiax.temperature import Constant, Polynomial
+
+
+SIGMA = 1e-4  # m/s² of a dwell's mean
+
+
+def _dwells(rng: np.random.Generator, truth: np.ndarray, experiments: int) -> Dwells:
+    outputs, temperature = dwell_means(rng, truth, experiments)
+    num = len(outputs)
+    return Dwells(
+        time=np.arange(num) * 10.0,
+        duration=np.full(num, 5.0),
+        count=np.full(num, 100.0),
+        temperature=temperature,
+        experiment=np.repeat(np.arange(experiments), 18),
+        position=np.tile(np.arange(18), experiments),
+        valid=np.ones(num, bool),
+        accel=outputs + rng.normal(0, SIGMA, outputs.shape),
+        accel_covariance=np.broadcast_to(np.eye(3) * SIGMA**2, (num, 3, 3)).copy(),
+    )
+
+
+def _fleet(degree: int, count: int) -> tuple[list[Dwells], np.ndarray]:
+    rng = np.random.default_rng(5)
+    truth = [parameters(rng, degree) for _ in range(count)]
+    return [_dwells(rng, t, 4 if degree else 1) for t in truth], np.array(truth)
+
+
+def _spd(n: int, batch: int) -> np.ndarray:
+    a = np.random.default_rng(1).standard_normal((batch, n + 5, n)) * np.logspace(0, 3, n)
+    return np.einsum("bri,brj->bij", a, a)
+
+
+def test_lanes_factor_solve_and_invert_as_numpy_does():
+    matrix, right = _spd(9, 7), np.random.default_rng(2).standard_normal((7, 9))
+    lanes = [[jnp.asarray(matrix[:, i, j]) for j in range(i + 1)] for i in range(9)]
+    lower = factor_lanes(lanes)
+    solution = np.stack(solve_lanes(lower, [jnp.asarray(right[:, i]) for i in range(9)]), axis=1)
+    expected = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    # Condition 1e6 squared by nothing: the matrix itself is given. 1e-9 is cond × 2⁻⁵² with room.
+    np.testing.assert_allclose(solution, expected, rtol=1e-8)
+    inverse = np.moveaxis(np.asarray(invert_lanes(lower)), -1, 0)
+    np.testing.assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-8, atol=1e-16)
+
+
+@pytest.mark.parametrize(("n", "block"), [(9, 9), (63, 9), (24, 12)])
+def test_blocks_invert_as_numpy_does(n, block):
+    matrix = _spd(n, 5)
+    expected = np.linalg.inv(matrix)
+    size = np.sqrt(np.einsum("bii,bjj->bij", expected, expected))
+    error = (
+        np.abs(np.asarray(jax.jit(inverse_blocks, static_argnums=1)(matrix, block)) - expected)
+        / size
+    )
+    assert error.max() < 1e-9
+
+
+def test_a_matrix_that_is_not_positive_definite_gives_nan_for_itself_alone():
+    matrix = np.stack([np.eye(9), np.ones((9, 9)), 2 * np.eye(9)])
+    inverse = np.asarray(jax.jit(inverse_blocks, static_argnums=1)(matrix, 9))
+    assert not np.isfinite(inverse[1]).any()
+    np.testing.assert_allclose(inverse[[0, 2]], [np.eye(9), np.eye(9) / 2], atol=1e-15)
+
+
+def test_constant_parameters_are_scipys():
+    """Residual and minimiser written anew here; SciPy finds the same parameters and covariance."""
+    devices, _ = _fleet(0, 3)
+    fit = fit_fleet(Invariant(GRAVITY), Constant(), stack_dwells(devices))
+    for k, d in enumerate(devices):
+        a = np.asarray(d.accel)
+
+        def residual(p, a=a):
+            m = np.eye(3)
+            m[ROWS, COLUMNS] += p[3:]
+            return (np.linalg.norm(np.linalg.solve(m, (a - p[:3]).T), axis=0) - GRAVITY) / SIGMA
+
+        best = least_squares(
+            residual, np.zeros(9), method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15
+        )
+        covariance = np.linalg.inv(best.jac.T @ best.jac)
+        sigma = np.sqrt(np.diag(covariance))
+        # SciPy's numerical Jacobian limits its minimum to some 1e-6 sigma.
+        np.testing.assert_allclose((fit.parameters[k] - best.x) / sigma, 0.0, atol=1e-4)
+        np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance[k])), sigma, rtol=1e-3)
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+def test_batched_fit_is_the_joint_fit(degree):
+    devices, _ = _fleet(degree, 5)
+    basis = Polynomial(degree, LOW, HIGH) if degree else Constant()
+    fit = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
+    solve = eqx.filter_jit(lambda d: joint_fit(Invariant(GRAVITY), basis, d))
+    for k, d in enumerate(devices):
+        one = solve(jax.tree.map(jnp.asarray, d))
+        sigma = np.sqrt(np.diag(np.asarray(one.covariance)))
+        error = (fit.parameters[k] - np.asarray(one.curve.coefficients).ravel()) / sigma
+        assert np.abs(error).max() < 1e-5  # ten times the tolerance of the batched steps
+        # The covariance is that of the last factor, some 1e-4 of the way before the minimum.
+        np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance[k])), sigma, rtol=2e-3)
+
+
+def test_linear_estimators_are_the_joint_fit():
+    devices, _ = _fleet(2, 3)
+    rng = np.random.default_rng(8)
+    basis, estimator = Polynomial(2, LOW, HIGH), ReferenceAccel()
+    with_reference = [
+        eqx.tree_at(
+            lambda d: d.reference_accel,
+            d,
+            np.asarray(d.accel) + rng.normal(0, 1e-3, (d.num_dwells, 3)),
+            is_leaf=lambda x: x is None,
+        )
+        for d in devices
+    ]
+    fit = fit_fleet(estimator, basis, stack_dwells(with_reference))
+    weighted = eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(fit.scatter[1]))
+    one = eqx.filter_jit(lambda d: joint_fit(weighted, basis, d))(
+        jax.tree.map(jnp.asarray, with_reference[1])
+    )
+    sigma = np.sqrt(np.diag(np.asarray(one.covariance)))
+    error = (fit.parameters[1] - np.asarray(one.curve.coefficients).ravel()) / sigma
+    assert np.abs(error).max() < 1e-6
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance[1])), sigma, rtol=1e-9)
+
+
+def test_errors_are_what_the_covariance_says():
+    devices, truth = _fleet(0, 400)
+    fit = fit_fleet(Invariant(GRAVITY), Constant(), stack_dwells(devices))
+    error = fit.parameters - truth.reshape(400, -1)
+    square = np.einsum("di,dij,dj->d", error, np.linalg.inv(fit.covariance), error)
+    # Mean of 400 χ² of 9 degrees: 9 ± 4.24 / 20, taken to four sigma.
+    assert abs(square.mean() - 9.0) < 0.85
+
+
+def test_one_bad_device_leaves_the_others_as_they_were():
+    devices, _ = _fleet(2, 6)
+    basis = Polynomial(2, LOW, HIGH)
+    good = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
+    outputs = np.asarray(devices[2].accel).copy()
+    outputs[7] = np.nan
+    spoiled = [*devices]
+    spoiled[2] = eqx.tree_at(lambda d: d.accel, devices[2], outputs)
+    spoiled[4] = devices[4][np.arange(8)]  # eight rests for 27 unknowns
+    fit = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(spoiled))
+    rest = [0, 1, 3, 5]
+    assert not fit.converged[2]
+    assert not np.isfinite(np.diagonal(fit.covariance[4])).all()
+    sigma = np.sqrt(np.diagonal(good.covariance, axis1=1, axis2=2))[rest]
+    # The shared metric of the first steps is another, so the end point moves within the tolerance.
+    assert np.abs((fit.parameters[rest] - good.parameters[rest]) / sigma).max() < 1e-5
+
+
+def test_no_hang_at_any_batch_size():
+    out = run_limited(
+        """
+import time
+from inertiax.fleet import fit_fleet, stack_dwells
+import sys; sys.path.insert(0, "tests")
+from test_fleet import _fleet
+from inertiax.estimators import Invariant
+from inertiax.temperature import Constant
+devices, _ = _fleet(0, 1500)
+for count in (1, 300, 1500):
+    fit = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[:count]))
+    assert fit.converged.all()
+print("done")
+""",
+        seconds=240,
+    )
+    assert out.endswith("done\n")
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("line")
+    return folder, write_line(folder, 14)
+
+
+def test_raw_rows_to_calibrations_within_their_uncertainty(line, tmp_path):
+    folder, truth = line
+    summary = run_fleet(folder, tmp_path / "out")
+    assert (summary.devices, summary.calibrated) == (14, 14)
+    squares = []
+    for name, coefficients in truth.items():
+        found = fleet_calibration(tmp_path / "out", name).accel
+        assert found is not None
+        low, high = found.curve.basis.low, found.curve.basis.high
+        # The true curves in the fitted basis: a straight line has one form in both.
+        at = lambda t, c=coefficients: c[0] + c[1] * (2 * t - LOW - HIGH) / (HIGH - LOW)
+        expected = np.stack([(at(low) + at(high)) / 2, (at(high) - at(low)) / 2])
+        error = (np.asarray(found.curve.coefficients) - expected).ravel()
+        squares.append(error @ np.linalg.solve(np.asarray(found.covariance), error))
+    # Mean of 14 χ² of 18 degrees: 18 ± 1.6, taken to four sigma.
+    assert abs(np.mean(squares) - 18.0) < 6.4
+
+
+def test_bad_devices_are_set_aside_with_the_reason(line, tmp_path):
+    folder, _ = line
+    table = pl.read_parquet(sorted(folder.glob("*.parquet")))
+    x, y = pl.col("accel_x"), pl.col("accel_y")
+    serial = pl.col("device")
+    spoiled = table.with_columns(
+        accel_x=pl.when((serial == "SN0001") & (pl.col("time") > 3.0) & (pl.col("time") < 3.05))
+        .then(float("nan"))
+        .otherwise(x),
+        accel_y=pl.when(serial == "SN0002").then(y.clip(upper_bound=8.0)).otherwise(y),
+        accel_z=pl.when(serial == "SN0003")
+        .then(pl.col("accel_z") / 9.81)
+        .otherwise(pl.col("accel_z")),
+    ).filter((serial != "SN0004") | (pl.col("position") < 4))
+    spoiled = spoiled.sort("device", "time", maintain_order=True)
+    other = tmp_path / "line"
+    other.mkdir()
+    spoiled.write_parquet(other / "line.parquet")
+    (other / "campaign.toml").write_text((folder / "campaign.toml").read_text())
+    summary = run_fleet(other, tmp_path / "out")
+    assert (summary.devices, summary.set_aside) == (14, 4)
+    aside = dict(pl.read_parquet(tmp_path / "out" / "quarantine.parquet").iter_rows())
+    assert "'accel_x' has no finite number" in aside["SN0001"]
+    assert "'accel_y' stays at 8, its extreme value" in aside["SN0002"]
+    assert "wrong units" in aside["SN0003"]
+    assert "too few positions" in aside["SN0004"] or "do not determine" in aside["SN0004"]
+    with pytest.raises(ValueError, match="device 'SN0004' was set aside: accel"):
+        fleet_calibration(tmp_path / "out", "SN0004")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop("position"), "column 'position' is missing"),
+        (lambda t: t.drop("accel_y"), "column 'accel_y' is missing"),
+        (lambda t: t.with_columns(device=pl.lit(None, pl.String)), "'device' is empty in row 0"),
+        (lambda t: t.with_columns(device=pl.lit("a")), "time does not increase"),
+        (lambda t: t.sort("time"), "sort the file by device and time"),
+    ],
+)
+def test_what_is_wrong_with_the_files_is_said_in_one_line(line, tmp_path, change, message):
+    folder, _ = line
+    table = pl.read_parquet(sorted(folder.glob("*.parquet")))
+    (tmp_path / "campaign.toml").write_text((folder / "campaign.toml").read_text())
+    change(table).write_parquet(tmp_path / "line.parquet")
+    with pytest.raises(ValueError) as caught:
+        summary = run_fleet(tmp_path, tmp_path / "out")
+        raise ValueError(str(summary.reasons))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_with_another_run_is_refused(line, tmp_path):
+    folder, _ = line
+    run_fleet(folder, tmp_path / "out")
+    write_line(tmp_path / "other", 3)
+    with pytest.raises(ValueError, match="holds a run over other files"):
+        run_fleet(tmp_path / "other", tmp_path / "out")
+
+
+KILLED = """
+import sys
+import inertiax.fleet.tasks as tasks
+import inertiax.fleet.run as run
+small = tasks.split
+run.split = lambda files, columns: small(files, columns, rows=1)  # a task for each device
+print("begins", flush=True)
+run.run_fleet(sys.argv[1], sys.argv[2], workers=1)
+"""
+
+
+def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
+    """Kill −9 at several moments; every device is there once, as in an undisturbed run."""
+    folder, truth = line
+    # Compiled code is kept between the runs: compiling is most of a small run's time.
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "compiled"), "EQX_ON_ERROR": "nan"}
+    environment = {**os.environ, **kept, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
+
+    def start(out: Path) -> subprocess.Popen:
+        command = [sys.executable, "-c", KILLED, str(folder), str(out)]
+        return subprocess.Popen(command, env=environment)
+
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert start(whole).wait(timeout=240) == 0
+    kills = 0
+    for already in (0, 2, 5, 9):
+        process = start(broken)
+        deadline = time.monotonic() + 240
+        while process.poll() is None and len(list(broken.glob("parts/part-*"))) <= already:
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        kills += process.poll() is None
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert kills >= 3
+    assert start(broken).wait(timeout=240) == 0
+    tables = [read_parts(f).collect().sort("device") for f in (whole, broken)]
+    assert tables[1].get_column("device").to_list() == sorted(truth)
+    assert tables[0].equals(tables[1])
