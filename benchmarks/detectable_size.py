@@ -32,7 +32,10 @@ def cases():
     def step(seed, size):
         return sweep(seed=seed, effect=lambda probe, t: only(0, size * (t > 2500.0)))
 
-    return (("K2 on accel_y", k2, "second_order", "accel_y"), ("step on gyro_x", step, "bias_step", "gyro_x"))  # fmt: skip
+    return (
+        ("K2 on accel_y", k2, "second_order", "accel_y"),
+        ("step on gyro_x", step, "bias_step", "gyro_x"),
+    )
 
 
 def wilson(hits, number):

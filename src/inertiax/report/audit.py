@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..diagnose.limits import Audit, Detectable, POWER
 from ..effects import CATALOGUE, Effect
 from ..quantities import label
-from .engineering import customary, in_words
+from .engineering import customary
 from .page import Section, Table
 
 
@@ -56,7 +56,7 @@ def size_rows(audit: Audit) -> list[tuple[str, ...]]:
         for axis in "xyz":
             mine = [d.size for d in members if f"{triad}_{axis}" in d.channels]
             cells.append(three_digits(factor * min(mine)) if mine else "–")
-        rows.append((in_words(name), _TRIADS[triad], *cells, unit))
+        rows.append((name, _TRIADS[triad], *cells, unit))
     return rows
 
 
@@ -69,7 +69,7 @@ def _alike(audit: Audit) -> Section:
     """Sets that the plan shows in the same way, and the experiments that would part them."""
     rows = tuple(
         (
-            " or ".join(in_words(n) for n in s.names),
+            " or ".join(s.names),
             ", ".join(s.channels),
             f"{s.r_squared:.3f}",
             "; or ".join(s.experiments),
@@ -97,7 +97,7 @@ def _blind(audit: Audit, catalogue: Sequence[Effect]) -> Section:
         if name in by and by[name].by:
             shown = ", ".join(_parameter(p) for p in by[name].by)
             reason = f"the calibration absorbs it: it looks like {shown}"
-        rows.append((in_words(name), _plain(reason), needs.get(name, "")))
+        rows.append((name, _plain(reason), needs.get(name, "")))
     lines = []
     if audit.unobservable:
         lines.append(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..diagnose import Diagnosis
 from ..diagnose.residuals import Residuals
-from ..diagnose.result import Explanation, Moved, Parameter
+from ..diagnose.result import Moved, Parameter
 from ..effects import CATALOGUE
 from ..plots import diagnosis as plots, residuals as residual_plots
 from ..plots.style import drawing
@@ -31,7 +31,7 @@ def report_diagnosis(
     **Arguments:** `campaign` are the device's recordings; with them the places are drawn over time.
     """
     tone, headline = _HEADLINES[found.verdict]
-    names = [" or ".join(map(in_words, (e.name, *e.alternatives))) for e in found.effects]
+    names = [" or ".join((e.name, *e.alternatives)) for e in found.effects]
     if names:
         headline = f"{headline[:-1]}: {'; '.join(names)}."
     device = "" if campaign is None else campaign.devices[0]
@@ -83,7 +83,7 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
         rows = tuple((name, *_value(name, p)) for name, p in effect.parameters)
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]
         if len(effect.odds) > 1:
-            odds = tuple((in_words(name), f"{100 * share:.1f}") for name, share in effect.odds)
+            odds = tuple((name, f"{100 * share:.1f}") for name, share in effect.odds)
             tables.append(
                 Table(
                     ("explanation", "share, %"),
@@ -95,23 +95,28 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
         if effect.separating_experiment:
             word = "separate them" if len(effect.odds) > 1 else "confirm it"
             lines.append(f"Experiment that would {word}: {effect.separating_experiment}.")
-        title = f"{in_words(effect.name)} on {', '.join(effect.channels)}"
-        figures = _driver_figures(found, effect, folder, f"effect-{number}")
+        title = f"{effect.name} on {', '.join(effect.channels)}"
+        driver = next((e.driver for e in CATALOGUE if e.name == effect.name), "time")
+        figures = _driver_figures(found, driver, effect.channels, folder, f"effect-{number}")
         sections.append(Section(title, lines=tuple(lines), tables=tuple(tables), figures=figures))
     if found.empirical is not None:
         lines = ("The best-found dependence; it describes the data and explains nothing.",)
-        sections.append(Section("What was found", lines=lines, items=(found.empirical,)))
+        figures: tuple[Picture, ...] = ()
+        if found.where:
+            driver, channels = found.where[0].driver, {w.channel for w in found.where}
+            figures = _driver_figures(found, driver, tuple(sorted(channels)), folder, "found")
+        items = (found.empirical,)
+        sections.append(Section("What was found", lines=lines, items=items, figures=figures))
     return sections
 
 
 def _driver_figures(
-    found: Diagnosis, effect: Explanation, folder: Path, name: str
+    found: Diagnosis, driver: str, named: tuple[str, ...], folder: Path, name: str
 ) -> tuple[Picture, ...]:
-    """Residuals against the effect's driver, before and after."""
-    driver = next((e.driver for e in CATALOGUE if e.name == effect.name), "time")
+    """Residuals of the named channels against a driver, before and after."""
     made = []
     for rows in found.residuals:
-        channels = tuple(c for c in effect.channels if c.startswith(rows.triad))
+        channels = tuple(c for c in named if c.startswith(rows.triad))
         if not channels:
             continue
         caption = (
@@ -256,8 +261,7 @@ def _limits_section(found: Diagnosis) -> list[Section]:
     sections = []
     if found.detectable:
         rows = tuple(
-            (in_words(d.name), ", ".join(d.channels), *_size(d.size, d.unit))
-            for d in found.detectable
+            (d.name, ", ".join(d.channels), *_size(d.size, d.unit)) for d in found.detectable
         )
         table = Table(
             ("effect", "channels", "smallest size", "unit"),
