@@ -195,6 +195,8 @@ def _next_orientation(estimate: TriadResult) -> Float[np.ndarray, "3"] | None:
     gravity = float(np.median(np.linalg.norm(np.asarray(dwells.accel), axis=1)))
     grid = _grid(100)
     jacobian = np.asarray(_rest_jacobians(estimate.estimator, vector, pattern, gravity * grid))
+    if not np.all(np.isfinite(jacobian)):  # dwells without a noise figure, and none found
+        return None
     p = vector.shape[0]
     phi = np.asarray(solution.curve.basis(pattern.temperature))
     spread = np.kron(phi[:, None], np.eye(p))
