@@ -14,12 +14,8 @@ import argparse
 import json
 import sys
 
-import jax
-
-
-jax.config.update("jax_enable_x64", True)
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -40,6 +36,8 @@ from inertiax.simulate.programme import PROGRAMME_18, reordered
 from inertiax.simulate.triad import Device, draw_accelerometers, TRUTH_RANGE
 from inertiax.temperature import Curve, Polynomial
 
+
+jax.config.update("jax_enable_x64", True)
 
 CHANGES = (0.5, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0)
 GRID_DRIFTS = ("centred", "one-sided", "alternating", "settling")
@@ -129,7 +127,8 @@ def random_plan(number: int, device, basis) -> dict:
     return {
         "drift": drift, "sign": sign, "radius": rate.radius, "ratio": ratio,
         "default": error(default.curve.coefficients), "joint": error(joint.curve.coefficients),
-        "paper": error(by_paper.history[3]), "paper_ratio": error(by_paper.history[3]) / error(joint.curve.coefficients),
+        "paper": error(by_paper.history[3]),
+        "paper_ratio": error(by_paper.history[3]) / error(joint.curve.coefficients),
         "iterations": int(default.num_iterations), "default_warning": warning,
         "paper_warned": rate_warning(paper, rate, dwells) is not None,
     }  # fmt: skip

@@ -4,6 +4,7 @@
 and `temperatures` the optimal plans, `effort` how many positions and hours a stated precision takes.
 """
 
+from .advise import Advice, advise
 from .criteria import CRITERIA, d_efficiency, score
 from .effort import Effort, effort_for, Precision, precision
 from .information import ideal_rows, position_information
@@ -12,10 +13,12 @@ from .temperatures import optimal_temperatures
 
 
 __all__ = [
+    "Advice",
     "CRITERIA",
     "Effort",
     "Precision",
     "TableLimits",
+    "advise",
     "d_efficiency",
     "effort_for",
     "ideal_rows",
