@@ -317,3 +317,25 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
     tables = [read_parts(f).collect().sort("device") for f in (whole, broken)]
     assert tables[1].get_column("device").to_list() == sorted(truth)
     assert tables[0].equals(tables[1])
+
+
+def test_dask_workers_give_the_same_table(line, tmp_path):
+    folder, _ = line
+    run_fleet(folder, tmp_path / "here")
+    out = run_limited(
+        f"""
+from inertiax.fleet import run_fleet
+if __name__ == "__main__":
+    print(run_fleet({str(folder)!r}, {str(tmp_path / "there")!r}, scheduler="local", workers=1).calibrated)
+""",
+        seconds=240,
+    )
+    assert out.endswith("14\n")
+    tables = [read_parts(tmp_path / f).collect().sort("device") for f in ("here", "there")]
+    assert tables[0].equals(tables[1])
+
+
+def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
+    folder, _ = line
+    with pytest.raises(ValueError, match="no Dask scheduler answers at 'tcp://127.0.0.1:9'"):
+        run_fleet(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9")

@@ -102,15 +102,15 @@ def fit_fleet(
         again = _solve(estimator, basis, part, own[changed], scatter[changed], threads)
         fit = jax.tree.map(partial(_put, rows=changed), fit, again)
     return FleetFit(
-        parameters=fit.parameters,
-        covariance=fit.covariance,
-        misfit=fit.misfit,
+        parameters=np.asarray(fit.parameters),
+        covariance=np.asarray(fit.covariance),
+        misfit=np.asarray(fit.misfit),
         own_sigma=own,
         valid=valid,
         scatter=scatter,
         chi2_per_dof=chi2,
-        converged=fit.converged,
-        num_steps=fit.num_steps,
+        converged=np.asarray(fit.converged),
+        num_steps=np.asarray(fit.num_steps),
     )
 
 
@@ -174,7 +174,7 @@ def _solve_chunk(
         sigma = np.sqrt(np.square(own[:, :, 0]) + np.square(scatter)[:, None])
         weights = np.where(dwells.valid, 1.0 / sigma, 0.0)
         if isinstance(basis, Constant):
-            lanes = np.ascontiguousarray(np.transpose(dwells.accel, (2, 1, 0)))
+            lanes = np.ascontiguousarray(np.asarray(dwells.accel).transpose(2, 1, 0))
             return _constant(lanes, np.ascontiguousarray(weights.T), estimator.gravity)
         return _thermal(dwells.accel, dwells.temperature, weights, estimator.gravity, basis)
     return _linear(estimator, basis, dwells, jnp.asarray(scatter))

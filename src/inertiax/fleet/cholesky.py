@@ -56,15 +56,14 @@ def invert_lanes(lower: Lower) -> Float[Array, "n n batch"]:
             )
             row.append(-inner * lower[i][i])
         inverse.append([*row, lower[i][i]])
-    full = [[None] * n for _ in range(n)]
-    for i in range(n):
-        for j in range(i + 1):
-            entry = sum(
-                (inverse[k][i] * inverse[k][j] for k in range(i + 1, n)),
-                inverse[i][i] * inverse[i][j],
-            )
-            full[i][j] = full[j][i] = entry
-    return jnp.stack([jnp.stack(row) for row in full])
+
+    def entry(i: int, j: int) -> Lane:  # i ≥ j
+        products = (inverse[k][i] * inverse[k][j] for k in range(i + 1, n))
+        return sum(products, inverse[i][i] * inverse[i][j])
+
+    lower_part = [[entry(i, j) for j in range(i + 1)] for i in range(n)]
+    symmetric = [[lower_part[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+    return jnp.stack([jnp.stack(row) for row in symmetric])
 
 
 def inverse_blocks(matrix: Float[Array, "batch n n"], block: int) -> Float[Array, "batch n n"]:

@@ -258,7 +258,12 @@ def _device(
             experiment=experiment[row],
             position=position[row],
             valid=np.ones(len(mine), bool),
-            **triads,
+            accel=triads.get("accel"),
+            accel_covariance=triads.get("accel_covariance"),
+            gyro=triads.get("gyro"),
+            gyro_covariance=triads.get("gyro_covariance"),
+            reference_accel=triads.get("reference_accel"),
+            reference_gyro=triads.get("reference_gyro"),
         ),
     )
 

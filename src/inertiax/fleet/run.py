@@ -167,15 +167,20 @@ def _choose(campaign: Campaign, tasks: Sequence[Task], columns: ColumnMap, mark:
     """One model for all devices, from the columns and the first devices that can be read."""
     trial: list[Dwells] = []
     reasons: list[str] = []
+    failed: list[str] = []
     for task in tasks:
         some = Task(task.number, task.devices[: 4 * TRIALS])
         with jax.enable_x64(True):
-            trial.extend(r.dwells for r in read(some, columns) if r.dwells is not None)
+            tried = read(some, columns)
+        trial.extend(r.dwells for r in tried if r.dwells is not None)
+        failed.extend(f"device '{r.device}': {r.reason}" for r in tried if r.dwells is None)
         if len(trial) >= TRIALS:
             break
     trial = trial[:TRIALS]
     if not trial:
-        raise ValueError(f"{campaign.path}: no device has a position at rest that can be read.")
+        raise ValueError(
+            f"{campaign.path}: no device can be used, the first because of this: {failed[0]}."
+        )
     chosen = choose_model(campaign, [_columns_of(trial[0])])
     reasons.extend(chosen.reasons)
     temperatures = np.concatenate([np.asarray(d.temperature) for d in trial])
@@ -201,12 +206,20 @@ def _choose(campaign: Campaign, tasks: Sequence[Task], columns: ColumnMap, mark:
 
 def _columns_of(dwells: Dwells) -> Recording:
     """A recording with the columns that these dwells have, for `choose_model`."""
-    has = {c: np.asarray(v) for c in ("accel", "gyro", "reference_accel", "reference_gyro")
-           if (v := getattr(dwells, c)) is not None}  # fmt: skip
+
+    def column(name: str) -> np.ndarray | None:
+        values = getattr(dwells, name)
+        return None if values is None else np.asarray(values)
+
     temperature = np.asarray(dwells.temperature)
-    probe = temperature[:, None] if np.any(temperature != 0.0) else None
     return Recording(
-        np.asarray(dwells.time), temperature=probe, position=np.asarray(dwells.position), **has
+        time=np.asarray(dwells.time),
+        accel=column("accel"),
+        gyro=column("gyro"),
+        temperature=temperature[:, None] if np.any(temperature != 0.0) else None,
+        position=np.asarray(dwells.position),
+        reference_accel=column("reference_accel"),
+        reference_gyro=column("reference_gyro"),
     )
 
 
