@@ -75,6 +75,20 @@ def test_another_tools_file_is_brought_in(capsys, monkeypatch, tmp_path):
     agree(ours(read_calibration(to), accel, gyro, temperature), expected, tolerance=1e-12)
 
 
+def test_a_gyro_file_is_read_as_such(capsys, monkeypatch, file, tmp_path):
+    arguments = ["export", file, "--to", "imu_tk", "-o", tmp_path / "a.calib", "-q"]
+    assert run(capsys, monkeypatch, *arguments)[0] == 0
+    to = tmp_path / "b.json"
+    arguments = ["export", tmp_path / "a_gyro.calib", "--from", "imu_tk", "--to", "inertiax"]
+    arguments += ["-o", to, "-q", "--read"]
+    assert run(capsys, monkeypatch, *arguments, "kind=gyro")[0] == 0
+    assert read_calibration(to).accel is None and read_calibration(to).gyro is not None
+    status, _, err = run(capsys, monkeypatch, *arguments, "knd=gyro")
+    assert status == 1 and "reading has no setting 'knd'; known are kind" in err
+    status, _, err = run(capsys, monkeypatch, *arguments, "kind=both")
+    assert status == 1 and "kind = 'both'" in err
+
+
 def test_the_list_names_every_format_with_what_it_keeps_and_loses(capsys, monkeypatch):
     status, out, _ = run(capsys, monkeypatch, "export", "--list")
     assert status == 0

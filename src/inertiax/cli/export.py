@@ -44,6 +44,14 @@ def export(
             "--from", metavar="FORMAT", help="Format of CALIBRATION, where it is another tool's."
         ),
     ] = "inertiax",
+    reading: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--read",
+            metavar="KEY=VALUE",
+            help="A setting for reading with --from, such as kind=gyro.",
+        ),
+    ] = None,
     show_list: Annotated[
         bool, typer.Option("--list", help="Show the formats, what each keeps and loses.")
     ] = False,
@@ -60,7 +68,10 @@ def export(
         return
     if calibration is None or to is None:
         raise typer.BadParameter("CALIBRATION and --to FORMAT are needed (or --list).")
-    values = _settings(settings or [])
+    values = _settings(settings or [], "'--set'")
+    how = _settings(reading or [], "'--read'")
+    if how and source == "inertiax":
+        raise typer.BadParameter("is for files of other tools, with --from.", param_hint="'--read'")
     if output is not None:
         outputs.require_file(output)
     with console.Stages(quiet=quiet) as stages:
@@ -77,7 +88,7 @@ def export(
 
             known = read_calibration(calibration)
         else:
-            known = read_calibration_of(calibration.read_bytes(), source)
+            known = read_calibration_of(calibration.read_bytes(), source, **how)
         stages("exporting")
         result = write(known, to, **values)
         loss = measure_loss(known, result)
@@ -85,12 +96,12 @@ def export(
     _tell(to, result, loss, written, as_json=as_json, quiet=quiet)
 
 
-def _settings(pairs: list[str]) -> dict[str, str]:
+def _settings(pairs: list[str], option: str) -> dict[str, str]:
     values: dict[str, str] = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not key:
-            raise typer.BadParameter(f"'{pair}' must be KEY=VALUE.", param_hint="'--set'")
+            raise typer.BadParameter(f"'{pair}' must be KEY=VALUE.", param_hint=option)
         values[key.strip()] = value.strip()
     return values
 

@@ -17,7 +17,7 @@ from ..temperature import Constant, Polynomial
 from .cubic import cubic, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, triad
-from .parameters import g_sensitivity_loss, parameters_over, temperature_span, varies
+from .parameters import axis_by_axis_loss, parameters_over, temperature_span
 
 
 NAME = "ardupilot"
@@ -46,54 +46,62 @@ def _number(instance: int) -> str:
 
 def write(calibration: Calibration, settings: Settings) -> Export:
     """ArduPilot's parameter file of both triads."""
-    n = settings.instance
-    if not 1 <= n <= 3:
-        raise ValueError(f"ardupilot: instance = {n} must be within 1 to 3.")
+    if not 1 <= settings.instance <= 3:
+        raise ValueError(f"ardupilot: instance = {settings.instance} must be within 1 to 3.")
     low, high = temperature_span(calibration)
     at = float(np.clip(_REFERENCE, low, high))
     accel, gyro, scale = _fits(calibration, low, high)
-    lines = []
-    put = lambda name, value: lines.append(f"{name} {float(value):.9g}")
-    lines.append(f"INS_TCAL{n}_ENABLE {int(high > low)}")
-    put(f"INS_TCAL{n}_TMIN", low)
-    put(f"INS_TCAL{n}_TMAX", high)
-    for key, fit in (("ACC", accel), ("GYR", gyro)):
-        for order in (1, 2, 3):
-            for axis in range(3):
-                put(f"INS_TCAL{n}_{key}{order}_{'XYZ'[axis]}", fit[order, axis])
-        put(f"INS_{key}{n}_CALTEMP", at)
-        offset = cubic(_unscaled(fit), np.array([at - _REFERENCE]))[0].astype(np.float32)
-        for axis in range(3):
-            put(f"INS_{key}{_number(n)}OFFS_{'XYZ'[axis]}", offset[axis])
-    for axis in range(3):
-        put(f"INS_ACC{_number(n)}SCAL_{'XYZ'[axis]}", scale[axis])
+    there = np.array([at - _REFERENCE])
 
     def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
         d = np.clip(temperature, low, high) - _REFERENCE
 
         def one(x: np.ndarray, fit: np.ndarray):
             c = _unscaled(fit)
-            offset = cubic(c, np.array([at - _REFERENCE]))[0].astype(np.float32)
             c[0] = 0.0
-            return x - cubic(c, d) + cubic(c, np.array([at - _REFERENCE]))[0] - offset
+            return x - cubic(c, d) + cubic(c, there)[0] - _offset(fit, at)
 
         return one(a, accel) * scale, one(w, gyro)
 
+    lines = _lines(settings.instance, accel, gyro, scale, (low, high, at))
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,
-        losses=(
-            "misalignments, and the gyros' scale factors",
-            *(("temperature dependence of the scale factors",) if varies(calibration) else ()),
-            *(("what a cubic bias in temperature cannot follow",) if varies(calibration) else ()),
-            *g_sensitivity_loss(calibration),
-        ),
+        losses=axis_by_axis_loss(calibration),
         notes=(
             "ArduPilot takes an accelerometer calibration only with the sensor's own INS_ACC_ID, and "
             "learns gyro offsets anew at each start unless INS_GYR_CAL is 0",
             "axes must be the sensor's own after its mounting rotation, before the board's",
         ),
     )
+
+
+def _lines(
+    n: int,
+    accel: Float[np.ndarray, "4 3"],
+    gyro: Float[np.ndarray, "4 3"],
+    scale: Float[np.ndarray, "3"],
+    temperatures: tuple[float, float, float],
+) -> list[str]:
+    low, high, at = temperatures
+    values = {f"INS_TCAL{n}_TMIN": low, f"INS_TCAL{n}_TMAX": high}
+    for key, fit in (("ACC", accel), ("GYR", gyro)):
+        offset = _offset(fit, at)
+        for axis, name in enumerate("XYZ"):
+            for order in (1, 2, 3):
+                values[f"INS_TCAL{n}_{key}{order}_{name}"] = fit[order, axis]
+            values[f"INS_{key}{_number(n)}OFFS_{name}"] = offset[axis]
+        values[f"INS_{key}{n}_CALTEMP"] = at
+    for axis, name in enumerate("XYZ"):
+        values[f"INS_ACC{_number(n)}SCAL_{name}"] = scale[axis]
+    lines = [f"{name} {float(value):.9g}" for name, value in values.items()]
+    return [f"INS_TCAL{n}_ENABLE {int(high > low)}", *lines]
+
+
+def _offset(fit: Float[np.ndarray, "4 3"], at: float) -> Float[np.ndarray, "3"]:
+    """The bias at a temperature, °C, in ArduPilot's single precision."""
+    bias = cubic(_unscaled(fit), np.array([at - _REFERENCE]))[0]
+    return bias.astype(np.float32).astype(float)
 
 
 def _unscaled(fit: Float[np.ndarray, "4 3"]) -> Float[np.ndarray, "4 3"]:

@@ -2,7 +2,7 @@
 
 CHEBYSHEV = """\
 /* Chebyshev coefficients: bias 3, matrix 9 (by rows), g-sensitivity 9. */
-static void {prefix}_parameters({real} temperature, {real} out[21])
+static inline void {prefix}_parameters({real} temperature, {real} out[21])
 {{
     static const {real} c[21][{terms}] = {table};
     const {real} x = (temperature - {middle}) / {half};
@@ -20,7 +20,7 @@ static void {prefix}_parameters({real} temperature, {real} out[21])
 
 SPLINE = """\
 /* Cubic pieces: bias 3, matrix 9 (by rows), g-sensitivity 9 in each. */
-static void {prefix}_parameters({real} temperature, {real} out[21])
+static inline void {prefix}_parameters({real} temperature, {real} out[21])
 {{
     static const {real} knot[{edge_count}] = {{{edges}}};
     static const {real} c[{pieces} * 21][4] = {table};
@@ -55,7 +55,7 @@ BODY = """\
 
 {curves}
 /* Solve (E + m) x = v by Cramer's rule; m by rows. */
-static void {name}_solve(const {real} m[9], const {real} v[3], {real} x[3])
+static inline void {name}_solve(const {real} m[9], const {real} v[3], {real} x[3])
 {{
     const {real} a = 1 + m[0], b = m[1], c = m[2];
     const {real} d = m[3], e = 1 + m[4], f = m[5];
@@ -66,7 +66,7 @@ static void {name}_solve(const {real} m[9], const {real} v[3], {real} x[3])
     x[2] = (v[0] * (d * h - e * g) - v[1] * (a * h - b * g) + v[2] * (a * e - b * d)) / det;
 }}
 
-static void {name}_compensate(const {real} accel[3], const {real} gyro[3], {real} temperature,
+static inline void {name}_compensate(const {real} accel[3], const {real} gyro[3], {real} temperature,
                               {real} force[3], {real} rate[3])
 {{
     {real} p[21], left[3];

@@ -7,6 +7,8 @@ is diagonal. The output frame is therefore the accelerometers' own, its z axis a
 without external equipments*, ICRA 2014; the `imu_tk` library's files.
 """
 
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Float
 
@@ -66,7 +68,7 @@ def _text(
     return "\n\n".join("\n".join(block) for block in blocks).encode() + b"\n"
 
 
-def read(content: bytes, *, kind: str = "accel") -> Calibration:
+def read(content: bytes, *, kind: Literal["accel", "gyro"] = "accel") -> Calibration:
     """The calibration in one `.calib`; `kind` says of which triad, "accel" or "gyro".
 
     The numbers must take SI units to SI units; factors of raw counts (far from 1) are refused.

@@ -99,3 +99,16 @@ def has_g_sensitivity(calibration: Calibration) -> bool:
 def g_sensitivity_loss(calibration: Calibration) -> tuple[str, ...]:
     """What a format without the matrix D loses, in words."""
     return ("the gyros' g-sensitivity",) if has_g_sensitivity(calibration) else ()
+
+
+def axis_by_axis_loss(calibration: Calibration) -> tuple[str, ...]:
+    """What a flight controller's axis by axis correction with a cubic bias loses, in words."""
+    thermal = (
+        "temperature dependence of the scale factors",
+        "what a cubic bias in temperature cannot follow",
+    )
+    return (
+        "misalignments, and the gyros' scale factors",
+        *(thermal if varies(calibration) else ()),
+        *g_sensitivity_loss(calibration),
+    )

@@ -17,7 +17,7 @@ from ..temperature import Constant, Polynomial
 from .cubic import cubic, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, triad
-from .parameters import g_sensitivity_loss, parameters_over, temperature_span, varies
+from .parameters import axis_by_axis_loss, parameters_over, temperature_span
 
 
 NAME = "px4"
@@ -42,58 +42,64 @@ class Settings(Common, frozen=True, kw_only=True):
 
 def write(calibration: Calibration, settings: Settings) -> Export:
     """PX4's parameter file of both triads."""
-    n = settings.instance
-    if not 0 <= n <= 3:
-        raise ValueError(f"px4: instance = {n} must be within 0 to 3.")
+    if not 0 <= settings.instance <= 3:
+        raise ValueError(f"px4: instance = {settings.instance} must be within 0 to 3.")
     low, high = temperature_span(calibration)
-    middle = np.float32(0.5 * (low + high))
-    accel, gyro, scale = _fits(calibration, low, high, float(middle))
-    lines = []
-    put = lambda name, value, kind=_FLOAT: lines.append(
-        f"1\t1\t{name}\t{value if kind == _INT else f'{float(value):.9g}'}\t{kind}"
-    )
-    for letter, number, fit, present in (
-        ("A", settings.accel_id, accel, calibration.accel is not None),
-        ("G", settings.gyro_id, gyro, calibration.gyro is not None),
-    ):
-        put(f"TC_{letter}_ENABLE", int(present), _INT)
-        put(f"TC_{letter}{n}_ID", number, _INT)
-        for axis in range(3):
-            for order in (3, 2, 1, 0):
-                put(f"TC_{letter}{n}_X{order}_{axis}", fit[order, axis])
-        put(f"TC_{letter}{n}_TREF", middle)
-        put(f"TC_{letter}{n}_TMIN", np.float32(low))
-        put(f"TC_{letter}{n}_TMAX", np.float32(high))
-    for sensor, number in (("ACC", settings.accel_id), ("GYRO", settings.gyro_id)):
-        put(f"CAL_{sensor}{n}_ID", number, _INT)
-        for axis in "XYZ":
-            put(f"CAL_{sensor}{n}_{axis}OFF", 0.0)
-    for axis, value in zip("XYZ", scale, strict=True):
-        put(f"CAL_ACC{n}_{axis}SCALE", value)
+    reference = float(np.float32(0.5 * (low + high)))
+    accel, gyro, scale = _fits(calibration, low, high, reference)
+    present = calibration.accel is not None, calibration.gyro is not None
+    lines = [
+        *_thermal(settings, accel, gyro, present, (reference, low, high)),
+        *_static(settings, scale),
+    ]
 
     def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
-        d = np.clip(temperature, low, high) - middle
+        d = np.clip(temperature, low, high) - reference
         return (a - cubic(accel, d)) * scale, w - cubic(gyro, d)
 
-    missing = settings.accel_id == 0 or settings.gyro_id == 0
+    notes = ("axes must be the sensor's own, before PX4's rotation to the body",)
+    if settings.accel_id == 0 or settings.gyro_id == 0:
+        notes = ("PX4 wants the sensors' own numbers: give --set accel_id=... gyro_id=...", *notes)
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,
-        losses=(
-            "misalignments, and the gyros' scale factors",
-            *(("temperature dependence of the scale factors",) if varies(calibration) else ()),
-            *(("what a cubic bias in temperature cannot follow",) if varies(calibration) else ()),
-            *g_sensitivity_loss(calibration),
-        ),
-        notes=(
-            *(
-                ("PX4 wants the sensors' own numbers: give --set accel_id=... gyro_id=...",)
-                if missing
-                else ()
-            ),
-            "axes must be the sensor's own, before PX4's rotation to the body",
-        ),
+        losses=axis_by_axis_loss(calibration),
+        notes=notes,
     )
+
+
+def _line(name: str, value: float | int) -> str:
+    if isinstance(value, int):
+        return f"1\t1\t{name}\t{value}\t{_INT}"
+    return f"1\t1\t{name}\t{value:.9g}\t{_FLOAT}"
+
+
+def _thermal(
+    settings: Settings,
+    accel: Float[np.ndarray, "4 3"],
+    gyro: Float[np.ndarray, "4 3"],
+    present: tuple[bool, bool],
+    temperatures: tuple[float, float, float],
+) -> list[str]:
+    n, lines = settings.instance, []
+    rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
+    for letter, number, fit, enabled in rows:
+        lines += [_line(f"TC_{letter}_ENABLE", int(enabled)), _line(f"TC_{letter}{n}_ID", number)]
+        for axis in range(3):
+            for order in (3, 2, 1, 0):
+                lines.append(_line(f"TC_{letter}{n}_X{order}_{axis}", float(fit[order, axis])))
+        for key, value in zip(("TREF", "TMIN", "TMAX"), temperatures, strict=True):
+            lines.append(_line(f"TC_{letter}{n}_{key}", float(value)))
+    return lines
+
+
+def _static(settings: Settings, scale: Float[np.ndarray, "3"]) -> list[str]:
+    n, lines = settings.instance, []
+    for sensor, number in (("ACC", settings.accel_id), ("GYRO", settings.gyro_id)):
+        lines.append(_line(f"CAL_{sensor}{n}_ID", number))
+        lines += [_line(f"CAL_{sensor}{n}_{axis}OFF", 0.0) for axis in "XYZ"]
+    pairs = zip("XYZ", scale.tolist(), strict=True)
+    return lines + [_line(f"CAL_ACC{n}_{axis}SCALE", value) for axis, value in pairs]
 
 
 def _fits(

@@ -1,5 +1,6 @@
 """The formats that a calibration can be written in; a new one is a file here and a name in the list."""
 
+import inspect
 import json
 from types import ModuleType
 
@@ -71,14 +72,31 @@ def export(calibration: Calibration, name: str, /, **settings: str | float | int
     return module.write(calibration, chosen)
 
 
-def read_calibration_of(content: bytes, name: str) -> Calibration:
-    """The calibration in another tool's file. Raises `ValueError` where the format cannot be read."""
+def read_calibration_of(content: bytes, name: str, /, **settings: str | float | int) -> Calibration:
+    """The calibration in another tool's file; `settings` are the keywords of the format's `read`.
+
+    Numbers may be given as text. Raises `ValueError` where the format cannot be read, or for an
+    unknown or wrong setting.
+    """
     module = by_name(name)
     if not hasattr(module, "read"):
         readable = [f.NAME for f in FORMATS if hasattr(f, "read")]
         raise ValueError(f"{name}: files cannot be read back; these can: {', '.join(readable)}.")
+    known = {
+        k: p.annotation
+        for k, p in inspect.signature(module.read).parameters.items()
+        if p.kind is p.KEYWORD_ONLY
+    }
+    for key, value in settings.items():
+        if key not in known:
+            told = f"known are {', '.join(known)}" if known else "it has none"
+            raise ValueError(f"{name}: reading has no setting '{key}'; {told}.")
+        try:
+            settings[key] = msgspec.convert(value, known[key], strict=False)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"{name}: {key} = {value!r}: {error}.") from None
     try:
-        return module.read(content)
+        return module.read(content, **settings)
     except json.JSONDecodeError as error:
         raise ValueError(f"{name}: not valid JSON: {error}.") from None
     except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
