@@ -20,8 +20,9 @@ from inertiax.calibration import (
 )
 from inertiax.compensation import compensate_file, compensate_recording
 from inertiax.diagnose.augmented import compensate, simulate
+from inertiax.diagnose.succession import succeeding, taken_away
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Recording
+from inertiax.recordings import Campaign, Recording
 from inertiax.temperature import Constant, Curve, Polynomial
 
 
@@ -325,3 +326,63 @@ def test_an_effect_of_ones_own_is_read_with_the_catalogue_that_has_it(tmp_path):
     with pytest.raises(ValueError, match="catalogue"):
         read_calibration(tmp_path / "c.json", effects=[e for e in CATALOGUE if e is not k2])
     assert read_calibration(tmp_path / "c.json", effects=[k2]).effects[0].name == "second_order"
+
+
+def test_a_diagnosis_after_a_known_calibration_gives_one_calibration_for_raw_outputs():
+    # Truth: raw = M0 (M1 a + b1 + e) + b0, with e = K2 f² on y; the second stage is what is left after M0.
+    rng = np.random.default_rng(8)
+    names = tuple(f"accel.bias[{i}]" for i in range(3))
+    names += tuple(f"accel.matrix[{i},{j}]" for i, j in FULL)
+    low, high = -20.0, 60.0
+
+    def stage(size, degree):
+        series = size * rng.standard_normal((degree + 1, 12))
+        curve = Curve(Polynomial(degree, low, high), jnp.asarray(series))
+        count = series.size
+        known = TriadCalibration(curve, 1e-12 * jnp.eye(count), names, "reference")
+        return Calibration(G, known, temperature_range=(low, high)), series
+
+    (first, c0), (second, c1) = stage(1e-2, 2), stage(1e-3, 1)
+    k2 = 3e-3
+    second = eqx.tree_at(
+        lambda c: c.effects, second, (fitted("second_order", (1,), k2, "m/s^2/g^2"),)
+    )
+    time, force, position, _ = tumble(seed=9)
+    temperature = np.linspace(low, high, len(time))
+    x = (2.0 * temperature - (low + high)) / (high - low)
+    cheb = np.polynomial.chebyshev.chebvander(x, 2)
+    at0, at1 = cheb @ c0, cheb[:, :2] @ c1
+
+    def put_out(values, inputs):
+        matrix = np.eye(3) + values[:, 3:].reshape(-1, 3, 3)
+        return np.einsum("tij,tj->ti", matrix, inputs) + values[:, :3]
+
+    left_over = put_out(at1, force)
+    left_over[:, 1] += k2 * (force[:, 1] / G) ** 2
+    recording = Recording(
+        time, accel=put_out(at0, left_over), temperature=temperature[:, None], position=position
+    )
+    pair = succeeding(first, second)
+    back, _, _ = compensate_recording(pair, recording)
+    # The effect's 3e-3 m/s² is scaled by the first stage's factor at mid temperature only: ±1 % of it.
+    assert np.abs(back - force).max() < 0.03 * k2
+    exact = succeeding(first, eqx.tree_at(lambda c: c.effects, second, ()))
+    plain = Recording(
+        time, accel=put_out(at0, put_out(at1, force)), temperature=temperature[:, None]
+    )
+    np.testing.assert_allclose(compensate_recording(exact, plain)[0], force, rtol=0, atol=1e-10)
+    # Independent stages of 1e-6 each: √2 as uncertain, but for the matrices' percent and the
+    # polynomials' larger span.
+    sigma = np.asarray(exact.accel.standard_deviations(20.0))
+    alone = np.hypot(
+        np.asarray(first.accel.standard_deviations(20.0)),
+        np.asarray(second.accel.standard_deviations(20.0)),
+    )
+    np.testing.assert_allclose(sigma[3:], alone[3:], rtol=0.1)
+
+
+def test_taking_a_known_calibration_away_needs_the_temperature_it_depends_on():
+    time, force, position, _ = tumble()
+    campaign = Campaign((Recording(time, gyro=force, position=position),))
+    with pytest.raises(ValueError, match="temperature"):
+        taken_away(campaign, thermal_device(60.0))

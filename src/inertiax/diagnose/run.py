@@ -29,6 +29,7 @@ from .quantify import corrected, moved, parameters, tune
 from .residuals import residuals
 from .result import Detectable, Diagnosis, Evidence, Explanation, Parameter, Quality
 from .search import Candidate
+from .succession import succeeding, taken_away
 from .system import Score, whiten_system
 from .terms import Term
 from .words import sentence, summary
@@ -68,10 +69,12 @@ def diagnose_campaign(
     """`diagnose` together with the calibration of the augmented model."""
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
-        _, triads = prepare(campaign, effects, calibration)
+        seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
+        _, triads = prepare(seen, effects)
         progress("blocks, models and signatures made")
         findings = [find(p, campaign.grade, progress) for p in triads]
-        return conclude_findings(campaign, findings, effects, progress)
+        found, second = conclude_findings(seen, findings, effects, progress)
+        return found, second if calibration is None else succeeding(calibration, second)
 
 
 def diagnose(
