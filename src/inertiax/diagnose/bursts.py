@@ -130,8 +130,7 @@ def _inside(prepared: Prepared, outputs: np.ndarray) -> list[Burst]:
         usual = np.median(sums[rest] / dof[rest, None], axis=0)
         here = rest[window.first : window.last + 1]
         ratio = sums[here].sum(axis=0) / dof[here].sum() / usual
-        # A knock or a hand on the table moves all axes; a disturbed read-out is one channel's.
-        if np.delete(ratio - 1.0, c).max() > SHARED * (ratio[c] - 1.0):
+        if _moved(ratio, float(dof[here].sum()), c):
             continue
         excess = float(np.sqrt(max(ratio[c] - 1.0, 0.0) * usual[c]))
         found.append(
@@ -151,21 +150,29 @@ def _between(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> lis
     """By the whitened residuals of the blocks' means."""
     system, triad = prepared.system, prepared.form.triad
     residual = whiten_system(system, noise, [], chosen).residual
+    rest = np.flatnonzero(_inner(prepared.blocks.dwell))
     found = []
     for c, white in enumerate(residual):
-        window = most_scattered(white**2, np.ones(len(white)))
+        window = most_scattered(white[rest] ** 2, np.ones(len(rest)))
         if window is None:
             continue
-        rows = slice(window.first, window.last + 1)
-        axis = c if len(residual) == 3 else _axis(white[rows], system.base.loads[0][rows])
-        level = float(np.sqrt(np.mean(system.chains[c].white[rows])))
+        here = rest[window.first : window.last + 1]
+        ratio = np.array([np.mean(w[here] ** 2) / np.mean(w[rest] ** 2) for w in residual])
+        if len(residual) == 3 and _moved(ratio, float(len(here)), c):
+            continue
+        axis = c if len(residual) == 3 else _axis(white[here], system.base.loads[0][here])
+        level = float(np.sqrt(np.mean(system.chains[c].white[here])))
         excess = level * float(np.sqrt(max(window.ratio - 1.0, 0.0)))
-        found.append(
-            Burst(
-                f"{triad}_{'xyz'[axis]}", window.first, window.last, excess, window.p_value, BETWEEN
-            )
-        )
+        channel = f"{triad}_{'xyz'[axis]}"
+        found.append(Burst(channel, int(here[0]), int(here[-1]), excess, window.p_value, BETWEEN))
     return found
+
+
+def _moved(ratio: np.ndarray, dof: float, channel: int) -> bool:
+    """A knock or a hand on the table scatters all axes; a disturbed read-out is one channel's."""
+    others = np.delete(ratio, channel)
+    seen = _normal(others, np.full(len(others), dof)) > 4.0
+    return bool(np.any(seen & (others - 1.0 > SHARED * (ratio[channel] - 1.0))))
 
 
 def _axis(residual: np.ndarray, loads: np.ndarray) -> int:

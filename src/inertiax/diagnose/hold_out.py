@@ -14,9 +14,9 @@ from ..effects import CATALOGUE, Effect
 from ..recordings import Campaign
 from .baseline import Baseline, choose, fit, rows_at, usable
 from .blocks import Blocks, cut, join, Log
-from .engine import prepare_triad, Prepared
+from .engine import prepare, prepare_triad, Prepared
 from .result import Diagnosis
-from .run import conclude_findings, find, Progress, silent, tuned
+from .run import conclude_findings, find, Finding, Progress, silent, tuned
 from .signals import specific_force
 from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term
 
@@ -76,6 +76,55 @@ def hold_out(
         return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
 
 
+def leave_positions_out(
+    campaign: Campaign,
+    *,
+    effects: Sequence[Effect] = CATALOGUE,
+    progress: Progress = silent,
+) -> tuple[Diagnosis, tuple[Prediction, ...]]:
+    """Diagnose a campaign, then predict each position's mean from the other positions.
+
+    The effects are chosen on all rests; the coefficients of model and effects are refitted without the position
+    that they predict. **Returns** the diagnosis and one `Prediction` per chain: rms over positions, SI.
+    """
+    with jax.enable_x64(True):
+        log, triads = prepare(campaign, effects)
+        findings = [find(p, campaign.grade, progress) for p in triads]
+        predictions = [p for f in findings for p in _positions_out(f)]
+        return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
+
+
+def _positions_out(finding: Finding) -> list[Prediction]:
+    prepared = finding.prepared
+    chosen = [t for _, t, _ in tuned(prepared, finding.answer)]
+    base, position = prepared.system.base, prepared.blocks.position
+    made = []
+    for c, chain in enumerate(prepared.system.chains):
+        mine = [t for t in chosen if c in t.chains]
+        rms = []
+        for some in ([], mine):
+            x = [base.columns[c], *(t.columns[t.chains.index(c)] for t in some)]
+            x = np.concatenate(x, axis=1)
+            misses = []
+            for number in np.unique(position[position >= 0]):
+                out = position == number
+                solution = _solve(x[~out], base.observed[c][~out], chain.white[~out])
+                misses.append(np.mean(base.observed[c][out] - x[out] @ solution))
+            rms.append(float(np.sqrt(np.mean(np.square(misses)))))
+        made.append(Prediction(_label(base, c), tuple(t.name for t in mine), rms[0], rms[1]))
+    return made
+
+
+def _solve(x: np.ndarray, y: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    weight = 1.0 / np.sqrt(variance)
+    norm = np.linalg.norm(x, axis=0) + 1e-300
+    return np.linalg.lstsq(x / norm * weight[:, None], y * weight, rcond=1e-9)[0] / norm
+
+
+def _label(base: Baseline, chain: int) -> str:
+    return f"{base.form.triad}_{'xyz'[chain]}" if len(base.observed) == 3 else "|accel|"
+
+
 def _predict(
     prepared: Prepared,
     chosen: Sequence[Term],
@@ -90,14 +139,10 @@ def _predict(
     made = []
     for c, chain in enumerate(prepared.system.chains):
         mine = [t for t in chosen if c in t.chains]
-        weight = 1.0 / np.sqrt(chain.white)
         rms = []
         for terms in ([], mine):
             x = [base.columns[c], *(t.columns[t.chains.index(c)] for t in terms)]
-            x = np.concatenate(x, axis=1)
-            norm = np.linalg.norm(x, axis=0) + 1e-300
-            y = base.observed[c] * weight
-            solution = np.linalg.lstsq(x / norm * weight[:, None], y, rcond=1e-9)[0] / norm
+            solution = _solve(np.concatenate(x, axis=1), base.observed[c], chain.white)
             there = [other.columns[c]]
             for term in terms:
                 (shape,) = block_shapes(term.known, [term.variant], long, coarse, left)
@@ -105,8 +150,7 @@ def _predict(
                 there.append(again.columns[again.chains.index(c)])
             miss = other.observed[c] - np.concatenate(there, axis=1) @ solution
             rms.append(float(np.sqrt(np.mean(miss**2))))
-        channel = f"{base.form.triad}_{'xyz'[c]}" if len(base.observed) == 3 else "|accel|"
-        made.append(Prediction(channel, tuple(t.name for t in mine), rms[0], rms[1]))
+        made.append(Prediction(_label(base, c), tuple(t.name for t in mine), rms[0], rms[1]))
     return made
 
 

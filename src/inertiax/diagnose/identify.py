@@ -12,11 +12,11 @@ from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
 
 
-GATE = 0.02  # family-wise false alarms of the first effect of one triad
+GATE = 0.01  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
-MOST_EFFECTS = 4
+MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
 PAIRED = 40  # leading forms of which all pairs are tried
 
 
@@ -130,6 +130,11 @@ def _is_open(candidate: Candidate) -> bool:
     return candidate.term.name.startswith(PREFIX)
 
 
+def _full(chosen: Sequence[Candidate], new: Candidate) -> bool:
+    """Whether the rows that a candidate acts on have their number of effects already."""
+    return any(sum(c in old.term.chains for old in chosen) >= MOST_EFFECTS for c in new.term.chains)
+
+
 def _leaders(ranked: Sequence[Candidate], listed: int, unlisted: int) -> list[Candidate]:
     """The best few effects and structured alternatives of each set of chains."""
     count: dict[tuple, int] = {}
@@ -179,7 +184,8 @@ def identify(
     gate = min(family_p(c, tests) for c in ranked[:10])
     chosen: list[Candidate] = []
     noise, best_open, open_p = null, None, 1.0
-    while len(chosen) < MOST_EFFECTS and ranked:
+    while len(chosen) < 2 * MOST_EFFECTS and ranked:
+        ranked = [c for c in ranked if _is_open(c) or not _full(chosen, c)]
         listed = next((c for c in ranked if not _is_open(c)), None)
         unlisted = next((c for c in ranked if _is_open(c)), None)
         level = GATE if not chosen else NEXT

@@ -24,6 +24,7 @@ from .._typing import AnyArray
 
 TIME_CONSTANTS = (6.0, 36.0, 216.0, 1300.0, 7800.0)  # s, of the Gauss-Markov processes
 NUM_VARIANCES = 5
+WALK = 1.6  # price of each e-fold of a walk's variance, in twice the log likelihood
 
 
 class Chain(eqx.Module):
@@ -155,7 +156,7 @@ def negative_log_likelihood(
     part = jax.scipy.linalg.solve_triangular(factor, (x.T @ y) / norm, lower=True)
     # Scatter inside blocks already tells the white level; and a random walk strong enough to pass for
     # a slow effect is rarer than one that is not.
-    prior = 2.0 * jnp.log1p(jnp.square(theta[0] / 0.15)) + 1.6 * jax.nn.softplus(theta[2] + 3.0)
+    prior = 2.0 * jnp.log1p(jnp.square(theta[0] / 0.15)) + WALK * jax.nn.softplus(theta[2] + 3.0)
     num = columns.shape[1]
     logs = jnp.log(jnp.diag(factor)[:num]) + jnp.log(norm[:num])
     return 0.5 * (logdet + y @ y - part @ part + prior) + jnp.sum(logs)

@@ -23,7 +23,9 @@ def shape(
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Time constants from 0.7 s to the length of the longest rest."""
+    """Time constants from 0.7 s to the length of the longest rest; none where the device never moves."""
+    if not np.any(np.diff(np.asarray(signal.since_move)) < 0.0):
+        return ()
     longest = float(np.max(np.asarray(signal.since_move)))
     grid = np.geomspace(0.7, max(2.0, min(600.0, longest)), 12)
     if not np.any(np.asarray(signal.move)):
