@@ -7,6 +7,8 @@ INS_TCAL, …); for raw ones these must have been off.
 
 import contextlib
 import io
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +64,7 @@ def _messages(path: Path) -> dict[int, list[tuple[float, ...]]]:
     if head != MAGIC:
         raise ValueError(f"{path.name}: not a dataflash log: it does not begin with its header.")
     said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _plain_index():
         try:
             log = reader.DFReader_binary(str(path))
         # pymavlink meets a damaged file with whatever its parsing runs into.
@@ -74,6 +76,20 @@ def _messages(path: Path) -> dict[int, list[tuple[float, ...]]]:
             return _collect(log, path.name)
         finally:
             log.close()
+
+
+@contextlib.contextmanager
+def _plain_index() -> Iterator[None]:
+    """pymavlink's index in Python: the one in C tells every damaged byte past `redirect_stderr`."""
+    before = os.environ.get("PYMAVLINK_FAST_INDEX")
+    os.environ["PYMAVLINK_FAST_INDEX"] = "0"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYMAVLINK_FAST_INDEX"]
+        else:
+            os.environ["PYMAVLINK_FAST_INDEX"] = before
 
 
 def _collect(log, where: str) -> dict[int, list[tuple[float, ...]]]:

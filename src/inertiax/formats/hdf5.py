@@ -41,9 +41,14 @@ def read_arrays(
             if isinstance(start, h5py.Dataset):
                 return {group or "": _values(start, path, matlab)}
             return _walk(h5py, start, "", path, matlab)
-    except (OSError, RuntimeError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise ValueError(f"{path.name}: the HDF5 file is damaged or cut off: {reason}.") from None
+    # h5py meets a damaged file with whatever its parsing runs into.
+    except Exception as error:
+        if isinstance(error, ValueError) and str(error).startswith(f"{path.name}: "):
+            raise
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(
+            f"{path.name}: the HDF5 file is damaged or cut off: {reason[:200]}."
+        ) from None
 
 
 def _names(h5py, group, prefix: str = "") -> list[str]:

@@ -38,13 +38,12 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     rosbag2 = load("rosbags.rosbag2", "ros", path)
     one = path.suffix == ".bag" and not path.is_dir()
     kind = rosbag1.Reader if one else rosbag2.Reader
-    errors = (rosbag1.ReaderError, rosbag2.ReaderError, OSError, ValueError, KeyError, TypeError)
     try:
         reader = kind(path)
         reader.open()
     # rosbags meets a damaged file with whatever its parsing runs into.
     except Exception as error:
-        raise ValueError(f"{path.name}: the bag is damaged or cut off: {_reason(error)}.") from None
+        raise _damaged(path, error) from None
     try:
         topic = _topic(reader, layout.topic, _IMU, "topic", path.name)
         imu = _messages(reader, topic, _IMU, one, path)
@@ -53,18 +52,15 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
             said = layout.temperature_topic
             chosen = _topic(reader, said, _TEMPERATURE, "temperature_topic", path.name)
             probe = _messages(reader, chosen, _TEMPERATURE, one, path)
-    except errors as error:
-        if isinstance(error, ValueError) and str(error).startswith(path.name):
-            raise
-        raise ValueError(f"{path.name}: the bag is damaged or cut off: {_reason(error)}.") from None
     finally:
         reader.close()
     label = f"{path.name} {topic}"
     return to_recordings(_table(imu, probe, label), columns, layout, name=label)
 
 
-def _reason(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+def _damaged(path: Path, error: Exception) -> ValueError:
+    reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+    return ValueError(f"{path.name}: the bag is damaged or cut off: {reason[:200]}.")
 
 
 def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:
@@ -100,11 +96,14 @@ def _messages(reader, topic: str, kind: str, one: bool, path: Path) -> list:
     decode = store.deserialize_ros1 if one else store.deserialize_cdr
     connections = [c for c in reader.connections if c.topic == topic]
     messages = []
-    for _, received, raw in reader.messages(connections=connections):
-        message = decode(raw, kind)
-        stamp = message.header.stamp
-        own = stamp.sec * 1_000_000_000 + stamp.nanosec
-        messages.append((own or received, message))
+    try:
+        for _, received, raw in reader.messages(connections=connections):
+            message = decode(raw, kind)
+            stamp = message.header.stamp
+            own = stamp.sec * 1_000_000_000 + stamp.nanosec
+            messages.append((own or received, message))
+    except Exception as error:
+        raise _damaged(path, error) from None
     if not messages:
         raise ValueError(f"{path.name}: topic '{topic}' has no messages.")
     return messages
