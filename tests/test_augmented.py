@@ -92,7 +92,7 @@ def test_a_bias_step_is_taken_away_at_its_moment_by_the_recorded_clock():
     output = force @ (np.eye(3) + MATRIX).T + BIAS + noise
     step, moment = 3e-3, 1250.0
     clock = time + 1000.0
-    output[:, 2] += np.where(clock >= moment, 0.5 * step, -0.5 * step)
+    output[:, 2] += np.where(clock >= moment, step, 0.0)
     effect = fitted(
         "bias_step", (2,), step, "m/s^2", settings=(("time", moment - 1000.0),),
         clock=(1000.0, float(clock[-1])),
@@ -108,7 +108,7 @@ def test_a_bias_step_is_taken_away_at_its_moment_by_the_recorded_clock():
 def test_after_the_campaign_a_bias_step_stays_and_this_is_said():
     time, force, position, noise = tumble(seed=2)
     output = force @ (np.eye(3) + MATRIX).T + BIAS + noise
-    output[:, 2] += 1.5e-3
+    output[:, 2] += 3e-3
     effect = fitted(
         "bias_step", (2,), 3e-3, "m/s^2", settings=(("time", 250.0),), clock=(0.0, 500.0)
     )
@@ -209,6 +209,23 @@ def test_hysteresis_keeps_the_scale_of_the_recordings_it_was_fitted_on():
     assert np.abs(rate[:, 0]).max() < 0.01 * h < 0.1 * np.abs(gyro[:900, 0]).max()
 
 
+def test_a_higher_degree_is_of_the_polynomials_it_was_fitted_beside():
+    # Beside a cubic on −20…60 °C the next term is T4(x) = 8x⁴ − 8x² + 1; the calibration here is constant.
+    time = np.arange(900.0)
+    probe = np.linspace(-20.0, 60.0, 900)
+    x = (probe - 20.0) / 40.0
+    gyro = np.zeros((900, 3))
+    gyro[:, 1] = 3e-5 * (8 * x**4 - 8 * x**2 + 1)
+    effect = FittedEffect(
+        "temperature_order", "gyro", (1,), (("on", "bias"), ("terms", 1)), np.array([3e-5]),
+        np.zeros((1, 1)), "rad/s", degree=3, scale=(-20.0, 60.0),
+    )  # fmt: skip
+    gyros = triad("gyro", np.zeros(3), np.zeros((3, 3)), FULL)
+    calibration = Calibration(G, None, gyros, effects=(effect,), temperature_range=(0.0, 10.0))
+    rate = compensate(calibration, Recording(time, gyro=gyro, temperature=probe[:, None])).gyro
+    np.testing.assert_allclose(rate, 0.0, atol=1e-11)  # a straight ramp is not changed by smoothing
+
+
 def test_settling_follows_each_move_of_the_recording():
     time, force, position, noise = tumble(seed=6)
     tau, size = 4.0, 2e-3
@@ -278,7 +295,7 @@ def test_what_cannot_be_taken_away_is_said_in_one_line(effect, reason, tmp_path)
 def test_the_file_keeps_effects_exactly(tmp_path):
     effect = FittedEffect(
         "thermal_lag", "accel", (0,), (("time_constant", 120.5),), np.array([0.97]),
-        np.array([[1e-4]]), "1", (10.0, 900.0), (-40.0, 60.0), 1.25,
+        np.array([[1e-4]]), "1", (10.0, 900.0), (-40.0, 60.0), 1.25, 3, (-39.5, 59.5),
     )  # fmt: skip
     write_calibration(calibrated(effect), tmp_path / "c.json")
     (back,) = read_calibration(tmp_path / "c.json").effects
@@ -288,6 +305,7 @@ def test_the_file_keeps_effects_exactly(tmp_path):
         (-40.0, 60.0),
         1.25,
     )
+    assert (back.degree, back.scale) == (3, (-39.5, 59.5))
     np.testing.assert_array_equal(back.coefficients, effect.coefficients)
     np.testing.assert_array_equal(back.covariance, effect.covariance)
     write_calibration(calibrated(), tmp_path / "plain.json")

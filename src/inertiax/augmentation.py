@@ -30,6 +30,9 @@ class FittedEffect(eqx.Module):
     clock: tuple[float, float] | None = eqx.field(static=True, default=None)  # s, start and end
     temperature: tuple[float, float] | None = eqx.field(static=True, default=None)  # °C
     greatest_input: float = eqx.field(static=True, default=0.0)  # g or rad/s
+    # The model that it was fitted beside: its degree, and the temperatures (°C) at ±1 of its polynomials.
+    degree: int | None = eqx.field(static=True, default=None)
+    scale: tuple[float, float] | None = eqx.field(static=True, default=None)
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -43,6 +46,8 @@ class Extent(msgspec.Struct, forbid_unknown_fields=True):
     clock: tuple[float, float] | None
     temperature: tuple[float, float] | None
     greatest_input: float
+    degree: int | None
+    scale: tuple[float, float] | None
 
 
 class EffectEntry(msgspec.Struct, forbid_unknown_fields=True):
@@ -66,7 +71,9 @@ def to_entry(effect: FittedEffect) -> EffectEntry:
         coefficients=np.asarray(effect.coefficients).tolist(),
         covariance=np.asarray(effect.covariance).tolist(),
         unit=effect.unit,
-        fitted_on=Extent(effect.clock, effect.temperature, effect.greatest_input),
+        fitted_on=Extent(
+            effect.clock, effect.temperature, effect.greatest_input, effect.degree, effect.scale
+        ),
     )
 
 
@@ -103,7 +110,7 @@ def from_entry(
     return FittedEffect(
         entry.name, triad, channels, tuple(sorted(entry.settings.items())),
         jnp.asarray(entry.coefficients, float), jnp.asarray(entry.covariance, float), entry.unit,
-        extent.clock, extent.temperature, extent.greatest_input,
+        extent.clock, extent.temperature, extent.greatest_input, extent.degree, extent.scale,
     )  # fmt: skip
 
 

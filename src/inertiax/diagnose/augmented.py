@@ -9,6 +9,7 @@ which contracts by the size of ∂e/∂a: a thousandth or less for every effect 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -317,6 +318,9 @@ def within(signal: Signal, fitted: FittedEffect, start: float) -> Signal:
         fitted.greatest_input, float(np.abs(given[-1]).max())
     )
     made = eqx.tree_at(lambda s: (s.time, s.input), made, (time, given))
+    if fitted.degree is not None and fitted.scale is not None:
+        low, high = fitted.scale
+        made = replace(made, degree=fitted.degree, low=low, high=high)
     if fitted.temperature is None or made.temperature is None:
         return made
     low, high = fitted.temperature
@@ -354,6 +358,7 @@ def fitted_effects(
                 term.known.units[term.triad],
                 (float(clock[0]), float(clock[-1])) if one_clock else None, temperature,
                 float(np.abs(np.asarray(signal.input)).max()),
+                prepared.form.degree, (prepared.form.low, prepared.form.high),
             )
         )  # fmt: skip
     return tuple(made)
