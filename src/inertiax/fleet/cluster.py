@@ -35,5 +35,5 @@ def on_dask(
         raise ValueError(f"no Dask scheduler answers at '{scheduler}': {error}.") from None
     with client:
         futures = client.map(run_task, tasks, context=context, retries=RETRIES, pure=False)
-        for _, number in as_completed(futures, with_results=True):
+        for _, number in as_completed(futures, loop=client.loop, with_results=True):
             yield number
