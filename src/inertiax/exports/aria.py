@@ -65,7 +65,10 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         files=(("", json.dumps({"ImuCalibrations": [entry]}, indent=2).encode() + b"\n"),),
         applied=applied,
         losses=(*constants_loss(calibration, temperature), *g_sensitivity_loss(calibration)),
-        notes=("the device frame is the case; time offsets and the lever arm are written as zero",),
+        notes=(
+            "put the entry into the device's own file, which has the cameras",
+            "the device frame is the case; time offsets and the lever arm are written as zero",
+        ),
     )
 
 
