@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from inertiax.approaches import chamber_hours, first_approach
+from inertiax.approaches import chamber_hours, first_approach, paper_passes
 from inertiax.estimators import Invariant
 from inertiax.one_device import iterate_one, joint_fit_one
 from inertiax.plots.style import (
@@ -29,7 +29,6 @@ from inertiax.plots.style import (
     QUIET,
     to_svg,
 )
-from inertiax.procedure import iterate, PaperIteration
 from inertiax.simulate.bench import simulate_dwells, simulate_recordings
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import paper_check, PAPER_GRAVITY, paper_set, Plan
@@ -97,11 +96,9 @@ def one_seed(seed: int) -> dict[str, np.ndarray]:
     coefficients, curves = {}, {}
     for n in (1, 2, 3):
         dwells, _ = simulate_dwells(jax.random.fold_in(key, n), paper_set(n), device)
-        paper = iterate(
-            PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells, max_iterations=3, tolerance=0.0
-        )
-        coefficients[f"traditional, set {n}"] = np.asarray(paper.history[1])
-        coefficients[f"paper, set {n}"] = np.asarray(paper.history[3])
+        paper = paper_passes(ESTIMATOR, BASIS, dwells, passes=3)
+        coefficients[f"traditional, set {n}"] = paper[1]
+        coefficients[f"paper, set {n}"] = paper[3]
         coefficients[f"default, set {n}"] = np.asarray(
             iterate_one(ESTIMATOR, BASIS, dwells).curve.coefficients
         )
@@ -326,9 +323,9 @@ def page(found: dict[str, np.ndarray], study: dict) -> str:
         "# The paper's experiment, again",
         f"Written by `python benchmarks/paper_tables.py` from {seeds} seeds; each draws a device of navigation grade "
         "and the noise (10⁻⁵ m/s² on a dwell's mean). Figures are medians over seeds with their 5–95 % bands in "
-        "parentheses; an error is the greatest over −54…+59 °C and the three axes, against the truth. The founding paper's "
-        "numbers are measurements of a real instrument: for a simulated one they are bounds to be under, not values to "
-        "reproduce.",
+        "parentheses; an error is the greatest over −54…+59 °C and the three axes, against the truth. The founding "
+        "paper's numbers are measurements of a real instrument: for a simulated one they are bounds to be "
+        "under, not values to reproduce.",
         "## What the paper reports, beside ours",
         *against_paper(found),
         "![Curves of set 3 by the default, with the truth](figures/paper-curves.svg)",

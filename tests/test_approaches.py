@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.approaches import chamber_hours, first_approach, traditional
+from inertiax.approaches import chamber_hours, first_approach, paper_passes, traditional
 from inertiax.estimators import Invariant
 from inertiax.one_device import iterate_one
+from inertiax.procedure import iterate, PaperIteration
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set, Plan
@@ -49,6 +50,16 @@ def test_traditional_needs_a_held_temperature(device):
     bad_bias, bad_matrix = _errors(bad, device)
     assert good_bias < 1e-4 and good_matrix < 3e-5
     assert bad_bias > 5 * good_bias and bad_matrix > 5 * good_matrix
+
+
+def test_passes_from_the_host_are_those_of_the_compiled_iteration(device):
+    dwells, _ = simulate_dwells(jax.random.PRNGKey(1), paper_set(1), device)
+    compiled = iterate(
+        PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells, max_iterations=3, tolerance=0.0
+    )
+    np.testing.assert_allclose(
+        paper_passes(ESTIMATOR, BASIS, dwells, passes=3), compiled.history, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_first_approach_takes_one_sweep_and_half_the_dwells(device):

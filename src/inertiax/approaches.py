@@ -9,15 +9,17 @@
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
+from ._typing import AnyArray
 from .dwells import Dwells
 from .estimators import AbstractEstimator
-from .one_device import joint_fit_one
-from .procedure import iterate, PaperIteration
-from .temperature import AbstractBasis, Curve, Polynomial
+from .one_device import joint_fit_one, Problem
+from .procedure import PaperIteration
+from .temperature import AbstractBasis, Constant, Curve, Polynomial
 
 
 class Pieces(eqx.Module):
@@ -41,10 +43,39 @@ def traditional(
     experiment goes into the sets unseen: the method's error, not its covariance, tells how good it is.
     Raises `ValueError` with fewer experiments than basis functions.
     """
-    plan = PaperIteration.plan(estimator, basis, dwells)
     # The first pass of the paper's iteration, from curves constant over temperature, is this method.
-    solution = iterate(plan, dwells, max_iterations=1, tolerance=0.0)
-    return solution.curve, bool(jnp.all(jnp.isfinite(solution.curve.coefficients)))
+    coefficients = paper_passes(estimator, basis, dwells, passes=1)[1]
+    return Curve(basis, jnp.asarray(coefficients)), bool(np.isfinite(coefficients).all())
+
+
+def paper_passes(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, *, passes: int
+) -> Float[np.ndarray, "_ size parameters"]:
+    """The first passes of the paper's iteration: the start, the traditional calibration, and so on.
+
+    The same as `iterate(PaperIteration...)`'s history, driven from the host: compiled in seconds, without
+    derivatives. Raises `ValueError` with fewer experiments than basis functions.
+    """
+    rows = PaperIteration.plan(estimator, basis, dwells)
+    members = [np.asarray(r)[np.asarray(k)] for r, k in zip(rows.rows, rows.kept, strict=True)]
+    means = np.array([np.asarray(dwells.temperature)[m].mean() for m in members])
+    phi = np.asarray(jax.vmap(basis)(jnp.asarray(means)))
+    problem = Problem(estimator, basis, dwells)
+    history = [problem.start()]
+    for _ in range(passes):
+        refined = problem.compensated(history[-1])
+        corrections = [
+            np.asarray(joint_fit_one(estimator, Constant(), refined[m]).curve.coefficients)[0]
+            for m in members
+        ]
+        composed = _compose(estimator, phi @ history[-1], np.stack(corrections))
+        history.append(np.linalg.lstsq(phi, np.asarray(composed), rcond=None)[0])
+    return np.stack(history)
+
+
+@eqx.filter_jit
+def _compose(estimator: AbstractEstimator, first: AnyArray, second: AnyArray) -> Array:
+    return jax.vmap(estimator.compose)(first, second)
 
 
 def first_approach(
