@@ -92,7 +92,7 @@ def before_and_after(rows: Residuals, driver: str, channels: tuple[str, ...]) ->
             _cloud(ax, rows, x, y, weight, by_branch and rows.temperature_rate is not None)
             ax.xaxis.set_major_locator(MaxNLocator(6))
             if k == 0:
-                ax.set_title("model as meant" if j == 0 else "with the effects in the model")
+                ax.set_title("model as meant" if j == 0 else "with what was found in the model")
             if k == len(channels) - 1 or label != course(rows, driver, channels[-1])[1]:
                 ax.set_xlabel(label)
         axes[2 * k].set_ylabel(f"{_row_name(rows, channel)}, {unit}")
@@ -113,7 +113,7 @@ def over_time(rows: Residuals) -> Figure:
     pieces = np.split(np.arange(len(x)), breaks)
     for ax, channel in zip(axes, rows.channels):
         for k, (values, name) in enumerate(
-            ((rows.before, "model as meant"), (rows.after, "with the effects"))
+            ((rows.before, "model as meant"), (rows.after, "with what was found"))
         ):
             if k and same:
                 break

@@ -93,12 +93,19 @@ def _blind(audit: Audit, catalogue: Sequence[Effect]) -> Section:
     needs = {e.name: e.needs for e in catalogue}
     by = {a.name: a for a in audit.absorbed}
     rows = []
+    other = [name for name, reason in audit.not_testable if reason.startswith("it is an effect")]
     for name, reason in audit.not_testable:
+        if name in other:
+            continue
         if name in by and by[name].by:
             shown = ", ".join(_parameter(p) for p in by[name].by)
             reason = f"the calibration absorbs it: it looks like {shown}"
+        if reason.startswith("it needs"):
+            reason = "this plan does not excite it"
         rows.append((name, _plain(reason), needs.get(name, "")))
     lines = []
+    if other:
+        lines.append(f"Effects of sensors that are not in these recordings: {', '.join(other)}.")
     if audit.unobservable:
         lines.append(
             "Parameters of the calibration itself that this plan does not tell: "

@@ -154,7 +154,7 @@ def _fit_section(found: Diagnosis, folder: Path) -> list[Section]:
     factor, unit = (1.0, "SI") if rows is None else residual_plots.scale(rows)
     models = [("model as meant", found.baseline)]
     if found.verdict != "consistent":
-        models.append(("with the effects", found.augmented))
+        models.append(("with what was found", found.augmented))
     cells = tuple(
         (
             name,
@@ -168,7 +168,7 @@ def _fit_section(found: Diagnosis, folder: Path) -> list[Section]:
     figures = _time_figures(found, folder)
     if found.verdict != "consistent" and found.baseline.rms > 0:
         caption = (
-            "How much smaller the misfit is with the effects, also on data left out of the fit."
+            "How much smaller the misfit is with what was found, also on data left out of the fit."
         )
         with drawing():
             drawn = picture(plots.improvement(found), folder, "improvement", caption, caption)
