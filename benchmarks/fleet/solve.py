@@ -1,0 +1,269 @@
+"""Throughput of batched solves from dwell means, beside Ceres, SciPy and a hand-vectorised bound.
+
+    pip install -e . pyceres
+    python benchmarks/fleet/solve.py [--devices 20000] [--json FILE]
+
+1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_invariant` in chunks on all
+   cores; Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its default
+   tolerances, problem construction inside the clock, one device after the other); and `invariant.c`, the same
+   steps written by hand for the vector lanes (compiled here with -O3 -march=native), on as many threads.
+2. Sixty-three parameters, 13 × 18 dwells: `fit_thermal_invariant` beside SciPy's MINPACK with analytic
+   Jacobian.
+
+Medians of seven; every solver's answers are compared before its time is told. Compile time is told apart.
+"""
+
+import argparse
+import ctypes
+import json
+import os
+import statistics
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # peers run one device at a time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+
+from inertiax.fleet import fit_invariant, fit_thermal_invariant
+from inertiax.temperature import Polynomial
+
+
+GRAVITY, SIGMA = 9.815, 1e-4
+ROWS, COLUMNS = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
+REPEATS = 7
+LANES, BLOCKS, WIDTH = 256, 32, 8
+
+
+def directions() -> np.ndarray:
+    faces = [s * np.eye(3)[i] for i in range(3) for s in (1.0, -1.0)]
+    signs = [(a, b) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+    edges = [
+        (a * np.eye(3)[i] + b * np.eye(3)[j]) / np.sqrt(2)
+        for i in range(3) for j in range(i) for a, b in signs
+    ]  # fmt: skip
+    return np.array(faces + edges)
+
+
+def outputs(rng: np.random.Generator, theta: np.ndarray, force: np.ndarray) -> np.ndarray:
+    matrix = np.zeros((*theta.shape[:-1], 3, 3))
+    matrix[..., ROWS, COLUMNS] = theta[..., 3:]
+    a = force + np.einsum("...ij,...j->...i", matrix, np.broadcast_to(force, matrix.shape[:-1]))
+    return a + theta[..., :3] + rng.normal(0, SIGMA, a.shape)
+
+
+def median(run: Callable[[], object]) -> float:
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def rows(theta: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """‖f‖ and its derivatives by the nine parameters, for the peers."""
+    b, g = theta[..., :3], theta[..., 3:]
+    f0 = (a[..., 0] - b[..., 0]) / (1 + g[..., 0])
+    f1 = (a[..., 1] - b[..., 1] - g[..., 1] * f0) / (1 + g[..., 2])
+    f2 = (a[..., 2] - b[..., 2] - g[..., 3] * f0 - g[..., 4] * f1) / (1 + g[..., 5])
+    n = np.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
+    v2 = f2 / n / (1 + g[..., 5])
+    v1 = (f1 / n - g[..., 4] * v2) / (1 + g[..., 2])
+    v0 = (f0 / n - g[..., 1] * v1 - g[..., 3] * v2) / (1 + g[..., 0])
+    columns = [v0, v1, v2, v0 * f0, v1 * f0, v1 * f1, v2 * f0, v2 * f1, v2 * f2]
+    return n, -np.stack(columns, axis=-1)
+
+
+def constant(devices: int, threads: int) -> dict[str, float]:
+    rng = np.random.default_rng(1)
+    truth = rng.standard_normal((devices, 9)) * 5e-3
+    a = outputs(rng, truth[:, None, :].repeat(18, axis=1), directions() * GRAVITY)
+    pad = -devices % LANES
+    padded = np.concatenate([a, a[:pad]])
+    lanes = [
+        np.ascontiguousarray(c.transpose(2, 1, 0)) for c in np.split(padded, len(padded) // LANES)
+    ]
+    weights = np.full((18, LANES), 1 / SIGMA)
+    start = time.perf_counter()
+    compiled = jax.jit(fit_invariant).lower(lanes[0], weights, jnp.asarray(GRAVITY)).compile()
+    compile_time = time.perf_counter() - start
+
+    def ours() -> np.ndarray:
+        def one(chunk: np.ndarray) -> np.ndarray:
+            fit = compiled(chunk, weights, jnp.asarray(GRAVITY))
+            assert bool(np.asarray(fit.converged).all())
+            return np.asarray(fit.parameters)
+
+        with ThreadPoolExecutor(threads) as pool:
+            return np.concatenate(list(pool.map(one, lanes)))[:devices]
+
+    answer = ours()
+    seconds = median(ours)
+    bound, same = bound_time(a, threads)
+    sigma = SIGMA / np.sqrt(18)
+    assert np.abs(same - answer)[:, :3].max() < 1e-4 * sigma
+    ceres = ceres_time(a[:400], answer[:400])
+    return {
+        "compile_s": compile_time,
+        "ours_us": seconds / devices * 1e6,
+        "bound_us": bound / devices * 1e6,
+        "ceres_us": ceres * 1e6,
+    }
+
+
+def bound_time(a: np.ndarray, threads: int) -> tuple[float, np.ndarray]:
+    folder = Path(tempfile.mkdtemp())
+    source = Path(__file__).with_name("invariant.c")
+    flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, str(source), "-o", str(folder / "bound.so"), "-lm"], check=True)
+    fit = ctypes.CDLL(str(folder / "bound.so")).fit
+    pointer = ctypes.POINTER(ctypes.c_double)
+    fit.argtypes = [pointer, pointer, pointer, ctypes.c_long, ctypes.c_long, ctypes.c_double]
+    blocks = -(-len(a) // WIDTH)
+    padded = np.concatenate([a, a[: blocks * WIDTH - len(a)]]) / GRAVITY
+    # 64-byte alignment, which the vector type asks for.
+    raw = np.empty(padded.size + 8)
+    offset = (-raw.ctypes.data // 8) % 8
+    packed = raw[offset : offset + padded.size].reshape(blocks, 3, 18, WIDTH)
+    packed[:] = padded.reshape(blocks, WIDTH, 18, 3).transpose(0, 3, 2, 1)
+    weights, result = np.full(18, GRAVITY / SIGMA), np.empty((blocks, 9, WIDTH))
+    parts = np.array_split(np.arange(blocks), threads)
+
+    def run() -> None:
+        def one(part: np.ndarray) -> None:
+            first, count = int(part[0]), len(part)
+            fit(
+                packed[first:].ctypes.data_as(pointer), weights.ctypes.data_as(pointer),
+                result[first:].ctypes.data_as(pointer), count, 18, 1e-6,
+            )  # fmt: skip
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(one, parts))
+
+    run()
+    seconds = median(run)
+    found = result.transpose(0, 2, 1).reshape(-1, 9)[: len(a)]
+    return seconds, found * np.array([GRAVITY] * 3 + [1.0] * 6)
+
+
+def ceres_time(a: np.ndarray, answer: np.ndarray) -> float:
+    """Median seconds per device; NaN where pyceres is not installed."""
+    try:
+        import pyceres
+    except ImportError:
+        return float("nan")
+
+    class Misfit(pyceres.CostFunction):
+        def __init__(self, mine: np.ndarray):
+            super().__init__()
+            self.mine = mine
+            self.set_num_residuals(len(mine))
+            self.set_parameter_block_sizes([9])
+
+        def Evaluate(self, parameters, residuals, jacobians):  # noqa: N802 - Ceres' own name
+            size, jacobian = rows(np.asarray(parameters[0])[None], self.mine)
+            residuals[:] = (size - GRAVITY) / SIGMA
+            if jacobians is not None and jacobians[0] is not None:
+                jacobians[0][:] = (jacobian / SIGMA).ravel()
+            return True
+
+    options = pyceres.SolverOptions()
+    options.linear_solver_type = pyceres.LinearSolverType.DENSE_QR
+    options.num_threads = 1
+    options.logging_type = pyceres.LoggingType.SILENT
+    times = []
+    for k, mine in enumerate(a):
+        start = time.perf_counter()
+        x = np.zeros(9)
+        problem = pyceres.Problem()
+        cost = Misfit(mine)
+        problem.add_residual_block(cost, None, [x])
+        pyceres.solve(options, problem, pyceres.SolverSummary())
+        times.append(time.perf_counter() - start)
+        assert np.abs(x - answer[k])[:3].max() < 1e-2 * SIGMA
+    return statistics.median(times)
+
+
+def thermal(devices: int, threads: int) -> dict[str, float]:
+    rng = np.random.default_rng(2)
+    basis, count = Polynomial(6, -60.0, 60.0), 13 * 18
+    temperature = np.repeat(np.linspace(-58, 58, 13), 18) + rng.uniform(-2, 2, (devices, count))
+    phi = np.asarray(jax.vmap(jax.vmap(basis))(jnp.asarray(temperature)))
+    truth = rng.standard_normal((devices, 7, 9)) * 5e-3 / np.arange(1, 8)[:, None]
+    a = outputs(rng, phi @ truth, np.tile(directions(), (13, 1)) * GRAVITY)
+    weights = np.full((devices, count), 1 / SIGMA)
+    chunks = [slice(k, k + BLOCKS) for k in range(0, devices, BLOCKS)]
+    g = jnp.asarray(GRAVITY)
+    solve = jax.jit(lambda x, t, w: fit_thermal_invariant(x, t, w, g, basis))
+    start = time.perf_counter()
+    compiled = solve.lower(a[chunks[0]], temperature[chunks[0]], weights[chunks[0]]).compile()
+    compile_time = time.perf_counter() - start
+
+    def ours() -> np.ndarray:
+        def one(c: slice) -> np.ndarray:
+            fit = compiled(a[c], temperature[c], weights[c])
+            assert bool(np.asarray(fit.converged).all())
+            return np.asarray(fit.parameters)
+
+        with ThreadPoolExecutor(threads) as pool:
+            return np.concatenate(list(pool.map(one, chunks)))
+
+    answer = ours()
+    seconds = median(ours)
+    times = []
+    for k in range(20):
+
+        def residual(c: np.ndarray, k: int = k) -> np.ndarray:
+            return (rows(phi[k] @ c.reshape(7, 9), a[k])[0] - GRAVITY) / SIGMA
+
+        def jacobian(c: np.ndarray, k: int = k) -> np.ndarray:
+            row = rows(phi[k] @ c.reshape(7, 9), a[k])[1] / SIGMA
+            return (phi[k][:, :, None] * row[:, None, :]).reshape(count, 63)
+
+        start = time.perf_counter()
+        best = scipy.optimize.least_squares(
+            residual, np.zeros(63), jacobian, method="lm", x_scale="jac"
+        )
+        times.append(time.perf_counter() - start)
+        assert np.abs(best.x - answer[k]).max() < 1e-3 * SIGMA
+    return {
+        "compile_s": compile_time,
+        "ours_us": seconds / devices * 1e6,
+        "scipy_us": statistics.median(times) * 1e6,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--devices", type=int, default=20_000)
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    nine = constant(options.devices, options.threads)
+    many = thermal(512, options.threads)
+    print(f"{options.devices} devices, {options.threads} threads, float64, medians of {REPEATS}\n")
+    print(
+        "| problem | ours, µs/device | peer, µs/device | ratio | compile, s |\n|---|---|---|---|---|"
+    )
+    for peer, name in (("ceres", "Ceres"), ("bound", "C bound")):
+        ratio = nine[f"{peer}_us"] / nine["ours_us"]
+        print(f"| 9 parameters, 18 positions, beside {name} | {nine['ours_us']:.2f} | "
+              f"{nine[f'{peer}_us']:.2f} | {ratio:.2f} | {nine['compile_s']:.1f} |")  # fmt: skip
+    print(f"| 63 parameters, 234 dwells, beside SciPy | {many['ours_us']:.0f} | {many['scipy_us']:.0f} | "
+          f"{many['scipy_us'] / many['ours_us']:.1f} | {many['compile_s']:.1f} |")  # fmt: skip
+    if options.json:
+        options.json.write_text(json.dumps({"constant": nine, "thermal": many}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
