@@ -23,6 +23,7 @@ from .terms import Term
 
 LEVEL = 1e-4  # family-wise false alarms
 LONGEST = 0.15  # of the campaign: longer is a change of the noise, not a short disturbance
+ALONE = 4.0  # standard deviations that one block may count
 SHARED = 0.1  # of the excess on another channel: from there on it is a motion
 INSIDE = "scatter inside blocks"
 BETWEEN = "scatter of the means of blocks"
@@ -72,7 +73,10 @@ def most_scattered(
     unit = float(np.median(squares / dof / centre))
     if unit <= 0.0:
         return None
-    total = np.r_[0.0, np.cumsum(squares / unit)]
+    # One block alone, however loud, is an outlier and no disturbance that lasts.
+    spread = 2.0 / (9.0 * dof)
+    loudest = dof * (1.0 - spread + ALONE * np.sqrt(spread)) ** 3
+    total = np.r_[0.0, np.cumsum(np.minimum(squares / unit, loudest))]
     count = np.r_[0.0, np.cumsum(dof)]
     best, windows = None, 0
     length = 1
