@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.diagnose import audit, diagnose, diagnose_model, run_diagnosis
+from inertiax.diagnose import audit, diagnose, diagnose_model, hold_out, run_diagnosis
+from inertiax.diagnose.bursts import most_scattered
 from inertiax.effects import CATALOGUE, Effect, fixed
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
@@ -240,3 +241,53 @@ def test_any_differentiable_model_can_be_diagnosed():
     assert (
         abs(time.value - 2700.0) < 20.0
     )  # blocks are 2 s to 4 s long; the noise moves the best place by a few
+
+
+def test_a_stretch_of_more_scatter_is_found_but_neither_noise_nor_one_loud_block():
+    rng = np.random.default_rng(11)
+    dof = np.full(1200, 8.0)
+    quiet = rng.chisquare(8.0, 1200)
+    calm = most_scattered(quiet, dof)
+    assert calm is not None and calm.p_value > 0.05
+    spiked = quiet.copy()
+    spiked[700] *= 400.0
+    lone = most_scattered(spiked, dof)
+    assert lone is not None and lone.p_value > 1e-3
+    burst = quiet.copy()
+    burst[500:540] *= 1.8  # 40 blocks of 8: sum up by 256, twelve standard deviations of 25
+    found = most_scattered(burst, dof)
+    assert found is not None and found.p_value < 1e-6
+    assert abs(found.first - 500) <= 12 and abs(found.last - 539) <= 12
+
+
+def test_a_short_oscillation_of_one_channel_is_unexplained_and_located():
+    def packet(force, time):
+        return only(2, 8e-4 * np.sin(2.0 * np.pi * time / 1.3) * (np.abs(time - 400.0) < 30.0))
+
+    found = diagnose(tumble(seed=12, effect=packet))
+    assert found.verdict == "unexplained" and found.effects == ()
+    assert {w.channel for w in found.where} == {"accel_z"}
+    start, end = min(w.start for w in found.where), max(w.end for w in found.where)
+    overlap = (min(end, 430.0) - max(start, 370.0)) / (max(end, 430.0) - min(start, 370.0))
+    assert overlap > 0.6  # the ends of rests are left out, and a window has a length of 2^k blocks
+
+
+def test_a_stretch_kept_out_is_predicted_better_by_an_effect_that_the_rest_has_named():
+    def held(probe, time):
+        x = np.empty_like(probe)
+        state = probe[0]
+        for k, value in enumerate(probe):
+            state = min(max(state, value - 6.0), value + 6.0)
+            x[k] = state
+        return only(1, 2e-6 * (x - probe) / 6.0 * 3.0)
+
+    found, predicted = hold_out(sweep(seed=13, effect=held), start=3700.0)
+    assert [e.name for e in found.effects] == ["thermal_hysteresis"]
+    assert all(w.end < 3700.0 for w in found.where)
+    by_channel = {p.channel: p for p in predicted}
+    gain = by_channel["gyro_y"].augmented_rms / by_channel["gyro_y"].baseline_rms
+    assert (
+        gain < 0.5
+    )  # what is left is the white noise of 4-s means, 1e-6 rad/s, against 6e-6 rad/s
+    assert by_channel["gyro_x"].effects == ()
+    assert by_channel["gyro_x"].augmented_rms == by_channel["gyro_x"].baseline_rms

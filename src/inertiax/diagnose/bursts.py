@@ -21,7 +21,7 @@ from .system import NoiseFit, whiten_system
 from .terms import Term
 
 
-LEVEL = 1e-4  # family-wise false alarms
+LEVEL = 1e-5  # family-wise false alarms
 LONGEST = 0.15  # of the campaign: longer is a change of the noise, not a short disturbance
 ALONE = 4.0  # standard deviations that one block may count
 SHARED = 0.1  # of the excess on another channel: from there on it is a motion

@@ -1,0 +1,45 @@
+"""What the diagnosis says about other people's recordings, with figures that it must reach."""
+
+import importlib.util
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inertiax.diagnose import diagnose, leave_positions_out
+
+
+pytestmark = pytest.mark.skipif(
+    not os.environ.get("INERTIAX_RECORDINGS"),
+    reason="INERTIAX_RECORDINGS does not name the folder of the public recordings",
+)
+
+
+def recordings():
+    """The loaders of the benchmark on the same recordings."""
+    path = Path(__file__).parents[1] / "benchmarks" / "real_recordings.py"
+    spec = importlib.util.spec_from_file_location("real_recordings", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted_to():
+    found, predicted = leave_positions_out(recordings().xsens())
+    # One named effect, on the gyros alone: the accelerometers agree with their model.
+    assert [e.name for e in found.effects] == ["g_sensitivity"]
+    assert set(found.effects[0].channels) == {"gyro_x", "gyro_y", "gyro_z"}
+    assert all(value.std is not None for _, value in found.effects[0].parameters)
+    by_channel = {p.channel: p for p in predicted}
+    before = np.degrees([by_channel[f"gyro_{c}"].baseline_rms for c in "xyz"])
+    after = np.degrees([by_channel[f"gyro_{c}"].augmented_rms for c in "xyz"])
+    # Bias alone, by ordinary least squares on the rests: 0.051, 0.090, 0.073 deg/s; rests are cut slightly
+    # differently here.
+    np.testing.assert_allclose(before, [0.051, 0.090, 0.073], rtol=0.08)
+    assert np.all(after <= 0.019)
+
+
+def test_a_small_log_of_an_mpu_9150_holds_nothing_beyond_its_model():
+    assert diagnose(recordings().mpu(0)).verdict == "consistent"
