@@ -9,8 +9,10 @@ from allantools.ci import edf_greenhall
 from scipy.stats import binom
 
 from hard_limit import run_limited
-from inertiax.allan import degrees_of_freedom, deviations, identify, interval, KINDS
+from inertiax.allan import degrees_of_freedom, deviations, identify, interval, KINDS, noise_of
 from inertiax.allan.identify import _expected, _tapered
+from inertiax.recordings import Recording
+from inertiax.report.noise import noise_document
 
 
 def _log(samples: int) -> np.ndarray:
@@ -163,3 +165,35 @@ def test_what_no_term_explains_shows_in_chi2():
 def test_bad_logs_are_refused(log, words):
     with pytest.raises(ValueError, match=words):
         identify(log, rate=100.0)
+
+
+# From a recording to a document -------------------------------------------------------------------
+
+
+def test_the_longest_rest_of_a_recording_is_told_with_units():
+    rng = np.random.default_rng(8)
+    time = np.arange(6000) / 100.0
+    position = np.where(time < 10.0, 0, np.where(time < 12.0, -1, 1))
+    gyro = 1e-3 * rng.normal(size=(6000, 3)) + np.where(position < 0, 0.5, 0.0)[:, None]
+    gyro[:, 2] = 0.25  # a dead channel
+    found = noise_of(Recording(time=time, gyro=gyro, position=position, name="log"))
+    assert [c.channel for c in found.channels] == ["gyro_x", "gyro_y"]
+    assert any("gyro_z is constant" in n for n in found.notes)
+    assert any("only the longest rest is used: 48 s from 12 s on" in n for n in found.notes)
+    document = json.loads(json.dumps(noise_document([found])))
+    channel = document["logs"][0]["channels"]["gyro_x"]
+    white = channel["terms"]["N"]
+    assert white["unit"] == "rad/s/sqrt(Hz)" and white["usual"]["unit"] == "deg/sqrt(h)"
+    # 1e-3 rad/s at 100 Hz: 1e-4 rad/s/√Hz, 0.344 °/√h; one sample 1e-3 rad/s. 48 s tell it to 1 %.
+    np.testing.assert_allclose(white["value"], 1e-4, rtol=0.05)
+    np.testing.assert_allclose(white["usual"]["value"], 0.3438, rtol=0.05)
+    np.testing.assert_allclose(channel["discrete"]["white"]["value"], 1e-3, rtol=0.05)
+    assert channel["discrete"]["white"]["unit"] == "rad/s"
+
+
+def test_a_recording_without_a_rest_is_refused():
+    time = np.arange(1000) / 100.0
+    gyro = np.random.default_rng(9).normal(size=(1000, 3))
+    moving = Recording(time=time, gyro=gyro, position=np.full(1000, -1), name="moving")
+    with pytest.raises(ValueError, match="moving: the longest rest has 0 samples"):
+        noise_of(moving)

@@ -13,7 +13,7 @@ from hard_limit import run_limited
 from inertiax.calibrate import calibrate, DeviceResult
 from inertiax.campaign import load_campaign
 from inertiax.choose import settle_gyro
-from inertiax.estimators import GravityRotation
+from inertiax.estimators import GravityRotation, StaticGyro
 from inertiax.estimators.gravity_rotation import across, tilt
 from inertiax.intervals import reduce_to_dwells
 from inertiax.motions import carry, rotate, step_angle
@@ -278,18 +278,19 @@ import sys
 sys.path.insert(0, {tests!r})
 from test_gravity_rotation import *
 from test_gravity_rotation import _log, _truth, _turns, _vector
+from inertiax.one_device import joint_fit_one
 squares, tilts = [], []
 for seed in range(60):
     rng = np.random.default_rng(1000 + seed)
     truth = _truth(rng)
     recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3)
-    dwells = jax.tree.map(jnp.asarray, _turns(recording).dwells)
+    dwells = jax.tree.map(np.asarray, _turns(recording).dwells)
     pad = 448 - dwells.motion.gyro.shape[1]  # one compilation for all
-    widen = lambda x, mode: jnp.pad(x, ((0, 0), (0, pad), (0, 0))[: x.ndim], mode=mode)
+    widen = lambda x, mode: np.pad(x, ((0, 0), (0, pad), (0, 0))[: x.ndim], mode=mode)
     motion = eqx.tree_at(lambda m: (m.gyro, m.step), dwells.motion,
         (widen(dwells.motion.gyro, "edge"), widen(dwells.motion.step, "constant")))
     dwells = eqx.tree_at(lambda d: d.motion, dwells, motion)
-    solution = joint_fit(GravityRotation(GRAVITY), Constant(), dwells)
+    solution = joint_fit_one(GravityRotation(GRAVITY), Constant(), dwells)
     assert bool(solution.succeeded), seed
     error = np.asarray(solution.curve.coefficients[0]) - _vector(truth)
     squares.append(error @ np.linalg.solve(np.asarray(solution.covariance), error))
@@ -376,3 +377,36 @@ def test_xsens_gyros_agree_with_imu_tk(tmp_path):
     # That scatter, at work during motions of 5 s too, accounts for what is left of gravity.
     assert result.gyro.misfit_unit == "rad" and result.gyro.rms < 6.5e-3
     assert 0.6 < result.gyro.chi2_per_dof < 1.5
+
+
+@pytest.mark.skipif(
+    "INERTIAX_RECORDINGS" not in os.environ,
+    reason="needs the imu_tk recording (set INERTIAX_RECORDINGS)",
+)
+def test_g_sensitivity_foretells_the_rates_of_a_pose_left_out(tmp_path):
+    folder = Path(os.environ["INERTIAX_RECORDINGS"]) / "imu_tk-xsens"
+    (tmp_path / "campaign.toml").write_text(XSENS.format(folder=folder))
+    rests = reduce_to_dwells(load_campaign(tmp_path).recordings)
+    rates = np.rad2deg(np.asarray(rests.gyro))
+
+    def left_out(estimator: StaticGyro) -> np.ndarray:
+        # The estimator is linear: rows of one pose's Jacobian, the rates as its misfit at zero.
+        zero = jnp.zeros(estimator.num_parameters)
+        rows = -np.asarray(
+            jax.vmap(jax.jacfwd(lambda v, d: estimator.misfit(v, d)[0]), in_axes=(None, 0))(
+                zero, jax.tree.map(jnp.asarray, rests)
+            )
+        )
+        error = []
+        for k in range(len(rates)):
+            kept = np.arange(len(rates)) != k
+            design = rows[kept].reshape(-1, rows.shape[2])
+            fitted = np.linalg.lstsq(design, rates[kept].reshape(-1), rcond=None)[0]
+            error.append(rates[k] - rows[k] @ fitted)
+        return np.sqrt(np.mean(np.square(error), axis=0))
+
+    # Raw accelerometer outputs tell the force to 1 %, which D does not notice.
+    without = left_out(StaticGyro(gravity=GRAVITY))
+    with_d = left_out(StaticGyro(gravity=GRAVITY, g_sensitivity=True))
+    np.testing.assert_allclose(without, [0.051, 0.090, 0.073], atol=0.002)  # deg/s
+    assert np.all(with_d <= 0.019)
