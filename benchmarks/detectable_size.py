@@ -6,6 +6,9 @@ campaign without the effect; the same size is then put into fresh ones and each 
 the same recordings without the effect (false alarms), and half the size.
 
     python benchmarks/detectable_size.py [NUMBER] [JSON]
+
+Measured with 12 seeds each on two shared cores, K2 on accel_y: none 1/12, half the size 2/12, the audited size
+(24.7 µg/g²) 10/12 detected (95 %: 0.55…0.95), each time with the right name.
 """
 
 import json

@@ -19,11 +19,13 @@ from inertiax.calibration import (
     write_calibration,
 )
 from inertiax.compensation import compensate_file, compensate_recording
+from inertiax.diagnose import diagnose_campaign
 from inertiax.diagnose.augmented import compensate, simulate
 from inertiax.diagnose.succession import succeeding, taken_away
 from inertiax.effects import CATALOGUE
 from inertiax.recordings import Campaign, Recording
 from inertiax.temperature import Constant, Curve, Polynomial
+from test_diagnose import only, tumble as measured
 
 
 G = 9.81
@@ -404,3 +406,26 @@ def test_taking_a_known_calibration_away_needs_the_temperature_it_depends_on():
     campaign = Campaign((Recording(time, gyro=force, position=position),))
     with pytest.raises(ValueError, match="temperature"):
         taken_away(campaign, thermal_device(60.0))
+
+
+def test_a_diagnosis_after_its_own_calibration_finds_nothing():
+    truth = 8e-4
+
+    def k2(f, t):
+        return only(1, truth * f[:, 1] ** 2)
+
+    campaign = measured(seed=4, effect=k2)
+    found, augmented = diagnose_campaign(campaign)
+    assert [e.name for e in found.effects] == ["second_order"]
+    (effect,) = augmented.effects
+    assert effect.channels == (1,)
+    sigma = float(np.sqrt(np.asarray(effect.covariance)[0, 0]))
+    assert abs(float(np.asarray(effect.coefficients)[0]) - truth) < 3.0 * sigma
+    # The campaign carries its effect no longer, and what is applied to raw outputs stays one file.
+    again, pair = diagnose_campaign(campaign, calibration=augmented)
+    assert again.verdict == "consistent"
+    assert [e.name for e in pair.effects] == ["second_order"]
+    raw = campaign.recordings[0]
+    one, two = (compensate(c, raw).accel for c in (augmented, pair))
+    # The second fit moves the parameters by less than the noise of one sample.
+    assert np.abs(one - two).max() < WHITE
