@@ -43,7 +43,7 @@ SPLINE = CubicSpline(tuple(np.linspace(-57.0, 62.0, 9)))
 GRID = np.linspace(-54.0, 59.0, 114)  # °C, where all sets have data
 SCALE = [3, 5, 8]
 PASSES = 7  # of the programme in one sweep
-PIECES = 7
+PIECES = 4
 CHANGES = {1: 15.0, 2: 4.0, 3: 0.5}
 ARCSEC = np.rad2deg(1.0) * 3600.0
 
@@ -51,7 +51,7 @@ ARCSEC = np.rad2deg(1.0) * 3600.0
 APPROACHES = {
     "traditional, set 3": "traditional, thermostatted (0.5 °C)",
     "traditional, set 1": "traditional, temperature not held (15 °C)",
-    "first approach": "first approach: one sweep, linear in temperature, 7 pieces",
+    "first approach": "first approach: one sweep, linear in temperature, 4 pieces",
     "paper, set 2": "paper's iteration, two passes (4 °C)",
     "paper, set 1": "paper's iteration, two passes (15 °C)",
     "default, set 1": "default, Gauss-Newton form (15 °C)",

@@ -8,8 +8,7 @@ import pytest
 
 from inertiax.approaches import chamber_hours, first_approach, paper_passes, traditional
 from inertiax.estimators import Invariant
-from inertiax.one_device import iterate_one
-from inertiax.procedure import iterate, PaperIteration
+from inertiax.procedure import iterate, joint_fit, PaperIteration
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set, Plan
@@ -65,13 +64,13 @@ def test_passes_from_the_host_are_those_of_the_compiled_iteration(device):
 def test_first_approach_takes_one_sweep_and_half_the_dwells(device):
     dwells, _ = simulate_dwells(jax.random.PRNGKey(2), _sweep(), device)
     assert dwells.num_dwells < 0.55 * 13 * 18
-    found = first_approach(ESTIMATOR, BASIS, dwells, pieces=7)
-    assert found.succeeded.all() and len(found.ranges) == 7
+    found = first_approach(ESTIMATOR, BASIS, dwells, pieces=4)
+    assert found.succeeded.all() and len(found.ranges) == 4
     bias, matrix = _errors(found.curve, device)
-    # Straight pieces of 16 °C leave a bow of θ'' ΔT²/16: 1e-3 m/s² and 100 ppm are its order here.
-    assert bias < 2e-3 and matrix < 2e-4
+    # Straight pieces of 29 °C leave a bow of θ'' ΔT²/16: 1e-3 m/s² and 100 ppm are its order here.
+    assert bias < 3e-3 and matrix < 5e-4
     # The same sweep by the default, with curves instead of pieces, has no such bow.
-    curve_bias, curve_matrix = _errors(iterate_one(ESTIMATOR, BASIS, dwells).curve, device)
+    curve_bias, curve_matrix = _errors(joint_fit(ESTIMATOR, BASIS, dwells).curve, device)
     assert curve_bias < bias and curve_matrix < matrix
 
 
@@ -91,7 +90,7 @@ def test_joined_pieces_are_as_certain_as_one_fit_at_most():
     dwells, _ = simulate_dwells(None, _sweep(), device)
     basis = Polynomial(1, -70.0, 75.0)
     pieces = first_approach(ESTIMATOR, basis, dwells, pieces=4).covariance
-    whole = np.asarray(iterate_one(ESTIMATOR, basis, dwells).covariance)
+    whole = np.asarray(joint_fit(ESTIMATOR, basis, dwells).covariance)
     np.testing.assert_allclose(np.sqrt(np.diagonal(pieces)), np.sqrt(np.diagonal(whole)), rtol=1e-4)
 
 

@@ -216,3 +216,13 @@ def test_what_cannot_be_designed_is_refused():
         optimal_temperatures(Polynomial(6, -1.0, 1.0), 5, low=-1.0, high=1.0)
     with pytest.raises(ValueError, match="needs low < high in rad"):
         TableLimits(outer=(1.0, -1.0))
+
+
+def test_advice_names_positions_and_hours():
+    from inertiax.design import advise
+
+    found = advise(9, target=1e-5, density=1e-3, repeatability=1e-7, degree=1, experiments=2)
+    assert found.efficiency < found.plain * 1.02 and len(found.efforts) == 3
+    told = "\n".join(found.lines())
+    assert "10 ppm at 95 %" in told and "h of measuring" in told
+    assert len(found.as_dict()["positions_deg"]) == 9

@@ -17,9 +17,12 @@ from jaxtyping import Array, Bool, Float
 from ._typing import AnyArray
 from .dwells import Dwells
 from .estimators import AbstractEstimator
-from .one_device import joint_fit_one, Problem
+from .one_device import Problem
 from .procedure import PaperIteration
 from .temperature import AbstractBasis, Constant, Curve, Polynomial
+
+
+_STEPS, _TOLERANCE = 30, 1e-7  # of Gauss-Newton; the latter in standard deviations
 
 
 class Pieces(eqx.Module):
@@ -64,13 +67,30 @@ def paper_passes(
     history = [problem.start()]
     for _ in range(passes):
         refined = problem.compensated(history[-1])
-        corrections = [
-            np.asarray(joint_fit_one(estimator, Constant(), refined[m]).curve.coefficients)[0]
-            for m in members
-        ]
+        corrections = [_fit(Problem(estimator, Constant(), refined[m]))[0][0] for m in members]
         composed = _compose(estimator, phi @ history[-1], np.stack(corrections))
         history.append(np.linalg.lstsq(phi, np.asarray(composed), rcond=None)[0])
     return np.stack(history)
+
+
+def _fit(problem: Problem) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Plain Gauss-Newton on the host: coefficients, their covariance, whether it converged.
+
+    For many small fits of one shape, which share one compiled linearisation.
+    """
+    coefficients = problem.start()
+    for _ in range(_STEPS):
+        now = problem.at(coefficients)
+        normal = problem.normal(now.jacobian)
+        scale = 1.0 / np.sqrt(np.diagonal(normal))
+        covariance = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+        if not np.all(np.diagonal(covariance) > 0.0):
+            break  # singular but for rounding
+        step = covariance @ problem.gradient(now)
+        coefficients = coefficients - step.reshape(coefficients.shape)
+        if np.max(np.abs(step) / np.sqrt(np.diagonal(covariance))) < _TOLERANCE:
+            return coefficients, covariance, True
+    return coefficients, covariance, False
 
 
 @eqx.filter_jit
@@ -99,7 +119,9 @@ def first_approach(
             f"`first_approach(pieces={pieces})`: {2 * pieces} values cannot determine curves with "
             f"{basis.size} coefficients; take at least {-(-basis.size // 2)} pieces."
         )
-    if len(used) // pieces < estimator.num_parameters:
+    rows = Problem(estimator, Polynomial(1, -1.0, 1.0), dwells[used[:1]])
+    equations = len(used) // pieces * rows.at(rows.start()).residual.shape[1]
+    if equations <= unknowns:
         raise ValueError(
             f"`first_approach(pieces={pieces})`: {len(used) // pieces} dwells in a piece are too few for "
             f"{unknowns} unknowns; take fewer pieces or visit the programme more often in the sweep."
@@ -115,13 +137,13 @@ def first_approach(
             part,
             (2.0 * jnp.asarray(part.temperature) - (low + high)) / (high - low),
         )
-        solution = joint_fit_one(estimator, line, part)
+        coefficients, covariance, converged = _fit(Problem(estimator, line, part))
         at_nodes = np.stack([np.asarray(line(jnp.asarray(x))) for x in line.nodes])
         mix = np.kron(at_nodes, np.eye(estimator.num_parameters))
-        values.append(at_nodes @ np.asarray(solution.curve.coefficients))
-        weights.append(np.linalg.inv(mix @ np.asarray(solution.covariance) @ mix.T))
+        values.append(at_nodes @ coefficients)
+        weights.append(np.linalg.inv(mix @ covariance @ mix.T))
         ranges.append((low, high))
-        good.append(bool(solution.succeeded))
+        good.append(converged)
     curve, covariance = _join(basis, ranges, np.stack(values), weights)
     return Pieces(curve, covariance, tuple(ranges), np.stack(values), np.array(good))
 
