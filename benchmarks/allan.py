@@ -23,7 +23,7 @@ KINDS = ("oadev", "mdev", "ohdev", "totdev")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args()
     rng = np.random.default_rng(0)

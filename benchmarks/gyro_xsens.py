@@ -50,7 +50,7 @@ def left_out(campaign: Campaign, *, g_sensitivity: bool) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
