@@ -78,7 +78,7 @@ def _fit(problem: Problem) -> tuple[np.ndarray, np.ndarray, bool]:
 
     For many small fits of one shape, which share one compiled linearisation.
     """
-    coefficients = problem.start()
+    coefficients, covariance = problem.start(), np.empty((0, 0))
     for _ in range(_STEPS):
         now = problem.at(coefficients)
         normal = problem.normal(now.jacobian)
@@ -86,7 +86,8 @@ def _fit(problem: Problem) -> tuple[np.ndarray, np.ndarray, bool]:
         covariance = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
         if not np.all(np.diagonal(covariance) > 0.0):
             break  # singular but for rounding
-        step = covariance @ problem.gradient(now)
+        rows = np.einsum("nri,nr->ni", now.jacobian, now.residual)
+        step = covariance @ (problem.phi[: problem.num_dwells].T @ rows).reshape(-1)
         coefficients = coefficients - step.reshape(coefficients.shape)
         if np.max(np.abs(step) / np.sqrt(np.diagonal(covariance))) < _TOLERANCE:
             return coefficients, covariance, True
