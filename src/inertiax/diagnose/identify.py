@@ -17,6 +17,7 @@ NEXT = 0.01  # and of each further one
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
+TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
 PAIRED = 40  # leading forms of which all pairs are tried
 
 
@@ -135,6 +136,12 @@ def _full(chosen: Sequence[Candidate], new: Candidate) -> bool:
     return any(sum(c in old.term.chains for old in chosen) >= MOST_EFFECTS for c in new.term.chains)
 
 
+def _beside(chosen: Sequence[Candidate], new: Candidate) -> float:
+    """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on."""
+    mine = [c for c in chosen if not set(c.term.chains).isdisjoint(new.term.chains)]
+    return float(sum(c.score.gain for c in mine))
+
+
 def _leaders(ranked: Sequence[Candidate], listed: int, unlisted: int) -> list[Candidate]:
     """The best few effects and structured alternatives of each set of chains."""
     count: dict[tuple, int] = {}
@@ -186,6 +193,7 @@ def identify(
     noise, best_open, open_p = null, None, 1.0
     while len(chosen) < 2 * MOST_EFFECTS and ranked:
         ranked = [c for c in ranked if _is_open(c) or not _full(chosen, c)]
+        ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
         listed = next((c for c in ranked if not _is_open(c)), None)
         unlisted = next((c for c in ranked if _is_open(c)), None)
         level = GATE if not chosen else NEXT
