@@ -103,7 +103,8 @@ def test_ideal_triads_at_rest_stay_where_they_are():
     np.testing.assert_allclose(data.accel[0], force, rtol=1e-12)
     np.testing.assert_allclose(data.gyro[0], rate, rtol=1e-9, atol=1e-18)
     off = errors(_last(RUN(_keep, data, start)), _last(truth))
-    assert np.max(np.abs(off[:3])) < 1e-4 and np.max(np.abs(off[6:])) < 1e-12
+    # 600 steps that each leave out (Ω h)³/6 = 6e-14 rad of the level frame's turn: 4e-11 rad.
+    assert np.max(np.abs(off[:3])) < 1e-4 and np.max(np.abs(off[6:])) < 5e-11
 
 
 def test_ideal_triads_follow_a_moving_vehicle():
