@@ -88,7 +88,8 @@ def test_the_papers_procedure_converges_with_gyros_as_with_accelerometers():
     joint = joint_fit_one(estimator, basis, dwells)
     assert bool(solution.succeeded) and bool(joint.succeeded)
     sigma = np.sqrt(np.diagonal(joint.covariance)).reshape(basis.size, -1)
-    after = np.max(np.abs(solution.history - solution.curve.coefficients) / sigma, axis=(1, 2))
+    history = np.asarray(solution.history)
+    after = np.max(np.abs(history - np.asarray(solution.curve.coefficients)) / sigma, axis=(1, 2))
     # The first pass is the traditional calibration and leaves the 4 °C of drift in, tens of sigmas; two
     # passes reach the noise (as with accelerometers), and a third is at the fixed point.
     assert after[1] > 20.0 and after[2] < 3.0 and after[3] < 1e-2

@@ -1,10 +1,10 @@
 """The procedures for one device at a time, driven from the host.
 
 `procedure.iterate` and `joint_fit` compile the whole loop into one program, which pays for fleets and for
-derivatives of the answer, but takes long to compile. The same passes run here one by one around two small
-compiled functions: the residuals and Jacobians of all dwells, and one step of the same optimistix solver.
-Dwells are padded to a few lengths, so that recordings of about the same size share those programs (and the
-cache of compiled code).
+derivatives of the answer, but takes ten seconds and more to compile. The same passes run here one by one:
+a compiled function linearises all dwells, and the least squares of the linearised rows goes through
+`solve.least_squares` as everything does. Dwells are padded to a few lengths, so that recordings of about the
+same size share those programs (and the cache of compiled code).
 """
 
 from typing import NamedTuple
@@ -20,10 +20,11 @@ from ._typing import AnyArray
 from .dwells import Dwells
 from .estimators import AbstractEstimator
 from .procedure import GaussNewtonIteration, ThermalSolution
-from .solve import gauss_newton
+from .solve import least_squares, Solution
 from .temperature import AbstractBasis, Curve, interpolate
 
 
+_INNER_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
 _INNER_STEPS = 50
 
 
@@ -74,10 +75,11 @@ class Problem:
             unknowns, unknowns
         )
 
-    def gradient(self, now: Linearised) -> np.ndarray:
-        """Jᵀr with respect to the coefficients, row-major."""
-        products = np.einsum("nri,nr->ni", now.jacobian, now.residual)
-        return (self.phi[: self.num_dwells].T @ products).reshape(-1)
+    def design(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
+        """Rows of the residual's Jacobian with respect to the coefficients, padding included."""
+        full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], jacobian)
+        rows = full.reshape(-1, self.basis.size * jacobian.shape[2])
+        return np.pad(rows, ((0, len(self.phi) * jacobian.shape[1] - len(rows)), (0, 0)))
 
 
 def iterate_one(
@@ -196,40 +198,41 @@ def _gauss_newton(
 ) -> tuple[Float[np.ndarray, "size parameter"], int, bool]:
     """Least squares over all dwells from `start`: the coefficients, steps taken, whether it converged.
 
-    The solver is `solve.gauss_newton`, its steps taken one by one; unknowns are in units of
-    1/‖J column‖ at the start, as in `solve.least_squares`.
+    Converged means that the last step of every unknown was below the tolerance in units of
+    1/‖J column‖ at the start.
     """
-    columns = np.sqrt(np.diagonal(problem.normal(problem.at(start, dwells).jacobian)))
-    scale = jnp.asarray(np.where(columns > 0, 1.0 / np.where(columns > 0, columns, 1.0), 1.0))
-    args = (scale, problem.estimator, problem.phi, jax.tree.map(jnp.asarray, dwells))
-    unknowns = jnp.asarray(start.reshape(-1)) / scale
-    rows = eqx.filter_eval_shape(_scaled_residual, unknowns, args)
-    state = _SOLVER.init(_scaled_residual, unknowns, args, {}, *rows, frozenset())
-    taken, done = 0, False
-    while not done and taken < _INNER_STEPS:
-        unknowns, state, finished, result = _solver_step(unknowns, args, state)
-        taken, done = taken + 1, bool(finished)
-        if result != optx.RESULTS.successful or not np.all(np.isfinite(unknowns)):
-            return np.asarray(unknowns * scale).reshape(start.shape), taken, False
-    return np.asarray(unknowns * scale).reshape(start.shape), taken, done
+    now = problem.at(start, dwells)
+    columns = np.sqrt(np.diagonal(problem.normal(now.jacobian)))
+    scale = np.where(columns > 0, columns, 1.0)
+    flat, taken = start.reshape(-1), 0
+    for taken in range(1, _INNER_STEPS + 1):
+        step = _linear_step(problem, now)
+        flat = flat + step
+        if not np.all(np.isfinite(flat)):
+            break
+        if np.max(np.abs(step * scale)) < _INNER_TOLERANCE:
+            return flat.reshape(start.shape), taken, True
+        now = problem.at(flat.reshape(start.shape), dwells)
+    return flat.reshape(start.shape), taken, False
 
 
-_SOLVER = gauss_newton()
-
-
-def _scaled_residual(unknowns: Array, args: tuple) -> tuple[Array, None]:
-    scale, estimator, phi, dwells = args
-    vectors = phi @ (scale * unknowns).reshape(phi.shape[1], -1)
-    rows = jax.vmap(estimator.residual)(vectors, dwells)
-    kept = jnp.asarray(dwells.valid)[:, None]
-    return jnp.where(kept, rows, jnp.zeros_like(rows)).reshape(-1), None
+def _linear_step(problem: Problem, now: Linearised) -> Float[np.ndarray, " unknown"]:
+    """The least squares of the linearised rows; NaN where they do not determine the unknowns."""
+    design = problem.design(now.jacobian)
+    right = np.pad(now.residual.reshape(-1), (0, len(design) - now.residual.size))
+    solution = _solve_linear(design, right)
+    return np.where(bool(solution.succeeded), np.asarray(solution.parameters), np.nan)
 
 
 @eqx.filter_jit
-def _solver_step(unknowns: Array, args: tuple, state):
-    unknowns, state, _ = _SOLVER.step(_scaled_residual, unknowns, args, {}, state, frozenset())
-    done, result = _SOLVER.terminate(_scaled_residual, unknowns, args, {}, state, frozenset())
-    return unknowns, state, done, result
+def _solve_linear(design: AnyArray, right: AnyArray) -> Solution:
+    start = jnp.zeros(design.shape[1], design.dtype)
+    return least_squares(_linear_rows, start, (design, right))
+
+
+def _linear_rows(step: Array, rows: tuple[Array, Array]) -> Array:
+    design, right = rows
+    return design @ step + right
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:
