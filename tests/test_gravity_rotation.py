@@ -52,28 +52,33 @@ def _log(rng, *, num_rests: int, truth: dict, noise: float = 0.0, vertical: bool
     rates, attitudes, position = [], [], []
     for k in range(num_rests):
         rest = round(2.0 / STEP)
-        rates += [np.zeros(3)] * rest
-        attitudes += [attitude] * rest
-        position += [k] * rest
+        rates.append(np.zeros((rest, 3)))
+        attitudes.append(np.tile(attitude.as_quat(), (rest, 1)))
+        position.append(np.full(rest, k))
         if k == num_rests - 1:
             break
         duration = rng.integers(200, 400) * STEP
         fine = _hand(rng, duration, vertical=vertical, attitude=attitude)
-        turns = Rotation.from_rotvec(fine * STEP / FINE)
-        for n in range(len(fine)):
-            if n % FINE == 0:  # the rate at the sample itself, between two fine middles
-                rates.append(0.5 * (fine[n - 1] + fine[n]) if n else np.zeros(3))
-                attitudes.append(attitude)
-                position.append(-1)
-            attitude = attitude * turns[n]
-    omega = np.array(rates)
-    force = Rotation.concatenate(attitudes).inv().apply([0.0, 0.0, GRAVITY])
+        # The rate at the sample itself, between two fine middles.
+        before, after = fine[FINE - 1 : -1 : FINE], fine[FINE::FINE]
+        rates.append(np.vstack([np.zeros(3), 0.5 * (before + after)]))
+        turn = Rotation.from_rotvec(fine[::FINE] * STEP / FINE)
+        for n in range(1, FINE):  # all of a sample's small steps, every sample at once
+            turn = turn * Rotation.from_rotvec(fine[n::FINE] * STEP / FINE)
+        course = []
+        for whole in turn:
+            course.append(attitude.as_quat())
+            attitude = attitude * whole
+        attitudes.append(np.array(course))
+        position.append(np.full(len(course), -1))
+    omega = np.concatenate(rates)
+    force = Rotation.from_quat(np.concatenate(attitudes)).inv().apply([0.0, 0.0, GRAVITY])
     gyro = omega @ (np.eye(3) + truth["matrix"]).T + truth["bias"] + force @ truth["d"].T / GRAVITY
     recording = Recording(
         time=np.arange(len(omega)) * STEP,
         accel=force + 10 * noise * rng.normal(size=force.shape),
         gyro=gyro + noise * rng.normal(size=force.shape),
-        position=np.array(position),
+        position=np.concatenate(position),
         name="hand",
     )
     return recording, force

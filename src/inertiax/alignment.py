@@ -27,14 +27,26 @@ class Alignment(eqx.Module):
     symmetric: Float[AnyArray, "3 3"]  # S − E: scale-factor errors, and non-orthogonality off it
 
 
-def inter_triad(matrix: Mat3, covariance: Float[AnyArray, "9 9"] | None = None) -> Alignment:
+def inter_triad(
+    matrix: Mat3,
+    covariance: Float[AnyArray, "entries entries"] | None = None,
+    *,
+    accel: Mat3 | None = None,
+) -> Alignment:
     """Parts the gyros' Θ into the triads' misalignment and their own symmetric errors.
 
-    `covariance` is that of Θ by rows. Raises `ValueError` where E + Θ holds a reflection or more than
-    a quarter turn: an axis has the wrong sign, or axes are swapped.
+    **Arguments:** `covariance` is that of Θ by rows. Where both triads were calibrated against one reference
+    (a table), `accel` is the accelerometers' full Γ: then the rotation is that of the gyros' polar factor
+    against the accelerometers', and `covariance` (18 × 18) that of Θ and Γ together.
+
+    Raises `ValueError` where E + Θ holds a reflection or more than a quarter turn: an axis has the wrong
+    sign, or axes are swapped.
     """
     matrix = jnp.asarray(matrix)
-    rotation = _rotation(matrix)
+    given = matrix.reshape(9)
+    if accel is not None:
+        given = jnp.concatenate([given, jnp.asarray(accel).reshape(9)])
+    rotation = _between(given)
     if not np.all(np.isfinite(np.asarray(rotation))):
         raise ValueError(
             "`inter_triad(matrix)`: E + matrix is not near a rotation by less than a quarter turn; look "
@@ -42,14 +54,29 @@ def inter_triad(matrix: Mat3, covariance: Float[AnyArray, "9 9"] | None = None) 
         )
     spread = jnp.zeros((3, 3), matrix.dtype)
     if covariance is not None:
-        jacobian = jax.jacfwd(lambda m: _rotation(m.reshape(3, 3)))(matrix.reshape(9))
+        jacobian = _derivative(given)
         spread = jacobian @ jnp.asarray(covariance) @ jacobian.T
+    return Alignment(rotation, spread, _symmetric(matrix))
+
+
+@jax.jit
+def _symmetric(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     product = jnp.eye(3, dtype=matrix.dtype) + matrix
-    return Alignment(rotation, spread, product @ _polar(product).T - jnp.eye(3))
+    return product @ _polar(product).T - jnp.eye(3, dtype=matrix.dtype)
 
 
-def _rotation(matrix: Float[Array, "3 3"]) -> Float[Array, "3"]:
-    turn = _polar(jnp.eye(3, dtype=matrix.dtype) + matrix)
+@jax.jit
+def _between(matrices: Float[Array, " entries"]) -> Float[Array, "3"]:
+    """Rotation vector of Θ's polar factor, against that of Γ where it follows Θ."""
+    factors = [_polar(jnp.eye(3, dtype=m.dtype) + m) for m in matrices.reshape(-1, 3, 3)]
+    return _rotation(factors[0] if len(factors) == 1 else factors[0] @ factors[1].T)
+
+
+_derivative = jax.jit(jax.jacfwd(_between))
+
+
+def _rotation(turn: Float[Array, "3 3"]) -> Float[Array, "3"]:
+    """Rotation vector of a rotation matrix by less than a quarter turn; NaN of any other matrix."""
     skew = 0.5 * jnp.stack(
         [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
     )

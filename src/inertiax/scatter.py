@@ -15,6 +15,10 @@ from .procedure import extra_scatter
 
 _Rows: TypeAlias = Float[np.ndarray, "dwells rows"]
 
+# m/s², rad/s or rad: rounding leaves less, every sensor more. As a weight, rounding would never let a solve
+# converge in units of it.
+_EXACT = 1e-10
+
 
 def judged(dwells: Dwells) -> Bool[np.ndarray, " dwell"]:
     """Dwells that have a misfit: all, or those that a motion led to."""
@@ -49,7 +53,7 @@ def with_scatter(
         if total <= chi2.ppf(0.99, dof):
             return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(0.0))
     scatter = extra_scatter(misfit.ravel(), sigma.ravel(), unknowns)
-    if scatter == 0.0 and not np.all(sigma > 0):
+    if float(scatter) < _EXACT and not np.all(sigma > 0):
         return estimator  # exact data without a noise figure: keep the provisional weights
     return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(float(scatter)))
 

@@ -3,6 +3,7 @@
 from .base import AbstractEstimator as AbstractEstimator, NOMINAL_SIGMA as NOMINAL_SIGMA
 from .gravity_rotation import GravityRotation as GravityRotation
 from .invariant import ellipsoid_start as ellipsoid_start, Invariant as Invariant
+from .joint_imu import JointImu as JointImu, size_effect as size_effect
 from .reference_accel import ReferenceAccel as ReferenceAccel
 from .reference_gyro import ReferenceGyro as ReferenceGyro
 from .reference_gyro_rig import ReferenceGyroRig as ReferenceGyroRig

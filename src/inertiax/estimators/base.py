@@ -19,13 +19,13 @@ from ..dwells import Dwells
 from ..model import AccelerometerErrors, GyroErrors, solve3
 
 
-Errors = TypeVar("Errors", AccelerometerErrors, GyroErrors)
+Errors = TypeVar("Errors", AccelerometerErrors, GyroErrors, tuple[AccelerometerErrors, GyroErrors])
 
 
 class AbstractEstimator(eqx.Module, Generic[Errors]):
     """Interface of the estimators; each states its gauge (what stays unobservable) in its docs."""
 
-    triad: eqx.AbstractClassVar[str]  # "accel" or "gyro"
+    triad: eqx.AbstractClassVar[str]  # "accel", "gyro" or "imu"
     scatter: eqx.AbstractVar[Scalar]  # extra 1-sigma of every dwell, m/s² or rad/s
 
     @property

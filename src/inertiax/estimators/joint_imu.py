@@ -1,0 +1,201 @@
+"""Both triads in one residual vector: what one tells of the other is used, and the covariance is of both.
+
+    r = [ r_accel(a' − s(R, ω_ref)) ;  r_gyro(ω' | a = (E + Γ)⁻¹ (a' − s − a⁰)) ]
+
+r_accel and r_gyro are the residuals of the two triads' own estimators. The gyros' holds the specific force
+(g-sensitivity, and gravity's direction before and after a motion) as the *present* accelerometer parameters
+give it, so that their uncertainty passes into the gyros'.
+
+s is the **size effect** (IEEE Std 1293): accelerometer i sits a lever arm R_i away from the point that the
+reference is for, and adds s_i = [ω × (ω × R_i)]_i, as the catalogue's `size_effect` has it. A plateau of constant
+rate has no angular acceleration.
+
+**Gauge.** That of the accelerometers' estimator. In it Θ holds the gyros' rotation, which with `Invariant` is the
+*inter-triad misalignment* (`alignment.inter_triad`); with `misalignment` False it is held at zero: Θ is symmetric.
+Lever arms need the reference of both triads on plateaus about axes that lie in no case plane: turning about
+a case axis tells an arm along the others only. Rests tell none, and hand motion none without the
+hand's own acceleration.
+
+**Reference:** IEEE Std 1293-2018, size effect.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray, Mat3, Scalar, Vec3
+from ..compose import compose_imu
+from ..dwells import Dwells
+from ..model import AccelerometerErrors, compensate_accel, GyroErrors
+from .base import AbstractEstimator
+from .gravity_rotation import GravityRotation
+from .invariant import Invariant
+from .reference_accel import ReferenceAccel
+from .reference_gyro import ReferenceGyro
+
+
+ImuErrors = tuple[AccelerometerErrors, GyroErrors]
+
+
+class JointImu(AbstractEstimator[ImuErrors]):
+    """Parameters of the accelerometers' estimator, then the gyros', then lever arms (9). See the module.
+
+    Dwells hold *raw* outputs of both triads; with `GravityRotation` their motions hold raw forces too.
+    """
+
+    triad: ClassVar[str] = "imu"
+
+    accel: Invariant | ReferenceAccel
+    gyro: ReferenceGyro | GravityRotation
+    lever_arms: bool = eqx.field(static=True, default=False)
+    misalignment: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self):
+        both = isinstance(self.accel, ReferenceAccel) and isinstance(self.gyro, ReferenceGyro)
+        if self.lever_arms and not both:
+            raise ValueError(
+                "`JointImu(lever_arms=True)`: lever arms show while the rate and the specific force are "
+                "known from a reference; it needs the estimators ReferenceAccel and ReferenceGyro."
+            )
+
+    @property
+    def scatter(self) -> Scalar:
+        """Each triad's estimator has its own; this is the accelerometers'."""
+        return self.accel.scatter
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        free = [n for n in self.gyro.names if self.misalignment or n not in _UPPER]
+        arms = [f"accel.lever_arm[{i},{j}]" for i in range(3) for j in range(3)]
+        return (*self.accel.names, *free, *(arms if self.lever_arms else ()))
+
+    @property
+    def _gyro_map(self) -> Float[np.ndarray, "all free"]:
+        """The gyros' own parameters from the free ones: Θ's upper triangle repeats the lower."""
+        names = self.gyro.names
+        if self.misalignment:
+            return np.eye(len(names))
+        free = [n for n in names if n not in _UPPER]
+        return np.array([[float(_UPPER.get(n, n) == f) for f in free] for n in names])
+
+    def triad_map(self, triad: str) -> Float[np.ndarray, "own parameters"]:
+        """The matrix that takes the vector to one triad's own parameters, "accel" or "gyro"."""
+        accel, own = self.accel.num_parameters, self._gyro_map
+        result = np.zeros((accel if triad == "accel" else len(own), self.num_parameters))
+        if triad == "accel":
+            result[:, :accel] = np.eye(accel)
+        else:
+            result[:, accel : accel + own.shape[1]] = own
+        return result
+
+    def arms(self, vector: Float[AnyArray, " parameters"]) -> Float[Array, "3 3"]:
+        """Lever arms by rows, m: row i is the place of accelerometer i."""
+        vector = jnp.asarray(vector)
+        if not self.lever_arms:
+            return jnp.zeros((3, 3), vector.dtype)
+        return vector[-9:].reshape(3, 3)
+
+    def unpack(self, vector: Float[AnyArray, " parameters"]) -> ImuErrors:
+        accel, gyro = self._split(vector)
+        return self.accel.unpack(accel), self.gyro.unpack(gyro)
+
+    def pack(self, errors: ImuErrors) -> Float[Array, " parameters"]:
+        """Inverse of `unpack`, with lever arms of zero; of Θ the lower triangle where it is symmetric."""
+        gyro = self.gyro.pack(errors[1])
+        if not self.misalignment:
+            gyro = gyro[np.array([n not in _UPPER for n in self.gyro.names])]
+        arms = jnp.zeros(9 if self.lever_arms else 0, gyro.dtype)
+        return jnp.concatenate([self.accel.pack(errors[0]), gyro, arms])
+
+    def residual(
+        self, vector: Float[AnyArray, " parameters"], dwell: Dwells
+    ) -> Float[Array, " rows"]:
+        accel, gyro = self._split(vector)
+        dwell = self._without_size_effect(vector, dwell)
+        rows = self.accel.residual(accel, dwell)
+        rows = jnp.where(self._has_accel_rows(dwell), rows, jnp.zeros_like(rows))
+        return jnp.concatenate([rows, self.gyro.residual(gyro, self._with_force(accel, dwell))])
+
+    def misfit(
+        self, vector: Float[AnyArray, " parameters"], dwell: Dwells
+    ) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+        """Both triads' misfits one after the other, each in its own unit."""
+        accel, gyro = self._split(vector)
+        dwell = self._without_size_effect(vector, dwell)
+        first, first_sigma = self.accel.misfit(accel, dwell)
+        second, second_sigma = self.gyro.misfit(gyro, self._with_force(accel, dwell))
+        joined = lambda a, b: jnp.concatenate([jnp.atleast_1d(a), jnp.atleast_1d(b)])
+        return joined(first, second), joined(first_sigma, second_sigma)
+
+    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
+        accel, gyro = self._split(vector)
+        dwell = self._without_size_effect(vector, dwell)
+        return self.gyro.compensate(gyro, self._with_force(accel, dwell))
+
+    def compose(
+        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
+    ) -> Float[Array, " parameters"]:
+        """Equation (6) of both triads; lever arms add, which is exact but for their share of Γ."""
+        composed = self.pack(
+            compose_imu(self.unpack(first), self.unpack(second), self.gyro.gravity)
+        )
+        if not self.lever_arms:
+            return composed
+        return composed.at[-9:].set(jnp.asarray(first)[-9:] + jnp.asarray(second)[-9:])
+
+    def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
+        accel = self.accel.unpack(self.accel.start(dwells))
+        return self.pack((accel, self.gyro.unpack(self.gyro.start(dwells))))
+
+    def _split(self, vector: AnyArray) -> tuple[Array, Array]:
+        vector, accel = jnp.asarray(vector), self.accel.num_parameters
+        own = jnp.asarray(self._gyro_map, vector.dtype)
+        return vector[:accel], own @ vector[accel : accel + own.shape[1]]
+
+    def _has_accel_rows(self, dwell: Dwells) -> Array:
+        """An accelerometer estimator without a reference uses rests only."""
+        return jnp.asarray(isinstance(self.accel, ReferenceAccel)) | (
+            jnp.asarray(dwell.position) >= 0
+        )
+
+    def _without_size_effect(self, vector: AnyArray, dwell: Dwells) -> Dwells:
+        if not self.lever_arms:
+            return dwell
+        added = size_effect(self.arms(vector), jnp.asarray(dwell.reference_gyro))
+        return eqx.tree_at(lambda d: d.accel, dwell, jnp.asarray(dwell.accel) - added)
+
+    def _with_force(self, accel: Array, dwell: Dwells) -> Dwells:
+        """The dwell with compensated accelerometer outputs, of its motion too.
+
+        Weights are those of the present parameters: their derivative is no information.
+        """
+        weights = self.accel.compensate(jax.lax.stop_gradient(accel), dwell).accel_covariance
+        refined = self.accel.compensate(accel, dwell)
+        refined = eqx.tree_at(lambda d: d.accel_covariance, refined, weights)
+        if dwell.motion is None:
+            return refined
+        errors, motion = self.accel.unpack(accel), dwell.motion
+        start = compensate_accel(errors, motion.start_force)
+        refined = eqx.tree_at(lambda d: d.motion.start_force, refined, start)
+        if motion.force is None:
+            return refined
+        force = jax.vmap(lambda a: compensate_accel(errors, a))(jnp.asarray(motion.force))
+        return eqx.tree_at(lambda d: d.motion.force, refined, force)
+
+
+_UPPER = {
+    f"gyro.matrix[{i},{j}]": f"gyro.matrix[{j},{i}]" for i in range(3) for j in range(i + 1, 3)
+}
+
+
+def size_effect(arms: Mat3, rate: Vec3) -> Float[Array, "3"]:
+    """s_i = [ω × (ω × R_i)]_i, m/s², of lever arms by rows (m) at a constant rate (rad/s).
+
+    **Reference:** IEEE Std 1293-2018.
+    """
+    arms, w = jnp.asarray(arms), jnp.asarray(rate)
+    return w * (arms @ w) - jnp.vdot(w, w) * jnp.diagonal(arms)

@@ -1,0 +1,200 @@
+"""Both triads in one least squares, against truth simulated in NumPy and SciPy alone."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.dwells import Dwells
+from inertiax.estimators import (
+    Invariant,
+    JointImu,
+    ReferenceAccel,
+    ReferenceGyro,
+    size_effect,
+)
+from inertiax.together import fit_together
+
+
+G = 9.81
+ACCEL_SIGMA, GYRO_SIGMA = 2e-4, 3e-5  # m/s² and rad/s, of a dwell's mean
+
+
+# A rate table with a device whose accelerometers sit apart -------------------------------------------
+
+
+def _force_at(place: np.ndarray, rate: np.ndarray, attitude: Rotation) -> np.ndarray:
+    """Specific force (m/s², case axes) at a place of the turning case: second differences of its path."""
+    step = 2e-3
+    path = lambda t: attitude * Rotation.from_rotvec(rate * t)
+    at = [path(t).apply(place) for t in (-step, 0.0, step)]
+    acceleration = (at[0] - 2.0 * at[1] + at[2]) / step**2
+    return path(0.0).inv().apply(acceleration + [0.0, 0.0, G])
+
+
+def test_size_effect_is_the_acceleration_of_a_turning_place():
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        rate, arms = rng.normal(0.0, 3.0, 3), rng.normal(0.0, 0.05, (3, 3))
+        attitude = Rotation.random(random_state=int(rng.integers(1000)))
+        centre = _force_at(np.zeros(3), rate, attitude)
+        expected = [_force_at(arms[i], rate, attitude)[i] - centre[i] for i in range(3)]
+        # Second differences of a circle fall short by (ω h)²/12, 1e-5 of it here.
+        np.testing.assert_allclose(size_effect(arms, rate), expected, rtol=2e-4, atol=1e-8)
+
+
+def _axes() -> np.ndarray:
+    case = np.eye(3)
+    inclined = np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1], [1, -1, 0]]) / np.sqrt(2.0)
+    return np.vstack([case, inclined])
+
+
+def _table(rng, *, arms: np.ndarray, temperatures=(20.0,)) -> tuple[Dwells, dict]:
+    """Rests in 14 attitudes and plateaus about 7 axes both ways, at each temperature, and the truth."""
+    truth = {
+        "accel_bias": rng.normal(0.0, 0.05, 3),
+        "accel": rng.normal(0.0, 5e-3, (3, 3)),
+        "gyro_bias": rng.normal(0.0, 1e-3, 3),
+        "gyro": rng.normal(0.0, 5e-3, (3, 3)),
+        "d": rng.normal(0.0, 1e-4, (3, 3)),
+        "slope": rng.normal(0.0, 1e-3, 3),  # m/s² per °C of the accelerometers' bias
+    }
+    rows = []
+    for t in temperatures:
+        ups = np.vstack([_axes(), -_axes()])
+        rows += [(t, k, np.zeros(3), G * up) for k, up in enumerate(ups)]
+        for axis in _axes():
+            for rate in (3.0, -3.0, 1.5):
+                # About the vertical, so that gravity stands still in the case.
+                rows.append((t, -1, rate * axis, G * axis))
+    temperature, position, rate, force = (np.array(x) for x in zip(*rows))
+    squares = np.sum(rate**2, axis=1)
+    felt = force.copy()
+    for i in range(3):  # ω (ω·R) − ω² R, of which accelerometer i reads component i
+        felt[:, i] += rate[:, i] * (rate @ arms[i]) - squares * arms[i, i]
+    extra = felt - force
+    accel = force @ (np.eye(3) + truth["accel"]).T + truth["accel_bias"] + extra
+    accel += (temperature - 20.0)[:, None] * truth["slope"]
+    gyro = rate @ (np.eye(3) + truth["gyro"]).T + truth["gyro_bias"] + force @ truth["d"].T / G
+    count = len(rows)
+    return Dwells(
+        time=np.arange(count) * 10.0,
+        duration=np.full(count, 5.0),
+        count=np.full(count, 500.0),
+        temperature=temperature,
+        experiment=np.zeros(count, int),
+        position=position,
+        valid=np.ones(count, bool),
+        accel=accel + ACCEL_SIGMA * rng.normal(size=accel.shape),
+        accel_covariance=np.tile(ACCEL_SIGMA**2 * np.eye(3), (count, 1, 1)),
+        gyro=gyro + GYRO_SIGMA * rng.normal(size=gyro.shape),
+        gyro_covariance=np.tile(GYRO_SIGMA**2 * np.eye(3), (count, 1, 1)),
+        reference_accel=force,
+        reference_gyro=rate,
+    ), truth
+
+
+def _reference(**settings) -> JointImu:
+    gyro = ReferenceGyro(gravity=G, g_sensitivity=True)
+    return JointImu(ReferenceAccel(), gyro, **settings)
+
+
+def _vector(truth: dict, arms: np.ndarray | None = None) -> np.ndarray:
+    keys = ("accel_bias", "accel", "gyro_bias", "gyro", "d")
+    parts = [truth[k].ravel() for k in keys] + ([] if arms is None else [arms.ravel()])
+    return np.concatenate(parts)
+
+
+def test_covariance_of_both_triads_and_lever_arms_is_right():
+    arms = np.array([[0.03, 0.01, -0.02], [0.0, -0.02, 0.01], [0.015, 0.02, 0.025]])
+    squares, signed, rotations = [], [], []
+    for seed in range(200):
+        dwells, truth = _table(np.random.default_rng(seed), arms=arms)
+        found = fit_together(_reference(lever_arms=True), dwells)
+        assert found.converged
+        error = np.asarray(found.curve.coefficients)[0] - _vector(truth, arms)
+        squares.append(error @ np.linalg.solve(found.covariance, error))
+        signed.append(error / np.sqrt(np.diagonal(found.covariance)))
+        turn = lambda m: Rotation.from_matrix(_polar(np.eye(3) + m))
+        between = (turn(truth["gyro"]) * turn(truth["accel"]).inv()).as_rotvec()
+        alignment = found.alignment(20.0)
+        off = np.asarray(alignment.rotation) - between
+        rotations.append(off @ np.linalg.solve(alignment.covariance, off))
+    # χ² with 42 degrees of freedom over 200 runs: 1 sigma of the mean √(84/200) = 0.65; scatter is never
+    # estimated below zero, which makes a run in a hundred a little wide.
+    assert 39.4 < np.mean(squares) < 44.6
+    # Every parameter's own variance: 1 sigma √(2/200) = 0.1, of 42 of them none beyond 3.5.
+    variance = np.mean(np.square(signed), axis=0)
+    assert np.all(np.abs(variance - 1.0) < 0.35), variance
+    assert np.all(np.abs(np.mean(signed, axis=0)) < 3.5 / np.sqrt(200))
+    assert abs(np.mean(rotations) - 3.0) < 3.5 * np.sqrt(6.0 / 200)
+
+
+def _polar(matrix: np.ndarray) -> np.ndarray:
+    u, _, v = np.linalg.svd(matrix)
+    return u @ v
+
+
+def test_lever_arms_that_are_left_out_bias_the_accelerometers():
+    arms = np.diag([0.03, -0.02, 0.025])
+    dwells, truth = _table(np.random.default_rng(1), arms=arms)
+    without, within = (fit_together(_reference(lever_arms=k), dwells) for k in (False, True))
+    error = lambda f: np.asarray(f.curve.coefficients)[0, :12] - _vector(truth)[:12]
+    sigma = np.sqrt(np.diagonal(within.covariance))[:12]
+    # −ω² R of accelerometer i at 3 rad/s is 0.3 m/s²; a part of it passes for bias and scale factor.
+    assert np.max(np.abs(error(without)[:3])) > 0.02
+    assert np.max(np.abs(error(without)) / sigma) > 100.0
+    assert np.max(np.abs(error(within)) / sigma) < 4.0
+    assert without.accel.chi2_per_dof > 1e4 and within.accel.chi2_per_dof < 1.5
+
+
+def test_lever_arms_stay_constant_over_temperature():
+    arms = np.diag([0.03, -0.02, 0.025])
+    dwells, truth = _table(np.random.default_rng(2), arms=arms, temperatures=(0.0, 20.0, 40.0))
+    found = fit_together(_reference(lever_arms=True), dwells, degrees=(1, 0))
+    shown, covariance = found.lever_arms
+    assert np.all(np.abs(shown - arms).ravel() < 4.0 * np.sqrt(np.diagonal(covariance)))
+    coefficients = np.asarray(found.curve.coefficients)
+    assert coefficients.shape[0] == 2 and np.all(coefficients[1, -9:] == 0.0)
+    assert found.gyro.solution.curve.basis.size == 1
+    # The accelerometers' slope per °C is the linear coefficient over half the range.
+    slope = np.asarray(found.accel.solution.curve.coefficients)[1, :3] / 20.0
+    np.testing.assert_allclose(slope, truth["slope"], atol=5.0 * ACCEL_SIGMA / 20.0 / np.sqrt(30))
+
+
+def test_lever_arms_that_no_plateau_tells_are_refused_in_words():
+    dwells, _ = _table(np.random.default_rng(3), arms=np.zeros((3, 3)))
+    along = np.sum(np.asarray(dwells.reference_gyro) != 0.0, axis=1) <= 1
+    with pytest.raises(ValueError, match=r"do not determine 6 of 42 .*lever_arm.*inclined"):
+        fit_together(_reference(lever_arms=True), dwells[np.flatnonzero(along)])
+    with pytest.raises(ValueError, match="JointImu.lever_arms=True.*ReferenceAccel"):
+        JointImu(Invariant(gravity=G), ReferenceGyro(gravity=G), lever_arms=True)
+
+
+def test_aligned_triads_leave_a_symmetric_matrix():
+    dwells, truth = _table(np.random.default_rng(4), arms=np.zeros((3, 3)))
+    symmetric = 0.5 * (truth["gyro"] + truth["gyro"].T)
+    turned = np.asarray(dwells.reference_gyro) @ (symmetric - truth["gyro"]).T
+    dwells = eqx.tree_at(lambda d: d.gyro, dwells, np.asarray(dwells.gyro) + turned)
+    free, held = (fit_together(_reference(misalignment=k), dwells) for k in (True, False))
+    matrix = np.asarray(held.gyro.solution.curve.coefficients)[0, 3:12].reshape(3, 3)
+    np.testing.assert_array_equal(matrix, matrix.T)
+    sigma = lambda f: np.sqrt(np.diagonal(f.gyro.solution.covariance))[3:12].reshape(3, 3)
+    assert np.all(np.abs(matrix - symmetric) < 4.0 * sigma(held))
+    # Two entries that are one: its variance is half of either's.
+    off = ~np.eye(3, dtype=bool)
+    np.testing.assert_allclose(sigma(held)[off], sigma(free)[off] / np.sqrt(2.0), rtol=0.15)
+    np.testing.assert_allclose(sigma(held)[~off], sigma(free)[~off], rtol=0.05)
+
+
+def test_the_iterated_procedure_reaches_the_joint_answer():
+    from inertiax.one_device import iterate_one
+    from inertiax.temperature import Constant
+
+    dwells, _ = _table(np.random.default_rng(5), arms=np.diag([0.03, -0.02, 0.025]))
+    joint = fit_together(_reference(lever_arms=True), dwells)
+    passes = iterate_one(joint.estimator, Constant(), dwells)
+    assert bool(passes.succeeded)
+    apart = np.asarray(passes.curve.coefficients - joint.curve.coefficients)[0]
+    # Weights of compensated outputs differ by Γ, half a percent.
+    assert np.max(np.abs(apart) / np.sqrt(np.diagonal(joint.covariance))) < 0.05
