@@ -12,7 +12,7 @@ import inertiax
 ORDER = """_typing earth rotation temperature model alignment compose solve recordings formats screening
 campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure one_device
 turns scatter effects
-augmentation calibration uncertainty together sources sensitivity approaches navigation choose calibrate
+augmentation calibration uncertainty results together sources sensitivity approaches navigation choose calibrate
 simulate design diagnose compensation exports fleet demo quantities quality plots
 report cli __main__""".split()
 

@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.calibrate import calibrate, DeviceFailure, DeviceResult
+from inertiax.calibration import read_calibration, write_calibration
+from inertiax.compensation import compensate_recording
 from inertiax.dwells import Dwells
 from inertiax.estimators import (
     Invariant,
@@ -13,6 +16,9 @@ from inertiax.estimators import (
     ReferenceGyro,
     size_effect,
 )
+from inertiax.one_device import iterate_one
+from inertiax.recordings import Campaign, ModelChoice, Recording, Site
+from inertiax.temperature import Constant
 from inertiax.together import fit_together
 
 
@@ -171,6 +177,62 @@ def test_lever_arms_that_no_plateau_tells_are_refused_in_words():
         JointImu(Invariant(gravity=G), ReferenceGyro(gravity=G), lever_arms=True)
 
 
+def _campaign(dwells: Dwells, model: ModelChoice) -> Campaign:
+    """A recording of 1.5 s of each dwell at 50 Hz, as noisy as the dwells' means say."""
+    rng, samples = np.random.default_rng(9), 75
+    long = lambda x: np.repeat(np.asarray(x), samples, axis=0)
+    count = samples * dwells.num_dwells
+    noise = lambda sigma: sigma * np.sqrt(samples) * rng.normal(size=(count, 3))
+    recording = Recording(
+        time=np.arange(count) * 0.02,
+        accel=long(dwells.accel) + noise(ACCEL_SIGMA),
+        gyro=long(dwells.gyro) + noise(GYRO_SIGMA),
+        position=long(dwells.position),
+        reference_accel=long(dwells.reference_accel),
+        reference_gyro=long(dwells.reference_gyro),
+        name="table",
+    )
+    return Campaign((recording,), Site(gravity=G), model=model)
+
+
+def test_lever_arms_of_a_campaign_are_stored_and_taken_away(tmp_path):
+    arms = np.array([[0.03, 0.01, -0.02], [0.0, -0.02, 0.01], [0.015, 0.02, 0.025]])
+    dwells, truth = _table(np.random.default_rng(6), arms=arms)
+    campaign = _campaign(dwells, ModelChoice(g_sensitivity=True, lever_arms=True))
+    (result,) = calibrate(campaign)
+    assert isinstance(result, DeviceResult), result
+    assert any(c.startswith("accelerometer y: lever arm ") for c in result.choices)
+    write_calibration(result.calibration, tmp_path / "calibration.json")
+    calibration = read_calibration(tmp_path / "calibration.json")
+    found = np.array([e.coefficients for e in calibration.effects])
+    assert [e.channel_names for e in calibration.effects] == [(f"accel_{a}",) for a in "xyz"]
+    sigma = np.sqrt([np.diagonal(e.covariance) for e in calibration.effects])
+    # Twice the noise of the dwells: their own and that of the recording made of them.
+    assert np.all(np.abs(found - arms) < 4.5 * np.sqrt(2.0) * sigma)
+    (recording,) = campaign.recordings
+    force, _, _ = compensate_recording(calibration, recording)
+    inner = np.arange(recording.num_samples) % 75
+    inside = (inner > 2) & (inner < 72)  # between plateaus the rate jumps, which no table does
+    assert force is not None and recording.reference_accel is not None
+    left = (force - recording.reference_accel)[inside]
+    blocks = left.reshape(-1, 69, 3).mean(axis=1)
+    assert np.max(np.abs(blocks)) < 5.0 * np.sqrt(2.0) * ACCEL_SIGMA
+
+
+@pytest.mark.parametrize(
+    "model, words",
+    [
+        (ModelChoice(accel_estimator="invariant", lever_arms=True), "for both triads"),
+        (ModelChoice(gyro_estimator="static", together=True), "'reference' or 'gravity'"),
+        (ModelChoice(misalignment=False, together=False), "but together = false"),
+    ],
+)
+def test_contradictory_settings_are_refused(model, words):
+    dwells, _ = _table(np.random.default_rng(7), arms=np.zeros((3, 3)))
+    (failure,) = calibrate(_campaign(dwells, model))
+    assert isinstance(failure, DeviceFailure) and words in failure.reason
+
+
 def test_aligned_triads_leave_a_symmetric_matrix():
     dwells, truth = _table(np.random.default_rng(4), arms=np.zeros((3, 3)))
     symmetric = 0.5 * (truth["gyro"] + truth["gyro"].T)
@@ -188,9 +250,6 @@ def test_aligned_triads_leave_a_symmetric_matrix():
 
 
 def test_the_iterated_procedure_reaches_the_joint_answer():
-    from inertiax.one_device import iterate_one
-    from inertiax.temperature import Constant
-
     dwells, _ = _table(np.random.default_rng(5), arms=np.diag([0.03, -0.02, 0.025]))
     joint = fit_together(_reference(lever_arms=True), dwells)
     passes = iterate_one(joint.estimator, Constant(), dwells)

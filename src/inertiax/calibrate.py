@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ._typing import AnyArray
+from .augmentation import FittedEffect
 from .calibration import Calibration, TriadCalibration
 from .choose import (
     build_estimators,
@@ -20,7 +21,14 @@ from .choose import (
     settle_gyro,
 )
 from .dwells import Dwells
-from .estimators import AbstractEstimator
+from .estimators import (
+    AbstractEstimator,
+    GravityRotation,
+    Invariant,
+    JointImu,
+    ReferenceAccel,
+    ReferenceGyro,
+)
 from .intervals import reduce_to_dwells
 from .model import compensate_accel
 from .one_device import iterate_one, joint_fit_one, Problem
@@ -32,8 +40,14 @@ from .procedure import (
     ThermalSolution,
 )
 from .recordings import Campaign, Recording
+from .results import (
+    DeviceFailure as DeviceFailure,
+    DeviceResult as DeviceResult,
+    TriadResult as TriadResult,
+)
 from .scatter import chi2_per_dof, judged, num_judged, with_provisional_scatter, with_scatter
 from .temperature import AbstractBasis, Curve
+from .together import fit_together, Together
 from .turns import Turns, with_motions
 from .uncertainty import judge_normal, Observability
 
@@ -41,48 +55,6 @@ from .uncertainty import judge_normal, Observability
 METHODS = ("gauss-newton", "joint", "paper")
 
 Progress = Callable[[str], None]
-
-
-class TriadResult(eqx.Module):
-    """One triad's estimate with what is needed to judge and draw it."""
-
-    estimator: AbstractEstimator
-    solution: ThermalSolution
-    dwells: Dwells  # those that have a misfit
-    misfit: Float[AnyArray, "dwells rows"]  # after the fit, in `misfit_unit`
-    sigma: Float[AnyArray, "dwells rows"]  # of each misfit, dwell noise and scatter together
-    observability: Observability
-    scatter: float = eqx.field(static=True)  # found between dwells, in `misfit_unit`
-    chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the misfit, in `misfit_unit`."""
-        return float(np.sqrt(np.mean(np.square(np.asarray(self.misfit)))))
-
-    @property
-    def misfit_unit(self) -> str:
-        """m/s^2 or rad/s of an output; rad of gravity's direction after a motion."""
-        if self.dwells.motion is not None:
-            return "rad"
-        return "m/s^2" if self.estimator.triad == "accel" else "rad/s"
-
-
-class DeviceResult(eqx.Module):
-    """A calibrated device."""
-
-    calibration: Calibration
-    accel: TriadResult | None
-    gyro: TriadResult | None
-    choices: tuple[str, ...] = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
-
-
-class DeviceFailure(eqx.Module):
-    """A device that could not be calibrated, and why, in one line."""
-
-    device: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
 
 
 def calibrate(
@@ -127,7 +99,7 @@ def calibrate_device(
     dwells = reduce_to_dwells(campaign.recordings)
     accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
     choices, warnings = list(chosen.reasons), list(campaign.notes)
-    accel_result = None
+    accel_result, raw = None, dwells
     if accel is not None:
         used = _rows_for("accel", chosen, dwells)
         accel_result = _estimate(accel, used, chosen, method, progress, choices, warnings)
@@ -135,6 +107,15 @@ def calibrate_device(
     gyro_result, chosen = _calibrate_gyro(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
+    effects: tuple[FittedEffect, ...] = ()
+    if chosen.together:
+        assert accel_result is not None and gyro_result is not None  # `choose_model` saw both
+        progress("estimating both triads together")
+        found = _together(campaign, chosen, raw, accel_result, gyro_result, robust)
+        accel_result, gyro_result = found.accel, found.gyro
+        choices.extend(found.statements)
+        force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
+        effects = found.effects(float(np.abs(force).max()))
     calibration = Calibration(
         gravity=campaign.site.gravity,
         accel=_triad(accel_result, chosen.accel_estimator),
@@ -142,6 +123,7 @@ def calibrate_device(
         device=campaign.devices[0],
         temperature_range=_temperature_range(campaign, accel_result, gyro_result),
         notes=tuple(choices),
+        effects=effects,
     )
     return DeviceResult(calibration, accel_result, gyro_result, tuple(choices), tuple(warnings))
 
@@ -184,6 +166,41 @@ def _calibrate_gyro(
             warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
         chosen = dataclasses.replace(chosen, gyro_estimator="static")
     return estimate(chosen, _rows_for("gyro", chosen, dwells)), chosen
+
+
+def _together(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    raw: Dwells,
+    accel: TriadResult,
+    gyro: TriadResult,
+    robust: float | None,
+) -> Together:
+    """Both triads in one least squares, each with the degree over temperature that it had alone."""
+    first, second = build_estimators(chosen, campaign.site.gravity, raw, robust=robust)
+    if not isinstance(first, Invariant | ReferenceAccel) or not isinstance(
+        second, ReferenceGyro | GravityRotation
+    ):
+        raise ValueError(
+            "accel and gyro together: the motions do not tell the gyros' matrix, only their bias; leave out "
+            "[model] together, or tilt the device between rests."
+        )
+    estimator = JointImu(
+        first, second, lever_arms=chosen.lever_arms, misalignment=chosen.misalignment
+    )
+    used = raw
+    if chosen.gyro_estimator == "gravity":
+        force = [r.accel for r in campaign.recordings if r.accel is not None]
+        by_force = chosen.g_sensitivity
+        used = with_motions(campaign.recordings, raw, force=force if by_force else None).dwells
+    degrees = accel.solution.curve.basis.size - 1, gyro.solution.curve.basis.size - 1
+    found = fit_together(estimator, jax.tree.map(np.asarray, used), degrees=degrees)
+    if not found.converged:
+        raise ValueError(
+            "accel and gyro together: the estimation did not converge; leave out [model] together to see "
+            "which triad is at fault."
+        )
+    return found
 
 
 def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitivity: bool) -> Turns:

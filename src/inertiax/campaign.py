@@ -74,6 +74,9 @@ class ModelTable(_Strict, frozen=True):
     gyro_estimator: Literal["reference", "gravity", "static"] | None = None
     g_sensitivity: bool | None = None
     temperature_degree: int | None = None
+    together: bool | None = None
+    lever_arms: bool | None = None
+    misalignment: bool | None = None
 
 
 class CampaignTable(_Strict, frozen=True):

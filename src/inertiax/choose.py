@@ -25,6 +25,11 @@ class ChosenModel(eqx.Module):
     g_sensitivity: bool = eqx.field(static=True)
     degree: int | None = eqx.field(static=True)  # None: chosen from the data, see `choose_degree`
     reasons: tuple[str, ...] = eqx.field(static=True)
+    together: bool = eqx.field(static=True, default=False)  # both triads in one least squares
+    lever_arms: bool = eqx.field(static=True, default=False)
+    misalignment: bool = eqx.field(
+        static=True, default=True
+    )  # of the triads; False holds it at zero
 
 
 def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenModel:
@@ -55,7 +60,43 @@ def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenM
         if degree is None:
             reasons.append("no temperature was recorded, so the parameters are constants")
         degree = 0
-    return ChosenModel(accel, gyro, g_sensitivity, degree, tuple(reasons))
+    together = _together(campaign, accel, gyro, where)
+    return ChosenModel(
+        accel,
+        gyro,
+        g_sensitivity,
+        degree,
+        tuple(reasons),
+        together,
+        bool(campaign.model.lever_arms),
+        campaign.model.misalignment is not False,
+    )
+
+
+def _together(campaign: Campaign, accel: str | None, gyro: str | None, where: str) -> bool:
+    """Whether both triads go into one least squares, which lever arms and aligned triads ask for too."""
+    model = campaign.model
+    asks = {
+        "together = true": model.together,
+        "lever_arms = true": model.lever_arms,
+        "misalignment = false": model.misalignment is False,
+    }
+    asked = [key for key, value in asks.items() if value]
+    if not asked:
+        return False
+    if model.together is False:
+        raise ValueError(f"{where} {asked[0]} means both triads together, but together = false.")
+    if accel not in ("invariant", "reference") or gyro not in ("reference", "gravity"):
+        raise ValueError(
+            f"{where} {asked[0]} needs accel_estimator 'invariant' or 'reference' and gyro_estimator "
+            f"'reference' or 'gravity'; here they are {accel!r} and {gyro!r}."
+        )
+    if model.lever_arms and (accel, gyro) != ("reference", "reference"):
+        raise ValueError(
+            f"{where} lever_arms = true needs the columns reference_accel_x/y/z and "
+            f"reference_gyro_x/y/z, and the estimators 'reference' for both triads."
+        )
+    return True
 
 
 def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | None:

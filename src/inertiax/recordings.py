@@ -109,6 +109,9 @@ class ModelChoice(eqx.Module):
     gyro_estimator: str | None = eqx.field(static=True, default=None)
     g_sensitivity: bool | None = eqx.field(static=True, default=None)
     temperature_degree: int | None = eqx.field(static=True, default=None)
+    together: bool | None = eqx.field(static=True, default=None)  # both triads in one least squares
+    lever_arms: bool | None = eqx.field(static=True, default=None)  # of the accelerometers
+    misalignment: bool | None = eqx.field(static=True, default=None)  # of the gyros to them
 
 
 class Campaign(eqx.Module):

@@ -7,6 +7,7 @@ lever arms at degree 0. Scatter between dwells is found for each triad from its 
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
@@ -19,6 +20,7 @@ from .dwells import Dwells
 from .estimators import JointImu, ReferenceAccel
 from .one_device import Linearised, Problem
 from .procedure import ThermalSolution
+from .results import TriadResult
 from .scatter import chi2_per_dof, judged, num_judged, with_provisional_scatter, with_scatter
 from .solve import least_squares
 from .temperature import AbstractBasis, Constant, Curve, Polynomial
@@ -30,26 +32,14 @@ _MOST_STEPS = 50
 _MOST_PASSES = 3  # over the scatter between dwells, which changes weights, hardly the answer
 
 
-class TriadShare(eqx.Module):
-    """One triad's part of the joint estimate."""
-
-    solution: ThermalSolution  # curve and marginal covariance of this triad's own parameters
-    misfit: Float[np.ndarray, "dwells rows"]  # m/s², rad/s, or rad of gravity's direction
-    sigma: Float[np.ndarray, "dwells rows"]  # by the dwells' own noise
-    dwells: Dwells  # those that have the misfit
-    scatter: float = eqx.field(static=True)
-    chi2_per_dof: float = eqx.field(static=True)
-
-
 class Together(eqx.Module):
     """The joint estimate. `covariance` is of all coefficients, row-major (size, parameters)."""
 
     estimator: JointImu  # with the scatter that was found
     curve: Curve
     covariance: Float[AnyArray, "unknowns unknowns"]
-    accel: TriadShare
-    gyro: TriadShare
-    observability: Observability
+    accel: TriadResult  # curve and marginal covariance of the triad's own parameters
+    gyro: TriadResult
     converged: bool = eqx.field(static=True)
 
     @property
@@ -75,6 +65,25 @@ class Together(eqx.Module):
         gamma = estimator.triad_map("accel")[3:]
         rows = np.vstack([theta, gamma])
         return inter_triad(gyro, rows @ covariance @ rows.T, accel=(gamma @ vector).reshape(3, 3))
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """What the joint estimate says beyond the two triads', one line each."""
+        nodes = self.curve.basis.nodes
+        middle = sorted(nodes)[len(nodes) // 2]
+        rotation = self.alignment(middle)
+        sigma = np.sqrt(np.diagonal(np.asarray(rotation.covariance)))
+        lines = ["accelerometers and gyros: one least squares over both"]
+        if self.estimator.misalignment:
+            shown = _with_sigmas(1e3 * np.asarray(rotation.rotation), 1e3 * sigma)
+            lines.append(f"gyros against accelerometers: turned by {shown} mrad about x, y, z")
+        if self.estimator.lever_arms:
+            arms, covariance = self.lever_arms
+            sigmas = np.sqrt(np.diagonal(covariance)).reshape(3, 3)
+            for k, axis in enumerate("xyz"):
+                shown = _with_sigmas(1e3 * arms[k], 1e3 * sigmas[k])
+                lines.append(f"accelerometer {axis}: lever arm {shown} mm along x, y, z")
+        return tuple(lines)
 
     def effects(self, greatest_force: float) -> tuple[FittedEffect, ...]:
         """The lever arms as the catalogue's `size_effect`, one per accelerometer, for `Calibration.effects`.
@@ -131,11 +140,14 @@ def fit_together(
         fit.estimator,
         Curve(basis, jnp.asarray(fit.coefficients)),
         covariance,
-        _share(fit, "accel", basis, covariance, degrees[0]),
-        _share(fit, "gyro", basis, covariance, degrees[1]),
-        seen,
+        _result(fit, "accel", basis, covariance, degrees[0], seen),
+        _result(fit, "gyro", basis, covariance, degrees[1], seen),
         fit.converged,
     )
+
+
+def _with_sigmas(values: Float[np.ndarray, "3"], sigmas: Float[np.ndarray, "3"]) -> str:
+    return ", ".join(f"{v:.3g} ± {s:.2g}" for v, s in zip(values, sigmas, strict=True))
 
 
 # Unknowns --------------------------------------------------------------------------------------------
@@ -208,9 +220,15 @@ def _fit(
     problem = Problem(estimator, basis, dwells)
     coefficients, steps, converged = _solve(problem, free)
     now = problem.at(coefficients)
-    parts = _split(estimator, now, dwells, free)
+    seen = _seen_by(estimator, problem.vectors(coefficients)[: dwells.num_dwells], dwells)
+    parts = _split(estimator, now, jax.tree.map(np.asarray, seen), free)
     normal = problem.normal(now.jacobian)
     return _Fit(estimator, coefficients, normal, now.residual, *parts, steps, converged)
+
+
+@eqx.filter_jit
+def _seen_by(estimator: JointImu, vectors: AnyArray, dwells: Dwells) -> tuple[Dwells, Dwells]:
+    return jax.vmap(estimator.seen_by)(jnp.asarray(vectors), dwells)
 
 
 def _solve(
@@ -256,21 +274,22 @@ def _covariance(
 
 
 def _split(
-    estimator: JointImu, now: Linearised, dwells: Dwells, free: Bool[np.ndarray, "size parameter"]
+    estimator: JointImu,
+    now: Linearised,
+    seen: tuple[Dwells, Dwells],
+    free: Bool[np.ndarray, "size parameter"],
 ) -> tuple[_Part, _Part]:
     by_reference = isinstance(estimator.accel, ReferenceAccel)
-    rests = np.asarray(dwells.position) >= 0
-    used = np.flatnonzero(np.asarray(dwells.valid) & (rests | by_reference))
-    kept = np.flatnonzero(judged(dwells))
+    resting = np.asarray(seen[0].position) >= 0
+    used = np.flatnonzero(np.asarray(seen[0].valid) & (resting | by_reference))
+    kept = np.flatnonzero(judged(seen[1]))
     first = 3 if by_reference else 1
     mine = np.array([n.startswith("accel") for n in estimator.names])
-    bare = eqx.tree_at(lambda d: d.motion, dwells, None, is_leaf=lambda x: x is None)
-    gyro = int(free[:, ~mine].any(axis=1).sum()) * num_judged(estimator.gyro, dwells)
+    accel = eqx.tree_at(lambda d: d.motion, seen[0], None, is_leaf=lambda x: x is None)[used]
+    gyro = int(free[:, ~mine].any(axis=1).sum()) * num_judged(estimator.gyro, seen[1])
     return (
-        _Part(
-            now.misfit[used, :first], now.sigma[used, :first], bare[used], int(free[:, mine].sum())
-        ),
-        _Part(now.misfit[kept, first:], now.sigma[kept, first:], dwells[kept], gyro),
+        _Part(now.misfit[used, :first], now.sigma[used, :first], accel, int(free[:, mine].sum())),
+        _Part(now.misfit[kept, first:], now.sigma[kept, first:], seen[1][kept], gyro),
     )
 
 
@@ -294,13 +313,14 @@ def _with_scatter(fit: _Fit) -> JointImu | None:
     return eqx.tree_at(lambda e: (e.accel, e.gyro), fit.estimator, new)
 
 
-def _share(
+def _result(
     fit: _Fit,
     triad: str,
     basis: AbstractBasis,
     covariance: Float[np.ndarray, "unknowns unknowns"],
     degree: int,
-) -> TriadShare:
+    seen: Observability,
+) -> TriadResult:
     """Curve and marginal covariance in the triad's own parameters, up to its own degree."""
     own = fit.estimator.triad_map(triad)
     size = degree + 1
@@ -322,11 +342,14 @@ def _share(
         step_sizes=jnp.full(1, jnp.nan),
         method="together",
     )
-    return TriadShare(
-        solution,
-        part.misfit,
-        part.sigma,
-        part.dwells,
-        float(estimator.scatter),
-        chi2_per_dof(part.misfit, part.sigma, part.unknowns),
+    scatter = float(estimator.scatter)
+    return TriadResult(
+        estimator=estimator,
+        solution=solution,
+        dwells=part.dwells,
+        misfit=part.misfit,
+        sigma=np.sqrt(np.square(part.sigma) + scatter**2),
+        observability=seen,
+        scatter=scatter,
+        chi2_per_dof=chi2_per_dof(part.misfit, part.sigma, part.unknowns),
     )

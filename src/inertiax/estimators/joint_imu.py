@@ -48,6 +48,7 @@ class JointImu(AbstractEstimator[ImuErrors]):
     """
 
     triad: ClassVar[str] = "imu"
+    scatter: ClassVar[Scalar] = np.zeros(())  # none in common: each triad's estimator has its own
 
     accel: Invariant | ReferenceAccel
     gyro: ReferenceGyro | GravityRotation
@@ -61,11 +62,6 @@ class JointImu(AbstractEstimator[ImuErrors]):
                 "`JointImu(lever_arms=True)`: lever arms show while the rate and the specific force are "
                 "known from a reference; it needs the estimators ReferenceAccel and ReferenceGyro."
             )
-
-    @property
-    def scatter(self) -> Scalar:
-        """Each triad's estimator has its own; this is the accelerometers'."""
-        return self.accel.scatter
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,26 +111,31 @@ class JointImu(AbstractEstimator[ImuErrors]):
         self, vector: Float[AnyArray, " parameters"], dwell: Dwells
     ) -> Float[Array, " rows"]:
         accel, gyro = self._split(vector)
-        dwell = self._without_size_effect(vector, dwell)
-        rows = self.accel.residual(accel, dwell)
+        seen, refined = self.seen_by(vector, dwell)
+        rows = self.accel.residual(accel, seen)
         rows = jnp.where(self._has_accel_rows(dwell), rows, jnp.zeros_like(rows))
-        return jnp.concatenate([rows, self.gyro.residual(gyro, self._with_force(accel, dwell))])
+        return jnp.concatenate([rows, self.gyro.residual(gyro, refined)])
 
     def misfit(
         self, vector: Float[AnyArray, " parameters"], dwell: Dwells
     ) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
         """Both triads' misfits one after the other, each in its own unit."""
         accel, gyro = self._split(vector)
+        seen, refined = self.seen_by(vector, dwell)
+        first, first_sigma = self.accel.misfit(accel, seen)
+        second, second_sigma = self.gyro.misfit(gyro, refined)
+        return jnp.concatenate([first, second]), jnp.concatenate([first_sigma, second_sigma])
+
+    def seen_by(
+        self, vector: Float[AnyArray, " parameters"], dwell: Dwells
+    ) -> tuple[Dwells, Dwells]:
+        """The dwell as the accelerometers' estimator gets it (without the size effect), and as the gyros'
+        does (with compensated forces)."""
         dwell = self._without_size_effect(vector, dwell)
-        first, first_sigma = self.accel.misfit(accel, dwell)
-        second, second_sigma = self.gyro.misfit(gyro, self._with_force(accel, dwell))
-        joined = lambda a, b: jnp.concatenate([jnp.atleast_1d(a), jnp.atleast_1d(b)])
-        return joined(first, second), joined(first_sigma, second_sigma)
+        return dwell, self._with_force(self._split(vector)[0], dwell)
 
     def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        accel, gyro = self._split(vector)
-        dwell = self._without_size_effect(vector, dwell)
-        return self.gyro.compensate(gyro, self._with_force(accel, dwell))
+        return self.gyro.compensate(self._split(vector)[1], self.seen_by(vector, dwell)[1])
 
     def compose(
         self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
@@ -171,16 +172,24 @@ class JointImu(AbstractEstimator[ImuErrors]):
     def _with_force(self, accel: Array, dwell: Dwells) -> Dwells:
         """The dwell with compensated accelerometer outputs, of its motion too.
 
-        Weights are those of the present parameters: their derivative is no information.
+        Weights are those of the present parameters: their derivative is no information. What the
+        accelerometers' model leaves at a rest is an error of that rest's force too.
         """
-        weights = self.accel.compensate(jax.lax.stop_gradient(accel), dwell).accel_covariance
+        left = jnp.square(self.accel.scatter)
+        widen = lambda c: c + left * jnp.eye(3, dtype=jnp.asarray(c).dtype)
+        fixed = self.accel.compensate(jax.lax.stop_gradient(accel), dwell)
         refined = self.accel.compensate(accel, dwell)
+        weights = widen(fixed.accel_covariance)
         refined = eqx.tree_at(lambda d: d.accel_covariance, refined, weights)
         if dwell.motion is None:
             return refined
         errors, motion = self.accel.unpack(accel), dwell.motion
         start = compensate_accel(errors, motion.start_force)
-        refined = eqx.tree_at(lambda d: d.motion.start_force, refined, start)
+        refined = eqx.tree_at(
+            lambda d: (d.motion.start_force, d.motion.start_covariance),
+            refined,
+            (start, widen(jnp.asarray(motion.start_covariance))),
+        )
         if motion.force is None:
             return refined
         force = jax.vmap(lambda a: compensate_accel(errors, a))(jnp.asarray(motion.force))
