@@ -20,12 +20,15 @@ LARGEST_MISFIT = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
 
 
 def judge(
-    estimator: AbstractEstimator, basis: AbstractBasis, fit: FleetFit
+    estimator: AbstractEstimator, basis: AbstractBasis, fit: FleetFit, *, alone: bool = True
 ) -> tuple[str | None, ...]:
-    """For each device `None`, or the reason why its estimate cannot be used."""
+    """For each device `None`, or the reason why its estimate cannot be used.
+
+    `alone`: the device's own rows must determine all unknowns, for want of a prior.
+    """
     sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
     sigma = sigma.reshape(len(sigma), basis.size, -1)
-    return tuple(_one(estimator, basis, fit, sigma[k], k) for k in range(len(sigma)))
+    return tuple(_one(estimator, basis, fit, sigma[k], k, alone) for k in range(len(sigma)))
 
 
 def _one(
@@ -34,11 +37,12 @@ def _one(
     fit: FleetFit,
     sigma: Float[np.ndarray, "size parameters"],
     k: int,
+    alone: bool,
 ) -> str | None:
     triad, dwells = estimator.triad, int(fit.valid[k].sum())
     unknowns = basis.size * estimator.num_parameters
     rows = dwells * fit.misfit.shape[2]
-    if rows < unknowns:
+    if alone and rows < unknowns:
         return f"{triad}: too few positions: {dwells} dwells give {rows} equations for {unknowns} unknowns"
     if not np.all(np.isfinite(sigma)):
         return (

@@ -10,29 +10,24 @@ there. A run that was killed is started again with the same command and does the
 import hashlib
 import os
 import threading
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import polars as pl
+from jaxtyping import Float
 
 from ..calibration import write_atomically
+from .population import Population
 from .tasks import Task
+from .triad_model import TriadModel as TriadModel
 
 
 SCHEMA = "inertiax.fleet/1"
 
 
-class TriadModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is estimated of one triad, the same for all devices."""
-
-    estimator: str
-    names: tuple[str, ...]
-    degree: int
-    low: float  # °C, mapped to -1
-    high: float  # °C, mapped to +1
-
-
-class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The plan of a run."""
 
     schema: str
@@ -43,6 +38,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     g_sensitivity: bool
     reasons: tuple[str, ...]
     tasks: tuple[Task, ...]
+    prior: Population | None = None  # with which every device was calibrated
 
     @property
     def num_devices(self) -> int:
@@ -115,9 +111,24 @@ def write_table(table: pl.DataFrame, file: Path) -> None:
 
 def read_parts(folder: Path) -> pl.LazyFrame:
     """All devices stored so far. Raises `ValueError` where there is no run or nothing is done."""
+    return pl.scan_parquet(_part_files(folder))
+
+
+def each_part(folder: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
+    """Part by part, the devices that were not set aside; raises as `read_parts` does."""
+    for file in _part_files(folder):
+        yield pl.scan_parquet(file).filter(pl.col("reason") == "").select(columns).collect()
+
+
+def _part_files(folder: Path) -> list[Path]:
     if read_manifest(folder) is None:
         raise ValueError(f"{folder}: no manifest.json; it is not the output of a fleet run.")
     files = sorted((folder / "parts").glob("part-*.parquet"))
     if not files:
         raise ValueError(f"{folder}: no part is done yet.")
-    return pl.scan_parquet(files)
+    return files
+
+
+def matrix_of(column: pl.Series) -> Float[np.ndarray, "rows width"]:
+    """A column of lists of one length as a matrix."""
+    return column.explode().to_numpy().reshape(len(column), -1)

@@ -1,0 +1,83 @@
+"""What a run has found: its summary, one device's calibration."""
+
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+import polars as pl
+
+from ..calibration import Calibration, TriadCalibration
+from ..temperature import Curve
+from .store import read_manifest, read_parts, write_table
+from .triad_model import basis_of, TriadModel
+
+
+class FleetSummary(eqx.Module):
+    """How a run ended."""
+
+    devices: int = eqx.field(static=True)
+    calibrated: int = eqx.field(static=True)
+    set_aside: int = eqx.field(static=True)
+    reasons: tuple[tuple[str, int], ...] = eqx.field(static=True)  # in words, most frequent first
+    tasks_before: int = eqx.field(static=True)  # done by an earlier run
+
+    def as_dict(self) -> dict[str, object]:
+        """For summary.json and `--json`."""
+        return {
+            "schema": "inertiax.fleet-summary/1",
+            "devices": self.devices,
+            "calibrated": self.calibrated,
+            "set_aside": self.set_aside,
+            "reasons": [{"reason": r, "devices": n} for r, n in self.reasons],
+        }
+
+
+def summarise(folder: Path, before: int) -> FleetSummary:
+    """Count a run's devices and write its quarantine table; `before` tasks were done by an earlier run."""
+    table = read_parts(folder).select("device", "reason").collect()
+    aside = table.filter(pl.col("reason") != "")
+    write_table(aside, folder / "quarantine.parquet")
+    kinds = aside.with_columns(kind=pl.col("reason").str.replace_all(r"[-+]?\d[\d.e+-]*", "…"))
+    counted = kinds.group_by("kind").len().sort("len", "kind", descending=[True, False])
+    return FleetSummary(
+        devices=table.height,
+        calibrated=table.height - aside.height,
+        set_aside=aside.height,
+        reasons=tuple((k, int(n)) for k, n in counted.iter_rows()),
+        tasks_before=before,
+    )
+
+
+def fleet_calibration(folder: Path | str, device: str) -> Calibration:
+    """One device's calibration from a run's output folder.
+
+    Raises `ValueError` for a device that the run does not hold or has set aside, with the reason.
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    found = read_parts(folder).filter(pl.col("device") == device).collect()
+    if manifest is None or not found.height:
+        raise ValueError(f"{folder}: no device '{device}' in this run.")
+    row = found.row(0, named=True)
+    if row["reason"]:
+        raise ValueError(f"{folder}: device '{device}' was set aside: {row['reason']}.")
+    return Calibration(
+        gravity=manifest.gravity,
+        accel=_triad(manifest.accel, row, "accel"),
+        gyro=_triad(manifest.gyro, row, "gyro"),
+        device=device,
+        temperature_range=(row["temperature_low"], row["temperature_high"]),
+        notes=manifest.reasons,
+    )
+
+
+def _triad(model: TriadModel | None, row: dict, triad: str) -> TriadCalibration | None:
+    if model is None:
+        return None
+    basis = basis_of(model)
+    values = np.array(row[f"{triad}_parameters"]).reshape(basis.size, -1)
+    n = values.size
+    covariance = np.zeros((n, n))
+    i, j = np.tril_indices(n)
+    covariance[i, j] = covariance[j, i] = row[f"{triad}_covariance"]
+    return TriadCalibration(Curve(basis, values), covariance, model.names, model.estimator)
