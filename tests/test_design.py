@@ -6,8 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from hard_limit import run_limited
+from inertiax.cli import main
+from inertiax.cli.app import app
 from inertiax.design import (
     effort_for,
     optimal_positions,
@@ -25,9 +27,10 @@ from inertiax.procedure import curve_covariance
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import Plan
-from inertiax.simulate.programme import Programme, PROGRAMME_18, PROGRAMME_24, Table
+from inertiax.simulate.programme import Programme, PROGRAMME_6, PROGRAMME_18, PROGRAMME_24, Table
 from inertiax.simulate.triad import Device, draw_accelerometers
-from inertiax.temperature import Polynomial
+from inertiax.temperature import Constant, Curve, Polynomial
+from refit import refitted
 
 
 ESTIMATOR = Invariant(gravity=9.815179)
@@ -127,44 +130,29 @@ def test_i_optimal_temperatures_predict_better_than_equal_steps():
     assert mean_variance(optimal) < 0.95 * mean_variance(np.linspace(-55.0, 60.0, 13))
 
 
-MONTE_CARLO = """
-import json
-from inertiax.design import optimal_positions, precision
-from inertiax.estimators import Invariant
-from inertiax.procedure import joint_fit
-from inertiax.simulate.bench import simulate_dwells
-from inertiax.simulate.chamber import Chamber
-from inertiax.simulate.plan import Plan
-from inertiax.simulate.programme import PROGRAMME_18
-from inertiax.simulate.triad import draw_accelerometers, Device
-from inertiax.temperature import Constant
-from inertiax.calibration import Calibration
-
-runs = 4000
-device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=1))
-estimator = Invariant(gravity=9.815179)
-found = {}
-for name, programme in {"optimal": optimal_positions(estimator, 18, starts=2), "plain": PROGRAMME_18}.items():
+def _simulated(programme, device, runs):
+    """The nine parameters of many calibrations at one temperature, with a dwell's noise of 1e-5 m/s²."""
     plan = Plan(programme, Chamber(jnp.array([20.0]), 0.0))
-    one = lambda key: joint_fit(estimator, Constant(), simulate_dwells(key, plan, device)[0]).curve.coefficients[0]
-    run = jax.jit(jax.vmap(one))
-    keys = jax.random.split(jax.random.PRNGKey(1), runs).reshape(20, 200, -1)
-    answers = np.concatenate([np.asarray(run(k)) for k in keys])
-    predicted = precision(estimator, Constant(), programme, np.array([20.0]), deviation=1e-5).deviation[0]
-    determinant = np.linalg.slogdet(np.cov(answers.T))[1]
-    found[name] = [predicted.tolist(), answers.std(axis=0).tolist(), determinant]
-print(json.dumps(found))
-"""
+    clean, _ = simulate_dwells(None, plan, device)
+    keys = jax.random.split(jax.random.PRNGKey(1), runs)
+    accel = jax.jit(jax.vmap(lambda key: simulate_dwells(key, plan, device)[0].accel))(keys)
+    start = Curve(Constant(), device.accel.curve(20.0)[None])
+    return refitted(ESTIMATOR, start, clean, accel, np.tile(clean.temperature, (runs, 1)))[:, 0]
 
 
-def test_predicted_precision_of_optimised_programme_is_the_simulated_one():
-    found = json.loads(run_limited(MONTE_CARLO, seconds=300.0))
-    for predicted, observed, _ in found.values():
+def test_predicted_precision_of_optimised_programme_is_the_simulated_one(best):
+    device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=1))
+    determinants = []
+    for programme in (best, PROGRAMME_18):
+        answers = _simulated(programme, device, 4000)
+        at = np.array([20.0])
+        predicted = precision(ESTIMATOR, Constant(), programme, at, deviation=1e-5).deviation[0]
         # 4000 runs know a deviation to 1.1 %; the device is within 1 % of an ideal one.
-        np.testing.assert_allclose(observed, predicted, rtol=0.05)
+        np.testing.assert_allclose(answers.std(axis=0), predicted, rtol=0.05)
+        determinants.append(np.linalg.slogdet(np.cov(answers.T))[1])
     # And the simulated ellipsoids have the stated efficiency: (det ratio)^(1/9) = 1 / 0.9889, known to
     # 1.1 % × √(2/9) or so.
-    ratio = np.exp((found["plain"][2] - found["optimal"][2]) / 9)
+    ratio = np.exp((determinants[1] - determinants[0]) / 9)
     assert ratio == pytest.approx(1 / 0.9889, abs=0.015)
     assert ratio > 1.0
 
@@ -187,9 +175,6 @@ def test_precision_over_temperature_is_the_covariance_of_the_fit():
 def test_effort_for_a_target_by_hand():
     # One temperature and faces only, full matrix from references: a scale factor is known from two
     # faces to σ/(g√2), so 1.96 σ/(√2 g) = target gives σ and, with white noise, the dwell time.
-    from inertiax.simulate.programme import PROGRAMME_6
-    from inertiax.temperature import Constant
-
     target, density = 1e-5, 1e-3
     (found,) = effort_for(
         target, [PROGRAMME_6], ReferenceAccel(), Constant(), np.array([20.0]),
@@ -218,11 +203,82 @@ def test_what_cannot_be_designed_is_refused():
         TableLimits(outer=(1.0, -1.0))
 
 
-def test_advice_names_positions_and_hours():
-    from inertiax.design import advise
+# The command ----------------------------------------------------------------------------------------
 
-    found = advise(9, target=1e-5, density=1e-3, repeatability=1e-7, degree=1, experiments=2)
-    assert found.efficiency < found.plain * 1.02 and len(found.efforts) == 3
-    told = "\n".join(found.lines())
-    assert "10 ppm at 95 %" in told and "h of measuring" in told
-    assert len(found.as_dict()["positions_deg"]) == 9
+
+def told(*arguments):
+    return CliRunner().invoke(app, ["design", *arguments])
+
+
+@pytest.fixture
+def own_cache(monkeypatch):
+    # With this set the command leaves JAX's cache alone, which the other tests share.
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
+
+
+SMALL = "--optimise --positions 9 --experiments 3 --degree 1 --low -40 --high 60".split()
+
+
+def test_command_optimises_within_the_tables_reach(own_cache):
+    reach = ("--outer", "-100", "100", "--inner", "0", "270", "--step", "0.5")
+    answer = told(*SMALL, *reach, "--json", "-q")
+    assert answer.exit_code == 0, answer.output
+    found = json.loads(answer.stdout)
+    angles = np.array(found["positions_deg"])
+    assert found["schema"] == "inertiax.design/1" and angles.shape == (9, 2)
+    assert np.all(np.abs(angles[:, 0]) <= 100.0)
+    assert np.all((angles[:, 1] >= 0.0) & (angles[:, 1] <= 270.0))
+    np.testing.assert_allclose(2.0 * angles, np.round(2.0 * angles), atol=1e-3)
+    # The stated efficiency is that of the printed angles.
+    own = score("D", _information(Programme("found", np.deg2rad(angles), np.arange(9))), 9)
+    assert found["d_efficiency"] == pytest.approx(
+        own / score("D", sphere_average(ESTIMATOR, TABLE), 1), abs=1e-6
+    )
+    # A line over [−1, 1] from three temperatures, by hand: both ends, one of them twice; det(ΦᵀΦ) is 8
+    # there and 6 for equal steps, so those have an efficiency of √(6/8).
+    ends = np.sort(np.abs(np.array(found["temperatures"]) - 10.0))
+    np.testing.assert_allclose(ends, 50.0, atol=1e-3)
+    assert found["equal_steps_efficiency"] == pytest.approx(np.sqrt(6.0 / 8.0), rel=1e-6)
+
+
+def test_command_tells_hours_for_a_target(own_cache):
+    answer = told(*SMALL, "--target", "10", "--density", "1e-3")
+    assert answer.exit_code == 0, answer.output
+    assert "10 ppm at 95 %" in answer.stdout and answer.stdout.count("h of measuring") == 3
+    hopeless = told(*SMALL, "--target", "10", "--repeatability", "1e-2")
+    # What cannot be reached is an answer, not a failure.
+    assert hopeless.exit_code == 0 and hopeless.stdout.count("not reachable") == 3
+
+
+@pytest.mark.parametrize(
+    "arguments, said",
+    [
+        ((), "say what to do"),
+        (("--audit", "--optimise"), "say what to do"),
+        (("--audit",), "needs a campaign or a scenario"),
+        (("--audit", "no-such-plan"), "'no-such-plan' does not exist"),
+        (("--audit", "paper-check", "--positions", "12"), "'--positions': means nothing with --audit"),
+        (("paper-check", "--optimise"), "'PLAN': means nothing with --optimise"),
+        (("--optimise", "--assumed-noise"), "'--assumed-noise': means nothing with --optimise"),
+        (("--optimise", "--positions", "8"), "8 positions cannot determine 9 parameters"),
+        (("--optimise", "--criterion", "Q"), "'Q' is none of D, A, I"),
+        (("--optimise", "--outer", "10", "-10"), "10 is not below -10"),
+        (("--optimise", "--low", "60"), "60 is not below 60"),
+        (("--optimise", "--experiments", "3"), "3 temperatures cannot determine curves of degree 6"),
+        (("--optimise", "--target", "0"), "0 is not above 0 ppm"),
+    ],
+)  # fmt: skip
+def test_command_says_what_is_wrong_with_its_usage(arguments, said):
+    answer = told(*arguments)
+    assert answer.exit_code == 2 and answer.stdout == ""
+    # The message stands in a frame whose lines break anywhere between words.
+    assert said in " ".join(answer.stderr.replace("│", " ").split())
+
+
+def test_command_says_in_one_line_what_is_wrong_with_a_campaign(tmp_path, capsys, own_cache):
+    (tmp_path / "campaign.toml").write_text('[recordings]\nfiles = ["*.csv"]\nfile = 1\n')
+    with pytest.raises(SystemExit) as exit:
+        main(["design", "--audit", str(tmp_path)])
+    said = capsys.readouterr()
+    assert exit.value.code == 1 and said.out == ""
+    assert said.err.count("\n") == 1 and "campaign.toml" in said.err and "'file'" in said.err

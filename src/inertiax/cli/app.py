@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from . import calibrate, compensate, demo, design, diagnose, export, fleet, noise, plan, simulate
+from . import calibrate, compensate, demo, design, diagnose, export, fleet, noise, simulate
 
 
 app = typer.Typer(
@@ -31,7 +31,6 @@ app.command("design")(design.design)
 app.command("export")(export.export)
 app.command("fleet")(fleet.fleet)
 app.command("noise")(noise.noise)
-app.command("plan")(plan.plan)
 app.command("simulate")(simulate.simulate)
 
 

@@ -1,9 +1,12 @@
-"""`inertiax design`: what a plan can tell, before any of its recordings is explained."""
+"""`inertiax design`: what a given plan can tell, and which plan to take."""
 
 import tempfile
 import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import radians
 from pathlib import Path
-from typing import Annotated, TYPE_CHECKING
+from typing import Annotated, TYPE_CHECKING, TypeVar
 
 import typer
 
@@ -15,20 +18,79 @@ if TYPE_CHECKING:
     from ..recordings import Campaign
 
 
+_JUDGE, _FIND = "Judge a plan (--audit)", "Find a plan (--optimise)"
+_CRITERIA = ("D", "A", "I")  # as in ..design, which needs JAX to import
+
+Reach = tuple[float, float]
+Given = TypeVar("Given")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What --optimise is to find, in the units of the command line."""
+
+    positions: int
+    criterion: str
+    outer: Reach
+    inner: Reach
+    step: float
+    experiments: int
+    degree: int
+    low: float
+    high: float
+    target: float | None
+    density: float
+    repeatability: float
+
+    def check(self) -> None:
+        """What the optimiser would refuse later, said in the command's own words; status 2."""
+        wrong = lambda text, option: typer.BadParameter(text, param_hint=f"'{option}'")
+        if self.positions < 9:
+            raise wrong(f"{self.positions} positions cannot determine 9 parameters.", "--positions")
+        if self.criterion not in _CRITERIA:
+            raise wrong(f"'{self.criterion}' is none of {', '.join(_CRITERIA)}.", "--criterion")
+        reaches = {"--outer": self.outer, "--inner": self.inner, "--low": (self.low, self.high)}
+        for option, (low, high) in reaches.items():
+            if not low < high:
+                raise wrong(f"{low:g} is not below {high:g}.", option)
+        if self.degree < 0 or self.experiments <= self.degree:
+            raise wrong(
+                f"{self.experiments} temperatures cannot determine curves of degree {self.degree}.",
+                "--experiments",
+            )
+        if self.target is not None and not self.target > 0.0:
+            raise wrong(f"{self.target:g} is not above 0 ppm.", "--target")
+        sizes = {"--step": self.step, "--density": self.density}
+        for option, size in {**sizes, "--repeatability": self.repeatability}.items():
+            if not size >= 0.0:
+                raise wrong(f"{size:g} is below 0.", option)
+
+
+def _find(
+    help: str, default: str | None = None, metavar: str | None = None
+) -> typer.models.OptionInfo:
+    """An option of --optimise. Its default is filled in later, so that it shows whether it was given."""
+    return typer.Option(
+        help=help, metavar=metavar, show_default=default or False, rich_help_panel=_FIND
+    )
+
+
 def design(
     plan: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="PLAN",
-            help="Campaign folder or campaign.toml, or a scenario of `inertiax simulate`: file or name.",
+            help="For --audit: campaign folder or campaign.toml, or a scenario of `inertiax simulate`: "
+            "file or name.",
         ),
-    ],
+    ] = None,
     audit: Annotated[
         bool,
         typer.Option(
             "--audit",
-            help="Say what the plan cannot observe, what it cannot tell apart, and from which size on it "
+            help="Say what PLAN cannot observe, what it cannot tell apart, and from which size on it "
             "shows each effect.",
+            rich_help_panel=_JUDGE,
         ),
     ] = False,
     assumed_noise: Annotated[
@@ -37,15 +99,139 @@ def design(
             "--assumed-noise",
             help="Beside the white noise inside rests take a flicker of the same size instead of fitting "
             "slow noise to the recordings.",
+            rich_help_panel=_JUDGE,
         ),
     ] = False,
+    optimise: Annotated[
+        bool,
+        typer.Option(
+            "--optimise",
+            "--optimize",
+            help="Find positions on a two-axis table, and temperatures, for the calibration of "
+            "accelerometers by |a| = g.",
+            rich_help_panel=_FIND,
+        ),
+    ] = False,
+    positions: Annotated[int | None, _find("How many positions, 9 or more.", "18", "N")] = None,
+    criterion: Annotated[
+        str | None,
+        _find(
+            "D (all parameters together), A (their mean variance) or I (mean variance of |a|).",
+            "D",
+            "|".join(_CRITERIA),
+        ),
+    ] = None,
+    outer: Annotated[Reach | None, _find("Reach of the outer axis.", "all", "DEG DEG")] = None,
+    inner: Annotated[Reach | None, _find("Reach of the inner axis.", "all", "DEG DEG")] = None,
+    step: Annotated[float | None, _find("What an axis can be set to.", "any", "DEG")] = None,
+    experiments: Annotated[int | None, _find("How many temperatures.", "13", "N")] = None,
+    degree: Annotated[int | None, _find("Of the curves over temperature.", "6", "N")] = None,
+    low: Annotated[float | None, _find("Lowest temperature.", "-55", "°C")] = None,
+    high: Annotated[float | None, _find("Highest temperature.", "60", "°C")] = None,
+    target: Annotated[
+        float | None,
+        _find(
+            "Half-width, 95 %, that every scale factor is to reach: how long does that take?",
+            metavar="PPM",
+        ),
+    ] = None,
+    density: Annotated[
+        float | None, _find("White noise of the outputs, m/s²/√Hz.", "8e-5", "X")
+    ] = None,
+    repeatability: Annotated[
+        float | None, _find("Scatter after re-positioning, m/s², 1 sigma.", "0", "X")
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Judge a test plan: which effects it shows from which size on, hides, or cannot tell apart."""
-    # Further questions to a plan become further options; each does something only when asked.
-    if not audit:
-        raise typer.BadParameter("say what to do with the plan: --audit.", param_hint="'--audit'")
+    """Design experiments: judge a plan before it is run, or find one.
+
+    `--audit PLAN` says which effects a plan shows from which size on, hides, or cannot tell apart.
+
+    `--optimise` finds the positions and temperatures that determine the parameters best, and with
+    `--target` the hours that a precision takes.
+    """
+    find = {
+        "--positions": positions, "--criterion": criterion, "--outer": outer, "--inner": inner,
+        "--step": step, "--experiments": experiments, "--degree": degree, "--low": low,
+        "--high": high, "--target": target, "--density": density, "--repeatability": repeatability,
+    }  # fmt: skip
+    judge = {"PLAN": plan, "--assumed-noise": assumed_noise or None}
+    _check_question(plan, audit=audit, optimise=optimise, foreign=find if audit else judge)
+    if audit:
+        _audit(str(plan), assumed_noise=assumed_noise, as_json=as_json, quiet=quiet)
+        return
+    wanted = Wanted(
+        positions=_or(positions, 18),
+        criterion=_or(criterion, "D"),
+        outer=_or(outer, (-180.0, 180.0)),
+        inner=_or(inner, (-180.0, 180.0)),
+        step=_or(step, 0.0),
+        experiments=_or(experiments, 13),
+        degree=_or(degree, 6),
+        low=_or(low, -55.0),
+        high=_or(high, 60.0),
+        target=target,
+        density=_or(density, 8e-5),
+        repeatability=_or(repeatability, 0.0),
+    )
+    wanted.check()
+    _optimise(wanted, as_json=as_json, quiet=quiet)
+
+
+def _or(value: Given | None, default: Given) -> Given:
+    return default if value is None else value
+
+
+def _check_question(
+    plan: str | None, *, audit: bool, optimise: bool, foreign: Mapping[str, object]
+) -> None:
+    """One question at a time, without options of the other; status 2 if not."""
+    if audit == optimise:
+        raise typer.BadParameter(
+            "say what to do: either --audit PLAN or --optimise.",
+            param_hint="'--audit' / '--optimise'",
+        )
+    if audit and plan is None:
+        raise typer.BadParameter(
+            "--audit needs a campaign or a scenario to judge.", param_hint="'PLAN'"
+        )
+    for name, value in foreign.items():
+        if value is not None:
+            asked = "--audit" if audit else "--optimise"
+            raise typer.BadParameter(f"means nothing with {asked}.", param_hint=f"'{name}'")
+
+
+def _optimise(wanted: Wanted, *, as_json: bool, quiet: bool) -> None:
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..design import advise, TableLimits
+
+        stages("optimising positions and temperatures")
+        found = advise(
+            wanted.positions,
+            criterion=wanted.criterion,
+            limits=TableLimits(
+                (radians(wanted.outer[0]), radians(wanted.outer[1])),
+                (radians(wanted.inner[0]), radians(wanted.inner[1])),
+                radians(wanted.step),
+            ),
+            target=None if wanted.target is None else 1e-6 * wanted.target,
+            density=wanted.density,
+            repeatability=wanted.repeatability,
+            experiments=wanted.experiments,
+            degree=wanted.degree,
+            low=wanted.low,
+            high=wanted.high,
+        )
+    if as_json:
+        outputs.print_json(found.as_dict())
+    elif not quiet:
+        typer.echo("\n".join(found.lines()))
+
+
+def _audit(plan: str, *, assumed_noise: bool, as_json: bool, quiet: bool) -> None:
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()

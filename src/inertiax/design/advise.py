@@ -1,7 +1,10 @@
-"""One answer to "which positions, how many, how long?" for accelerometers on a two-axis table."""
+"""One answer to "which positions and temperatures, how many, how long?" for accelerometers on a two-axis table."""
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..estimators import Invariant
 from ..simulate.programme import Programme, PROGRAMME_18, PROGRAMME_24, Table
@@ -9,24 +12,30 @@ from ..temperature import Polynomial
 from .criteria import score
 from .effort import Effort, effort_for
 from .information import GRAVITY, ideal_rows, position_information, sphere_average
-from .positions import optimal_positions
+from .positions import optimal_positions, TableLimits
+from .temperatures import optimal_temperatures
 
 
 class Advice(eqx.Module):
-    """A programme, its efficiency, and the effort for a target where one was given."""
+    """A programme and its temperatures, their efficiency, and the effort for a target where one was given."""
 
     programme: Programme
     efficiency: float = eqx.field(static=True)  # against the bound, by the criterion D
     plain: float = eqx.field(static=True)  # of the plain 18 positions, the same
+    temperatures: Float[np.ndarray, " experiments"]  # °C, ascending
+    equal_steps: float = eqx.field(static=True)  # efficiency of equal steps against `temperatures`
     target: float | None = eqx.field(static=True)
     efforts: tuple[Effort, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON: angles in degrees, hours, seconds."""
+        """For JSON: angles in degrees, temperatures in °C, hours, seconds."""
         return {
+            "schema": "inertiax.design/1",
             "positions_deg": np.rad2deg(np.asarray(self.programme.angles)).round(4).tolist(),
             "d_efficiency": self.efficiency,
             "d_efficiency_plain_18": self.plain,
+            "temperatures": self.temperatures.round(3).tolist(),
+            "equal_steps_efficiency": self.equal_steps,
             "target": self.target,
             "efforts": [
                 {
@@ -48,10 +57,14 @@ class Advice(eqx.Module):
             f"positions: {self.plain:.4f})",
             "outer and inner angle, degrees, in the order of short slews:",
             *(f"  {outer:8.2f} {inner:8.2f}" for outer, inner in angles),
+            "temperatures, °C, if the degree is beyond doubt (equal steps have an efficiency of "
+            f"{self.equal_steps:.2f}):",
+            "  " + ", ".join(f"{t:.1f}" for t in self.temperatures),
         ]
         if self.target is not None:
             made.append(
-                f"for {1e6 * self.target:g} ppm at 95 % on every scale factor, all temperatures:"
+                f"for {1e6 * self.target:g} ppm at 95 % on every scale factor, all temperatures, "
+                "in equal steps:"
             )
             made += [
                 f"  {e.programme.name}: {e.dwell_time:.0f} s a position, {e.hours:.1f} h of measuring"
@@ -66,6 +79,7 @@ def advise(
     positions: int,
     *,
     criterion: str = "D",
+    limits: TableLimits | None = None,
     target: float | None = None,
     density: float,
     repeatability: float = 0.0,
@@ -76,26 +90,51 @@ def advise(
 ) -> Advice:
     """The best programme found, how efficient it is, and the dwell time and hours for `target`.
 
-    Arguments as of `optimal_positions` and `effort_for` (SI; `target` is a 95 % half-width, relative);
-    temperatures in equal steps from `low` to `high` °C. Soaks between experiments are not counted.
+    Arguments as of `optimal_positions` and `effort_for` (SI; `target` is a 95 % half-width, relative).
+    The temperatures found are optimal for curves of `degree` from `low` to `high` °C: by D, or, for A and I
+    (with which variances over temperature are averaged), by I. The effort is that of equal steps, the safer choice
+    where the degree is in doubt. Soaks between experiments are not counted.
     """
     estimator, table = Invariant(gravity=GRAVITY), Table()
-    programme = optimal_positions(estimator, positions, criterion=criterion)
+    programme = optimal_positions(estimator, positions, criterion=criterion, limits=limits)
     bound = score("D", sphere_average(estimator, table), 1)
 
     def efficiency(one: Programme) -> float:
         rows = ideal_rows(estimator, table, one.angles)
         return score("D", position_information(rows), one.num_positions) / bound
 
+    basis, steps = Polynomial(degree, low, high), np.linspace(low, high, experiments)
+    temperatures, equal = _temperatures(basis, steps, "D" if criterion == "D" else "I")
     efforts = ()
     if target is not None:
         efforts = effort_for(
             target,
             [programme, PROGRAMME_18, PROGRAMME_24],
             estimator,
-            Polynomial(degree, low, high),
-            np.linspace(low, high, experiments),
+            basis,
+            steps,
             density=density,
             repeatability=repeatability,
         )
-    return Advice(programme, efficiency(programme), efficiency(PROGRAMME_18), target, efforts)
+    return Advice(
+        programme,
+        efficiency(programme),
+        efficiency(PROGRAMME_18),
+        temperatures,
+        equal,
+        target,
+        efforts,
+    )
+
+
+def _temperatures(
+    basis: Polynomial, steps: Float[np.ndarray, " experiments"], criterion: str
+) -> tuple[Float[np.ndarray, " experiments"], float]:
+    """The optimal temperatures, and the efficiency of equal steps against them."""
+    count = len(steps)
+    found = optimal_temperatures(basis, count, low=basis.low, high=basis.high, criterion=criterion)
+    values = lambda at: np.asarray(jax.vmap(basis)(jnp.asarray(at)))
+    over = values(np.linspace(basis.low, basis.high, 201))
+    weight = over.T @ over / len(over)
+    by = [score(criterion, values(t).T @ values(t), count, weight) for t in (steps, found)]
+    return found, by[0] / by[1]
