@@ -20,7 +20,8 @@ from inertiax.design import (
     shortest_order,
     TableLimits,
 )
-from inertiax.design.information import ideal_rows, sphere_average
+from inertiax.design.criteria import log_score, log_score_slope
+from inertiax.design.information import host_rows, host_slopes, ideal_rows, sphere_average
 from inertiax.design.positions import _slews
 from inertiax.estimators import Invariant, ReferenceAccel, ReferenceGyro
 from inertiax.procedure import curve_covariance
@@ -38,7 +39,7 @@ TABLE = Table()
 
 
 def _information(programme):
-    return np.asarray(position_information(ideal_rows(ESTIMATOR, TABLE, programme.angles)))
+    return np.asarray(position_information(host_rows(ESTIMATOR, TABLE, programme.angles)))
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,43 @@ def test_other_criteria_are_optimised_too():
     assert scores["I"] == pytest.approx(1.0, abs=1e-3)
     # A: equal variances are not optimal, as scale factors and angles are known unequally well.
     assert scores["A"] > score("A", weight, 1) * 1.01
+
+
+@pytest.mark.parametrize("criterion", ["D", "A", "I"])
+def test_slope_of_a_criterion_is_its_derivative(criterion):
+    rng = np.random.default_rng(0)
+    root, other = rng.normal(size=(2, 5, 3))
+    matrix, weight = root.T @ root, other.T @ other
+    value, slope = log_score_slope(criterion, matrix, 5, weight)
+    plain = lambda m: log_score(criterion, m, 5, weight)
+    assert value == pytest.approx(float(plain(matrix)), abs=1e-12)
+    h = 1e-6
+    for i, j in ((0, 0), (1, 0), (2, 1)):
+        step = np.zeros((3, 3))
+        step[i, j] = step[j, i] = h
+        numeric = float(plain(matrix + step) - plain(matrix - step)) / (2.0 * h)
+        # Error of the difference: h² and ε/h, 1e-10 both.
+        assert numeric == pytest.approx(np.sum(slope * step) / h, abs=1e-8)
+
+
+def test_rows_over_positions_and_their_slopes_are_those_of_one_position():
+    rng = np.random.default_rng(0)
+    angles = rng.uniform(-3.0, 3.0, (70, 2))  # more than one call takes
+    rows, slopes = host_slopes(ESTIMATOR, TABLE, angles)
+    np.testing.assert_array_equal(rows.shape, host_rows(ESTIMATOR, TABLE, angles).shape)
+    # −(u, u_i u_j) by hand, u the unit vector of gravity's reaction in the case.
+    u = Programme("any", angles, np.arange(70)).directions()
+    pairs = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
+    expected = -np.concatenate([u, np.stack([u[:, i] * u[:, j] for i, j in pairs], axis=1)], axis=1)
+    np.testing.assert_allclose(rows[:, 0], expected, atol=1e-14)
+    h = 1e-5
+    for axis in (0, 1):
+        ahead, behind = angles.copy(), angles.copy()
+        ahead[:, axis], behind[:, axis] = angles[:, axis] + h, angles[:, axis] - h
+        numeric = (host_rows(ESTIMATOR, TABLE, ahead) - host_rows(ESTIMATOR, TABLE, behind)) / (
+            2 * h
+        )
+        np.testing.assert_allclose(slopes[..., axis], numeric, atol=1e-9)
 
 
 def test_table_limits_and_step_are_kept():

@@ -11,7 +11,7 @@ from ..simulate.programme import Programme, PROGRAMME_18, PROGRAMME_24, Table
 from ..temperature import Polynomial
 from .criteria import score
 from .effort import Effort, effort_for
-from .information import GRAVITY, ideal_rows, position_information, sphere_average
+from .information import GRAVITY, host_rows, sphere_average
 from .positions import optimal_positions, TableLimits
 from .temperatures import optimal_temperatures
 
@@ -100,8 +100,8 @@ def advise(
     bound = score("D", sphere_average(estimator, table), 1)
 
     def efficiency(one: Programme) -> float:
-        rows = ideal_rows(estimator, table, one.angles)
-        return score("D", position_information(rows), one.num_positions) / bound
+        rows = host_rows(estimator, table, one.angles)
+        return score("D", np.einsum("nri,nrj->ij", rows, rows), one.num_positions) / bound
 
     basis, steps = Polynomial(degree, low, high), np.linspace(low, high, experiments)
     temperatures, equal = _temperatures(basis, steps, "D" if criterion == "D" else "I")

@@ -50,6 +50,30 @@ def log_score(
     return jnp.log(p / (count * jnp.trace(inverse)))
 
 
+def log_score_slope(
+    criterion: str,
+    information: Float[np.ndarray, "p p"],
+    count: int,
+    weight: Float[np.ndarray, "p p"] | None = None,
+) -> tuple[float, Float[np.ndarray, "p p"]]:
+    """`log_score` and its derivative by M, written out for the host: with W = E for A,
+
+        D:  M⁻¹ / p              A, I:  M⁻¹ W M⁻¹ / tr(M⁻¹ W).
+
+    Where M is singular: −∞ and zeros.
+    """
+    p = len(information)
+    sign, log_det = np.linalg.slogdet(information)
+    if not (sign > 0 and np.isfinite(log_det)):
+        return -np.inf, np.zeros((p, p))
+    inverse = np.linalg.inv(information)
+    if criterion == "D":
+        return log_det / p - np.log(count), inverse / p
+    wanted = weight if criterion == "I" and weight is not None else np.eye(p)
+    trace = np.trace(inverse @ wanted)
+    return float(np.log(p / (count * trace))), inverse @ wanted @ inverse / trace
+
+
 def score(
     criterion: str,
     information: Float[AnyArray, "p p"],

@@ -10,7 +10,7 @@ from .._typing import AnyArray
 from ..estimators import AbstractEstimator
 from ..simulate.programme import Programme, Table
 from ..temperature import AbstractBasis
-from .information import GRAVITY, ideal_rows, unit_scales
+from .information import GRAVITY, host_rows, unit_scales
 
 
 TWO_SIDED_95 = 1.959964  # standard deviations
@@ -53,10 +53,8 @@ def precision(
     about its relative errors, 1e-2 or less. `grid` (°C) is where curves are judged, by default
     from the lowest to the highest temperature.
     """
-    rows = eqx.filter_jit(ideal_rows)(
-        estimator, Table() if table is None else table, programme.angles
-    )
-    information = np.einsum("nri,nrj->ij", np.asarray(rows), np.asarray(rows))
+    rows = host_rows(estimator, Table() if table is None else table, programme.angles)
+    information = np.einsum("nri,nrj->ij", rows, rows)
     per_position = np.linalg.inv(information) * (deviation / GRAVITY) ** 2
     at = np.asarray(temperatures, float)
     phi = np.asarray(jax.vmap(basis)(jnp.asarray(at)))

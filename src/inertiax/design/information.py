@@ -4,6 +4,8 @@ Rows are per unit noise: parameters that are biases are counted in g, so that al
 of one size, and a row has variance (σ/g)² in them, whatever the noise σ of a dwell mean.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -45,6 +47,51 @@ def ideal_rows(
         return jax.jacfwd(ideal.residual)(zero, _dwell(up)) * scales[None, :]
 
     return jax.vmap(one)(jnp.asarray(angles))
+
+
+def host_rows(
+    estimator: AbstractEstimator, table: Table, angles: Float[AnyArray, "positions 2"]
+) -> Float[np.ndarray, "positions rows parameters"]:
+    """`ideal_rows` in NumPy; all numbers of positions share one compiled program."""
+    return _in_chunks(_rows, estimator, table, np.asarray(angles, float))[0]
+
+
+def host_slopes(
+    estimator: AbstractEstimator, table: Table, angles: Float[AnyArray, "positions 2"]
+) -> tuple[
+    Float[np.ndarray, "positions rows parameters"], Float[np.ndarray, "positions rows parameters 2"]
+]:
+    """`host_rows` and their derivatives by each position's own two angles."""
+    rows, slopes = _in_chunks(_rows_and_slopes, estimator, table, np.asarray(angles, float))
+    return rows, slopes
+
+
+_CHUNK = 64  # positions in one call of a compiled program
+
+
+def _in_chunks(
+    program: Callable[[AbstractEstimator, Table, np.ndarray], tuple[Array, ...]],
+    estimator: AbstractEstimator,
+    table: Table,
+    angles: np.ndarray,
+) -> list[np.ndarray]:
+    count = len(angles)
+    padded = np.concatenate([angles, np.zeros((-count % _CHUNK, 2))])
+    parts = [program(estimator, table, piece) for piece in padded.reshape(-1, _CHUNK, 2)]
+    return [np.concatenate([np.asarray(x) for x in own])[:count] for own in zip(*parts)]
+
+
+@eqx.filter_jit
+def _rows(estimator: AbstractEstimator, table: Table, angles: AnyArray) -> tuple[Array, ...]:
+    return (ideal_rows(estimator, table, angles),)
+
+
+@eqx.filter_jit
+def _rows_and_slopes(
+    estimator: AbstractEstimator, table: Table, angles: AnyArray
+) -> tuple[Array, ...]:
+    one = lambda pair: ideal_rows(estimator, table, pair[None])[0]
+    return jax.vmap(one)(angles), jax.vmap(jax.jacfwd(one))(angles)
 
 
 def _ideal(estimator: AbstractEstimator) -> AbstractEstimator:
@@ -92,5 +139,5 @@ def sphere_average(estimator: AbstractEstimator, table: Table) -> Float[np.ndarr
         1.0, ratio
     )
     angles = np.stack([np.arccos(corners[:, 2]), np.arctan2(corners[:, 0], corners[:, 1])], axis=1)
-    rows = eqx.filter_jit(ideal_rows)(estimator, table, angles)
-    return np.asarray(position_information(rows)) / len(corners)
+    rows = host_rows(estimator, table, angles)
+    return np.einsum("nri,nrj->ij", rows, rows) / len(corners)

@@ -1,16 +1,14 @@
 """Optimal programmes of positions for a two-axis table: exchange on a grid, then a gradient's polish."""
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.optimize import minimize
 
 from ..estimators import AbstractEstimator
 from ..simulate.programme import Programme, Table
-from .criteria import CRITERIA, log_score
-from .information import ideal_rows, position_information, sphere_average
+from .criteria import CRITERIA, log_score_slope
+from .information import host_rows, host_slopes, sphere_average
 
 
 class TableLimits(eqx.Module):
@@ -63,7 +61,7 @@ def optimal_positions(
     if criterion not in CRITERIA:
         raise ValueError(f"`optimal_positions(criterion={criterion!r})`: one of {list(CRITERIA)}.")
     candidates = _grid(limits, grid)
-    rows = np.asarray(eqx.filter_jit(ideal_rows)(estimator, table, candidates))
+    rows = host_rows(estimator, table, candidates)
     if count * rows.shape[1] < estimator.num_parameters:
         raise ValueError(
             f"`optimal_positions(count={count})`: {count * rows.shape[1]} equations cannot determine "
@@ -131,17 +129,17 @@ def _polish(
 ) -> Float[np.ndarray, "positions 2"]:
     count = len(start)
 
-    def loss(flat: Array) -> Array:
-        rows = ideal_rows(estimator, table, flat.reshape(count, 2))
-        return -log_score(criterion, position_information(rows), count, weight)
-
-    both = eqx.filter_jit(jax.value_and_grad(loss))
     bounds = [limits.outer, limits.inner] * count
     first = np.clip(start.reshape(-1), *np.array(bounds).T)
 
     def evaluate(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = both(jnp.asarray(flat))
-        return float(value), np.asarray(gradient, float)
+        # The criterion's own derivative is on the host: to compile one through an inverse takes far longer.
+        rows, slopes = host_slopes(estimator, table, flat.reshape(count, 2))
+        information = np.einsum("nri,nrj->ij", rows, rows)
+        value, by_matrix = log_score_slope(criterion, information, count, weight)
+        # ∂(JᵀJ)/∂α = J'ᵀJ + JᵀJ', and the criterion's derivative is symmetric.
+        own = 2.0 * np.einsum("nria,ij,nrj->na", slopes, by_matrix, rows, optimize=True)
+        return -value, -own.reshape(-1)
 
     done = minimize(
         evaluate, first, jac=True, method="L-BFGS-B", bounds=bounds,

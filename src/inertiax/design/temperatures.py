@@ -3,11 +3,11 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy.optimize import minimize
 
 from ..temperature import AbstractBasis
-from .criteria import log_score
+from .criteria import log_score_slope
 
 
 def optimal_temperatures(
@@ -40,16 +40,15 @@ def optimal_temperatures(
     grid = np.asarray(jax.vmap(basis)(jnp.asarray(over)))
     weight = grid.T @ grid / len(over)
 
-    def loss(temperatures: Array) -> Array:
-        phi = jax.vmap(basis)(temperatures)
-        return -log_score(criterion, phi.T @ phi, count, weight)
-
-    both = jax.jit(jax.value_and_grad(loss))
+    both = jax.jit(jax.vmap(lambda t: (basis(t), jax.jacfwd(basis)(t))))
 
     def evaluate(temperatures: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = both(jnp.asarray(temperatures))
-        finite = bool(np.isfinite(value))
-        return (float(value), np.asarray(gradient)) if finite else (1e6, np.zeros(count))
+        phi, slope = (np.asarray(x) for x in both(temperatures))
+        value, by_matrix = log_score_slope(criterion, phi.T @ phi, count, weight)
+        if not np.isfinite(value):
+            return 1e6, np.zeros(count)
+        # ∂(ΦᵀΦ)/∂t_k = φ' φᵀ + φ φ'ᵀ, and the criterion's derivative is symmetric.
+        return -value, -2.0 * np.einsum("ka,ab,kb->k", slope, by_matrix, phi)
 
     rng = np.random.default_rng(seed)
     first = np.linspace(low, high, count)
