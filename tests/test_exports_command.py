@@ -1,16 +1,20 @@
 """`inertiax export`: files, what it says of losses, and how it refuses."""
 
 import json
+import re
 import sys
 
 import numpy as np
 import pytest
 
 from exports_cases import agree, calibration, HIGH, LOW, NOISE, ours, samples
+from inertiax.allan import noise_of
 from inertiax.calibration import read_calibration, write_calibration
 from inertiax.cli import main
 from inertiax.exports import by_name, FORMATS
 from inertiax.exports.registry import read_calibration_of
+from inertiax.recordings import Recording
+from inertiax.report.noise import noise_document
 from inertiax.temperature import Polynomial
 
 
@@ -51,6 +55,63 @@ def test_the_result_is_printed_as_json_and_settings_are_taken(capsys, monkeypatc
     assert status == 0 and said["files"] == [str(to)]
     assert said["error"]["low"] == LOW and said["error"]["force"] > 0
     assert json.loads(to.read_text())["comment"].endswith("60 degC")
+
+
+def noise_file(folder, logs):
+    """What `inertiax noise` writes of logs with the given devices; the y axis is the worst."""
+    rng = np.random.default_rng(0)
+    size = np.array([1e-3, 4e-3, 1e-3])
+    made = [
+        noise_of(
+            Recording(
+                time=np.arange(4096) / 200.0,
+                accel=size * rng.normal(size=(4096, 3)),
+                gyro=0.1 * size * rng.normal(size=(4096, 3)),
+                position=np.zeros(4096, int),
+                device=device,
+            )
+        )
+        for device in logs
+    ]
+    path = folder / "noise.json"
+    path.write_text(json.dumps(noise_document(made)))
+    return path
+
+
+@pytest.mark.parametrize(
+    "name, density, walk, rate",
+    [
+        ("kalibr", "accelerometer_noise_density", "gyroscope_random_walk", "update_rate"),
+        ("basalt", "accel_noise_std", "gyro_bias_std", "imu_update_rate"),
+    ],
+)
+def test_noise_comes_from_the_noise_commands_document(
+    capsys, monkeypatch, file, tmp_path, name, density, walk, rate
+):
+    noise = noise_file(tmp_path, ["another", "SN 7"])
+    to = tmp_path / "out"
+    arguments = ["export", file, "--to", name, "-o", to, "--noise", noise]
+    status, _, err = run(capsys, monkeypatch, *arguments, "--set", f"{walk}=3e-6")
+    assert status == 0, err
+    text = to.read_text()
+    numbers = lambda key: [float(x) for x in re.findall(rf'{key}"?:\s*\[?\s*([-\d.e]+)', text)]
+    # The worst axis: 4e-3 m/s² at 200 Hz is 2.83e-4 m/s²/√Hz; 4096 samples tell it to 1.1 %.
+    np.testing.assert_allclose(numbers(density), 4e-3 / np.sqrt(200.0), rtol=0.05)
+    np.testing.assert_allclose(numbers(rate), 200.0, rtol=1e-6)
+    assert numbers(walk) == [3e-6]  # what is set goes before the document
+    assert "is an upper limit (95 %): the log does not show it" in err
+
+
+def test_noise_that_does_not_fit_is_refused_in_one_line(capsys, monkeypatch, file, tmp_path):
+    noise = noise_file(tmp_path, ["A", "B"])
+    arguments = ["export", file, "--to", "kalibr", "-o", tmp_path / "x", "--noise"]
+    status, _, err = run(capsys, monkeypatch, *arguments, noise)
+    assert status == 1 and "0 of 2 logs are of device 'SN 7'" in err
+    status, _, err = run(capsys, monkeypatch, *arguments, file)
+    assert status == 1 and "not a document of `inertiax noise`" in err
+    arguments[3] = "imu_tk"
+    status, _, err = run(capsys, monkeypatch, *arguments, noise)
+    assert status == 1 and "imu_tk: the format holds no noise figures" in err
 
 
 def test_formats_of_two_files_write_both(capsys, monkeypatch, file, tmp_path):

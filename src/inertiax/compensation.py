@@ -2,6 +2,7 @@
 
 import tomllib
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import equinox as eqx
@@ -13,6 +14,7 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from .calibration import Calibration, TriadCalibration
+from .campaign import pair
 from .formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from .formats.columns import AXES
 from .recordings import Recording
@@ -34,32 +36,86 @@ def compensate_file(
     calibration: Calibration,
     path: Path,
     *,
+    gyro_file: Path | None = None,
     campaign: Path | None = None,
     any_device: bool = False,
 ) -> Compensated:
-    """The table of a CSV or Parquet recording with its outputs compensated, equation (3), named effects included.
+    """The table of a recording with its outputs compensated, equation (3), named effects included.
 
     Columns accel_x/y/z (m/s²) and gyro_x/y/z (rad/s) hold the result, and `extrapolated` says
-    where the temperature is outside `calibration.temperature_range`; all others are kept as they are.
-    `campaign` is a `campaign.toml` (or its folder) whose `[columns]` name the columns and units.
+    where the temperature is outside `calibration.temperature_range`. Of CSV and Parquet all other columns are
+    kept as they are; any other format that `formats` reads gives its canonical columns in SI, and a column
+    `recording` where the file holds several of the device. `gyro_file` holds the gyros where triads are
+    logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
 
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
     says that it is of another device.
     """
-    columns, layout = _mapping(campaign)
-    table = _read(path, layout)
-    recording = _one_recording(table, columns, layout, path.name)
-    _check_device(calibration, recording, path.name, any_device)
-    _check_columns(calibration, recording, path.name)
+    columns, layout, format_name = _mapping(campaign)
+    if not detect.is_recording(path):
+        raise ValueError(f"{path}: a recording file is needed, or a bag's or EuRoC's folder.")
+    chosen = detect.format_of(path, layout) if format_name is None else detect.by_name(format_name)
+    if chosen in (csv, parquet) and gyro_file is None:
+        table = _read(path, chosen, layout)
+        found = tables.to_recordings(table, columns, layout, name=path.name)
+        (recording,) = _of_device(found, path.name)
+        return _compensated_table(
+            calibration, recording, table.slice(layout.start_row), path.name, any_device
+        )
+    read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
+    found = read(path, layout)
+    if gyro_file is not None:
+        alone = [msgspec.structs.replace(layout, triad=t) for t in ("accel", "gyro")]
+        (accel,), (gyro,) = read(path, alone[0]), read(gyro_file, alone[1])
+        found = (pair(accel, gyro),)
+    parts = [
+        _compensated_table(calibration, recording, _table_of(recording), path.name, any_device)
+        for recording in _of_device(found, path.name)
+    ]
+    if len(parts) > 1:
+        names = (r.name for r in found)
+        parts = [
+            part._replace(table=part.table.with_columns(recording=pl.lit(name)))
+            for part, name in zip(parts, names, strict=True)
+        ]
+    return Compensated(
+        pl.concat([p.table for p in parts]),
+        sum(p.num_extrapolated for p in parts),
+        tuple(dict.fromkeys(note for p in parts for note in p.notes)),
+    )
+
+
+def _compensated_table(
+    calibration: Calibration, recording: Recording, table: pl.DataFrame, name: str, any_device: bool
+) -> Compensated:
+    """A recording's table with the columns that compensation makes."""
+    _check_device(calibration, recording, name, any_device)
+    _check_columns(calibration, recording, name)
     force, rate, outside, left_out = _compensate(calibration, recording)
-    notes = _notes(calibration, recording, outside, path.name)
-    notes += tuple(f"{path.name}: {line}" for line in left_out)
+    notes = _notes(calibration, recording, outside, name)
+    notes += tuple(f"{name}: {line}" for line in left_out)
     new = {"extrapolated": outside}
-    for name, triad in (("accel", force), ("gyro", rate)):
-        if triad is not None:
-            new |= {f"{name}_{axis}": triad[:, k] for k, axis in enumerate(AXES)}
-    kept = table.slice(layout.start_row)
-    return Compensated(kept.with_columns(**new), int(outside.sum()), notes)
+    for triad, values in (("accel", force), ("gyro", rate)):
+        if values is not None:
+            new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
+    return Compensated(table.with_columns(**new), int(outside.sum()), notes)
+
+
+def _table_of(recording: Recording) -> pl.DataFrame:
+    """A recording as canonical columns, SI."""
+    columns: dict[str, np.ndarray] = {"time": recording.time}
+    for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
+        values = getattr(recording, triad)
+        if values is not None:
+            columns |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
+    if recording.temperature is not None:
+        probes = recording.temperature.T
+        columns |= {f"temperature{f'_{k + 1}' if k else ''}": v for k, v in enumerate(probes)}
+    for label in ("experiment", "position"):
+        if getattr(recording, label) is not None:
+            columns[label] = getattr(recording, label)
+    table = pl.DataFrame(columns)
+    return table.with_columns(device=pl.lit(recording.device)) if recording.device else table
 
 
 def compensate_recording(
@@ -137,34 +193,34 @@ def _compensate_chunk(
     return force, rate, jax.vmap(calibration.extrapolates)(jnp.asarray(temperature))
 
 
-def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout]:
-    """`[columns]` and the layout under `[recordings]` of a campaign."""
+def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
+    """`[columns]`, and the layout and format under `[recordings]`, of a campaign."""
     if campaign is None:
-        return ColumnMap(), Layout()
+        return ColumnMap(), Layout(), None
     file = campaign / "campaign.toml" if campaign.is_dir() else campaign
     try:
         raw = tomllib.loads(file.read_text("utf-8-sig"))
         columns = msgspec.convert(raw.get("columns", {}), ColumnMap)
-        said = raw.get("recordings", {})
-        layout = msgspec.convert({k: said[k] for k in ("names", "start_row") if k in said}, Layout)
+        said = dict(raw.get("recordings", {}))
+        name = said.pop("format", None)
+        for key in ("files", "gyro_files"):
+            said.pop(key, None)
+        layout = msgspec.convert({**said, "gravity": raw.get("site", {}).get("gravity")}, Layout)
+        return columns, layout, msgspec.convert(name, str | None)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{file}: not valid TOML: {error}.") from None
     except msgspec.ValidationError as error:
         raise ValueError(f"{file}: [columns] or [recordings]: {error}.") from None
-    return columns, layout
 
 
-def _read(path: Path, layout: Layout) -> pl.DataFrame:
-    chosen = detect.detect(path)
-    if chosen is parquet:
-        try:
-            return pl.read_parquet(path, hive_partitioning=False, glob=False)
-        except (pl.exceptions.PolarsError, OSError) as error:
-            reason = str(error).splitlines()[0]
-            raise ValueError(f"{path.name}: the Parquet file is damaged: {reason}.") from None
-    if chosen is not csv:
-        raise ValueError(f"{path.name}: a CSV or Parquet recording is needed.")
-    return _typed(csv.read_table(path, layout.names))
+def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
+    if chosen is csv:
+        return _typed(csv.read_table(path, layout.names))
+    try:
+        return pl.read_parquet(path, hive_partitioning=False, glob=False)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"{path.name}: the Parquet file is damaged: {reason}.") from None
 
 
 def _typed(table: pl.DataFrame) -> pl.DataFrame:
@@ -180,15 +236,17 @@ def _typed(table: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def _one_recording(table: pl.DataFrame, columns: ColumnMap, layout: Layout, name: str) -> Recording:
-    recordings = tables.to_recordings(table, columns, layout, name=name)
-    if len(recordings) > 1:
-        shown = ", ".join([r.device for r in recordings[:5]] + ["…"] * (len(recordings) > 5))
-        raise ValueError(
-            f"{name}: holds {len(recordings)} devices ({shown}), but a "
-            f"calibration is of one; write each device's rows to a file of its own."
-        )
-    return next(iter(recordings))
+def _of_device(recordings: tuple[Recording, ...], name: str) -> tuple[Recording, ...]:
+    """The recordings, which must be of one device."""
+    devices = tuple(dict.fromkeys(r.device for r in recordings))
+    if len(devices) == 1:
+        return recordings
+    shown = ", ".join([*devices[:5], *["…"] * (len(devices) > 5)])
+    raise ValueError(
+        f"{name}: holds {len(devices)} devices ({shown}), but a "
+        f"calibration is of one; write each device's rows to a file of its own, or name one IMU of a flight "
+        f"log with [recordings] instance."
+    )
 
 
 def _check_device(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
@@ -22,7 +23,7 @@ from .one_device import Linearised, Problem
 from .procedure import ThermalSolution
 from .results import TriadResult
 from .scatter import chi2_per_dof, judged, num_judged, with_provisional_scatter, with_scatter
-from .solve import least_squares
+from .solve import DenseNormal
 from .temperature import AbstractBasis, Constant, Curve, Polynomial
 from .uncertainty import judge_normal, Observability
 
@@ -252,9 +253,8 @@ def _solve(
 
 @eqx.filter_jit
 def _linear_step(design: AnyArray, right: AnyArray) -> Array:
-    start = jnp.zeros(design.shape[1], design.dtype)
-    solution = least_squares(lambda x, rows: rows[0] @ x + rows[1], start, (design, right))
-    return jnp.where(solution.succeeded, jnp.asarray(solution.parameters), jnp.nan)
+    operator = lx.MatrixLinearOperator(jnp.asarray(design))
+    return lx.linear_solve(operator, -jnp.asarray(right), DenseNormal(), throw=False).value
 
 
 def _covariance(

@@ -30,7 +30,9 @@ def compensate(
     recording: Annotated[
         Path,
         typer.Argument(
-            metavar="RECORDING", exists=True, dir_okay=False, help="CSV or Parquet recording."
+            metavar="RECORDING",
+            exists=True,
+            help="Recording in any format that a campaign reads; a bag's or EuRoC's folder.",
         ),
     ],
     output: Annotated[
@@ -47,7 +49,17 @@ def compensate(
         typer.Option(
             exists=True,
             metavar="FILE",
-            help="campaign.toml whose [columns] say names and units of the recording.",
+            help="campaign.toml whose [columns] and [recordings] say names, units and layout.",
+        ),
+    ] = None,
+    gyro_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--gyro",
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="The gyros' file, where RECORDING holds the accelerometers alone.",
         ),
     ] = None,
     any_device: Annotated[
@@ -59,8 +71,8 @@ def compensate(
     """Compensate a recording: specific force in m/s² and angular rate in rad/s.
 
     The result is the recording's table with accel_x/y/z and gyro_x/y/z compensated, every other
-    column kept, and a column `extrapolated`: true where the temperature is outside what the
-    calibration covered.
+    column kept (of CSV and Parquet; other formats give canonical columns), and a column `extrapolated`:
+    true where the temperature is outside what the calibration covered.
     """
     if output.suffix.lower() not in _SUFFIXES:
         raise typer.BadParameter(
@@ -77,7 +89,11 @@ def compensate(
 
         stages("compensating")
         result = compensate_file(
-            read_calibration(calibration), recording, campaign=campaign, any_device=any_device
+            read_calibration(calibration),
+            recording,
+            gyro_file=gyro_file,
+            campaign=campaign,
+            any_device=any_device,
         )
         stages("writing")
         _write_table(result.table, output)

@@ -38,6 +38,15 @@ def export(
             "--set", metavar="KEY=VALUE", help="A setting of the format; repeat for several."
         ),
     ] = None,
+    noise: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="noise.json of `inertiax noise`, for formats that hold noise (--set goes before it).",
+        ),
+    ] = None,
     source: Annotated[
         str,
         typer.Option(
@@ -90,7 +99,14 @@ def export(
         else:
             known = read_calibration_of(calibration.read_bytes(), source, **how)
         stages("exporting")
+        notes: tuple[str, ...] = ()
+        if noise is not None:
+            from ..exports.noise import settings_from_noise
+
+            told = settings_from_noise(noise.read_bytes(), by_name(to), known.device)
+            values, notes = {**told.values, **values}, told.notes
         result = write(known, to, **values)
+        result = result._replace(notes=(*notes, *result.notes))
         loss = measure_loss(known, result)
         written = _write(result, output or _default(calibration, by_name(to).SUFFIX))
     _tell(to, result, loss, written, as_json=as_json, quiet=quiet)

@@ -23,7 +23,13 @@ SUFFIX = ".basalt.json"
 KEEPS = "bias, full matrices (in the accelerometers' frame); one temperature"
 LOSES = "temperature dependence, g-sensitivity, the case frame, uncertainties"
 
-_NOISE = ("accel_noise_std", "gyro_noise_std", "accel_bias_std", "gyro_bias_std")
+NOISE = {  # triad and term of IEEE Std 952 of each; m/s³/√Hz is m/s²/√s
+    "accel_noise_std": ("accel", "N"),
+    "gyro_noise_std": ("gyro", "N"),
+    "accel_bias_std": ("accel", "K"),
+    "gyro_bias_std": ("gyro", "K"),
+}
+RATE = "imu_update_rate"
 
 
 class Settings(OneTemperature, frozen=True, kw_only=True):
@@ -45,7 +51,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     gyro = frame @ np.linalg.inv(p.gyro_matrix)
     accel_bias, gyro_bias = accel @ p.accel_bias, gyro @ p.gyro_bias
     s, s_g = accel - np.eye(3), gyro - np.eye(3)
-    noise = {key: [_positive(settings, key)] * 3 for key in _NOISE}
+    noise = {key: [_positive(settings, key)] * 3 for key in NOISE}
     value = {
         "T_imu_cam": [],
         "intrinsics": [],
@@ -70,7 +76,8 @@ def _positive(settings: Settings, key: str) -> float:
     value = getattr(settings, key)
     if value is None or not (np.isfinite(value) and value > 0):
         raise ValueError(
-            f"basalt: {key} must be a positive number (from an Allan deviation); give --set {key}=..."
+            f"basalt: {key} must be a positive number (from an Allan deviation); give --noise noise.json "
+            f"of `inertiax noise`, or --set {key}=..."
         )
     return float(value)
 

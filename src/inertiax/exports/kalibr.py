@@ -30,6 +30,14 @@ _NOISE = (
     ("gyroscope_noise_density", "rad/s/√Hz"),
     ("gyroscope_random_walk", "rad/s²/√Hz"),
 )
+# Triad and term of IEEE Std 952 of each; m/s³/√Hz is m/s²/√s.
+NOISE = {
+    "accelerometer_noise_density": ("accel", "N"),
+    "accelerometer_random_walk": ("accel", "K"),
+    "gyroscope_noise_density": ("gyro", "N"),
+    "gyroscope_random_walk": ("gyro", "K"),
+}
+RATE = "update_rate"
 
 
 class Settings(OneTemperature, frozen=True, kw_only=True):
@@ -91,7 +99,7 @@ def _positive(settings: Settings, key: str, unit: str) -> float:
     if value is None or not (np.isfinite(value) and value > 0):
         raise ValueError(
             f"kalibr: {key} must be a positive number of {unit} (from an Allan deviation); give "
-            f"--set {key}=..."
+            f"--noise noise.json of `inertiax noise`, or --set {key}=..."
         )
     return float(value)
 

@@ -49,7 +49,7 @@ def read_recordings(
     if not is_recording(path):
         what = "is a folder" if path.is_dir() else "does not exist"
         raise ValueError(f"{path}: {what}; a recording file is needed.")
-    chosen = _format(path, layout) if name is None else by_name(name)
+    chosen = format_of(path, layout) if name is None else by_name(name)
     if path.is_dir() and chosen not in (euroc, ros):
         raise ValueError(f"{path}: is a folder; format {chosen.NAME} needs a file.")
     for key in _SPECIAL_KEYS:
@@ -70,7 +70,8 @@ def _is_euroc(folder: Path) -> bool:
     return euroc.data_file(folder) is not None
 
 
-def _format(path: Path, layout: Layout) -> ModuleType:
+def format_of(path: Path, layout: Layout = AS_FOUND) -> ModuleType:
+    """The format that a file, or a folder that `is_recording`, is read in. Raises as `detect` does."""
     if path.is_dir():
         return ros if ros.is_bag(path) else euroc
     if layout.sections is not None:
