@@ -1,4 +1,4 @@
-"""`inertiax fleet`: every device of a Parquet data set, resumable."""
+"""`inertiax fleet`: every device of a line, resumable, with a page over all of them."""
 
 from pathlib import Path
 from typing import Annotated, TYPE_CHECKING
@@ -6,7 +6,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, CampaignPath, OutputFolder, Quiet
+from .calibrate import AsJson, CampaignPath, command_line, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
@@ -27,37 +27,98 @@ def fleet(
             help="A running Dask scheduler, tcp://host:port, or `local` to start Dask workers here.",
         ),
     ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="POPULATION",
+            exists=True,
+            help="What is known of the line: an earlier run's folder or its population.json. Devices of "
+            "short programmes get from it what their own positions do not tell.",
+        ),
+    ] = None,
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RESULTS",
+            exists=True,
+            file_okay=False,
+            help="Folder of an earlier run: the report tells what changed for the same serial numbers.",
+        ),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="T,T,...",
+            help="Temperatures, °C, at which --earlier is compared; default: the lowest, middle and highest "
+            "that both runs cover.",
+        ),
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(
             metavar="SERIAL",
-            help="Only write calibration-SERIAL.json of one device of a run that is done.",
+            help="Only write calibration-SERIAL.json and devices/SERIAL.html of one device of a run that is "
+            "done.",
         ),
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Calibrate many devices from Parquet files, and set bad ones aside with the reason.
+    """Calibrate many devices, and set bad ones aside with the reason.
 
-    The folder gets parts/*.parquet with a row for each device, quarantine.parquet with those set
-    aside, and summary.json. A run that was broken off, at any moment, goes on with the same command.
+    CAMPAIGN names Parquet files of many devices. The folder gets parts/*.parquet with a row for each device,
+    quarantine.parquet with those set aside, population.json with the line's mean and spread, summary.json
+    and report.html. A run that was broken off, at any moment, goes on with the same command.
     """
     outputs.require_folder(output)
+    temperatures = _temperatures(at)
     environment.prepare()
-    from ..fleet import fleet_calibration, run_fleet
+    from ..fleet import read_population, run_fleet
+    from ..report.fleet import report_fleet
 
     if device is not None:
-        from ..calibration import write_calibration
-
-        file = output / f"calibration-{outputs.folder_names((device,))[device]}.json"
-        write_calibration(fleet_calibration(output, device), file)
-        typer.echo(f"wrote {file}", err=as_json)
+        _one_device(output, device, as_json=as_json)
         return
+    known = None if prior is None else read_population(prior)
     with console.Counter("devices' tasks", quiet=quiet) as counter:
         summary = run_fleet(
-            campaign, output, workers=workers, scheduler=scheduler, progress=counter
+            campaign, output, workers=workers, scheduler=scheduler, prior=known, progress=counter
+        )
+    with console.Stages(quiet=quiet) as stages:
+        stages("writing the report")
+        report_fleet(
+            output, command_line(), outputs.folder_names, earlier=earlier, temperatures=temperatures
         )
     _tell(summary, output, as_json=as_json, quiet=quiet)
+
+
+def _temperatures(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(
+            f"'{text}' is not a list of temperatures such as -20,25,60.", param_hint="'--at'"
+        ) from None
+
+
+def _one_device(output: Path, device: str, *, as_json: bool) -> None:
+    """The page first: a device that was set aside has one, but no calibration."""
+    from ..calibration import write_calibration
+    from ..fleet import fleet_calibration
+    from ..report.fleet import fleet_page
+    from ..report.fleet_device import report_device
+
+    page = fleet_page(output)
+    # The same names as in the report, so that two serial numbers never share a page.
+    names = outputs.folder_names(tuple(dict.fromkeys((*page.paged, device))))
+    known = (page.manifest, page.population, page.unlike)
+    shown = report_device(output, device, names[device], *known, command_line())
+    typer.echo(f"wrote {shown}", err=as_json)
+    file = output / f"calibration-{names[device]}.json"
+    write_calibration(fleet_calibration(output, device), file)
+    typer.echo(f"wrote {file}", err=as_json)
 
 
 def _tell(summary: "FleetSummary", output: Path, *, as_json: bool, quiet: bool) -> None:
@@ -70,4 +131,4 @@ def _tell(summary: "FleetSummary", output: Path, *, as_json: bool, quiet: bool) 
         )
         for reason, count in summary.reasons:
             typer.echo(f"  {count} × {reason}")
-        typer.echo(f"results in {output}")
+        typer.echo(f"results in {output}, see {output / 'report.html'}")

@@ -8,7 +8,7 @@ import polars as pl
 
 from ..calibration import Calibration, TriadCalibration
 from ..temperature import Curve
-from .store import read_manifest, read_parts, write_table
+from .store import Manifest, read_manifest, read_parts, write_table
 from .triad_model import basis_of, TriadModel
 
 
@@ -37,15 +37,20 @@ def summarise(folder: Path, before: int) -> FleetSummary:
     table = read_parts(folder).select("device", "reason").collect()
     aside = table.filter(pl.col("reason") != "")
     write_table(aside, folder / "quarantine.parquet")
-    kinds = aside.with_columns(kind=pl.col("reason").str.replace_all(r"[-+]?\d[\d.e+-]*", "…"))
-    counted = kinds.group_by("kind").len().sort("len", "kind", descending=[True, False])
     return FleetSummary(
         devices=table.height,
         calibrated=table.height - aside.height,
         set_aside=aside.height,
-        reasons=tuple((k, int(n)) for k, n in counted.iter_rows()),
+        reasons=kinds_of_reasons(aside.get_column("reason")),
         tasks_before=before,
     )
+
+
+def kinds_of_reasons(reasons: pl.Series) -> tuple[tuple[str, int], ...]:
+    """Reasons that differ only in their numbers as one, with how often, most frequent first."""
+    kinds = reasons.str.replace_all(r"[-+]?\d[\d.e+-]*", "…").alias("kind").to_frame()
+    counted = kinds.group_by("kind").len().sort("len", "kind", descending=[True, False])
+    return tuple((kind, int(times)) for kind, times in counted.iter_rows())
 
 
 def fleet_calibration(folder: Path | str, device: str) -> Calibration:
@@ -61,11 +66,16 @@ def fleet_calibration(folder: Path | str, device: str) -> Calibration:
     row = found.row(0, named=True)
     if row["reason"]:
         raise ValueError(f"{folder}: device '{device}' was set aside: {row['reason']}.")
+    return calibration_of(row, manifest)
+
+
+def calibration_of(row: dict, manifest: Manifest) -> Calibration:
+    """The calibration that a row of the results' table holds."""
     return Calibration(
         gravity=manifest.gravity,
         accel=_triad(manifest.accel, row, "accel"),
         gyro=_triad(manifest.gyro, row, "gyro"),
-        device=device,
+        device=row["device"],
         temperature_range=(row["temperature_low"], row["temperature_high"]),
         notes=manifest.reasons,
     )

@@ -1,0 +1,373 @@
+"""The page over a fleet run: yield, quarantine, distributions, devices unlike the others, drift."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+import polars as pl
+
+from ..fleet.population import Population, read_population
+from ..fleet.recalibration import Drift, drift_between, FAR
+from ..fleet.results import kinds_of_reasons
+from ..fleet.store import Manifest, read_manifest, read_parts
+from ..fleet.view import triad_view, TriadView, Unlike, unlike_devices
+from ..plots import fleet as plots
+from ..plots.style import drawing
+from ..quality import TRIAD_NAMES
+from ..quantities import label, rms_text, with_sigma
+from .fleet_device import line_units, report_device, signed
+from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
+
+
+PAGES = 20  # of single devices, of each kind
+DRAWN = 5  # of them with figures, which take most of the time
+LISTED = 100  # devices in a table
+_UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
+
+FileNames = Callable[[tuple[str, ...]], dict[str, str]]
+
+
+class FleetPage(eqx.Module):
+    """What a page tells of a run, before it is written out."""
+
+    manifest: Manifest = eqx.field(static=True)
+    population: Population | None = eqx.field(static=True)
+    states: pl.DataFrame = eqx.field(static=True)  # device, reason
+    views: dict[str, TriadView]
+    unlike: dict[str, tuple[Unlike, ...]] = eqx.field(static=True)
+    drifts: dict[str, Drift]
+
+    @property
+    def aside(self) -> pl.DataFrame:
+        """Devices in quarantine."""
+        return self.states.filter(pl.col("reason") != "")
+
+    @property
+    def unlike_names(self) -> tuple[str, ...]:
+        """Devices unlike the others in any triad, the farthest first."""
+        found = sorted((u for us in self.unlike.values() for u in us), key=lambda u: -abs(u.sigmas))
+        return tuple(dict.fromkeys(u.device for u in found))
+
+    @property
+    def paged(self) -> tuple[str, ...]:
+        """Devices that get a page of their own."""
+        return (*self.unlike_names[:PAGES], *self.aside.get_column("device").head(PAGES).to_list())
+
+
+def fleet_page(
+    folder: Path | str,
+    *,
+    earlier: Path | str | None = None,
+    temperatures: Sequence[float] | None = None,
+) -> FleetPage:
+    """Gather what the page tells from a run's output folder.
+
+    **Arguments:** `earlier` is the output folder of an earlier run over the same devices; `temperatures`
+    (°C) are where the two are compared.
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    states = read_parts(folder).select("device", "reason").collect()
+    assert manifest is not None  # `read_parts` has looked
+    known = (folder / "population.json").exists()
+    population = read_population(folder) if known else None
+    views = {
+        triad: view
+        for triad in ("accel", "gyro")
+        if (view := triad_view(folder, triad, manifest, population)) is not None
+    }
+    drifts: dict[str, Drift] = {}
+    if earlier is not None:
+        for triad in views:
+            found = drift_between(folder, earlier, triad, temperatures=temperatures)
+            drifts |= {} if found is None else {triad: found}
+        if not drifts:
+            raise ValueError(f"{earlier} and {folder} have no calibrated device in common.")
+    unlike = {triad: unlike_devices(view) for triad, view in views.items()}
+    return FleetPage(manifest, population, states, views, unlike, drifts)
+
+
+def report_fleet(
+    folder: Path | str,
+    command: str,
+    names: FileNames,
+    *,
+    earlier: Path | str | None = None,
+    temperatures: Sequence[float] | None = None,
+) -> FleetPage:
+    """Write `report.html`, `figures/` and the pages of single devices into a run's output folder.
+
+    **Arguments:** `command` is what to type to get it again; `names` gives each of some devices a harmless
+    file name; for `earlier` and `temperatures` see `fleet_page`.
+    """
+    folder = Path(folder)
+    page = fleet_page(folder, earlier=earlier, temperatures=temperatures)
+    files = names(page.paged)
+    drawn = page.unlike_names[:DRAWN]
+    for device in page.paged:
+        known = (page.manifest, page.population)
+        report_device(
+            folder, device, files[device], *known, page.unlike, command, figures=device in drawn
+        )
+    write_page(
+        folder / "report.html",
+        title="Calibration of a fleet",
+        under=_under(page),
+        verdict=_verdict(page),
+        keys=_keys(page),
+        sections=[
+            *_reasons_section(page),
+            *(_triad_section(triad, view, folder) for triad, view in page.views.items()),
+            *_unlike_section(page, files),
+            *_aside_section(page, files),
+            *(_drift_section(triad, d, page, folder) for triad, d in page.drifts.items()),
+            _files_section(page),
+        ],
+        command=command,
+    )
+    return page
+
+
+def _under(page: FleetPage) -> str:
+    parts = []
+    for triad, view in page.views.items():
+        model = view.model
+        over = f"degree {model.degree} in temperature" if model.degree else "constant"
+        parts.append(f"{TRIAD_NAMES[triad].lower()} ('{model.estimator}', {over})")
+    said = f"Estimated: {', '.join(parts)}." if parts else "Nothing was estimated."
+    return f"{said} Every device with the prior of its line." if page.manifest.prior else said
+
+
+def _verdict(page: FleetPage) -> Verdict:
+    total, aside = page.states.height, page.aside.height
+    lines = []
+    if aside:
+        kinds = kinds_of_reasons(page.aside.get_column("reason"))
+        lines.append(f"Most frequent reason: {kinds[0][0]} ({kinds[0][1]} devices).")
+    unlike = len(page.unlike_names)
+    if unlike:
+        lines.append(
+            f"{unlike} calibrated devices are unlike the others; their calibrations stand, but look at "
+            "them before they are shipped."
+        )
+    for triad, drift in page.drifts.items():
+        lines.append(_drift_sentence(triad, drift))
+    good = total - aside
+    headline = f"{good} of {total} devices calibrated: a yield of {_percent(good, total)}."
+    if not good:
+        return Verdict("bad", "No device could be calibrated.", tuple(lines))
+    if 2 * aside > total:
+        return Verdict("bad", headline, tuple(lines))
+    return Verdict("attention" if aside or unlike else "good", headline, tuple(lines))
+
+
+def _percent(part: int, whole: int) -> str:
+    # 19 999 of 20 000 must not read as all of them.
+    value = 100.0 * part / whole
+    return f"{value:.0f} %" if value in (0.0, 100.0) else f"{min(value, 99.99):.2f} %"
+
+
+def _keys(page: FleetPage) -> list[Key]:
+    total, aside = page.states.height, page.aside.height
+    keys = [
+        Key("Devices", f"{total}"),
+        Key("Calibrated", f"{total - aside}", f"yield {_percent(total - aside, total)}"),
+        Key("Set aside", f"{aside}", "see quarantine.parquet" if aside else ""),
+        Key("Unlike the others", f"{len(page.unlike_names)}"),
+    ]
+    for triad, view in page.views.items():
+        low, middle, high = (
+            rms_text(_UNITS[triad], v) for v in np.quantile(view.rms, [0.05, 0.5, 0.95])
+        )
+        keys.append(Key(f"{TRIAD_NAMES[triad]}: rms misfit", middle, f"90 % from {low} to {high}"))
+    return keys
+
+
+def _reasons_section(page: FleetPage) -> list[Section]:
+    if not page.aside.height:
+        return []
+    kinds = kinds_of_reasons(page.aside.get_column("reason"))[:LISTED]
+    table = Table(("devices", "reason"), tuple((str(n), k) for k, n in kinds), numeric=(0,))
+    return [Section("Set aside: why", tables=(table,))]
+
+
+def _aside_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
+    if not page.aside.height:
+        return []
+    rows = tuple((_link(d, files), reason) for d, reason in page.aside.head(PAGES).iter_rows())
+    more = page.aside.height - len(rows)
+    lines = (f"The first {PAGES}; {more} more are in quarantine.parquet.",) if more else ()
+    return [Section("Set aside: which", lines=lines, tables=(Table(("device", "reason"), rows),))]
+
+
+def _link(device: str, files: dict[str, str]) -> str | Link:
+    return Link(device, f"devices/{files[device]}.html") if device in files else device
+
+
+def _triad_section(triad: str, view: TriadView, folder: Path) -> Section:
+    title = TRIAD_NAMES[triad]
+    units, where = line_units(view.model, view.mean[view.reference]), _where(view)
+    figures = []
+    caption = (
+        f"{title}: every parameter over {len(view.devices)} devices{where}; the line's mean and one standard "
+        "deviation between devices (dashed). Numbers with arrows: devices beyond the axis."
+    )
+    with drawing():
+        figure = plots.distributions(view, units)
+        figures.append(picture(figure, folder, f"fleet-{triad}", caption, caption))
+    figures += _curve_pictures(triad, view, units, folder)
+    lines = _line_sentences(view)
+    table = _parameter_table(view, units)
+    return Section(f"{title}: the line", lines=lines, tables=(table,), figures=tuple(figures))
+
+
+def _where(view: TriadView) -> str:
+    return f" at {view.temperatures[view.reference]:.0f} °C" if view.model.degree else ""
+
+
+def _curve_pictures(triad: str, view: TriadView, units: plots.Units, folder: Path) -> list[Picture]:
+    if view.line is None or not view.model.degree:
+        return []
+    caption = (
+        f"{TRIAD_NAMES[triad]}: the line's mean over temperature, with one and two standard deviations "
+        "between devices."
+    )
+    with drawing():
+        figure = plots.line_curves(view.line, units)
+        return [picture(figure, folder, f"fleet-{triad}-curves", caption, caption)]
+
+
+def _line_sentences(view: TriadView) -> tuple[str, ...]:
+    if view.line is None:
+        return ("Fewer than five devices: too few for the spread between devices.",)
+    if view.informed:
+        return (
+            "Mean and spread are the prior's. Devices were drawn towards its mean where their own dwells "
+            "tell little, so the histograms are narrower than the line.",
+        )
+    return (
+        f"Mean and spread from {view.line.devices} devices, free of the devices' own uncertainties and of "
+        f"{len(view.line.outliers)} devices unlike the others. '--prior' takes them from this folder.",
+    )
+
+
+def _parameter_table(view: TriadView, units: plots.Units) -> Table:
+    at, rows = view.reference, []
+    for k, (name, (factor, unit)) in enumerate(zip(view.model.names, units, strict=True)):
+        values, spread = factor * view.values[:, at, k], factor * view.spread[at, k]
+        mean, shown = with_sigma(float(factor * view.mean[at, k]), float(spread))
+        own = float(np.median(factor * view.sigmas[:, at, k]))
+        own_shown = with_sigma(own, own)[1]
+        ends = (with_sigma(float(v), float(spread))[0] for v in (values.min(), values.max()))
+        rows.append((label(name), unit, mean, shown, own_shown, *ends))
+    head = ("parameter", "unit", "mean", "spread", "own 1 sigma", "least", "greatest")
+    return Table(
+        head,
+        tuple(rows),
+        numeric=(2, 3, 4, 5, 6),
+        caption=f"Spread: standard deviation between devices; own: of one device, median{_where(view)}.",
+    )
+
+
+def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
+    rows = []
+    for triad, found in page.unlike.items():
+        degree = page.views[triad].model.degree
+        for u in found:
+            at = f"{u.temperature:.0f} °C" if degree else ""
+            what = f"{TRIAD_NAMES[triad]}: {label(u.parameter)}"
+            rows.append((abs(u.sigmas), (_link(u.device, files), what, at, signed(u.sigmas))))
+    if not rows:
+        return []
+    rows.sort(key=lambda row: -row[0])
+    more = len(rows) - LISTED
+    lines = [
+        "So far from the line's mean, in one parameter or in all together, that it would happen to any "
+        "device of this fleet by a chance of 1 %. Shown is the parameter that is farthest out."
+    ]
+    lines += [f"The first {LISTED}; {more} more are in population.json."] if more > 0 else []
+    head = ("device", "parameter", "at", "sigmas of the fleet")
+    table = Table(head, tuple(row for _, row in rows[:LISTED]), numeric=(3,))
+    return [Section("Devices unlike the others", lines=tuple(lines), tables=(table,))]
+
+
+def _drift_sentence(triad: str, drift: Drift) -> str:
+    count, beyond = drift.change.size, int((np.abs(drift.sigmas) > FAR).sum())
+    return (
+        f"{TRIAD_NAMES[triad]}: {len(drift.devices)} devices were calibrated before; {beyond} of {count} "
+        f"changes are beyond {FAR:g} sigma, where chance alone gives about {0.0027 * count:.0f}."
+    )
+
+
+def _drift_section(triad: str, drift: Drift, page: FleetPage, folder: Path) -> Section:
+    view = page.views[triad]
+    units = line_units(view.model, view.mean[view.reference])
+    temperatures = ", ".join(f"{t:g}" for t in drift.temperatures)
+    caption = f"{TRIAD_NAMES[triad]}: all changes since the earlier run; curve: chance alone."
+    with drawing():
+        figure = plots.drift_sigmas(drift)
+        shown = picture(figure, folder, f"fleet-{triad}-drift", caption, caption)
+    lines = [_drift_sentence(triad, drift), f"Compared at {temperatures} °C."]
+    if page.manifest.prior is not None:
+        lines.append(
+            "Estimates with a prior are drawn to its mean, and with them the changes to zero."
+        )
+    return Section(
+        f"{TRIAD_NAMES[triad]}: drift since the earlier run",
+        lines=tuple(lines),
+        tables=(_common_table(drift, units), _far_table(drift, units)),
+        figures=(shown,),
+    )
+
+
+def _common_table(drift: Drift, units: plots.Units) -> Table:
+    """What all devices have in common: a change of the line, the rig or the reference."""
+    rows = []
+    for k, (name, (factor, unit)) in enumerate(zip(drift.names, units, strict=True)):
+        change = factor * drift.change[:, :, k]
+        common = np.median(change, axis=0)
+        spread = 1.4826 * np.median(np.abs(change - common), axis=0)
+        cells = (" ± ".join(with_sigma(float(c), float(s))) for c, s in zip(common, spread))
+        rows.append((label(name), unit, *cells))
+    head = ("parameter", "unit", *(f"{t:g} °C" for t in drift.temperatures))
+    caption = "Median change over the devices ± its spread between them."
+    return Table(head, tuple(rows), numeric=tuple(range(2, len(head))), caption=caption)
+
+
+def _far_table(drift: Drift, units: plots.Units) -> Table:
+    sigmas = drift.sigmas
+    far = np.argwhere(np.abs(sigmas) > FAR)
+    order = np.argsort(-np.abs(sigmas[tuple(far.T)]))[:LISTED]
+    rows = []
+    for d, t, k in far[order]:
+        factor, unit = units[k]
+        change, sigma = (
+            with_sigma(float(factor * v[d, t, k]), float(factor * drift.sigma[d, t, k]))
+            for v in (drift.change, drift.sigma)
+        )
+        rows.append(
+            (
+                drift.devices[d],
+                label(drift.names[k]),
+                f"{drift.temperatures[t]:g} °C",
+                f"{change[0]} ± {sigma[1]}",
+                unit,
+                signed(float(sigmas[d, t, k])),
+            )
+        )
+    caption = f"Changes beyond {FAR:g} sigma of both uncertainties together"
+    caption += f", the {LISTED} greatest of {len(far)}." if len(far) > LISTED else "."
+    head = ("device", "parameter", "at", "change", "unit", "sigmas")
+    return Table(head, tuple(rows), numeric=(3, 5), caption=caption)
+
+
+def _files_section(page: FleetPage) -> Section:
+    items = [
+        "parts/*.parquet: a row for each device with parameters, sigmas, covariance, misfit",
+        "quarantine.parquet: the devices set aside, each with the reason",
+        "population.json: mean and spread of the line, the prior for devices of short programmes",
+        f"devices/*.html: the first {PAGES} devices unlike the others and set aside; "
+        "'inertiax fleet … --device SERIAL' writes any device's page and calibration",
+    ]
+    return Section("Files and choices", items=(*items, *page.manifest.reasons))

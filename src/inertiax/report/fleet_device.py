@@ -1,0 +1,195 @@
+"""The page of one device of a fleet: its parameters beside its line's."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from ..calibration import TriadCalibration
+from ..fleet.population import Population, TriadPopulation
+from ..fleet.results import calibration_of
+from ..fleet.store import Manifest, read_parts
+from ..fleet.triad_model import basis_of, curve_covariance, TriadModel
+from ..fleet.view import reference_temperature, Unlike
+from ..plots import fleet as plots
+from ..plots.style import drawing
+from ..quality import TRIAD_NAMES
+from ..quantities import customary_units, label, rms_text, with_sigma
+from ..temperature import Curve
+from .page import Key, Picture, picture, Section, Table, Verdict, write_page
+
+
+NOTABLE = 4.0  # sigmas of the fleet
+_UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
+
+
+def report_device(
+    folder: Path,
+    device: str,
+    name: str,
+    manifest: Manifest,
+    population: Population | None,
+    unlike: dict[str, tuple[Unlike, ...]],
+    command: str,
+    *,
+    figures: bool = True,
+) -> Path:
+    """Write `devices/NAME.html` of one device of a run, and return its path.
+
+    **Arguments:** `name` is a harmless file name for the device; `unlike` are the run's devices unlike the
+    others; `figures` draws its curves over the line's.
+
+    Raises `ValueError` for a device that the run does not hold.
+    """
+    found = read_parts(folder).filter(pl.col("device") == device).collect()
+    if not found.height:
+        raise ValueError(f"{folder}: no device '{device}' in this run.")
+    row = found.row(0, named=True)
+    home, solved = folder / "devices", _solved(row, manifest)
+    sections, notable = [], _words(device, unlike)
+    for triad, calibration in solved.items():
+        line = None if population is None else getattr(population, triad)
+        informed = manifest.prior is not None and getattr(manifest.prior, triad) is not None
+        table, far = _table(calibration, line, getattr(manifest, triad), informed=informed)
+        notable += far
+        pictures = _pictures(triad, calibration, line, home, name) if figures else ()
+        sections.append(Section(TRIAD_NAMES[triad], tables=(table,), figures=pictures))
+    file = home / f"{name}.html"
+    write_page(
+        file,
+        title=f"Device {device}",
+        under="One device of a fleet run, beside its line.",
+        verdict=_verdict(row["reason"], notable, bool(solved)),
+        keys=_keys(row, solved),
+        sections=sections,
+        command=command,
+    )
+    return file
+
+
+def _words(device: str, unlike: dict[str, tuple[Unlike, ...]]) -> list[str]:
+    """What the run found unlike the others in a device."""
+    return [
+        f"{label(u.parameter)} at {u.temperature:.0f} °C by {signed(u.sigmas)} sigma"
+        for found in unlike.values()
+        for u in found
+        if u.device == device
+    ]
+
+
+def signed(sigmas: float) -> str:
+    """A deviation with its sign and one decimal."""
+    return f"{round(sigmas, 1) + 0.0:+.1f}"
+
+
+def _solved(row: dict, manifest: Manifest) -> dict[str, TriadCalibration]:
+    """Triads with numbers to show; a device in quarantine may have none."""
+    numbers = {
+        t: row.get(f"{t}_parameters") for t in ("accel", "gyro") if getattr(manifest, t) is not None
+    }
+    if any(v is None or not np.all(np.isfinite(v)) for v in numbers.values()):
+        return {}
+    calibration = calibration_of(row, manifest)
+    both = {"accel": calibration.accel, "gyro": calibration.gyro}
+    return {k: v for k, v in both.items() if v is not None}
+
+
+def _verdict(reason: str, notable: list[str], solved: bool) -> Verdict:
+    if reason:
+        lines = (f"{reason}.",)
+        shown = ("What was estimated is shown all the same; do not use it.",) if solved else ()
+        return Verdict("bad", "Set aside.", lines + shown)
+    if notable:
+        return Verdict(
+            "attention",
+            "Calibrated, but unlike its line.",
+            (f"Farthest from the line's mean: {'; '.join(notable[:5])}.",),
+        )
+    return Verdict("good", "Calibrated, and like its line.")
+
+
+def _keys(row: dict, solved: dict[str, TriadCalibration]) -> list[Key]:
+    keys = []
+    if row.get("dwells") is not None:
+        low, high = row["temperature_low"], row["temperature_high"]
+        keys.append(Key("Dwells", str(row["dwells"]), f"{low:.1f} to {high:.1f} °C"))
+    for triad in solved:
+        chi2 = row[f"{triad}_chi2_per_dof"]
+        known = chi2 is not None and math.isfinite(chi2)
+        detail = f"χ² per degree of freedom {chi2:.2f}" if known else "noise unknown"
+        rms = rms_text(_UNITS[triad], row[f"{triad}_rms"])
+        keys.append(Key(f"{TRIAD_NAMES[triad]}: rms misfit", rms, detail))
+    return keys
+
+
+def line_units(model: TriadModel, values: np.ndarray) -> plots.Units:
+    """Factor from SI and customary unit of every parameter, from values at one temperature."""
+    basis = basis_of(model)
+    coefficients = np.zeros((basis.size, len(model.names)))
+    coefficients[0] = values
+    none = np.zeros((coefficients.size, coefficients.size))
+    return customary_units(
+        TriadCalibration(Curve(basis, coefficients), none, model.names, model.estimator)
+    )
+
+
+def _table(
+    calibration: TriadCalibration,
+    line: TriadPopulation | None,
+    model: TriadModel,
+    *,
+    informed: bool,
+) -> tuple[Table, list[str]]:
+    """Parameters at the reference temperature, and in words those that are far out, the farthest first."""
+    at = reference_temperature(model)
+    values = np.asarray(calibration.curve(at))
+    sigmas = np.asarray(calibration.standard_deviations(at))
+    units = line_units(model, values)
+    grid = np.array([at])
+    mean = None if line is None else line.mean_curves(grid)[0]
+    prior = None if line is None else curve_covariance(model, line.prior_covariance, grid)[0]
+    rows, far = [], []
+    for k, (name, (factor, unit)) in enumerate(zip(model.names, units, strict=True)):
+        shown = with_sigma(float(factor * values[k]), float(factor * sigmas[k]))
+        cells = ["", "", ""]
+        if mean is not None and prior is not None and math.isfinite(sigmas[k]):
+            own = float(np.square(sigmas[k]))
+            variance = max(prior[k] - own, 1e-3 * prior[k]) if informed else prior[k] + own
+            away = float((values[k] - mean[k]) / math.sqrt(variance))
+            cells = [
+                *with_sigma(float(factor * mean[k]), float(factor * math.sqrt(prior[k]))),
+                signed(away),
+            ]
+            if abs(away) > NOTABLE:
+                far.append((abs(away), f"{label(name)} by {signed(away)} sigma"))
+        rows.append((label(name), unit, *shown, *cells))
+    where = f" at {at:.0f} °C" if model.degree else ""
+    head = (
+        "parameter",
+        "unit",
+        "value",
+        "± 1 sigma",
+        "line's mean",
+        "spread",
+        "sigmas of the fleet",
+    )
+    table = Table(head, tuple(rows), numeric=(2, 3, 4, 5, 6), caption=f"Parameters{where}.")
+    return table, [words for _, words in sorted(far, reverse=True)]
+
+
+def _pictures(
+    triad: str,
+    calibration: TriadCalibration,
+    line: TriadPopulation | None,
+    folder: Path,
+    name: str,
+) -> tuple[Picture, ...]:
+    if line is None or not line.model.degree:
+        return ()
+    at = reference_temperature(line.model)
+    units = line_units(line.model, np.asarray(calibration.curve(at)))
+    caption = "This device (orange) over its line: mean, one and two standard deviations between devices (blue)."
+    with drawing():
+        figure = plots.line_curves(line, units, calibration)
+        return (picture(figure, folder, f"{name}-{triad}", caption, caption),)
