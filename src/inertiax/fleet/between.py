@@ -142,7 +142,7 @@ def _restricted(
 def _iterated(
     x: np.ndarray, c: np.ndarray, sigma: np.ndarray, shrinkage: float, max_steps: int
 ) -> tuple[np.ndarray, bool]:
-    """EM steps until Σ changes by far less than its sampling error, √(2 / devices)."""
+    """EM steps until Σ changes by a fiftieth of its sampling error, about √(1 / devices)."""
     count, own = len(x), np.diagonal(c.mean(axis=0))
     sigma = _shrunk(sigma, shrinkage)
     for _ in range(max_steps):
@@ -151,7 +151,7 @@ def _iterated(
         size = np.sqrt(np.diagonal(new) + own)
         change = np.abs((new - sigma) / (size[:, None] * size[None, :])).max()
         sigma = new
-        if change < 1e-3 / np.sqrt(count):
+        if change < 0.02 / np.sqrt(count):
             return sigma, True
     return sigma, False
 
