@@ -10,6 +10,12 @@ from inertiax.estimators import AbstractEstimator
 from inertiax.temperature import Curve
 
 
+@eqx.filter_jit
+def _linearise(estimator, vectors, dwells):
+    one = lambda v, d: (estimator.residual(v, d), jax.jacfwd(estimator.residual)(v, d))
+    return jax.vmap(one)(vectors, dwells)
+
+
 def refitted(
     estimator: AbstractEstimator,
     curve: Curve,
@@ -30,12 +36,10 @@ def refitted(
     )
     phi = np.asarray(jax.vmap(curve.basis)(jnp.asarray(dwells.temperature)))
     phi = phi.reshape(runs, count, -1)
-    one = lambda v, d: (estimator.residual(v, d), jax.jacfwd(estimator.residual)(v, d))
-    linearise = jax.jit(jax.vmap(one))
     found = np.tile(np.asarray(curve.coefficients), (runs, 1, 1))
     for _ in range(steps):
         vectors = phi @ found
-        residual, jacobian = linearise(vectors.reshape(runs * count, -1), dwells)
+        residual, jacobian = _linearise(estimator, vectors.reshape(runs * count, -1), dwells)
         rows = np.asarray(residual).reshape(runs, -1, 1)
         own = np.asarray(jacobian).reshape(runs, count, rows.shape[1] // count, 1, -1)
         whole = (phi[:, :, None, :, None] * own).reshape(runs, rows.shape[1], -1)

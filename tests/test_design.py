@@ -24,7 +24,7 @@ from inertiax.design.criteria import log_score, log_score_slope
 from inertiax.design.information import host_rows, host_slopes, ideal_rows, sphere_average
 from inertiax.design.positions import _slews
 from inertiax.estimators import Invariant, ReferenceAccel, ReferenceGyro
-from inertiax.procedure import curve_covariance
+from inertiax.one_device import Problem
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import Plan
@@ -201,7 +201,9 @@ def test_precision_over_temperature_is_the_covariance_of_the_fit():
     device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=2))
     basis = device.accel.curve.series.basis
     dwells, _ = simulate_dwells(None, plan, device)
-    covariance = np.asarray(curve_covariance(ESTIMATOR, device.accel.curve.series, dwells))
+    problem = Problem(ESTIMATOR, basis, dwells)
+    at_truth = problem.at(device.accel.curve.series.coefficients)
+    covariance = np.linalg.inv(problem.normal(at_truth.jacobian))
     predicted = precision(
         ESTIMATOR, basis, PROGRAMME_18, at, deviation=1e-5, grid=np.array([0.0, 50.0])
     )
