@@ -22,7 +22,7 @@ def _courses(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
     time = np.asarray(signal.time)
     x = (time - time[0]) / max(time[-1] - time[0], 1e-9)
     span = time[-1] - time[0]
-    for width in (0.03, 0.08):
+    for width in (0.015, 0.03, 0.08):
         for centre in np.arange(width, 1.0, 2.0 * width):
             course = np.exp(-0.5 * ((x - centre) / width) ** 2)
             yield (

@@ -15,7 +15,7 @@ from ..recordings import Campaign, Recording
 
 
 EARTH_RATE = 7.292115e-5  # rad/s
-MOST_BLOCKS = 2400
+MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
 

@@ -201,3 +201,13 @@ def burst_places(prepared: Prepared, burst: Burst) -> list[Where]:
             )
         )  # fmt: skip
     return made
+
+
+def swallows(prepared: Prepared, burst: Burst, term: Term) -> bool:
+    """Whether a named jump is but a moment of the disturbance: within it, or nearer than its length."""
+    if term.name != "bias_step":
+        return False
+    time = prepared.coarse.time
+    begin, end = float(time[burst.first]), float(time[burst.last])
+    reach = end - begin
+    return begin - reach <= float(term.variant.settings["time"]) <= end + reach

@@ -12,6 +12,7 @@ from ..recordings import Campaign
 from .alternatives import alternatives
 from .baseline import Baseline, choose, fit, ModelForm, usable
 from .blocks import Blocks, cut, join, Log
+from .flexible import flexible
 from .signals import build, specific_force
 from .system import make, System
 from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term, terms
@@ -27,6 +28,7 @@ class Prepared:
     coarse: Signal
     system: System
     candidates: tuple[Term, ...]
+    flexible: tuple[Term, ...]  # what must find nothing beside the right explanation
     missing: dict[str, str]
     clock: np.ndarray  # s, the recording's clock at every sample of the log
 
@@ -92,6 +94,7 @@ def prepare_triad(
         coarse,
         system,
         (*listed, *alternatives(coarse, blocks, base)),
+        tuple(flexible(coarse, base)),
         missing,
         log.clock,
     )

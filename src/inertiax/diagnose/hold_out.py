@@ -16,7 +16,7 @@ from .baseline import Baseline, choose, fit, rows_at, usable
 from .blocks import Blocks, cut, join, Log
 from .engine import prepare, prepare_triad, Prepared
 from .result import Diagnosis
-from .run import conclude_findings, find, Finding, Progress, silent, tuned
+from .run import conclude_findings, find, find_all, Finding, Progress, silent, tuned
 from .signals import specific_force
 from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term
 
@@ -69,7 +69,8 @@ def hold_out(
                 accel = base
                 force = specific_force(log, blocks, accel)
             prepared = prepare_triad(campaign, log, rest, form, base, force, effects)
-            finding = find(prepared, campaign.grade, progress)
+            hint = findings[-1].answer.remembered if findings else None
+            finding = find(prepared, campaign.grade, progress, hint)
             findings.append(finding)
             terms = [t for _, t, _ in tuned(prepared, finding.answer)]
             predictions.extend(_predict(prepared, terms, log, left, force))
@@ -89,7 +90,7 @@ def leave_positions_out(
     """
     with jax.enable_x64(True):
         log, triads = prepare(campaign, effects)
-        findings = [find(p, campaign.grade, progress) for p in triads]
+        findings = find_all(triads, campaign.grade, progress)
         predictions = [p for f in findings for p in _positions_out(f)]
         return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
 

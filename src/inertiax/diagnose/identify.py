@@ -1,12 +1,13 @@
 """From candidates to an answer for one triad: gate, name, open-set check."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
+from .memory import remember, Remembered
 from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
 from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
@@ -18,7 +19,9 @@ MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
 TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
-PAIRED = 40  # leading forms of which all pairs are tried
+LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
+SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
+TRIED = 40  # leading candidates that are asked whether they predict
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,7 @@ class Answer:
     candidates: tuple[Term, ...]  # a short list
     ranked: tuple[Candidate, ...]  # of the first step
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
+    remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
 
 
 def effective_tests(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) -> float:
@@ -170,8 +174,10 @@ def identify(
     system: System,
     catalogue: Sequence[Term],
     alternatives: Sequence[Term],
+    flexible: Sequence[Term] = (),
     *,
     grade: str | None,
+    hint: str | None = None,
     finer: Callable[[Term], list[Term]] = lambda term: [],
     say: Callable[[str], None] = lambda text: None,
 ) -> Answer:
@@ -189,85 +195,95 @@ def identify(
     fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
     first = ranked
     gate = min(family_p(c, tests) for c in ranked[:10])
-    chosen: list[Candidate] = []
-    noise, best_open, open_p = null, None, 1.0
-    while len(chosen) < 2 * MOST_EFFECTS and ranked:
-        ranked = [c for c in ranked if _is_open(c) or not _full(chosen, c)]
-        ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
-        listed = next((c for c in ranked if not _is_open(c)), None)
-        unlisted = next((c for c in ranked if _is_open(c)), None)
-        level = GATE if not chosen else NEXT
-        if unlisted is not None and (
-            listed is None or unlisted.evidence > listed.evidence + MARGIN
-        ):
-            p = family_p(unlisted, tests)
-            if p < level and unlisted.evidence > 0:
-                best_open, open_p = unlisted, p
-                if listed is None or not _pair_beats(
-                    system, fuller, ranked, listed, unlisted, short, chosen, forms, grade
-                ):
-                    break
-                best_open, open_p = None, 1.0
-        if (
-            listed is None
-            or family_p(listed, tests) >= level
-            or listed.evidence < (0.0 if not chosen else 2.0)
-        ):
-            break
-        chosen.append(listed)
-        terms = [c.term for c in chosen]
-        noise = fit_noise(system, terms, noise)
-        say(f"{listed.term.name} on {', '.join(listed.term.channel_names)}")
-        fuller, ranked = _rank(system, [noise], short, terms, forms, grade)
-    return _conclude(
-        system,
-        chosen,
-        best_open,
-        open_p,
-        noise,
-        null,
-        gate,
-        tests,
-        short,
-        first,
-        forms,
-        grade,
-        scores,
-    )
+    ask = Asked(system, tuple(short), forms, grade, tests, say)
+    found = ask.search([], fuller, ranked, None)
+    memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
+    if memory is not None:
+        say(f"{memory.chosen[0].term.name} predicts stretches left out")
+        terms = [c.term for c in memory.chosen]
+        fuller, ranked = _rank(system, [fit_noise(system, terms)], short, terms, forms, grade)
+        found = ask.search(list(memory.chosen), fuller, ranked, memory)
+    left = None if memory is not None else ask.left_over(found, flexible)
+    return _conclude(ask, found, left, memory, null, gate, first, scores)
 
 
-def _pair_beats(system, fuller, ranked, listed, unlisted, short, chosen, forms, grade) -> bool:
-    """Whether two catalogued effects together explain more than the best unlisted dependence."""
-    terms = [c.term for c in chosen] + [listed.term]
-    noise = fit_noise(system, terms, fuller.leader)
-    catalogue = [t for t in short if not t.name.startswith(PREFIX)]
-    _, more = _rank(system, [noise], catalogue, terms, forms, grade)
-    return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Effects taken one after the other, and what ended the search."""
+
+    chosen: tuple[Candidate, ...]
+    noise: NoiseFit | None
+    unlisted: Candidate | None
+    unlisted_p: float
 
 
-def _conclude(
-    system,
-    chosen: list[Candidate],
-    best_open: Candidate | None,
-    open_p,
-    noise,
-    null,
-    gate,
-    tests,
-    short,
-    first,
-    forms,
-    grade,
-    scores,
-) -> Answer:
-    named = []
-    catalogue = [t for t in short if not t.name.startswith(PREFIX)]
-    for k, mine in enumerate(chosen):
-        others = [c.term for j, c in enumerate(chosen) if j != k]
-        shared = bank(system, [noise] if others else [noise, null], others)
-        again = judge(system, shared, catalogue, others, forms, grade)
+@dataclass(frozen=True, eq=False)
+class LeftOver:
+    """The flexible dependence that still finds something beside the named effects."""
+
+    candidate: Candidate
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """One triad's rows with what may explain them."""
+
+    system: System
+    short: tuple[Term, ...]
+    forms: dict
+    grade: str | None
+    tests: float
+    say: Callable[[str], None]
+
+    def search(
+        self,
+        chosen: list[Candidate],
+        fuller: Bank,
+        ranked: list[Candidate],
+        memory: Remembered | None,
+    ) -> Found:
+        """Take effects one after the other beside those given, until none passes."""
+        system, tests = self.system, self.tests
+        noise = fuller.leader if chosen else None
+        while len(chosen) < 2 * MOST_EFFECTS and ranked:
+            terms = [c.term for c in chosen]
+            ranked = [c for c in ranked if _is_open(c) or not _full(chosen, c)]
+            ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
+            leading = (c for c in ranked[:TRIED] if memory is None or memory.pays(c.term, terms))
+            listed, unlisted = _first_of_both(leading)
+            level = GATE if not chosen else NEXT
+            if unlisted is not None and (
+                listed is None or unlisted.evidence > listed.evidence + MARGIN
+            ):
+                p = family_p(unlisted, tests)
+                if p < level and unlisted.evidence > 0:
+                    if listed is None or not self._pair_beats(fuller, listed, unlisted, terms):
+                        return Found(tuple(chosen), noise, unlisted, p)
+            if (
+                listed is None
+                or family_p(listed, tests) >= level
+                or listed.evidence < (0.0 if not chosen else 2.0)
+            ):
+                break
+            chosen.append(listed)
+            terms = [c.term for c in chosen]
+            noise = fit_noise(system, terms, noise)
+            self.say(f"{listed.term.name} on {', '.join(listed.term.channel_names)}")
+            fuller, ranked = _rank(system, [noise], self.short, terms, self.forms, self.grade)
+        return Found(tuple(chosen), noise, None, 1.0)
+
+    def again(self, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:
+        """A chosen effect compared once more with all rivals beside the other chosen ones."""
+        mine_only = set(mine.term.chains)
+        catalogue = [
+            t
+            for t in self.short
+            if not t.name.startswith(PREFIX) and not mine_only.isdisjoint(t.chains)
+        ]
+        shared = bank(self.system, noises, others)
         names: dict[str, Candidate] = {}
-        for c in again:
+        for c in judge(self.system, shared, catalogue, others, self.forms, self.grade):
             names.setdefault(c.term.name, c)
         own: Candidate = names.get(mine.term.name, mine)
         top: Candidate = max(names.values(), key=lambda c: c.evidence)
@@ -276,9 +292,86 @@ def _conclude(
             c for c in sorted(names.values(), key=lambda c: -c.evidence)
             if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
         )  # fmt: skip
-        named.append(Named(lead, family_p(lead, tests), rivals))
+        return Named(lead, family_p(lead, self.tests), rivals)
+
+    def left_over(self, found: Found, flexible: Sequence[Term]) -> "LeftOver | None":
+        """What the named effects leave for the flexible dependences, if it counts beside what they explain."""
+        if not found.chosen or found.noise is None or found.unlisted is not None:
+            return None
+        system, terms = self.system, [c.term for c in found.chosen]
+        chains = {c for t in terms for c in t.chains}
+        asked = [t for t in flexible if chains.issuperset(t.chains)]
+        start = bank(system, [found.noise], terms)
+        ranked = judge(system, start, asked, terms, {}, self.grade)
+        ranked = sorted(ranked, key=_rareness)
+        fuller = refine(system, start, ranked[:6], terms, most=3)
+        ranked = judge(system, fuller, [c.term for c in ranked[:6]], terms, {}, self.grade)
+        if not ranked:
+            return None
+        worst = min(ranked, key=_rareness)
+        p = float(np.exp(min(_rareness(worst) + np.log(len(asked)), 0.0)))
+        mine = sum(c.ratio for c in found.chosen if set(c.term.chains) & set(worst.term.chains))
+        share = (worst.ratio - worst.score.size) / max(mine, 1e-300)
+        self.say(f"left over: {share:.2f} of the explained, p {p:.1e} ({worst.term.variant.label})")
+        return LeftOver(worst, p) if p < LEFT and share > SHARE else None
+
+    def _pair_beats(
+        self, fuller: Bank, listed: Candidate, unlisted: Candidate, chosen: list[Term]
+    ) -> bool:
+        """Whether two catalogued effects together explain more than the best unlisted dependence."""
+        terms = [*chosen, listed.term]
+        noise = fit_noise(self.system, terms, fuller.leader)
+        catalogue = [t for t in self.short if not t.name.startswith(PREFIX)]
+        _, more = _rank(self.system, [noise], catalogue, terms, self.forms, self.grade)
+        return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN
+
+
+def _rareness(candidate: Candidate) -> float:
+    """Logarithm of the chance of such a likelihood ratio by noise alone."""
+    return float(scipy.stats.chi2.logsf(max(candidate.ratio, 0.0), candidate.score.size))
+
+
+def _first_of_both(
+    ranked: Iterable[Candidate],
+) -> tuple[Candidate | None, Candidate | None]:
+    """The best catalogued candidate and the best unlisted one."""
+    listed = unlisted = None
+    for candidate in ranked:
+        if _is_open(candidate):
+            unlisted = unlisted or candidate
+        else:
+            listed = listed or candidate
+        if listed is not None and unlisted is not None:
+            break
+    return listed, unlisted
+
+
+def _conclude(
+    ask: Asked,
+    found: Found,
+    left: LeftOver | None,
+    memory: Remembered | None,
+    null: NoiseFit,
+    gate: float,
+    first: Sequence[Candidate],
+    scores: Sequence[Score],
+) -> Answer:
+    chosen, noise = found.chosen, found.noise
+    named = []
+    if memory is not None:
+        for mine, others in zip(memory.chosen, memory.rivals):
+            named.append(Named(mine, memory.p_value, tuple(replace(mine, term=t) for t in others)))
+    for k, mine in enumerate(chosen[len(named) :], start=len(named)):
+        assert noise is not None  # fitted beside each effect chosen
+        others = [c.term for j, c in enumerate(chosen) if j != k]
+        named.append(ask.again(mine, others, [noise] if others else [noise, null]))
+    best_open, open_p = found.unlisted, found.unlisted_p
+    if best_open is None and left is not None:
+        best_open, open_p = left.candidate, left.p_value
     if best_open is not None and (
-        not named or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)
+        left is not None
+        or not named
+        or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)
     ):
         verdict = "unexplained"
     elif named:
@@ -290,11 +383,12 @@ def _conclude(
         tuple(named),
         best_open,
         open_p,
-        noise,
+        null if noise is None else noise,
         null,
         gate,
-        tests,
-        tuple(short),
+        ask.tests,
+        ask.short,
         tuple(first[:40]),
         tuple(s for s in scores if s.term.effect is not None),
+        None if memory is None else memory.chosen[0].term.name,
     )

@@ -19,6 +19,7 @@ from .alternatives import alternatives
 from .baseline import Baseline, fit, ModelForm
 from .blocks import Blocks, cut, join, Log
 from .engine import Prepared
+from .flexible import flexible
 from .signals import build, specific_force
 from .system import make
 from .terms import coarsen, terms
@@ -115,4 +116,5 @@ def prepare_model(
     listed, missing = terms(tuple(catalogue), signal, blocks, base)
     system = make(base, blocks, [np.zeros(blocks.num_blocks)] * 3)
     unlisted = alternatives(coarse, blocks, base)
-    return Prepared(form, blocks, signal, coarse, system, (*listed, *unlisted), missing, log.clock)
+    candidates, free = (*listed, *unlisted), tuple(flexible(coarse, base))
+    return Prepared(form, blocks, signal, coarse, system, candidates, free, missing, log.clock)

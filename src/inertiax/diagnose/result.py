@@ -86,6 +86,9 @@ class Diagnosis(eqx.Module):
     detectable: tuple[Detectable, ...] = ()
     empirical: str | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+    noise: tuple[str, ...] = eqx.field(
+        static=True, default=()
+    )  # fitted noise beside Allan deviations
     audit: Audit | None = None
     residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
 
@@ -105,6 +108,7 @@ class Diagnosis(eqx.Module):
             "parameters_moved": [_fields(m) for m in self.parameters_moved],
             "detectable": [_fields(d) for d in self.detectable],
             "notes": list(self.notes),
+            "noise": list(self.noise),
         }
         if self.audit is not None:
             made["audit"] = self.audit.as_dict()

@@ -1,7 +1,7 @@
 """The whole diagnosis of a campaign: gate, locate, name, check, quantify, prove, say."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
@@ -15,10 +15,11 @@ from ..campaign import load_campaign
 from ..effects import CATALOGUE, Effect, Signal
 from ..recordings import Campaign, Recording, Site
 from ..temperature import Constant, Curve, Polynomial
+from .allan_check import allan_checks
 from .alternatives import PREFIX
 from .audit import Audited, conclude
 from .augmented import fitted_effects
-from .bursts import Burst, burst_places, find_bursts
+from .bursts import Burst, burst_places, find_bursts, swallows
 from .engine import finer, prepare, Prepared
 from .identify import Answer, identify, Named
 from .limits import Audit
@@ -72,7 +73,7 @@ def diagnose_campaign(
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
         _, triads = prepare(seen, effects)
         progress("blocks, models and signatures made")
-        findings = [find(p, campaign.grade, progress) for p in triads]
+        findings = find_all(triads, campaign.grade, progress)
         found, second = conclude_findings(seen, findings, effects, progress)
         return found, second if calibration is None else succeeding(calibration, second)
 
@@ -144,8 +145,19 @@ def run_diagnosis(
     return diagnosis
 
 
-def find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
-    """Gate, locate and name for one triad."""
+def find_all(triads: Sequence[Prepared], grade: str | None, progress: Progress) -> list[Finding]:
+    """Every triad's finding; what one remembers of temperature is looked for on the next."""
+    made: list[Finding] = []
+    for prepared in triads:
+        hint = made[-1].answer.remembered if made else None
+        made.append(find(prepared, grade, progress, hint))
+    return made
+
+
+def find(
+    prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
+) -> Finding:
+    """Gate, locate and name for one triad; `hint` is a thermal effect that another triad has shown."""
     triad = prepared.form.triad
     listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
     unlisted = [t for t in prepared.candidates if t.name.startswith(PREFIX)]
@@ -153,14 +165,25 @@ def find(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
         prepared.system,
         listed,
         unlisted,
+        prepared.flexible,
         grade=grade,
+        hint=hint,
         finer=lambda term: finer(prepared, term),
         say=lambda text: progress(f"{triad}: {text}"),
     )
+    outputs = np.asarray(prepared.signal.output)
+    chosen = [n.candidate.term for n in answer.named]
     bursts: list[Burst] = []
-    if answer.verdict == "consistent":
-        outputs = np.asarray(prepared.signal.output)
-        bursts = find_bursts(prepared, outputs, answer.noise, [])
+    if answer.verdict != "unexplained":
+        bursts = find_bursts(prepared, outputs, answer.noise, chosen)
+    if answer.verdict == "missing-physics":
+        bursts = [b for b in bursts if any(swallows(prepared, b, t) for t in chosen)]
+        kept = tuple(
+            n
+            for n in answer.named
+            if not any(swallows(prepared, b, n.candidate.term) for b in bursts)
+        )
+        answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
     return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1]))
 
 
@@ -171,7 +194,7 @@ def conclude_findings(
     verdicts = [f.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
-    triads, qualities, added, rows = [], [], [], []
+    triads, qualities, added, rows, noise = [], [], [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
         refined = tuned(prepared, answer)
@@ -192,6 +215,8 @@ def conclude_findings(
         triads.append(_calibrated(prepared, answer, terms))
         added.extend(fitted_effects(prepared, answer.noise, terms))
         rows.append(residuals(prepared, _everything(answer, terms)))
+        checks = allan_checks(prepared, answer.noise, _everything(answer, terms))
+        noise.extend(check.line() for check in checks)
         progress(f"{prepared.form.triad}: proved on held-out data")
     explanations.sort(key=lambda e: -e.evidence.delta_bic)
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
@@ -210,6 +235,7 @@ def conclude_findings(
         detectable=_smallest(plan) if verdict == "consistent" else (),
         empirical="; ".join(empirical) or None,
         notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
+        noise=tuple(noise),
         audit=plan,
         residuals=tuple(rows),
     )

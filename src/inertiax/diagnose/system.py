@@ -132,7 +132,7 @@ def _maximise(
         value = float(value)
         return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(5))
 
-    options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 30}
+    options = {"ftol": 2e-6, "gtol": 5e-2, "maxiter": 30}
     found = [
         scipy.optimize.minimize(
             objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options

@@ -8,26 +8,41 @@ from .effect import DEG_PER_HOUR, Effect, inputs, MICRO_G, play, Variant
 from .signal import Signal
 
 
+SPREAD = (0.25, 0.5, 1.0, 1.5, 2.0)  # half-widths of the plays side by side, in radii
+PAIR = (1.0, 5.0)
+
+
 def shape(
     signal: Signal, *, radius: Scalar | float, loop: str, on: str
 ) -> Float[Array, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
-    itself, scaled to ±1; or Rayleigh's parabolic loop, whose branch turns after `radius`."""
+    itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; or plays side by
+    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each."""
     t = jnp.asarray(signal.temperature)
-    half = 0.5 * (jnp.max(t) - jnp.min(t))
-    width = 2.0 * radius * half
-    lead = (play(t, width) - t) / width
+    low, high = jnp.min(t), jnp.max(t)
+    parts = {"spread": SPREAD, "pair": PAIR}.get(loop, (1.0,))
+    leads = [_lead(t, part * radius * (high - low)) for part in parts]
+    lead = jnp.stack(leads, axis=-1)
+    if loop == "spread":
+        lead = jnp.mean(lead, axis=-1, keepdims=True)
     if loop == "Rayleigh":
-        x = (t - 0.5 * (jnp.max(t) + jnp.min(t))) / half
-        lead = lead * (1.0 - x**2)
+        x = (2.0 * t - (high + low)) / (high - low)
+        lead = lead * (1.0 - x**2)[:, None]
     if on == "bias":
-        return lead[:, None, None]
-    return inputs(signal)[:, :, None] * lead[:, None, None]
+        return lead[:, None, :]
+    return inputs(signal)[:, :, None] * lead[:, None, :]
+
+
+def _lead(
+    temperature: Float[Array, " time"], width: Float[Array, ""] | float
+) -> Float[Array, " time"]:
+    return (play(temperature, width) - temperature) / width
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Several widths of play, and Rayleigh's loop; on the bias and on the scale factor."""
-    forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, 0.45)] + [("Rayleigh", 0.02)]
+    """Several widths of play, Rayleigh's loop and plays side by side; on the bias and on the scale factor."""
+    forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, 0.45)]
+    forms += [("Rayleigh", 0.02), ("spread", 0.1), ("spread", 0.16), ("pair", 0.05)]
     return tuple(
         Variant(f"{on}, {loop} {r:g}", {"radius": r, "loop": loop, "on": on})
         for on in ("bias", "scale")
