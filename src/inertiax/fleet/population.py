@@ -83,6 +83,14 @@ class Population(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     gyro: TriadPopulation | None = None
 
 
+def as_prior(population: Population) -> Population:
+    """The population without its list of outliers, which says nothing of other devices."""
+    without = lambda t: None if t is None else msgspec.structs.replace(t, outliers=())
+    return msgspec.structs.replace(
+        population, accel=without(population.accel), gyro=without(population.gyro)
+    )
+
+
 def _scaled(matrix: np.ndarray) -> np.ndarray:
     size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     return matrix / (size[:, None] * size[None, :])

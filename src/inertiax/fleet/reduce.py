@@ -25,6 +25,7 @@ from ..formats.columns import (
     triad_factors,
     TriadColumns,
 )
+from .locations import scan
 from .tasks import Task
 
 
@@ -57,10 +58,9 @@ def read(task: Task, columns: ColumnMap) -> tuple[Reduced, ...]:
 
 
 def _rows(file: str, start: int, count: int, columns: ColumnMap) -> pl.DataFrame:
-    scan = pl.scan_parquet(file, hive_partitioning=False, glob=False)
-    names = scan.collect_schema().names()
-    wanted = _wanted(names, columns, file)
-    return scan.select(wanted).slice(start, count).collect()
+    rows = scan(file)
+    wanted = _wanted(rows.collect_schema().names(), columns, file)
+    return rows.select(wanted).slice(start, count).collect()
 
 
 def _wanted(names: Sequence[str], columns: ColumnMap, file: str) -> list[str]:

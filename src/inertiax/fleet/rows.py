@@ -24,20 +24,34 @@ from .triad_model import basis_of, TriadModel
 
 def calibrate_reduced(reduced: Sequence[Reduced], manifest: Manifest) -> pl.DataFrame:
     """The rows of the results' table, in the order of the devices."""
-    rows: dict[int, dict] = {
-        k: {"device": r.device, "reason": r.reason}
-        for k, r in enumerate(reduced)
-        if r.dwells is None
-    }
-    groups: dict[int, list[int]] = {}
+    rows: dict[int, dict] = {}
+    groups: dict[tuple[int, object], list[int]] = {}
     for k, r in enumerate(reduced):
-        if r.dwells is not None:
-            groups.setdefault(shared_length(r.dwells.num_dwells), []).append(k)
-    for length, members in groups.items():
+        reason = r.reason if r.dwells is None else _lacking(r.dwells, manifest)
+        if r.dwells is None or reason:
+            rows[k] = {"device": r.device, "reason": reason}
+        else:
+            # Only devices with the same columns can be stacked.
+            shape = (shared_length(r.dwells.num_dwells), jax.tree.structure(r.dwells))
+            groups.setdefault(shape, []).append(k)
+    for (length, _), members in groups.items():
         dwells = [d for k in members if (d := reduced[k].dwells) is not None]
         found = _group([reduced[k].device for k in members], dwells, manifest, length)
         rows.update(zip(members, found, strict=True))
     return _table([rows[k] for k in sorted(rows)], manifest)
+
+
+def _lacking(dwells: Dwells, manifest: Manifest) -> str:
+    """In words, a column that the run's model needs and this device has not; else empty."""
+    for triad in ("accel", "gyro"):
+        model: TriadModel | None = getattr(manifest, triad)
+        if model is None:
+            continue
+        needed = (triad, f"reference_{triad}") if model.estimator == "reference" else (triad,)
+        for column in needed:
+            if getattr(dwells, column) is None:
+                return f"{triad}: no column {column}_x, which the fleet's model needs"
+    return ""
 
 
 def _group(
@@ -56,7 +70,7 @@ def _group(
     ]
     for estimator, model in estimators_of(manifest, together):
         basis = basis_of(model)
-        fit, reasons = _solved(estimator, basis, together, manifest)
+        fit, reasons = _solved(estimator, basis, _rows_for(model, together), manifest)
         for row, reason in zip(rows, reasons, strict=True):
             row["reason"] = row["reason"] or reason or ""
         for k, row in enumerate(rows):
@@ -64,6 +78,14 @@ def _group(
         if estimator.triad == "accel" and manifest.g_sensitivity:
             together = _with_force(estimator, basis, fit, together)
     return rows
+
+
+def _rows_for(model: TriadModel, dwells: Dwells) -> Dwells:
+    """Only rests where the estimator has no reference for the motion."""
+    if model.estimator == "reference":
+        return dwells
+    rests = np.asarray(dwells.valid) & (np.asarray(dwells.position) >= 0)
+    return eqx.tree_at(lambda d: d.valid, dwells, rests)
 
 
 def _solved(

@@ -10,11 +10,14 @@ import jax
 import msgspec
 
 from ..calibration import write_atomically
-from ..campaign import find_files, load_settings
+from ..campaign import load_settings
 from ..formats import ColumnMap
-from .choice import choose_line_model
+from ..recordings import Campaign
+from .choice import choose_line_model, Reader
+from .folders import common_settings, find_campaigns, read_campaigns, split_campaigns
+from .locations import find_sources, local_state
 from .populate import population_of
-from .population import Population, write_population
+from .population import as_prior, Population, write_population
 from .reduce import read
 from .results import FleetSummary, summarise
 from .rows import calibrate_reduced
@@ -42,9 +45,10 @@ def run_fleet(
     prior: Population | None = None,
     progress: Report | None = None,
 ) -> FleetSummary:
-    """Calibrate every device of a campaign of Parquet files, or go on with a run that was broken off.
+    """Calibrate every device of a line, or go on with a run that was broken off.
 
-    **Arguments:** `campaign` is a folder with `campaign.toml` or that file; `folder` takes the results;
+    **Arguments:** `campaign` is a folder with a `campaign.toml` over Parquet files, or that file, or a folder
+    with a sub-folder for each campaign, in any format; `folder` takes the results;
     `workers` tasks run side by side (default: one for each core); `scheduler` is the address of a running
     Dask scheduler ("tcp://…"), or "local" to start Dask workers here; `prior` is what is known of the line
     before its devices are measured (see `read_population`), and gives the model; `progress` is called with
@@ -54,6 +58,7 @@ def run_fleet(
     with the campaign, or where `folder` holds a run over other files or with another prior.
     """
     folder = Path(folder)
+    prior = None if prior is None else as_prior(prior)
     manifest, columns = _plan(Path(campaign), folder, prior)
     left = [t for t in manifest.tasks if not is_done(folder, t.number)]
     before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
@@ -89,7 +94,8 @@ def run_task(task: Task, context: Context) -> int:
     """Read, reduce, solve and store one task; returns its number. Runs wherever a worker is."""
     # A worker process has JAX's defaults; the precision is local to this call.
     with jax.enable_x64(True):
-        reduced = read(task, context.columns)
+        campaigns = context.manifest.campaigns
+        reduced = read_campaigns(task) if campaigns else read(task, context.columns)
         write_part(Path(context.folder), task.number, calibrate_reduced(reduced, context.manifest))
     return task.number
 
@@ -116,32 +122,61 @@ def _each(
 
 
 def _plan(path: Path, folder: Path, prior: Population | None) -> tuple[Manifest, ColumnMap]:
+    if path.is_dir() and not (path / "campaign.toml").exists() and (files := find_campaigns(path)):
+        return _plan_campaigns(path, files, folder, prior), ColumnMap()
     campaign, table = load_settings(path)
     file = campaign.path
     assert file is not None
     columns = table.columns
     try:
-        files = find_files(file.parent, table.recordings.files)
-        other = [f for f in files if f.suffix.lower() not in (".parquet", ".pq")]
+        sources = find_sources(file.parent, table.recordings.files)
+        other = [s.address for s in sources if not s.address.lower().endswith((".parquet", ".pq"))]
         if other:
             raise ValueError(
-                f"[recordings] files: '{other[0].name}' is no Parquet file; a fleet is read from Parquet. "
-                "`inertiax calibrate` takes the others, one campaign at a time."
+                f"[recordings] files: '{Path(other[0]).name}' is no Parquet file; many devices are read from "
+                "Parquet, or from a folder that has a sub-folder with campaign.toml for each."
             )
-        mark = fingerprint((file, *files))
+        mark = fingerprint([local_state(file), *(s.state for s in sources)])
         known = _known(folder, mark, prior)
         if known is not None:
             return known, columns
-        tasks = split(files, columns)
+        tasks = split([s.address for s in sources], columns)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    model = choose_line_model(campaign, tasks, lambda task: read(task, columns), prior)
+    reader = lambda task: read(task, columns)
+    return _settled(campaign, tasks, reader, mark, folder, prior, campaigns=False), columns
+
+
+def _plan_campaigns(
+    path: Path, files: tuple[Path, ...], folder: Path, prior: Population | None
+) -> Manifest:
+    campaign, used = common_settings(path, files)
+    mark = fingerprint([f"{f.parent.name}/{local_state(f)}" for f in used])
+    known = _known(folder, mark, prior)
+    if known is not None:
+        return known
+    tasks = split_campaigns(files)
+    return _settled(campaign, tasks, read_campaigns, mark, folder, prior, campaigns=True)
+
+
+def _settled(
+    campaign: Campaign,
+    tasks: tuple[Task, ...],
+    reader: Reader,
+    mark: str,
+    folder: Path,
+    prior: Population | None,
+    *,
+    campaigns: bool,
+) -> Manifest:
+    """The plan of a new run, stored."""
+    model = choose_line_model(campaign, tasks, reader, prior)
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
-        model.reasons, tuple(tasks), prior,
+        model.reasons, tasks, prior, campaigns,
     )  # fmt: skip
     write_manifest(manifest, folder)
-    return manifest, columns
+    return manifest
 
 
 def _known(folder: Path, mark: str, prior: Population | None) -> Manifest | None:

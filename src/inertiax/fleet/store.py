@@ -10,7 +10,7 @@ there. A run that was killed is started again with the same command and does the
 import hashlib
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -39,6 +39,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     reasons: tuple[str, ...]
     tasks: tuple[Task, ...]
     prior: Population | None = None  # with which every device was calibrated
+    campaigns: bool = False  # a stretch names a campaign.toml, not rows of a Parquet file
 
     @property
     def num_devices(self) -> int:
@@ -46,12 +47,11 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         return sum(len(t.devices) for t in self.tasks)
 
 
-def fingerprint(files: tuple[Path, ...]) -> str:
-    """Changes when a file is added, taken away, or written to."""
+def fingerprint(states: Iterable[str]) -> str:
+    """Changes when a file is added, taken away, or written to; see `locations` for the states."""
     digest = hashlib.sha256()
-    for file in files:
-        state = file.stat()
-        digest.update(f"{file.name}\0{state.st_size}\0{state.st_mtime_ns}\n".encode())
+    for state in states:
+        digest.update(f"{state}\n".encode())
     return digest.hexdigest()
 
 

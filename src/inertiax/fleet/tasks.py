@@ -12,6 +12,7 @@ import msgspec
 import polars as pl
 
 from ..formats import ColumnMap
+from .locations import scan
 
 
 ROWS = 1_000_000  # of a task, at least: about 100 MB
@@ -39,7 +40,7 @@ class Task(msgspec.Struct, frozen=True):
         return sum(s.rows for _, stretches in self.devices for s in stretches)
 
 
-def split(files: Sequence[Path], columns: ColumnMap, *, rows: int = ROWS) -> tuple[Task, ...]:
+def split(files: Sequence[Path | str], columns: ColumnMap, *, rows: int = ROWS) -> tuple[Task, ...]:
     """Tasks of at least `rows` samples (the last may have fewer), devices in order of appearance.
 
     A file without a column for the device, and no `device=…` among its folders, is one device named after
@@ -77,23 +78,19 @@ def device_of_folder(file: Path) -> str | None:
     return next((p[7:] for p in reversed(file.parts[:-1]) if p.startswith("device=")), None)
 
 
-def _stretches(file: Path, columns: ColumnMap) -> Iterable[tuple[str, Stretch]]:
-    try:
-        scan = pl.scan_parquet(file, hive_partitioning=False, glob=False)
-        names = scan.collect_schema().names()
-        height = int(scan.select(pl.len()).collect().item())
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise ValueError(
-            f"{file}: not a readable Parquet file: {str(error).splitlines()[0]}."
-        ) from None
+def _stretches(file: Path | str, columns: ColumnMap) -> Iterable[tuple[str, Stretch]]:
+    rows = scan(str(file))
+    names = rows.collect_schema().names()
+    height = int(rows.select(pl.len()).collect().item())
     column = columns.label("device") or "device"
     if column not in names:
         if columns.label("device") is not None:
             raise ValueError(f"{file}: column '{column}' is missing; the file has {names}.")
-        yield device_of_folder(file) or file.stem, Stretch(str(file), 0, height)
+        path = Path(file)
+        yield device_of_folder(path) or path.stem, Stretch(str(file), 0, height)
         return
     for first in range(0, height, _READ_AT_ONCE):
-        serial = scan.select(pl.col(column).cast(pl.String)).slice(first, _READ_AT_ONCE).collect()
+        serial = rows.select(pl.col(column).cast(pl.String)).slice(first, _READ_AT_ONCE).collect()
         runs = serial.get_column(column).rle().struct.unnest()
         at = first
         for length, device in runs.iter_rows():

@@ -1,0 +1,134 @@
+"""Where a fleet's recordings may lie: a folder of campaigns in any format, and addresses."""
+
+import fsspec
+import numpy as np
+import polars as pl
+import pytest
+
+from fleet_data import device_table, GRAVITY, parameters, write_line
+from inertiax.calibrate import calibrate, DeviceResult
+from inertiax.campaign import load_campaign
+from inertiax.fleet import fleet_calibration, read_parts, run_fleet
+from inertiax.fleet.folders import find_campaigns
+
+
+TOML = '[site]\ngravity = {}\n[recordings]\nfiles = ["*.csv", "*.parquet"]\n[model]\ntemperature_degree = {}\n'
+
+
+def _campaign(folder, tables, *, gravity=GRAVITY, degree=1):
+    folder.mkdir(parents=True)
+    text = TOML.format(gravity, degree)
+    for name, table in tables.items():
+        table.write_parquet(folder / name) if name.endswith("parquet") else table.write_csv(
+            folder / name
+        )
+    used = '"*.parquet"' if any(n.endswith("parquet") for n in tables) else '"*.csv"'
+    (folder / "campaign.toml").write_text(text.replace('"*.csv", "*.parquet"', used))
+
+
+def _tables(count: int) -> list[pl.DataFrame]:
+    rng = np.random.default_rng(4)
+    return [device_table(rng, f"S{k}", parameters(rng, 1), 3) for k in range(count)]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Unit 1 as CSV, unit 2 as Parquet, unit 3 a campaign of two devices, unit 10 without accelerometers,
+    unit 11 with a broken campaign.toml."""
+    folder = tmp_path_factory.mktemp("bench") / "bench"
+    tables = _tables(4)
+    _campaign(folder / "unit1", {"log.csv": tables[0].drop("device")})
+    _campaign(folder / "unit2", {"log.parquet": tables[1]})
+    _campaign(folder / "unit3", {"log.parquet": pl.concat(tables[2:])})
+    gyro = tables[0].drop("device").rename({f"accel_{c}": f"gyro_{c}" for c in "xyz"})
+    gyro = gyro.with_columns(pl.col("^gyro_.$") * 1e-4)
+    _campaign(folder / "unit10", {"log.csv": gyro})
+    (folder / "unit11").mkdir()
+    (folder / "unit11" / "campaign.toml").write_text("[site]\ngravty = 9.8\n")
+    return folder
+
+
+def test_campaigns_are_found_in_natural_order(bench):
+    names = [f.parent.name for f in find_campaigns(bench)]
+    assert names == ["unit1", "unit2", "unit3", "unit10", "unit11"]
+
+
+def test_every_campaign_is_there_once_and_bad_ones_are_set_aside(bench, tmp_path):
+    summary = run_fleet(bench, tmp_path / "out")
+    assert (summary.devices, summary.calibrated) == (6, 4)
+    table = read_parts(tmp_path / "out").collect()
+    names = ["unit1", "unit2", "unit3/S2", "unit3/S3", "unit10", "unit11"]
+    assert table["device"].to_list() == names
+    reasons = dict(zip(table["device"], table["reason"], strict=True))
+    assert reasons["unit10"] == "accel: no column accel_x, which the fleet's model needs"
+    assert "unknown key 'gravty'; did you mean 'gravity'?" in reasons["unit11"]
+    again = run_fleet(bench, tmp_path / "out")
+    assert again.tasks_before == 1 and again.devices == 6
+
+
+def test_a_campaign_in_a_fleet_is_calibrated_as_alone(bench, tmp_path):
+    run_fleet(bench, tmp_path / "out")
+    for unit in ("unit1", "unit2"):
+        (alone,) = calibrate(load_campaign(bench / unit), method="joint")
+        assert isinstance(alone, DeviceResult)
+        in_fleet = fleet_calibration(tmp_path / "out", unit).accel
+        for temperature in (-20.0, 40.0):
+            sigma = np.asarray(alone.calibration.accel.standard_deviations(temperature))
+            one, other = (
+                np.asarray(c.curve(temperature)) for c in (alone.calibration.accel, in_fleet)
+            )
+            # The same dwells, weights and minimum; the batched steps end within 1e-5 sigma of it.
+            assert np.abs((one - other) / sigma).max() < 1e-4
+
+
+def test_campaigns_that_do_not_fit_together_are_refused(tmp_path):
+    tables = _tables(2)
+    _campaign(tmp_path / "a" / "1", {"log.csv": tables[0]})
+    _campaign(tmp_path / "a" / "2", {"log.csv": tables[1]}, gravity=9.81)
+    with pytest.raises(
+        ValueError, match=r"2/campaign.toml: \[site\] gravity = 9.81, but .* has 9.815"
+    ):
+        run_fleet(tmp_path / "a", tmp_path / "out")
+    _campaign(tmp_path / "b" / "1", {"log.csv": tables[0]})
+    _campaign(tmp_path / "b" / "2", {"log.csv": tables[1]}, degree=0)
+    with pytest.raises(ValueError, match=r"2/campaign.toml: \[model\] is not that of"):
+        run_fleet(tmp_path / "b", tmp_path / "out")
+    (tmp_path / "c").mkdir()
+    with pytest.raises(ValueError, match="no campaign.toml in this folder"):
+        run_fleet(tmp_path / "c", tmp_path / "out")
+
+
+@pytest.mark.parametrize("protocol", ["memory", "file"])
+def test_an_address_gives_the_table_that_a_path_gives(protocol, tmp_path):
+    """`file` is read by polars itself, `memory` through fsspec."""
+    write_line(tmp_path / "line", 3, files=2, experiments=2)
+    home = {"memory": "memory://line", "file": f"file://{tmp_path}/line"}[protocol]
+    if protocol == "memory":
+        system = fsspec.filesystem("memory")
+        for file in (tmp_path / "line").glob("*.parquet"):
+            system.pipe_file(f"/line/{file.name}", file.read_bytes())
+    text = (tmp_path / "line" / "campaign.toml").read_text()
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "campaign.toml").write_text(text.replace("*.parquet", f"{home}/*.parquet"))
+    run_fleet(tmp_path / "line", tmp_path / "here")
+    run_fleet(tmp_path / "far", tmp_path / "there")
+    tables = [read_parts(tmp_path / f).collect().sort("device") for f in ("here", "there")]
+    assert tables[0].height == 3 and tables[0].equals(tables[1])
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("nosuch://a/*.parquet", "'nosuch://a/\\*.parquet' cannot be listed: Protocol not known"),
+        ("memory://empty/*.parquet", "'memory://empty/\\*.parquet' matches nothing"),
+        ("memory://odd/a.parquet", "/odd/a.parquet: not a readable Parquet file"),
+    ],
+)
+def test_an_address_that_cannot_be_read_is_said(address, message, tmp_path):
+    fsspec.filesystem("memory").pipe_file("/odd/a.parquet", b"not Parquet")
+    (tmp_path / "campaign.toml").write_text(
+        f'[site]\ngravity = 9.8\n[recordings]\nfiles = ["{address}"]\n'
+    )
+    with pytest.raises(ValueError, match=message) as caught:
+        run_fleet(tmp_path, tmp_path / "out")
+    assert "\n" not in str(caught.value)
