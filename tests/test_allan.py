@@ -10,7 +10,7 @@ from scipy.stats import binom
 
 from hard_limit import run_limited
 from inertiax.allan import degrees_of_freedom, deviations, identify, interval, KINDS, noise_of
-from inertiax.allan.identify import _expected, _tapered
+from inertiax.allan.spectrum import expected_of, tapered
 from inertiax.recordings import Recording
 from inertiax.report.noise import noise_document
 
@@ -36,7 +36,7 @@ def test_deviations_of_four_rates_by_hand():
 def test_equal_to_allantools(kind, samples, rate):
     factors = np.array([1, 2, 3, 7, 10, 31, 100, 250, 300])
     if kind in ("mtotdev", "ttotdev"):
-        factors = factors[:2] if samples > 1000 else factors[:6]  # it takes minutes there
+        factors = factors[:1] if samples > 1000 else factors[:6]  # it takes minutes there
     log = _log(samples)
     ours = deviations(log, rate=rate, kind=kind, factors=factors)
     tau, theirs, _, count = getattr(allantools, kind)(
@@ -85,14 +85,14 @@ def test_expected_spectra_are_those_of_simulated_noise():
     rng = np.random.default_rng(2)
     size, runs = 1025, 400
     ordinates = np.arange(1, size // 2 + 1)
-    expected = _expected(size, ordinates, 1.0)
+    expected = expected_of(size, ordinates, 1.0)
     step = {
         0: lambda: np.diff(rng.normal(size=size + 1), n=2),
         1: lambda: np.diff(rng.normal(size=size)),
         3: lambda: rng.normal(size=size - 1),
     }
     for column, draw in step.items():
-        mean = np.mean([_tapered(draw()) for _ in range(runs)], axis=0)
+        mean = np.mean([tapered(draw()) for _ in range(runs)], axis=0)
         ratio = mean / expected[:, column]
         # An ordinate of five tapers has a relative sigma of √(1/5) at least; near zero it is larger.
         assert np.all(np.abs(ratio - 1.0) < 5.5 * np.sqrt(1.0 / 2.5 / runs)), column
@@ -103,34 +103,43 @@ MONTE_CARLO = """
 import json
 from scipy.signal import fftconvolve
 from inertiax.allan import identify
-rate, size, runs = 100.0, 1 << 16, 120
+rate, size, runs, ramp = 100.0, {size}, {runs}, 2e-6
+truth = {truth}
 rng = np.random.default_rng(11)
 k = np.arange(1, 2 * size)
 response = np.concatenate([[1.0], np.cumprod((k - 0.5) / k)])  # Kasdin's flicker filter
-truth = dict(N=1e-3, B=5e-4, K=3e-4)
-inside, value = {k: 0 for k in truth}, {k: [] for k in truth}
+inside, value = {{k: 0 for k in "NBKR"}}, {{k: [] for k in "NBK"}}
 for _ in range(runs):
     flicker = fftconvolve(rng.normal(size=2 * size), response)[size : 2 * size]
     walk = np.cumsum(rng.normal(size=size)) / np.sqrt(rate)
     white = rng.normal(size=size) * np.sqrt(rate)
-    model = identify(truth["N"] * white + truth["B"] * flicker + truth["K"] * walk, rate=rate)
-    for name, true in truth.items():
+    log = truth["N"] * white + truth["B"] * flicker + truth["K"] * walk
+    model = identify(log + ramp * np.arange(size) / rate, rate=rate)
+    for name, true in (*truth.items(), ("R", ramp)):
         term = model.terms[name]
         inside[name] += bool(term.lower <= true <= term.upper)
-        value[name].append(term.value)
-print(json.dumps([inside, {k: float(np.mean(v)) for k, v in value.items()}, runs]))
+    for name in truth:
+        value[name].append(model.terms[name].value)
+print(json.dumps([inside, {{k: float(np.mean(v)) for k, v in value.items()}}]))
 """
 
 
 @pytest.mark.slow
-def test_noise_terms_come_back_with_right_intervals():
-    inside, mean, runs = json.loads(run_limited(MONTE_CARLO, seconds=400.0))
-    # 95 % intervals; binomial limits that 1 in 500 sets of three would leave.
+@pytest.mark.parametrize("absent", ["", "B", "BK"])
+def test_noise_terms_come_back_with_right_intervals(monkeypatch, absent):
+    # With all terms present a log of 11 minutes tells them apart; where some are absent they must not take
+    # from the others: with the limits of one fit to all terms, 75 % of N's held.
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # products too small to share among threads
+    truth = {"N": 1e-3, "B": 5e-4, "K": 3e-4} | dict.fromkeys(absent, 0.0)
+    runs, size = (60, 1 << 14) if absent else (100, 1 << 16)
+    code = MONTE_CARLO.format(size=size, runs=runs, truth=truth)
+    inside, mean = json.loads(run_limited(code, seconds=200.0))
+    # 95 % intervals; binomial limits that 1 in 250 sets of four would leave.
     few = binom.ppf(1e-3, runs, 0.95)
     assert min(inside.values()) >= few, inside
-    truth = {"N": 1e-3, "B": 5e-4, "K": 3e-4}
     for name, tolerance in (("N", 0.01), ("B", 0.2), ("K", 0.1)):
-        assert abs(mean[name] / truth[name] - 1.0) < tolerance, (name, mean)
+        if not absent:
+            assert abs(mean[name] / truth[name] - 1.0) < tolerance, (name, mean)
 
 
 def test_white_noise_is_told_in_both_conventions():

@@ -15,8 +15,8 @@ from .procedure import extra_scatter
 
 _Rows: TypeAlias = Float[np.ndarray, "dwells rows"]
 
-# m/s², rad/s or rad: rounding leaves less, every sensor more. As a weight, rounding would never let a solve
-# converge in units of it.
+# m/s², rad/s or rad: rounding leaves less, every sensor more. A solve weighted by rounding could never
+# converge to a part of it.
 _EXACT = 1e-10
 
 
@@ -38,7 +38,7 @@ def num_judged(estimator: AbstractEstimator, dwells: Dwells) -> int:
 def with_provisional_scatter(estimator: AbstractEstimator, dwells: Dwells) -> AbstractEstimator:
     """Equal weights for a start where some dwell has no noise figure of its own."""
     covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
-    if np.all(np.trace(covariance, axis1=-2, axis2=-1) > 0.0):
+    if np.all(np.trace(covariance, axis1=-2, axis2=-1) > _EXACT**2):
         return estimator
     return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(NOMINAL_SIGMA))
 
@@ -48,12 +48,12 @@ def with_scatter(
 ) -> AbstractEstimator:
     """Scatter between dwells by Paule and Mandel where χ² is beyond its 99 % point, else none."""
     dof = misfit.size - unknowns
-    if np.all(sigma > 0) and dof > 0:
+    if np.all(sigma > _EXACT) and dof > 0:
         total = float(np.sum(np.square(misfit / sigma)))
         if total <= chi2.ppf(0.99, dof):
             return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(0.0))
     scatter = extra_scatter(misfit.ravel(), sigma.ravel(), unknowns)
-    if float(scatter) < _EXACT and not np.all(sigma > 0):
+    if float(scatter) < _EXACT and not np.all(sigma > _EXACT):
         return estimator  # exact data without a noise figure: keep the provisional weights
     return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(float(scatter)))
 
@@ -61,6 +61,6 @@ def with_scatter(
 def chi2_per_dof(misfit: _Rows, sigma: _Rows, unknowns: int) -> float:
     """χ² of a misfit over its degrees of freedom; NaN where the noise is unknown or none are left."""
     dof = misfit.size - unknowns
-    if dof <= 0 or not np.all(sigma > 0):
+    if dof <= 0 or not np.all(sigma > _EXACT):
         return float("nan")
     return float(np.sum(np.square(misfit / sigma)) / dof)

@@ -1,44 +1,32 @@
 """N, B, K and Q from a log by maximum likelihood on its spectrum; R by generalised least squares.
 
-The log's differences from sample to sample are stationary under every term. Their spectrum, averaged
-over sine tapers, has under each term an expectation known exactly (leakage included) up to the
-coefficient's square, so the likelihood of independent χ² ordinates (Whittle's) is a regression with four
+The spectrum of the log's differences has under each term an expectation known up to the coefficient's
+square (see `spectrum`), so the likelihood of independent χ² ordinates (Whittle's) is a regression with four
 non-negative unknowns. The uncertainties allow for the correlation of neighbouring ordinates. The ramp R
 comes from means of blocks with their full covariance under the other terms, and is taken out first.
 
-**References:** Whittle, *Ark. Mat.* 2 (1953) 423; Riedel & Sidorenko, IEEE Trans. SP 43 (1995) 188
-(sine tapers); Sykulski et al., *Biometrika* 106 (2019) 251 (expectations instead of the spectrum);
-IEEE Std 952-1997, annex C.
+**References:** Whittle, *Ark. Mat.* 2 (1953) 423; IEEE Std 952-1997, annex C.
 """
 
 from collections.abc import Callable
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
-from scipy.fft import next_fast_len, rfft
-from scipy.linalg import toeplitz
+from scipy.fft import next_fast_len
+from scipy.linalg import solve_toeplitz, toeplitz
 from scipy.optimize import nnls
-from scipy.stats import chi2, norm
+from scipy.sparse import csr_array
+from scipy.stats import chi2, t as student
 
 from .model import NoiseModel, NoiseTerm
+from .spectrum import Spectrum, spectrum_of, TAPERS
 
 
-_TAPERS = 5
-_SINGLE = 256  # ordinates kept one by one; above them they are averaged
-_PER_OCTAVE = 24  # averaged bins
-_SMALL = 1 << 14  # samples at which flicker's leakage is computed; it scales
 _BLOCKS = 256  # means for the ramp
 _MOST_PASSES = 100
+_LEAST_STEP = 1e-3
+_SETTLED = 1e-7  # of the deviance, whose limits are some units away
 _RANDOM = ("Q", "N", "B", "K")
-
-
-class _Spectrum(eqx.Module):
-    """Averages over bins of ordinates, of differences in (unit)²."""
-
-    power: Float[np.ndarray, " bin"]
-    expected: Float[np.ndarray, "bin term"]  # for unit coefficients, in the order of `_RANDOM`
-    width: Float[np.ndarray, " bin"]  # ordinates in the bin
 
 
 def identify(log: Float[np.ndarray, " time"], *, rate: float, triad: str = "gyro") -> NoiseModel:
@@ -61,16 +49,14 @@ def identify(log: Float[np.ndarray, " time"], *, rate: float, triad: str = "gyro
     times = np.arange(len(log)) / rate
     ramp = float(np.polyfit(times - times.mean(), log, 1)[0])
     # The ramp is taken out by least squares first, then with the weights of the noise found.
-    first = _maximum_likelihood(_spectrum(np.diff(log) - ramp / rate, rate))
+    first = _maximum_likelihood(spectrum_of(np.diff(log) - ramp / rate, rate))
     ramp, _ = _ramp(log, rate, first)
-    spectrum = _spectrum(np.diff(log) - ramp / rate, rate)
+    spectrum = spectrum_of(np.diff(log) - ramp / rate, rate)
     squares = _maximum_likelihood(spectrum)
-    ramp, ramp_std = _ramp(log, rate, squares)
-    variances, naive = _variances(spectrum, squares)
-    terms = {
-        name: _term(spectrum, squares, k, variances[k], naive[k]) for k, name in enumerate(_RANDOM)
-    }
-    terms["R"] = _ramp_term(ramp, ramp_std)
+    ramp, shares = _ramp(log, rate, squares)
+    terms = _terms(spectrum, squares)
+    variances, _ = _variances(spectrum, squares)
+    terms["R"] = _ramp_term(ramp, spectrum, squares, variances, shares)
     return NoiseModel(triad, rate, len(log) / rate, terms, _chi2_per_dof(spectrum, squares))
 
 
@@ -82,103 +68,11 @@ def _fast_length(samples: int) -> int:
     return samples
 
 
-# The spectrum and what to expect of it ---------------------------------------------------------------
-
-
-def _spectrum(differences: Float[np.ndarray, " step"], rate: float) -> _Spectrum:
-    power = _tapered(differences)
-    size = len(differences) + 1
-    ordinates = np.arange(1, len(power) + 1)
-    expected = _expected(size, ordinates, rate)
-    last = len(power)
-    edges = _SINGLE * 2.0 ** (
-        np.arange(1, 1 + np.log2(max(last / _SINGLE, 1.0)) * _PER_OCTAVE) / _PER_OCTAVE
-    )
-    starts = np.unique(np.concatenate([np.arange(min(_SINGLE, last)), edges.astype(int)]))
-    starts = starts[starts < last]
-    width = np.diff(np.append(starts, last)).astype(float)
-    mean = lambda x: np.add.reduceat(x, starts, axis=0) / (width if x.ndim == 1 else width[:, None])
-    return _Spectrum(mean(power), mean(expected), width)
-
-
-def _tapered(z: Float[np.ndarray, " step"]) -> Float[np.ndarray, " ordinate"]:
-    """|Σ h z e^{-iωt}|² at ω = π 2k / size, mean over the first sine tapers, for k = 1, 2, …
-
-    h_a(t) = √(2/size) sin(π a t / size), t = 1 …: the transform of h z is the difference of the
-    transform of z at a half-steps either way, so one transform serves all tapers.
-    """
-    size = len(z) + 1
-    padded = np.zeros(2 * size)
-    padded[1:size] = z
-    transform = np.asarray(rfft(padded))
-    ordinates = np.arange(1, size // 2 + 1)
-    power = np.zeros(len(ordinates))
-    for a in range(1, _TAPERS + 1):
-        apart = _at(transform, 2 * ordinates - a, size) - _at(transform, 2 * ordinates + a, size)
-        power += np.square(np.abs(apart))
-    return power / (2.0 * size * _TAPERS)
-
-
-def _at(transform: np.ndarray, index: np.ndarray, size: int) -> np.ndarray:
-    """A real signal's transform of length 2 size at any index."""
-    index = np.mod(index, 2 * size)
-    mirrored = index > size
-    values = transform[np.where(mirrored, 2 * size - index, index)]
-    return np.where(mirrored, values.conj(), values)
-
-
-def _expected(size: int, ordinates: np.ndarray, rate: float) -> Float[np.ndarray, "ordinate term"]:
-    """Expectation of `_tapered` for Q, N, B and K of one."""
-    omega = 2.0 * np.pi * ordinates / size
-    overlap = [_taper_overlap(size, lag) for lag in range(3)]
-    moving = lambda c: sum(
-        (1.0 if j == 0 else 2.0) * c[j] * overlap[j] * np.cos(j * omega) for j in range(len(c))
-    )
-    quantisation = moving([6.0, -4.0, 1.0]) * rate**2
-    white = moving([2.0, -1.0]) * rate
-    walk = np.full(len(omega), overlap[0] / rate)
-    return np.stack([quantisation, white, _expected_flicker(size, ordinates), walk], axis=1)
-
-
-def _taper_overlap(size: int, lag: int) -> float:
-    """Σ h(t) h(t + lag), mean over the tapers, in closed form."""
-    angle = np.pi * np.arange(1, _TAPERS + 1) / size
-    inner = (size - lag) * np.cos(angle * lag) + np.sin(angle * lag) / np.tan(angle)
-    return float(np.mean(inner) / size)
-
-
-def _expected_flicker(size: int, ordinates: np.ndarray) -> Float[np.ndarray, " ordinate"]:
-    """Expectation under differences of flicker noise with B = 1, whose spectrum is 2 sin(ω/2).
-
-    Leakage matters at the lowest ordinates only, where all scales with 1/size.
-    """
-    smooth = 2.0 * np.sin(np.pi * ordinates / size)
-    small = min(size, _SMALL)
-    near = min(small // 8, len(ordinates))
-    result = smooth.copy()
-    result[:near] = _leaked_flicker(small)[1 : near + 1] * (small / size)
-    return result
-
-
-def _leaked_flicker(size: int) -> Float[np.ndarray, " ordinate"]:
-    # Fractional noise of order −1/2: γ(k) = γ(k−1) (k − 3/2) / (k + 1/2), γ(0) = 4/π.
-    k = np.arange(1, size)
-    gamma = 4.0 / np.pi * np.concatenate([[1.0], np.cumprod((k - 1.5) / (k + 0.5))])
-    t = np.arange(size)
-    overlap = np.zeros(2 * size)
-    for a in range(1, _TAPERS + 1):
-        taper = np.sqrt(2.0 / size) * np.sin(np.pi * a * t / size)
-        overlap += np.fft.irfft(np.square(np.abs(np.fft.rfft(taper, 2 * size))), 2 * size)
-    sequence = gamma * overlap[:size] / _TAPERS
-    sequence[1:] *= 2.0
-    return np.real(np.fft.rfft(sequence, size))
-
-
 # The coefficients ------------------------------------------------------------------------------------
 
 
 def _maximum_likelihood(
-    spectrum: _Spectrum, *, held: tuple[int, float] | None = None
+    spectrum: Spectrum, *, held: tuple[int, float] | None = None
 ) -> Float[np.ndarray, " term"]:
     """Squares of the coefficients that minimise Σ n (log m + p / m), m = Σ θ e, θ ≥ 0.
 
@@ -186,19 +80,36 @@ def _maximum_likelihood(
     """
     which, kept = (-1, 0.0) if held is None else held
     free = np.arange(spectrum.expected.shape[1]) != which
+    if not free.any():
+        return np.array([kept])
     expected, weight = spectrum.expected[:, free], np.sqrt(spectrum.width)
     offset = 0.0 if held is None else kept * spectrum.expected[:, which]
-    model, theta = spectrum.power, np.zeros(expected.shape[1])
-    for count in range(_MOST_PASSES):
+
+    def scored(model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Fisher's scoring: the next squares, and the scale of each."""
         rows = expected / model[:, None] * weight[:, None]
         scale = np.linalg.norm(rows, axis=0)
-        new = nnls(rows / scale, (spectrum.power - offset) / model * weight)[0] / scale
-        change = np.max(np.abs(new - theta) * scale)
-        # Half steps: whole ones may swing between two terms of nearly the same shape.
-        theta = 0.5 * (theta + new) if change > 1e-3 and count > 0 else new
-        if change < 1e-6:
+        return nnls(rows / scale, (spectrum.power - offset) / model * weight)[0] / scale, scale
+
+    theta, _ = scored(spectrum.power)
+    model = np.maximum(offset + expected @ theta, 1e-6 * spectrum.power)
+    now = _misfit(spectrum, model)
+    for _ in range(_MOST_PASSES):
+        new, scale = scored(model)
+        step = 1.0
+        # Whole steps may swing between two terms of nearly the same shape.
+        while step > _LEAST_STEP:
+            trial = theta + step * (new - theta)
+            model = np.maximum(offset + expected @ trial, 1e-6 * spectrum.power)
+            fallen = now - _misfit(spectrum, model)
+            if fallen > 0.0:
+                break
+            step *= 0.5
+        else:
             break
-        model = np.maximum(offset + expected @ theta, 1e-6 * spectrum.power)
+        theta, now = trial, now - fallen
+        if fallen < _SETTLED or np.max(np.abs(new - theta) * scale) < 1e-6:
+            break
     result = np.empty(len(free))
     result[free] = theta
     if held is not None:
@@ -206,37 +117,44 @@ def _maximum_likelihood(
     return result
 
 
-def _deviance(spectrum: _Spectrum, squares: Float[np.ndarray, " term"]) -> float:
+def _deviance(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> float:
     """−2 log L of independent ordinates, each the mean of the tapers', up to a constant."""
     model = spectrum.expected @ squares
-    if not np.all(model > 0):
-        return np.inf
-    terms = spectrum.width * (np.log(model) + spectrum.power / model)
-    return 2.0 * float(np.sum(terms))
+    return _misfit(spectrum, model) if np.all(model > 0) else np.inf
+
+
+def _misfit(spectrum: Spectrum, model: Float[np.ndarray, " bin"]) -> float:
+    return 2.0 * float(spectrum.width @ (np.log(model) + spectrum.power / model))
 
 
 def _variances(
-    spectrum: _Spectrum, squares: Float[np.ndarray, " term"]
+    spectrum: Spectrum, squares: Float[np.ndarray, " term"]
 ) -> tuple[Float[np.ndarray, " term"], Float[np.ndarray, " term"]]:
     """Variances of the squares: the diagonals of H⁻¹ J H⁻¹ and of H⁻¹.
 
     J is the covariance of the score: ordinates within a taper's width correlate. Terms that were found
     to be zero are left out for the others' uncertainty; their own is that of being let free.
     """
-    model = spectrum.expected @ squares
-    rows = spectrum.expected / model[:, None] * np.sqrt(spectrum.width)[:, None]
-    scale = np.linalg.norm(rows, axis=0)
-    rows = rows / scale
-    alike = _correlation(spectrum.width)
     right, naive = np.empty(len(squares)), np.empty(len(squares))
     free = np.flatnonzero(squares > 0)
     for own in range(len(squares)):
         used = np.union1d(free, [own])
-        part, at = rows[:, used], int(np.flatnonzero(np.union1d(free, [own]) == own)[0])
-        bread = np.linalg.pinv(part.T @ part)
-        right[own] = (bread @ (part.T @ alike(part)) @ bread)[at, at] / scale[own] ** 2
-        naive[own] = bread[at, at] / scale[own] ** 2
+        both = _covariance(spectrum, squares, used)
+        right[own], naive[own] = (c[used == own, used == own][0] for c in both)
     return right, naive
+
+
+def _covariance(
+    spectrum: Spectrum, squares: Float[np.ndarray, " term"], used: np.ndarray
+) -> tuple[Float[np.ndarray, "used used"], Float[np.ndarray, "used used"]]:
+    """H⁻¹ J H⁻¹ and H⁻¹ of the squares of the terms `used`, the others held."""
+    model = spectrum.expected @ squares
+    rows = spectrum.expected[:, used] / model[:, None] * np.sqrt(spectrum.width)[:, None]
+    scale = np.linalg.norm(rows, axis=0)
+    rows = rows / scale
+    bread = np.linalg.pinv(rows.T @ rows)
+    right = bread @ (rows.T @ _correlation(spectrum.width)(rows)) @ bread
+    return right / np.outer(scale, scale), bread / np.outer(scale, scale)
 
 
 def _correlation(width: Float[np.ndarray, " bin"]):
@@ -252,6 +170,8 @@ def _correlation(width: Float[np.ndarray, " bin"]):
         together < len(lags), alone[np.minimum(together, len(lags) - 1)], 0.0
     )
 
+    matrix = csr_array(matrix)
+
     def apply(v: np.ndarray) -> np.ndarray:
         result = inside * v
         result[:single] = matrix @ v[:single]
@@ -262,16 +182,40 @@ def _correlation(width: Float[np.ndarray, " bin"]):
 
 def _ordinate_covariance() -> tuple[np.ndarray, np.ndarray]:
     """Covariance of two relative ordinates by the steps between them: Σ |Σ h_a h_b e^{iωt}|² / T²."""
-    size, lags = 4096, np.arange(2 * _TAPERS)
+    size, lags = 4096, np.arange(2 * TAPERS)
     t = np.arange(size)
-    tapers = np.sqrt(2.0 / size) * np.sin(np.pi * np.arange(1, _TAPERS + 1)[:, None] * t / size)
+    tapers = np.sqrt(2.0 / size) * np.sin(np.pi * np.arange(1, TAPERS + 1)[:, None] * t / size)
     products = tapers[:, None, :] * tapers[None, :, :]
     transform = np.fft.rfft(products, axis=2)[:, :, : len(lags)]
-    return lags, np.sum(np.square(np.abs(transform)), axis=(0, 1)) / _TAPERS**2
+    return lags, np.sum(np.square(np.abs(transform)), axis=(0, 1)) / TAPERS**2
+
+
+def _terms(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> dict[str, NoiseTerm]:
+    """The four random terms. Limits hold whether the terms that the log does not show are there or not.
+
+    A term that is absent is still estimated as zero or more, never less, and what it takes is missing
+    in the others: limits from a fit with all terms alone would be too low. So they are joined with those of a
+    fit without the terms that do not show.
+    """
+    every = _limited(spectrum, squares)
+    shown = np.array([term.shown for term in every])
+    if shown.any() and not shown.all():
+        fewer = Spectrum(spectrum.power, spectrum.expected[:, shown], spectrum.width)
+        alone = _limited(fewer, _maximum_likelihood(fewer))
+        for k, other in zip(np.flatnonzero(shown), alone, strict=True):
+            own = every[k]
+            lower, upper = min(own.lower, other.lower), max(own.upper, other.upper)
+            every[k] = NoiseTerm(own.value, own.std, lower, upper)
+    return dict(zip(_RANDOM, every, strict=True))
+
+
+def _limited(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> list[NoiseTerm]:
+    variances, naive = _variances(spectrum, squares)
+    return [_term(spectrum, squares, k, variances[k], naive[k]) for k in range(len(squares))]
 
 
 def _term(
-    spectrum: _Spectrum,
+    spectrum: Spectrum,
     squares: Float[np.ndarray, " term"],
     which: int,
     variance: float,
@@ -310,7 +254,7 @@ def _crossing(excess: Callable[[float], float], start: float, factor: float) -> 
     return float(np.sqrt(inside * outside))
 
 
-def _chi2_per_dof(spectrum: _Spectrum, squares: Float[np.ndarray, " term"]) -> float:
+def _chi2_per_dof(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> float:
     """Of the relative misfit in groups of bins, each wide enough to be nearly Gaussian."""
     model = spectrum.expected @ squares
     relative = spectrum.power / model - 1.0
@@ -331,16 +275,17 @@ def _chi2_per_dof(spectrum: _Spectrum, squares: Float[np.ndarray, " term"]) -> f
 
 def _ramp(
     log: Float[np.ndarray, " time"], rate: float, squares: Float[np.ndarray, " term"]
-) -> tuple[float, float]:
-    """Slope of the log and its standard deviation, from the differences of block means."""
+) -> tuple[float, Float[np.ndarray, " term"]]:
+    """Slope of the log from the differences of block means, and its variance per square of each term."""
     length = max(len(log) // _BLOCKS, 1)
     means = log[: len(log) // length * length].reshape(-1, length).mean(axis=1)
-    step = length / rate
-    covariance = toeplitz(_block_covariance(len(means) - 1, length, step, squares))
-    ones = np.ones(len(means) - 1)
-    weights = np.linalg.solve(covariance, ones)
-    slope = float(weights @ np.diff(means) / weights.sum() / step)
-    return float(slope), float(1.0 / np.sqrt(weights.sum()) / step)
+    step, count = length / rate, len(means) - 1
+    weights = solve_toeplitz(_block_covariance(count, length, step, squares), np.ones(count))
+    weights = weights / weights.sum()
+    lagged = np.correlate(weights, weights, mode="full")[count - 1 :]
+    lagged[1:] *= 2.0
+    shares = [lagged @ _block_covariance(count, length, step, one) for one in np.eye(len(squares))]
+    return float(weights @ np.diff(means) / step), np.array(shares) / step**2
 
 
 def _block_covariance(
@@ -359,7 +304,24 @@ def _block_covariance(
     return (result + flicker * fourth)[:count]
 
 
-def _ramp_term(slope: float, std: float) -> NoiseTerm:
-    wide = float(norm.ppf(0.975)) * std
+def _ramp_term(
+    slope: float,
+    spectrum: Spectrum,
+    squares: Float[np.ndarray, " term"],
+    variances: Float[np.ndarray, " term"],
+    shares: Float[np.ndarray, " term"],
+) -> NoiseTerm:
+    """The slope's size; limits by Student's t, since its variance V = Σ v θ is itself an estimate.
+
+    V rests on few low frequencies where random walk prevails: its degrees of freedom are ν = 2 V² / Var V
+    (Satterthwaite). For the limits, flicker and walk that were found to be zero count with their 1 sigma.
+    """
+    free = np.flatnonzero(squares > 0)
+    covariance, _ = _covariance(spectrum, squares, free)
+    variance = float(shares @ squares)
+    slow = [k for k in (_RANDOM.index("B"), _RANDOM.index("K")) if squares[k] == 0.0]
+    possible = variance + float(shares[slow] @ np.sqrt(variances[slow]))
+    freedom = 2.0 * possible**2 / float(shares[free] @ covariance @ shares[free])
+    wide = float(student.ppf(0.975, max(freedom, 1.0)) * np.sqrt(possible))
     value = abs(slope)
-    return NoiseTerm(value, std, max(value - wide, 0.0), value + wide)
+    return NoiseTerm(value, float(np.sqrt(variance)), max(value - wide, 0.0), value + wide)

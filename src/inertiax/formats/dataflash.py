@@ -67,7 +67,8 @@ def _messages(path: Path) -> dict[int, list[tuple[float, ...]]]:
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _plain_index():
         try:
             log = reader.DFReader_binary(str(path))
-        # pymavlink meets a damaged file with whatever its parsing runs into.
+        # pymavlink meets a damaged file with whatever its parsing runs into (struct.error,
+        # ValueError, IndexError, KeyError, UnicodeDecodeError, OverflowError), and promises none of it.
         except Exception as error:
             raise ValueError(
                 f"{path.name}: the dataflash log is damaged: {type(error).__name__} {error}."

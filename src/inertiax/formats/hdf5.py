@@ -41,8 +41,8 @@ def read_arrays(
             if isinstance(start, h5py.Dataset):
                 return {group or "": _values(start, path, matlab)}
             return _walk(h5py, start, "", path, matlab)
-    # h5py meets a damaged file with whatever its parsing runs into.
-    except Exception as error:
+    # All that h5py makes of HDF5's errors; UnicodeDecodeError (a name) is a ValueError.
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if isinstance(error, ValueError) and str(error).startswith(f"{path.name}: "):
             raise
         reason = (str(error).splitlines() or [type(error).__name__])[0]

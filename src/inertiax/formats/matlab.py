@@ -44,7 +44,8 @@ def _version_5(path: Path, group: str | None) -> dict[str, np.ndarray]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of variables that are no numbers
             content = scipy.io.loadmat(path, struct_as_record=True, chars_as_strings=False)
-    # SciPy meets a damaged file with whatever its parsing runs into.
+    # SciPy meets a damaged file with whatever its parsing runs into (MatReadError,
+    # zlib.error, TypeError, ValueError, IndexError, KeyError, OverflowError, MemoryError), and promises none of it.
     except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ValueError(

@@ -41,7 +41,8 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     try:
         reader = kind(path)
         reader.open()
-    # rosbags meets a damaged file with whatever its parsing runs into.
+    # rosbags meets a damaged file with whatever its parsing runs into: its own ReaderError, and those of
+    # sqlite3, struct, YAML, zstandard and lz4, AssertionError, KeyError, IndexError.
     except Exception as error:
         raise _damaged(path, error) from None
     try:
@@ -102,6 +103,7 @@ def _messages(reader, topic: str, kind: str, one: bool, path: Path) -> list:
             stamp = message.header.stamp
             own = stamp.sec * 1_000_000_000 + stamp.nanosec
             messages.append((own or received, message))
+    # As above, and what decoding runs into where lengths in the message are wrong.
     except Exception as error:
         raise _damaged(path, error) from None
     if not messages:

@@ -70,7 +70,8 @@ def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
     with path.open("rb") as file, contextlib.redirect_stdout(said):
         try:
             log = pyulog.ULog(file, message_name_filter_list=list(_TOPICS))
-        # pyulog meets a damaged file with whatever its parsing runs into.
+        # pyulog meets a damaged file with whatever its parsing runs into (struct.error,
+        # TypeError, ValueError, IndexError, KeyError, UnicodeDecodeError), and promises none of it.
         except Exception as error:
             raise ValueError(
                 f"{path.name}: the ULog is damaged: {type(error).__name__} {error}."
