@@ -97,14 +97,26 @@ def disturbed(
     references and covariances stay what the station stated.
     """
     for source, own in zip(sources, draws, strict=True):
-        values = jnp.asarray(source.size) * jnp.asarray(own)[_groups(source, dwells)]
-        change = source.effect(values, scene, dwells)
-        dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
-        dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))
-        dwells = _add(dwells, "accel", change.accel)
-        dwells = _add(dwells, "gyro", change.gyro)
-        dwells = _add(dwells, "temperature", change.temperature)
+        values = jnp.asarray(own)[_groups(source, dwells)]
+        dwells = _disturbed_by(source, values, dwells, scene, curve, estimator)
     return dwells
+
+
+def _disturbed_by(
+    source: Source,
+    draws: Float[AnyArray, "dwells _"],
+    dwells: Dwells,
+    scene: Scene,
+    curve: Curve,
+    estimator: AbstractEstimator,
+) -> Dwells:
+    """One source alone, with the draw of each dwell."""
+    change = source.effect(jnp.asarray(source.size) * jnp.asarray(draws), scene, dwells)
+    dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
+    dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))
+    dwells = _add(dwells, "accel", change.accel)
+    dwells = _add(dwells, "gyro", change.gyro)
+    return _add(dwells, "temperature", change.temperature)
 
 
 def _through(
@@ -175,7 +187,11 @@ class Budget(eqx.Module):
 def error_budget(
     estimator: AbstractEstimator, curve: Curve, dwells: Dwells, sources: Sequence[Source]
 ) -> Budget:
-    """Derivative of the answer by every source, at the answer.
+    """Derivative of the answer by every source, at the answer (`curve`, a minimum of f = ½ ‖r‖²):
+
+        dC/du = −(∂²f/∂C²)⁻¹ ∂²f/∂C∂u
+
+    by the implicit function theorem, the same as the derivative of `answer` without solving again.
 
     Raises `ValueError` where a source does not touch anything that the dwells hold.
     """
@@ -187,26 +203,78 @@ def error_budget(
                 f"`error_budget(...)`: the source '{source.name}' changes nothing that these dwells "
                 f"hold; leave it out or give dwells with the column that it disturbs."
             )
-    jacobians = _derivatives(estimator, curve, dwells, tuple(sources), scene)
-    unknowns = curve.coefficients.size
-    return Budget(
-        sources=tuple(sources),
-        curve=curve,
-        parameters=estimator.names,
-        derivatives=tuple(np.asarray(j).reshape(unknowns, -1) for j in jacobians),
-    )
+    hessian, mixed = (np.asarray(x) for x in _second_derivatives(estimator, curve, dwells))
+    scale = 1.0 / np.sqrt(np.diagonal(hessian))
+    scaled = hessian * np.outer(scale, scale)
+
+    def derivative(source: Source) -> np.ndarray:
+        # A disturbance reaches its own dwell only: by chain rule dwell by dwell, summed over a draw's dwells.
+        felt = _column_slopes(source, dwells, scene, curve, estimator)
+        each = np.einsum("nuk,nkw->nuw", mixed, felt, optimize=True)
+        groups = _groups(source, dwells)
+        rows = np.zeros((int(groups.max()) + 1, *each.shape[1:]))
+        np.add.at(rows, groups, each)
+        flat = np.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
+        return -scale[:, None] * np.linalg.solve(scaled, scale[:, None] * flat)
+
+    return Budget(tuple(sources), curve, estimator.names, tuple(derivative(s) for s in sources))
 
 
-def _derivatives(
-    estimator: AbstractEstimator,
-    curve: Curve,
-    dwells: Dwells,
-    sources: tuple[Source, ...],
-    scene: Scene,
-) -> list[Array]:
-    run = lambda draws: answer(estimator, curve, dwells, sources, draws, scene)
-    # Few coefficients, many disturbances: reverse mode gives all sources in one pass.
-    return eqx.filter_jit(jax.jacrev(run))(no_draws(sources, dwells))
+_Columns = dict[str, Array]
+
+
+def _columns(dwells: Dwells) -> _Columns:
+    """What sources disturb, of those columns that the dwells hold."""
+    names = ("accel", "gyro", "temperature")
+    return {n: jnp.asarray(v) for n in names if (v := getattr(dwells, n)) is not None}
+
+
+@eqx.filter_jit
+def _second_derivatives(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> tuple[Float[Array, "unknowns unknowns"], Float[Array, "dwells unknowns columns"]]:
+    """∂²f/∂C² of f = ½ ‖r‖², and what each dwell's columns x add: ∂²f/∂C∂x, x as in `_columns`."""
+
+    def one(dwell: Dwells) -> tuple[Array, Array, Array]:
+        def half_chi2(vector: Array, columns: _Columns) -> Array:
+            moved = eqx.tree_at(
+                lambda d: [getattr(d, n) for n in columns], dwell, [*columns.values()]
+            )
+            return 0.5 * jnp.sum(jnp.square(estimator.residual(vector, moved)))
+
+        def slope(columns: _Columns) -> Array:
+            # θ = φ(T) C, so that the temperature acts through the curve, too.
+            phi = curve.basis(columns["temperature"])
+            by_vector = jax.grad(half_chi2)(phi @ jnp.asarray(curve.coefficients), columns)
+            return jnp.outer(phi, by_vector).reshape(-1)
+
+        columns = _columns(dwell)
+        weight = jnp.asarray(dwell.valid, columns["temperature"].dtype)
+        by_columns = jax.jacfwd(slope)(columns)
+        mixed = jnp.concatenate([x.reshape(x.shape[0], -1) for x in by_columns.values()], axis=1)
+        vector = curve(dwell.temperature)
+        own = jax.jacfwd(jax.grad(half_chi2))(vector, columns)
+        return curve.basis(dwell.temperature), weight * own, weight * mixed
+
+    phis, hessians, mixed = jax.vmap(one)(dwells)
+    unknowns = jnp.size(curve.coefficients)
+    hessian = jnp.einsum("na,nb,nij->aibj", phis, phis, hessians).reshape(unknowns, unknowns)
+    return hessian, mixed
+
+
+def _column_slopes(
+    source: Source, dwells: Dwells, scene: Scene, curve: Curve, estimator: AbstractEstimator
+) -> Float[np.ndarray, "dwells columns width"]:
+    """Derivative of every dwell's columns (`_columns`) by its own draw of a source, at zero."""
+    zero = jnp.zeros((dwells.num_dwells, source.width))
+    moved = lambda draws: _columns(_disturbed_by(source, draws, dwells, scene, curve, estimator))
+
+    def along(direction: Array) -> Array:
+        # The same direction for all dwells at once: none feels another's.
+        slopes = jax.jvp(moved, (zero,), (jnp.tile(direction[None], (len(zero), 1)),))[1]
+        return jnp.concatenate([x.reshape(len(zero), -1) for x in slopes.values()], axis=1)
+
+    return np.asarray(jax.jit(jax.vmap(along, out_axes=2))(jnp.eye(source.width)))
 
 
 def magnitude_gradient(

@@ -49,7 +49,10 @@ Effect = Callable[[Float[Array, "dwells width"], Scene, Dwells], Disturbance]
 
 
 class Source(eqx.Module):
-    """One uncertainty: its size, how often it is drawn anew, and what it does."""
+    """One uncertainty: its size, how often it is drawn anew, and what it does.
+
+    `effect(values, scene, dwells)` works row by row: what a dwell's draw does, it does to that dwell.
+    """
 
     name: str = eqx.field(static=True)
     unit: str = eqx.field(static=True)
