@@ -1,10 +1,22 @@
 """64-bit arithmetic, strict promotion, and seeded randomness for every test."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 
 # Before JAX starts: one device, no accelerator probing.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+# Most of the time goes into compiling, small operations too: each program is compiled once for all workers and the
+# processes that tests start, which inherit this environment.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    _compiled = tempfile.mkdtemp(prefix="inertiax-tests-")
+    atexit.register(shutil.rmtree, _compiled, ignore_errors=True)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 import jax
 import pytest
