@@ -1,0 +1,162 @@
+"""From raw Parquet to calibrations, beside only reading and grouping the same columns with polars.
+
+    pip install -e .
+    python benchmarks/fleet/raw.py [--gigabytes 2] [--folder DIR] [--json FILE]
+
+A line of devices, 18 positions × 500 samples each, float64 with noise (so that the files do not compress), is written
+in eight files. Each measured run is a process of its own: `inertiax.fleet.run_fleet` into a fresh folder, and the
+peer `scan_parquet → group_by(device, position) → mean` of the four measured columns. Peak memory is that of the
+process, for one, two, four and all eight files. Medians of five, alternating; compile time is inside ours.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+
+GRAVITY, NOISE, SAMPLES, FILES, REPEATS = 9.815, 2e-3, 500, 8, 5
+ROWS, COLUMNS = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
+MEASURED = ("accel_x", "accel_y", "accel_z", "temperature")
+
+
+def directions() -> np.ndarray:
+    faces = [s * np.eye(3)[i] for i in range(3) for s in (1.0, -1.0)]
+    signs = [(a, b) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+    edges = [
+        (a * np.eye(3)[i] + b * np.eye(3)[j]) / np.sqrt(2)
+        for i in range(3) for j in range(i) for a, b in signs
+    ]  # fmt: skip
+    return np.array(faces + edges)
+
+
+def device(rng: np.random.Generator, name: str) -> pl.DataFrame:
+    u = directions() * GRAVITY
+    matrix = np.zeros((3, 3))
+    matrix[ROWS, COLUMNS] = rng.normal(0, 3e-3, 6)
+    outputs = np.repeat(u + u @ matrix.T + rng.normal(0, 0.03, 3), SAMPLES, axis=0)
+    outputs = outputs + rng.normal(0, NOISE, outputs.shape)
+    num = len(outputs)
+    return pl.DataFrame(
+        {
+            "device": pl.Series([name]).new_from_index(0, num),
+            "position": np.repeat(np.arange(len(u), dtype=np.int32), SAMPLES),
+            "time": np.arange(num) * 0.01,
+            "temperature": 20.0 + rng.normal(0, 0.01, num),
+            **{f"accel_{c}": outputs[:, i] for i, c in enumerate("xyz")},
+        }
+    )
+
+
+def write(folder: Path, gigabytes: float) -> tuple[int, float]:
+    """The line's files; returns the number of devices and the size in GB."""
+    rng = np.random.default_rng(7)
+    folder.mkdir(parents=True, exist_ok=True)
+    per_file = max(int(gigabytes * 1e9 / FILES / (18 * SAMPLES * 8 * 4.1)), 8)
+    for k in range(FILES):
+        tables = [device(rng, f"SN{k * per_file + d:06d}") for d in range(per_file)]
+        pl.concat(tables).write_parquet(folder / f"line-{k}.parquet", row_group_size=250_000)
+    size = sum(f.stat().st_size for f in folder.glob("*.parquet")) / 1e9
+    return per_file * FILES, size
+
+
+def campaign(folder: Path, source: Path, files: int) -> Path:
+    """A campaign of the first so many files, as links."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k in range(files):
+        link = folder / f"line-{k}.parquet"
+        if not link.exists():
+            os.link(source / f"line-{k}.parquet", link)
+    (folder / "campaign.toml").write_text(
+        f'[site]\ngravity = {GRAVITY}\n[recordings]\nfiles = ["*.parquet"]\n'
+        '[model]\naccel_estimator = "invariant"\ntemperature_degree = 0\n'
+    )
+    return folder
+
+
+OURS = """
+import resource, sys, time
+from inertiax.cli import environment
+environment.prepare()
+from inertiax.fleet import run_fleet
+start = time.perf_counter()
+summary = run_fleet(sys.argv[1], sys.argv[2])
+print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, summary.calibrated)
+"""
+PEER = """
+import resource, sys, time
+import polars as pl
+start = time.perf_counter()
+table = pl.scan_parquet(sys.argv[1] + "/*.parquet").group_by("device", "position").agg(
+    pl.col("time", "accel_x", "accel_y", "accel_z", "temperature").mean()).collect(engine="streaming")
+print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, table.height)
+"""
+
+
+def measured(script: str, *arguments: Path) -> tuple[float, float, int]:
+    """Seconds, GB and count of one process."""
+    run = subprocess.run(
+        [sys.executable, "-c", script, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    seconds, memory, count = run.stdout.split()
+    return float(seconds), float(memory), int(count)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--gigabytes", type=float, default=2.0)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args()
+    base = chosen.folder or Path(tempfile.mkdtemp())
+    source = base / "line"
+    start = time.perf_counter()
+    devices, size = write(source, chosen.gigabytes)
+    print(f"{devices} devices, {size:.2f} GB written in {time.perf_counter() - start:.0f} s")
+    full = campaign(base / "full", source, FILES)
+    ours, peer = [], []
+    for _ in range(REPEATS):
+        shutil.rmtree(base / "results", ignore_errors=True)
+        ours.append(measured(OURS, full, base / "results"))
+        peer.append(measured(PEER, full))
+        assert ours[-1][2] == devices, "every device must be calibrated"
+        assert peer[-1][2] == devices * 18
+    memory = {}
+    for files in (1, 2, 4, 8):
+        part = campaign(base / f"part-{files}", source, files)
+        shutil.rmtree(base / "results", ignore_errors=True)
+        memory[files] = measured(OURS, part, base / "results")[1]
+    result = {
+        "devices": devices,
+        "gigabytes": size,
+        "ours_s": statistics.median(x[0] for x in ours),
+        "polars_s": statistics.median(x[0] for x in peer),
+        "ours_gb": statistics.median(x[1] for x in ours),
+        "polars_gb": statistics.median(x[1] for x in peer),
+        "memory_gb_by_files": memory,
+    }
+    result["ratio"] = result["ours_s"] / result["polars_s"]
+    print(
+        f"ours {result['ours_s']:.2f} s, polars {result['polars_s']:.2f} s, ratio {result['ratio']:.2f}"
+    )
+    print("peak memory, GB: " + ", ".join(f"{k} files {v:.2f}" for k, v in memory.items()))
+    if chosen.json:
+        chosen.json.write_text(json.dumps(result, indent=1))
+    if chosen.folder is None:
+        shutil.rmtree(base)
+
+
+if __name__ == "__main__":
+    main()

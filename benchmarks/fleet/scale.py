@@ -1,0 +1,124 @@
+"""How the cost of a fleet grows with its devices, and how soon the command shows a first result.
+
+    pip install -e .
+    python benchmarks/fleet/scale.py [--json FILE]
+
+1. `fit_fleet` from dwell means, 100 to 100 000 devices × 18 positions, nine parameters with weights estimated from
+   the misfit; medians of five after one run that compiles; the exponent is the slope of log time over log devices.
+2. `inertiax fleet` as a command on 50 devices of raw samples: seconds until the first part is on disk, with an empty
+   compilation cache and with a filled one; medians of five.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+from raw import campaign, device, directions, GRAVITY
+
+from inertiax.dwells import Dwells
+from inertiax.estimators import Invariant
+from inertiax.fleet import fit_fleet
+from inertiax.temperature import Constant
+
+
+SIZES = (100, 300, 1000, 3000, 10_000, 30_000, 100_000)
+SIGMA = 1e-4
+REPEATS = 5
+
+
+def dwell_means(devices: int) -> Dwells:
+    rng = np.random.default_rng(3)
+    u = directions() * GRAVITY
+    outputs = u + u @ np.tril(rng.normal(0, 3e-3, (devices, 3, 3))).transpose(0, 2, 1)
+    outputs += rng.normal(0, 0.03, (devices, 1, 3)) + rng.normal(0, SIGMA, outputs.shape)
+    shape = outputs.shape[:2]
+    row = np.arange(shape[1])
+    return Dwells(
+        time=np.broadcast_to(row * 20.0, shape), duration=np.full(shape, 10.0),
+        count=np.full(shape, 1000.0), temperature=np.full(shape, 20.0),
+        experiment=np.zeros(shape, int), position=np.broadcast_to(row, shape), valid=np.ones(shape, bool),
+        accel=outputs, accel_covariance=np.broadcast_to(np.eye(3) * SIGMA**2, (*shape, 3, 3)),
+    )  # fmt: skip
+
+
+def growth() -> dict[int, float]:
+    seconds = {}
+    for devices in SIZES:
+        dwells = dwell_means(devices)
+        times = []
+        for _ in range(REPEATS + 1):
+            start = time.perf_counter()
+            fit = fit_fleet(Invariant(GRAVITY), Constant(), dwells)
+            times.append(time.perf_counter() - start)
+        assert fit.converged.all()
+        seconds[devices] = statistics.median(times[1:])
+        print(
+            f"{devices:7d} devices  {seconds[devices]:8.4f} s  {seconds[devices] / devices * 1e6:7.2f} µs each"
+        )
+    return seconds
+
+
+def latency() -> dict[str, float]:
+    import polars as pl
+
+    rng = np.random.default_rng(5)
+    base = Path(tempfile.mkdtemp())
+    (base / "line").mkdir()
+    pl.concat([device(rng, f"SN{k}") for k in range(50)]).write_parquet(
+        base / "line/line-0.parquet"
+    )
+    folder = campaign(base / "campaign", base / "line", 1)
+    found: dict[str, list[float]] = {"cold": [], "warm": []}
+    for k in range(REPEATS):
+        for state in ("cold", "warm"):
+            environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(base / f"cache-{k}")}
+            results = base / f"results-{k}-{state}"
+            command = [
+                sys.executable,
+                "-m",
+                "inertiax",
+                "fleet",
+                str(folder),
+                "-o",
+                str(results),
+                "--quiet",
+            ]
+            start = time.perf_counter()
+            subprocess.run(command, env=environment, check=True, capture_output=True)
+            found[state].append(time.perf_counter() - start)
+    return {k: statistics.median(v) for k, v in found.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    seconds = growth()
+    x, y = np.log(list(seconds)), np.log(list(seconds.values()))
+    large = np.array(list(seconds)) >= 1000
+    exponent = {
+        "all": float(np.polyfit(x, y, 1)[0]),
+        "from 1000": float(np.polyfit(x[large], y[large], 1)[0]),
+    }
+    print("exponent " + ", ".join(f"{k}: {v:.3f}" for k, v in exponent.items()))
+    first = latency()
+    print(f"command on 50 devices: cold {first['cold']:.1f} s, warm {first['warm']:.1f} s")
+    if chosen.json:
+        chosen.json.write_text(
+            json.dumps(
+                {"seconds": seconds, "exponent": exponent, "first_result_s": first}, indent=1
+            )
+        )
+
+
+if __name__ == "__main__":
+    main()
