@@ -8,6 +8,8 @@ from scipy.stats import chi2
 
 from fleet_data import device_table, GRAVITY, HIGH, LOW, parameters
 from hard_limit import run_limited
+from inertiax.dwells import Dwells
+from inertiax.estimators import ReferenceAccel
 from inertiax.fleet import (
     between_devices,
     fleet_calibration,
@@ -15,12 +17,15 @@ from inertiax.fleet import (
     read_parts,
     read_population,
     run_fleet,
+    stack_dwells,
     TriadPopulation,
     write_population,
 )
 from inertiax.fleet.between import deviation
+from inertiax.fleet.informed import fit_informed
 from inertiax.fleet.population import lower_triangle, symmetric
 from inertiax.fleet.triad_model import TriadModel
+from inertiax.temperature import Constant
 
 
 def _line(rng: np.random.Generator, devices: int, unknowns: int, noise: float):
@@ -285,3 +290,55 @@ def test_a_prior_of_another_model_is_refused(known, tmp_path):
         ValueError, match="temperature_degree = 0, but the prior's devices were .* 1"
     ):
         run_fleet(tmp_path / "short", tmp_path / "out", prior=read_population(folder / "results"))
+
+
+def test_a_linear_problem_with_a_prior_is_bayesian_regression():
+    """Against (Σ⁻¹ + Hᵀ R⁻¹ H)⁻¹ and its mean in NumPy: four positions for twelve unknowns."""
+    rng = np.random.default_rng(9)
+    names = ReferenceAccel().names
+    factor = rng.normal(0, 1, (12, 12)) + 2 * np.eye(12)
+    sigma = 1e-6 * factor @ factor.T
+    mean = rng.normal(0, 1e-3, 12)
+    model = TriadModel("reference", names, 0, 0.0, 1.0)
+    prior = TriadPopulation(
+        model, tuple(mean), lower_triangle(0.9 * sigma), lower_triangle(0.1 * sigma), 3e-4, 50, 0.0
+    )
+    devices, expected = [], []
+    for _ in range(3):
+        force = GRAVITY * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
+        truth = mean + np.linalg.cholesky(sigma) @ rng.standard_normal(12)
+        design = np.concatenate(
+            [np.tile(np.eye(3), (4, 1, 1)), np.kron(np.eye(3), force[:, None])], 2
+        )
+        noise = (4e-4**2 + 3e-4**2) * np.eye(12)  # a dwell's own noise and the line's scatter
+        design = design.reshape(12, 12)
+        output = (
+            force.ravel() + design @ truth + np.linalg.cholesky(noise) @ rng.standard_normal(12)
+        )
+        covariance = np.linalg.inv(np.linalg.inv(sigma) + design.T @ np.linalg.solve(noise, design))
+        away = design.T @ np.linalg.solve(noise, output - force.ravel() - design @ mean)
+        expected.append((mean + covariance @ away, covariance))
+        devices.append(_rests(output.reshape(4, 3), force))
+    found = fit_informed(ReferenceAccel(), Constant(), stack_dwells(devices), prior).fit
+    for k, (value, covariance) in enumerate(expected):
+        size = np.sqrt(np.diagonal(covariance))
+        assert found.converged[k]
+        # The solve ends within 1e-7 standard deviations; normal equations of condition 1e4 lose 1e-8.
+        np.testing.assert_allclose((found.parameters[k] - value) / size, 0.0, atol=1e-5)
+        np.testing.assert_allclose(found.covariance[k], covariance, atol=1e-6 * size.max() ** 2)
+
+
+def _rests(output: np.ndarray, force: np.ndarray) -> Dwells:
+    count = len(output)
+    return Dwells(
+        time=10.0 * np.arange(count),
+        duration=np.full(count, 8.0),
+        count=np.full(count, 100.0),
+        temperature=np.zeros(count),
+        experiment=np.zeros(count, int),
+        position=np.arange(count),
+        valid=np.ones(count, bool),
+        accel=output,
+        accel_covariance=np.tile(4e-4**2 * np.eye(3), (count, 1, 1)),
+        reference_accel=force,
+    )

@@ -40,14 +40,14 @@ class InformedFit(eqx.Module):
 
 
 class _Solved(eqx.Module):
-    parameters: Float[AnyArray, "devices unknowns"]
-    covariance: Float[AnyArray, "devices unknowns unknowns"]
-    misfit: Float[AnyArray, "devices dwells rows"]
-    own: Float[AnyArray, "devices dwells rows"]
-    told: Float[AnyArray, " devices"]
-    away: Float[AnyArray, " devices"]
-    converged: Bool[AnyArray, " devices"]
-    num_steps: Int[AnyArray, " devices"]
+    parameters: Float[AnyArray, "*devices unknowns"]
+    covariance: Float[AnyArray, "*devices unknowns unknowns"]
+    misfit: Float[AnyArray, "*devices dwells rows"]
+    own: Float[AnyArray, "*devices dwells rows"]
+    told: Float[AnyArray, " *devices"]
+    away: Float[AnyArray, " *devices"]
+    converged: Bool[AnyArray, " *devices"]
+    num_steps: Int[AnyArray, " *devices"]
 
 
 def fit_informed(
@@ -60,11 +60,10 @@ def fit_informed(
     """
     valid = np.asarray(dwells.valid)
     mean, lower = jnp.asarray(np.array(prior.mean)), jnp.asarray(_factor(prior.prior_covariance))
-    known = prior.scatter if prior.scatter > 0 else 0.0
+    known = prior.scatter
     solve = partial(_in_chunks, estimator, basis, dwells, mean, lower)
-    scatter = np.full(len(valid), known or NOMINAL_SIGMA * 1e-6)
-    own = solve(scatter, np.arange(len(valid))).own
-    noisy = np.all((np.asarray(own) > 0) | ~valid[:, :, None], axis=(1, 2))
+    own = np.asarray(_own_sigma(estimator, jax.tree.map(jnp.asarray, dwells)))
+    noisy = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
     scatter = np.where(noisy, known, known or NOMINAL_SIGMA)
     found = solve(scatter, np.arange(len(valid)))
     chi2 = _chi2_per_dof(found, valid, noisy)
@@ -137,6 +136,13 @@ def _in_chunks(
         solved = _solve(estimator, basis, part, mean, lower, jnp.asarray(scatter[mine]))
         parts.append(jax.tree.map(np.asarray, solved))
     return jax.tree.map(lambda *x: np.concatenate(x)[:count], *parts)
+
+
+@eqx.filter_jit
+def _own_sigma(estimator: AbstractEstimator, dwells: Dwells) -> Float[Array, "devices dwells rows"]:
+    """Standard deviation of a misfit by the dwell's own noise; no estimator's depends on the parameters."""
+    ideal = jnp.zeros(estimator.num_parameters)
+    return jax.vmap(jax.vmap(lambda d: estimator.misfit(ideal, d)[1]))(dwells)
 
 
 @eqx.filter_jit
