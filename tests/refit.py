@@ -23,10 +23,12 @@ def refitted(
     accel: np.ndarray,
     temperature: np.ndarray,
     *,
-    steps: int = 4,
+    steps: int = 2,
 ) -> np.ndarray:
     """Coefficients (runs, size, parameters) by Gauss-Newton steps from `curve`, for outputs (runs, dwells, 3)
-    and temperatures (runs, dwells) in place of those of `clean`."""
+    and temperatures (runs, dwells) in place of those of `clean`.
+
+    From the truth, what is disturbed by 1e-4 at most is solved to 1e-8 by the first step already."""
     runs, count = len(accel), clean.num_dwells
     tiled = jax.tree.map(lambda x: np.tile(x, (runs,) + (1,) * (np.ndim(x) - 1)), clean)
     dwells = eqx.tree_at(
