@@ -190,5 +190,6 @@ def _known(folder: Path, mark: str, prior: Population | None) -> Manifest | None
         )
     if known.prior != prior:
         had = "without a prior" if known.prior is None else "with another prior"
+        had = "with a prior" if prior is None else had
         raise ValueError(f"{folder} holds a run {had}; choose another output folder.")
     return known

@@ -109,9 +109,9 @@ def write_table(table: pl.DataFrame, file: Path) -> None:
         beside.unlink(missing_ok=True)
 
 
-def read_parts(folder: Path) -> pl.LazyFrame:
+def read_parts(folder: Path | str) -> pl.LazyFrame:
     """All devices stored so far. Raises `ValueError` where there is no run or nothing is done."""
-    return pl.scan_parquet(_part_files(folder))
+    return pl.scan_parquet(_part_files(Path(folder)))
 
 
 def each_part(folder: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
