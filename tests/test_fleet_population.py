@@ -245,7 +245,7 @@ print(run_fleet({str(tmp_path / "short")!r}, {str(tmp_path / "out")!r}, prior=pr
     alone = np.sqrt(np.diagonal(prior.prior_covariance))
     # The six faces tell the biases and scale factors at that temperature: far better than the line's spread.
     assert np.median(sigma[:, :3] / alone[:3]) < 0.35
-    with pytest.raises(ValueError, match="holds a run with another prior"):
+    with pytest.raises(ValueError, match="holds a run with a prior"):
         run_fleet(tmp_path / "short", tmp_path / "out")
 
 

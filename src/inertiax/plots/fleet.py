@@ -15,7 +15,7 @@ from ..quantities import label
 from .style import COLOURS, INK, new_figure, QUIET
 
 
-BINS = 40
+MOST_BINS = 40
 REACH = 5.0  # standard deviations between devices that a histogram shows
 
 Units = tuple[tuple[float, str], ...]  # factor from SI and unit of each parameter
@@ -33,7 +33,7 @@ def distributions(view: TriadView, units: Units) -> Figure:
         ax, x = axes[k], factor * view.values[:, at, k]
         mean, spread = factor * view.mean[at, k], factor * view.spread[at, k]
         low, high = _limits(x, mean, spread)
-        edges = np.linspace(low, high, BINS + 1).tolist()
+        edges = np.linspace(low, high, _bins(len(x)) + 1).tolist()
         ax.hist(np.clip(x, low, high), edges, histtype="stepfilled", color=COLOURS[0])
         for place, style in ((mean, "-"), (mean - spread, "--"), (mean + spread, "--")):
             ax.axvline(place, color=COLOURS[1], ls=style, lw=1.0)
@@ -48,13 +48,18 @@ def distributions(view: TriadView, units: Units) -> Figure:
     return figure
 
 
+def _bins(devices: int) -> int:
+    return int(np.clip(2.0 * math.sqrt(devices), 8, MOST_BINS))
+
+
 def _limits(x: np.ndarray, mean: float, spread: float) -> tuple[float, float]:
-    """All devices, or the middle of them where some are far out."""
+    """The line's spread and all devices, or the middle of them where some are far out."""
     reach = REACH * spread
     low, high = max(float(x.min()), mean - reach), min(float(x.max()), mean + reach)
     # All beyond one side: a shift of the whole fleet against the prior.
     if not low < high:
         low, high = float(x.min()), float(x.max())
+    low, high = min(low, mean - spread), max(high, mean + spread)
     pad = 0.04 * (high - low) or max(abs(high), 1e-12)
     return low - pad, high + pad
 

@@ -7,6 +7,9 @@ import equinox as eqx
 import numpy as np
 import polars as pl
 
+from ..fleet.explain import read_line_file
+from ..fleet.line import LineMismatch
+from ..fleet.mismatch import Term
 from ..fleet.population import Population, read_population
 from ..fleet.recalibration import Drift, drift_between, FAR
 from ..fleet.results import kinds_of_reasons
@@ -37,6 +40,7 @@ class FleetPage(eqx.Module):
     views: dict[str, TriadView]
     unlike: dict[str, tuple[Unlike, ...]] = eqx.field(static=True)
     drifts: dict[str, Drift]
+    line: tuple[LineMismatch, ...] = eqx.field(static=True)
 
     @property
     def aside(self) -> pl.DataFrame:
@@ -85,7 +89,8 @@ def fleet_page(
         if not drifts:
             raise ValueError(f"{earlier} and {folder} have no calibrated device in common.")
     unlike = {triad: unlike_devices(view) for triad, view in views.items()}
-    return FleetPage(manifest, population, states, views, unlike, drifts)
+    line = read_line_file(folder) or ()
+    return FleetPage(manifest, population, states, views, unlike, drifts, line)
 
 
 def report_fleet(
@@ -119,6 +124,7 @@ def report_fleet(
         sections=[
             *_reasons_section(page),
             *(_triad_section(triad, view, folder) for triad, view in page.views.items()),
+            *_line_section(page),
             *_unlike_section(page, files),
             *_aside_section(page, files),
             *(_drift_section(triad, d, page, folder) for triad, d in page.drifts.items()),
@@ -144,12 +150,14 @@ def _verdict(page: FleetPage) -> Verdict:
     lines = []
     if aside:
         kinds = kinds_of_reasons(page.aside.get_column("reason"))
-        lines.append(f"Most frequent reason: {kinds[0][0]} ({kinds[0][1]} devices).")
+        lines.append(
+            f"Most frequent reason for setting aside: {kinds[0][0]} ({kinds[0][1]} of {aside})."
+        )
     unlike = len(page.unlike_names)
     if unlike:
+        subject = "1 calibrated device is" if unlike == 1 else f"{unlike} calibrated devices are"
         lines.append(
-            f"{unlike} calibrated devices are unlike the others; their calibrations stand, but look at "
-            "them before they are shipped."
+            f"{subject} unlike the others. The calibration stands, but look before shipping."
         )
     for triad, drift in page.drifts.items():
         lines.append(_drift_sentence(triad, drift))
@@ -248,7 +256,7 @@ def _line_sentences(view: TriadView) -> tuple[str, ...]:
         )
     return (
         f"Mean and spread from {view.line.devices} devices, free of the devices' own uncertainties and of "
-        f"{len(view.line.outliers)} devices unlike the others. '--prior' takes them from this folder.",
+        f"{len(view.line.outliers)} unlike the others. '--prior' takes them from this folder.",
     )
 
 
@@ -360,6 +368,38 @@ def _far_table(drift: Drift, units: plots.Units) -> Table:
     caption += f", the {LISTED} greatest of {len(far)}." if len(far) > LISTED else "."
     head = ("device", "parameter", "at", "change", "unit", "sigmas")
     return Table(head, tuple(rows), numeric=(3, 5), caption=caption)
+
+
+def _line_section(page: FleetPage) -> list[Section]:
+    """What the model leaves out, where the run was asked to tell."""
+    if not page.line:
+        return []
+    rows = [
+        (
+            "the line",
+            *_term_cells(c.term),
+            f"{c.mean:.3g} ± {c.mean_sigma:.1g}",
+            f"{c.z:.1f}",
+            c.cause,
+        )
+        for found in page.line
+        for c in found.common
+    ]
+    rows += [
+        (s.device, *_term_cells(s.term), f"{s.amplitude:.3g} ± {s.sigma:.1g}", f"{s.z:.1f}", "")
+        for found in page.line
+        for s in found.single[:LISTED]
+    ]
+    tables = ()
+    if rows:
+        head = ("where", "effect", "channel", "unit", "size ± 1 sigma", "sigmas", "cause")
+        tables = (Table(head, tuple(rows)),)
+    said = tuple(s for found in page.line for s in found.sentences)
+    return [Section("What the model leaves out", said, tables=tables)]
+
+
+def _term_cells(term: Term) -> tuple[str, str, str]:
+    return term.name, term.channel, term.unit
 
 
 def _files_section(page: FleetPage) -> Section:

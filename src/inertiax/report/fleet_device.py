@@ -117,7 +117,11 @@ def _keys(row: dict, solved: dict[str, TriadCalibration]) -> list[Key]:
     for triad in solved:
         chi2 = row[f"{triad}_chi2_per_dof"]
         known = chi2 is not None and math.isfinite(chi2)
-        detail = f"χ² per degree of freedom {chi2:.2f}" if known else "noise unknown"
+        detail = (
+            f"χ² per degree of freedom {chi2:.2f}"
+            if known
+            else "no χ²: noise unknown or too few dwells"
+        )
         rms = rms_text(_UNITS[triad], row[f"{triad}_rms"])
         keys.append(Key(f"{TRIAD_NAMES[triad]}: rms misfit", rms, detail))
     return keys
