@@ -69,10 +69,15 @@ def with_bias_held(problem: Problem, bias: np.ndarray) -> tuple[np.ndarray, np.n
     """Θ by rows and its covariance from the motions alone, the bias (rad/s) held."""
     vector = np.concatenate([bias, np.zeros(9)])
     for _ in range(8):
-        now = problem.at(vector[None])
-        rows, tilts = now.jacobian[:, 3:, 3:12].reshape(-1, 9), now.residual[:, 3:].ravel()
+        rows, tilts = _tilts(problem, vector)
         vector[3:] -= np.linalg.lstsq(rows, tilts, rcond=None)[0]
+    rows, _ = _tilts(problem, vector)
     return vector[3:], np.linalg.inv(rows.T @ rows)
+
+
+def _tilts(problem: Problem, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    now = problem.at(vector[None])
+    return now.jacobian[:, 3:, 3:12].reshape(-1, 9), now.residual[:, 3:].ravel()
 
 
 def calibrated(

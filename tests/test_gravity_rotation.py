@@ -283,37 +283,53 @@ import sys
 sys.path.insert(0, {tests!r})
 from test_gravity_rotation import *
 from test_gravity_rotation import _log, _truth, _turns, _vector
+from inertiax.estimators import Invariant, JointImu
 from inertiax.one_device import joint_fit_one
-squares, tilts = [], []
-for seed in range(60):
-    rng = np.random.default_rng(1000 + seed)
-    truth = _truth(rng)
-    recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3)
+from inertiax.together import fit_together
+
+def dwells_of(recording):
     dwells = jax.tree.map(np.asarray, _turns(recording).dwells)
     pad = 448 - dwells.motion.gyro.shape[1]  # one compilation for all
     widen = lambda x, mode: np.pad(x, ((0, 0), (0, pad), (0, 0))[: x.ndim], mode=mode)
     motion = eqx.tree_at(lambda m: (m.gyro, m.step), dwells.motion,
         (widen(dwells.motion.gyro, "edge"), widen(dwells.motion.step, "constant")))
-    dwells = eqx.tree_at(lambda d: d.motion, dwells, motion)
-    solution = joint_fit_one(GravityRotation(GRAVITY), Constant(), dwells)
+    return eqx.tree_at(lambda d: d.motion, dwells, motion)
+
+alone, tilts, joint = [], [], []
+both = JointImu(Invariant(GRAVITY), GravityRotation(GRAVITY))
+for seed in range(40):
+    rng = np.random.default_rng(1000 + seed)
+    truth = _truth(rng)
+    recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3)
+    solution = joint_fit_one(GravityRotation(GRAVITY), Constant(), dwells_of(recording))
     assert bool(solution.succeeded), seed
     error = np.asarray(solution.curve.coefficients[0]) - _vector(truth)
-    squares.append(error @ np.linalg.solve(np.asarray(solution.covariance), error))
+    alone.append(error @ np.linalg.solve(np.asarray(solution.covariance), error))
     tilts.append(float(np.sum(np.square(solution.residuals[:, 3:]))))
-print(np.mean(squares), np.mean(tilts))
+    bias, lower = rng.normal(0.0, 0.1, 3), np.tril(rng.normal(0.0, 0.01, (3, 3)))
+    raw = recording.accel @ (np.eye(3) + lower).T + bias
+    recording = eqx.tree_at(lambda r: r.accel, recording, raw)
+    found = fit_together(both, dwells_of(recording))
+    assert found.converged, seed
+    true = np.concatenate([bias, lower[np.tril_indices(3)], _vector(truth)])
+    error = np.asarray(found.curve.coefficients[0]) - true
+    joint.append(error @ np.linalg.solve(found.covariance, error))
+print(np.mean(alone), np.mean(tilts), np.mean(joint))
 """
 
 
 @pytest.mark.slow
 def test_errors_are_what_the_covariance_says():
-    # In a process of its own with a limit: a hang is a failure. The generator's small steps take minutes.
+    # In a process of its own with a limit: a hang is a failure.
     code = STATISTICS.format(tests=str(Path(__file__).parent))
-    squares, tilts = map(float, run_limited(code, seconds=900).split()[-2:])
-    # 60 runs of χ² with 12 degrees of freedom: mean 12, 1 sigma of the mean √(24/60) = 0.63.
+    alone, tilts, joint = map(float, run_limited(code, seconds=300).split()[-3:])
+    # 40 runs of χ² with 12 degrees of freedom: mean 12, 1 sigma of the mean √(24/40) = 0.77.
     # The scatter of the bias is never estimated below zero, which makes sigmas a little too large.
-    assert 9.0 < squares < 13.9
-    # 24 tilts less 9 for Θ: 15, 1 sigma of the mean 0.71.
-    assert 12.0 < tilts < 17.1
+    assert 9.0 < alone < 14.3
+    # 24 tilts less 9 for Θ: 15, 1 sigma of the mean 0.87.
+    assert 12.0 < tilts < 17.6
+    # Both triads in one least squares, 21 unknowns: 1 sigma of the mean 1.02.
+    assert 17.5 < joint < 24.1
 
 
 # The Xsens recording of imu_tk ----------------------------------------------------------------------
