@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from inertiax.diagnose import diagnose
 from inertiax.diagnose.foresight import Foresight, skill, stretches
 from inertiax.diagnose.noise_draws import draw
 from inertiax.diagnose.whiten import Chain, TIME_CONSTANTS, Variances
+from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
 def test_draws_of_the_noise_have_the_covariance_of_its_formula():
@@ -56,3 +58,36 @@ def test_the_error_of_stretches_left_out_is_that_of_plain_refits():
     np.testing.assert_allclose(one.errors(column), errors[2:], rtol=1e-9)
     ratio = np.array(errors[:2]) / np.array(errors[2:])
     assert abs(skill(one, column) - np.mean(0.5 * np.log(ratio))) < 1e-9
+
+
+def one_turn(seed, loop):
+    """Gyros in one pose, cooled and heated once: a loop of width 4 °C of given sizes, and a walk in each."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(3600.0)
+    probe = np.interp(time, [0.0, 1500.0, 3600.0], [50.0, -15.0, 70.0])
+    held, state = np.empty_like(probe), probe[0]
+    for k, value in enumerate(probe):
+        state = min(max(state, value - 2.0), value + 2.0)
+        held[k] = state
+    x = (probe - 20.0) / 40.0
+    output = 1e-3 * np.stack([x, x**2 - x, 0.5 * x + x**3], axis=1)
+    output = output + ((held - probe) / 2.0)[:, None] * np.asarray(loop)
+    output = output + np.cumsum(3e-6 * rng.standard_normal(output.shape), axis=0)
+    recording = Recording(
+        time=time, gyro=output + 1e-4 * rng.standard_normal(output.shape), temperature=probe[:, None],
+        position=np.zeros(3600, int),
+    )  # fmt: skip
+    model = ModelChoice(gyro_estimator="static", temperature_degree=3)
+    return Campaign((recording,), Site(9.81), Rig(), model, "consumer")
+
+
+def test_a_thermal_loop_that_channels_share_is_named_although_a_jump_at_its_turn_looks_alike():
+    # Half a loop of 1e-3 rad/s against a walk that reaches 1.8e-4 rad/s in an hour.
+    found = diagnose(one_turn(1, (1e-3, -8e-4, 0.0)))
+    named = {e.name: set(e.channels) for e in found.effects}
+    assert {"gyro_x", "gyro_y"} <= named["thermal_hysteresis"]
+    assert "gyro_z" not in named["thermal_hysteresis"]
+
+
+def test_walks_alone_are_not_taken_for_a_thermal_loop():
+    assert diagnose(one_turn(2, (0.0, 0.0, 0.0))).verdict == "consistent"

@@ -282,12 +282,17 @@ class Asked:
             if not t.name.startswith(PREFIX) and not mine_only.isdisjoint(t.chains)
         ]
         shared = bank(self.system, noises, others)
+        ranked = judge(self.system, shared, catalogue, others, self.forms, self.grade)
         names: dict[str, Candidate] = {}
-        for c in judge(self.system, shared, catalogue, others, self.forms, self.grade):
+        for c in ranked:
             names.setdefault(c.term.name, c)
         own: Candidate = names.get(mine.term.name, mine)
         top: Candidate = max(names.values(), key=lambda c: c.evidence)
         lead = own if own.evidence > top.evidence - 1e-9 else top
+        # One cause instead of two, where the data cannot tell: a further form of an effect found already.
+        known = {(t.name, t.channels) for t in others}
+        same = [c for c in ranked if c.key in known and 2.0 * (lead.evidence - c.evidence) < SAME]
+        lead = same[0] if same else lead
         rivals = tuple(
             c for c in sorted(names.values(), key=lambda c: -c.evidence)
             if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME

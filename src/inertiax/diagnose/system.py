@@ -19,6 +19,8 @@ EXTRA = 16  # columns of effects that a fit of variances has room for
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
 START = np.array([0.0, -1.0, -4.0, -2.0, -3.0])
+# The likelihood of flicker and walk together has more than one maximum.
+STARTS = (START, np.array([0.0, -6.0, 1.0, -2.0, -3.0]))
 BOUNDS = [(-1.0, 4.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0)]
 
 
@@ -115,7 +117,7 @@ def fit_noise(
             thetas.append(start.theta[c])
             values.append(start.value[c])
             continue
-        first = [START] if start is None else [start.theta[c]]
+        first = STARTS if start is None else (start.theta[c],)
         theta, value = _maximise(system, c, chosen, first)
         thetas.append(theta)
         values.append(value)
@@ -132,7 +134,7 @@ def _maximise(
         value = float(value)
         return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(5))
 
-    options = {"ftol": 2e-6, "gtol": 5e-2, "maxiter": 30}
+    options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 40}
     found = [
         scipy.optimize.minimize(
             objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
