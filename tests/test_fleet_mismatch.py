@@ -1,7 +1,10 @@
 """Effects common to a line told from those of single devices; data from plain NumPy."""
 
+import json
+
 import jax
 import numpy as np
+import polars as pl
 import pytest
 
 from fleet_data import COLUMNS, directions, GRAVITY, ROWS
@@ -47,7 +50,7 @@ def read(dwells: Dwells):
         estimator, basis = Invariant(GRAVITY), Constant()
         fit = fit_fleet(estimator, basis, dwells)
         scores = score(estimator, basis, dwells, fit)
-    return scores, read_line([f"SN{d}" for d in range(DEVICES)], scores)
+    return scores, read_line("accel", [f"SN{d}" for d in range(DEVICES)], scores)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -114,4 +117,43 @@ def test_few_devices_are_refused():
     scores, _ = read(line(7))
     few = type(scores)(scores.terms, scores.amplitude[:5], scores.sigma[:5], scores.overlap)
     with pytest.raises(ValueError, match="5 devices have residuals to compare; at least 8"):
-        read_line(["a"] * 5, few)
+        read_line("accel", ["a"] * 5, few)
+
+
+def test_the_command_names_what_a_line_has_in_common(tmp_path):
+    from typer.testing import CliRunner
+
+    import fleet_data
+    from inertiax.cli.app import app
+
+    folder = tmp_path / "line"
+    fleet_data.write_line(folder, 24, experiments=2, degree=0)
+    # The same cubic in every z axis, as of a read-out that the whole line shares.
+    for file in folder.glob("*.parquet"):
+        table = pl.read_parquet(file)
+        cubic = 2e-2 * (pl.col("accel_z") / GRAVITY) ** 3
+        table.with_columns(accel_z=pl.col("accel_z") + cubic).write_parquet(file)
+    results = tmp_path / "results"
+    done = CliRunner().invoke(
+        app, ["fleet", str(folder), "-o", str(results), "--explain", "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)["line"][0]["common"][0]
+    names = {found["term"]["name"], *(t["name"] for t in found["rivals"])}
+    assert "third_order" in names and found["term"]["channel"] == "accel_z"
+    assert found["shared_cause"]
+    page = (results / "report.html").read_text()
+    assert "What the model leaves out" in page and "the line has" in page
+    # Nothing is done again, and the answer is there.
+    again = CliRunner().invoke(app, ["fleet", str(folder), "-o", str(results), "--explain"])
+    assert again.exit_code == 0 and "accel: the line has" in again.stdout
+
+
+def test_a_run_without_scores_is_not_explained_afterwards(tmp_path):
+    import fleet_data
+    from inertiax.fleet import run_fleet
+
+    fleet_data.write_line(tmp_path / "line", 3, experiments=1, degree=0)
+    run_fleet(tmp_path / "line", tmp_path / "results")
+    with pytest.raises(ValueError, match="holds a run without --explain"):
+        run_fleet(tmp_path / "line", tmp_path / "results", explain=True)

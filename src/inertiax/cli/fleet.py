@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated, TYPE_CHECKING
 
+import msgspec
 import typer
 
 from . import console, environment, outputs
@@ -53,6 +54,14 @@ def fleet(
             "that both runs cover.",
         ),
     ] = None,
+    explain: Annotated[
+        bool,
+        typer.Option(
+            "--explain",
+            help="Also say what the model leaves out: effects common to the line (rig, reference, the sensors' "
+            "make) and effects of single devices. At least eight devices.",
+        ),
+    ] = False,
     device: Annotated[
         str | None,
         typer.Option(
@@ -82,14 +91,15 @@ def fleet(
     known = None if prior is None else read_population(prior)
     with console.Counter("devices' tasks", quiet=quiet) as counter:
         summary = run_fleet(
-            campaign, output, workers=workers, scheduler=scheduler, prior=known, progress=counter
-        )
+            campaign, output, workers=workers, scheduler=scheduler, prior=known, explain=explain,
+            progress=counter,
+        )  # fmt: skip
     with console.Stages(quiet=quiet) as stages:
         stages("writing the report")
         report_fleet(
             output, command_line(), outputs.folder_names, earlier=earlier, temperatures=temperatures
         )
-    _tell(summary, output, as_json=as_json, quiet=quiet)
+    _tell(summary, output, explain=explain, as_json=as_json, quiet=quiet)
 
 
 def _temperatures(text: str | None) -> tuple[float, ...] | None:
@@ -121,9 +131,15 @@ def _one_device(output: Path, device: str, *, as_json: bool) -> None:
     typer.echo(f"wrote {file}", err=as_json)
 
 
-def _tell(summary: "FleetSummary", output: Path, *, as_json: bool, quiet: bool) -> None:
+def _tell(
+    summary: "FleetSummary", output: Path, *, explain: bool, as_json: bool, quiet: bool
+) -> None:
+    from ..fleet import read_line_file
+
+    line = (read_line_file(output) or ()) if explain else ()
     if as_json:
-        outputs.print_json({**summary.as_dict(), "output": str(output)})
+        said = {"line": msgspec.to_builtins(line)} if explain else {}
+        outputs.print_json({**summary.as_dict(), **said, "output": str(output)})
     elif not quiet:
         typer.echo(
             f"{summary.devices} devices: {summary.calibrated} calibrated, {summary.set_aside} set aside"
@@ -131,4 +147,9 @@ def _tell(summary: "FleetSummary", output: Path, *, as_json: bool, quiet: bool) 
         )
         for reason, count in summary.reasons:
             typer.echo(f"  {count} × {reason}")
+        if unlike:
+            more = ", …" if len(unlike) > 5 else ""
+            typer.echo(f"unlike the others: {len(unlike)} ({', '.join(unlike[:5])}{more})")
+        for sentence in (s for found in line for s in found.sentences):
+            typer.echo(f"  {sentence}")
         typer.echo(f"results in {output}, see {output / 'report.html'}")

@@ -2,6 +2,7 @@
 
 from .batch import fit_fleet as fit_fleet, FleetFit as FleetFit, stack_dwells as stack_dwells
 from .between import Between as Between, between_devices as between_devices
+from .explain import read_line_file as read_line_file
 from .invariant import fit_invariant as fit_invariant
 from .line import LineMismatch as LineMismatch, read_line as read_line
 from .linear import fit_linear as fit_linear

@@ -11,7 +11,7 @@ model of the dwells does not raise an alarm.
 
 from collections.abc import Sequence
 
-import equinox as eqx
+import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
@@ -25,7 +25,7 @@ SHARED_SPREAD = 0.2  # tau / |mean| below which devices agree
 FEWEST = 8  # devices, for a mean with an uncertainty
 
 
-class Common(eqx.Module):
+class Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An effect that the line has in common."""
 
     term: Term
@@ -37,21 +37,26 @@ class Common(eqx.Module):
     shared_cause: bool  # whether all devices have the same amount
 
     @property
+    def cause(self) -> str:
+        """Where to look for it, in words."""
+        if self.shared_cause:
+            return "the same in all devices, which points to the rig, its reference or the stated gravity"
+        return (
+            f"different from device to device (spread {self.spread:.2g}), which points to the "
+            "sensors' make"
+        )
+
+    @property
     def sentence(self) -> str:
         """In words."""
         size = f"{self.mean:.3g} ± {self.mean_sigma:.1g} {self.term.unit}"
         where = "" if self.term.channel == "all" else f" on {self.term.channel}"
-        cause = (
-            "the same in all devices, which points to the rig, its reference or the stated gravity"
-            if self.shared_cause
-            else f"different from device to device (spread {self.spread:.2g}), which points to the sensors' make"
-        )
         names = sorted({t.name for t in self.rivals} - {self.term.name})
         doubt = f"; this plan does not tell it from {', '.join(names)}" if names else ""
-        return f"{self.term.name}{where}: {size}, {cause}{doubt}"
+        return f"{self.term.name}{where}: {size}, {self.cause}{doubt}"
 
 
-class Single(eqx.Module):
+class Single(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An effect that one device has and the others have not."""
 
     device: str
@@ -73,16 +78,32 @@ class Single(eqx.Module):
         )
 
 
-class LineMismatch(eqx.Module):
+class LineMismatch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the catalogue finds in a fleet."""
 
+    triad: str
     devices: int
-    common: tuple[Common, ...]
+    common: tuple[Common, ...]  # strongest first
     single: tuple[Single, ...]  # greatest first
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """In words: the line's effects, or that there are none, and how many devices are unlike it."""
+        if self.common:
+            said = [f"{self.triad}: the line has {c.sentence}." for c in self.common]
+        else:
+            said = [f"{self.triad}: {self.devices} devices have no effect in common."]
+        if self.single:
+            count = len(self.single)
+            said.append(
+                f"{self.triad}: {count} device{'s have effects' if count > 1 else ' has an effect'} of "
+                f"{'their' if count > 1 else 'its'} own, the greatest: {self.single[0].sentence}."
+            )
+        return tuple(said)
 
 
 def read_line(
-    names: Sequence[str], scores: FleetScores, *, most: int = 3, listed: int = 100
+    triad: str, names: Sequence[str], scores: FleetScores, *, most: int = 3, listed: int = 100
 ) -> LineMismatch:
     """Tell common effects from those of single devices.
 
@@ -106,7 +127,8 @@ def read_line(
         common.append(found)
         k = scores.terms.index(found.term)
         amplitude = amplitude - found.mean * _leak(scores.overlap, sigma, k)
-    return LineMismatch(int(usable.sum()), tuple(common), _single(names, amplitude, scores, listed))
+    single = _single(names, amplitude, scores, listed)
+    return LineMismatch(triad, int(usable.sum()), tuple(common), single)
 
 
 def _leak(

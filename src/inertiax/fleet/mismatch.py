@@ -1,13 +1,14 @@
 """Score statistics of the catalogue over many devices: what a line's residuals have in common.
 
-For a device with whitened misfit r, parameter Jacobian J and the signature s of a catalogued effect (what a
-unit of it would add to the misfit), what the calibration cannot absorb of the signature is
-s̃ = s − J (JᵀJ)⁻¹ Jᵀ s, and
+For a device with whitened misfit r, parameter Jacobian J, parameter covariance P and the signature s of a
+catalogued effect (what a unit of it would add to the misfit), what the calibration cannot absorb of the
+signature is s̃ = s − J P Jᵀ s, and
 
-    amplitude = s̃ᵀ r / s̃ᵀ s̃,    sigma = 1 / ‖s̃‖
+    amplitude = sᵀ r / sᵀ s̃,    sigma = 1 / √(sᵀ s̃)
 
-is the estimate of the effect's size by one linear step. It costs no further solve, so that it is taken for every device
-and effect in one pass; `line` reads the answers over the whole fleet.
+is the estimate of the effect's size by one linear step: generalised least squares with the parameters
+marginalised, whether or not they had a prior. It costs no further solve, so that it is taken for every
+device and effect in one pass; `line` reads the answers over the whole fleet.
 
 **Reference:** Rao's score test (1948); the projection is that of Frisch, Waugh and Lovell.
 """
@@ -17,6 +18,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -35,17 +37,37 @@ SEEN_IN_MEANS = (
     "table_misalignment", "table_axis_error", "gravity_error", "rate_scale_error",
 )  # fmt: skip
 FORMS = 3  # of one effect, at most: spread over its grid
-ABSORBED = 0.02  # part of a signature that must be left beside the calibration
+ABSORBED = 0.02  # part of a signature's size that must be left beside the calibration
 
 
-class Term(eqx.Module):
+class Term(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One effect in one form on one channel."""
 
-    name: str = eqx.field(static=True)
-    channel: str = eqx.field(static=True)  # "accel_x", or "all" for an effect of the rig
-    form: str = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
-    of_rig: bool = eqx.field(static=True)
+    name: str
+    channel: str  # "accel_x", or "all" for an effect of the rig
+    form: str
+    unit: str
+    of_rig: bool
+
+
+class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One form of a catalogued effect: a term for each column and, unless it is of the rig, each channel."""
+
+    name: str
+    label: str
+    settings: dict[str, float | str]
+    columns: int
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.label, tuple(sorted(self.settings.items())), self.columns))
+
+    @property
+    def effect(self) -> Effect:
+        """The catalogue's. Raises `ValueError` for a name that it does not have."""
+        for effect in CATALOGUE:
+            if effect.name == self.name:
+                return effect
+        raise ValueError(f"effect '{self.name}' is not in the catalogue.")
 
 
 class FleetScores(eqx.Module):
@@ -54,15 +76,8 @@ class FleetScores(eqx.Module):
     terms: tuple[Term, ...] = eqx.field(static=True)
     amplitude: Float[np.ndarray, "devices terms"]
     sigma: Float[np.ndarray, "devices terms"]
-    overlap: Float[np.ndarray, "terms terms"]  # mean correlation of what is left of two signatures
-
-
-class _Shape(eqx.Module):
-    """One column of an effect's shape."""
-
-    effect: Effect = eqx.field(static=True)
-    variant: Variant = eqx.field(static=True)
-    columns: int = eqx.field(static=True)
+    # Mean correlation of what is left of two signatures.
+    overlap: Float[np.ndarray, "terms terms"]
 
 
 def score(
@@ -71,59 +86,103 @@ def score(
     dwells: Dwells,
     fit: FleetFit,
     *,
-    catalogue: Sequence[Effect] = CATALOGUE,
+    forms: Sequence[Form] | None = None,
 ) -> FleetScores:
     """Score every catalogued effect that dwell means show, for all devices at once.
 
-    **Arguments:** `dwells` leads with the device, see `stack_dwells`; `fit` is theirs, of `fit_fleet`. For a gyro the
-    dwells' `accel` is the specific force in m/s², compensated.
+    **Arguments:** `dwells` leads with the device, see `stack_dwells`; `fit` is theirs. For a gyro the dwells'
+    `accel` is the specific force in m/s², compensated. `forms` defaults to those of `choose_forms`.
 
-    Forms of an effect are taken from the first device's plan. Amplitudes are in the effect's own unit.
+    Amplitudes are in the effects' own units. Raises `ValueError` where no effect can be scored.
     """
+    forms = choose_forms(estimator, basis, dwells) if forms is None else forms
     signal = _signals(estimator, basis, dwells)
-    first = jax.tree.map(lambda x: np.asarray(x)[0], signal)
-    shapes = _shapes(first, catalogue, estimator.triad)
-    coefficients = fit.parameters.reshape(len(fit.parameters), basis.size, -1)
-    rows = _program(
-        estimator,
-        basis,
-        shapes,
-        jax.tree.map(jnp.asarray, dwells),
-        signal,
-        jnp.asarray(coefficients),
-    )
+    known = [f for f in forms if all(getattr(signal, k) is not None for k in f.effect.requires)]
+    if not known:
+        raise ValueError(
+            f"`score`: no effect of the catalogue can be seen in these {estimator.triad} dwells."
+        )
+    amplitude, sigma, overlap = _scores(estimator, basis, tuple(known), dwells, signal, fit)
+    terms, shown = terms_of(forms, estimator.triad), terms_of(known, estimator.triad)
+    place = np.array([terms.index(t) for t in shown])
+    full = np.full((2, len(amplitude), len(terms)), np.nan)
+    full[:, :, place] = amplitude, sigma
+    between = np.zeros((len(terms), len(terms)))
+    between[np.ix_(place, place)] = overlap
+    return FleetScores(terms, full[0], full[1], between)
+
+
+def _scores(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    forms: tuple[Form, ...],
+    dwells: Dwells,
+    signal: Signal,
+    fit: FleetFit,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Amplitudes and their sigmas, `(devices, terms)`, and the mean overlap of the terms."""
+    coefficients = jnp.asarray(fit.parameters.reshape(len(fit.parameters), basis.size, -1))
+    numbers = jax.tree.map(jnp.asarray, dwells)
+    rows = _program(estimator, basis, forms, numbers, signal, coefficients)
     total = np.sqrt(np.square(fit.own_sigma) + np.square(fit.scatter)[:, None, None])
     weight = np.where(fit.valid[:, :, None], 1.0 / total, 0.0).reshape(len(total), -1)
     jacobian, signature = (np.asarray(x) * weight[:, :, None] for x in rows)
     residual = fit.misfit.reshape(len(total), -1) * weight
-    left, kept = _beside(jacobian, signature, fit.covariance)
-    square = np.einsum("dnt,dnt->dt", left, left)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        seen = kept > ABSORBED
-        amplitude = np.where(seen, np.einsum("dnt,dn->dt", left, residual) / square, np.nan)
-        sigma = np.where(seen, 1.0 / np.sqrt(square), np.nan)
-        unit = np.where(seen[:, None, :], left / np.sqrt(square)[:, None, :], 0.0)
-    usable = np.all(np.isfinite(unit), axis=(1, 2))
-    overlap = np.einsum("dns,dnt->st", unit[usable], unit[usable]) / max(int(usable.sum()), 1)
-    return FleetScores(_terms(shapes, estimator.triad), amplitude, sigma, overlap)
-
-
-def _beside(
-    jacobian: np.ndarray, signature: np.ndarray, covariance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of signatures beside the parameters, and which part of their size that is."""
-    along = np.matmul(covariance, np.matmul(np.swapaxes(jacobian, 1, 2), signature))
+    along = np.matmul(fit.covariance, np.matmul(np.swapaxes(jacobian, 1, 2), signature))
     left = signature - np.matmul(jacobian, along)
+    square = np.einsum("dnt,dnt->dt", signature, left)
     with np.errstate(divide="ignore", invalid="ignore"):
-        kept = np.linalg.norm(left, axis=1) / np.linalg.norm(signature, axis=1)
-    return left, np.nan_to_num(kept)
+        seen = square > np.square(ABSORBED) * np.einsum("dnt,dnt->dt", signature, signature)
+        amplitude = np.where(seen, np.einsum("dnt,dn->dt", signature, residual) / square, np.nan)
+        sigma = np.where(seen, 1.0 / np.sqrt(np.where(seen, square, 1.0)), np.nan)
+    scale = np.nan_to_num(sigma)
+    usable = np.all(np.isfinite(left), axis=(1, 2))
+    products = np.matmul(np.swapaxes(signature[usable], 1, 2), left[usable])
+    overlap = (products * scale[usable, :, None] * scale[usable, None, :]).sum(axis=0)
+    return amplitude, sigma, overlap / max(int(usable.sum()), 1)
+
+
+def choose_forms(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+) -> tuple[Form, ...]:
+    """The effects that dwell means show, each in at most three forms, for the first device's plan."""
+    first = jax.tree.map(lambda x: np.asarray(x)[:1], dwells)
+    signal = jax.tree.map(lambda x: np.asarray(x)[0], _signals(estimator, basis, first))
+    found: list[Form] = []
+    for effect in CATALOGUE:
+        lacking = [k for k in effect.requires if getattr(signal, k) is None]
+        if effect.name not in SEEN_IN_MEANS or estimator.triad not in effect.triads or lacking:
+            continue
+        variants = [v for v in effect.variants(signal) if v.settings.get("on", "bias") == "bias"]
+        chosen = np.unique(np.linspace(0, len(variants) - 1, min(FORMS, len(variants))).round())
+        for k in chosen.astype(int):
+            columns = _columns(effect, variants[k], signal)
+            found.append(Form(effect.name, variants[k].label, dict(variants[k].settings), columns))
+    return tuple(found)
+
+
+def _columns(effect: Effect, variant: Variant, signal: Signal) -> int:
+    return jax.eval_shape(lambda s: effect.shape(s, **variant.settings), signal).shape[2]
+
+
+def terms_of(forms: Sequence[Form], triad: str) -> tuple[Term, ...]:
+    """What each number of a score stands for."""
+    made: list[Term] = []
+    for form in forms:
+        effect = form.effect
+        channels = ("all",) if effect.common else tuple(f"{triad}_{a}" for a in "xyz")
+        for channel in channels:
+            for k in range(form.columns):
+                label = form.label + (f" [{k}]" if form.columns > 1 else "")
+                made.append(Term(effect.name, channel, label, effect.units[triad], effect.common))
+    return tuple(made)
 
 
 @eqx.filter_jit
 def _program(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
-    shapes: tuple[_Shape, ...],
+    forms: tuple[Form, ...],
     dwells: Dwells,
     signal: Signal,
     coefficients: Float[Array, "devices size parameters"],
@@ -131,7 +190,7 @@ def _program(
     """Jacobians of the misfit, `(devices, rows, unknowns)`, and signatures, `(devices, rows, terms)`."""
 
     def device(c: Array, mine: Dwells, felt: Signal) -> tuple[Array, Array]:
-        added = [_addition(s, felt) for s in shapes]  # (dwells, 3, terms) each
+        added = [_addition(f, felt) for f in forms]  # (dwells, 3, terms) each
         together = jnp.concatenate(added, axis=-1)
         phi = jax.vmap(basis)(mine.temperature)
 
@@ -157,41 +216,15 @@ def _program(
     return jax.vmap(device)(coefficients, dwells, signal)
 
 
-def _addition(shape: _Shape, signal: Signal) -> Float[Array, "dwells 3 terms"]:
-    """Outputs that a unit of each term adds: one term for each channel and column, or for each column."""
-    value = shape.effect.shape(signal, **shape.variant.settings)
+def _addition(form: Form, signal: Signal) -> Float[Array, "dwells 3 terms"]:
+    """Outputs that a unit of each term adds."""
+    effect = form.effect
+    value = effect.shape(signal, **form.settings)
     full = jnp.broadcast_to(value, (value.shape[0], 3, value.shape[2]))
-    if shape.effect.common:
+    if effect.common:
         return full
     channels = jnp.eye(3, dtype=full.dtype)[None, :, :, None] * full[:, :, None, :]
     return channels.reshape(full.shape[0], 3, 3 * full.shape[2])
-
-
-def _shapes(signal: Signal, catalogue: Sequence[Effect], triad: str) -> tuple[_Shape, ...]:
-    found: list[_Shape] = []
-    for effect in catalogue:
-        lacking = [k for k in effect.requires if getattr(signal, k) is None]
-        if effect.name not in SEEN_IN_MEANS or triad not in effect.triads or lacking:
-            continue
-        variants = [v for v in effect.variants(signal) if v.settings.get("on", "bias") == "bias"]
-        chosen = np.unique(np.linspace(0, len(variants) - 1, min(FORMS, len(variants))).round())
-        for k in chosen.astype(int):
-            variant = variants[k]
-            value = jax.eval_shape(lambda s: effect.shape(s, **variant.settings), signal)  # noqa: B023
-            found.append(_Shape(effect, variant, value.shape[2]))
-    return tuple(found)
-
-
-def _terms(shapes: Sequence[_Shape], triad: str) -> tuple[Term, ...]:
-    made: list[Term] = []
-    for shape in shapes:
-        channels = ("all",) if shape.effect.common else tuple(f"{triad}_{a}" for a in "xyz")
-        for channel in channels:
-            for k in range(shape.columns):
-                form = shape.variant.label + (f" [{k}]" if shape.columns > 1 else "")
-                unit = shape.effect.units[triad]
-                made.append(Term(shape.effect.name, channel, form, unit, shape.effect.common))
-    return tuple(made)
 
 
 def _signals(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> Signal:

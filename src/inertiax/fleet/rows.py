@@ -1,6 +1,6 @@
 """A task's dwells to the rows of the results' table."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -16,14 +16,20 @@ from ..temperature import AbstractBasis, Curve
 from .batch import fit_fleet, FleetFit, shared_length, stack_dwells
 from .informed import fit_informed, judge_informed
 from .judge import judge
+from .mismatch import FleetScores, score
 from .population import TriadPopulation
 from .reduce import Reduced
 from .store import Manifest
 from .triad_model import basis_of, TriadModel
 
 
-def calibrate_reduced(reduced: Sequence[Reduced], manifest: Manifest) -> pl.DataFrame:
-    """The rows of the results' table, in the order of the devices."""
+Observer = Callable[[str, FleetScores], None]  # triad, scores
+
+
+def calibrate_reduced(
+    reduced: Sequence[Reduced], manifest: Manifest, *, observe: Observer | None = None
+) -> pl.DataFrame:
+    """The rows of the results' table, in the order of the devices; `observe` is shown the scores, if any."""
     rows: dict[int, dict] = {}
     groups: dict[tuple[int, object], list[int]] = {}
     for k, r in enumerate(reduced):
@@ -36,7 +42,8 @@ def calibrate_reduced(reduced: Sequence[Reduced], manifest: Manifest) -> pl.Data
             groups.setdefault(shape, []).append(k)
     for (length, _), members in groups.items():
         dwells = [d for k in members if (d := reduced[k].dwells) is not None]
-        found = _group([reduced[k].device for k in members], dwells, manifest, length)
+        names = [reduced[k].device for k in members]
+        found = _group(names, dwells, manifest, length, observe)
         rows.update(zip(members, found, strict=True))
     return _table([rows[k] for k in sorted(rows)], manifest)
 
@@ -55,7 +62,11 @@ def _lacking(dwells: Dwells, manifest: Manifest) -> str:
 
 
 def _group(
-    names: Sequence[str], devices: Sequence[Dwells], manifest: Manifest, length: int
+    names: Sequence[str],
+    devices: Sequence[Dwells],
+    manifest: Manifest,
+    length: int,
+    observe: Observer | None,
 ) -> list[dict]:
     together = stack_dwells(devices, length)
     rows: list[dict] = [
@@ -70,11 +81,18 @@ def _group(
     ]
     for estimator, model in estimators_of(manifest, together):
         basis = basis_of(model)
-        fit, reasons = _solved(estimator, basis, _rows_for(model, together), manifest)
+        mine = _rows_for(model, together)
+        fit, reasons = _solved(estimator, basis, mine, manifest)
+        scores = _scored(estimator, basis, mine, fit, manifest)
+        if observe is not None and scores is not None:
+            observe(estimator.triad, scores)
         for row, reason in zip(rows, reasons, strict=True):
             row["reason"] = row["reason"] or reason or ""
         for k, row in enumerate(rows):
             row.update(_entries(estimator.triad, fit, k))
+            if scores is not None:
+                row[f"{estimator.triad}_amplitudes"] = scores.amplitude[k]
+                row[f"{estimator.triad}_amplitude_sigmas"] = scores.sigma[k]
         if estimator.triad == "accel" and manifest.g_sensitivity:
             together = _with_force(estimator, basis, fit, together)
     return rows
@@ -105,6 +123,18 @@ def _solved(
         strict=True,
     )
     return found.fit, tuple(first or second for first, second in reasons)
+
+
+def _scored(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    fit: FleetFit,
+    manifest: Manifest,
+) -> FleetScores | None:
+    """How large the catalogue's effects would be in every device, where the run was asked to tell."""
+    forms = (manifest.forms or {}).get(estimator.triad)
+    return score(estimator, basis, dwells, fit, forms=forms) if forms else None
 
 
 def estimators_of(manifest: Manifest, dwells: Dwells) -> list[tuple[AbstractEstimator, TriadModel]]:
@@ -163,6 +193,9 @@ def _table(rows: list[dict], manifest: Manifest) -> pl.DataFrame:
                 f"{triad}_{k}": pl.List(pl.Float64) for k in ("parameters", "sigma", "covariance")
             }
             schema |= {f"{triad}_{k}": pl.Float64 for k in ("rms", "scatter", "chi2_per_dof")}
+        if (manifest.forms or {}).get(triad):
+            scored = (f"{triad}_amplitudes", f"{triad}_amplitude_sigmas")
+            schema |= {k: pl.List(pl.Float64) for k in scored}
     listed = [
         {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in row.items()} for row in rows
     ]

@@ -14,6 +14,7 @@ from ..campaign import load_settings
 from ..formats import ColumnMap
 from ..recordings import Campaign
 from .choice import choose_line_model, Reader
+from .explain import choose_line_forms, write_line
 from .folders import common_settings, find_campaigns, read_campaigns, split_campaigns
 from .locations import find_sources, local_state
 from .populate import population_of
@@ -43,6 +44,7 @@ def run_fleet(
     workers: int | None = None,
     scheduler: str | None = None,
     prior: Population | None = None,
+    explain: bool = False,
     progress: Report | None = None,
 ) -> FleetSummary:
     """Calibrate every device of a line, or go on with a run that was broken off.
@@ -51,15 +53,16 @@ def run_fleet(
     with a sub-folder for each campaign, in any format; `folder` takes the results;
     `workers` tasks run side by side (default: one for each core); `scheduler` is the address of a running
     Dask scheduler ("tcp://…"), or "local" to start Dask workers here; `prior` is what is known of the line
-    before its devices are measured (see `read_population`), and gives the model; `progress` is called with
-    the number of tasks done and of all.
+    before its devices are measured (see `read_population`), and gives the model; with `explain` every device
+    is also scored for the catalogue's effects, and `line.json` tells those of the line from those of
+    single devices; `progress` is called with the number of tasks done and of all.
 
     A device that cannot be calibrated gets a row with the reason. Raises `ValueError` for what is wrong
     with the campaign, or where `folder` holds a run over other files or with another prior.
     """
     folder = Path(folder)
     prior = None if prior is None else as_prior(prior)
-    manifest, columns = _plan(Path(campaign), folder, prior)
+    manifest, columns = _plan(Path(campaign), folder, prior, explain=explain)
     left = [t for t in manifest.tasks if not is_done(folder, t.number)]
     before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
     tell = progress if progress is not None else lambda done, of: None
@@ -70,7 +73,14 @@ def run_fleet(
     summary = summarise(folder, before)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     _write_population(folder, manifest)
+    if manifest.forms is not None:
+        write_line(folder, manifest, _reader(manifest.campaigns, columns))
     return summary
+
+
+def _reader(campaigns: bool, columns: ColumnMap) -> Reader:
+    """What turns a task into dwells."""
+    return read_campaigns if campaigns else lambda task: read(task, columns)
 
 
 def _write_population(folder: Path, manifest: Manifest) -> None:
@@ -94,8 +104,7 @@ def run_task(task: Task, context: Context) -> int:
     """Read, reduce, solve and store one task; returns its number. Runs wherever a worker is."""
     # A worker process has JAX's defaults; the precision is local to this call.
     with jax.enable_x64(True):
-        campaigns = context.manifest.campaigns
-        reduced = read_campaigns(task) if campaigns else read(task, context.columns)
+        reduced = _reader(context.manifest.campaigns, context.columns)(task)
         write_part(Path(context.folder), task.number, calibrate_reduced(reduced, context.manifest))
     return task.number
 
@@ -121,9 +130,11 @@ def _each(
 # --- the plan ------------------------------------------------------------------------------------
 
 
-def _plan(path: Path, folder: Path, prior: Population | None) -> tuple[Manifest, ColumnMap]:
+def _plan(
+    path: Path, folder: Path, prior: Population | None, *, explain: bool
+) -> tuple[Manifest, ColumnMap]:
     if path.is_dir() and not (path / "campaign.toml").exists() and (files := find_campaigns(path)):
-        return _plan_campaigns(path, files, folder, prior), ColumnMap()
+        return _plan_campaigns(path, files, folder, prior, explain=explain), ColumnMap()
     campaign, table = load_settings(path)
     file = campaign.path
     assert file is not None
@@ -137,26 +148,26 @@ def _plan(path: Path, folder: Path, prior: Population | None) -> tuple[Manifest,
                 "Parquet, or from a folder that has a sub-folder with campaign.toml for each."
             )
         mark = fingerprint([local_state(file), *(s.state for s in sources)])
-        known = _known(folder, mark, prior)
+        known = _known(folder, mark, prior, explain=explain)
         if known is not None:
             return known, columns
         tasks = split([s.address for s in sources], columns)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    reader = lambda task: read(task, columns)
-    return _settled(campaign, tasks, reader, mark, folder, prior, campaigns=False), columns
+    said = dict(campaigns=False, explain=explain)
+    return _settled(campaign, tasks, _reader(False, columns), mark, folder, prior, **said), columns
 
 
 def _plan_campaigns(
-    path: Path, files: tuple[Path, ...], folder: Path, prior: Population | None
+    path: Path, files: tuple[Path, ...], folder: Path, prior: Population | None, *, explain: bool
 ) -> Manifest:
     campaign, used = common_settings(path, files)
     mark = fingerprint([f"{f.parent.name}/{local_state(f)}" for f in used])
-    known = _known(folder, mark, prior)
+    known = _known(folder, mark, prior, explain=explain)
     if known is not None:
         return known
-    tasks = split_campaigns(files)
-    return _settled(campaign, tasks, read_campaigns, mark, folder, prior, campaigns=True)
+    tasks, said = split_campaigns(files), dict(campaigns=True, explain=explain)
+    return _settled(campaign, tasks, read_campaigns, mark, folder, prior, **said)
 
 
 def _settled(
@@ -168,6 +179,7 @@ def _settled(
     prior: Population | None,
     *,
     campaigns: bool,
+    explain: bool,
 ) -> Manifest:
     """The plan of a new run, stored."""
     model = choose_line_model(campaign, tasks, reader, prior)
@@ -175,11 +187,14 @@ def _settled(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, prior, campaigns,
     )  # fmt: skip
+    if explain:
+        forms = choose_line_forms(manifest, reader)
+        manifest = msgspec.structs.replace(manifest, forms=forms)
     write_manifest(manifest, folder)
     return manifest
 
 
-def _known(folder: Path, mark: str, prior: Population | None) -> Manifest | None:
+def _known(folder: Path, mark: str, prior: Population | None, *, explain: bool) -> Manifest | None:
     """The plan of the run that goes on in a folder."""
     known = read_manifest(folder)
     if known is None:
@@ -192,4 +207,6 @@ def _known(folder: Path, mark: str, prior: Population | None) -> Manifest | None
         had = "without a prior" if known.prior is None else "with another prior"
         had = "with a prior" if prior is None else had
         raise ValueError(f"{folder} holds a run {had}; choose another output folder.")
+    if explain and known.forms is None:
+        raise ValueError(f"{folder} holds a run without --explain; choose another output folder.")
     return known

@@ -19,6 +19,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..calibration import write_atomically
+from .mismatch import Form
 from .population import Population
 from .tasks import Task
 from .triad_model import TriadModel as TriadModel
@@ -40,6 +41,8 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     tasks: tuple[Task, ...]
     prior: Population | None = None  # with which every device was calibrated
     campaigns: bool = False  # a stretch names a campaign.toml, not rows of a Parquet file
+    # By triad, effects whose size is scored in every device; `None` where that was not asked for.
+    forms: dict[str, tuple[Form, ...]] | None = None
 
     @property
     def num_devices(self) -> int:

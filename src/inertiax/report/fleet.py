@@ -26,6 +26,7 @@ from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_pa
 PAGES = 20  # of single devices, of each kind
 DRAWN = 5  # of them with figures, which take most of the time
 LISTED = 100  # devices in a table
+BY_CHANCE = 0.0027  # of normal changes are beyond 3 sigma
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 FileNames = Callable[[tuple[str, ...]], dict[str, str]]
@@ -167,7 +168,8 @@ def _verdict(page: FleetPage) -> Verdict:
         return Verdict("bad", "No device could be calibrated.", tuple(lines))
     if 2 * aside > total:
         return Verdict("bad", headline, tuple(lines))
-    return Verdict("attention" if aside or unlike else "good", headline, tuple(lines))
+    drifted = any(_beyond_chance(drift) for drift in page.drifts.values())
+    return Verdict("attention" if aside or unlike or drifted else "good", headline, tuple(lines))
 
 
 def _percent(part: int, whole: int) -> str:
@@ -304,8 +306,15 @@ def _drift_sentence(triad: str, drift: Drift) -> str:
     count, beyond = drift.change.size, int((np.abs(drift.sigmas) > FAR).sum())
     return (
         f"{TRIAD_NAMES[triad]}: {len(drift.devices)} devices were calibrated before; {beyond} of {count} "
-        f"changes are beyond {FAR:g} sigma, where chance alone gives about {0.0027 * count:.0f}."
+        f"changes are beyond {FAR:g} sigma, where chance alone gives about {BY_CHANCE * count:.0f}."
     )
+
+
+def _beyond_chance(drift: Drift) -> bool:
+    """Whether more changes are far out than chance gives; a device's temperatures move together."""
+    expected = BY_CHANCE * drift.change.size
+    far = int((np.abs(drift.sigmas) > FAR).sum())
+    return far > expected + 4.0 * np.sqrt(len(drift.temperatures) * expected) + 1.0
 
 
 def _drift_section(triad: str, drift: Drift, page: FleetPage, folder: Path) -> Section:
