@@ -228,7 +228,7 @@ def _single(
         )
         made.append(
             Single(
-                names[d],
+                names[int(d)],
                 scores.terms[k],
                 float(amplitude[d, k] - centre[k]),
                 float(scores.sigma[d, k]),
