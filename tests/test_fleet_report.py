@@ -199,6 +199,19 @@ def test_drift_is_the_difference_in_its_own_sigmas(line, tmp_path):
     assert re.search(r"<td>SN00013</td><td>bias z</td><td>15 °C</td>", text)
 
 
+def test_many_changes_ask_for_attention_and_chance_does_not(line, tmp_path):
+    folder, truth, names = line
+    good = slice(10, 60)
+    tones = []
+    for number, shift in enumerate((0.0, 6.0 * OWN)):
+        later = tmp_path / str(number)
+        moved = truth[good] + shift * np.concatenate([SPREAD, np.zeros(9)])
+        _write_results(later, moved, names[good], seed=2)
+        report_fleet(later, "again", folder_names, earlier=folder)
+        tones.append(re.search(r'class="verdict (\w+)"', _read(later / "report.html")[0])[1])
+    assert tones == ["good", "attention"]
+
+
 def test_drift_without_a_common_device_or_temperature_is_said(line, tmp_path):
     folder, truth, _ = line
     _write_results(tmp_path / "other", truth[:10], [f"X{k}" for k in range(10)])

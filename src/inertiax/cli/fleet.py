@@ -96,10 +96,11 @@ def fleet(
         )  # fmt: skip
     with console.Stages(quiet=quiet) as stages:
         stages("writing the report")
-        report_fleet(
+        page = report_fleet(
             output, command_line(), outputs.folder_names, earlier=earlier, temperatures=temperatures
         )
-    _tell(summary, output, explain=explain, as_json=as_json, quiet=quiet)
+    unlike = page.unlike_names
+    _tell(summary, unlike, output, explain=explain, as_json=as_json, quiet=quiet)
 
 
 def _temperatures(text: str | None) -> tuple[float, ...] | None:
@@ -132,13 +133,20 @@ def _one_device(output: Path, device: str, *, as_json: bool) -> None:
 
 
 def _tell(
-    summary: "FleetSummary", output: Path, *, explain: bool, as_json: bool, quiet: bool
+    summary: "FleetSummary",
+    unlike: tuple[str, ...],
+    output: Path,
+    *,
+    explain: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     from ..fleet import read_line_file
 
     line = (read_line_file(output) or ()) if explain else ()
     if as_json:
-        said = {"line": msgspec.to_builtins(line)} if explain else {}
+        said: dict[str, object] = {"line": msgspec.to_builtins(line)} if explain else {}
+        said["unlike"] = list(unlike)
         outputs.print_json({**summary.as_dict(), **said, "output": str(output)})
     elif not quiet:
         typer.echo(

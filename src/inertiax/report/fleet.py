@@ -314,7 +314,7 @@ def _beyond_chance(drift: Drift) -> bool:
     """Whether more changes are far out than chance gives; a device's temperatures move together."""
     expected = BY_CHANCE * drift.change.size
     far = int((np.abs(drift.sigmas) > FAR).sum())
-    return far > expected + 4.0 * np.sqrt(len(drift.temperatures) * expected) + 1.0
+    return bool(far > expected + 4.0 * np.sqrt(len(drift.temperatures) * expected) + 1.0)
 
 
 def _drift_section(triad: str, drift: Drift, page: FleetPage, folder: Path) -> Section:
