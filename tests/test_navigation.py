@@ -58,18 +58,22 @@ def _standing(t):
     return jnp.zeros(3) * t, rotation.exp(jnp.array([0.1, 0.2, 0.3]) + 0.0 * t)
 
 
+def _at(states, row):
+    return jax.tree.map(lambda x: x[row], states)
+
+
 def _last(states):
-    return jax.tree.map(lambda x: x[-1], states)
+    return _at(states, -1)
 
 
-# Compiled once for all tests of 600 samples, whatever their step.
+# Compiled once for all tests: 600 samples, whatever their step.
 RUN = eqx.filter_jit(navigate)
 IDEAL = eqx.filter_jit(ideal_data)
 
 
-def _ideal(path, step, *, count=600):
+def _ideal(path, step):
     step = jnp.asarray(step)
-    force, rate, start, truth = IDEAL(path, START, count, step)
+    force, rate, start, truth = IDEAL(path, START, 600, step)
     data = ImuData(force, rate, jnp.linspace(20.0, 40.0, len(force)), step)
     return data, start, truth
 
@@ -109,9 +113,9 @@ def test_ideal_triads_at_rest_stay_where_they_are():
 
 def test_ideal_triads_follow_a_moving_vehicle():
     offs = []
-    for step, count in ((0.2, 300), (0.1, 600)):
-        data, start, truth = _ideal(_path, step, count=count)
-        offs.append(np.asarray(errors(_last(RUN(_keep, data, start)), _last(truth))))
+    for step, row in ((0.2, 299), (0.1, 599)):  # both after a minute
+        data, start, truth = _ideal(_path, step)
+        offs.append(np.asarray(errors(_at(RUN(_keep, data, start), row), _at(truth, row))))
     # Second order: a quarter of the error at half the step, and centimetres over kilometres.
     assert np.linalg.norm(offs[1][:3]) < 0.05
     assert np.linalg.norm(offs[0][:3]) / np.linalg.norm(offs[1][:3]) == pytest.approx(4.0, rel=0.15)
@@ -119,9 +123,10 @@ def test_ideal_triads_follow_a_moving_vehicle():
 
 def test_accelerometer_bias_makes_a_schuler_oscillation():
     # Titterton and Weston, ch. 12: x(t) = b / ω_s² (1 − cos ω_s t), ω_s² = g / R, over a quarter period.
-    data, start, truth = _ideal(lambda t: (jnp.zeros(3) * t, jnp.eye(3) + 0.0 * t), 2.11)
+    data, start, truth = _ideal(_standing, 2.11)
     bias = 1e-4
-    biased = eqx.tree_at(lambda d: d.accel, data, data.accel + jnp.array([[bias, 0.0, 0.0]]))
+    east = bias * jnp.asarray(start.attitude)[0][None, :]  # in the case frame
+    biased = eqx.tree_at(lambda d: d.accel, data, data.accel + east)
     off = errors(_last(RUN(_keep, biased, start)), _last(truth))
     schuler = float(earth.gravity(LATITUDE, 200.0)) / (
         float(radii(jnp.asarray(LATITUDE))[1]) + 200.0
@@ -175,22 +180,29 @@ def test_calibration_inside_the_loop_restores_the_ideal_run(calibration):
     assert np.abs(errors(_last(without), _last(plain)))[:3].max() > 1.0
 
 
-def test_sensitivities_match_finite_differences_to_1e_5(calibration):
+@pytest.fixture(scope="module")
+def moving(calibration):
+    """Raw outputs of the moving vehicle, its start and true end, and ∂(errors at the end)/∂(coefficients)."""
     data, start, truth = _ideal(_path, 0.1)
     raw, end = _measured(calibration, data), _last(truth)
-    exact = np.asarray(eqx.filter_jit(error_sensitivity)(calibration, raw, start, end))
+    exact = eqx.filter_jit(error_sensitivity)(calibration, raw, start, end)
+    return raw, start, end, np.asarray(exact)
+
+
+def test_sensitivities_match_finite_differences_to_1e_5(calibration, moving):
+    raw, start, end, exact = moving
     values = coefficients_of(calibration)
     assert exact.shape == (9, 42) and np.all(np.isfinite(exact))
+    compare = jax.jit(errors)
 
-    @jax.jit
     def final(v):
-        return errors(_last(navigate(with_coefficients(calibration, v), raw, start)), end)
+        return np.asarray(compare(_last(RUN(with_coefficients(calibration, v), raw, start)), end))
 
     numeric = np.empty_like(exact)
     for k in range(len(values)):
         gyro_bias = k >= 18 and (k - 18) % 12 < 3
         h = 1e-5 if gyro_bias else 1e-4
-        f = [np.asarray(final(values.at[k].add(m * h))) for m in (-2, -1, 1, 2)]
+        f = [final(values.at[k].add(m * h)) for m in (-2, -1, 1, 2)]
         numeric[:, k] = (f[0] - 8.0 * f[1] + 8.0 * f[2] - f[3]) / (12.0 * h)
     # Relative to the largest sensitivity of the same output to the same parameter's kind: position,
     # velocity and attitude errors, each as a vector.
@@ -204,18 +216,16 @@ def test_sensitivities_match_finite_differences_to_1e_5(calibration):
         assert np.max(difference[seen] / size[seen]) < 1e-5
 
 
-def test_navigator_goes_through_vmap_and_reverse_mode(calibration):
-    data, start, truth = _ideal(_path, 0.1)
-    raw, end = _measured(calibration, data), _last(truth)
+def test_navigator_goes_through_vmap_and_reverse_mode(calibration, moving):
+    raw, start, end, exact = moving
 
     def miss(values):
         states = navigate(with_coefficients(calibration, values), raw, start)
         return jnp.sum(errors(_last(states), end)[:3])
 
     values = coefficients_of(calibration)
-    forward = error_sensitivity(calibration, raw, start, end)[:3].sum(axis=0)
     many = jax.jit(jax.vmap(jax.grad(miss)))(jnp.stack([values, values]))
-    np.testing.assert_allclose(many[0], forward, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(many[0], exact[:3].sum(axis=0), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(many[0], many[1])
 
 
