@@ -3,7 +3,7 @@
     python benchmarks/allan.py [--json FILE]
 
 Both compute the same 21 averaging factors (powers of two) in one process; the log is white noise with random walk.
-In four runs on two busy cores: oadev 1.3 to 2.9, mdev 1.7 to 2.6, ohdev 2.2 to 5.2 and totdev 2.7 to 6.1 times as
+In five runs on two busy cores: oadev 1.3 to 3.0, mdev 1.7 to 2.6, ohdev 2.2 to 5.2 and totdev 2.7 to 10 times as
 quick, and equal to 7e-13.
 """
 
