@@ -4,8 +4,8 @@ Two claims, each with its bound in the same run:
 
 * the spectral radius that automatic differentiation predicts is the rate at which the iteration's error is seen
   to shrink or grow (over temperature change, drift shape, order of positions and degree);
-* on random plans with 15 °C inside an experiment the default is as good as the joint fit in every one, or
-  the tool has warned.
+* the default is as good as the joint fit, or the tool has warned: on all these plans with noise, and on random
+  plans with 15 °C inside an experiment.
 
     python benchmarks/convergence_study.py [--plans 200] [--json FILE]
 """
@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from inertiax.estimators import Invariant
+from inertiax.one_device import iterate_one, joint_fit_one
 from inertiax.procedure import (
     convergence_rate,
     curve_covariance,
@@ -65,8 +66,20 @@ def observed_rate(procedure, truth, dwells, seed: int = 0) -> float:
     return float(np.exp(np.mean(np.log(growth[TRANSIENT:]))))
 
 
+def default_over_joint(plan, device, basis, seed: int) -> dict:
+    """The default's error over the joint fit's on one plan with noise, and how it ended."""
+    dwells, _ = simulate_dwells(jax.random.PRNGKey(seed), plan, device)
+    default, joint = (f(ESTIMATOR, basis, dwells) for f in (iterate_one, joint_fit_one))
+    error = lambda s: float(curves_error(s.curve.coefficients, basis, device))
+    return {
+        "default_ratio": error(default) / error(joint),
+        "default_iterations": int(default.num_iterations),
+        "default_succeeded": bool(default.succeeded),
+    }
+
+
 def grid_study(tell) -> list[dict]:
-    """Predicted and observed rates; without noise, so that the truth is the fixed point."""
+    """Predicted and observed rates, without noise, so that the truth is the fixed point; and the default, with it."""
     rows = []
     for degree in (3, 6):
         device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=degree))
@@ -83,7 +96,8 @@ def grid_study(tell) -> list[dict]:
                     name = order if order == "given" else f"{order} {seed}"
                     rows.append(
                         {"degree": degree, "drift": drift, "order": name, "change": change,
-                         "predicted": predicted, "observed": observed}
+                         "predicted": predicted, "observed": observed,
+                         **default_over_joint(plan, device, basis, len(rows))}
                     )  # fmt: skip
                 tell(f"degree {degree}, {drift}, {name}: done")
     return rows
@@ -93,9 +107,8 @@ def grid_study(tell) -> list[dict]:
 def curves_error(coefficients, basis, device):
     grid = jnp.linspace(-50.0, 55.0, 106)
     error = jax.vmap(Curve(basis, coefficients))(grid) - jax.vmap(device.accel.curve)(grid)
-    units = jnp.where(jnp.arange(9) < 3, 1.0, PAPER_GRAVITY)[
-        None, :
-    ]  # matrix as error of 1 g, m/s²
+    # Matrix elements as errors of a reading of 1 g, m/s².
+    units = jnp.where(jnp.arange(9) < 3, 1.0, PAPER_GRAVITY)[None, :]
     return jnp.sqrt(jnp.mean(jnp.square(error * units)))
 
 
@@ -153,14 +166,19 @@ def summary(found: dict) -> list[str]:
     silent = [p for p in plans if p["ratio"] > 1.1 and p["default_warning"] is None]
     radii = np.array([p["radius"] for p in plans])
     missed = [p for p in plans if p["paper_ratio"] > 1.1 and not p["paper_warned"]]
+    diverge = sum(r["predicted"] >= 1.0 for r in grid)
     return [
-        f"{len(grid)} plans of the grid: predicted radius off the observed rate by {100 * max(off):.2f} % at most",
+        f"{len(grid)} plans of the grid: predicted radius off the observed rate by {100 * max(off):.2f} % at most "
+        f"(accepted: 10 %); the paper's iteration diverges on {diverge} of them",
+        f"the default on the same plans with noise: {max(r['default_ratio'] for r in grid):.4f} of the joint fit's "
+        f"error at most, {max(r['default_iterations'] for r in grid)} passes at most, "
+        f"{sum(not r['default_succeeded'] for r in grid)} not converged",
         f"{len(plans)} random 15 °C plans: the paper's iteration has a radius of 1 or more in "
         f"{int((radii >= 1).sum())}, 0.9 to 1 in {int(((radii >= 0.9) & (radii < 1)).sum())}",
-        f"default over joint fit, error: at most {max(p['ratio'] for p in plans):.4f}; "
-        f"plans that fail silently: {len(silent)}",
-        f"the paper's two iterations are beyond 1.1 of the joint fit without a warning of divergence in {len(missed)} "
-        f"(they converge, but need more iterations)",
+        f"the default there: {max(p['ratio'] for p in plans):.4f} of the joint fit's error at most (accepted: 1.1), "
+        f"{max(p['iterations'] for p in plans)} passes at most; plans that fail silently: {len(silent)}",
+        f"the paper's two passes leave more than 1.1 of the joint fit's error, and its radius does not warn, in "
+        f"{len(missed)} (it converges there, but needs more passes)",
     ]
 
 

@@ -29,10 +29,11 @@ def main() -> None:
         legend_above(ax)
         budget, (left, right) = new_figure(1, 2, height=2.4, sharey=True)
         names = [s.name for s in made["rig"]]
-        left.barh(names, made["metres"], color=COLOURS[0])
-        left.set(xlabel="position after 5 min, m (1 sigma)", xscale="log")
-        right.barh(names, made["heading"], color=COLOURS[1])
-        right.set(xlabel="heading, ″ (1 sigma)", xscale="log")
+        left.barh(names, made["metres"], color=COLOURS[0], height=0.6)
+        left.set(xlabel="position after 5 min, m (1 sigma)")
+        # Over decades a bar's length says nothing.
+        right.plot(made["heading"], names, "o", color=COLOURS[1], ms=6)
+        right.set(xlabel="heading after 5 min, ″ (1 sigma)", xscale="log")
         folder = HERE / "navigation"
         folder.mkdir(exist_ok=True)
         (folder / "position.svg").write_text(to_svg(figure) + "\n", encoding="utf-8")
