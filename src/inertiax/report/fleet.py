@@ -11,7 +11,7 @@ from ..fleet.explain import read_line_file
 from ..fleet.line import LineMismatch
 from ..fleet.mismatch import Term
 from ..fleet.population import Population, read_population
-from ..fleet.recalibration import Drift, drift_between, FAR
+from ..fleet.recalibration import Drift, drift_between
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
 from ..fleet.view import triad_view, TriadView, Unlike, unlike_devices
@@ -20,13 +20,13 @@ from ..plots.style import drawing
 from ..quality import TRIAD_NAMES
 from ..quantities import label, rms_text, with_sigma
 from .fleet_device import line_units, report_device, signed
+from .fleet_drift import beyond_chance, drift_section, drift_sentence
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 
 PAGES = 20  # of single devices, of each kind
 DRAWN = 5  # of them with figures, which take most of the time
 LISTED = 100  # devices in a table
-BY_CHANCE = 0.0027  # of normal changes are beyond 3 sigma
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 FileNames = Callable[[tuple[str, ...]], dict[str, str]]
@@ -109,7 +109,7 @@ def report_fleet(
     """
     folder = Path(folder)
     page = fleet_page(folder, earlier=earlier, temperatures=temperatures)
-    files = names(page.paged)
+    files, informed = names(page.paged), page.manifest.prior is not None
     drawn = page.unlike_names[:DRAWN]
     for device in page.paged:
         known = (page.manifest, page.population)
@@ -128,7 +128,10 @@ def report_fleet(
             *_line_section(page),
             *_unlike_section(page, files),
             *_aside_section(page, files),
-            *(_drift_section(triad, d, page, folder) for triad, d in page.drifts.items()),
+            *(
+                drift_section(triad, d, page.views[triad], folder, informed=informed)
+                for triad, d in page.drifts.items()
+            ),
             _files_section(page),
         ],
         command=command,
@@ -161,14 +164,14 @@ def _verdict(page: FleetPage) -> Verdict:
             f"{subject} unlike the others. The calibration stands, but look before shipping."
         )
     for triad, drift in page.drifts.items():
-        lines.append(_drift_sentence(triad, drift))
+        lines.append(drift_sentence(triad, drift))
     good = total - aside
     headline = f"{good} of {total} devices calibrated: a yield of {_percent(good, total)}."
     if not good:
         return Verdict("bad", "No device could be calibrated.", tuple(lines))
     if 2 * aside > total:
         return Verdict("bad", headline, tuple(lines))
-    drifted = any(_beyond_chance(drift) for drift in page.drifts.values())
+    drifted = any(beyond_chance(drift) for drift in page.drifts.values())
     return Verdict("attention" if aside or unlike or drifted else "good", headline, tuple(lines))
 
 
@@ -300,83 +303,6 @@ def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
     head = ("device", "parameter", "at", "sigmas of the fleet")
     table = Table(head, tuple(row for _, row in rows[:LISTED]), numeric=(3,))
     return [Section("Devices unlike the others", lines=tuple(lines), tables=(table,))]
-
-
-def _drift_sentence(triad: str, drift: Drift) -> str:
-    count, beyond = drift.change.size, int((np.abs(drift.sigmas) > FAR).sum())
-    return (
-        f"{TRIAD_NAMES[triad]}: {len(drift.devices)} devices were calibrated before; {beyond} of {count} "
-        f"changes are beyond {FAR:g} sigma, where chance alone gives about {BY_CHANCE * count:.0f}."
-    )
-
-
-def _beyond_chance(drift: Drift) -> bool:
-    """Whether more changes are far out than chance gives; a device's temperatures move together."""
-    expected = BY_CHANCE * drift.change.size
-    far = int((np.abs(drift.sigmas) > FAR).sum())
-    return bool(far > expected + 4.0 * np.sqrt(len(drift.temperatures) * expected) + 1.0)
-
-
-def _drift_section(triad: str, drift: Drift, page: FleetPage, folder: Path) -> Section:
-    view = page.views[triad]
-    units = line_units(view.model, view.mean[view.reference])
-    temperatures = ", ".join(f"{t:g}" for t in drift.temperatures)
-    caption = f"{TRIAD_NAMES[triad]}: all changes since the earlier run; curve: chance alone."
-    with drawing():
-        figure = plots.drift_sigmas(drift)
-        shown = picture(figure, folder, f"fleet-{triad}-drift", caption, caption)
-    lines = [_drift_sentence(triad, drift), f"Compared at {temperatures} °C."]
-    if page.manifest.prior is not None:
-        lines.append(
-            "Estimates with a prior are drawn to its mean, and with them the changes to zero."
-        )
-    return Section(
-        f"{TRIAD_NAMES[triad]}: drift since the earlier run",
-        lines=tuple(lines),
-        tables=(_common_table(drift, units), _far_table(drift, units)),
-        figures=(shown,),
-    )
-
-
-def _common_table(drift: Drift, units: plots.Units) -> Table:
-    """What all devices have in common: a change of the line, the rig or the reference."""
-    rows = []
-    for k, (name, (factor, unit)) in enumerate(zip(drift.names, units, strict=True)):
-        change = factor * drift.change[:, :, k]
-        common = np.median(change, axis=0)
-        spread = 1.4826 * np.median(np.abs(change - common), axis=0)
-        cells = (" ± ".join(with_sigma(float(c), float(s))) for c, s in zip(common, spread))
-        rows.append((label(name), unit, *cells))
-    head = ("parameter", "unit", *(f"{t:g} °C" for t in drift.temperatures))
-    caption = "Median change over the devices ± its spread between them."
-    return Table(head, tuple(rows), numeric=tuple(range(2, len(head))), caption=caption)
-
-
-def _far_table(drift: Drift, units: plots.Units) -> Table:
-    sigmas = drift.sigmas
-    far = np.argwhere(np.abs(sigmas) > FAR)
-    order = np.argsort(-np.abs(sigmas[tuple(far.T)]))[:LISTED]
-    rows = []
-    for d, t, k in far[order]:
-        factor, unit = units[k]
-        change, sigma = (
-            with_sigma(float(factor * v[d, t, k]), float(factor * drift.sigma[d, t, k]))
-            for v in (drift.change, drift.sigma)
-        )
-        rows.append(
-            (
-                drift.devices[d],
-                label(drift.names[k]),
-                f"{drift.temperatures[t]:g} °C",
-                f"{change[0]} ± {sigma[1]}",
-                unit,
-                signed(float(sigmas[d, t, k])),
-            )
-        )
-    caption = f"Changes beyond {FAR:g} sigma of both uncertainties together"
-    caption += f", the {LISTED} greatest of {len(far)}." if len(far) > LISTED else "."
-    head = ("device", "parameter", "at", "change", "unit", "sigmas")
-    return Table(head, tuple(rows), numeric=(3, 5), caption=caption)
 
 
 def _line_section(page: FleetPage) -> list[Section]:

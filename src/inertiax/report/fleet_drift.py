@@ -1,0 +1,98 @@
+"""What changed since an earlier run over the same devices, for the page over a fleet."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..fleet.recalibration import Drift, FAR
+from ..fleet.view import TriadView
+from ..plots import fleet as plots
+from ..plots.style import drawing
+from ..quality import TRIAD_NAMES
+from ..quantities import label, with_sigma
+from .fleet_device import line_units, signed
+from .page import picture, Section, Table
+
+
+BY_CHANCE = 0.0027  # of normal changes are beyond 3 sigma
+LISTED = 100  # changes in a table
+
+
+def drift_sentence(triad: str, drift: Drift) -> str:
+    """How many devices were compared, and how many changes are far out."""
+    count, beyond = drift.change.size, int((np.abs(drift.sigmas) > FAR).sum())
+    return (
+        f"{TRIAD_NAMES[triad]}: {len(drift.devices)} devices were calibrated before; {beyond} of {count} "
+        f"changes are beyond {FAR:g} sigma, where chance alone gives about {BY_CHANCE * count:.0f}."
+    )
+
+
+def beyond_chance(drift: Drift) -> bool:
+    """Whether more changes are far out than chance gives; a device's temperatures move together."""
+    expected = BY_CHANCE * drift.change.size
+    far = int((np.abs(drift.sigmas) > FAR).sum())
+    return bool(far > expected + 4.0 * np.sqrt(len(drift.temperatures) * expected) + 1.0)
+
+
+def drift_section(
+    triad: str, drift: Drift, view: TriadView, folder: Path, *, informed: bool
+) -> Section:
+    """Changes common to the line, and those of single devices; `informed`: calibrated with a prior."""
+    units = line_units(view.model, view.mean[view.reference])
+    temperatures = ", ".join(f"{t:g}" for t in drift.temperatures)
+    caption = f"{TRIAD_NAMES[triad]}: all changes since the earlier run; curve: chance alone."
+    with drawing():
+        figure = plots.drift_sigmas(drift)
+        shown = picture(figure, folder, f"fleet-{triad}-drift", caption, caption)
+    lines = [drift_sentence(triad, drift), f"Compared at {temperatures} °C."]
+    if informed:
+        lines.append(
+            "Estimates with a prior are drawn to its mean, and with them the changes to zero."
+        )
+    return Section(
+        f"{TRIAD_NAMES[triad]}: drift since the earlier run",
+        lines=tuple(lines),
+        tables=(_common_table(drift, units), _far_table(drift, units)),
+        figures=(shown,),
+    )
+
+
+def _common_table(drift: Drift, units: plots.Units) -> Table:
+    """What all devices have in common: a change of the line, the rig or the reference."""
+    rows = []
+    for k, (name, (factor, unit)) in enumerate(zip(drift.names, units, strict=True)):
+        change = factor * drift.change[:, :, k]
+        common = np.median(change, axis=0)
+        spread = 1.4826 * np.median(np.abs(change - common), axis=0)
+        cells = (" ± ".join(with_sigma(float(c), float(s))) for c, s in zip(common, spread))
+        rows.append((label(name), unit, *cells))
+    head = ("parameter", "unit", *(f"{t:g} °C" for t in drift.temperatures))
+    caption = "Median change over the devices ± its spread between them."
+    return Table(head, tuple(rows), numeric=tuple(range(2, len(head))), caption=caption)
+
+
+def _far_table(drift: Drift, units: plots.Units) -> Table:
+    sigmas = drift.sigmas
+    far = np.argwhere(np.abs(sigmas) > FAR)
+    order = np.argsort(-np.abs(sigmas[tuple(far.T)]))[:LISTED]
+    rows = []
+    for d, t, k in far[order]:
+        factor, unit = units[k]
+        change, sigma = (
+            with_sigma(float(factor * v[d, t, k]), float(factor * drift.sigma[d, t, k]))
+            for v in (drift.change, drift.sigma)
+        )
+        rows.append(
+            (
+                drift.devices[d],
+                label(drift.names[k]),
+                f"{drift.temperatures[t]:g} °C",
+                f"{change[0]} ± {sigma[1]}",
+                unit,
+                signed(float(sigmas[d, t, k])),
+            )
+        )
+    caption = f"Changes beyond {FAR:g} sigma of both uncertainties together"
+    caption += f", the {LISTED} greatest of {len(far)}." if len(far) > LISTED else "."
+    head = ("device", "parameter", "at", "change", "unit", "sigmas")
+    return Table(head, tuple(rows), numeric=(3, 5), caption=caption)
