@@ -138,6 +138,10 @@ def _columns_of(dwells: Dwells) -> Recording:
 
 
 def _estimators(chosen: ChosenModel, gravity: float, dwells: Dwells) -> list[AbstractEstimator]:
+    if chosen.together:
+        raise ValueError(
+            "[model] together, lever_arms and misalignment = false are for one device at a time."
+        )
     for triad, name in (("accel", chosen.accel_estimator), ("gyro", chosen.gyro_estimator)):
         if name == "gravity":
             raise ValueError(
