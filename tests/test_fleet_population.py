@@ -114,6 +114,16 @@ def test_devices_far_out_are_named_and_do_not_enter():
     assert np.abs(away.sigmas[7]).argmax() == 4
 
 
+def test_small_fleets_raise_no_false_alarm():
+    """Ten devices tell Σ badly, and are judged accordingly."""
+    alarms = 0
+    for seed in range(100):
+        _, _, _, estimates, covariances = _line(np.random.default_rng(1000 + seed), 10, 9, 0.2)
+        alarms += not between_devices(estimates, covariances).kept.all()
+    # 1 % of the fleets by construction; six or more of 100 by chance in 5 of 10 000 cases.
+    assert alarms < 6
+
+
 def test_distances_of_the_line_are_chi_squared():
     rng = np.random.default_rng(12)
     mean, sigma, _, estimates, covariances = _line(rng, 1000, 9, 0.5)

@@ -71,7 +71,7 @@ def between_devices(
     kept = kept if kept.sum() >= max(FEWEST, 0.7 * count) else np.ones(count, bool)
     found = _restricted(x[kept], c[kept], max_steps)
     for _ in range(ROUNDS):
-        near = ~deviation(x, c, *found[:3]).outlying
+        near = ~deviation(x, c, *found[:3], told_by=int(kept.sum())).outlying
         if np.array_equal(near, kept) or near.sum() < FEWEST:
             break
         kept = near
@@ -90,17 +90,19 @@ def deviation(
     covariance: Float[np.ndarray, "unknowns unknowns"],
     mean_covariance: Float[np.ndarray, "unknowns unknowns"],
     *,
+    told_by: int | None = None,
     fleet: int | None = None,
 ) -> Deviation:
     """Distance of every device from N(μ, Σ).
 
     A device is outlying where its distance, or one of its coefficients, is so far out that it would happen
-    to any device of a normal fleet with a chance of 1 %; `fleet` is the number of devices judged (these).
-    """
-    from scipy.stats import chi2, norm
+    to any device of a normal fleet with a chance of 1 %.
 
+    **Arguments:** `told_by` so many devices were μ and Σ estimated (default: they are known); `fleet` is the
+    number of devices judged (default: these).
+    """
     count, unknowns = estimates.shape
-    tests = 2 * max(fleet or count, 1)  # two tests of each device
+    furthest, most = _limits(unknowns, told_by, max(fleet or count, 1))
     prior = covariance + mean_covariance
     square, sigmas = np.empty(count), np.empty((count, unknowns))
     for part in _parts(count):
@@ -109,9 +111,26 @@ def deviation(
         solved = np.linalg.solve(total, away[:, :, None])[:, :, 0]
         square[part] = np.einsum("di,di->d", away, solved)
         sigmas[part] = away / np.sqrt(np.diagonal(total, axis1=1, axis2=2))
-    far = square > chi2.isf(CHANCE / tests, unknowns)
-    far |= np.abs(sigmas).max(axis=1) > norm.isf(CHANCE / tests / unknowns / 2)
+    far = (square > furthest) | (np.abs(sigmas).max(axis=1) > most)
     return Deviation(np.sqrt(np.maximum(square, 0.0)), sigmas, far)
+
+
+def _limits(unknowns: int, told_by: int | None, fleet: int) -> tuple[float, float]:
+    """Largest squared distance and largest coefficient, in standard deviations, of devices like the others.
+
+    χ² and normal where Σ is known; Hotelling's T² and Student's t where as few devices told it. A distance
+    in more dimensions than there were devices is no test.
+    """
+    from scipy.stats import chi2, f, norm, t
+
+    chance = CHANCE / (2 * fleet)  # two tests of each device
+    if told_by is None:
+        return float(chi2.isf(chance, unknowns)), float(norm.isf(chance / unknowns / 2))
+    most = float(t.isf(chance / unknowns / 2, told_by - 1))
+    if told_by <= unknowns + 1:
+        return np.inf, most
+    scale = unknowns * (told_by - 1) / (told_by - unknowns)
+    return scale * float(f.isf(chance, unknowns, told_by - unknowns)), most
 
 
 def _parts(count: int) -> Iterator[slice]:

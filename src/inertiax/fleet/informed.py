@@ -89,20 +89,26 @@ def fit_informed(
     return InformedFit(fit, np.asarray(found.told), np.asarray(found.away))
 
 
-def judge_informed(triad: str, found: InformedFit) -> tuple[str | None, ...]:
+def judge_informed(
+    triad: str, found: InformedFit, prior: TriadPopulation
+) -> tuple[str | None, ...]:
     """For each device `None`, or in words that it is not one of the line although only the line says what
-    its dwells do not."""
-    from scipy.stats import chi2
+    its dwells do not. Hotelling's T² in the directions that the dwells tell; the prior's own devices must
+    be more than those directions."""
+    from scipy.stats import f
 
     unknowns = found.fit.parameters.shape[1]
-    unlike = chi2.sf(found.away, np.maximum(found.told, 1.0)) < UNLIKE
+    told = np.maximum(found.told, 1.0)
+    free = np.maximum(prior.devices - told, 1.0)
+    ratio = found.away / told * free / (prior.devices - 1)
+    unlike = (f.sf(ratio, told, free) < UNLIKE) & (prior.devices > told + 1)
     return tuple(
-        f"{triad}: unlike the prior's devices: {np.sqrt(far / max(told, 1.0)):.1f} times as far from their "
+        f"{triad}: unlike the prior's devices: {np.sqrt(far / told):.1f} times as far from their "
         f"mean as they are, and the dwells tell only {told:.0f} of {unknowns} unknowns; record a full "
         "programme"
         if bad and told < unknowns - 1
         else None
-        for bad, told, far in zip(unlike, found.told, found.away, strict=True)
+        for bad, told, far in zip(unlike, told, found.away, strict=True)
     )
 
 

@@ -93,6 +93,7 @@ def _outliers(
             found.mean,
             found.covariance,
             found.mean_covariance,
+            told_by=int(found.kept.sum()),
             fleet=fleet,
         )
         for k in np.flatnonzero(away.outlying):

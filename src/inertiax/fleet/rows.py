@@ -119,7 +119,7 @@ def _solved(
     found = fit_informed(estimator, basis, dwells, prior)
     reasons = zip(
         judge(estimator, basis, found.fit, alone=False),
-        judge_informed(estimator.triad, found),
+        judge_informed(estimator.triad, found, prior),
         strict=True,
     )
     return found.fit, tuple(first or second for first, second in reasons)

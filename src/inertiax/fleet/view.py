@@ -119,9 +119,9 @@ def unlike_devices(view: TriadView) -> tuple[Unlike, ...]:
         return ()
     away = deviations(view).reshape(len(view.devices), -1)
     if view.informed:
-        from scipy.stats import norm
+        from scipy.stats import t
 
-        far = np.abs(away).max(axis=1) > norm.isf(CHANCE / away.size / 2)
+        far = np.abs(away).max(axis=1) > t.isf(CHANCE / away.size / 2, view.line.devices - 1)
     else:
         known = {o.device for o in view.line.outliers}
         far = np.array([d in known for d in view.devices])
