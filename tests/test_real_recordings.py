@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inertiax.diagnose import diagnose, leave_positions_out
+from inertiax.diagnose import diagnose, hold_out, leave_positions_out
 
 
 pytestmark = pytest.mark.skipif(
@@ -43,3 +43,22 @@ def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted
 
 def test_a_small_log_of_an_mpu_9150_holds_nothing_beyond_its_model():
     assert diagnose(recordings().mpu(0)).verdict == "consistent"
+
+
+def test_thermal_hysteresis_of_a_sweep_predicts_the_branch_kept_out():
+    campaign, start = recordings().sweep()
+    found, predicted = hold_out(campaign, start=start)
+    (named, *_) = [e for e in found.effects if e.name == "thermal_hysteresis"]
+    assert set(named.channels) == {"accel_x", "accel_y", "accel_z"}
+    # What a temperature's memory was found to reach on this recording: m/s² and rad/s.
+    asked = {
+        "accel_x": 5e-3,
+        "accel_y": 1.8e-2,
+        "accel_z": 1.4e-2,
+        "gyro_x": 6e-3,
+        "gyro_y": 8e-4,
+        "gyro_z": 1.3e-3,
+    }
+    reached = [p.channel for p in predicted if p.augmented_rms <= asked[p.channel]]
+    assert len(reached) >= 5
+    assert all(p.augmented_rms <= p.baseline_rms for p in predicted)

@@ -32,6 +32,7 @@ EFFECT = Effect(
         ("ip", {"terms": "ip"}),
         ("io", {"terms": "io"}),
         ("po", {"terms": "po"}),
+        ("ip io", {"terms": "ip io"}),
         ("all", {"terms": "ip io po"}),
     ),
     needs="positions with two axes loaded at once",
