@@ -16,5 +16,6 @@ from .population import (
 )
 from .results import fleet_calibration as fleet_calibration, FleetSummary as FleetSummary
 from .run import run_fleet as run_fleet
+from .sharding import fit_sharded as fit_sharded
 from .store import read_parts as read_parts
 from .thermal import fit_thermal_invariant as fit_thermal_invariant

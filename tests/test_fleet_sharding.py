@@ -1,0 +1,65 @@
+"""The batched solves spread over several devices of JAX; in a process that is told to have four."""
+
+import json
+
+import numpy as np
+import pytest
+from jax.sharding import Mesh
+
+from hard_limit import run_limited
+
+
+FOUR_DEVICES = """
+import os
+os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=4"
+import json, sys
+sys.path.insert(0, {tests!r})
+from fleet_data import dwell_means, GRAVITY, HIGH, LOW, parameters
+from inertiax.fleet import fit_invariant, fit_sharded, fit_thermal_invariant
+from inertiax.temperature import Constant, Polynomial
+
+assert len(jax.devices()) == 4
+rng = np.random.default_rng(0)
+answer = {{}}
+for degree in (0, 1):
+    made = [dwell_means(rng, parameters(rng, degree), 2) for _ in range(30)]  # not a multiple of four
+    outputs = np.stack([m[0] for m in made])
+    outputs += rng.normal(0, 1e-4, outputs.shape)
+    temperature = np.stack([m[1] for m in made])
+    weights = np.full(temperature.shape, 1e4)
+    basis = Constant() if degree == 0 else Polynomial(degree, LOW, HIGH)
+    spread = fit_sharded(outputs, temperature, weights, GRAVITY, basis)
+    if degree == 0:
+        alone = fit_invariant(outputs.transpose(2, 1, 0), weights.T, jnp.asarray(GRAVITY))
+    else:
+        alone = fit_thermal_invariant(outputs, temperature, weights, jnp.asarray(GRAVITY), basis)
+    assert bool(spread.converged.all()) and spread.parameters.shape == alone.parameters.shape
+    sigma = np.sqrt(np.diagonal(alone.covariance, axis1=1, axis2=2))
+    error = np.abs(np.asarray(spread.parameters) - np.asarray(alone.parameters)) / sigma
+    answer[str(degree)] = [float(error.max()), len(spread.covariance.sharding.device_set)]
+print(json.dumps(answer))
+"""
+
+
+def test_answers_do_not_depend_on_how_many_accelerators_share_the_work():
+    from pathlib import Path
+
+    found = json.loads(
+        run_limited(FOUR_DEVICES.format(tests=str(Path(__file__).parent)), seconds=300.0)
+    )
+    for error, devices in found.values():
+        # The shared metric of the thermal problem is a sum in another order; steps end below 1e-6 sigma.
+        assert error < 1e-5
+        assert devices == 4
+
+
+def test_a_mesh_of_two_axes_is_refused():
+    import jax
+
+    from inertiax.fleet import fit_sharded
+    from inertiax.temperature import Constant
+
+    mesh = Mesh(np.array(jax.devices()[:1]).reshape(1, 1), ("a", "b"))
+    rows = np.ones((1, 12))
+    with pytest.raises(ValueError, match="it must have one, over which"):
+        fit_sharded(np.ones((1, 12, 3)), rows, rows, 9.8, Constant(), mesh=mesh)
