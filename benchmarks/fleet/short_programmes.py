@@ -12,6 +12,8 @@ positions at one temperature (20 °C) or two (0 and 45 °C), with 0.03 mg of noi
 *with prior*: all 27 unknowns with the population. *without*: the highest degree in temperature that the
 programme determines (none: not determined). *mean*: the line's mean for every device. Errors: rms of the
 curves over -30 ... 60 °C and over all devices. *inside*: parts of all coefficients within their 95 % intervals.
+
+A second table tells *inside* for populations of few devices, nine positions at one temperature, six lines each.
 """
 
 import argparse
@@ -127,6 +129,17 @@ def row(rng, model, prior, truth, positions: int, at: tuple[float, ...]) -> dict
     }
 
 
+def coverage(model: TriadModel, devices: int) -> list[float]:
+    """Of several lines, the part of coefficients inside their 95 % intervals with a prior of few devices."""
+    parts = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        mean = SPREAD * rng.standard_normal(27)
+        prior = population(rng, line(rng, mean, devices), model)
+        parts.append(row(rng, model, prior, line(rng, mean, 64), 9, (20.0,))["inside_95"])
+    return parts
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--line", type=int, default=200)
@@ -152,9 +165,13 @@ def main() -> None:
                 f"{positions:10d}{len(at):14d}{pair(found['with_prior'])}{pair(found['without'])}"
                 f"{pair(found['mean'])}{found['inside_95']:10.3f}{found['told']:6.1f}"
             )
+    few = {count: coverage(model, count) for count in (8, 20, 60)}
+    print("inside with a prior of few devices: mean, least and greatest of six lines")
+    for count, parts in few.items():
+        print(f"{count:10d}{np.mean(parts):8.3f}{min(parts):8.3f}{max(parts):8.3f}")
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:
-            json.dump(rows, file, indent=1)
+            json.dump({"rows": rows, "few": few}, file, indent=1)
 
 
 if __name__ == "__main__":

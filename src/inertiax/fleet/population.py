@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration import write_atomically
+from .between import FEWEST
 from .triad_model import curve_covariance, curves, TriadModel
 
 
@@ -40,6 +41,8 @@ class TriadPopulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     outliers: tuple[Outlier, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.devices < FEWEST:
+            raise ValueError(f"'devices' is {self.devices}; a population has {FEWEST} or more.")
         n = self.model.unknowns
         for name, length in (
             ("mean", n),
@@ -58,8 +61,10 @@ class TriadPopulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def prior_covariance(self) -> Float[np.ndarray, "unknowns unknowns"]:
-        """Σ + cov(μ): of a device that is yet to be measured."""
-        return symmetric(self.covariance) + symmetric(self.mean_covariance)
+        """Σ + cov(μ), of a device that is yet to be measured, times (n − 1)/(n − 3): the variance of Student's
+        t, which such a device follows where n devices told Σ."""
+        student = (self.devices - 1) / (self.devices - 3)
+        return student * (symmetric(self.covariance) + symmetric(self.mean_covariance))
 
     def mean_curves(
         self, temperatures: Float[np.ndarray, " grid"]
