@@ -231,20 +231,28 @@ def test_a_run_ends_with_its_population(known):
     assert np.abs(spread / expected - 1.0).max() < 4 / np.sqrt(120)
 
 
-def test_short_programmes_get_an_honest_calibration(known, tmp_path):
-    """Six positions at one temperature, 18 unknowns: the errors of 40 new devices are what the posterior says."""
+@pytest.fixture(scope="module")
+def short(known):
+    """Six positions at one temperature, 18 unknowns, of 40 new devices of the line and one that is none."""
     folder, truth = known
-    _write(tmp_path / "short", truth, positions=range(6), runs=[1], model=False)
+    odd = truth["D060"] + np.r_[[np.full(9, 40 * 3e-3)], [np.zeros(9)]]
+    _write(folder / "short", truth | {"ODD": odd}, positions=range(6), runs=[1], model=False)
     out = run_limited(
         f"""
 from inertiax.fleet import read_population, run_fleet
 prior = read_population({str(folder / "results")!r})
-print(run_fleet({str(tmp_path / "short")!r}, {str(tmp_path / "out")!r}, prior=prior).calibrated)
+print(run_fleet({str(folder / "short")!r}, {str(folder / "out")!r}, prior=prior).calibrated)
 """,
         seconds=240,
     )
     assert out.endswith("40\n")
-    errors, covariances = _errors(tmp_path / "out", truth)
+    return folder, truth
+
+
+def test_short_programmes_get_an_honest_calibration(short):
+    """The errors of the 40 devices are what the posterior says."""
+    folder, truth = short
+    errors, covariances = _errors(folder / "out", truth)
     sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     inside = np.mean(np.abs(errors) < 1.96 * sigma)
     # 720 coefficients of 40 devices, of one prior whose own sigmas are known to 9 %: 95 % ± 3 %.
@@ -256,8 +264,29 @@ print(run_fleet({str(tmp_path / "short")!r}, {str(tmp_path / "out")!r}, prior=pr
     alone = np.sqrt(np.diagonal(prior.prior_covariance))
     # The six faces tell the biases and scale factors at that temperature: far better than the line's spread.
     assert np.median(sigma[:, :3] / alone[:3]) < 0.35
+
+
+def test_a_run_with_a_prior_goes_on_with_that_prior_only(short):
+    folder, _ = short
     with pytest.raises(ValueError, match="holds a run with a prior"):
-        run_fleet(tmp_path / "short", tmp_path / "out")
+        run_fleet(folder / "short", folder / "out")
+    prior = read_population(folder / "results")
+    again = run_fleet(folder / "short", folder / "out", prior=prior)
+    assert (again.tasks_before, again.calibrated) == (1, 40)
+    other = msgspec.structs.replace(prior, accel=msgspec.structs.replace(prior.accel, scatter=1.0))
+    with pytest.raises(ValueError, match="holds a run with another prior"):
+        run_fleet(folder / "short", folder / "out", prior=other)
+    # What was drawn to the prior does not tell the line anew.
+    assert read_population(folder / "out").accel.covariance == prior.accel.covariance
+
+
+def test_a_device_unlike_the_line_is_set_aside_where_only_the_line_could_tell(short):
+    folder, _ = short
+    aside = dict(pl.read_parquet(folder / "out" / "quarantine.parquet").iter_rows())
+    assert set(aside) == {"ODD"}
+    assert (
+        "unlike the prior's devices" in aside["ODD"] and "record a full programme" in aside["ODD"]
+    )
 
 
 def test_without_a_prior_the_same_devices_are_set_aside(known, tmp_path):
@@ -269,27 +298,6 @@ def test_without_a_prior_the_same_devices_are_set_aside(known, tmp_path):
     )
     assert all("do not determine" in r or "too few" in r for r in table.collect()["reason"])
     assert not (tmp_path / "out" / "population.json").exists()
-
-
-def test_a_device_unlike_the_line_is_set_aside_where_only_the_line_could_tell(known, tmp_path):
-    folder, truth = known
-    some = dict(list(truth.items())[:4])
-    some["ODD"] = some.pop("D060") + np.r_[[np.full(9, 40 * 3e-3)], [np.zeros(9)]]
-    _write(tmp_path / "short", some, positions=range(6), runs=[1], model=False)
-    out = run_limited(
-        f"""
-from inertiax.fleet import read_population, run_fleet
-prior = read_population({str(folder / "results")!r})
-run_fleet({str(tmp_path / "short")!r}, {str(tmp_path / "out")!r}, prior=prior)
-""",
-        seconds=240,
-    )
-    del out
-    aside = dict(pl.read_parquet(tmp_path / "out" / "quarantine.parquet").iter_rows())
-    assert set(aside) == {"ODD"}
-    assert (
-        "unlike the prior's devices" in aside["ODD"] and "record a full programme" in aside["ODD"]
-    )
 
 
 def test_a_prior_of_another_model_is_refused(known, tmp_path):

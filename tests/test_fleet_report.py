@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from fleet_data import write_line
 from inertiax.cli.app import app
 from inertiax.cli.outputs import folder_names
 from inertiax.fleet import population_of, write_population
@@ -247,6 +248,19 @@ def test_command_writes_one_devices_page_beside_its_calibration(line):
     text, _ = _read(folder / "devices" / "SN00008.html")
     assert "Calibrated, and like its line." in text
     assert json.loads((folder / "calibration-SN00008.json").read_text())["device"] == "SN00008"
+
+
+def test_command_ends_with_the_page(tmp_path):
+    write_line(tmp_path / "line", 6, files=1, experiments=2)
+    command = ["fleet", str(tmp_path / "line"), "-o", str(tmp_path / "out"), "--json", "-q"]
+    run = CliRunner().invoke(app, command)
+    assert run.exit_code == 0, run.output
+    told = json.loads(run.stdout)
+    assert (told["devices"], told["calibrated"], told["unlike"]) == (6, 6, [])
+    assert (
+        "6 of 6 devices calibrated: a yield of 100 %." in _read(tmp_path / "out" / "report.html")[0]
+    )
+    assert (tmp_path / "out" / "population.json").is_file()
 
 
 def test_command_tells_wrong_temperatures(line, tmp_path):
