@@ -106,10 +106,14 @@ def rates(grid: list[dict]) -> Figure:
     """Predicted against observed rates, and the radius over the temperature change."""
     figure, axes = new_figure(1, 2, height=3.3)
     predicted, observed = (np.array([r[k] for r in grid]) for k in ("predicted", "observed"))
-    ends = np.array([0.7 * predicted.min(), 1.4 * predicted.max()])
-    axes[0].fill_between(ends, 0.9 * ends, 1.1 * ends, color=QUIET, alpha=0.35, lw=0, label="±10 %")
-    axes[0].loglog(predicted, observed, "o", color=COLOURS[0], ms=2.5, label="plans")
-    axes[0].set(xlabel="predicted spectral radius", ylabel="observed factor per pass")
+    for sign in (-10.0, 10.0):
+        label = "accepted: 10 %" if sign > 0 else None
+        axes[0].axhline(sign, color=INK, lw=1, ls=":", label=label)
+    off = 100.0 * (predicted / observed - 1.0)
+    axes[0].semilogx(observed, off, "o", color=COLOURS[0], ms=2.5, label="plans")
+    axes[0].set(
+        xlabel="observed factor per pass", ylabel="predicted radius off by, %", ylim=(-12, 12)
+    )
     legend_above(axes[0])
     for k, drift in enumerate(convergence_study.GRID_DRIFTS):
         own = [

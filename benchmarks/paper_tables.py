@@ -3,7 +3,8 @@
     python benchmarks/paper_tables.py [--seeds 100] [--plans 200] [--docs docs] [--convergence FILE]
 
 Every seed draws a device and its noise. Three sets of 13 experiments, the check, one sweep; every approach that the
-paper names; then the convergence study (`convergence_study.py`, or its stored result by `--convergence`).
+paper names; then the convergence study (`convergence_study.py`, or its stored result by
+`--convergence`). A quarter of an hour on one core.
 """
 
 import argparse
@@ -141,8 +142,11 @@ def greatest(differences: np.ndarray, columns: list[int]) -> np.ndarray:
 
 def band(values: np.ndarray, factor: float, digits: int = 2) -> str:
     """Median and the 5–95 % band over seeds."""
-    low, middle, high = factor * np.quantile(values, [0.05, 0.5, 0.95])
-    return f"{middle:.{digits}g} ({low:.{digits}g}…{high:.{digits}g})"
+    # Through a rounded number, so that 180 does not come out as 1.8e+02.
+    low, middle, high = (
+        f"{float(f'{v:.{digits}g}'):g}" for v in factor * np.quantile(values, [0.05, 0.5, 0.95])
+    )
+    return f"{middle} ({low}…{high})"
 
 
 def comparison(found: dict[str, np.ndarray]) -> list[str]:
@@ -228,7 +232,7 @@ def page(found: dict[str, np.ndarray], study: dict) -> str:
         "Paper's figure 4: set 1 less set 3, greatest of the three axes, by three approaches; the dotted line is the "
         "greatest difference that the founding paper reports for its procedure.",
         "![Set 2 less set 3](figures/paper-differences-2.svg)",
-        "Paper's figure 5: the same for set 2.",
+        "Paper's figure 5: the same for set 2, where two passes of the paper's procedure and the default agree.",
         "![Check](figures/paper-check.svg)",
         "Paper's figure 6: |a| − g on the check. Above, single samples at rest, one a second, by the default's curves: "
         "their own noise decides. Below, on another scale, the mean of each of the eight positions.",
