@@ -63,7 +63,7 @@ def test_lanes_factor_solve_and_invert_as_numpy_does():
     expected = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
     # Condition 1e6 squared by nothing: the matrix itself is given. 1e-9 is cond × 2⁻⁵² with room.
     np.testing.assert_allclose(solution, expected, rtol=1e-8)
-    inverse = np.moveaxis(np.asarray(invert_lanes(lower)), -1, 0)
+    inverse = np.asarray(invert_lanes(lower))
     np.testing.assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-8, atol=1e-16)
 
 
