@@ -17,7 +17,7 @@ from inertiax.estimators import GravityRotation, StaticGyro
 from inertiax.estimators.gravity_rotation import across, tilt
 from inertiax.intervals import reduce_to_dwells
 from inertiax.motions import carry, rotate, step_angle
-from inertiax.procedure import joint_fit
+from inertiax.one_device import joint_fit_one
 from inertiax.recordings import Campaign, ModelChoice, Recording
 from inertiax.temperature import Constant
 from inertiax.turns import bias_scatter, shortfall, with_motions
@@ -46,7 +46,15 @@ def _hand(rng, duration: float, *, vertical: bool, attitude: Rotation):
     )
 
 
-def _log(rng, *, num_rests: int, truth: dict, noise: float = 0.0, vertical: bool = False):
+def _log(
+    rng,
+    *,
+    num_rests: int,
+    truth: dict,
+    noise: float = 0.0,
+    vertical: bool = False,
+    samples: tuple[int, int] = (200, 400),
+):
     """A recording of rests of 2 s joined by motions of 2 to 4 s, and the true specific force."""
     attitude = Rotation.random(random_state=int(rng.integers(2**31)))
     rates, attitudes, position = [], [], []
@@ -57,7 +65,7 @@ def _log(rng, *, num_rests: int, truth: dict, noise: float = 0.0, vertical: bool
         position.append(np.full(rest, k))
         if k == num_rests - 1:
             break
-        duration = rng.integers(200, 400) * STEP
+        duration = rng.integers(*samples) * STEP
         fine = _hand(rng, duration, vertical=vertical, attitude=attitude)
         # The rate at the sample itself, between two fine middles.
         before, after = fine[FINE - 1 : -1 : FINE], fine[FINE::FINE]
@@ -270,7 +278,7 @@ def test_truth_with_g_sensitivity_comes_back_from_a_clean_log():
     recording, force = _log(rng, num_rests=16, truth=truth)
     turns = _turns(recording, force=[force])
     estimator = GravityRotation(GRAVITY, scatter=1e-5, g_sensitivity=True)
-    solution = joint_fit(estimator, Constant(), jax.tree.map(jnp.asarray, turns.dwells))
+    solution = joint_fit_one(estimator, Constant(), turns.dwells)
     assert bool(solution.succeeded)
     error = np.asarray(solution.curve.coefficients[0]) - _vector(truth, d=True)
     # What is left is the integration's own error over turns of a radian or two.
@@ -284,12 +292,11 @@ sys.path.insert(0, {tests!r})
 from test_gravity_rotation import *
 from test_gravity_rotation import _log, _truth, _turns, _vector
 from inertiax.estimators import Invariant, JointImu
-from inertiax.one_device import joint_fit_one
 from inertiax.together import fit_together
 
 def dwells_of(recording):
     dwells = jax.tree.map(np.asarray, _turns(recording).dwells)
-    pad = 448 - dwells.motion.gyro.shape[1]  # one compilation for all
+    pad = 192 - dwells.motion.gyro.shape[1]  # one compilation for all
     widen = lambda x, mode: np.pad(x, ((0, 0), (0, pad), (0, 0))[: x.ndim], mode=mode)
     motion = eqx.tree_at(lambda m: (m.gyro, m.step), dwells.motion,
         (widen(dwells.motion.gyro, "edge"), widen(dwells.motion.step, "constant")))
@@ -300,7 +307,7 @@ both = JointImu(Invariant(GRAVITY), GravityRotation(GRAVITY))
 for seed in range(40):
     rng = np.random.default_rng(1000 + seed)
     truth = _truth(rng)
-    recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3)
+    recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3, samples=(100, 180))
     solution = joint_fit_one(GravityRotation(GRAVITY), Constant(), dwells_of(recording))
     assert bool(solution.succeeded), seed
     error = np.asarray(solution.curve.coefficients[0]) - _vector(truth)

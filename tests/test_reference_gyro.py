@@ -2,6 +2,7 @@
 
 import json
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +15,7 @@ from inertiax.earth import EARTH_RATE, earth_rate, rest_readings
 from inertiax.estimators import ReferenceGyro, ReferenceGyroRig
 from inertiax.model import compensate_gyro, compensate_gyro_as_printed, distort_accel, distort_gyro
 from inertiax.one_device import iterate_one, joint_fit_one
-from inertiax.procedure import convergence_rate, iterate, joint_fit, PaperIteration
+from inertiax.procedure import iterate, joint_fit, PaperIteration
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.motion import turns_about_three_axes
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
@@ -43,28 +44,26 @@ sys.path.insert(0, {tests!r})
 import json
 from test_reference_gyro import *
 from test_reference_gyro import _device, _plan
-from inertiax.procedure import GaussNewtonIteration
 
-runs = 300
+runs = 200
 device, plan = _device(), _plan()
 truth = device.gyro.curve.series
 estimator = ReferenceGyro(gravity=PAPER_GRAVITY, g_sensitivity=True)
-
-def one(key):
-    dwells, _ = simulate_dwells(key, plan, device)
-    solution = iterate(GaussNewtonIteration(estimator, truth.basis), dwells)
-    return solution.curve.coefficients, jnp.diagonal(solution.covariance), solution.succeeded
-
-keys = jax.random.split(jax.random.PRNGKey(1), runs)
-coefficients, variance, succeeded = jax.lax.map(one, keys, batch_size=25)
-assert bool(succeeded.all())
-error = np.asarray(coefficients - truth.coefficients).reshape(runs, -1) / np.sqrt(np.asarray(variance))
+dwells_of = eqx.filter_jit(lambda key: simulate_dwells(key, plan, device)[0])
+errors = []
+for key in jax.random.split(jax.random.PRNGKey(1), runs):
+    dwells = jax.tree.map(np.asarray, dwells_of(key))
+    solution = joint_fit_one(estimator, truth.basis, dwells)
+    assert bool(solution.succeeded)
+    error = np.asarray(solution.curve.coefficients - truth.coefficients).ravel()
+    errors.append(error / np.sqrt(np.diagonal(solution.covariance)))
+error = np.array(errors)
 print(json.dumps([np.mean(error**2, axis=0).tolist(), np.mean(error, axis=0).tolist(), runs]))
 """
 
 
 def test_every_parameter_errs_as_its_covariance_says():
-    # Bias, Θ and D, quadratic over the range: 63 coefficients, 300 runs. In a process of its own.
+    # Bias, Θ and D, quadratic over the range: 63 coefficients, 200 runs. In a process of its own.
     tests = __file__.rsplit("/", 1)[0]
     output = run_limited(MONTE_CARLO.format(tests=tests), seconds=300.0)
     variance, mean, runs = json.loads(output)
@@ -96,7 +95,7 @@ def test_the_papers_procedure_converges_with_gyros_as_with_accelerometers():
     # It weighs experiments, the joint fit dwells: they agree within the noise.
     difference = np.abs(solution.curve.coefficients - joint.curve.coefficients) / sigma
     assert np.max(difference) < 1.0
-    assert convergence_rate(paper, joint.curve.coefficients, dwells).radius < 0.1
+    assert after[3] < 0.1 * after[2]  # the spectral radius, by the last step that is above rounding
     # The default is the joint fit.
     default = iterate_one(estimator, basis, dwells)
     assert bool(default.succeeded)
@@ -107,7 +106,7 @@ def test_driven_from_the_host_the_passes_are_the_same():
     device, plan = _device(), _plan()
     dwells = simulate_dwells(jax.random.PRNGKey(2), plan, device)[0]
     basis = device.gyro.curve.series.basis
-    estimator = ReferenceGyro(gravity=PAPER_GRAVITY)
+    estimator = ReferenceGyro(gravity=PAPER_GRAVITY, g_sensitivity=True)
     ours, compiled = joint_fit_one(estimator, basis, dwells), joint_fit(estimator, basis, dwells)
     sigma = np.sqrt(np.diagonal(compiled.covariance)).reshape(basis.size, -1)
     difference = np.abs(ours.curve.coefficients - compiled.curve.coefficients) / sigma
@@ -128,15 +127,20 @@ def test_the_printed_compensation_errs_by_d_times_the_accelerometers_errors():
     accel, gyro = device.accel.errors(60.0), device.gyro.errors(60.0)
     rng = np.random.default_rng(0)
     left: list[float] = []
+    compiled = [
+        jax.jit(f)
+        for f in (distort_accel, distort_gyro, compensate_gyro, compensate_gyro_as_printed)
+    ]
+    distort, distort_rate, compensate, compensate_as_printed = compiled
     for _ in range(20):
         force, rate = (
             PAPER_GRAVITY * Rotation.random(random_state=rng).apply([0, 0, 1]),
             rng.normal(size=3),
         )
-        raw = distort_accel(accel, force)
-        output = distort_gyro(gyro, rate, force, PAPER_GRAVITY)
-        exact = compensate_gyro(gyro, output, force, PAPER_GRAVITY)
-        printed = compensate_gyro_as_printed(gyro, output, raw, PAPER_GRAVITY)
+        raw = distort(accel, force)
+        output = distort_rate(gyro, rate, force, PAPER_GRAVITY)
+        exact = compensate(gyro, output, force, PAPER_GRAVITY)
+        printed = compensate_as_printed(gyro, output, raw, PAPER_GRAVITY)
         np.testing.assert_allclose(exact, rate, atol=1e-14)
         d, theta = np.asarray(gyro.g_sensitivity), np.eye(3) + np.asarray(gyro.matrix)
         expected = -np.linalg.solve(theta, d @ (np.asarray(raw) - force) / PAPER_GRAVITY)
@@ -169,6 +173,11 @@ MOUNTING = np.array([8e-4, -5e-4, 1.1e-3])  # rad
 RATE_ERROR = 4e-5
 
 
+@jax.jit
+def _distorted(errors, rate, force):
+    return jax.vmap(lambda w, a: distort_gyro(errors, w, a, PAPER_GRAVITY))(rate, force)
+
+
 def _on_a_faulty_rig(seed: int):
     """Dwells at one temperature whose references leave out mounting and rate error, and the truth."""
     device = Device(
@@ -190,9 +199,7 @@ def _on_a_faulty_rig(seed: int):
     sigma_g = np.sqrt(np.asarray(dwells.gyro_covariance)[:, 0, 0])[:, None]
     force = turn.apply(planned_force.copy())
     rate = (1.0 + RATE_ERROR) * turn.apply(planned_rate.copy())
-    output = np.stack([distort_gyro(errors, w, a, PAPER_GRAVITY) for w, a in zip(rate, force)])
-    import equinox as eqx
-
+    output = np.asarray(_distorted(errors, rate, force))
     dwells = eqx.tree_at(
         lambda d: (d.accel, d.gyro),
         dwells,
