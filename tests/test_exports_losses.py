@@ -1,5 +1,7 @@
 """What exports lose is stated with its true size; what was written reads back."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from exports_cases import (
     samples,
     without_gyro_scale,
 )
+from inertiax.augmentation import FittedEffect
 from inertiax.calibration import Calibration, TriadCalibration
 from inertiax.exports import by_name, export, FORMATS, measure_loss
 from inertiax.exports.triangular import lower_times_rotation, upper_times_rotation
@@ -143,3 +146,18 @@ def test_imported_files_say_that_uncertainties_are_unknown():
         export(calibration(d=False), "basalt", **NOISE["basalt"]).content
     )
     assert "uncertainties" in again.notes[0]
+
+
+def test_named_effects_are_told_as_lost_with_the_lever_arms_size():
+    arm = np.array([0.03, 0.0, 0.04])
+    effect = FittedEffect("size_effect", "accel", (0,), (), arm, np.eye(3), "m")
+    known = dataclasses.replace(calibration(), effects=(effect,))
+    (lost,) = [line for line in export(known, "c").losses if "effects" in line]
+    assert "size_effect on accel_x" in lost
+    # By search over directions: the greatest first component of w x (w x r) at 1 rad/s.
+    w = np.random.default_rng(0).normal(size=(200_000, 3))
+    w /= np.linalg.norm(w, axis=1, keepdims=True)
+    greatest = np.max(np.abs(np.cross(w, np.cross(w, arm))[:, 0]))
+    assert f"up to {greatest:.2g} m/s²" in lost
+    assert not any("effects" in line for line in export(known, "inertiax").losses)
+    assert not any("effects" in line for line in export(calibration(), "c").losses)

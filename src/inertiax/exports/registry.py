@@ -5,6 +5,7 @@ import json
 from types import ModuleType
 
 import msgspec
+import numpy as np
 
 from ..calibration import Calibration
 from ..formats.columns import nearest
@@ -69,7 +70,24 @@ def export(calibration: Calibration, name: str, /, **settings: str | float | int
         said, _, place = str(error).partition(" - at `$.")
         key = place.rstrip("`")
         raise ValueError(f"{name}: {key} = {settings[key]!r}: {said}.") from None
-    return module.write(calibration, chosen)
+    result = module.write(calibration, chosen)
+    if module is native or not calibration.effects:
+        return result
+    return result._replace(losses=(*result.losses, _effects_loss(calibration)))
+
+
+def _effects_loss(calibration: Calibration) -> str:
+    """Named effects, which no foreign format holds, and how large lever arms are."""
+    named = [f"{e.name} on {', '.join(e.channel_names)}" for e in calibration.effects]
+    text = f"effects beside the parameters, which the stated error leaves out: {'; '.join(named)}"
+    # Over unit rates the greatest component i of ω × (ω × R) is (|R| + |R_i|) / 2.
+    sizes = [
+        0.5 * (np.linalg.norm(e.coefficients) + abs(float(e.coefficients[k])))
+        for e in calibration.effects
+        for k in e.channels
+        if e.name == "size_effect"
+    ]
+    return text + (f" (lever arms: up to {max(sizes):.2g} m/s² at 1 rad/s)" if sizes else "")
 
 
 def read_calibration_of(content: bytes, name: str, /, **settings: str | float | int) -> Calibration:
