@@ -285,9 +285,10 @@ def test_command_tells_hours_for_a_target(own_cache):
     answer = told(*SMALL, "--target", "10", "--density", "1e-3")
     assert answer.exit_code == 0, answer.output
     assert "10 ppm at 95 %" in answer.stdout and answer.stdout.count("h of measuring") == 3
-    hopeless = told(*SMALL, "--target", "10", "--repeatability", "1e-2")
-    # What cannot be reached is an answer, not a failure.
-    assert hopeless.exit_code == 0 and hopeless.stdout.count("not reachable") == 3
+    hopeless = told(*SMALL, "--positions", "10", "--target", "10", "--repeatability", "1e-2")
+    # What cannot be reached is an answer, not a failure; told for the fewest positions, too.
+    assert hopeless.exit_code == 0 and hopeless.stdout.count("not reachable") == 4
+    assert "D-optimal 9: not reachable" in hopeless.stdout
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,8 @@ def advise(
     Arguments as of `optimal_positions` and `effort_for` (SI; `target` is a 95 % half-width, relative).
     The temperatures found are optimal for curves of `degree` from `low` to `high` °C: by D, or, for A and I
     (with which variances over temperature are averaged), by I. The effort is that of equal steps, the safer choice
-    where the degree is in doubt. Soaks between experiments are not counted.
+    where the degree is in doubt; it is told for the programme found, for the D-optimal one of the fewest positions, and
+    for the plain 18 and 24. Soaks between experiments are not counted.
     """
     estimator, table = Invariant(gravity=GRAVITY), Table()
     programme = optimal_positions(estimator, positions, criterion=criterion, limits=limits)
@@ -107,9 +108,11 @@ def advise(
     temperatures, equal = _temperatures(basis, steps, "D" if criterion == "D" else "I")
     efforts = ()
     if target is not None:
+        fewest = estimator.num_parameters
+        few = () if positions == fewest else (optimal_positions(estimator, fewest, limits=limits),)
         efforts = effort_for(
             target,
-            [programme, PROGRAMME_18, PROGRAMME_24],
+            [*few, programme, PROGRAMME_18, PROGRAMME_24],
             estimator,
             basis,
             steps,
