@@ -1,10 +1,14 @@
 """Prediction of stretches left out, and draws of the fitted noise."""
 
+import jax
 import numpy as np
 
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.allan_check import allan_checks
+from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.foresight import Foresight, skill, stretches
 from inertiax.diagnose.noise_draws import draw
+from inertiax.diagnose.system import fit_noise, NoiseFit
 from inertiax.diagnose.whiten import Chain, TIME_CONSTANTS, Variances
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
@@ -91,3 +95,18 @@ def test_a_thermal_loop_that_channels_share_is_named_although_a_jump_at_its_turn
 
 def test_walks_alone_are_not_taken_for_a_thermal_loop():
     assert diagnose(one_turn(2, (0.0, 0.0, 0.0))).verdict == "consistent"
+
+
+def test_the_allan_deviation_agrees_with_the_fitted_noise_and_not_with_twice_its_white_part():
+    with jax.enable_x64(True):
+        _, (prepared,) = prepare(one_turn(3, (0.0, 0.0, 0.0)), ())
+        noise = fit_noise(prepared.system)
+        checks = allan_checks(prepared, noise, [])
+        louder = NoiseFit(tuple(t + np.log([2.0, 1, 1, 1, 1]) for t in noise.theta), noise.value)
+        wrong = allan_checks(prepared, louder, [])
+    assert {c.channel for c in checks} == {"gyro_x", "gyro_y", "gyro_z"}
+    # Six intervals of 99 %: one miss is not unlikely, two are (0.14 %).
+    assert sum(not c.agrees for c in checks) <= 1
+    # One block: 1500 differences know the variance to some 5 %, against a factor of two.
+    shortest = min(c.tau for c in wrong)
+    assert all(not c.agrees for c in wrong if c.tau == shortest)
