@@ -66,6 +66,9 @@ def _last(states):
     return _at(states, -1)
 
 
+# For programs that run once or twice: compiling is all that they cost.
+QUICK = {"xla_backend_optimization_level": 0}
+
 # Compiled once for all tests: 600 samples, whatever their step.
 RUN = eqx.filter_jit(navigate)
 IDEAL = eqx.filter_jit(ideal_data)
@@ -224,7 +227,8 @@ def test_navigator_goes_through_vmap_and_reverse_mode(calibration, moving):
         return jnp.sum(errors(_last(states), end)[:3])
 
     values = coefficients_of(calibration)
-    many = jax.jit(jax.vmap(jax.grad(miss)))(jnp.stack([values, values]))
+    run = jax.jit(jax.vmap(jax.grad(miss)), compiler_options=QUICK)
+    many = run(jnp.stack([values, values]))
     np.testing.assert_allclose(many[0], exact[:3].sum(axis=0), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(many[0], many[1])
 
@@ -246,7 +250,13 @@ def test_refinement_from_position_fixes_finds_a_changed_bias(calibration):
         found = jax.tree.map(lambda x: x[every], states)
         return (jax.vmap(errors)(found, fixes)[:, :3] / 0.1).reshape(-1)
 
-    refined, solution = eqx.filter_jit(refine)(old, raw, start, residual, columns)
+    def coefficients_and_solution(values):
+        refined, solution = refine(with_coefficients(old, values), raw, start, residual, columns)
+        return coefficients_of(refined), solution
+
+    run = jax.jit(coefficients_and_solution, compiler_options=QUICK)
+    found, solution = run(coefficients_of(old))
+    refined = with_coefficients(old, found)
     assert bool(solution.succeeded)
     sigma = np.sqrt(np.diagonal(solution.covariance))
     assert np.all(np.abs(solution.parameters - moved) < 3.0 * sigma)
