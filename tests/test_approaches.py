@@ -55,10 +55,14 @@ def test_traditional_needs_a_held_temperature(device):
 def test_passes_from_the_host_are_those_of_the_compiled_iteration(device):
     dwells, _ = simulate_dwells(jax.random.PRNGKey(1), paper_set(1), device)
     procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
-    one_pass = eqx.filter_jit(lambda c, d: procedure.refine(c, d))
+    # Three runs only: compiling is all that they cost.
+    one_pass = jax.jit(
+        lambda c: procedure.refine(c, dwells),
+        compiler_options={"xla_backend_optimization_level": 0},
+    )
     compiled = [np.asarray(start_curve(ESTIMATOR, BASIS, dwells))]
     for _ in range(3):
-        compiled.append(np.asarray(one_pass(compiled[-1], dwells)))
+        compiled.append(np.asarray(one_pass(compiled[-1])))
     np.testing.assert_allclose(
         paper_passes(ESTIMATOR, BASIS, dwells, passes=3), compiled, rtol=1e-6, atol=1e-9
     )
