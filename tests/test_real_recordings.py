@@ -29,6 +29,7 @@ def recordings():
 def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted_to():
     found, predicted = leave_positions_out(recordings().xsens())
     # One named effect, on the gyros alone: the accelerometers agree with their model.
+    assert found.verdict == "missing-physics"
     assert [e.name for e in found.effects] == ["g_sensitivity"]
     assert set(found.effects[0].channels) == {"gyro_x", "gyro_y", "gyro_z"}
     assert all(value.std is not None for _, value in found.effects[0].parameters)

@@ -25,6 +25,9 @@ LEVEL = 1e-5  # family-wise false alarms
 LONGEST = 0.15  # of the campaign: longer is a change of the noise, not a short disturbance
 ALONE = 4.0  # standard deviations that one block may count
 SHARED = 0.1  # of the excess on another channel: from there on it is a motion
+FAINT = (
+    3.0  # times the usual mean square: below, one sample is disturbed by hardly more than its noise
+)
 INSIDE = "scatter inside blocks"
 BETWEEN = "scatter of the means of blocks"
 
@@ -134,7 +137,7 @@ def _inside(prepared: Prepared, outputs: np.ndarray) -> list[Burst]:
         usual = np.median(sums[rest] / dof[rest, None], axis=0)
         here = rest[window.first : window.last + 1]
         ratio = sums[here].sum(axis=0) / dof[here].sum() / usual
-        if _moved(ratio, float(dof[here].sum()), c):
+        if ratio[c] < FAINT or _moved(ratio, float(dof[here].sum()), c):
             continue
         excess = float(np.sqrt(max(ratio[c] - 1.0, 0.0) * usual[c]))
         found.append(
