@@ -21,7 +21,7 @@ from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
 from inertiax.temperature import Curve, Polynomial
 
-runs = 600
+runs = 520
 # The truth's own basis, so that the truth has coefficients to compare with.
 device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))
 basis = device.accel.curve.series.basis
@@ -60,7 +60,7 @@ def monte_carlo():
 
 
 def test_normalised_errors_have_unit_variance(monte_carlo):
-    # 63 parameters over 600 runs: the sum of squares is chi-square with 600 degrees of freedom,
+    # 63 parameters over 520 runs: the sum of squares is chi-square with 520 degrees of freedom,
     # so a parameter's mean square lies within its 1e-5 tails (6e-4 for any of 63 to be outside).
     runs, variance = monte_carlo["runs"], np.array(monte_carlo["variance"])
     low, high = chi2.ppf([1e-5, 1 - 1e-5], runs) / runs
