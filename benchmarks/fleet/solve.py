@@ -40,7 +40,7 @@ from inertiax.temperature import Polynomial
 GRAVITY, SIGMA = 9.815, 1e-4
 ROWS, COLUMNS = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 REPEATS = 7
-LANES, BLOCKS, WIDTH = 256, 32, 8
+LANES, BLOCKS, WIDTH = 256, 16, 8
 
 
 def directions() -> np.ndarray:

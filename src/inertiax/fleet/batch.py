@@ -23,9 +23,9 @@ from .linear import fit_linear
 from .thermal import fit_thermal_invariant
 
 
-# Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet_solve.py).
+# Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet/solve.py).
 LANES = 256
-BLOCKS = 32
+BLOCKS = 16
 
 
 class FleetFit(eqx.Module):

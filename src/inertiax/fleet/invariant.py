@@ -98,15 +98,13 @@ def fit_invariant(
 def _full_step(p: list[Lane], a: list[Array], w: Array) -> tuple[list[Lane], Lower, list[Lane]]:
     """A Gauss-Newton step, the factor of its normal matrix, and the norms of the Jacobian's columns."""
     size, columns = predicted([x[None] for x in p], a)
-    # All sums over dwells in one product of small matrices: several times faster than a reduction for each.
-    rows = jnp.stack([*(c * w for c in columns), (size - 1.0) * w], axis=-1)
-    rows = jnp.swapaxes(rows, 0, 1)  # (batch, dwells, 10)
-    sums = jnp.matmul(jnp.swapaxes(rows, 1, 2), rows)
-    sums = jnp.moveaxis(sums, 0, 2)
-    lower = factor_lanes([[sums[i, j] for j in range(i + 1)] for i in range(9)])
-    step = solve_lanes(lower, [sums[9, i] for i in range(9)])
+    residual = (size - 1.0) * w
+    columns = [c * w for c in columns]
+    normal = [[jnp.sum(columns[i] * columns[j], axis=0) for j in range(i + 1)] for i in range(9)]
+    lower = factor_lanes(normal)
+    step = solve_lanes(lower, [jnp.sum(c * residual, axis=0) for c in columns])
     moved = [x + d for x, d in zip(p, step, strict=True)]
-    return moved, lower, [jnp.sqrt(sums[i, i]) for i in range(9)]
+    return moved, lower, [jnp.sqrt(normal[i][i]) for i in range(9)]
 
 
 def _kept_step(
