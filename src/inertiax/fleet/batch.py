@@ -87,7 +87,8 @@ def fit_fleet(
     own = _own_sigma(estimator, dwells)
     known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
     scatter = np.where(known, 0.0, NOMINAL_SIGMA)
-    fit = _solve(estimator, basis, dwells, own, scatter, threads)
+    size = _chunk(estimator, basis, len(valid))
+    fit = _solve(estimator, basis, dwells, own, scatter, size, threads)
     chi2 = _chi2_per_dof(fit, own, valid, unknowns, known)
     for _ in range(2):
         settled = _paule_mandel(np.asarray(fit.misfit), own, valid, unknowns)
@@ -99,7 +100,8 @@ def fit_fleet(
             break
         scatter = settled
         part = jax.tree.map(partial(_rows, rows=changed), dwells)
-        again = _solve(estimator, basis, part, own[changed], scatter[changed], threads)
+        # In chunks of the same size, for which there is a compiled program.
+        again = _solve(estimator, basis, part, own[changed], scatter[changed], size, threads)
         fit = jax.tree.map(partial(_put, rows=changed), fit, again)
     return FleetFit(
         parameters=np.asarray(fit.parameters),
@@ -136,18 +138,23 @@ def _own_sigma(
     return np.sqrt(np.einsum("dni,dnij,dnj->dn", direction, covariance, direction))[:, :, None]
 
 
+def _chunk(estimator: AbstractEstimator, basis: AbstractBasis, count: int) -> int:
+    """Devices solved at once: one of a few numbers, so that compiled programs are shared."""
+    size = LANES if isinstance(basis, Constant) and isinstance(estimator, Invariant) else BLOCKS
+    return min(size, 1 << max(count - 1, 0).bit_length())
+
+
 def _solve(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
     own: np.ndarray,
     scatter: np.ndarray,
+    size: int,
     threads: int | None,
 ) -> BatchFit:
     """One weighted solve of every device, in chunks of one compiled shape."""
     count = len(scatter)
-    size = LANES if isinstance(basis, Constant) and isinstance(estimator, Invariant) else BLOCKS
-    size = min(size, 1 << max(count - 1, 0).bit_length())
     starts = range(0, count, size)
     rows = [np.minimum(np.arange(s, s + size), count - 1) for s in starts]
 

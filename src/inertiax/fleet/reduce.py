@@ -26,7 +26,7 @@ from ..formats.columns import (
     TriadColumns,
 )
 from .locations import scan
-from .tasks import Task
+from .tasks import Stretch, Task
 
 
 BLOCKS = 16  # of a dwell
@@ -46,15 +46,25 @@ class Reduced(eqx.Module):
 
 def read(task: Task, columns: ColumnMap) -> tuple[Reduced, ...]:
     """The dwells of a task's devices. Raises `ValueError` for what is wrong with a file as a whole."""
-    tables: list[pl.DataFrame] = []
-    owners: list[np.ndarray] = []
-    for number, (_, stretches) in enumerate(task.devices):
-        for s in stretches:
-            tables.append(_rows(s.file, s.start, s.rows, columns))
-            owners.append(np.full(s.rows, number))
-    # Adjacent stretches of one file are read once each; polars skips the row groups outside.
+    stretches = [s for _, mine in task.devices for s in mine]
+    sizes = [s.rows for s in stretches]
+    owner = np.repeat([k for k, (_, mine) in enumerate(task.devices) for _ in mine], sizes)
+    # Neighbours are read in one go: a row group holds many devices, and would be decoded for each.
+    tables = [_rows(s.file, s.start, s.rows, columns) for s in _joined(stretches)]
     table = pl.concat(tables, how="vertical_relaxed", rechunk=True)
-    return reduce_table(table, np.concatenate(owners), [d for d, _ in task.devices], columns)
+    return reduce_table(table, owner, [d for d, _ in task.devices], columns)
+
+
+def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
+    """Stretches that follow one another in a file as one."""
+    joined: list[Stretch] = []
+    for s in stretches:
+        last = joined[-1] if joined else None
+        if last is not None and last.file == s.file and last.start + last.rows == s.start:
+            joined[-1] = Stretch(s.file, last.start, last.rows + s.rows)
+        else:
+            joined.append(s)
+    return joined
 
 
 def _rows(file: str, start: int, count: int, columns: ColumnMap) -> pl.DataFrame:
