@@ -336,11 +336,11 @@ if __name__ == "__main__":
 
 
 def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
-    import dask
+    from dask import config
 
     folder, _ = line
     message = "no Dask scheduler answers at 'tcp://127.0.0.1:9'"
     # Dask's own patience is 30 s.
-    with dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
+    with config.set({"distributed.comm.timeouts.connect": "2s"}):
         with pytest.raises(ValueError, match=message):
             run_fleet(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
