@@ -233,10 +233,8 @@ def _signals(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells)
     known = bool(np.any(np.ptp(temperature, axis=1) > 0))
     low, high = float(temperature.min()), float(temperature.max())
     span = (low, max(high, low + 1.0)) if known else None
-    devices = [
-        _signal(estimator, basis, jax.tree.map(lambda x: np.asarray(x)[d], dwells), span)  # noqa: B023
-        for d in range(len(temperature))
-    ]
+    numbers = jax.tree.map(np.asarray, dwells)
+    devices = [_signal(estimator, basis, numbers[d], span) for d in range(len(temperature))]
     return jax.tree.map(lambda *x: np.stack(x), *devices)
 
 
