@@ -12,14 +12,14 @@ from ..dwells import Dwells
 from ..estimators import AbstractEstimator
 from ..recordings import Campaign, Recording
 from .population import Population, TriadPopulation
-from .reduce import Reduced
+from .reduction import Reduction
 from .tasks import Task
 from .triad_model import TriadModel
 
 
 TRIALS = 5  # devices that choose the temperature model
 
-Reader = Callable[[Task], tuple[Reduced, ...]]
+Reader = Callable[[Task], Reduction]
 
 
 class LineModel(eqx.Module):

@@ -14,7 +14,7 @@ import polars as pl
 from ..calibration import write_atomically
 from .line import FEWEST, LineMismatch, read_line
 from .mismatch import choose_forms, FleetScores, Form, terms_of
-from .reduce import Reduced
+from .reduction import Reduced, Reduction
 from .rows import calibrate_reduced, estimators_of
 from .store import Manifest, matrix_of, read_parts
 from .tasks import Task
@@ -24,7 +24,7 @@ from .triad_model import basis_of
 SCHEMA = "inertiax.fleet-line/1"
 TRIALS = 8  # devices of one task: they give the overlaps of signatures, which the plan makes
 
-Reader = Callable[[Task], tuple[Reduced, ...]]
+Reader = Callable[[Task], Reduction]
 
 
 class LineFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -98,7 +98,7 @@ def _overlaps(manifest: Manifest, reader: Reader) -> dict[str, np.ndarray]:
         with jax.enable_x64(True):
             usable: Sequence[Reduced] = [r for r in reader(_few(task)) if r.dwells is not None]
             if usable:
-                calibrate_reduced(usable[:TRIALS], manifest, observe=keep)
+                calibrate_reduced(Reduction.of(usable[:TRIALS]), manifest, observe=keep)
         if found:
             break
     return found

@@ -13,7 +13,7 @@ from pathlib import Path
 from ..campaign import CampaignTable, find_files, load_campaign, load_settings
 from ..intervals import reduce_to_dwells
 from ..recordings import Campaign
-from .reduce import Reduced
+from .reduction import Reduced, Reduction
 from .tasks import Stretch, Task
 
 
@@ -88,9 +88,11 @@ def split_campaigns(files: tuple[Path, ...]) -> tuple[Task, ...]:
     )
 
 
-def read_campaigns(task: Task) -> tuple[Reduced, ...]:
+def read_campaigns(task: Task) -> Reduction:
     """The dwells of a task's devices."""
-    return tuple(r for name, (stretch,) in task.devices for r in _read(name, Path(stretch.file)))
+    return Reduction.of(
+        [r for name, (stretch,) in task.devices for r in _read(name, Path(stretch.file))]
+    )
 
 
 def _read(name: str, file: Path) -> Iterator[Reduced]:

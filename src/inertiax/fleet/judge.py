@@ -6,6 +6,7 @@ from jaxtyping import Float
 from ..estimators import AbstractEstimator
 from ..temperature import AbstractBasis
 from .batch import FleetFit
+from .blocks import means_of_runs
 
 
 # Beyond these a calibration is worse than none: 1 sigma of a curve's coefficient, and the misfit at rest.
@@ -27,15 +28,38 @@ def judge(
     `alone`: the device's own rows must determine all unknowns, for want of a prior.
     """
     sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
-    sigma = sigma.reshape(len(sigma), basis.size, -1)
-    return tuple(_one(estimator, basis, fit, sigma[k], k, alone) for k in range(len(sigma)))
+    worst = sigma.reshape(len(sigma), basis.size, -1).max(axis=1)
+    limits = np.array([_limit(name) for name in estimator.names])
+    rows = fit.valid.sum(axis=1) * fit.misfit.shape[2]
+    rms = rms_misfit(fit)
+    # Comparisons with NaN are false.
+    good = fit.converged & np.all(worst <= limits[None], axis=1)
+    good &= rms <= LARGEST_MISFIT[estimator.triad]
+    if alone:
+        good &= rows >= basis.size * estimator.num_parameters
+    reasons: list[str | None] = [None] * len(good)
+    for k in np.flatnonzero(~good):
+        reasons[k] = _reason(estimator, basis, fit, worst[k], float(rms[k]), int(k), alone)
+    return tuple(reasons)
 
 
-def _one(
+def rms_misfit(fit: FleetFit) -> Float[np.ndarray, " devices"]:
+    """Root mean square of each device's misfit, without padding, SI; NaN for a device without dwells."""
+    kept = np.broadcast_to(fit.valid[:, :, None], fit.misfit.shape)
+    counts = kept.sum(axis=(1, 2))
+    return np.sqrt(means_of_runs(np.square(fit.misfit[kept]), counts))
+
+
+def _limit(name: str) -> float:
+    return LARGEST_SIGMA[name.partition("[")[0]]
+
+
+def _reason(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     fit: FleetFit,
-    sigma: Float[np.ndarray, "size parameters"],
+    sigma: Float[np.ndarray, " parameters"],
+    rms: float,
     k: int,
     alone: bool,
 ) -> str | None:
@@ -54,16 +78,16 @@ def _one(
             f"{triad}: no convergence after {int(fit.num_steps[k])} steps; look for wrong units, a "
             "saturated axis or rests that are not at rest"
         )
-    rms = float(np.sqrt(np.square(fit.misfit[k][fit.valid[k]]).mean()))
     if rms > LARGEST_MISFIT[triad]:
         unit = "m/s²" if triad == "accel" else "rad/s"
         return (
             f"{triad}: the misfit is {rms:.2g} {unit} rms (limit {LARGEST_MISFIT[triad]:g}); look for wrong "
             "units, a saturated axis or rests that are not at rest"
         )
-    for j, name in enumerate(estimator.names):
-        limit = LARGEST_SIGMA[name.partition("[")[0]]
-        worst = float(sigma[:, j].max())
-        if worst > limit:
-            return f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {limit:g}): record more positions"
+    for name, worst in zip(estimator.names, sigma.tolist(), strict=True):
+        if worst > _limit(name):
+            return (
+                f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {_limit(name):g}): "
+                "record more positions"
+            )
     return None

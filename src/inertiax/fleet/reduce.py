@@ -1,15 +1,14 @@
 """Raw rows of many devices to dwell means, in one pass over the columns.
 
-Everything is sums over stretches of rows, so that the cost is that of reading memory. The covariance of a
-dwell's mean comes from the scatter of block means within dwells, by successive differences (an
-Allan variance at the block's length), pooled over the device: noise that is correlated for less than a block
-is counted rightly, and a slow drift within a dwell is not taken for noise.
+Everything is sums over stretches of rows, of all devices of a task at once, so that the cost is that of
+reading memory. Only devices that are set aside are looked at one by one, for the reason.
 """
 
+import dataclasses
 from collections.abc import Sequence
-from typing import Literal
 
 import equinox as eqx
+import jax
 import numpy as np
 import polars as pl
 from jaxtyping import Float, Int
@@ -17,7 +16,6 @@ from jaxtyping import Float, Int
 from ..dwells import Dwells
 from ..formats import ColumnMap
 from ..formats.columns import (
-    AXES,
     ProbeColumns,
     temperature_to_celsius,
     time_scale,
@@ -25,34 +23,30 @@ from ..formats.columns import (
     triad_factors,
     TriadColumns,
 )
+from .batch import shared_length
+from .blocks import Blocks
+from .columns import (
+    experiment_name,
+    position_name,
+    temperature_name,
+    time_name,
+    triad_names,
+    TRIADS,
+    wanted,
+)
 from .locations import scan
+from .reduction import Reduction, Stack
 from .tasks import Stretch, Task
 
 
-BLOCKS = 16  # of a dwell
-FEWEST = 4  # samples in a block
-
-Triad = Literal["accel", "gyro", "reference_accel", "reference_gyro"]
-TRIADS: tuple[Triad, ...] = ("accel", "gyro", "reference_accel", "reference_gyro")
-
-
-class Reduced(eqx.Module):
-    """One device's dwells, or in words why there are none."""
-
-    device: str = eqx.field(static=True)
-    dwells: Dwells | None
-    reason: str = eqx.field(static=True, default="")
-
-
-def read(task: Task, columns: ColumnMap) -> tuple[Reduced, ...]:
+def read(task: Task, columns: ColumnMap) -> Reduction:
     """The dwells of a task's devices. Raises `ValueError` for what is wrong with a file as a whole."""
     stretches = [s for _, mine in task.devices for s in mine]
-    sizes = [s.rows for s in stretches]
-    owner = np.repeat([k for k, (_, mine) in enumerate(task.devices) for _ in mine], sizes)
+    rows = np.array([sum(s.rows for s in mine) for _, mine in task.devices])
     # Neighbours are read in one go: a row group holds many devices, and would be decoded for each.
     tables = [_rows(s.file, s.start, s.rows, columns) for s in _joined(stretches)]
-    table = pl.concat(tables, how="vertical_relaxed", rechunk=True)
-    return reduce_table(table, owner, [d for d, _ in task.devices], columns)
+    table = tables[0] if len(tables) == 1 else pl.concat(tables, how="vertical_relaxed")
+    return reduce_table(table, rows, tuple(d for d, _ in task.devices), columns)
 
 
 def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
@@ -69,84 +63,62 @@ def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 def _rows(file: str, start: int, count: int, columns: ColumnMap) -> pl.DataFrame:
     rows = scan(file)
-    wanted = _wanted(rows.collect_schema().names(), columns, file)
-    return rows.select(wanted).slice(start, count).collect()
+    names = wanted(rows.collect_schema().names(), columns, file)
+    return rows.select(names).slice(start, count).collect()
 
 
-def _wanted(names: Sequence[str], columns: ColumnMap, file: str) -> list[str]:
-    position = columns.label("position") or "position"
-    if position not in names:
-        raise ValueError(
-            f"{file}: column '{position}' is missing; a fleet's Parquet files tell the measuring position "
-            "(-1 while the table turns). Calibrate recordings without it as a folder of campaigns."
-        )
-    experiment = columns.label("experiment") or "experiment"
-    wanted = [position, *([experiment] if experiment in names else []), _time_name(columns)]
-    wanted += [n for n in (_temperature_name(columns),) if n in names]
-    for triad in TRIADS:
-        said: TriadColumns | None = getattr(columns, triad)
-        mine = _triad_names(said, triad)
-        if said is not None or any(n in names for n in mine):
-            wanted += mine
-    missing = [n for n in wanted if n not in names]
-    if missing:
-        raise ValueError(f"{file}: column '{missing[0]}' is missing; the file has {list(names)}.")
-    return wanted
+class _Means(eqx.Module):
+    """Of all dwells of a table, one after the other."""
 
-
-def _time_name(columns: ColumnMap) -> str:
-    said = columns.time
-    if isinstance(said, TimeColumn) and said.rate is not None:
-        raise ValueError(
-            "[columns] time: rate is for logs without a clock; a fleet's Parquet files need a time column."
-        )
-    return said if isinstance(said, str) else (said.name if said and said.name else "time")
-
-
-def _temperature_name(columns: ColumnMap) -> str:
-    said = columns.temperature
-    if isinstance(said, ProbeColumns):
-        return said.name or (said.names[0] if said.names else "temperature")
-    return said or "temperature"
-
-
-def _triad_names(said: TriadColumns | None, triad: str) -> list[str]:
-    return list(said.names) if said and said.names else [f"{triad}_{axis}" for axis in AXES]
+    position: Int[np.ndarray, " dwell"]
+    experiment: Int[np.ndarray, " dwell"]
+    blocks: dict[str, Float[np.ndarray, " block"]]  # by column
+    span: Float[np.ndarray, " dwell"]  # s, from the first to the last block's middle
+    dwells: Dwells
 
 
 def reduce_table(
     table: pl.DataFrame,
-    owner: Int[np.ndarray, " row"],
-    devices: Sequence[str],
+    rows: Int[np.ndarray, " device"],
+    devices: tuple[str, ...],
     columns: ColumnMap,
-) -> tuple[Reduced, ...]:
-    """Dwells of each device; `owner` numbers the device of each row, rows of one device together."""
-    position = _labels(table, columns.label("position") or "position")
-    experiment_name = columns.label("experiment") or "experiment"
-    if experiment_name in table.columns:
-        experiment = _labels(table, experiment_name)
-    else:
-        experiment = np.zeros(len(owner), np.int64)
-    changes = (np.diff(owner) != 0) | (np.diff(position) != 0) | (np.diff(experiment) != 0)
-    edges = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(owner)]])
+) -> Reduction:
+    """Dwells of each device; the table holds `rows[0]` rows of the first device, then those of the second …"""
+    reasons = np.array(["no rest: no row has a position of 0 or more"] * len(devices), object)
+    blocks, position, experiment = _cut(table, rows, columns)
+    if blocks is None:
+        return Reduction(devices, tuple(reasons), ())
+    labels = (position_name(columns), experiment_name(columns))
+    # A device with a number that is not finite is found after it went through the sums with the others.
+    with np.errstate(invalid="ignore", over="ignore"):
+        values = {c: blocks.means(table.get_column(c)) for c in table.columns if c not in labels}
+        means = _means(blocks, values, position, experiment, columns)
+        reasons[blocks.devices] = _reasons(blocks, means, columns)
+    usable = reasons[blocks.devices] == ""
+    return Reduction(devices, tuple(reasons), _stacks(blocks, means.dwells, usable))
+
+
+def _cut(
+    table: pl.DataFrame, rows: np.ndarray, columns: ColumnMap
+) -> tuple[Blocks | None, np.ndarray, np.ndarray]:
+    """The stretches at rest (same device, position and experiment), with their positions and experiments."""
+    position = _labels(table, position_name(columns))
+    name = experiment_name(columns)
+    experiment = _labels(table, name) if name in table.columns else None
+    ends = np.cumsum(rows)
+    changes = position[1:] != position[:-1]
+    if experiment is not None:
+        changes |= experiment[1:] != experiment[:-1]
+    changes[ends[:-1] - 1] = True
+    edges = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(position)]])
     start, stop = edges[:-1], edges[1:]
     rest = position[start] >= 0
     start, stop = start[rest], stop[rest]
-    blocks = _Blocks.cut(start, stop)
-    values = {
-        c: blocks.means(table.get_column(c)) for c in table.columns if _is_measured(c, columns)
-    }
-    return tuple(
-        _device(
-            name, np.flatnonzero(owner[start] == k), blocks, values, position, experiment, columns
-        )
-        for k, name in enumerate(devices)
-    )
-
-
-def _is_measured(column: str, columns: ColumnMap) -> bool:
-    labels = (columns.label("position") or "position", columns.label("experiment") or "experiment")
-    return column not in labels
+    of_dwell = np.zeros(len(start)) if experiment is None else experiment[start]
+    blocks = None
+    if len(start):
+        blocks = Blocks.cut(np.searchsorted(ends, start, side="right"), start, stop)
+    return blocks, position[start].astype(np.int64), of_dwell.astype(np.int64)
 
 
 def _labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
@@ -155,156 +127,142 @@ def _labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
         raise ValueError(
             f"column '{column}' is of type {series.dtype}; it must hold whole numbers."
         )
+    if series.dtype.is_integer() and not series.null_count():
+        return series.to_numpy()
     return series.cast(pl.Int64, strict=False).fill_null(-1).to_numpy()
 
 
-class _Blocks(eqx.Module):
-    """Dwells cut into blocks of equal length; what is left over at a dwell's end joins its last block."""
-
-    start: Int[np.ndarray, " dwell"]
-    stop: Int[np.ndarray, " dwell"]
-    pieces: Int[np.ndarray, " dwell"]
-    first: Int[np.ndarray, " dwell"]  # number of each dwell's first block
-    edge: Int[np.ndarray, " block"]  # first row of each block
-    count: Int[np.ndarray, " block"]  # samples
-
-    @classmethod
-    def cut(cls, start: np.ndarray, stop: np.ndarray) -> "_Blocks":
-        count = stop - start
-        pieces = np.clip(count // FEWEST, 1, BLOCKS)
-        first = np.cumsum(pieces) - pieces
-        owner = np.repeat(np.arange(len(start)), pieces)
-        within = np.arange(len(owner)) - first[owner]
-        edge = start[owner] + within * count[owner] // pieces[owner]
-        end = start[owner] + (within + 1) * count[owner] // pieces[owner]
-        return cls(start, stop, pieces, first, edge, end - edge)
-
-    def means(self, series: pl.Series) -> Float[np.ndarray, " block"]:
-        """Means over the blocks; NaN where a block has a gap or a number that is not finite."""
-        values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
-        if not len(self.edge):
-            return np.zeros(0)
-        # Sums between consecutive edges hold the rows between dwells too, so both edges are cut.
-        cuts = np.stack([self.edge, self.edge + self.count], axis=1).reshape(-1)
-        inside = cuts[-1] == len(values)
-        sums = np.add.reduceat(values, cuts[:-1] if inside else cuts)
-        return sums[::2] / self.count
-
-
-def _device(
-    name: str,
-    mine: Int[np.ndarray, " dwell"],
-    blocks: _Blocks,
+def _means(
+    blocks: Blocks,
     values: dict[str, np.ndarray],
     position: np.ndarray,
     experiment: np.ndarray,
     columns: ColumnMap,
-) -> Reduced:
-    if not len(mine):
-        return Reduced(name, None, "no rest: no row has a position of 0 or more")
-    pieces, first = blocks.pieces[mine], blocks.first[mine]
-    rows = np.arange(first[0], first[-1] + pieces[-1])
-    count = blocks.count[rows].astype(float)
-    starts = first - first[0]
-    samples = np.add.reduceat(count, starts)
+) -> _Means:
+    scale = time_scale(
+        columns.time if isinstance(columns.time, TimeColumn) else TimeColumn(), "[columns]"
+    )
+    clock = time_name(columns)
+    stamps, pieces = values[clock] * scale, blocks.pieces
+    span = stamps[blocks.first + pieces - 1] - stamps[blocks.first]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        duration = np.where(pieces > 1, span * pieces / (pieces - 1), 0.0)
+    temperature = np.zeros(len(pieces))
+    probe = temperature_name(columns)
+    if probe in values:
+        unit = columns.temperature.unit if isinstance(columns.temperature, ProbeColumns) else "degC"
+        factor, shift = temperature_to_celsius(unit, "[columns] temperature")
+        temperature = factor * (blocks.over_dwells(values[probe]) + shift)
+    dwells = Dwells(
+        time=blocks.over_dwells(values[clock]) * scale,
+        duration=duration,
+        count=blocks.samples,
+        temperature=temperature,
+        experiment=experiment,
+        position=position,
+        valid=np.ones(len(pieces), bool),
+    )
+    return _Means(
+        position,
+        experiment,
+        values,
+        span,
+        dataclasses.replace(dwells, **_triads(blocks, values, columns)),
+    )
 
-    def mean(column: str) -> np.ndarray:
-        return np.add.reduceat(values[column][rows] * count, starts) / samples
 
-    for column in values:
-        bad = ~np.isfinite(values[column][rows])
-        if bad.any():
-            dwell = int(np.searchsorted(starts, np.argmax(bad), side="right")) - 1
-            row = int(blocks.start[mine[dwell]])
-            return Reduced(
-                name,
-                None,
-                f"column '{column}' has no finite number in {int(bad.sum())} of {len(bad)} blocks, first in "
-                f"position {position[row]} of experiment {experiment[row]}",
-            )
-    said_time = columns.time if isinstance(columns.time, TimeColumn) else TimeColumn()
-    time = mean(_time_name(columns)) * time_scale(said_time, "[columns]")
-    triads: dict[str, np.ndarray] = {}
+def _triads(
+    blocks: Blocks, values: dict[str, np.ndarray], columns: ColumnMap
+) -> dict[str, np.ndarray]:
+    """Means of the triads that there are, and of those that are calibrated the covariance of the means."""
+    found: dict[str, np.ndarray] = {}
+    owner = np.repeat(np.arange(len(blocks.devices)), blocks.num_dwells)
     for triad in TRIADS:
         said: TriadColumns | None = getattr(columns, triad)
-        names = _triad_names(said, triad)
+        names = triad_names(said, triad)
         if names[0] not in values:
             continue
         kind = "accel" if triad.endswith("accel") else "gyro"
         offset, factor = triad_factors(said or TriadColumns(), kind, f"[columns] {triad}")
-        triads[triad] = (np.stack([mean(n) for n in names], axis=1) - offset) * factor
+        means = np.stack([blocks.over_dwells(values[n]) for n in names], axis=1)
+        found[triad] = (means - offset) * factor
         if triad in ("accel", "gyro"):
-            noise = [_variance_of_block(values[n][rows], starts, pieces) for n in names]
-            if triad == "accel":
-                held = _held(values, names, rows, starts, pieces)
-                if held is not None:
-                    return Reduced(name, None, held)
-            variance = np.array(noise)[None] * np.square(factor)[None] / pieces[:, None]
-            triads[f"{triad}_covariance"] = variance[:, :, None] * np.eye(3)[None]
-    temperature = np.zeros(len(mine))
-    probe = _temperature_name(columns)
-    if probe in values:
-        unit = columns.temperature.unit if isinstance(columns.temperature, ProbeColumns) else "degC"
-        scale, shift = temperature_to_celsius(unit, "[columns] temperature")
-        temperature = scale * (mean(probe) + shift)
-    row = blocks.start[mine]
-    stamps = values[_time_name(columns)][rows] * time_scale(said_time, "[columns]")
-    span = (
-        stamps[starts + pieces - 1] - stamps[starts]
-    )  # between the first and the last block's middle
-    with np.errstate(invalid="ignore", divide="ignore"):
-        duration = np.where(pieces > 1, span * pieces / (pieces - 1), 0.0)
-    if np.any(span < 0) or np.any(np.diff(time) <= 0):
-        return Reduced(
-            name, None, "time does not increase from position to position; sort the rows by time"
+            noise = np.stack([blocks.variance(values[n]) for n in names], axis=1)
+            variance = noise[owner] * np.square(factor)[None] / blocks.pieces[:, None]
+            found[f"{triad}_covariance"] = variance[:, :, None] * np.eye(3)[None]
+    return found
+
+
+# --- devices that are set aside ------------------------------------------------------------------
+
+
+def _reasons(blocks: Blocks, means: _Means, columns: ColumnMap) -> np.ndarray:
+    """For each device with dwells, in words, why they cannot be used; else empty."""
+    reasons = np.full(len(blocks.devices), "", object)
+    for column, values in means.blocks.items():
+        bad = ~np.isfinite(values)
+        if bad.any():
+            for k in np.flatnonzero(np.logical_or.reduceat(bad, blocks.first_block)):
+                reasons[k] = reasons[k] or _gap(column, bad, int(k), blocks, means)
+    accel = triad_names(columns.accel, "accel")
+    for column in (c for c in accel if c in means.blocks):
+        for highest in (False, True):
+            held = blocks.held(means.blocks[column], highest=highest)
+            for k in np.flatnonzero(held >= 2):
+                reasons[k] = reasons[k] or _held(
+                    column, int(held[k]), int(k), blocks, means, highest
+                )
+    unsorted = blocks.any_of_device(means.span < 0) | _goes_back(
+        blocks, np.asarray(means.dwells.time)
+    )
+    for k in np.flatnonzero(unsorted):
+        reasons[k] = reasons[k] or (
+            "time does not increase from position to position; sort the rows by time"
         )
-    return Reduced(
-        name,
-        Dwells(
-            time=time,
-            duration=duration,
-            count=samples,
-            temperature=temperature,
-            experiment=experiment[row],
-            position=position[row],
-            valid=np.ones(len(mine), bool),
-            accel=triads.get("accel"),
-            accel_covariance=triads.get("accel_covariance"),
-            gyro=triads.get("gyro"),
-            gyro_covariance=triads.get("gyro_covariance"),
-            reference_accel=triads.get("reference_accel"),
-            reference_gyro=triads.get("reference_gyro"),
-        ),
+    return reasons
+
+
+def _goes_back(blocks: Blocks, time: np.ndarray) -> np.ndarray:
+    """Whether a device's dwells do not follow one another in time."""
+    back = np.zeros(len(time), bool)
+    back[1:] = np.diff(time) <= 0
+    back[blocks.first_dwell] = False
+    return blocks.any_of_device(back)
+
+
+def _gap(column: str, bad: np.ndarray, k: int, blocks: Blocks, means: _Means) -> str:
+    first = int(blocks.first_block[k])
+    mine = bad[first : first + int(blocks.num_blocks[k])]
+    dwell = int(np.searchsorted(blocks.first, first + np.argmax(mine), side="right")) - 1
+    return (
+        f"column '{column}' has no finite number in {int(mine.sum())} of {len(mine)} blocks, first in "
+        f"position {means.position[dwell]} of experiment {means.experiment[dwell]}"
     )
 
 
-def _variance_of_block(
-    means: Float[np.ndarray, " block"], starts: np.ndarray, pieces: np.ndarray
-) -> float:
-    """Variance of one block's mean, by successive differences within dwells, pooled."""
-    difference = np.diff(means)
-    same = np.ones(len(difference), bool)
-    same[starts[1:] - 1] = False  # from one dwell to the next
-    kept = difference[same]
-    return float(np.mean(np.square(kept)) / 2.0) if len(kept) else 0.0
+def _held(column: str, dwells: int, k: int, blocks: Blocks, means: _Means, highest: bool) -> str:
+    first = int(blocks.first_block[k])
+    mine = means.blocks[column][first : first + int(blocks.num_blocks[k])]
+    extreme = mine.max() if highest else mine.min()
+    return (
+        f"column '{column}' stays at {extreme:g}, its extreme value, through {dwells} "
+        "positions: saturated or stuck; choose a wider measuring range"
+    )
 
 
-def _held(
-    values: dict[str, np.ndarray],
-    names: list[str],
-    rows: np.ndarray,
-    starts: np.ndarray,
-    pieces: np.ndarray,
-) -> str | None:
-    """In words, an axis that stays exactly at its extreme value through several dwells."""
-    for column in names:
-        x = values[column][rows]
-        low, high = np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
-        for extreme in (x.min(), x.max()):
-            stuck = (low == high) & (low == extreme) & (pieces > 1)
-            if stuck.sum() >= 2:
-                return (
-                    f"column '{column}' stays at {extreme:g}, its extreme value, through {int(stuck.sum())} "
-                    "positions: saturated or stuck; choose a wider measuring range"
-                )
-    return None
+# --- devices of about as many dwells side by side ------------------------------------------------
+
+
+def _stacks(blocks: Blocks, dwells: Dwells, usable: np.ndarray) -> tuple[Stack, ...]:
+    lengths = np.array([shared_length(int(n)) for n in blocks.num_dwells])
+    stacks: list[Stack] = []
+    for length in dict.fromkeys(lengths[usable].tolist()):
+        mine = np.flatnonzero(usable & (lengths == length))
+        counts = blocks.num_dwells[mine]
+        within = np.minimum(np.arange(length)[None, :], counts[:, None] - 1)
+        index = blocks.first_dwell[mine][:, None] + within
+        padded = jax.tree.map(lambda x, i=index: x[i], dwells)
+        valid = np.arange(length)[None, :] < counts[:, None]
+        padded = eqx.tree_at(lambda d: d.valid, padded, valid)
+        stacks.append(Stack(blocks.devices[mine], counts, padded))
+    return tuple(stacks)

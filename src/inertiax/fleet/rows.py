@@ -1,6 +1,6 @@
 """A task's dwells to the rows of the results' table."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -13,43 +13,38 @@ from ..dwells import Dwells
 from ..estimators import AbstractEstimator
 from ..model import compensate_accel
 from ..temperature import AbstractBasis, Curve
-from .batch import fit_fleet, FleetFit, shared_length, stack_dwells
+from .batch import fit_fleet, FleetFit
 from .informed import fit_informed, judge_informed
-from .judge import judge
+from .judge import judge, rms_misfit
 from .mismatch import FleetScores, score
 from .population import TriadPopulation
-from .reduce import Reduced
+from .reduction import Reduction, Stack
 from .store import Manifest
 from .triad_model import basis_of, TriadModel
 
 
 Observer = Callable[[str, FleetScores], None]  # triad, scores
+Columns = dict[str, np.ndarray | list[str]]  # of the results' table
 
 
 def calibrate_reduced(
-    reduced: Sequence[Reduced], manifest: Manifest, *, observe: Observer | None = None
+    reduced: Reduction, manifest: Manifest, *, observe: Observer | None = None
 ) -> pl.DataFrame:
     """The rows of the results' table, in the order of the devices; `observe` is shown the scores, if any."""
-    rows: dict[int, dict] = {}
-    groups: dict[tuple[int, object], list[int]] = {}
-    for k, r in enumerate(reduced):
-        reason = r.reason if r.dwells is None else _lacking(r.dwells, manifest)
-        if r.dwells is None or reason:
-            rows[k] = {"device": r.device, "reason": reason}
-        else:
-            # Only devices with the same columns can be stacked.
-            shape = (shared_length(r.dwells.num_dwells), jax.tree.structure(r.dwells))
-            groups.setdefault(shape, []).append(k)
-    for (length, _), members in groups.items():
-        dwells = [d for k in members if (d := reduced[k].dwells) is not None]
-        names = [reduced[k].device for k in members]
-        found = _group(names, dwells, manifest, length, observe)
-        rows.update(zip(members, found, strict=True))
-    return _table([rows[k] for k in sorted(rows)], manifest)
+    empty = _empty(manifest)
+    tables = [_without(reduced, empty)]
+    for stack in reduced.stacks:
+        lacking = _lacking(stack.dwells, manifest)
+        columns: Columns = {"reason": [lacking] * len(stack.members)}
+        if not lacking:
+            columns = _columns(stack, manifest, observe)
+        columns |= {"device": [reduced.devices[k] for k in stack.members], "number": stack.members}
+        tables.append(_table(columns, len(stack.members), empty))
+    return pl.concat(tables).sort("number").drop("number")
 
 
 def _lacking(dwells: Dwells, manifest: Manifest) -> str:
-    """In words, a column that the run's model needs and this device has not; else empty."""
+    """In words, a column that the run's model needs and these devices have not; else empty."""
     for triad in ("accel", "gyro"):
         model: TriadModel | None = getattr(manifest, triad)
         if model is None:
@@ -61,41 +56,31 @@ def _lacking(dwells: Dwells, manifest: Manifest) -> str:
     return ""
 
 
-def _group(
-    names: Sequence[str],
-    devices: Sequence[Dwells],
-    manifest: Manifest,
-    length: int,
-    observe: Observer | None,
-) -> list[dict]:
-    together = stack_dwells(devices, length)
-    rows: list[dict] = [
-        {
-            "device": name,
-            "reason": "",
-            "dwells": int(d.num_dwells),
-            "temperature_low": float(np.min(d.temperature)),
-            "temperature_high": float(np.max(d.temperature)),
-        }
-        for name, d in zip(names, devices, strict=True)
-    ]
+def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Columns:
+    """What was found of the devices of a stack, by column of the results' table."""
+    together = stack.dwells
+    temperature = np.asarray(together.temperature)
+    columns: Columns = {
+        "dwells": stack.counts,
+        "temperature_low": temperature.min(axis=1),  # padding repeats a dwell
+        "temperature_high": temperature.max(axis=1),
+    }
+    reasons: list[str] = [""] * len(stack.members)
     for estimator, model in estimators_of(manifest, together):
-        basis = basis_of(model)
+        triad, basis = estimator.triad, basis_of(model)
         mine = _rows_for(model, together)
-        fit, reasons = _solved(estimator, basis, mine, manifest)
+        fit, found = _solved(estimator, basis, mine, manifest)
         scores = _scored(estimator, basis, mine, fit, manifest)
         if observe is not None and scores is not None:
-            observe(estimator.triad, scores)
-        for row, reason in zip(rows, reasons, strict=True):
-            row["reason"] = row["reason"] or reason or ""
-        for k, row in enumerate(rows):
-            row.update(_entries(estimator.triad, fit, k))
-            if scores is not None:
-                row[f"{estimator.triad}_amplitudes"] = scores.amplitude[k]
-                row[f"{estimator.triad}_amplitude_sigmas"] = scores.sigma[k]
-        if estimator.triad == "accel" and manifest.g_sensitivity:
+            observe(triad, scores)
+        reasons = [first or second or "" for first, second in zip(reasons, found, strict=True)]
+        columns |= _entries(triad, fit)
+        if scores is not None:
+            columns[f"{triad}_amplitudes"] = scores.amplitude
+            columns[f"{triad}_amplitude_sigmas"] = scores.sigma
+        if triad == "accel" and manifest.g_sensitivity:
             together = _with_force(estimator, basis, fit, together)
-    return rows
+    return columns | {"reason": reasons}
 
 
 def _rows_for(model: TriadModel, dwells: Dwells) -> Dwells:
@@ -166,37 +151,52 @@ def _compensated(estimator, basis, coefficients, temperature, accel):
     )
 
 
-def _entries(triad: str, fit: FleetFit, k: int) -> dict:
+def _entries(triad: str, fit: FleetFit) -> Columns:
     i, j = np.tril_indices(fit.covariance.shape[1])
-    misfit = fit.misfit[k][fit.valid[k]]
     return {
-        f"{triad}_parameters": fit.parameters[k],
-        f"{triad}_sigma": np.sqrt(np.diagonal(fit.covariance[k])),
-        f"{triad}_covariance": fit.covariance[k][i, j],
-        f"{triad}_rms": float(np.sqrt(np.square(misfit).mean())),
-        f"{triad}_scatter": float(fit.scatter[k]),
-        f"{triad}_chi2_per_dof": float(fit.chi2_per_dof[k]),
+        f"{triad}_parameters": fit.parameters,
+        f"{triad}_sigma": np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2)),
+        f"{triad}_covariance": fit.covariance[:, i, j],
+        f"{triad}_rms": rms_misfit(fit),
+        f"{triad}_scatter": fit.scatter,
+        f"{triad}_chi2_per_dof": fit.chi2_per_dof,
     }
 
 
-def _table(rows: list[dict], manifest: Manifest) -> pl.DataFrame:
-    schema: dict[str, pl.DataType | type[pl.DataType]] = {
-        "device": pl.String,
-        "reason": pl.String,  # empty where the calibration can be used
-        "dwells": pl.Int64,
-        "temperature_low": pl.Float64,
-        "temperature_high": pl.Float64,
+# --- the table -----------------------------------------------------------------------------------
+
+
+def _empty(manifest: Manifest) -> pl.DataFrame:
+    """The results' table without rows; `number` orders the devices while it is made."""
+    many = pl.List(pl.Float64)
+    schema = {
+        "number": pl.Int64(),
+        "device": pl.String(),
+        "reason": pl.String(),  # empty where the calibration can be used
+        "dwells": pl.Int64(),
+        "temperature_low": pl.Float64(),
+        "temperature_high": pl.Float64(),
     }
     for triad in ("accel", "gyro"):
         if getattr(manifest, triad) is not None:
-            schema |= {
-                f"{triad}_{k}": pl.List(pl.Float64) for k in ("parameters", "sigma", "covariance")
-            }
-            schema |= {f"{triad}_{k}": pl.Float64 for k in ("rms", "scatter", "chi2_per_dof")}
+            schema |= {f"{triad}_{k}": many for k in ("parameters", "sigma", "covariance")}
+            schema |= {f"{triad}_{k}": pl.Float64() for k in ("rms", "scatter", "chi2_per_dof")}
         if (manifest.forms or {}).get(triad):
-            scored = (f"{triad}_amplitudes", f"{triad}_amplitude_sigmas")
-            schema |= {k: pl.List(pl.Float64) for k in scored}
-    listed = [
-        {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in row.items()} for row in rows
-    ]
-    return pl.DataFrame(listed, schema=schema)
+            schema |= {f"{triad}_{k}": many for k in ("amplitudes", "amplitude_sigmas")}
+    return pl.DataFrame(schema=schema)
+
+
+def _without(reduced: Reduction, empty: pl.DataFrame) -> pl.DataFrame:
+    """Rows of the devices without dwells."""
+    numbers = [k for k, reason in enumerate(reduced.reasons) if reason]
+    columns: Columns = {
+        "number": np.array(numbers, int),
+        "device": [reduced.devices[k] for k in numbers],
+        "reason": [reduced.reasons[k] for k in numbers],
+    }
+    return _table(columns, len(numbers), empty)
+
+
+def _table(columns: Columns, height: int, empty: pl.DataFrame) -> pl.DataFrame:
+    given = [pl.Series(k, v, strict=False).cast(empty.schema[k]) for k, v in columns.items()]
+    return empty.clear(height).with_columns(given)

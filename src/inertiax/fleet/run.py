@@ -67,7 +67,8 @@ def run_fleet(
     before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
     tell = progress if progress is not None else lambda done, of: None
     tell(before, total)
-    context = Context(manifest, columns, str(folder))
+    # Not all tasks go with each: of a large fleet they are megabytes.
+    context = Context(msgspec.structs.replace(manifest, tasks=()), columns, str(folder))
     for number, _ in enumerate(_each(left, context, workers, scheduler)):
         tell(before + number + 1, total)
     summary = summarise(folder, before)

@@ -124,7 +124,7 @@ def each_part(folder: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
 
 
 def _part_files(folder: Path) -> list[Path]:
-    if read_manifest(folder) is None:
+    if not (folder / "manifest.json").exists():
         raise ValueError(f"{folder}: no manifest.json; it is not the output of a fleet run.")
     files = sorted((folder / "parts").glob("part-*.parquet"))
     if not files:
