@@ -9,7 +9,7 @@ import inertiax
 
 
 # Files, or folders taken as one; `docs/design.md` says what each holds.
-ORDER = """_typing earth rotation temperature model alignment compose solve recordings formats screening
+ORDER = """_typing documents earth rotation temperature model alignment compose solve recordings formats screening
 campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure one_device
 turns scatter effects
 augmentation calibration uncertainty results together sources sensitivity approaches navigation choose calibrate

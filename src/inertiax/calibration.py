@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from ._typing import AnyArray, Scalar, Vec3
 from .augmentation import EffectEntry, FittedEffect, from_entry, to_entry
+from .documents import decode
 from .effects import CATALOGUE, Effect
 from .model import AccelerometerErrors, compensate_accel, compensate_gyro, GyroErrors
 from .temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
@@ -280,13 +281,10 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
     is not exactly this schema, or for a named effect that the catalogue `effects` lacks."""
     path = Path(path)
     try:
-        content = msgspec.json.decode(path.read_bytes(), type=_File)
+        stored = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}).") from error
-    except msgspec.ValidationError as error:
-        raise ValueError(f"{path}: not a calibration of schema {SCHEMA}: {error}.") from error
-    except msgspec.DecodeError as error:
-        raise ValueError(f"{path}: not valid JSON: {error}.") from error
+    content = decode(stored, _File, str(path), f"a calibration of schema {SCHEMA}")
     if content.schema != SCHEMA:
         raise ValueError(f"{path}: schema is {content.schema!r}; this version reads {SCHEMA!r}.")
     for key, found, right in (

@@ -216,11 +216,7 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
 def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
     if chosen is csv:
         return _typed(csv.read_table(path, layout.names))
-    try:
-        return pl.read_parquet(path, hive_partitioning=False, glob=False)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise ValueError(f"{path.name}: the Parquet file is damaged: {reason}.") from None
+    return parquet.decode(path)
 
 
 def _typed(table: pl.DataFrame) -> pl.DataFrame:

@@ -10,6 +10,8 @@ from types import ModuleType
 
 import msgspec
 
+from ..documents import decode
+
 
 SCHEMA = "inertiax.noise/1"
 
@@ -59,10 +61,7 @@ def settings_from_noise(content: bytes, module: ModuleType, device: str) -> Nois
     wanted = getattr(module, "NOISE", None)
     if wanted is None:
         raise ValueError(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
-    try:
-        document = msgspec.json.decode(content, type=_Document)
-    except msgspec.DecodeError as error:
-        raise ValueError(f"--noise: not a document of `inertiax noise`: {error}.") from None
+    document = decode(content, _Document, "--noise", "a document of `inertiax noise`")
     if document.schema != SCHEMA:
         raise ValueError(f"--noise: schema is {document.schema!r}; {SCHEMA!r} is needed.")
     log = _log_of(document, device)

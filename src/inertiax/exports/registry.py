@@ -114,8 +114,17 @@ def read_calibration_of(content: bytes, name: str, /, **settings: str | float | 
         except msgspec.ValidationError as error:
             raise ValueError(f"{name}: {key} = {value!r}: {error}.") from None
     try:
-        return module.read(content, **settings)
+        with np.errstate(all="ignore"):  # what is not finite is refused by every format
+            return module.read(content, **settings)
     except json.JSONDecodeError as error:
         raise ValueError(f"{name}: not valid JSON: {error}.") from None
-    except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{name}: not such a file: {type(error).__name__} {error}.") from None
+    except _NOT_SUCH_A_FILE as error:
+        reason = " ".join(f"{type(error).__name__} {error}".split())[:200]
+        raise ValueError(f"{name}: not such a file: {reason}.") from None
+
+
+# What indexing and converting run into where a document is of another shape, or its matrix has no inverse.
+_NOT_SUCH_A_FILE = (
+    UnicodeDecodeError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
+    np.linalg.LinAlgError,
+)  # fmt: skip

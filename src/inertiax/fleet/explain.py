@@ -80,7 +80,7 @@ def read_line_file(folder: Path) -> tuple[LineMismatch, ...] | None:
         return None
     try:
         contents = msgspec.json.decode(file.read_bytes(), type=LineFile)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{file}: damaged: {error}; run `inertiax fleet` again.") from None
     if contents.schema != SCHEMA:
         raise ValueError(f"{file}: schema is '{contents.schema}'; this version reads '{SCHEMA}'.")

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration import write_atomically
+from ..documents import decode
 from .between import FEWEST
 from .triad_model import curve_covariance, curves, TriadModel
 
@@ -137,12 +138,7 @@ def read_population(path: Path | str) -> Population:
         content = file.read_bytes()
     except OSError as error:
         raise ValueError(f"{file}: cannot be read ({error.strerror}).") from None
-    try:
-        population = msgspec.json.decode(content, type=Population)
-    except msgspec.ValidationError as error:
-        raise ValueError(f"{file}: not a population of schema {SCHEMA}: {error}.") from None
-    except msgspec.DecodeError as error:
-        raise ValueError(f"{file}: not valid JSON: {error}.") from None
+    population = decode(content, Population, str(file), f"a population of schema {SCHEMA}")
     if population.schema != SCHEMA:
         raise ValueError(f"{file}: schema is '{population.schema}'; this version reads '{SCHEMA}'.")
     return population

@@ -74,7 +74,7 @@ def read_manifest(folder: Path) -> Manifest | None:
         return None
     try:
         manifest = msgspec.json.decode(file.read_bytes(), type=Manifest)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{file}: damaged: {error}; choose another folder.") from None
     if manifest.schema != SCHEMA:
         raise ValueError(f"{file}: schema is '{manifest.schema}'; this version reads '{SCHEMA}'.")

@@ -11,7 +11,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 
 from ..recordings import Recording
@@ -65,18 +64,31 @@ def _messages(path: Path) -> dict[int, list[tuple[float, ...]]]:
         raise ValueError(f"{path.name}: not a dataflash log: it does not begin with its header.")
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _plain_index():
+        log = object.__new__(
+            reader.DFReader_binary
+        )  # so that what a failed beginning opened is closed
         try:
-            log = reader.DFReader_binary(str(path))
-        # pymavlink meets a damaged file with whatever its parsing runs into (struct.error,
-        # ValueError, IndexError, KeyError, UnicodeDecodeError, OverflowError), and promises none of it.
+            log.__init__(str(path))
+            # pymavlink meets a damaged file with whatever its parsing runs into (struct.error,
+            # ValueError, IndexError, KeyError, UnicodeDecodeError, OverflowError), and promises none of it.
+            return _collect(log)
+        except _Refused as error:
+            raise ValueError(f"{path.name}: {error}") from None
         except Exception as error:
-            raise ValueError(
-                f"{path.name}: the dataflash log is damaged: {type(error).__name__} {error}."
-            ) from None
-        try:
-            return _collect(log, path.name)
+            raise _damaged(path, error) from None
         finally:
-            log.close()
+            for opened in ("data_map", "filehandle"):
+                if hasattr(log, opened):
+                    getattr(log, opened).close()
+
+
+class _Refused(Exception):
+    """What is wrong with the messages of a log that can be read."""
+
+
+def _damaged(path: Path, error: Exception) -> ValueError:
+    reason = " ".join(f"{type(error).__name__} {error}".split())
+    return ValueError(f"{path.name}: the dataflash log is damaged: {reason[:200]}.")
 
 
 @contextlib.contextmanager
@@ -93,7 +105,7 @@ def _plain_index() -> Iterator[None]:
             os.environ["PYMAVLINK_FAST_INDEX"] = before
 
 
-def _collect(log, where: str) -> dict[int, list[tuple[float, ...]]]:
+def _collect(log) -> dict[int, list[tuple[float, ...]]]:
     rows: dict[int, list[tuple[float, ...]]] = {}
     while True:
         message = log.recv_match(type=set(_NAMES))
@@ -103,12 +115,17 @@ def _collect(log, where: str) -> dict[int, list[tuple[float, ...]]]:
         fields = message.to_dict()
         for field in ("TimeUS", *_FIELDS):
             if field not in fields:
-                raise ValueError(
-                    f"{where}: field '{field}' is missing in {name}; it has {[*fields]}."
-                )
-        instance = int(fields.get("I", _NAMES.index(name)))
-        values = [1e-6 * fields["TimeUS"], *(fields[f] for f in _FIELDS)]
-        temperature = fields.get("T", fields.get("Temp"))
-        if temperature is not None:
-            values.append(temperature)
-        rows.setdefault(instance, []).append(tuple(map(float, np.asarray(values))))
+                raise _Refused(f"field '{field}' is missing in {name}; it has {[*fields][:20]}.")
+        kept = {k: fields[k] for k in ("TimeUS", *_FIELDS, "I", "T", "Temp") if k in fields}
+        text = [k for k, v in kept.items() if not isinstance(v, int | float)]
+        if text:
+            raise _Refused(f"field '{text[0]}' of {name} holds no number.")
+        instance = int(kept.get("I", _NAMES.index(name)))
+        probe = [float(kept[k]) for k in ("T", "Temp") if k in kept][:1]
+        values = (1e-6 * kept["TimeUS"], *(float(kept[f]) for f in _FIELDS), *probe)
+        mine = rows.setdefault(instance, [])
+        if mine and len(mine[0]) != len(values):
+            raise ValueError(
+                f"{path.name}: only some messages of IMU[{instance}] have a temperature."
+            )
+        mine.append(values)

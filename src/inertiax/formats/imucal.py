@@ -108,7 +108,7 @@ def _sections(file: Path, path: Path) -> dict[str, tuple[int, int]]:
         try:
             said = json.loads(file.read_text("utf-8"))
             found = {k: (int(v["start"]), int(v["end"])) for k, v in said.items()}
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             raise ValueError(
                 f'{file.name}: a list of sections is {{"x_p": {{"start": 0, "end": 100}}, ...}}.'
             ) from None
@@ -122,7 +122,7 @@ def _sections(file: Path, path: Path) -> dict[str, tuple[int, int]]:
         (label,) = set(names) - {"start", "end"}
         try:
             found = {r[label]: (int(r["start"]), int(r["end"])) for r in table.to_dicts()}
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"{file.name}: start and end must be whole numbers.") from None
     missing = [s for s in (*RESTS, *TURNS) if s not in found]
     unknown = [s for s in found if s not in (*RESTS, *TURNS)]

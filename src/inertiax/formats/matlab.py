@@ -1,20 +1,19 @@
-"""MATLAB files: v5 to v7 through SciPy, v7.3 (which is HDF5) through h5py.
+"""MATLAB files: v5 to v7, and v7.3 (which is HDF5) through h5py.
 
 Columns are the numeric variables, or with `[recordings] group` the fields of that struct. A matrix
 of n × 3 named `accel` is three columns. Only arrays of numbers are taken; MATLAB objects, cells and
 functions are left alone.
 """
 
-import warnings
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 
 from ..recordings import Recording
 from .arrays import choose_group, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .hdf5 import MAGIC, read_arrays
+from .matlab5 import Content, parse
 from .table import to_recordings
 
 
@@ -40,43 +39,18 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
 
 
 def _version_5(path: Path, group: str | None) -> dict[str, np.ndarray]:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of variables that are no numbers
-            content = scipy.io.loadmat(path, struct_as_record=True, chars_as_strings=False)
-    # SciPy meets a damaged file with whatever its parsing runs into (MatReadError,
-    # zlib.error, TypeError, ValueError, IndexError, KeyError, OverflowError, MemoryError), and promises none of it.
-    except Exception as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ValueError(
-            f"{path.name}: the MATLAB file is damaged or cut off: {reason[:200]}."
-        ) from None
-    content = {k: v for k, v in content.items() if not k.startswith("__")}
+    content = parse(path.read_bytes(), path.name)
     if group is not None:
-        structs = [k for k, v in content.items() if _is_struct(v)]
-        choose_group(structs, group, path.name)
-        return _fields(content[group], "")
+        choose_group([k for k, v in content.items() if isinstance(v, dict)], group, path.name)
+        inside = content[group]
+        return _flat(inside, "") if isinstance(inside, dict) else {}
+    return _flat(content, "")
+
+
+def _flat(content: Content, prefix: str) -> dict[str, np.ndarray]:
+    """Arrays by name, those of structs behind the struct's own."""
     arrays: dict[str, np.ndarray] = {}
     for name, value in content.items():
-        arrays |= _fields(value, f"{name}/") if _is_struct(value) else {name: value}
-    return {k: v for k, v in arrays.items() if _numeric(v)}
-
-
-def _is_struct(value: object) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.names is not None and value.size == 1
-
-
-def _numeric(value: object) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
-
-
-def _fields(struct: np.ndarray, prefix: str) -> dict[str, np.ndarray]:
-    record = struct.reshape(-1)[0]
-    arrays: dict[str, np.ndarray] = {}
-    for name in struct.dtype.names or ():
-        value = record[name]
-        if _is_struct(value):
-            arrays |= _fields(value, f"{prefix}{name}/")
-        elif _numeric(value):
-            arrays[f"{prefix}{name}"] = value
+        full = f"{prefix}{name}"
+        arrays |= _flat(value, f"{full}/") if isinstance(value, dict) else {full: value}
     return arrays

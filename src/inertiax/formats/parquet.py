@@ -1,11 +1,16 @@
 """Parquet files, through polars."""
 
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import polars as pl
 
 from ..recordings import Recording
 from .columns import AS_FOUND, ColumnMap, Layout
+from .expansion import require_plausible
 from .table import to_recordings
 
 
@@ -39,9 +44,33 @@ def _read_table(path: Path) -> pl.DataFrame:
         raise ValueError(
             f"{path.name}: the Parquet file is cut off ({size} bytes, no PAR1 at the end); copy it again."
         )
+    return decode(path)
+
+
+def decode(path: Path) -> pl.DataFrame:
+    """The table in a Parquet file. Raises `ValueError` where it is damaged, or unpacks to more than a
+    recording can."""
     try:
-        return pl.read_parquet(path, hive_partitioning=False, glob=False)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise ValueError(
-            f"{path.name}: the Parquet file is damaged: {str(error).splitlines()[0]}."
-        ) from None
+        with _quiet():
+            lazy = pl.scan_parquet(path, hive_partitioning=False, glob=False)
+            rows = int(lazy.select(pl.len()).collect().item())
+            require_plausible(8 * rows * len(lazy.collect_schema()), path.stat().st_size, path.name)
+            return lazy.collect()
+    except (pl.exceptions.PolarsError, OSError, pl.exceptions.PanicException) as error:
+        reason = " ".join(str(error).split())[:200].rstrip(".")
+        raise ValueError(f"{path.name}: the Parquet file is damaged: {reason}.") from None
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing on standard error: there polars' Rust side tells of panics before they are raised."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 2)
+        os.close(nowhere)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -8,6 +8,8 @@ those of reception where it has none. A triad whose covariance begins with −1 
 Only these two message types are decoded, by the library's own definitions and never by those in a bag.
 """
 
+import functools
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -92,8 +94,8 @@ def _all(reader) -> list[str]:
 
 def _messages(reader, topic: str, kind: str, one: bool, path: Path) -> list:
     """(stamp in ns, message) of each message of a topic, decoded by the library's definitions."""
-    systems = load("rosbags.typesys", "ros", path)
-    store = systems.get_typestore(systems.Stores.ROS1_NOETIC if one else systems.Stores.ROS2_HUMBLE)
+    load("rosbags.typesys", "ros", path)
+    store = _types(one)
     decode = store.deserialize_ros1 if one else store.deserialize_cdr
     connections = [c for c in reader.connections if c.topic == topic]
     messages = []
@@ -109,6 +111,13 @@ def _messages(reader, topic: str, kind: str, one: bool, path: Path) -> list:
     if not messages:
         raise ValueError(f"{path.name}: topic '{topic}' has no messages.")
     return messages
+
+
+@functools.cache
+def _types(one: bool):
+    """The library's own definitions of ROS 1 or 2; making them takes longer than a small bag."""
+    systems = importlib.import_module("rosbags.typesys")
+    return systems.get_typestore(systems.Stores.ROS1_NOETIC if one else systems.Stores.ROS2_HUMBLE)
 
 
 def _table(imu: list, probe: list | None, where: str) -> pl.DataFrame:

@@ -77,13 +77,14 @@ def numbers(table: pl.DataFrame, column: str, where: str) -> Float[np.ndarray, "
     if series.dtype == pl.String:
         text = series.str.strip_chars()
         series = text.cast(pl.Float64, strict=False)
-        bad = (series.is_null() & text.is_not_null() & (text != "")).fill_null(False)
-        if bad.any():
-            row = int(bad.arg_true()[0])
-            raise ValueError(
-                f"{where}: column '{column}' holds text in row {row}: '{text[row]}'; every row "
-                "must be a number."
-            )
+        if series.null_count() > text.null_count():
+            bad = series.is_null() & text.is_not_null() & (text != "")
+            if bad.any():
+                row = int(bad.arg_true()[0])
+                raise ValueError(
+                    f"{where}: column '{column}' holds text in row {row}: '{text[row]}'; every row "
+                    "must be a number."
+                )
     elif not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
         raise ValueError(
             f"{where}: column '{column}' is of type {series.dtype}; it must hold numbers."
