@@ -41,14 +41,47 @@ from typing import TYPE_CHECKING
 
 
 if TYPE_CHECKING:
-    from .calibration import Calibration as Calibration, read_calibration as read_calibration
+    from .calibration import (
+        Calibration as Calibration,
+        read_calibration as read_calibration,
+        write_calibration as write_calibration,
+    )
     from .campaign import load_campaign as load_campaign
-    from .recordings import Campaign as Campaign, Recording as Recording
+    from .dwells import Dwells as Dwells
+    from .intervals import reduce_to_dwells as reduce_to_dwells
+    from .model import (
+        AccelerometerErrors as AccelerometerErrors,
+        compensate_accel as compensate_accel,
+        compensate_gyro as compensate_gyro,
+        distort_accel as distort_accel,
+        distort_gyro as distort_gyro,
+        GyroErrors as GyroErrors,
+    )
+    from .procedure import (
+        GaussNewtonIteration as GaussNewtonIteration,
+        iterate as iterate,
+        joint_fit as joint_fit,
+        PaperIteration as PaperIteration,
+    )
+    from .recordings import (
+        Campaign as Campaign,
+        ModelChoice as ModelChoice,
+        Recording as Recording,
+        Rig as Rig,
+        Site as Site,
+    )
+    from .temperature import (
+        Constant as Constant,
+        CubicSpline as CubicSpline,
+        Curve as Curve,
+        Polynomial as Polynomial,
+    )
 
 
 __version__ = importlib.metadata.version("inertiax")
 
-# Names are loaded when first used, so that `inertiax --help` need not wait for JAX.
+# Names are loaded when first used, so that `inertiax --help` need not wait for JAX. `calibrate` is not among
+# them: `inertiax.calibrate` is the module of that name.
 _HOME = {
     "Calibration": "calibration",
     "read_calibration": "calibration",
@@ -75,7 +108,6 @@ _HOME = {
     "joint_fit": "procedure",
     "PaperIteration": "procedure",
     "GaussNewtonIteration": "procedure",
-    "calibrate": "calibrate",
 }
 
 

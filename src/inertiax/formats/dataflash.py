@@ -64,9 +64,8 @@ def _messages(path: Path) -> dict[int, list[tuple[float, ...]]]:
         raise ValueError(f"{path.name}: not a dataflash log: it does not begin with its header.")
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _plain_index():
-        log = object.__new__(
-            reader.DFReader_binary
-        )  # so that what a failed beginning opened is closed
+        # Made in two steps, so that what a beginning that fails has opened is closed.
+        log = object.__new__(reader.DFReader_binary)
         try:
             log.__init__(str(path))
             # pymavlink meets a damaged file with whatever its parsing runs into (struct.error,
@@ -125,7 +124,5 @@ def _collect(log) -> dict[int, list[tuple[float, ...]]]:
         values = (1e-6 * kept["TimeUS"], *(float(kept[f]) for f in _FIELDS), *probe)
         mine = rows.setdefault(instance, [])
         if mine and len(mine[0]) != len(values):
-            raise ValueError(
-                f"{path.name}: only some messages of IMU[{instance}] have a temperature."
-            )
+            raise _Refused(f"only some messages of IMU[{instance}] have a temperature.")
         mine.append(values)
