@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 
-for library in ("h5py", "pyulog", "pymavlink", "rosbags"):
+for library in ("h5py", "pyulog", "rosbags"):
     pytest.importorskip(library, reason="inertiax[formats] is not installed")
 
 from hypothesis import given, HealthCheck, settings, strategies as st  # noqa: E402

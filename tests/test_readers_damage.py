@@ -10,7 +10,7 @@ from readers_cases import made_up
 
 
 h5py = pytest.importorskip("h5py", reason="inertiax[formats] is not installed")
-for library in ("pyulog", "pymavlink", "rosbags"):
+for library in ("pyulog", "rosbags"):
     pytest.importorskip(library, reason="inertiax[formats] is not installed")
 
 from test_readers_arrays import matlab_73  # noqa: E402

@@ -11,6 +11,7 @@ import pytest
 
 from inertiax.formats import ColumnMap, Layout, read_recordings
 from inertiax.formats.columns import TriadColumns
+from inertiax.formats.dataflash_messages import messages
 from readers_cases import campaign, check, made_up, refusal
 
 
@@ -208,7 +209,6 @@ def test_dataflash_messages_are_read_from_a_campaign(tmp_path):
 
 
 def test_every_imu_of_a_dataflash_log_is_a_device(tmp_path):
-    pytest.importorskip("pymavlink")
     data = made_up()
     dataflash(tmp_path / "a.bin", data, instances=(0, 1))
     assert [r.device for r in read_recordings(tmp_path / "a.bin")] == ["imu0", "imu1"]
@@ -217,7 +217,6 @@ def test_every_imu_of_a_dataflash_log_is_a_device(tmp_path):
 
 
 def test_older_logs_without_probe_or_instance_are_read(tmp_path):
-    pytest.importorskip("pymavlink")
     data = made_up()
     columns = tuple(c for c in COLUMNS if c not in ("I", "T"))
     dataflash(tmp_path / "a.bin", data, columns=columns)
@@ -225,8 +224,7 @@ def test_older_logs_without_probe_or_instance_are_read(tmp_path):
     check(recording, data | {"temperature": None}, rtol=SINGLE)
 
 
-def test_bad_dataflash_logs_are_refused_in_one_line(tmp_path, monkeypatch):
-    pytest.importorskip("pymavlink")
+def test_bad_dataflash_logs_are_refused_in_one_line(tmp_path):
     path = tmp_path / "a.bin"
     data = made_up()
     dataflash(path, data)
@@ -243,9 +241,31 @@ def test_bad_dataflash_logs_are_refused_in_one_line(tmp_path, monkeypatch):
     assert "time must increase strictly" in say()
     dataflash(path, data | {"accel": np.where(np.arange(400)[:, None] == 3, np.nan, data["accel"])})
     assert "first in row 3" in say()
+    # What is not a message, in the middle of a log, is passed over.
+    path.write_bytes(whole[:-41] + b"\xa3\x95\xa3garbage" + whole[-41:])
+    (recording,) = read_recordings(path)
+    assert recording.num_samples == 400
 
-    import sys
 
-    path.write_bytes(whole)
-    monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
-    assert say() == "a.bin: reading it needs the library pymavlink; install inertiax[ardupilot]."
+def test_dataflash_fields_are_scaled_as_pymavlink_scales_them(tmp_path):
+    reader = pytest.importorskip("pymavlink.DFReader", reason="pymavlink is not installed")
+    sizes = {"c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "d": "d", "q": "q", "h": "h"}
+    names = tuple(f"F{k}" for k in range(len(sizes)))
+    layout, packed = "".join(sizes), "<" + "".join(sizes.values())
+    body = struct.pack(
+        "<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"
+    )
+    content = HEAD + b"\x80" + body
+    length = 3 + struct.calcsize(packed)
+    described = (0x85, length, b"IMU", layout.encode(), ",".join(names).encode())
+    content += HEAD + b"\x80" + struct.pack("<BB4s16s64s", *described)
+    for k in range(3):
+        content += HEAD + b"\x85" + struct.pack(packed, -k, k, 7 * k, k, -k, 0.1 * k, k, -k)
+    (tmp_path / "a.bin").write_bytes(content)
+    log = reader.DFReader_binary(str(tmp_path / "a.bin"))
+    theirs = [log.recv_match(type="IMU").to_dict() for _ in range(3)]
+    log.close()
+    ((name, ours),) = messages(content, ("IMU",))
+    assert name == "IMU"
+    for field in names:
+        np.testing.assert_allclose(ours[field], [t[field] for t in theirs], rtol=1e-15)

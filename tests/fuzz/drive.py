@@ -22,7 +22,6 @@ INSTRUMENTED += [
 INSTRUMENTED += [
     "inertiax.screening",
     "pyulog",
-    "pymavlink",
     "rosbags",
     "tomllib",
     "yaml",

@@ -8,7 +8,7 @@ group that the campaign names.
 import numpy as np
 import polars as pl
 
-from .columns import AXES, ColumnMap, nearest, ProbeColumns, TimeColumn, TriadColumns
+from .columns import AXES, ColumnMap, nearest, ProbeColumns, shown, TimeColumn, TriadColumns
 from .table import require
 
 
@@ -38,7 +38,7 @@ def choose_group(groups: list[str], asked: str, where: str) -> None:
     """Raises `ValueError` where the group that the campaign asks for is not in the file."""
     if asked not in groups:
         raise ValueError(
-            f"{where}: group '{asked}' is missing; {nearest(asked, groups)}the file has {groups[:12]}."
+            f"{where}: group '{asked}' is missing; {nearest(asked, groups)}the file has {shown(groups)}."
         )
 
 

@@ -182,10 +182,26 @@ def _known(unit: str, units: Iterable[str], where: str) -> str:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """ "did you mean 'x'? " with the likeliest of `names`, or nothing where none is near."""
-    by_case = {n.lower(): n for n in names}
-    close = difflib.get_close_matches(name.lower(), list(by_case), n=1, cutoff=0.6)
+    # Comparing takes time with the square of the length: hostile names are not compared.
+    by_case = {n.lower(): n for n in list(names)[:1000] if len(n) < 80}
+    close = difflib.get_close_matches(name.lower()[:80], list(by_case), n=1, cutoff=0.6)
     return f"did you mean '{by_case[close[0]]}'? " if close else ""
 
+
+def shown(names: Iterable[str]) -> list[str]:
+    """Names of a file's columns or topics as a message repeats them: the first few, none of them long."""
+    listed = list(names)
+    few = [short(n) for n in listed[:_MOST_SHOWN]]
+    return [*few, "…"] if len(listed) > _MOST_SHOWN else few
+
+
+def short(text: str) -> str:
+    """Text from a file as a message repeats it: one line, not long."""
+    plain = "".join(c if c.isprintable() else "�" for c in text[:_LONGEST_SHOWN])
+    return plain + "…" if len(text) > _LONGEST_SHOWN else plain
+
+
+_MOST_SHOWN, _LONGEST_SHOWN = 16, 40
 
 CANONICAL = ColumnMap()  # the contract's column names, in SI
 AS_FOUND = Layout()  # a file that says everything itself

@@ -14,7 +14,7 @@ from typing import NoReturn
 import polars as pl
 
 from ..recordings import Recording
-from .columns import AS_FOUND, ColumnMap, Layout
+from .columns import AS_FOUND, ColumnMap, Layout, short, shown
 from .table import to_recordings
 
 
@@ -48,7 +48,7 @@ def read_table(path: Path, names: tuple[str, ...] | None = None) -> pl.DataFrame
     if header is not None and names is not None:
         raise ValueError(
             f"{path.name}: [recordings] names is for files without a header line, but this one has "
-            f"{list(header)}; map those under [columns]."
+            f"{shown(header)}; map those under [columns]."
         )
     start = offset[skipped]
     return _parse(data[start:], delimiter, list(header or names or ()), path.name)
@@ -126,7 +126,9 @@ def _named(fields: list[str]) -> tuple[str, ...]:
 def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.DataFrame:
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
-        raise ValueError(f"{where}: column name '{twice}' stands twice in the header {names}.")
+        raise ValueError(
+            f"{where}: column name '{short(twice)}' stands twice in the header {shown(names)}."
+        )
     if not data.strip():
         raise ValueError(
             f"{where}: no rows of data under the header; at least one sample is needed."
@@ -142,7 +144,7 @@ def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.Data
         _raise_ragged(data, delimiter, len(names), where, str(error).splitlines()[0])
     if table.width != len(names):
         raise ValueError(
-            f"{where}: {len(names)} column names {names} but {table.width} columns of data."
+            f"{where}: {len(names)} column names {shown(names)} but {table.width} columns of data."
         )
     table.columns = names
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # blank lines

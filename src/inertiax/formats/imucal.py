@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from ..recordings import Recording
-from .columns import AS_FOUND, ColumnMap, Layout, TriadColumns
+from .columns import AS_FOUND, ColumnMap, Layout, shown, TriadColumns
 from .csv import read_table
 from .table import to_recordings
 
@@ -117,7 +117,7 @@ def _sections(file: Path, path: Path) -> dict[str, tuple[int, int]]:
         names = table.columns
         if not {"start", "end"} <= set(names) or len(names) != 3:
             raise ValueError(
-                f"{file.name}: a list of sections has a label, start and end; found {names}."
+                f"{file.name}: a list of sections has a label, start and end; found {shown(names)}."
             )
         (label,) = set(names) - {"start", "end"}
         try:

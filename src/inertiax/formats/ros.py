@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from ..recordings import Recording
-from .columns import AS_FOUND, AXES, ColumnMap, Layout, nearest
+from .columns import AS_FOUND, AXES, ColumnMap, Layout, nearest, shown
 from .optional import load
 from .streams import onto
 from .table import to_recordings
@@ -74,7 +74,7 @@ def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:
             raise ValueError(
                 f"{where}: {len(found) or 'no'} topics of type {plain}"
                 + (
-                    f" ({', '.join(found)}); choose one with [recordings] {key}."
+                    f" ({', '.join(shown(found))}); choose one with [recordings] {key}."
                     if found
                     else f"; the bag has {_all(reader)}."
                 )
@@ -83,13 +83,15 @@ def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:
     if asked not in found:
         raise ValueError(
             f"{where}: topic '{asked}' of type {plain} is missing; {nearest(asked, found)}the bag has "
-            f"{found or _all(reader)}."
+            f"{shown(found) or _all(reader)}."
         )
     return asked
 
 
 def _all(reader) -> list[str]:
-    return sorted({f"{c.topic} ({c.msgtype.replace('/msg/', '/')})" for c in reader.connections})
+    return shown(
+        sorted({f"{c.topic} ({c.msgtype.replace('/msg/', '/')})" for c in reader.connections})
+    )
 
 
 def _messages(reader, topic: str, kind: str, one: bool, path: Path) -> list:

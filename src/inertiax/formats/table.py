@@ -14,6 +14,8 @@ from .columns import (
     Layout,
     nearest,
     ProbeColumns,
+    short,
+    shown,
     temperature_to_celsius,
     time_scale,
     TimeColumn,
@@ -49,7 +51,7 @@ def to_recordings(
     }
     if values["accel"] is None and values["gyro"] is None:
         raise ValueError(
-            f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {table.columns}; name "
+            f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
             "them under [columns] accel or gyro."
         )
     parts = []
@@ -66,7 +68,7 @@ def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:
     if column not in table.columns:
         raise ValueError(
             f"{where}: column '{column}' is missing; {nearest(column, table.columns)}the file has "
-            f"{table.columns}."
+            f"{shown(table.columns)}."
         )
     return table.get_column(column)
 
@@ -82,7 +84,7 @@ def numbers(table: pl.DataFrame, column: str, where: str) -> Float[np.ndarray, "
             if bad.any():
                 row = int(bad.arg_true()[0])
                 raise ValueError(
-                    f"{where}: column '{column}' holds text in row {row}: '{text[row]}'; every row "
+                    f"{where}: column '{column}' holds text in row {row}: '{short(text[row])}'; every row "
                     "must be a number."
                 )
     elif not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
@@ -128,7 +130,7 @@ def _time(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.ndarr
         return np.arange(table.height) / column.rate
     if column.name is None and "time" not in table.columns:
         raise ValueError(
-            f"{where}: column 'time' is missing; the file has {table.columns}. Name it with "
+            f"{where}: column 'time' is missing; the file has {shown(table.columns)}. Name it with "
             '[columns] time = { name = "...", unit = "..." }, or count rows with '
             "[columns] time = { rate = ... } in Hz."
         )
@@ -182,7 +184,7 @@ def _temperature(
     return np.stack([scale * (numbers(table, n, where) + shift) for n in names], axis=1)
 
 
-_PROBE = re.compile(r"temperature_\d+")
+_PROBE = re.compile(r"temperature_\d{1,6}")
 
 
 def _labels(

@@ -8,12 +8,13 @@ differ. `[recordings] topic = "sensor_combined"` reads what PX4 has corrected in
 import contextlib
 import io
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import polars as pl
 
 from ..recordings import Recording
-from .columns import AS_FOUND, AXES, ColumnMap, Layout
+from .columns import AS_FOUND, AXES, ColumnMap, Layout, shown
 from .optional import load
 from .streams import onto, shared
 from .table import to_recordings
@@ -69,16 +70,31 @@ def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
     said = io.StringIO()  # pyulog prints what it meets
     with path.open("rb") as file, contextlib.redirect_stdout(said):
         try:
-            log = pyulog.ULog(file, message_name_filter_list=list(_TOPICS))
+            once = _Once(file, path.stat().st_size)
+            log = pyulog.ULog(once, message_name_filter_list=list(_TOPICS))
         # pyulog meets a damaged file with whatever its parsing runs into (struct.error,
         # TypeError, ValueError, IndexError, KeyError, UnicodeDecodeError), and promises none of it.
         except Exception as error:
-            raise ValueError(
-                f"{path.name}: the ULog is damaged: {type(error).__name__} {error}."
-            ) from None
+            reason = " ".join(f"{type(error).__name__} {error}".split())[:200]
+            raise ValueError(f"{path.name}: the ULog is damaged: {reason}.") from None
     if log.file_corruption:
         raise ValueError(f"{path.name}: the ULog has corrupt parts; download it again.")
     return {(d.name, d.multi_id): d.data for d in log.data_list}
+
+
+class _Once:
+    """A file that may be read about once: pyulog goes back in some damaged logs again and again."""
+
+    def __init__(self, file: BinaryIO, size: int):
+        self._file, self._left = file, 8 * size + 65536
+        self.seek, self.tell, self.close = file.seek, file.tell, file.close
+
+    def read(self, count: int) -> bytes:
+        """The next bytes. Raises `EOFError` where far more were read than there are."""
+        self._left -= count + 1
+        if self._left < 0:
+            raise EOFError("its parts point back at each other")
+        return self._file.read(count)
 
 
 def _table(data: dict[str, dict[str, np.ndarray] | None], where: str) -> pl.DataFrame:
@@ -123,5 +139,7 @@ def _joined(
 
 def _field(fields: dict[str, np.ndarray], name: str, where: str) -> np.ndarray:
     if name not in fields:
-        raise ValueError(f"{where}: field '{name}' is missing; the topic has {sorted(fields)}.")
+        raise ValueError(
+            f"{where}: field '{name}' is missing; the topic has {shown(sorted(fields))}."
+        )
     return fields[name]
