@@ -5,6 +5,8 @@ the bytes in `--findings`; a finding that is fixed goes into `corpus/`.
 """
 
 import argparse
+import random
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -39,6 +41,7 @@ def main() -> None:
     parser.add_argument("--findings", type=Path, default=Path(tempfile.gettempdir()) / "findings")
     said = parser.parse_args()
     with atheris.instrument_imports(include=INSTRUMENTED, enable_loader_override=False):
+        from fuzz.mutate import change_of, of_bytes
         from fuzz.targets import attempt, prepare, TARGETS
     import jax
 
@@ -72,7 +75,19 @@ def main() -> None:
         "-print_final_stats=1",
         "-verbosity=1",
     ]
-    atheris.Setup([sys.argv[0], *settings, str(corpus)], lambda data: attempt(target, folder, data))
+    change = change_of(target.file)
+
+    def mutate(data: bytes, most: int, seed: int) -> bytes:
+        """Half of the changes are libFuzzer's, which knows what reaches new code."""
+        chance = random.Random(seed)
+        if change is of_bytes or chance.random() < 0.5:
+            return atheris.Mutate(data, most)
+        return change(data, chance)[:most]
+
+    def attempt_one(data: bytes) -> None:
+        attempt(target, folder, data)
+
+    atheris.Setup([sys.argv[0], *settings, str(corpus)], attempt_one, custom_mutator=mutate)
     atheris.Fuzz()
 
 
@@ -83,8 +98,6 @@ def _memory() -> str | None:
 
 def _words(seeds: list[bytes]) -> str:
     """A libFuzzer dictionary of the words in the seeds, and values that break parsers."""
-    import re
-
     words = {w for s in seeds for w in re.findall(rb"[A-Za-z_./\[\]]{3,24}", s)}
     words |= {b"NaN", b"nan", b"inf", b"-1", b"1e999", b"1e308", b"99999999999999999999", b"null"}
     words |= {

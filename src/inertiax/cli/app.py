@@ -11,13 +11,12 @@ from typing import Annotated
 
 import typer
 
-from . import calibrate, compensate, demo, design, diagnose, export, fleet, noise, simulate
+from . import calibrate, compensate, console, demo, design, diagnose, export, fleet, noise, simulate
 
 
 app = typer.Typer(
     help="Calibrate inertial sensors over temperature, and explain what a model leaves out.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -54,19 +53,42 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line; always raises `SystemExit`.
 
     A `ValueError` is the library's way to say what is wrong with the data: it becomes one line and
-    status 1. Anything unforeseen is said in one line too; `INERTIAX_TRACEBACK=1` shows where.
+    status 1. Wrong usage is one line, too, and status 2. Anything unforeseen is said in one line;
+    `INERTIAX_TRACEBACK=1` shows where.
     """
     try:
-        app(arguments)
+        status = app(arguments, standalone_mode=False)
+    except _Usage as error:
+        if type(error).__name__ == "NoArgsIsHelpError":  # `inertiax` alone: its message is the help
+            error.show()
+        else:
+            command = getattr(getattr(error, "ctx", None), "command_path", "inertiax")
+            said = console.one_line(error.format_message()).rstrip(".") + "."
+            print(f"inertiax: {said} See `{command} --help`.", file=sys.stderr)
+        status = error.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        print("inertiax: interrupted.", file=sys.stderr)
+        status = 130  # as a shell says it
     except Exception as error:
         if os.environ.get("INERTIAX_TRACEBACK"):
             raise
-        print(f"inertiax: {_one_line(error)}", file=sys.stderr)
-        sys.exit(1)
+        print(f"inertiax: {_in_words(error)}", file=sys.stderr)
+        status = 1
+    sys.exit(status)
 
 
-def _one_line(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    if type(error) is ValueError or isinstance(error, OSError):
-        return text
-    return f"unforeseen {type(error).__name__}: {text[:300]} (INERTIAX_TRACEBACK=1 shows where)"
+# click's `ClickException`, which typer carries inside itself or imports, by its version.
+_Usage = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+
+
+def _in_words(error: Exception) -> str:
+    if type(error) is ValueError:
+        return console.one_line(str(error))
+    if isinstance(error, OSError):
+        return console.one_line(
+            f"{error.filename or 'writing or reading'}: {error.strerror or error}."
+        )
+    if isinstance(error, MemoryError):
+        return "not enough memory for this much data; split it, or use a machine with more."
+    said = console.one_line(str(error))[:300]
+    return f"unforeseen {type(error).__name__}: {said} (INERTIAX_TRACEBACK=1 shows where)"

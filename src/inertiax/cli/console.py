@@ -124,4 +124,9 @@ def _bar(console: Console) -> Progress:
 
 def warn(text: str) -> None:
     """A line on standard error that is told even when quiet."""
-    print(f"inertiax: {text}", file=sys.stderr)
+    print(f"inertiax: {one_line(text)}", file=sys.stderr)
+
+
+def one_line(text: str) -> str:
+    """Text as one line that a terminal cannot take for commands: names in it come from files."""
+    return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))

@@ -86,7 +86,11 @@ def _log_of(document: _Document, device: str) -> _Log:
 
 def _worst(log: _Log, triad: str, term: str) -> tuple[float, bool]:
     """The largest figure of a triad's axes, and whether the log shows it on that axis."""
-    found = [c.terms[term] for name, c in log.channels.items() if name.startswith(f"{triad}_")]
+    channels = {n: c.terms for n, c in log.channels.items() if n.startswith(f"{triad}_")}
+    for name, terms in channels.items():
+        if term not in terms:
+            raise ValueError(f"--noise: {name} has no term {term}; it has {', '.join(terms)[:60]}.")
+    found = [terms[term] for terms in channels.values()]
     if not found:
         raise ValueError(f"--noise: the log has no {triad} channels.")
     value, shown = max((t.value if t.shown else t.upper_95, t.shown) for t in found)

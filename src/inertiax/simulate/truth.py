@@ -84,7 +84,7 @@ def read_truth(path: Path | str) -> dict[str, Device]:
     """The devices of a `truth.json` by serial number. Raises `ValueError` where it is none."""
     try:
         content = json.loads(Path(path).read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not a truth.json: {error}.") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema != SCHEMA:
@@ -93,6 +93,10 @@ def read_truth(path: Path | str) -> dict[str, Device]:
         return {serial: _device(found) for serial, found in content["devices"].items()}
     except KeyError as error:
         raise ValueError(f"{path}: key {error} is missing; write the file anew.") from None
+    # What converting runs into where a value is of another kind or size.
+    except (TypeError, AttributeError, ValueError, IndexError, ArithmeticError) as error:
+        reason = " ".join(f"{type(error).__name__} {error}".split())[:200]
+        raise ValueError(f"{path}: not a truth.json: {reason}.") from None
 
 
 def _device(found: dict) -> Device:
