@@ -130,6 +130,10 @@ class Calibration(eqx.Module):
 # The JSON form -----------------------------------------------------------------------------------
 
 
+class _Schema(msgspec.Struct):
+    schema: str  # looked at first: a later schema has other keys
+
+
 class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     kind: str  # constant | chebyshev | natural-cubic-spline
     degree: int | None = None
@@ -206,7 +210,11 @@ def _triad_to_json(triad: TriadCalibration) -> _Triad:
 
 
 def _triad_from_json(triad: _Triad, where: str) -> TriadCalibration:
-    basis = _basis_from_json(triad.basis, where)
+    try:
+        basis = _basis_from_json(triad.basis, where)
+    except ValueError as error:
+        said = str(error)
+        raise ValueError(said if said.startswith(where) else f"{where}: basis: {said}") from None
     count = len(triad.names)
     coefficients = _matrix(triad.coefficients, (basis.size, count), f"{where}.coefficients")
     unknowns = basis.size * count
@@ -284,9 +292,18 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
         stored = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}).") from error
+    said = decode(stored, _Schema, str(path), f"a calibration of schema {SCHEMA}").schema
+    if said != SCHEMA:
+        raise ValueError(f"{path}: schema is {said[:60]!r}; this version reads {SCHEMA!r}.")
     content = decode(stored, _File, str(path), f"a calibration of schema {SCHEMA}")
-    if content.schema != SCHEMA:
-        raise ValueError(f"{path}: schema is {content.schema!r}; this version reads {SCHEMA!r}.")
+    if not content.gravity > 0.0:
+        raise ValueError(f"{path}: gravity is {content.gravity:g}; it must be above 0 m/s².")
+    if content.temperature_range is not None:
+        low, high = content.temperature_range
+        if low > high:
+            raise ValueError(
+                f"{path}: temperature_range is {low:g} to {high:g} °C; write the lower one first."
+            )
     for key, found, right in (
         ("gravity_unit", content.gravity_unit, "m/s^2"),
         ("temperature_unit", content.temperature_unit, "degC"),

@@ -1,5 +1,6 @@
 """Changes to files: of bytes, and of the values in JSON and TOML, which random bytes seldom reach."""
 
+import copy
 import json
 import random
 import re
@@ -51,17 +52,17 @@ def of_json(content: bytes, chance: random.Random) -> bytes:
     """One to three values of a document replaced, left out or put under another name; of bytes if it is none."""
     try:
         document = json.loads(content)
-    except (ValueError, RecursionError):
+        for _ in range(chance.choice((1, 1, 1, 2, 3))):
+            document = _changed(document, chance)
+        return json.dumps(document).encode("utf-8", "replace")
+    except (ValueError, RecursionError, OverflowError):
         return of_bytes(content, chance)
-    for _ in range(chance.choice((1, 1, 1, 2, 3))):
-        document = _changed(document, chance)
-    return json.dumps(document).encode("utf-8", "replace")
 
 
 def _changed(document: object, chance: random.Random) -> object:
     places = list(_places(document))
     if not places or chance.random() < 0.02:
-        return chance.choice(ODD)
+        return copy.deepcopy(chance.choice(ODD))
     parent, key = chance.choice(places)
     match chance.randrange(6):
         case 0:
@@ -69,13 +70,13 @@ def _changed(document: object, chance: random.Random) -> object:
         case 1 if isinstance(parent, dict):
             parent[chance.choice(("x", "", key.upper(), "schema"))] = parent.pop(key)
         case 2 if isinstance(parent, list):
-            parent.append(parent[key])
+            parent.append(copy.deepcopy(parent[key]))
         case 3 if isinstance(parent[key], float | int):
             parent[key] = parent[key] * chance.choice((-1, 0, 1e300, 1e-300, 2)) + chance.choice(
                 (0, 1)
             )
         case _:
-            parent[key] = chance.choice(ODD)
+            parent[key] = copy.deepcopy(chance.choice(ODD))
     return document
 
 

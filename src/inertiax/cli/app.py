@@ -7,7 +7,7 @@ Exit status: 0 done; 1 a run that failed for a reason in the data, said in one l
 import importlib.metadata
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
@@ -78,7 +78,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 # click's `ClickException`, which typer carries inside itself or imports, by its version.
-_Usage = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+_Usage = cast(
+    "type[typer.BadParameter]",
+    next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException"),
+)
 
 
 def _in_words(error: Exception) -> str:

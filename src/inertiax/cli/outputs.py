@@ -9,7 +9,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack, suppress
 from pathlib import Path
 
 import msgspec
@@ -54,7 +54,7 @@ def staged_folder(folder: Path, *, replaces: tuple[str, ...] = ()) -> Iterator[P
     try:
         home = folder if folder.exists() else folder.parent
         home.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".inertiax-", dir=home))
+        staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=home))
     except OSError as error:
         raise typer.BadParameter(
             f"'{folder}' cannot be written ({error.strerror}).", param_hint="'-o'"
@@ -62,9 +62,30 @@ def staged_folder(folder: Path, *, replaces: tuple[str, ...] = ()) -> Iterator[P
     try:
         staging.chmod(0o777 & ~_umask())  # mkdtemp makes it private
         yield staging
-        _move(staging, folder, replaces)
+        with _alone(folder.parent):
+            _move(staging, folder, replaces)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+_STAGING = ".inertiax-"
+
+
+@contextmanager
+def _alone(home: Path) -> Iterator[None]:
+    """No other run moves its files into a folder here meanwhile, so that a folder holds files of one run.
+
+    The lock is the system's and ends with the process, however it ends. Where there is none (Windows, some
+    network file systems), two runs that end in the same instant may mix.
+    """
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            handle = os.open(home, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
 
 
 def _move(staging: Path, folder: Path, replaces: tuple[str, ...]) -> None:
