@@ -124,11 +124,14 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
             )
     if np.any(u):
         x = np.linspace(-0.5, 0.5, len(u))[:, None, None]
-        add("input squared and time", f"{letter}^2 t", (u / scale)[:, :, None] ** 2 * x)
+        courses = [("time", "t", x)]
         if signal.temperature is not None and np.ptp(signal.temperature) > 2.0:
             t = np.asarray(signal.temperature)
-            y = ((t - t.mean()) / np.ptp(t))[:, None, None]
-            add("input squared and temperature", f"{letter}^2 T", (u / scale)[:, :, None] ** 2 * y)
+            courses.append(("temperature", "T", ((t - t.mean()) / np.ptp(t))[:, None, None]))
+        for power, word in ((2, "squared"), (3, "cubed")):
+            shape = (u / scale)[:, :, None] ** power
+            for name, symbol, course in courses:
+                add(f"input {word} and {name}", f"{letter}^{power} {symbol}", shape * course)
     for family, formula, addition in _inputs(signal):
         add(family, formula, addition)
     add_positions(made, signal, blocks, base)

@@ -16,7 +16,8 @@ from ..effects import CATALOGUE, Effect
 from ..recordings import Campaign
 from .alternatives import PREFIX
 from .engine import prepare, Prepared
-from .identify import effective_tests, GATE
+from .family import effective_tests
+from .identify import GATE
 from .limits import Absorbed, Audit, Detectable, POWER
 from .overlap import alias_sets, aliases
 from .search import count_forms

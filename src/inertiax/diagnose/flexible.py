@@ -38,6 +38,12 @@ def flexible(signal: Signal, base: Baseline) -> list[Term]:
     return made
 
 
+def on_input(term: Term) -> bool:
+    """Whether a flexible dependence is one on the inputs, and not on a course alone."""
+    family = term.name.removeprefix(PREFIX)
+    return not family.startswith("curve of") or family.endswith("input")
+
+
 def _additions(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
     u = np.asarray(signal.input)
     letter = "f" if signal.triad == "accel" else "w"
@@ -58,12 +64,14 @@ def _additions(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
         for course, values in (("time", signal.time), ("temperature", signal.temperature)):
             if values is not None and np.ptp(np.asarray(values)) > 2.0:
                 x = np.asarray(values) - np.mean(values)
-                times = _products(vector, 2) * (x / np.abs(x).max())[:, None, None]
-                yield (
-                    f"products of {name} and {course}",
-                    f"squares of {name} times {course}",
-                    times,
-                )
+                x = x / np.abs(x).max()
+                for degree, word in ((2, "squares"), (3, "third powers")):
+                    times = _products(vector, degree) * x[:, None, None]
+                    yield (
+                        f"products of {name} and {course}",
+                        f"{word} of {name} times {course}",
+                        times,
+                    )
     if felt:
         if len(np.unique(u.round(3))) > LEVELS:
             own = np.stack([spline(u[:, c], 9) for c in range(3)], axis=1)

@@ -63,6 +63,35 @@ class Foresight:
                 total[n] += np.square(y - x @ solution).sum()
         return total
 
+    def errors_each(
+        self, columns: Float[np.ndarray, "block column"]
+    ) -> Float[np.ndarray, "partition column"]:
+        """As `errors`, for every column alone; all columns together in matrix products.
+
+        The border of each normal equation is eliminated: the coefficient of a column is its product with
+        the rows over its square, both with the baseline of the other stretches taken away.
+        """
+        z = columns * self.weight[:, None]
+        z = z / (np.linalg.norm(z, axis=0) + 1e-300)
+        z = z - self.frame @ (self.frame.T @ z)
+        z = z / np.maximum(np.linalg.norm(z, axis=0), 1e-300)
+        f = self.frame
+        gram, part, along = f.T @ f, f.T @ self.rows, z.T @ self.rows
+        total = np.zeros((len(self.stretch), z.shape[1]))
+        for n, stretch in enumerate(self.stretch):
+            for k in np.unique(stretch):
+                here = stretch == k
+                x, y, own = f[here], self.rows[here], z[here]
+                border = -(x.T @ own)
+                right = np.concatenate([(part - x.T @ y)[:, None], border], axis=1)
+                solved = np.linalg.lstsq(gram - x.T @ x, right, rcond=WEAK)[0]
+                square = 1.0 - np.square(own).sum(axis=0) - (border * solved[:, 1:]).sum(axis=0)
+                product = along - own.T @ y - border.T @ solved[:, 0]
+                size = np.where(square > WEAK, product / np.maximum(square, WEAK), 0.0)
+                left = (y - x @ solved[:, 0])[:, None] - size * (own - x @ solved[:, 1:])
+                total[n] += np.square(left).sum(axis=0)
+        return total
+
     def _beside(self, columns: np.ndarray) -> np.ndarray:
         """The weighted columns with the baseline projected out, orthonormal."""
         z = columns * self.weight[:, None]
@@ -99,3 +128,17 @@ def skill(one: Foresight, columns: Float[np.ndarray, "block column"] | None) -> 
     if columns is None:
         return 0.0
     return float(np.mean(0.5 * np.log(one.errors(None) / one.errors(columns))))
+
+
+def skills(one: Foresight, terms: Sequence[Term], chain: int) -> Float[np.ndarray, " term"]:
+    """`skill` of each term of one chain alone."""
+    made = np.zeros(len(terms))
+    columns = [t.columns[t.chains.index(chain)] for t in terms]
+    single = [k for k, c in enumerate(columns) if c.shape[1] == 1]
+    if single:
+        errors = one.errors_each(np.concatenate([columns[k] for k in single], axis=1))
+        made[single] = np.mean(0.5 * np.log(one.errors(None)[:, None] / errors), axis=0)
+    for k, column in enumerate(columns):
+        if column.shape[1] != 1:
+            made[k] = skill(one, column)
+    return made

@@ -7,6 +7,8 @@ import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
+from .family import effective_tests, family_p
+from .flexible import on_input
 from .memory import remember, Remembered
 from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
 from .system import fit_noise, NoiseFit, Score, System
@@ -20,6 +22,7 @@ SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
 TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
+UNSEEN = 1e-6  # the same where nothing was named
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
 TRIED = 40  # leading candidates that are asked whether they predict
 
@@ -49,43 +52,6 @@ class Answer:
     ranked: tuple[Candidate, ...]  # of the first step
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
     remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
-
-
-def effective_tests(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) -> float:
-    """Number of independent tests with the same smallest p-value as the correlated family.
-
-    White residuals are drawn, and the distribution 1 − (1 − p)^N is fitted to their smallest p-values.
-    """
-    rng = np.random.default_rng(20240229)
-    noise = [rng.standard_normal((n, draws)) for n in lengths]
-    smallest = np.ones(draws)
-    by_chain: dict[int, list[Score]] = {}
-    for score in scores:
-        by_chain.setdefault(score.term.chains[0] if len(score.term.chains) == 1 else -1, []).append(
-            score
-        )
-    for c, members in by_chain.items():
-        product = np.empty((0, draws))
-        if c >= 0:
-            white = np.concatenate([s.white[0] for s in members], axis=1)
-            product = white.T @ noise[c]
-        at = 0
-        for s in members:
-            if c >= 0:
-                width = s.white[0].shape[1]
-                part = product[at : at + width]
-                at += width
-            else:
-                part = sum(w.T @ noise[k] for w, k in zip(s.white, s.term.chains))
-            gain = np.square(s.turn.T @ part).sum(axis=0)
-            smallest = np.minimum(smallest, scipy.stats.chi2.sf(gain, s.size))
-    return float(draws / -np.log1p(-np.clip(smallest, 1e-15, 1 - 1e-12)).sum())
-
-
-def family_p(candidate: Candidate, tests: float) -> float:
-    """Chance that the best of the whole family reaches this likelihood ratio by noise alone."""
-    single = scipy.stats.chi2.sf(max(candidate.ratio, 0.0), candidate.score.size)
-    return float(-np.expm1(tests * np.log1p(-min(single, 1 - 1e-12))))
 
 
 def _quiet(noise: NoiseFit) -> NoiseFit:
@@ -138,6 +104,12 @@ def _is_open(candidate: Candidate) -> bool:
 def _full(chosen: Sequence[Candidate], new: Candidate) -> bool:
     """Whether the rows that a candidate acts on have their number of effects already."""
     return any(sum(c in old.term.chains for old in chosen) >= MOST_EFFECTS for c in new.term.chains)
+
+
+def _twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
+    """Whether a channel would get a second one of an effect that it can only have once."""
+    effect = new.term.effect
+    return effect is not None and effect.once and any(old.key == new.key for old in chosen)
 
 
 def _beside(chosen: Sequence[Candidate], new: Candidate) -> float:
@@ -203,7 +175,7 @@ def identify(
         terms = [c.term for c in memory.chosen]
         fuller, ranked = _rank(system, [fit_noise(system, terms)], short, terms, forms, grade)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
-    left = None if memory is not None else ask.left_over(found, flexible)
+    left = None if memory is not None else ask.left_over(found, flexible, null)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
 
 
@@ -249,6 +221,7 @@ class Asked:
         while len(chosen) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
             ranked = [c for c in ranked if _is_open(c) or not _full(chosen, c)]
+            ranked = [c for c in ranked if not _twice(chosen, c)]
             ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
             leading = (c for c in ranked[:TRIED] if memory is None or memory.pays(c.term, terms))
             listed, unlisted = _first_of_both(leading)
@@ -299,16 +272,24 @@ class Asked:
         )  # fmt: skip
         return Named(lead, family_p(lead, self.tests), rivals)
 
-    def left_over(self, found: Found, flexible: Sequence[Term]) -> "LeftOver | None":
-        """What the named effects leave for the flexible dependences, if it counts beside what they explain."""
-        if not found.chosen or found.noise is None or found.unlisted is not None:
+    def left_over(
+        self, found: Found, flexible: Sequence[Term], null: NoiseFit
+    ) -> "LeftOver | None":
+        """What the named effects leave for the flexible dependences, if it counts beside what they explain.
+
+        Where nothing was named, dependences on the inputs alone: a smooth course in time is what slow noise is.
+        """
+        if found.unlisted is not None:
             return None
         system, terms = self.system, [c.term for c in found.chosen]
+        noise = null if found.noise is None else found.noise
         chains = {c for t in terms for c in t.chains}
-        asked = [t for t in flexible if chains.issuperset(t.chains)]
-        start = bank(system, [found.noise], terms)
+        asked = [t for t in flexible if chains.issuperset(t.chains) or (not terms and on_input(t))]
+        start = bank(system, [noise], terms)
         ranked = judge(system, start, asked, terms, {}, self.grade)
         ranked = sorted(ranked, key=_rareness)
+        if not terms and (not ranked or _rareness(ranked[0]) > np.log(UNSEEN)):
+            return None
         fuller = refine(system, start, ranked[:6], terms, most=3)
         ranked = judge(system, fuller, [c.term for c in ranked[:6]], terms, {}, self.grade)
         if not ranked:
@@ -318,7 +299,7 @@ class Asked:
         mine = sum(c.ratio for c in found.chosen if set(c.term.chains) & set(worst.term.chains))
         share = (worst.ratio - worst.score.size) / max(mine, 1e-300)
         self.say(f"left over: {share:.2f} of the explained, p {p:.1e} ({worst.term.variant.label})")
-        return LeftOver(worst, p) if p < LEFT and share > SHARE else None
+        return LeftOver(worst, p) if p < (LEFT if terms else UNSEEN) and share > SHARE else None
 
     def _pair_beats(
         self, fuller: Bank, listed: Candidate, unlisted: Candidate, chosen: list[Term]

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
+from jaxtyping import Float
 
-from .foresight import columns_of, Foresight, foresights, skill, STRETCHES
+from .foresight import columns_of, Foresight, foresights, skill, skills, STRETCHES
 from .search import Candidate
 from .system import fit_noise, likelihood, NoiseFit, System, whiten_system
 from .terms import Term
@@ -79,20 +80,25 @@ def remember(
         return None
     observed = foresights(system)
     reached = [max(_skill(one, first, c), 0.0) for c, one in enumerate(observed)]
-    skills = [
-        [_skill(one, [g[c]], c) if c in g else 0.0 for c, one in enumerate(observed)]
-        for g in groups
+    found = [_skills_of(groups, one, c) for c, one in enumerate(observed)]
+    skills_of = [[float(s[k]) for s in found] for k in range(len(groups))]
+    near, least = 0.5 * BETTER / STRETCHES, LEAST if hint is None else 0.0
+    # What no group could reach on any choice of channels needs no comparison with other effects.
+    hope = [
+        sum(max(s - r, 0.0) for s, r in zip(mine, reached) if s > max(least, r - near))
+        for mine in skills_of
     ]
+    if 2.0 * STRETCHES * max(hope) <= BETTER:
+        return None
     # A channel takes part where no other effect predicts it much better.
     others = [_best_other(one, catalogue, c, groups) for c, one in enumerate(observed)]
-    near, least = 0.5 * BETTER / STRETCHES, LEAST if hint is None else 0.0
     taken = [
         [s > max(least, r - near, o - near) for s, r, o in zip(mine, reached, others)]
-        for mine in skills
+        for mine in skills_of
     ]
     gains = [
         sum(s - r for s, r, k in zip(mine, reached, which) if k)
-        for mine, which in zip(skills, taken)
+        for mine, which in zip(skills_of, taken)
     ]
     best = int(np.argmax(gains))
     if 2.0 * STRETCHES * gains[best] <= BETTER:
@@ -100,7 +106,7 @@ def remember(
     p = _beyond_noise(system, null, catalogue, groups[best], taken[best])
     if hint is None and p >= SURE**2:
         return None
-    return _remembered(system, null, groups, skills, taken[best], best, first, observed, p)
+    return _remembered(system, null, groups, skills_of, taken[best], best, first, observed, p)
 
 
 def _best_other(
@@ -112,7 +118,18 @@ def _best_other(
         t for t in catalogue
         if t.effect is not None and t.effect.slow and t.chains == (chain,) and t.name not in thermal
     ]  # fmt: skip
-    return max((_skill(one, [t], chain) for t in slow), default=0.0)
+    return float(skills(one, slow, chain).max(initial=0.0)) if slow else 0.0
+
+
+def _skills_of(
+    groups: Sequence[dict[int, Term]], one: Foresight, chain: int
+) -> Float[np.ndarray, " group"]:
+    """Skill of each group's term on one chain; 0 where it has none."""
+    made = np.zeros(len(groups))
+    having = [k for k, g in enumerate(groups) if chain in g]
+    if having:
+        made[having] = skills(one, [groups[k][chain] for k in having], chain)
+    return made
 
 
 def _beyond_noise(

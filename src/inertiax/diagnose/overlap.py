@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..effects import Effect
 from .limits import Alias, AliasSet
@@ -16,14 +16,17 @@ OFTEN = 0.5  # part of an effect's forms that another must mimic to stand in one
 
 def mimicry(first: Sequence[Score], second: Sequence[Score]) -> Float[np.ndarray, " form"]:
     """For each form of the first effect the part of its square that the best form of the second explains."""
-    best = np.zeros(len(first))
-    pieces = [np.concatenate(s.directions) for s in second]
-    whole = np.concatenate(pieces, axis=1)
-    edges = np.cumsum([0, *(p.shape[1] for p in pieces)])
-    for k, score in enumerate(first):
-        square = np.square(whole.T @ np.concatenate(score.directions)).sum(axis=1) / score.size
-        best[k] = max(float(square[a:b].sum()) for a, b in zip(edges[:-1], edges[1:]))
+    one = np.concatenate([np.concatenate(s.directions) for s in first], axis=1)
+    two = np.concatenate([np.concatenate(s.directions) for s in second], axis=1)
+    sizes = [s.size for s in first]
+    square = np.add.reduceat(np.square(two.T @ one), _starts([s.size for s in second]), axis=0)
+    best = np.add.reduceat(square, _starts(sizes), axis=1).max(axis=0) / np.array(sizes)
     return np.minimum(best, 1.0)
+
+
+def _starts(sizes: Sequence[int]) -> Int[np.ndarray, " form"]:
+    """First column of each form."""
+    return np.cumsum([0, *sizes[:-1]])
 
 
 def aliases(scores: Sequence[Score]) -> list[Alias]:

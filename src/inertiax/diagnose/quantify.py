@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from .engine import Prepared, retuned
-from .result import Detectable, Moved, Parameter
-from .search import Candidate
+from .result import Moved, Parameter
 from .system import NoiseFit, Score, System, whiten_system
 from .terms import Term
+
+
+MOMENTS = 40  # blocks on either side that a moment in time is looked for
 
 
 def _drop(score: Score, amplitude: float | None) -> float:
@@ -29,6 +31,8 @@ def tune(
     effect = term.effect
     if effect is None or not effect.nuisance:
         return term, None
+    if effect.nuisance == "time":
+        return _tune_moment(prepared, noise, term, others)
     centre = float(term.variant.settings[effect.nuisance])
     amplitude = 1.0 if effect.unit_amplitude else None
     width = 0.45 if centre > 0 else 0.0
@@ -57,6 +61,30 @@ def tune(
     return tuned, None if std is None else float(std)
 
 
+def _tune_moment(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term]
+) -> tuple[Term, float]:
+    """A moment in time: in the middle between two blocks, and the root mean square distance from it.
+
+    Moments between the same two blocks look alike, so the likelihood is a staircase. Each step of it weighs with
+    its likelihood and its duration.
+    """
+    edges = prepared.coarse.time
+    near = int(np.searchsorted(edges, float(term.variant.settings["time"])))
+    first, last = max(near - MOMENTS, 1), min(near + MOMENTS, len(edges) - 1)
+    places = np.arange(first, last + 1)
+    low, high = edges[places - 1], edges[places]
+    middle = 0.5 * (low + high)
+    members = retuned(prepared, term, middle.tolist())
+    scores = {id(s.term): s for s in whiten_system(prepared.system, noise, members, others).scores}
+    gains = np.array([scores[id(m)].gain if id(m) in scores else -np.inf for m in members])
+    weight = np.exp(0.5 * (gains - gains.max())) * (high - low)
+    weight = weight / weight.sum()
+    best = int(np.argmax(gains))
+    square = np.square(middle - middle[best]) + np.square(high - low) / 12.0
+    return members[best], float(np.sqrt(weight @ square))
+
+
 def parameters(
     prepared: Prepared,
     noise: NoiseFit,
@@ -64,21 +92,43 @@ def parameters(
     others: Sequence[Term],
     nuisance_std: float | None,
 ) -> tuple[tuple[str, Parameter], ...]:
-    """Coefficients and nuisance setting of a term, in SI units."""
+    """Coefficients and nuisance setting of a term, in SI units.
+
+    The coefficients' covariance is the marginal one: $C + s s^T \\sigma^2$ with $C$ at the refined setting, $s$
+    the coefficients' slope by the setting and $\\sigma$ the setting's standard deviation.
+    """
     effect = term.known
     found = whiten_system(prepared.system, noise, [term], others).scores
     made: list[tuple[str, Parameter]] = []
     if effect.nuisance:
         value = float(term.variant.settings[effect.nuisance])
+        if effect.nuisance == "time":  # on the clock of the recordings
+            value = float(np.interp(value, prepared.signal.time, prepared.clock))
         made.append((effect.nuisance, Parameter(value, nuisance_std, effect.nuisance_unit)))
     if found:
-        values, spread = found[0].coefficients, np.sqrt(np.diag(found[0].covariance))
+        values, covariance = found[0].coefficients, found[0].covariance
+        if nuisance_std is not None and effect.nuisance != "time" and not effect.unit_amplitude:
+            slope = _slope(prepared, noise, term, others, nuisance_std)
+            covariance = covariance + nuisance_std**2 * np.outer(slope, slope)
+        spread = np.sqrt(np.diag(covariance))
         unit = effect.units[term.triad]
         label = "amplitude" if effect.unit_amplitude else "coefficient"
         for k, (value, std) in enumerate(zip(values, spread)):
             name = label if len(values) == 1 else f"{label}[{k}]"
             made.append((name, Parameter(float(value), float(std), unit)))
     return tuple(made)
+
+
+def _slope(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term], std: float
+) -> np.ndarray:
+    """Change of the fitted coefficients by the nuisance setting: over half a standard deviation each way."""
+    value = float(term.variant.settings[term.known.nuisance])
+    either = retuned(prepared, term, [value - 0.5 * std, value + 0.5 * std])
+    scores = whiten_system(prepared.system, noise, either, others).scores
+    if len(scores) < 2:
+        return np.zeros(term.size)
+    return (scores[1].coefficients - scores[0].coefficients) / std
 
 
 def _solve(
@@ -131,25 +181,3 @@ def moved(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[Move
     made = [Moved(n, float(a), float(b), float(s)) for n, a, b, s in zip(names, old, new, spread)]
     made.sort(key=lambda m: -abs(m.after - m.before) / max(m.std, 1e-300))
     return tuple(m for m in made if abs(m.after - m.before) > m.std)
-
-
-def detectable(scores: Sequence[Score], z: float = 5.0) -> list[Detectable]:
-    """For each effect the smallest coefficient that would stand out by z standard deviations."""
-    best: dict[str, Detectable] = {}
-    for score in scores:
-        effect = score.term.effect
-        if effect is None:
-            continue
-        size = z * float(np.sqrt(np.diag(score.covariance).min()))
-        if size > 0.0 and (effect.name not in best or size < best[effect.name].size):
-            best[effect.name] = Detectable(
-                effect.name, score.term.channel_names, size, effect.units[score.term.triad]
-            )
-    return list(best.values())
-
-
-def contribution(prepared: Prepared, noise: NoiseFit, candidate: Candidate) -> np.ndarray:
-    """What the fitted term adds to each block's rows, worst chain, in SI units."""
-    term = candidate.term
-    values = [np.abs(c @ candidate.score.coefficients) for c in term.columns]
-    return np.max(np.stack(values), axis=0)

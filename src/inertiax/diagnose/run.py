@@ -21,19 +21,20 @@ from .audit import Audited, conclude
 from .augmented import fitted_effects
 from .bursts import Burst, burst_places, find_bursts, swallows
 from .engine import finer, prepare, Prepared
+from .explain import explain, formula
 from .identify import Answer, identify, Named
 from .limits import Audit
 from .locate import locate, tidy
 from .model import Parameters, prepare_model
 from .prove import held_out_rms, in_sample
-from .quantify import corrected, moved, parameters, tune
+from .quantify import corrected, moved, tune
 from .residuals import residuals
-from .result import Detectable, Diagnosis, Evidence, Explanation, Parameter, Quality
+from .result import Detectable, Diagnosis, Explanation, Quality
 from .search import Candidate
 from .succession import succeeding, taken_away
 from .system import Score, whiten_system
 from .terms import Term
-from .words import sentence, summary
+from .words import summary
 
 
 Progress = Callable[[str], None]
@@ -200,13 +201,13 @@ def conclude_findings(
         refined = tuned(prepared, answer)
         terms = [t for _, t, _ in refined]
         if answer.named and answer.verdict != "unexplained":
-            explanations.extend(_explain(prepared, answer, refined))
+            explanations.extend(explain(prepared, answer, refined))
             shifted.extend(moved(prepared.system, answer.noise, terms))
         for named, _, _ in refined:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
             where.extend(locate(prepared, answer.unlisted, 0.0, answer.unlisted_p))
-            empirical.append(_formula(answer.unlisted))
+            empirical.append(formula(answer.unlisted))
         for burst in finding.bursts:
             places = burst_places(prepared, burst)
             where.extend(places)
@@ -256,85 +257,6 @@ def tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, Term, float |
             named = Named(candidate, named.p_value, named.rivals)
         made.append((named, term, std))
     return made
-
-
-def _explain(prepared: Prepared, answer: Answer, tuned: list) -> list[Explanation]:
-    made = []
-    terms = [t for _, t, _ in tuned]
-    full = held_out_rms(prepared, answer.noise, terms)
-    for k, (named, term, std) in enumerate(tuned):
-        others = terms[:k] + terms[k + 1 :]
-        without = held_out_rms(prepared, answer.noise, others)
-        candidate, effect = named.candidate, term.effect
-        members = [
-            (term.name, candidate.evidence),
-            *((r.term.name, r.evidence) for r in named.rivals),
-        ]
-        weights = np.exp(np.array([e for _, e in members]) - max(e for _, e in members))
-        odds = tuple((n, float(w)) for (n, _), w in zip(members, weights / weights.sum()))
-        rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
-        bic = candidate.ratio - candidate.score.size * np.log(rows)
-        values = parameters(prepared, answer.noise, term, others, std)
-        made.append(
-            Explanation(
-                name=term.name,
-                channels=term.channel_names,
-                form=term.variant.label,
-                alternatives=tuple(r.term.name for r in named.rivals),
-                odds=odds,
-                parameters=values,
-                evidence=Evidence(float(bic), named.p_value, 1.0 - full / without),
-                statement=sentence(effect, term.channel_names, values, odds),
-                separating_experiment=effect.separating,
-            )
-        )
-    return _merge(made)
-
-
-def _merge(explanations: list[Explanation]) -> list[Explanation]:
-    """One entry for an effect found on several channels in one form."""
-    groups: dict[str, list[Explanation]] = {}
-    for e in explanations:
-        groups.setdefault(e.name, []).append(e)
-    made = []
-    for members in groups.values():
-        lead = max(members, key=lambda e: e.evidence.delta_bic)
-        if len(members) == 1:
-            made.append(lead)
-            continue
-        channels = tuple(dict.fromkeys(c for e in members for c in e.channels))
-        values: dict[str, Parameter] = {}
-        for e in members:
-            for name, value in e.parameters:
-                label = f"{name} ({', '.join(e.channels)})"
-                again = sum(key.startswith(label) for key in values)
-                values[label if not again else f"{label}, {again + 1}"] = value
-        made.append(
-            Explanation(
-                name=lead.name,
-                channels=channels,
-                form=lead.form,
-                alternatives=lead.alternatives,
-                odds=lead.odds,
-                parameters=tuple(values.items()),
-                evidence=lead.evidence,
-                statement=" ".join(e.statement for e in members),
-                separating_experiment=lead.separating_experiment,
-            )
-        )
-    return made
-
-
-def _formula(candidate: Candidate) -> str:
-    """The best-found dependence with its coefficients, in SI units."""
-    numbers = " , ".join(
-        f"{v:.3g} ± {s:.1g}"
-        for v, s in zip(
-            candidate.score.coefficients[:3], np.sqrt(np.diag(candidate.score.covariance))
-        )
-    )
-    unit = "m/s^2" if candidate.term.triad == "accel" else "rad/s"
-    return f"{', '.join(candidate.term.channel_names)} += ({numbers}) {unit} · {candidate.term.variant.label}"
 
 
 def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, Quality]:

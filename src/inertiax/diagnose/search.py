@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..effects import Effect
 from .alternatives import PREFIX
 from .system import fit_noise, likelihood, NoiseFit, Score, System, whiten_system
 from .terms import Term
@@ -30,22 +31,32 @@ class Candidate:
         return self.term.name, self.term.channels
 
 
-def plausibility(score: Score, grade: str | None) -> float:
+@dataclass(frozen=True)
+class Usual:
+    """What theory and experience say of an effect's coefficient, by a triad and grade."""
+
+    fixed: bool  # the coefficient is 1 by theory
+    largest: float | None  # usual size, SI
+
+    @classmethod
+    def of(cls, effect: Effect, triad: str, grade: str | None) -> "Usual":
+        """Of a catalogued effect."""
+        usual = effect.usual(triad, grade)
+        return cls(effect.unit_amplitude, None if usual is None else float(usual[1]))
+
+
+def plausibility(score: Score, usual: Usual | None) -> float:
     """Log prior of the coefficients' size: flat over ten times the usual range, falling beyond it."""
-    effect = score.term.effect
-    if effect is None:
-        return 0.0
-    sizes = np.abs(score.coefficients)
-    spread = np.sqrt(np.diag(score.covariance))
-    if effect.unit_amplitude:
-        # The coefficient is 1 by theory; the grid of the setting and its shape leave some room.
-        value = score.coefficients[0]
-        return float(-0.5 * ((value - 1.0) / np.hypot(0.35, spread[0])) ** 2)
-    usual = effect.usual(score.term.triad, grade)
     if usual is None:
         return 0.0
-    size = float(sizes.max())
-    excess = max(0.0, np.log10(max(size, 1e-300) / usual[1]) - 1.0)
+    if usual.fixed:
+        # 1 by theory: its logarithm is near 0. The grid of the setting and its shape leave some room.
+        value, spread = max(score.coefficients[0], 1e-3), np.sqrt(score.covariance[0, 0])
+        return float(-0.5 * (np.log(value) / np.hypot(0.35, spread / value)) ** 2)
+    if usual.largest is None:
+        return 0.0
+    size = float(np.abs(score.coefficients).max())
+    excess = max(0.0, np.log10(max(size, 1e-300) / usual.largest) - 1.0)
     return float(-4.0 * excess**2)
 
 
@@ -106,15 +117,18 @@ def judge(
             ratio = score.gain - 2.0 * loss
             if id(score.term) not in best or ratio > best[id(score.term)][0]:
                 best[id(score.term)] = (ratio, score)
-    made = []
+    made, usual = [], {}
     for ratio, score in best.values():
+        effect, triad = score.term.effect, score.term.triad
+        if effect is not None and (id(effect), triad) not in usual:
+            usual[id(effect), triad] = Usual.of(effect, triad, grade)
         n = system.num_rows / len(system.chains) * len(score.term.chains)
         cost = score.size * 0.5 * np.log(n) + np.log(
             forms.get((score.term.name, score.term.channels), 1)
         )
         if score.term.name.startswith(PREFIX):
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
-        evidence = 0.5 * ratio - cost + plausibility(score, grade)
+        evidence = 0.5 * ratio - cost + plausibility(score, usual.get((id(effect), triad)))
         made.append(Candidate(score.term, score, float(ratio), float(evidence)))
     return sorted(made, key=lambda c: -c.evidence)
 

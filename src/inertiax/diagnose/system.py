@@ -274,8 +274,11 @@ def _score(term: Term, white: dict, raw: dict, residual: list[np.ndarray]) -> Sc
     norm = np.where(
         after > ABSORBED * np.maximum(before, 1e-300), np.sqrt(np.maximum(after, 1e-300)), np.inf
     )
-    value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
-    good = value > 1e-7 * value[-1]
-    turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
+    if len(norm) == 1:
+        turn = 1.0 / norm[None, :]
+    else:
+        value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
+        good = value > 1e-7 * value[-1]
+        turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
     part = turn.T @ sum(white[c].T @ residual[c] for c in term.chains)
     return Score(term, tuple(white[c] for c in term.chains), turn, part, float(part @ part))

@@ -149,7 +149,7 @@ def terms(
             continue
         variants = effect.variants(coarse if effect.slow else signal)
         if not variants:
-            missing[effect.name] = "does not apply to this model"
+            missing[effect.name] = "does not apply to this model and recording"
         for variant, addition in zip(variants, block_shapes(effect, variants, *longer, blocks)):
             if effect.common:
                 found.extend(common_term(effect, variant, base, addition))

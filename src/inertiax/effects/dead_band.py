@@ -51,4 +51,5 @@ EFFECT = Effect(
     nuisance="width",
     nuisance_unit="rad/s",
     unit_amplitude=True,
+    once=True,
 )

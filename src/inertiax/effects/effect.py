@@ -52,6 +52,7 @@ class Effect(eqx.Module):
     nuisance: str = eqx.field(static=True, default="")  # the setting to refine and report, if any
     nuisance_unit: str = eqx.field(static=True, default="s")
     unit_amplitude: bool = eqx.field(static=True, default=False)  # the coefficient is 1 by theory
+    once: bool = eqx.field(static=True, default=False)  # a channel has one of it, of one setting
 
     @property
     def triads(self) -> tuple[str, ...]:

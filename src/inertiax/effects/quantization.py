@@ -46,4 +46,5 @@ EFFECT = Effect(
     separating="dither, or steps of input below one step of output",
     requires=("resolution", "scatter"),
     unit_amplitude=True,
+    once=True,
 )

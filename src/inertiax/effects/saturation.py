@@ -1,6 +1,7 @@
 """Saturation: clipping near the ends of the range."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
@@ -9,22 +10,22 @@ from .signal import Signal
 
 
 def shape(
-    signal: Signal, *, level: Scalar | float, side: int
+    signal: Signal, *, depth: Scalar | float, side: int
 ) -> Float[Array, "time channels columns"]:
-    """What a clip at `level` (part of the largest input) takes away, at both ends or at one."""
+    """What a clip takes away that leaves `depth`, a part of the largest input, off at both ends or at one."""
     u = inputs(signal)
-    limit = level * jnp.max(jnp.abs(u))
+    limit = (1.0 - depth) * jnp.max(jnp.abs(u))
     high = jnp.maximum(u - limit, 0.0) if side >= 0 else jnp.zeros_like(u)
     low = jnp.maximum(-u - limit, 0.0) if side <= 0 else jnp.zeros_like(u)
     return (low - high)[:, :, None]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Levels below the largest input that leave two levels of it above or below."""
+    """Depths of the clip, at both ends or at one."""
     return tuple(
-        Variant(f"level={v:g}, side {s:+d}", {"level": v, "side": s})
+        Variant(f"depth={d:.3g}, side {s:+d}", {"depth": float(d), "side": s})
         for s in (0, 1, -1)
-        for v in (0.6, 0.8, 0.9, 0.97)
+        for d in np.geomspace(0.004, 0.45, 8)
     )
 
 
@@ -43,4 +44,8 @@ EFFECT = Effect(
     driver="input",
     sentence="The output of {channels} saturates near the end of its range.",
     separating="change the range",
+    nuisance="depth",
+    nuisance_unit="1",
+    unit_amplitude=True,
+    once=True,
 )

@@ -63,4 +63,5 @@ EFFECT = Effect(
     sentence="The output of {channels} settles after each re-positioning.",
     separating="longer rests, and the same position reached from two sides",
     nuisance="time_constant",
+    once=True,
 )

@@ -1,6 +1,7 @@
 """Thermal hysteresis: depends on the branch, and stays in a soak."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
@@ -10,6 +11,7 @@ from .signal import Signal
 
 SPREAD = (0.25, 0.5, 1.0, 1.5, 2.0)  # half-widths of the plays side by side, in radii
 PAIR = (1.0, 5.0)
+LEAST = 2.0  # °C, a range of temperature that can hold a loop
 
 
 def shape(
@@ -40,7 +42,13 @@ def _lead(
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Several widths of play, Rayleigh's loop and plays side by side; on the bias and on the scale factor."""
+    """Several widths of play, Rayleigh's loop and plays side by side; on the bias and on the scale factor.
+
+    None where the temperature hardly changes: a loop has the size of its turn of temperature, and within `LEAST`
+    it would be a name for whatever is slow.
+    """
+    if np.ptp(np.asarray(signal.temperature)) < LEAST:
+        return ()
     forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, 0.45)]
     forms += [("Rayleigh", 0.02), ("spread", 0.1), ("spread", 0.16), ("pair", 0.05)]
     return tuple(

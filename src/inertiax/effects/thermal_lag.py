@@ -43,4 +43,5 @@ EFFECT = Effect(
     requires=("temperature", "at_temperature"),
     nuisance="time_constant",
     unit_amplitude=True,
+    once=True,
 )

@@ -54,4 +54,5 @@ EFFECT = Effect(
     separating="a power cycle at constant temperature, and a start after a long wait",
     nuisance="time_constant",
     slow=True,
+    once=True,
 )
