@@ -24,7 +24,7 @@ from .thermal import fit_thermal_invariant
 
 
 # Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet/solve.py).
-LANES = 256
+LANES = 128
 BLOCKS = 16
 
 
@@ -140,8 +140,9 @@ def _own_sigma(
 
 def _chunk(estimator: AbstractEstimator, basis: AbstractBasis, count: int) -> int:
     """Devices solved at once: one of a few numbers, so that compiled programs are shared."""
-    size = LANES if isinstance(basis, Constant) and isinstance(estimator, Invariant) else BLOCKS
-    return min(size, 1 << max(count - 1, 0).bit_length())
+    if isinstance(basis, Constant) and isinstance(estimator, Invariant):
+        return LANES  # empty lanes cost less than another program
+    return min(BLOCKS, 1 << max(count - 1, 0).bit_length())
 
 
 def _solve(
@@ -182,14 +183,12 @@ def _solve_chunk(
         weights = np.where(dwells.valid, 1.0 / sigma, 0.0)
         if isinstance(basis, Constant):
             lanes = np.ascontiguousarray(np.asarray(dwells.accel).transpose(2, 1, 0))
-            return _constant(lanes, np.ascontiguousarray(weights.T), estimator.gravity)
+            return _constant(lanes, np.ascontiguousarray(weights.T), np.asarray(estimator.gravity))
         return _thermal(dwells.accel, dwells.temperature, weights, estimator.gravity, basis)
     return _linear(estimator, basis, dwells, jnp.asarray(scatter))
 
 
-@eqx.filter_jit
-def _constant(outputs, weights, gravity) -> BatchFit:
-    return fit_invariant(outputs, weights, jnp.asarray(gravity))
+_constant = jax.jit(fit_invariant)
 
 
 @eqx.filter_jit

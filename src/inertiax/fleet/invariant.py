@@ -7,8 +7,11 @@ Same residual, parameters and gauge as `estimators.Invariant`, in units of g, wr
 with f the specific force and v = (E + Γ)⁻ᵀ f/‖f‖.
 
 Two Gauss-Newton steps bring a triad whose errors are of some per cent to within 10⁻⁶ of the
-minimum; from there the normal matrix hardly changes, so its factor is kept and the steps that are left cost
+minimum; from there the normal matrix hardly changes, so its inverse is kept and the steps that are left cost
 only residuals and gradient. They go on until the step is small: the answer is the exact minimum.
+
+Arrays of few, large operations: what a processor does between them, and what the compiler does with them, costs
+as much as the arithmetic.
 """
 
 import equinox as eqx
@@ -17,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..estimators.invariant import _COLUMNS, _ROWS
-from .cholesky import factor_lanes, invert_lanes, Lane, Lower, solve_lanes
+from .cholesky import sweep_lanes
 
 
 class BatchFit(eqx.Module):
@@ -31,7 +34,7 @@ class BatchFit(eqx.Module):
     num_steps: Int[Array, " devices"]
 
 
-def predicted(p: list[Array], outputs: list[Array]) -> tuple[Array, list[Array]]:
+def predicted(p: Array | list[Array], outputs: Array | list[Array]) -> tuple[Array, list[Array]]:
     """‖f‖ and minus its derivatives by the nine parameters, elementwise; outputs in g."""
     b0, b1, b2, g00, g10, g11, g20, g21, g22 = p
     d0, d1, d2 = 1.0 / (1.0 + g00), 1.0 / (1.0 + g11), 1.0 / (1.0 + g22)
@@ -61,33 +64,34 @@ def fit_invariant(
     standard deviations of a parameter. A device of fewer than nine independent positions has NaN
     covariance; one that does not settle in `max_steps` is not `converged`.
     """
-    a = [outputs[i] / gravity for i in range(3)]
+    a = outputs / gravity
     w = weights * gravity
-    zero = jnp.zeros_like(a[0][0])
+    start = jnp.zeros((9, a.shape[2]), a.dtype)
+    none = jnp.zeros((10, 10, a.shape[2]), a.dtype)
     # In a loop, though only twice, so that it is compiled once.
-    begin = ([zero] * 9, [[zero] * (i + 1) for i in range(9)], [zero] * 9)
-    p, lower, scale = jax.lax.fori_loop(0, 2, lambda _, s: _full_step(s[0], a, w), begin)
+    begin = (start, none, start)
+    p, swept, scale = jax.lax.fori_loop(0, 2, lambda _, s: _full_step(s[0], a, w), begin)
+    inverse, squared = swept[:9, :9], w * w
 
     def unsettled(state):
         return (state[1] < max_steps) & jnp.any(~state[2])
 
     def refine(state):
         p, k, done, steps = state
-        q, size = _kept_step(p, a, w, lower, scale)
-        p = [jnp.where(done, x, y) for x, y in zip(p, q, strict=True)]
-        return p, k + 1, done | (size < tolerance), steps + jnp.where(done, 0, 1)
+        step = _product(inverse, _gradient(p, a, squared))
+        settled = done | (jnp.max(jnp.abs(step) * scale, axis=0) < tolerance)
+        p = jnp.where(done[None], p, p + step)
+        return p, k + 1, settled, steps + jnp.where(done, 0, 1)
 
     # NaN compares as false: a device that failed runs to the limit and is not converged.
-    settled = jnp.isnan(p[0])
-    first = (p, 2, settled, jnp.full_like(zero, 2, dtype=jnp.int32))
+    failed = jnp.isnan(p[0])
+    first = (p, 2, failed, jnp.full(failed.shape, 2, jnp.int32))
     p, _, done, steps = jax.lax.while_loop(unsettled, refine, first)
-    misfit = (
-        jnp.where(w > 0, predicted([x[None] for x in p], a)[0] - 1.0, jnp.zeros_like(w)) * gravity
-    )
-    units = jnp.concatenate([jnp.full((3,), gravity), jnp.ones((6,), w.dtype)])
-    covariance = invert_lanes(lower) * (units[:, None] * units[None, :])[None]
+    misfit = jnp.where(w > 0, predicted(p[:, None], a)[0] - 1.0, jnp.zeros_like(w)) * gravity
+    units = jnp.concatenate([jnp.full((3,), gravity, a.dtype), jnp.ones((6,), a.dtype)])
+    covariance = jnp.moveaxis(inverse, 2, 0) * (units[:, None] * units[None, :])[None]
     return BatchFit(
-        parameters=jnp.stack(p, axis=1) * units[None],
+        parameters=p.T * units[None],
         covariance=covariance,
         misfit=misfit.T[:, :, None],
         converged=done & ~jnp.isnan(p[0]),
@@ -95,27 +99,26 @@ def fit_invariant(
     )
 
 
-def _full_step(p: list[Lane], a: list[Array], w: Array) -> tuple[list[Lane], Lower, list[Lane]]:
-    """A Gauss-Newton step, the factor of its normal matrix, and the norms of the Jacobian's columns."""
-    size, columns = predicted([x[None] for x in p], a)
-    residual = (size - 1.0) * w
-    columns = [c * w for c in columns]
-    normal = [[jnp.sum(columns[i] * columns[j], axis=0) for j in range(i + 1)] for i in range(9)]
-    lower = factor_lanes(normal)
-    step = solve_lanes(lower, [jnp.sum(c * residual, axis=0) for c in columns])
-    moved = [x + d for x, d in zip(p, step, strict=True)]
-    return moved, lower, [jnp.sqrt(normal[i][i]) for i in range(9)]
+def _full_step(p: Array, a: Array, w: Array) -> tuple[Array, Array, Array]:
+    """A Gauss-Newton step, the swept normal matrix with the gradient beside it, and the norms of the
+    Jacobian's columns."""
+    size, columns = predicted(p[:, None], a)
+    rows = jnp.stack([c * w for c in (*columns, size - 1.0)])
+    normal = jnp.einsum("idl,jdl->ijl", rows, rows)
+    swept = sweep_lanes(normal, 9)
+    scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
+    return p + swept[:9, 9], swept, scale
 
 
-def _kept_step(
-    p: list[Lane], a: list[Array], w: Array, lower: Lower, scale: list[Lane]
-) -> tuple[list[Lane], Lane]:
-    """A step with a kept factor, and its size in standard deviations."""
-    size, columns = predicted([x[None] for x in p], a)
-    residual = (size - 1.0) * w * w
-    step = solve_lanes(lower, [jnp.sum(c * residual, axis=0) for c in columns])
-    sizes = [jnp.abs(d) * s for d, s in zip(step, scale, strict=True)]
-    largest = sizes[0]
-    for s in sizes[1:]:
-        largest = jnp.maximum(largest, s)
-    return [x + d for x, d in zip(p, step, strict=True)], largest
+def _gradient(p: Array, a: Array, squared: Array) -> Array:
+    size, columns = predicted(p[:, None], a)
+    residual = (size - 1.0) * squared
+    return jnp.sum(jnp.stack([c * residual for c in columns]), axis=1)
+
+
+def _product(matrix: Array, vector: Array) -> Array:
+    """Of every lane, written out: a batched matrix product would move the batch out of the lanes."""
+    total = matrix[:, 0] * vector[0][None]
+    for j in range(1, matrix.shape[1]):
+        total = total + matrix[:, j] * vector[j][None]
+    return total

@@ -198,5 +198,6 @@ def _without(reduced: Reduction, empty: pl.DataFrame) -> pl.DataFrame:
 
 
 def _table(columns: Columns, height: int, empty: pl.DataFrame) -> pl.DataFrame:
-    given = [pl.Series(k, v, strict=False).cast(empty.schema[k]) for k, v in columns.items()]
-    return empty.clear(height).with_columns(given)
+    nothing = empty.clear(height)
+    given = {k: pl.Series(k, v, strict=False).cast(empty.schema[k]) for k, v in columns.items()}
+    return pl.DataFrame([given.get(name, nothing[name]) for name in empty.columns])
