@@ -32,7 +32,7 @@ def calibrate_reduced(
 ) -> pl.DataFrame:
     """The rows of the results' table, in the order of the devices; `observe` is shown the scores, if any."""
     empty = _empty(manifest)
-    tables = [_without(reduced, empty)]
+    tables = [_without(reduced, empty)] if any(reduced.reasons) else []
     for stack in reduced.stacks:
         lacking = _lacking(stack.dwells, manifest)
         columns: Columns = {"reason": [lacking] * len(stack.members)}
@@ -198,6 +198,10 @@ def _without(reduced: Reduction, empty: pl.DataFrame) -> pl.DataFrame:
 
 
 def _table(columns: Columns, height: int, empty: pl.DataFrame) -> pl.DataFrame:
-    nothing = empty.clear(height)
-    given = {k: pl.Series(k, v, strict=False).cast(empty.schema[k]) for k, v in columns.items()}
-    return pl.DataFrame([given.get(name, nothing[name]) for name in empty.columns])
+    given = [pl.Series(k, v, strict=False).cast(empty.schema[k]) for k, v in columns.items()]
+    absent = empty.drop(columns.keys()).clear(height)
+    return (
+        absent.with_columns(given).select(empty.columns)
+        if absent.width
+        else pl.DataFrame(given).select(empty.columns)
+    )
