@@ -188,6 +188,47 @@ def test_one_bad_device_leaves_the_others_as_they_were():
     assert np.abs((fit.parameters[rest] - good.parameters[rest]) / sigma).max() < 1e-5
 
 
+@pytest.mark.parametrize("degree", [0, 2])
+def test_single_precision_loses_what_is_said(degree):
+    devices, _ = _fleet(degree, 20)
+    basis = Polynomial(degree, LOW, HIGH) if degree else Constant()
+    whole = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
+    single = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices), precision="float32")
+    assert single.converged.all()
+    units = np.tile([GRAVITY] * 3 + [1.0] * 6, degree + 1)
+    loss = np.abs(single.parameters - whole.parameters) / units
+    # 2⁻²⁴ = 6e-8 for each of the outputs and of the roundings of a dwell's residual.
+    assert 1e-9 < loss.max() < 3e-7
+    sigma = [np.sqrt(np.diagonal(f.covariance, axis1=1, axis2=2)) for f in (whole, single)]
+    np.testing.assert_allclose(sigma[1], sigma[0], rtol=1e-3)
+
+
+def test_single_precision_is_refused_to_other_estimators():
+    devices, _ = _fleet(0, 1)
+    with pytest.raises(ValueError, match="is for the invariant estimator.*got ReferenceAccel"):
+        fit_fleet(ReferenceAccel(), Constant(), stack_dwells(devices), precision="float32")
+
+
+def test_every_chunk_is_solved_in_double_precision_whatever_jax_is_set_to():
+    """A Dask worker has JAX's defaults, and the chunks of a solve run in threads of their own."""
+    out = run_limited(
+        """
+import sys; sys.path.insert(0, "tests")
+jax.config.update("jax_enable_x64", False)
+from inertiax.estimators import Invariant
+from inertiax.fleet import fit_fleet, stack_dwells
+from inertiax.temperature import Constant
+from test_fleet import _fleet
+devices, _ = _fleet(0, 300)
+fit = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices))
+last = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[-3:]))
+print(float(np.abs(fit.parameters[-3:] - last.parameters).max()))
+""",
+        seconds=240,
+    )
+    assert float(out) < 1e-14
+
+
 def test_no_hang_at_any_batch_size():
     out = run_limited(
         """
@@ -346,6 +387,41 @@ if __name__ == "__main__":
     )
     assert out.endswith("14\n")
     tables = [read_parts(tmp_path / f).collect().sort("device") for f in ("here", "there")]
+    assert tables[0].equals(tables[1])
+
+
+WORKERS_KILLED = """
+import os, signal, sys
+from dask.distributed import LocalCluster
+import inertiax.fleet.run as run
+import inertiax.fleet.tasks as tasks
+if __name__ == "__main__":
+    whole = tasks.split
+    run.split = lambda files, columns: whole(files, columns, rows=1)  # a task for each device
+    run.run_fleet(sys.argv[1], sys.argv[2], workers=1)
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        killed = []
+
+        def progress(done, of):
+            if done in (2, 6):
+                killed.append(next(iter(cluster.workers.values())).pid)
+                os.kill(killed[-1], signal.SIGKILL)
+
+        run.run_fleet(sys.argv[1], sys.argv[3], scheduler=cluster.scheduler_address, progress=progress)
+        print(len(set(killed)))
+"""
+
+
+def test_killed_dask_workers_leave_the_table_as_it_is(line, tmp_path):
+    """Kill −9 of the only worker, twice, while it is at a task."""
+    folder, truth = line
+    folders = [str(tmp_path / f) for f in ("whole", "broken")]
+    command = [sys.executable, "-c", WORKERS_KILLED, str(folder), *folders]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert done.stdout == "2\n"
+    tables = [read_parts(f).collect().sort("device") for f in folders]
+    assert tables[1].get_column("device").to_list() == sorted(truth)
     assert tables[0].equals(tables[1])
 
 

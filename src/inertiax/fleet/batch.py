@@ -8,12 +8,13 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..dwells import Dwells
 from ..estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
@@ -26,6 +27,8 @@ from .thermal import fit_thermal_invariant
 # Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet/solve.py).
 LANES = 128
 BLOCKS = 16
+
+Precision = Literal["float64", "float32"]
 
 
 class FleetFit(eqx.Module):
@@ -75,20 +78,31 @@ def fit_fleet(
     dwells: Dwells,
     *,
     threads: int | None = None,
+    precision: Precision = "float64",
 ) -> FleetFit:
     """Calibrate one triad of many devices, as `calibrate` does one: joint fit, then weights with the scatter
     between dwells that the misfit shows (Paule and Mandel 1982), then again.
 
     **Arguments:** `dwells` has a leading device axis, see `stack_dwells`; `threads` solve chunks side by
-    side (default: one for each core).
+    side (default: one for each core); `precision` of the invariant problem's arithmetic, "float64" whatever JAX
+    is set to, or "float32" for accelerators that are slow with more: estimates then end within some 10⁻⁷ of
+    gravity of the minimum, and weights and results stay float64.
+
+    Raises `ValueError` where "float32" is asked of another estimator.
     """
+    if precision == "float32" and not _is_batched(estimator):
+        raise ValueError(
+            "`fit_fleet(precision='float32')` is for the invariant estimator without robust loss; got "
+            f"{type(estimator).__name__}. Leave it out."
+        )
+    solve = partial(_solve, estimator, basis, precision=precision, threads=threads)
     valid = np.asarray(dwells.valid)
     unknowns = basis.size * estimator.num_parameters
     own = _own_sigma(estimator, dwells)
     known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
     scatter = np.where(known, 0.0, NOMINAL_SIGMA)
     size = _chunk(estimator, basis, len(valid))
-    fit = _solve(estimator, basis, dwells, own, scatter, size, threads)
+    fit = solve(dwells, own, scatter, size)
     chi2 = _chi2_per_dof(fit, own, valid, unknowns, known)
     for _ in range(2):
         settled = _paule_mandel(np.asarray(fit.misfit), own, valid, unknowns)
@@ -101,7 +115,7 @@ def fit_fleet(
         scatter = settled
         part = jax.tree.map(partial(_rows, rows=changed), dwells)
         # In chunks of the same size, for which there is a compiled program.
-        again = _solve(estimator, basis, part, own[changed], scatter[changed], size, threads)
+        again = solve(part, own[changed], scatter[changed], size)
         fit = jax.tree.map(partial(_put, rows=changed), fit, again)
     return FleetFit(
         parameters=np.asarray(fit.parameters),
@@ -152,6 +166,8 @@ def _solve(
     own: np.ndarray,
     scatter: np.ndarray,
     size: int,
+    *,
+    precision: Precision,
     threads: int | None,
 ) -> BatchFit:
     """One weighted solve of every device, in chunks of one compiled shape."""
@@ -161,8 +177,10 @@ def _solve(
 
     def one(chunk: np.ndarray) -> BatchFit:
         part = jax.tree.map(lambda x: np.asarray(x)[chunk], dwells)
-        fit = _solve_chunk(estimator, basis, part, own[chunk], scatter[chunk])
-        return jax.tree.map(np.asarray, fit)
+        # JAX's precision is a setting of each thread.
+        with jax.enable_x64(True):
+            fit = _solve_chunk(estimator, basis, part, own[chunk], scatter[chunk], precision)
+        return jax.tree.map(_as_float64, fit)
 
     # The first chunk compiles; the others then run the same program side by side.
     fits = [one(rows[0])]
@@ -177,15 +195,30 @@ def _solve_chunk(
     dwells: Dwells,
     own: np.ndarray,
     scatter: np.ndarray,
+    precision: Precision,
 ) -> BatchFit:
-    if isinstance(estimator, Invariant) and estimator.robust is None:
+    if isinstance(estimator, Invariant) and _is_batched(estimator):
         sigma = np.sqrt(np.square(own[:, :, 0]) + np.square(scatter)[:, None])
         weights = np.where(dwells.valid, 1.0 / sigma, 0.0)
+        outputs, temperature, weights, gravity = (
+            np.asarray(x, precision)
+            for x in (dwells.accel, dwells.temperature, weights, estimator.gravity)
+        )
         if isinstance(basis, Constant):
-            lanes = np.ascontiguousarray(np.asarray(dwells.accel).transpose(2, 1, 0))
-            return _constant(lanes, np.ascontiguousarray(weights.T), np.asarray(estimator.gravity))
-        return _thermal(dwells.accel, dwells.temperature, weights, estimator.gravity, basis)
+            lanes = np.ascontiguousarray(outputs.transpose(2, 1, 0))
+            return _constant(lanes, np.ascontiguousarray(weights.T), gravity)
+        return _thermal(outputs, temperature, weights, gravity, basis)
     return _linear(estimator, basis, dwells, jnp.asarray(scatter))
+
+
+def _is_batched(estimator: AbstractEstimator) -> bool:
+    """Whether the problem has a program of its own."""
+    return isinstance(estimator, Invariant) and estimator.robust is None
+
+
+def _as_float64(column: Array) -> np.ndarray:
+    values = np.asarray(column)
+    return values.astype(np.float64) if values.dtype == np.float32 else values
 
 
 _constant = jax.jit(fit_invariant)

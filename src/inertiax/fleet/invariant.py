@@ -23,6 +23,10 @@ from ..estimators.invariant import _COLUMNS, _ROWS
 from .cholesky import sweep_lanes
 
 
+# Of a step's residuals, in units of g: what is left of a step at the minimum.
+ROUNDINGS = 16.0
+
+
 class BatchFit(eqx.Module):
     """Many devices' solutions; arrays lead with the device. Parameters are those of `estimators.Invariant`,
     one set per basis function, row-major `(size, 9)`."""
@@ -79,9 +83,9 @@ def fit_invariant(
     def refine(state):
         p, k, done, steps = state
         step = _product(inverse, _gradient(p, a, squared))
-        settled = done | (jnp.max(jnp.abs(step) * scale, axis=0) < tolerance)
+        small = is_small(step, scale, tolerance, axis=0)
         p = jnp.where(done[None], p, p + step)
-        return p, k + 1, settled, steps + jnp.where(done, 0, 1)
+        return p, k + 1, done | small, steps + jnp.where(done, 0, 1)
 
     # NaN compares as false: a device that failed runs to the limit and is not converged.
     failed = jnp.isnan(p[0])
@@ -97,6 +101,15 @@ def fit_invariant(
         converged=done & ~jnp.isnan(p[0]),
         num_steps=steps,
     )
+
+
+def is_small(
+    step: Array, scale: Array, tolerance: float, *, axis: int | tuple[int, ...]
+) -> Bool[Array, " batch"]:
+    """Whether steps (in g and per unit) are below `tolerance` in standard deviations, or nothing but rounding."""
+    size = jnp.abs(step)
+    told = jnp.max(size * scale, axis=axis) < tolerance
+    return told | (jnp.max(size, axis=axis) < ROUNDINGS * jnp.finfo(step.dtype).eps)
 
 
 def _full_step(p: Array, a: Array, w: Array) -> tuple[Array, Array, Array]:

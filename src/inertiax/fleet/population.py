@@ -138,7 +138,4 @@ def read_population(path: Path | str) -> Population:
         content = file.read_bytes()
     except OSError as error:
         raise ValueError(f"{file}: cannot be read ({error.strerror}).") from None
-    population = decode(content, Population, str(file), f"a population of schema {SCHEMA}")
-    if population.schema != SCHEMA:
-        raise ValueError(f"{file}: schema is '{population.schema}'; this version reads '{SCHEMA}'.")
-    return population
+    return decode(content, Population, str(file), "a population", SCHEMA)

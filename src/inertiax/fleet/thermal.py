@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from ..temperature import AbstractBasis
 from .cholesky import inverse_blocks
-from .invariant import BatchFit, predicted
+from .invariant import BatchFit, is_small, predicted
 
 
 SHARED_STEPS = 5
@@ -75,9 +75,9 @@ def fit_thermal_invariant(
     def refine(state):
         c, k, done, steps = state
         change = step(c, own)
-        largest = jnp.max(jnp.abs(change) * scale, axis=(1, 2))
+        small = is_small(change, scale, tolerance, axis=(1, 2))
         c = jnp.where(done[:, None, None], c, c + change)
-        return c, k + 1, done | (largest < tolerance), steps + jnp.where(done, 0, 1)
+        return c, k + 1, done | small, steps + jnp.where(done, 0, 1)
 
     usable &= jnp.all(jnp.isfinite(near), axis=(1, 2))
     taken = jnp.full(len(kept), SHARED_STEPS, jnp.int32)
