@@ -130,10 +130,6 @@ class Calibration(eqx.Module):
 # The JSON form -----------------------------------------------------------------------------------
 
 
-class _Schema(msgspec.Struct):
-    schema: str  # looked at first: a later schema has other keys
-
-
 class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     kind: str  # constant | chebyshev | natural-cubic-spline
     degree: int | None = None
@@ -292,10 +288,7 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
         stored = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}).") from error
-    said = decode(stored, _Schema, str(path), f"a calibration of schema {SCHEMA}").schema
-    if said != SCHEMA:
-        raise ValueError(f"{path}: schema is {said[:60]!r}; this version reads {SCHEMA!r}.")
-    content = decode(stored, _File, str(path), f"a calibration of schema {SCHEMA}")
+    content = decode(stored, _File, str(path), "a calibration", SCHEMA)
     if not content.gravity > 0.0:
         raise ValueError(f"{path}: gravity is {content.gravity:g}; it must be above 0 m/s².")
     if content.temperature_range is not None:

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from .formats import ColumnMap, FORMATS, Layout, read_recordings
-from .formats.columns import nearest
+from .formats.columns import nearest, short
 from .formats.detect import is_recording
 from .recordings import Campaign, ModelChoice, Recording, Rig, Site
 from .screening import check_model_columns, screen
@@ -172,11 +172,20 @@ def _campaign_file(path: Path) -> Path:
 # --- the schema ----------------------------------------------------------------------------------
 
 
-def _read_table(file: Path) -> CampaignTable:
+def read_toml(file: Path) -> dict:
+    """The tables of a TOML file. Raises `ValueError` of one line where it is none."""
+    content = file.read_bytes()
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise ValueError(f"{file}: the text is UTF-16; save it as UTF-8.")
     try:
-        raw = tomllib.loads(file.read_text("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{file}: not valid TOML: {error}.") from None
+        return tomllib.loads(content.decode("utf-8-sig"))
+    # RecursionError: brackets in brackets; ValueError: whole numbers of thousands of digits.
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{file}: not valid TOML: {' '.join(str(error).split())[:200]}.") from None
+
+
+def _read_table(file: Path) -> CampaignTable:
+    raw = read_toml(file)
     if not raw:
         raise ValueError(f"{file}: the file is empty; [site] and [recordings] are needed.")
     _check_keys(raw, CampaignTable, file, "")
@@ -239,7 +248,8 @@ def _in_words(message: str, raw: dict) -> str:
     said = re.sub(r"Expected (.*), got (.*)", r"expected \1", said).replace("`", "")
     for ugly, plain in _TYPE_NAMES:
         said = re.sub(rf"\b{ugly}\b", plain, said)
-    return f"{where.strip()}: {said}; found {found!r}."
+    told = repr(found)
+    return f"{where.strip()}: {said}; found {told if len(told) < 80 else told[:80] + '…'}."
 
 
 _TYPE_NAMES = (
@@ -316,7 +326,12 @@ def _match(folder: Path, pattern: str, key: str) -> list[Path]:
             f"[recordings] {key}: the glob '{pattern}' leaves the campaign's folder; use globs inside "
             "it, or write each outside file out in full."
         )
-    found = [p for p in folder.glob(pattern) if is_recording(p) and not p.name.startswith(".")]
+    try:
+        found = [p for p in folder.glob(pattern) if is_recording(p) and not p.name.startswith(".")]
+    except (ValueError, NotImplementedError, RecursionError, OSError) as error:
+        raise ValueError(
+            f"[recordings] {key}: the glob '{short(pattern)}' cannot be used: {error}."
+        ) from None
     found = [p for p in found if p.name != "campaign.toml"]
     if not found:
         raise ValueError(f"[recordings] {key}: '{pattern}' matches no file in {_listing(folder)}.")

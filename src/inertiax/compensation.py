@@ -1,6 +1,5 @@
 """A calibration applied to a recording file: the same table with compensated columns."""
 
-import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -14,7 +13,7 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from .calibration import Calibration, TriadCalibration
-from .campaign import pair
+from .campaign import pair, read_toml
 from .formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from .formats.columns import AXES
 from .recordings import Recording
@@ -199,7 +198,7 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
         return ColumnMap(), Layout(), None
     file = campaign / "campaign.toml" if campaign.is_dir() else campaign
     try:
-        raw = tomllib.loads(file.read_text("utf-8-sig"))
+        raw = read_toml(file)
         columns = msgspec.convert(raw.get("columns", {}), ColumnMap)
         said = dict(raw.get("recordings", {}))
         name = said.pop("format", None)
@@ -207,10 +206,9 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
             said.pop(key, None)
         layout = msgspec.convert({**said, "gravity": raw.get("site", {}).get("gravity")}, Layout)
         return columns, layout, msgspec.convert(name, str | None)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{file}: not valid TOML: {error}.") from None
-    except msgspec.ValidationError as error:
-        raise ValueError(f"{file}: [columns] or [recordings]: {error}.") from None
+    except (msgspec.ValidationError, AttributeError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise ValueError(f"{file}: [columns] or [recordings]: {reason}.") from None
 
 
 def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:

@@ -8,11 +8,24 @@ import msgspec
 Document = TypeVar("Document")
 
 
-def decode(content: bytes, kind: type[Document], where: str, what: str) -> Document:
-    """The structure `kind` in a JSON document; `what` names it, such as "a calibration of schema …".
+class _Head(msgspec.Struct):
+    schema: str
 
-    Raises `ValueError`, one line beginning with `where`, for anything that is not exactly this.
+
+def decode(content: bytes, kind: type[Document], where: str, what: str, schema: str) -> Document:
+    """The structure `kind` in a JSON document; `what` names it, such as "a calibration".
+
+    The key `schema` is looked at first, since another schema has other keys. Raises `ValueError`, one
+    line beginning with `where`, for anything that is not exactly this.
     """
+    what = f"{what} of schema {schema}"
+    said = _decode(content, _Head, where, what).schema
+    if said != schema:
+        raise ValueError(f"{where}: schema is {said[:60]!r}; this version reads {schema!r}.")
+    return _decode(content, kind, where, what)
+
+
+def _decode(content: bytes, kind: type[Document], where: str, what: str) -> Document:
     try:
         return msgspec.json.decode(content, type=kind)
     except msgspec.ValidationError as error:

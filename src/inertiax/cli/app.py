@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> None:
     `INERTIAX_TRACEBACK=1` shows where.
     """
     try:
-        status = app(arguments, standalone_mode=False)
+        status = app(arguments, prog_name="inertiax", standalone_mode=False)
     except _Usage as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # `inertiax` alone: its message is the help
             error.show()
@@ -88,9 +88,9 @@ def _in_words(error: Exception) -> str:
     if type(error) is ValueError:
         return console.one_line(str(error))
     if isinstance(error, OSError):
-        return console.one_line(
-            f"{error.filename or 'writing or reading'}: {error.strerror or error}."
-        )
+        name = console.one_line(str(error.filename or "writing or reading"))
+        name = name if len(name) < 200 else f"{name[:100]}…{name[-60:]}"
+        return f"{name}: {console.one_line(str(error.strerror or error))}."
     if isinstance(error, MemoryError):
         return "not enough memory for this much data; split it, or use a machine with more."
     said = console.one_line(str(error))[:300]

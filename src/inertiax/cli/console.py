@@ -1,5 +1,6 @@
-"""Progress on standard error: a live line on a terminal, plain lines elsewhere."""
+"""Progress on standard error: a live line on a terminal, plain lines elsewhere where asked for."""
 
+import os
 import sys
 import threading
 import time
@@ -20,16 +21,22 @@ from rich.progress import (
 _LONG = 2.0  # s; a stage shorter than this is not worth a line
 
 
+def _unwatched(console: Console) -> bool:
+    """Whether nobody waits for progress: it goes to a file or a pipe, and was not asked for."""
+    return not console.is_terminal and not os.environ.get("INERTIAX_PROGRESS")
+
+
 class Stages:
     """Called with a line of text where a stage begins; says how long the stages took.
 
-    On a terminal the stage in progress is shown live with its elapsed time. Otherwise a stage is
-    told when it has lasted two seconds, and its time when it ends. `quiet` shows nothing.
+    On a terminal the stage in progress is shown live with its elapsed time. Elsewhere nothing is said,
+    or with INERTIAX_PROGRESS=1 a stage is told when it has lasted two seconds, and its time when it ends.
+    `quiet` shows nothing.
     """
 
     def __init__(self, *, quiet: bool = False):
-        self._quiet = quiet
         self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        self._quiet = quiet or _unwatched(self._console)
         self._live = None if quiet or not self._console.is_terminal else _live(self._console)
         self._timer: threading.Timer | None = None
         self._text: str | None = None
@@ -88,8 +95,9 @@ class Counter:
     """Called with how much is done of how much: a bar with the time left on a terminal, else lines."""
 
     def __init__(self, what: str, *, quiet: bool = False):
-        self._what, self._quiet = what, quiet
+        self._what = what
         self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        self._quiet = quiet or _unwatched(self._console)
         self._bar = None if quiet or not self._console.is_terminal else _bar(self._console)
         self._told = time.monotonic()
 

@@ -282,6 +282,6 @@ def _is_scenario(path: Path) -> bool:
         return False
     try:
         content = tomllib.loads(path.read_text("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError):
         return False
     return "recordings" not in content

@@ -61,9 +61,7 @@ def settings_from_noise(content: bytes, module: ModuleType, device: str) -> Nois
     wanted = getattr(module, "NOISE", None)
     if wanted is None:
         raise ValueError(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
-    document = decode(content, _Document, "--noise", "a document of `inertiax noise`")
-    if document.schema != SCHEMA:
-        raise ValueError(f"--noise: schema is {document.schema!r}; {SCHEMA!r} is needed.")
+    document = decode(content, _Document, "--noise", "a document of `inertiax noise`", SCHEMA)
     log = _log_of(document, device)
     values, notes = {module.RATE: log.rate.value}, []
     for key, (triad, term) in wanted.items():

@@ -121,6 +121,8 @@ def read_calibration_of(content: bytes, name: str, /, **settings: str | float | 
     except _NOT_SUCH_A_FILE as error:
         reason = " ".join(f"{type(error).__name__} {error}".split())[:200]
         raise ValueError(f"{name}: not such a file: {reason}.") from None
+    except ValueError as error:  # names in it are from the file
+        raise ValueError(" ".join(str(error).split())[:600]) from None
 
 
 # What indexing and converting run into where a document is of another shape, or its matrix has no inverse.

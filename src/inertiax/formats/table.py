@@ -200,6 +200,12 @@ def _labels(
             f"{where}: column '{said or key}' must hold whole numbers ({key}); row {row} is "
             f"{values[row]:g}."
         )
+    if np.abs(values).max() > 2.0**53:
+        row = int(np.argmax(np.abs(values)))
+        raise ValueError(
+            f"{where}: column '{said or key}' is {values[row]:g} in row {row}; whole numbers up to 2^53 "
+            "are told apart."
+        )
     return values.astype(np.int64)
 
 

@@ -164,7 +164,7 @@ def load_scenario(path: Path | str) -> Scenario:
         raw = tomllib.loads(file.read_text("utf-8-sig"))
     except IsADirectoryError:
         raise ValueError(f"{path}: is a folder; a scenario file (TOML) is needed.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not valid TOML: {error}.") from None
     try:
         _check_keys(raw)
@@ -226,6 +226,7 @@ def check_scenario(scenario: Scenario) -> None:
     for key, value, unit in above:
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{key} = {value:g} must be above 0 {unit}.")
+    _check_size(scenario)
     for key, value in _not_negative(scenario):
         if not (math.isfinite(value) and value >= 0):
             raise ValueError(f"{key} = {value:g} must be 0 or more.")
@@ -237,6 +238,29 @@ def check_scenario(scenario: Scenario) -> None:
         raise ValueError(
             f"[site] latitude = {scenario.site.latitude:g} must be within -90 to 90 degrees."
         )
+
+
+def _check_size(scenario: Scenario) -> None:
+    """A scenario that no disk holds is a slip of the pen."""
+    plan, device, recording = scenario.plan, scenario.device, scenario.recording
+    positions = plan.positions or PROGRAMMES[plan.programme].angles
+    seconds = len(plan.temperatures) * len(positions) * (plan.dwell_time + plan.slew_time)
+    samples = seconds * recording.rate * device.count
+    if samples > _MOST_SAMPLES:
+        raise ValueError(
+            f"[recording] rate = {recording.rate:g} Hz for {device.count} device(s) and {seconds:g} s at "
+            f"positions makes {samples:.2g} samples; {_MOST_SAMPLES:.0e} or fewer are simulated."
+        )
+    for key, value, most in (
+        ("[device] degree", device.degree, 12),
+        ("[device] seed", device.seed, 2**32 - 1),
+        ("[recording] seed", recording.seed, 2**32 - 1),
+    ):
+        if value > most:
+            raise ValueError(f"{key} = {value} must be at most {most}.")
+
+
+_MOST_SAMPLES = 1e9
 
 
 def _not_negative(scenario: Scenario) -> list[tuple[str, float | int]]:
