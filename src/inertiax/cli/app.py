@@ -63,7 +63,8 @@ def main(arguments: list[str] | None = None) -> None:
             error.show()
         else:
             command = getattr(getattr(error, "ctx", None), "command_path", "inertiax")
-            said = console.one_line(error.format_message()).rstrip(".") + "."
+            said = console.one_line(error.format_message()).rstrip(".")
+            said += "" if said.endswith("?") else "."
             print(f"inertiax: {said} See `{command} --help`.", file=sys.stderr)
         status = error.exit_code
     except (KeyboardInterrupt, typer.Abort):
@@ -89,9 +90,12 @@ def _in_words(error: Exception) -> str:
         return console.one_line(str(error))
     if isinstance(error, OSError):
         name = console.one_line(str(error.filename or "writing or reading"))
-        name = name if len(name) < 200 else f"{name[:100]}…{name[-60:]}"
-        return f"{name}: {console.one_line(str(error.strerror or error))}."
+        folder, slash, last = name.rpartition("/")
+        last = last if len(last) < 100 else f"{last[:40]}…"
+        return f"{folder}{slash}{last}: {console.one_line(str(error.strerror or error))}."
     if isinstance(error, MemoryError):
         return "not enough memory for this much data; split it, or use a machine with more."
     said = console.one_line(str(error))[:300]
+    if "(os error " in said:  # libraries in Rust tell of a full disk in their own exceptions
+        return f"writing or reading: {said.rsplit(': ', 1)[-1].split(' (os error')[0]}."
     return f"unforeseen {type(error).__name__}: {said} (INERTIAX_TRACEBACK=1 shows where)"

@@ -102,6 +102,8 @@ def compensate(
 
 def _write_table(table: "pl.DataFrame", path: Path) -> None:
     """Write beside the place and rename, so that the file is there whole or not at all."""
+    from polars.exceptions import PolarsError
+
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -118,6 +120,9 @@ def _write_table(table: "pl.DataFrame", path: Path) -> None:
             table.write_parquet(temporary)
         temporary.chmod(outputs.file_mode())
         os.replace(temporary, path)
+    except (OSError, PolarsError) as error:  # polars tells of a full disk in its own words
+        reason = str(error).rsplit(": ", 1)[-1].split(" (os error")[0]
+        raise ValueError(f"{path}: cannot be written: {reason}.") from None
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -1,0 +1,108 @@
+"""A result is there whole or not at all: the disk is full, the run is killed, two runs end together."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+
+from bad_inputs_cases import good_calibration
+from inertiax.cli.outputs import staged_folder
+
+
+posix = pytest.mark.skipif(os.name != "posix", reason="limits and signals of POSIX")
+
+
+def python(code: str, *arguments: object, limit: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Code in a process of its own, without the compilation cache."""
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": ""}
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=limit, env=environment)
+
+
+# Files may not grow beyond 4 kB: what a write meets in the middle on a full disk.
+FULL = """
+import resource, signal, sys
+from inertiax.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+main(sys.argv[1:])
+"""
+
+
+@posix
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, suffix):
+    columns = {"time": 0.01 * np.arange(5000)}
+    columns |= {f"accel_{a}": np.random.default_rng(0).standard_normal(5000) for a in "xyz"}
+    pl.DataFrame(columns).write_csv(tmp_path / "a.csv")
+    (tmp_path / "c.json").write_bytes(good_calibration(thermal=False))
+    result = tmp_path / f"out.{suffix}"
+    result.write_text("earlier")
+    done = python(FULL, "compensate", tmp_path / "c.json", tmp_path / "a.csv", "-o", result)
+    assert done.returncode == 1 and done.stdout == ""
+    assert done.stderr == f"inertiax: {result}: cannot be written: File too large.\n"
+    assert result.read_text() == "earlier"
+    assert {p.name for p in tmp_path.iterdir()} == {"a.csv", "c.json", result.name}
+
+
+@posix
+def test_a_run_that_is_killed_before_it_renames_leaves_the_earlier_result(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "calibration.json").write_text("earlier")
+    code = (
+        "import os, sys\nfrom pathlib import Path\nfrom inertiax.cli.outputs import staged_folder\n"
+        "with staged_folder(Path(sys.argv[1])) as staging:\n"
+        "    (staging / 'calibration.json').write_text('new')\n"
+        "    os.kill(os.getpid(), 9)\n"
+    )
+    assert python(code, tmp_path / "out").returncode == -signal.SIGKILL
+    assert (tmp_path / "out" / "calibration.json").read_text() == "earlier"
+    with staged_folder(tmp_path / "out") as staging:
+        (staging / "calibration.json").write_text("next")
+    assert (tmp_path / "out" / "calibration.json").read_text() == "next"
+
+
+@posix
+def test_a_file_that_is_killed_before_its_rename_is_the_earlier_one(tmp_path):
+    (tmp_path / "a.json").write_text("earlier")
+    code = (
+        "import os, sys\nfrom pathlib import Path\nfrom inertiax.calibration import write_atomically\n"
+        "os.replace = lambda a, b: os.kill(os.getpid(), 9)\n"
+        "write_atomically(Path(sys.argv[1]), b'new')\n"
+    )
+    assert python(code, tmp_path / "a.json").returncode == -signal.SIGKILL
+    assert (tmp_path / "a.json").read_text() == "earlier"
+
+
+TWICE = """
+import sys, time
+from pathlib import Path
+from inertiax.cli.outputs import staged_folder
+folder, mine, start = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3])
+with staged_folder(folder) as staging:
+    for k in range(300):
+        (staging / f"{k}.txt").write_text(mine)
+    time.sleep(max(0.0, start - time.time()))
+"""
+
+
+@posix
+@pytest.mark.parametrize("there", [True, False])
+def test_two_runs_that_end_together_leave_the_files_of_one(tmp_path, there):
+    if there:
+        (tmp_path / "out").mkdir()
+    together = str(time.time() + 3.0)
+    runs = [
+        subprocess.Popen([sys.executable, "-c", TWICE, str(tmp_path / "out"), name, together])
+        for name in "ab"
+    ]
+    assert [run.wait(60) for run in runs] == [0, 0]
+    found = sorted((tmp_path / "out").iterdir())
+    assert len(found) == 300
+    assert len({p.read_text() for p in found}) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]

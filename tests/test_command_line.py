@@ -1,0 +1,87 @@
+"""What holds for every command: JSON for scripts, nothing on a pipe but the result, completion, quick help."""
+
+import json
+import os
+import re
+import resource
+import subprocess
+import sys
+
+import pytest
+
+from bad_inputs_cases import CSV, FLEET, good_calibration, TOML
+from inertiax.cli.app import app
+from test_bad_commands import place, run
+
+
+COMMANDS = [c.name for c in app.registered_commands]
+SCENARIO = '[plan]\nprogramme = "8"\ntemperatures = [20.0]\ndwell_time = 5.0\nslew_time = 2.0\n'
+FILES = {
+    "good/campaign.toml": TOML,
+    "good/a.csv": CSV,
+    "good.csv": CSV,
+    "good.json": good_calibration(thermal=False),
+    "s.toml": SCENARIO,
+    "rest.csv": "time,accel_x,accel_y,accel_z\n"
+    + "".join(f"{0.01 * k:.2f},0.0{k % 7},0.0{k % 5},9.8{k % 3}\n" for k in range(600)),
+    **FLEET,
+}
+QUICK = {
+    "calibrate": "calibrate @good -o @out",
+    "compensate": "compensate @good.json @good.csv -o @out.csv",
+    "design": "design --optimise --positions 12 --experiments 3 --degree 1",
+    "export": "export @good.json --to inertiax -o @out.json",
+    "fleet": "fleet @c -o @out --workers 1",
+    "noise": "noise @rest.csv -o @out",
+    "simulate": "simulate @s.toml -o @out",
+}
+
+
+def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "import sys; from inertiax.cli import main; main(sys.argv[1:])", *arguments],
+        capture_output=True, text=True, timeout=60, env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("command", QUICK)
+def test_json_is_all_that_a_pipe_gets(command, tmp_path, capfd, monkeypatch):
+    place(tmp_path, FILES)
+    status, out, err = run(f"{QUICK[command]} --json", tmp_path, capfd, monkeypatch)
+    assert status == 0, err
+    assert isinstance(json.loads(out), dict)
+    assert err == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_offers_json_and_quiet_and_says_what_it_does(command):
+    said = python(command, "--help", COLUMNS="200", NO_COLOR="1")
+    assert said.returncode == 0 and said.stderr == ""
+    assert "--json" in said.stdout and "--quiet" in said.stdout
+    assert len(said.stdout.splitlines()) > 10
+
+
+def test_help_takes_less_than_half_a_second():
+    # Time on the processor, which does not depend on who else is computing; the best of three, since the
+    # first run may find no compiled bytecode.
+    spent = []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        assert python("--help").returncode == 0
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    assert min(spent) < 0.5
+
+
+def test_shells_complete_commands_and_options():
+    asked = {"_INERTIAX_COMPLETE": "complete_bash", "COMP_CWORD": "1", "COMP_WORDS": "inertiax cal"}
+    assert python(**asked).stdout.split() == ["calibrate"]
+    asked |= {"COMP_CWORD": "2", "COMP_WORDS": "inertiax calibrate --js"}
+    assert python(**asked).stdout.split() == ["--json"]
+
+
+def test_terminal_codes_in_a_message_are_made_harmless(tmp_path, capfd, monkeypatch):
+    (tmp_path / "\x1b[2Jx").mkdir()
+    status, _, err = run("calibrate \x1b[2Jx -o @out", tmp_path, capfd, monkeypatch)
+    assert status == 2
+    assert re.fullmatch(r"inertiax: [^\x00-\x1f]*\n", err)
