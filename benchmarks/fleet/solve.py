@@ -1,14 +1,19 @@
 """Throughput of batched solves from dwell means, beside Ceres, SciPy and a hand-vectorised bound.
 
-    pip install -e . pyceres
-    python benchmarks/fleet/solve.py [--devices 20000] [--json FILE]
+    pip install -e . pyceres        # and for jaxls what jaxls_peer.py says
+    python benchmarks/fleet/solve.py [--devices 20000] [--platform gpu] [--json FILE]
 
 1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_invariant` in chunks on all
    cores; Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its default
-   tolerances, problem construction inside the clock, one device after the other); and `invariant.c`, the same
-   steps written by hand for the vector lanes (compiled here with -O3 -march=native), on as many threads.
+   tolerances, problem construction inside the clock, one device after the other); almond-jaxls under `vmap` on as
+   many threads; and `invariant.c`, the same steps written by hand for the vector lanes (compiled here with
+   -O3 -march=native), on as many threads.
 2. Sixty-three parameters, 13 × 18 dwells: `fit_thermal_invariant` beside SciPy's MINPACK with analytic
    Jacobian.
+
+With `--platform gpu` the same two problems are solved by one program each on the accelerator instead: the answers
+beside those of the processor (relative to the largest of a kind), the throughput, and the share of the memory bandwidth
+(that of a copy, measured here) which reading the dwells and writing the results once would take.
 
 Medians of seven; every solver's answers are compared before its time is told. Compile time is told apart.
 """
@@ -32,32 +37,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
+from accelerator import accelerator_table
+from jaxls_peer import jaxls_time
+from problem import constant_problem, GRAVITY, SIGMA, thermal_problem
 
 from inertiax.fleet import fit_invariant, fit_thermal_invariant
 from inertiax.temperature import Polynomial
 
 
-GRAVITY, SIGMA = 9.815, 1e-4
-ROWS, COLUMNS = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 REPEATS = 7
-LANES, BLOCKS, WIDTH = 256, 16, 8
-
-
-def directions() -> np.ndarray:
-    faces = [s * np.eye(3)[i] for i in range(3) for s in (1.0, -1.0)]
-    signs = [(a, b) for a in (1.0, -1.0) for b in (1.0, -1.0)]
-    edges = [
-        (a * np.eye(3)[i] + b * np.eye(3)[j]) / np.sqrt(2)
-        for i in range(3) for j in range(i) for a, b in signs
-    ]  # fmt: skip
-    return np.array(faces + edges)
-
-
-def outputs(rng: np.random.Generator, theta: np.ndarray, force: np.ndarray) -> np.ndarray:
-    matrix = np.zeros((*theta.shape[:-1], 3, 3))
-    matrix[..., ROWS, COLUMNS] = theta[..., 3:]
-    a = force + np.einsum("...ij,...j->...i", matrix, np.broadcast_to(force, matrix.shape[:-1]))
-    return a + theta[..., :3] + rng.normal(0, SIGMA, a.shape)
+LANES, BLOCKS, WIDTH = 128, 16, 8
 
 
 def median(run: Callable[[], object]) -> float:
@@ -84,9 +73,7 @@ def rows(theta: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def constant(devices: int, threads: int) -> dict[str, float]:
-    rng = np.random.default_rng(1)
-    truth = rng.standard_normal((devices, 9)) * 5e-3
-    a = outputs(rng, truth[:, None, :].repeat(18, axis=1), directions() * GRAVITY)
+    a = constant_problem(devices)
     pad = -devices % LANES
     padded = np.concatenate([a, a[:pad]])
     lanes = [
@@ -112,12 +99,25 @@ def constant(devices: int, threads: int) -> dict[str, float]:
     sigma = SIGMA / np.sqrt(18)
     assert np.abs(same - answer)[:, :3].max() < 1e-4 * sigma
     ceres = ceres_time(a[:400], answer[:400])
+    jaxls = jaxls_seconds(a[:5120], answer, threads)
     return {
         "compile_s": compile_time,
         "ours_us": seconds / devices * 1e6,
         "bound_us": bound / devices * 1e6,
         "ceres_us": ceres * 1e6,
+        "jaxls_us": jaxls * 1e6,
     }
+
+
+def jaxls_seconds(a: np.ndarray, answer: np.ndarray, threads: int) -> float:
+    """Median seconds per device; NaN where jaxls or one of its packages is not installed."""
+    try:
+        seconds, found = jaxls_time(a, GRAVITY, SIGMA, threads)
+    except ImportError as error:
+        print(f"without jaxls: {error}")
+        return float("nan")
+    assert np.abs(found - answer[: len(found)])[:, :3].max() < 1e-2 * SIGMA
+    return seconds
 
 
 def bound_time(a: np.ndarray, threads: int) -> tuple[float, np.ndarray]:
@@ -194,12 +194,10 @@ def ceres_time(a: np.ndarray, answer: np.ndarray) -> float:
 
 
 def thermal(devices: int, threads: int) -> dict[str, float]:
-    rng = np.random.default_rng(2)
-    basis, count = Polynomial(6, -60.0, 60.0), 13 * 18
-    temperature = np.repeat(np.linspace(-58, 58, 13), 18) + rng.uniform(-2, 2, (devices, count))
-    phi = np.asarray(jax.vmap(jax.vmap(basis))(jnp.asarray(temperature)))
-    truth = rng.standard_normal((devices, 7, 9)) * 5e-3 / np.arange(1, 8)[:, None]
-    a = outputs(rng, phi @ truth, np.tile(directions(), (13, 1)) * GRAVITY)
+    basis = Polynomial(6, -60.0, 60.0)
+    a, temperature = thermal_problem(devices, basis.low, basis.high)
+    phi = np.polynomial.chebyshev.chebvander(temperature / 60.0, 6)
+    count = a.shape[1]
     weights = np.full((devices, count), 1 / SIGMA)
     chunks = [slice(k, k + BLOCKS) for k in range(0, devices, BLOCKS)]
     g = jnp.asarray(GRAVITY)
@@ -246,16 +244,26 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--devices", type=int, default=20_000)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--platform", choices=("cpu", "gpu"), default="cpu")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    jax.config.update(
+        "jax_platforms", "cpu" if options.platform == "cpu" else f"{options.platform},cpu"
+    )
     jax.config.update("jax_enable_x64", True)
+    if options.platform != "cpu":
+        accelerator_table(options.devices, options.json)
+        return
     nine = constant(options.devices, options.threads)
     many = thermal(512, options.threads)
-    print(f"{options.devices} devices, {options.threads} threads, float64, medians of {REPEATS}\n")
+    load = os.getloadavg()[0]
+    print(
+        f"{options.devices} devices, {options.threads} threads, float64, medians of {REPEATS}, load {load:.1f}\n"
+    )
     print(
         "| problem | ours, µs/device | peer, µs/device | ratio | compile, s |\n|---|---|---|---|---|"
     )
-    for peer, name in (("ceres", "Ceres"), ("bound", "C bound")):
+    for peer, name in (("ceres", "Ceres"), ("jaxls", "jaxls, vmap"), ("bound", "C bound")):
         ratio = nine[f"{peer}_us"] / nine["ours_us"]
         print(f"| 9 parameters, 18 positions, beside {name} | {nine['ours_us']:.2f} | "
               f"{nine[f'{peer}_us']:.2f} | {ratio:.2f} | {nine['compile_s']:.1f} |")  # fmt: skip

@@ -1,21 +1,51 @@
-"""Many devices: solved in batch, from recordings of any size, resumable, with the bad ones set aside."""
+"""Many devices: solved in batch, from recordings of any size, resumable, with the bad ones set aside.
 
-from .batch import fit_fleet as fit_fleet, FleetFit as FleetFit, stack_dwells as stack_dwells
-from .between import Between as Between, between_devices as between_devices
-from .explain import read_line_file as read_line_file
-from .invariant import fit_invariant as fit_invariant
-from .line import LineMismatch as LineMismatch, read_line as read_line
-from .linear import fit_linear as fit_linear
-from .mismatch import FleetScores as FleetScores, score as score
-from .populate import population_of as population_of
-from .population import (
-    Population as Population,
-    read_population as read_population,
-    TriadPopulation as TriadPopulation,
-    write_population as write_population,
-)
-from .results import fleet_calibration as fleet_calibration, FleetSummary as FleetSummary
-from .run import run_fleet as run_fleet
-from .sharding import fit_sharded as fit_sharded
-from .store import read_parts as read_parts
-from .thermal import fit_thermal_invariant as fit_thermal_invariant
+`run_fleet` does what `inertiax fleet` does; `read_parts`, `fleet_calibration`, `read_population` and
+`read_line_file` read what it wrote. `stack_dwells` and `fit_fleet` solve dwell means that are in memory,
+`fit_invariant`, `fit_thermal_invariant` and `fit_linear` are the programs behind it, `fit_sharded` spreads
+them over accelerators. `population_of` and `between_devices` tell how devices of a line differ, `score` and
+`read_line` what their model leaves out.
+"""
+
+from .batch import fit_fleet, FleetFit, stack_dwells
+from .between import Between, between_devices
+from .explain import read_line_file
+from .invariant import BatchFit, fit_invariant
+from .line import LineMismatch, read_line
+from .linear import fit_linear
+from .mismatch import FleetScores, score
+from .populate import population_of
+from .population import Population, read_population, TriadPopulation, write_population
+from .results import fleet_calibration, FleetSummary
+from .run import run_fleet
+from .sharding import fit_sharded
+from .store import read_parts
+from .thermal import fit_thermal_invariant
+
+
+__all__ = [
+    "BatchFit",
+    "Between",
+    "FleetFit",
+    "FleetScores",
+    "FleetSummary",
+    "LineMismatch",
+    "Population",
+    "TriadPopulation",
+    "between_devices",
+    "fit_fleet",
+    "fit_invariant",
+    "fit_linear",
+    "fit_sharded",
+    "fit_thermal_invariant",
+    "fleet_calibration",
+    "population_of",
+    "read_line",
+    "read_line_file",
+    "read_parts",
+    "read_population",
+    "run_fleet",
+    "score",
+    "stack_dwells",
+    "write_population",
+]
