@@ -16,7 +16,7 @@ from ..effects import CATALOGUE, Effect
 from ..recordings import Campaign
 from .alternatives import PREFIX
 from .engine import prepare, Prepared
-from .family import effective_tests
+from .family import Family, family
 from .identify import GATE
 from .limits import Absorbed, Audit, Detectable, POWER
 from .overlap import alias_sets, aliases
@@ -37,7 +37,7 @@ class Audited:
 
     prepared: Prepared
     scores: tuple[Score, ...]  # of the catalogue's terms that the calibration does not absorb
-    tests: float  # effective number of independent tests
+    tests: Family  # effective numbers of independent tests
 
 
 def audit(
@@ -58,7 +58,7 @@ def _audited(prepared: Prepared, estimate_noise: bool) -> Audited:
     system = prepared.system
     noise = fit_noise(system) if estimate_noise else assumed_noise(system)
     scores = whiten_system(system, noise, prepared.candidates).scores
-    tests = effective_tests(scores, [len(y) for y in system.base.observed])
+    tests = family(scores, [len(y) for y in system.base.observed])
     listed = tuple(s for s in scores if not s.term.name.startswith(PREFIX))
     return Audited(prepared, listed, tests)
 
@@ -127,7 +127,7 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
             score.size,
             rows * len(term.chains),
             forms[term.name, term.channels],
-            one.tests,
+            one.tests.tests(term),
         )
         found.setdefault((term.name, term.channel_names), []).append((score, z))
     made = []

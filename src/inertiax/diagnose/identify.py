@@ -7,7 +7,7 @@ import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
-from .family import effective_tests, family_p
+from .family import Family, family
 from .flexible import on_input
 from .memory import remember, Remembered
 from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
@@ -17,6 +17,8 @@ from .terms import Term
 
 GATE = 0.01  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
+STILL = 0.02  # chance above which an effect is dropped when it is compared again at the end
+OPEN = 0.5  # part of those levels that unlisted dependences have
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
@@ -47,7 +49,7 @@ class Answer:
     noise: NoiseFit  # with the chosen terms in the mean
     null_noise: NoiseFit
     p_value: float  # of the gate
-    tests: float  # effective number of independent tests
+    tests: Family  # effective numbers of independent tests
     candidates: tuple[Term, ...]  # a short list
     ranked: tuple[Candidate, ...]  # of the first step
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
@@ -161,12 +163,12 @@ def identify(
     start, ranked, slow, short = _screen(system, null, everything, forms, grade)
     short = [*short, *_finer_forms(ranked, slow, finer)]
     scores = [c.score for c in ranked]
-    tests = effective_tests(scores, [len(y) for y in system.base.observed])
-    say(f"{len(everything)} candidates screened, {tests:.0f} independent tests")
+    tests = family(scores, [len(y) for y in system.base.observed])
+    say(f"{len(everything)} candidates screened, {tests.total:.0f} independent tests")
     leaders = _leaders(slow, 3, 1)
     fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
     first = ranked
-    gate = min(family_p(c, tests) for c in ranked[:10])
+    gate = min(tests.p_value(c) for c in ranked[:10])
     ask = Asked(system, tuple(short), forms, grade, tests, say)
     found = ask.search([], fuller, ranked, None)
     memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
@@ -205,7 +207,7 @@ class Asked:
     short: tuple[Term, ...]
     forms: dict
     grade: str | None
-    tests: float
+    tests: Family
     say: Callable[[str], None]
 
     def search(
@@ -229,13 +231,13 @@ class Asked:
             if unlisted is not None and (
                 listed is None or unlisted.evidence > listed.evidence + MARGIN
             ):
-                p = family_p(unlisted, tests)
-                if p < level and unlisted.evidence > 0:
+                p = tests.p_value(unlisted)
+                if p < OPEN * level and unlisted.evidence > 0:
                     if listed is None or not self._pair_beats(fuller, listed, unlisted, terms):
                         return Found(tuple(chosen), noise, unlisted, p)
             if (
                 listed is None
-                or family_p(listed, tests) >= level
+                or tests.p_value(listed) >= level
                 or listed.evidence < (0.0 if not chosen else 2.0)
             ):
                 break
@@ -270,7 +272,7 @@ class Asked:
             c for c in sorted(names.values(), key=lambda c: -c.evidence)
             if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
         )  # fmt: skip
-        return Named(lead, family_p(lead, self.tests), rivals)
+        return Named(lead, self.tests.p_value(lead), rivals)
 
     def left_over(
         self, found: Found, flexible: Sequence[Term], null: NoiseFit
@@ -350,7 +352,10 @@ def _conclude(
     for k, mine in enumerate(chosen[len(named) :], start=len(named)):
         assert noise is not None  # fitted beside each effect chosen
         others = [c.term for j, c in enumerate(chosen) if j != k]
-        named.append(ask.again(mine, others, [noise] if others else [noise, null]))
+        again = ask.again(mine, others, [noise] if others else [noise, null])
+        if again.p_value < STILL:
+            named.append(again)
+    noise = noise if named else None
     best_open, open_p = found.unlisted, found.unlisted_p
     if best_open is None and left is not None:
         best_open, open_p = left.candidate, left.p_value

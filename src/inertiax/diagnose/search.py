@@ -16,6 +16,9 @@ from .system import fit_noise, likelihood, NoiseFit, Score, System, whiten_syste
 from .terms import Term
 
 
+ROOM = 0.35  # standard deviation of the logarithm of a coefficient that theory fixes at 1
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A term with what it gains over the terms chosen so far."""
@@ -50,14 +53,22 @@ def plausibility(score: Score, usual: Usual | None) -> float:
     if usual is None:
         return 0.0
     if usual.fixed:
-        # 1 by theory: its logarithm is near 0. The grid of the setting and its shape leave some room.
-        value, spread = max(score.coefficients[0], 1e-3), np.sqrt(score.covariance[0, 0])
-        return float(-0.5 * (np.log(value) / np.hypot(0.35, spread / value)) ** 2)
+        return _near_one(float(score.coefficients[0]), float(np.sqrt(score.covariance[0, 0])))
     if usual.largest is None:
         return 0.0
     size = float(np.abs(score.coefficients).max())
     excess = max(0.0, np.log10(max(size, 1e-300) / usual.largest) - 1.0)
     return float(-4.0 * excess**2)
+
+
+def _near_one(value: float, spread: float) -> float:
+    """Log prior of a coefficient that is 1 by theory: its logarithm is near 0.
+
+    The grid of the setting and its shape leave some room; a negative coefficient has no meaning.
+    """
+    if value > 0.0:
+        return -0.5 * (np.log(value) / np.hypot(ROOM, spread / value)) ** 2
+    return -0.5 * (((value - 1.0) / np.hypot(ROOM, spread)) ** 2 + (value / spread) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
