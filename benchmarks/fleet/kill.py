@@ -6,8 +6,9 @@
 The peer is an undisturbed run over the same files. *Process*: `run_fleet` is started as a process of its own and
 killed after a time drawn evenly from the whole duration of the undisturbed one, imports included, and started again
 in the same folder; where all parts were done or a run reached its end, the table is compared and the next run begins
-afresh. *Worker*: the tasks go to two Dask workers, of which a random one is killed at random times; the scheduler
-starts it anew. Tables must be equal to the last bit, whatever was killed. A task holds one device.
+afresh. *Worker*: the tasks go to two Dask workers, of which a random one is killed at random times, each
+after further parts were done; it is started anew. Tables must be equal to the last bit, whatever was killed. A task
+holds one device.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from raw import campaign, device
 
 
 DEVICES, FILES = 120, 2
-PAUSE = 4.0  # s between workers' deaths on average
+PAUSE = 4.0  # s between two looks at the workers, at most
 
 RUN = """
 import sys
@@ -104,10 +105,12 @@ def kill_process(
 
 
 def kill_workers(
-    source: Path, base: Path, kills: int, undisturbed: pl.DataFrame
+    source: Path, base: Path, kills: int, duration: float, undisturbed: pl.DataFrame
 ) -> tuple[int, list[int]]:
     """As `kill_process`, of Dask workers; a run that gave up (a task that lost four workers) is started again."""
     from dask.distributed import LocalCluster, Status
+
+    del duration
 
     done_at: list[int] = []
     runs = 1
@@ -115,15 +118,17 @@ def kill_workers(
         while len(done_at) < kills:
             out = base / f"workers-{runs}"
             process = start(source, out, cluster.scheduler_address)
+            before = 0
             while process.poll() is None and len(done_at) < kills:
-                time.sleep(random.uniform(0.0, 2.0 * PAUSE))
+                time.sleep(random.uniform(0.0, PAUSE))
+                done = len(list(out.glob("parts/part-*")))
                 alive = [
                     w for w in cluster.workers.values() if w.status == Status.running and w.pid
                 ]
-                if process.poll() is None and alive:
+                if process.poll() is None and alive and done > before:
                     os.kill(random.choice(alive).pid, signal.SIGKILL)
-                    done_at.append(len(list(out.glob("parts/part-*"))))
-                cluster.scale(2)
+                    done_at.append(done)
+                    before = done
             process.communicate(timeout=600)
             if process.returncode:
                 print(f"  {out.name}: gave up with {done_at[-1]} parts; started again")
@@ -137,6 +142,7 @@ def kill_workers(
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--only", choices=("process", "workers"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
@@ -150,19 +156,18 @@ def main() -> None:
         duration = time.perf_counter() - begin
         undisturbed = table(base / "whole")
         check(base / "first", undisturbed)
+        result: dict[str, object] = {"devices": DEVICES, "undisturbed_s": duration}
         print(f"undisturbed: {DEVICES} devices in {duration:.1f} s")
-        process = kill_process(source, base, chosen.kills, duration, undisturbed)
-        print(
-            f"process: {len(process[1])} kills over {process[0]} runs, parts done at each: {process[1]}"
-        )
-        workers = kill_workers(source, base, chosen.kills, undisturbed)
-        print(
-            f"workers: {len(workers[1])} kills over {workers[0]} runs, parts done at each: {workers[1]}"
-        )
+        for what, kill in (("process", kill_process), ("workers", kill_workers)):
+            if chosen.only in (None, what):
+                runs, done_at = kill(source, base, chosen.kills, duration, undisturbed)
+                result[what] = {"runs": runs, "parts_done": done_at}
+                print(
+                    f"{what}: {len(done_at)} kills over {runs} runs, parts done at each: {done_at}"
+                )
     finally:
         shutil.rmtree(base)
     if chosen.json:
-        result = {"process": process, "workers": workers, "undisturbed_s": duration}
         chosen.json.write_text(json.dumps(result, indent=1))
 
 

@@ -27,6 +27,8 @@ from .thermal import fit_thermal_invariant
 # Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet/solve.py).
 LANES = 128
 BLOCKS = 16
+# On an accelerator: what keeps it busy, in some hundred MB of its memory.
+LANES_THERE, BLOCKS_THERE = 2**16, 2**11
 
 Precision = Literal["float64", "float32"]
 
@@ -154,9 +156,12 @@ def _own_sigma(
 
 def _chunk(estimator: AbstractEstimator, basis: AbstractBasis, count: int) -> int:
     """Devices solved at once: one of a few numbers, so that compiled programs are shared."""
-    if isinstance(basis, Constant) and isinstance(estimator, Invariant):
-        return LANES  # empty lanes cost less than another program
-    return min(BLOCKS, 1 << max(count - 1, 0).bit_length())
+    constant = isinstance(basis, Constant) and isinstance(estimator, Invariant)
+    needed = 1 << max(count - 1, 0).bit_length()
+    if jax.default_backend() != "cpu":
+        return min(LANES_THERE if constant else BLOCKS_THERE, needed)
+    # Empty lanes cost less than another program.
+    return LANES if constant else min(BLOCKS, needed)
 
 
 def _solve(

@@ -1,0 +1,114 @@
+"""Raw rows of many devices to dwell means at once: as polars groups them, and as each device alone."""
+
+import jax
+import numpy as np
+import polars as pl
+import pytest
+
+from fleet_data import device_table, parameters
+from inertiax.fleet.blocks import BLOCKS
+from inertiax.fleet.reduce import reduce_table
+from inertiax.fleet.reduction import Reduced, Reduction
+from inertiax.formats import ColumnMap
+
+
+def _spoil(k: int, table: pl.DataFrame, rng: np.random.Generator) -> pl.DataFrame:
+    """Gaps, turning, saturation, few rows, wrong order, … by the device's number."""
+    row, x = pl.int_range(pl.len()), pl.col("accel_x")
+    changes = {
+        1: pl.when(row == 100).then(float("nan")).otherwise(x).alias("accel_x"),
+        2: pl.when(row < 200).then(float("inf")).otherwise(-x).alias("accel_y"),
+        3: x.clip(upper_bound=5.0).alias("accel_x"),
+        4: pl.col("time").reverse(),
+        5: pl.lit(-1, pl.Int32).alias("position"),
+        6: pl.when(row % 64 < 9).then(-1).otherwise(pl.col("position")).alias("position"),
+        7: pl.when(row == 70).then(None).otherwise(pl.col("position")).alias("position"),
+        8: pl.when(row == 3).then(None).otherwise(pl.col("temperature")).alias("temperature"),
+    }
+    table = table.with_columns(changes[k]) if k in changes else table
+    if k == 9:
+        return table.filter(pl.int_range(pl.len()) % 64 < 3)  # dwells of one block
+    if k in (10, 11):
+        return table.filter(pl.Series(rng.random(len(table)) > 0.4))
+    return table
+
+
+@pytest.fixture(scope="module")
+def tables() -> list[pl.DataFrame]:
+    rng = np.random.default_rng(6)
+    made = [
+        _spoil(k, device_table(rng, f"D{k}", parameters(rng, 1), 1 + k % 3), rng) for k in range(14)
+    ]
+    return [t.drop("device").cast({"position": pl.Int64}) for t in made]
+
+
+def _reduced(tables: list[pl.DataFrame], first: int = 0) -> list[Reduced]:
+    names = tuple(f"D{first + k}" for k in range(len(tables)))
+    rows = np.array([len(t) for t in tables])
+    return list(reduce_table(pl.concat(tables), rows, names, ColumnMap()))
+
+
+def test_a_device_among_others_is_reduced_as_alone(tables):
+    together = _reduced(tables)
+    for k, found in enumerate(together):
+        (alone,) = _reduced([tables[k]], first=k)
+        assert (found.device, found.reason) == (alone.device, alone.reason)
+        assert (found.dwells is None) == (alone.dwells is None)
+        for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_reasons_name_the_column_and_the_place(tables):
+    reasons = {k: r.reason for k, r in enumerate(_reduced(tables)) if r.reason}
+    assert sorted(reasons) == [1, 2, 3, 4, 5, 8]
+    assert "'accel_x' has no finite number in 1 of" in reasons[1]
+    assert "first in position 1 of experiment 0" in reasons[1]
+    assert (
+        "'accel_y' has no finite number in 50 of" in reasons[2]
+    )  # 3 dwells and 8 rows: 3 · 16 + 2
+    assert "'accel_x' stays at 5, its extreme value, through" in reasons[3]
+    assert reasons[4].startswith("time does not increase")
+    assert reasons[5].startswith("no rest")
+    assert "'temperature' has no finite number in 1 of" in reasons[8]
+
+
+def test_means_are_those_of_polars(tables):
+    for table, found in zip(tables, _reduced(tables), strict=True):
+        if found.dwells is None or table["position"].null_count() or (table["position"] < 0).any():
+            continue  # there a position is split, and counts as several dwells
+        grouped = table.group_by("experiment", "position", maintain_order=True).agg(
+            pl.col("time", "temperature", "accel_x", "accel_y", "accel_z").mean(), pl.len()
+        )
+        np.testing.assert_array_equal(found.dwells.count, grouped["len"])
+        np.testing.assert_array_equal(found.dwells.position, grouped["position"])
+        for name in ("time", "temperature"):
+            np.testing.assert_allclose(getattr(found.dwells, name), grouped[name], rtol=1e-12)
+        means = grouped.select("accel_x", "accel_y", "accel_z").to_numpy()
+        np.testing.assert_allclose(found.dwells.accel, means, rtol=1e-12, atol=1e-12)
+
+
+def test_the_covariance_is_by_successive_differences_of_block_means(tables):
+    """The Allan variance written as a loop over dwells, on a device of whole blocks."""
+    (found,) = _reduced([tables[0]])
+    assert found.dwells is not None
+    samples = tables[0]["accel_z"].to_numpy().reshape(-1, BLOCKS, 64 // BLOCKS)
+    squares = [np.diff(dwell.mean(axis=1)) ** 2 for dwell in samples]
+    variance = np.concatenate(squares).mean() / 2 / BLOCKS
+    np.testing.assert_allclose(found.dwells.accel_covariance[:, 2, 2], variance, rtol=1e-12)
+    off = found.dwells.accel_covariance[:, [0, 0, 1], [1, 2, 2]]
+    np.testing.assert_array_equal(off, 0.0)
+
+
+def test_dwells_of_single_blocks_have_no_covariance(tables):
+    (found,) = _reduced([tables[9]])
+    assert found.dwells is not None
+    np.testing.assert_array_equal(found.dwells.accel_covariance, 0.0)
+
+
+def test_stacks_give_back_what_was_put_in(tables):
+    reduced = _reduced(tables)
+    again = list(Reduction.of(reduced))
+    for one, other in zip(reduced, again, strict=True):
+        assert (one.device, one.reason) == (other.device, other.reason)
+        for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(x, y)
