@@ -150,6 +150,7 @@ def main():
     parser.add_argument("--runs", action="append", required=True, metavar="NAME=FOLDER")
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="Markdown page")
+    parser.add_argument("--given", type=Path, help="what `given.py` wrote for the first run")
     args = parser.parse_args()
     runs = {name: Path(folder) for name, folder in (r.split("=", 1) for r in args.runs)}
     missing = unfinished(args.cases, runs)
@@ -160,6 +161,8 @@ def main():
         "seed": answers["seed"],
         "sealed": (args.cases / "answers.sha256").read_text().strip(),
     }
+    if args.given:
+        results["given"] = json.loads(args.given.read_text())["summary"]
     results["methods"] = {}
     for name, folder in runs.items():
         marks = [mark(a, *read_run(folder / a["case"])) for a in answers["cases"]]

@@ -40,6 +40,7 @@ def report_diagnosis(
         *_fit_section(found, folder),
         *_place_section(found, folder, campaign),
         *_moved_section(found, folder),
+        *_noise_section(found),
         *_limits_section(found),
     ]
     write_page(
@@ -251,6 +252,17 @@ def _moved_row(moved: Moved) -> tuple[str, ...]:
     after, sigma = with_sigma(factor * moved.after, factor * moved.std)
     before, _ = with_sigma(factor * moved.before, factor * moved.std)
     return name, before, after, sigma, unit, f"{(moved.after - moved.before) / moved.std:+.1f}"
+
+
+def _noise_section(found: Diagnosis) -> list[Section]:
+    """The fitted noise beside the Allan deviation of the rows, where a rest is long enough."""
+    if not found.noise:
+        return []
+    lines = (
+        "Every probability above rests on the noise that was fitted. Allan deviations of the residual rows "
+        "beside those of draws from it:",
+    )
+    return [Section("Is the noise right?", lines=lines, items=found.noise)]
 
 
 def _limits_section(found: Diagnosis) -> list[Section]:
