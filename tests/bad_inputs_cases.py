@@ -8,11 +8,12 @@ import io
 import json
 import os
 import pickle
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import polars as pl
@@ -102,10 +103,41 @@ def hdf5(**arrays: object) -> bytes:
     return memory.getvalue()
 
 
+def hdf5_bomb() -> bytes:
+    """Four columns of 800 MB each that are nowhere stored."""
+    import h5py
+
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        for name in ("time", "accel_x", "accel_y", "accel_z"):
+            file.create_dataset(name, (10**8,), "f8", chunks=(10**6,), compression="gzip")
+    return memory.getvalue()
+
+
+def bag_bomb() -> bytes:
+    """A bag with one chunk of 300 MB of zeros."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import get_typestore, Stores
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with tempfile.TemporaryDirectory() as folder:
+        writer = Writer(Path(folder) / "a.bag")
+        writer.set_compression(Writer.CompressionFormat.LZ4)
+        with writer:
+            topic = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+            writer.write(topic, 1, bytes(300_000_000))
+        return (Path(folder) / "a.bag").read_bytes()
+
+
+def written_by(make: Callable[[], bytes]) -> Callable[[Path], object]:
+    """A file that is only made when its case runs."""
+    return lambda path: path.write_bytes(make())
+
+
 def good_calibration(*, thermal: bool = True, **changes: object) -> bytes:
     """calibration.json with changed keys; a key of several parts goes into tables."""
     made = calibration(Polynomial(1, -40.0, 70.0) if thermal else None, d=False)
-    path = Path(os.environ.get("TMPDIR", "/tmp")) / f"inertiax-{os.getpid()}.json"
+    path = Path(tempfile.gettempdir()) / f"inertiax-{os.getpid()}.json"
     write_calibration(made, path)
     document = json.loads(path.read_text())
     path.unlink()
@@ -121,15 +153,18 @@ def good_calibration(*, thermal: bool = True, **changes: object) -> bytes:
     return json.dumps(document).encode()
 
 
+Content: TypeAlias = bytes | str | Callable[[Path], object]
+
+
 class Case(NamedTuple):
     """Arguments, and files by name: content, or a function that makes the file."""
 
     arguments: str
-    files: dict[str, bytes | str | Callable[[Path], object]] = {}
+    files: dict[str, Content] = {}
 
 
 def recorded(
-    content: bytes | str, *, name: str = "a.csv", toml: str = TOML, command: str = "calibrate"
+    content: Content, *, name: str = "a.csv", toml: str = TOML, command: str = "calibrate"
 ):
     """A campaign of one recording."""
     return Case(f"{command} @c -o @out", {"c/campaign.toml": toml, f"c/{name}": content})
@@ -187,8 +222,10 @@ CASES: dict[str, Case] = {
     "shapes that do not fit": recorded(
         hdf5(time=np.arange(40) * 0.1, accel=np.ones((39, 3))), name="a.h5"
     ),
-    "Parquet bomb": recorded(parquet_bomb(), name="a.parquet"),
-    "MATLAB bomb": recorded(matlab_bomb(), name="a.mat"),
+    "Parquet bomb": recorded(written_by(parquet_bomb), name="a.parquet"),
+    "MATLAB bomb": recorded(written_by(matlab_bomb), name="a.mat"),
+    "HDF5 bomb": recorded(written_by(hdf5_bomb), name="a.h5"),
+    "bag bomb": recorded(written_by(bag_bomb), name="a.bag"),
     "zip bomb in npz": recorded(zip_bomb(), name="a.npz"),
     "zip bomb in xlsx": recorded(zip_bomb(), name="a.xlsx"),
     "pickle in npy": recorded(pickled(), name="a.npy"),

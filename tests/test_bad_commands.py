@@ -15,7 +15,7 @@ from inertiax.cli import main
 
 
 GOLDEN = Path(__file__).with_name("bad_inputs.txt")
-SLOWEST = 20.0  # s: what a reader makes of a bomb, on a loaded machine
+SLOWEST = 20.0  # s on the processor: no bad input is worked on for long
 
 
 def place(folder: Path, files: dict) -> None:
@@ -57,9 +57,9 @@ def test_a_bad_input_is_refused_in_its_one_line(name, tmp_path, capfd, monkeypat
     place(tmp_path, good)
     place(tmp_path, case.files)
     before = sorted(p for p in tmp_path.rglob("*"))
-    start = time.monotonic()
+    start = time.process_time()
     status, out, err = run(case.arguments, tmp_path, capfd, monkeypatch)
-    assert time.monotonic() - start < SLOWEST
+    assert time.process_time() - start < SLOWEST
     assert status in (1, 2), (status, err)
     assert out == ""
     assert err.startswith("inertiax: ") and err.count("\n") == 1 and err.endswith("\n"), err

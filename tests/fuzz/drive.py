@@ -1,10 +1,11 @@
-"""Coverage-guided fuzzing of one reader with atheris; from `tests/`: `python -m fuzz.drive csv --runs 100000`.
+"""Coverage-guided fuzzing of readers with atheris; from `tests/`: `python -m fuzz.drive csv ulog --runs 100000`.
 
 Needs `pip install inertiax[fuzz,test]`. Stops at the first crash, hang (10 s) or memory above 2 GB, and leaves
 the bytes in `--findings`; a finding that is fixed goes into `corpus/`.
 """
 
 import argparse
+import os
 import random
 import re
 import sys
@@ -33,7 +34,7 @@ INSTRUMENTED += [
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("target")
+    parser.add_argument("targets", nargs="+")
     parser.add_argument("--runs", type=int, default=10000)
     parser.add_argument("--seconds", type=int, default=0, help="at most; 0: no limit")
     parser.add_argument("--seed", type=int, default=1)
@@ -41,12 +42,25 @@ def main() -> None:
     parser.add_argument("--findings", type=Path, default=Path(tempfile.gettempdir()) / "findings")
     said = parser.parse_args()
     with atheris.instrument_imports(include=INSTRUMENTED, enable_loader_override=False):
-        from fuzz.mutate import change_of, of_bytes
-        from fuzz.targets import attempt, prepare, TARGETS
+        import fuzz.targets  # noqa: F401
+    for name in said.targets:
+        child = (
+            os.fork()
+        )  # libFuzzer ends its process; importing takes longer than fuzzing a little
+        if not child:
+            _fuzz(name, said)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        print(f"{name}: exit status {status}", file=sys.stderr, flush=True)
+
+
+def _fuzz(name: str, said: argparse.Namespace) -> None:
     import jax
 
+    from fuzz.mutate import change_of, of_bytes
+    from fuzz.targets import attempt, prepare, TARGETS
+
     jax.config.update("jax_enable_x64", True)
-    target = TARGETS[said.target]
+    target = TARGETS[name]
     home = Path(tempfile.mkdtemp(prefix="inertiax-fuzz-", dir=_memory()))
     folder, corpus = home / "files", home / "corpus"
     for new in (folder, corpus, said.findings):
@@ -58,7 +72,7 @@ def main() -> None:
         refused = attempt(target, folder, seed)
         if refused:
             print(f"seed {number} is refused: {refused}", file=sys.stderr)
-    for known in sorted((Path(__file__).parent / "corpus" / said.target).glob("*")):
+    for known in sorted((Path(__file__).parent / "corpus" / name).glob("*")):
         (corpus / known.name).write_bytes(known.read_bytes())
     (home / "words").write_text(_words(seeds))
     longest = said.longest or 2 * max(map(len, seeds))
@@ -68,7 +82,7 @@ def main() -> None:
         f"-seed={said.seed}",
         f"-max_len={longest}",
         f"-dict={home / 'words'}",
-        f"-artifact_prefix={said.findings}/{said.target}-",
+        f"-artifact_prefix={said.findings}/{name}-",
         "-timeout=10",
         "-rss_limit_mb=2048",
         "-len_control=0",

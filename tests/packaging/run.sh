@@ -25,7 +25,8 @@ first=${found[0]}
 "$work/tools/bin/python" -m build --outdir "$work/dist" . >"$work/build.log" 2>&1 || { tail -20 "$work/build.log"; exit 1; }
 "$work/tools/bin/twine" check --strict "$work"/dist/* >/dev/null
 wheel=$(ls "$work"/dist/*.whl) sdist=$(ls "$work"/dist/*.tar.gz)
-"$first" -m zipfile -l "$wheel" | grep -q 'inertiax/py.typed' || { echo "py.typed is not in the wheel" >&2; exit 1; }
+"$first" -c 'import sys, zipfile; sys.exit("inertiax/py.typed" not in zipfile.ZipFile(sys.argv[1]).namelist())' "$wheel" ||
+    { echo "py.typed is not in the wheel" >&2; exit 1; }
 
 attempt() { # label, python, what to install, more arguments of uv
     local start=$SECONDS label=$1 python=$2 what=$3

@@ -11,6 +11,7 @@ import numpy as np
 from ..recordings import Recording
 from .arrays import choose_group, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
+from .expansion import require_plausible
 from .optional import load
 from .table import to_recordings
 
@@ -38,6 +39,7 @@ def read_arrays(
             if group is not None:
                 choose_group(_names(h5py, file), group.strip("/"), path.name)
                 start = file[group]
+            require_plausible(_claimed(h5py, start), path.stat().st_size, path.name)
             if isinstance(start, h5py.Dataset):
                 return {group or "": _values(start, path, matlab)}
             return _walk(h5py, start, "", path, matlab)
@@ -80,6 +82,13 @@ def _walk(h5py, group, prefix: str, path: Path, matlab: bool) -> dict[str, np.nd
         elif isinstance(item, h5py.Dataset) and _readable(h5py, item):
             arrays[f"{prefix}{name}"] = _values(item, path, matlab)
     return arrays
+
+
+def _claimed(h5py, item) -> int:
+    """Bytes of everything that would be read: a few bytes of a file can claim any size."""
+    if isinstance(item, h5py.Dataset):
+        return int(item.nbytes) if _readable(h5py, item) else 0
+    return sum(_claimed(h5py, one) for _, one in _inside(h5py, item))
 
 
 def _readable(h5py, dataset) -> bool:

@@ -11,6 +11,7 @@ Only these two message types are decoded, by the library's own definitions and n
 import functools
 import importlib
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import polars as pl
@@ -18,6 +19,7 @@ import polars as pl
 from ..recordings import Recording
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, nearest, shown
 from .optional import load
+from .ros_chunks import bounded
 from .streams import onto
 from .table import to_recordings
 
@@ -38,6 +40,13 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     """The recording of one topic. Raises `ValueError` naming file, topic and what is wrong."""
     rosbag1 = load("rosbags.rosbag1", "ros", path)
     rosbag2 = load("rosbags.rosbag2", "ros", path)
+    with bounded():
+        return _read(rosbag1, rosbag2, path, columns, layout)
+
+
+def _read(
+    rosbag1: ModuleType, rosbag2: ModuleType, path: Path, columns: ColumnMap, layout: Layout
+) -> tuple[Recording, ...]:
     one = path.suffix == ".bag" and not path.is_dir()
     kind = rosbag1.Reader if one else rosbag2.Reader
     try:
