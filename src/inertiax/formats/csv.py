@@ -148,6 +148,10 @@ def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.Data
         )
     table.columns = names
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # blank lines
+    if not table.height:
+        raise ValueError(
+            f"{where}: no rows of data, only separators; at least one sample is needed."
+        )
     last = table.row(-1)
     if last[-1] is None and len(last) > 1 and table.get_column(names[-1]).null_count() == 1:
         found = sum(v is not None for v in last)
