@@ -49,8 +49,10 @@ def predicted(p: Array | list[Array], outputs: Array | list[Array]) -> tuple[Arr
     v2 = f2 * inverse * d2
     v1 = (f1 * inverse - g21 * v2) * d1
     v0 = (f0 * inverse - g10 * v1 - g20 * v2) * d0
-    v, f = (v0, v1, v2), (f0, f1, f2)
     size = (f0 * f0 + f1 * f1 + f2 * f2) * inverse
+    # Or the compiler works all of it out anew for each of the columns.
+    *v, f0, f1, f2 = jax.lax.optimization_barrier((v0, v1, v2, f0, f1, f2))
+    f = (f0, f1, f2)
     return size, [*v, *(v[i] * f[j] for i, j in zip(_ROWS, _COLUMNS, strict=True))]
 
 

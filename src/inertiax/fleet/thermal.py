@@ -39,31 +39,32 @@ def fit_thermal_invariant(
     Parameters come row-major `(size, 9)`, in m/s² and per unit. A device whose plan differs much from the
     others' needs more steps, and may not be `converged` within `max_steps`.
     """
-    a = outputs / gravity
+    # Dwells last, where they fill the vector lanes.
+    a = jnp.moveaxis(outputs, 2, 0) / gravity
     w = weights * gravity
-    phi = jax.vmap(jax.vmap(basis))(temperature)
-    size = basis.size
-    kept = jnp.arange(outputs.shape[0])
+    phi = jnp.moveaxis(jax.vmap(jax.vmap(basis))(temperature), 2, 1)
+    size, batch = basis.size, len(weights)
 
     def rows(c: Array) -> tuple[Array, Array]:
-        theta = jnp.matmul(phi, c)
-        magnitude, columns = predicted(
-            [theta[:, :, i] for i in range(9)], [a[:, :, i] for i in range(3)]
-        )
-        return (magnitude - 1.0) * w, jnp.stack(columns, axis=-1) * w[:, :, None]
+        theta = jnp.moveaxis(jnp.matmul(jnp.swapaxes(c, 1, 2), phi), 1, 0)
+        magnitude, columns = predicted(theta, a)
+        return (magnitude - 1.0) * w, jnp.stack([x * w for x in columns], axis=1)
 
     def gradient(c: Array) -> Array:
         residual, row = rows(c)
-        return jnp.matmul(jnp.swapaxes(phi, 1, 2), row * residual[:, :, None])
+        return jnp.matmul(phi, jnp.swapaxes(row * residual[:, None], 1, 2))
 
     def step(c: Array, metric: Array) -> Array:
         return jnp.matmul(gradient(c).reshape(-1, 1, size * 9), metric).reshape(c.shape)
 
-    zero = jnp.zeros((len(kept), size, 9), a.dtype)
-    first = normal_matrices(phi, rows(zero)[1])
+    zero = jnp.zeros((batch, size, 9), a.dtype)
+    first = rows(zero)[1]
     usable = jnp.all(jnp.isfinite(first), axis=(1, 2))
-    mean = jnp.where(usable[:, None, None], first, jnp.zeros_like(first)).mean(axis=0)
-    shared = inverse_blocks(mean[None], 9)
+    kept = jnp.where(usable[:, None, None], first, jnp.zeros_like(first))
+    # As of one device with the dwells of all.
+    joined = (jnp.swapaxes(x, 0, 1).reshape(1, x.shape[1], -1) for x in (phi, kept))
+    total = normal_matrices(*joined)
+    shared = inverse_blocks(total / batch, 9)
     near = jax.lax.fori_loop(0, SHARED_STEPS, lambda _, c: c + step(c, shared), zero)
     normal = normal_matrices(phi, rows(near)[1])
     own = inverse_blocks(normal, 9)
@@ -80,7 +81,7 @@ def fit_thermal_invariant(
         return c, k + 1, done | small, steps + jnp.where(done, 0, 1)
 
     usable &= jnp.all(jnp.isfinite(near), axis=(1, 2))
-    taken = jnp.full(len(kept), SHARED_STEPS, jnp.int32)
+    taken = jnp.full(batch, SHARED_STEPS, jnp.int32)
     c, _, done, steps = jax.lax.while_loop(unsettled, refine, (near, SHARED_STEPS, ~usable, taken))
     residual, _ = rows(c)
     units = jnp.tile(jnp.concatenate([jnp.full((3,), gravity), jnp.ones((6,), a.dtype)]), size)
@@ -95,15 +96,15 @@ def fit_thermal_invariant(
 
 
 def normal_matrices(
-    phi: Float[Array, "batch dwells size"], rows: Float[Array, "batch dwells parameters"]
+    phi: Float[Array, "batch size dwells"], rows: Float[Array, "batch parameters dwells"]
 ) -> Float[Array, "batch unknowns unknowns"]:
     """Σ φφᵀ ⊗ ggᵀ of each device, from the products above the diagonals only."""
-    size, parameters = phi.shape[-1], rows.shape[-1]
+    size, parameters = phi.shape[1], rows.shape[1]
     of_phi, place_phi = _pairs(size)
     of_row, place_row = _pairs(parameters)
-    left = phi[:, :, of_phi[0]] * phi[:, :, of_phi[1]]
-    right = rows[:, :, of_row[0]] * rows[:, :, of_row[1]]
-    sums = jnp.matmul(jnp.swapaxes(left, 1, 2), right)
+    left = phi[:, of_phi[0]] * phi[:, of_phi[1]]
+    right = rows[:, of_row[0]] * rows[:, of_row[1]]
+    sums = jnp.matmul(left, jnp.swapaxes(right, 1, 2))
     full = sums[:, place_phi[:, None, :, None], place_row[None, :, None, :]]
     return full.reshape(-1, size * parameters, size * parameters)
 
