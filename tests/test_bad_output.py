@@ -10,8 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from bad_inputs_cases import good_calibration
+from bad_inputs_cases import good_calibration, TABLE, TOML
 from inertiax.cli.outputs import staged_folder
+from test_bad_commands import run
 
 
 posix = pytest.mark.skipif(os.name != "posix", reason="limits and signals of POSIX")
@@ -83,6 +84,7 @@ TWICE = """
 import sys, time
 from pathlib import Path
 from inertiax.cli.outputs import staged_folder
+from test_bad_commands import run
 folder, mine, start = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3])
 with staged_folder(folder) as staging:
     for k in range(300):
@@ -106,3 +108,28 @@ def test_two_runs_that_end_together_leave_the_files_of_one(tmp_path, there):
     assert len(found) == 300
     assert len({p.read_text() for p in found}) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+HOSTILE = "<img src=x onerror=alert(1)>\"'&</script><script>alert(2)</script>"
+
+
+@pytest.mark.parametrize("command", ["calibrate", "fleet"])
+def test_markup_in_a_serial_number_stays_text_in_every_page(tmp_path, monkeypatch, capfd, command):
+    names = [HOSTILE, "B", "C"] if command == "fleet" else [HOSTILE]
+    table = pl.concat([TABLE.with_columns(device=pl.lit(n)) for n in names])
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "campaign.toml").write_text(TOML)
+    table.write_parquet(tmp_path / "c" / "a.parquet")
+    status, _, err = run(f"{command} @c -o @out", tmp_path, capfd, monkeypatch)
+    assert status == 0, err
+    pages = [p.read_text() for p in (tmp_path / "out").rglob("*.html")]
+    assert pages and any("&lt;img" in page for page in pages)
+    for page in pages:
+        assert (
+            "<img src=x" not in page
+            and "<script>alert" not in page
+            and "</script><script>" not in page
+        )
+    pictures = [p.read_text() for p in (tmp_path / "out").rglob("*.svg")]
+    assert not any("<img" in picture or "<script" in picture for picture in pictures)
+    assert {p.name for p in tmp_path.iterdir()} == {"c", "out"}
