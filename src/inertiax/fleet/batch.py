@@ -260,17 +260,23 @@ def _paule_mandel(
     s2 = np.where(kept, np.square(own), 1.0)
     dof = kept.sum(axis=(1, 2)) - unknowns
     used = np.maximum(dof, 1)
-
-    def excess(t2: np.ndarray) -> np.ndarray:
-        total = s2 + t2[:, None, None]
-        ratio = np.divide(r2, total, out=np.zeros_like(r2), where=total > 0)
-        return ratio.sum(axis=(1, 2)) - used
-
-    low, high = np.zeros(len(dof)), r2.sum(axis=(1, 2)) / used
     quiet = np.all((own > 0) | ~kept, axis=(1, 2))
-    quiet &= excess(low) + used <= chi2.ppf(0.99, used)
+    ratio = np.divide(r2, s2, out=np.zeros_like(r2), where=s2 > 0)
+    numbers, place = np.unique(used, return_inverse=True)
+    quiet &= ratio.sum(axis=(1, 2)) <= chi2.ppf(0.99, numbers)[place]
+    scatter = np.zeros(len(dof))
+    noisy = np.flatnonzero(~quiet & (dof > 0))
+    scatter[noisy] = _excess_scatter(r2[noisy], s2[noisy], used[noisy])
+    return scatter
+
+
+def _excess_scatter(r2: np.ndarray, s2: np.ndarray, dof: np.ndarray) -> np.ndarray:
+    """τ with Σ r² / (s² + τ²) = dof, by bisection."""
+    low, high = np.zeros(len(dof)), r2.sum(axis=(1, 2)) / dof
     for _ in range(60):
         middle = 0.5 * (low + high)
-        above = excess(middle) > 0
+        total = s2 + middle[:, None, None]
+        ratio = np.divide(r2, total, out=np.zeros_like(r2), where=total > 0)
+        above = ratio.sum(axis=(1, 2)) > dof
         low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return np.where(quiet | (dof <= 0), 0.0, np.sqrt(high))
+    return np.sqrt(high)
