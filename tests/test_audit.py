@@ -11,6 +11,7 @@ from inertiax.cli.app import app
 from inertiax.diagnose import audit
 from inertiax.diagnose.audit import assumed_noise, Audited, detectable_sizes, needed, sigma
 from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.family import Family
 from inertiax.diagnose.identify import GATE
 from inertiax.diagnose.limits import POWER
 from inertiax.diagnose.system import NoiseFit, whiten_system
@@ -56,7 +57,11 @@ def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
 def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
     white, seconds = 1e-4, 2000.0
     prepared, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
-    one = Audited(prepared, tuple(s for s in scores if s.term.effect is not None), 50.0)
+    one = Audited(
+        prepared,
+        tuple(s for s in scores if s.term.effect is not None),
+        Family({("bias_step", (1,)): 50.0}, 0.0),
+    )
     (size,) = [
         d.size
         for d in detectable_sizes(one)
@@ -181,8 +186,9 @@ def test_the_command_audits_a_campaign(tmp_path):
     sizes = {(d["name"], *d["channels"]): d["size"] for d in content["detectable"]}
     expected = audit(tumble(sessions=1))
     for d in expected.detectable:
-        # Nine digits in the file.
-        assert sizes[d.name, *d.channels] == pytest.approx(d.size, rel=1e-3)
+        # Nine digits in the file; they turn nearly equal forms, and with them the draws that tell how many
+        # independent tests the forms are (160 of them: 8 %, which is half a per cent of the size).
+        assert sizes[d.name, *d.channels] == pytest.approx(d.size, rel=5e-3)
 
 
 def test_the_command_says_what_is_wrong_with_its_usage(tmp_path):
