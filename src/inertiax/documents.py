@@ -18,11 +18,12 @@ def decode(content: bytes, kind: type[Document], where: str, what: str, schema: 
     The key `schema` is looked at first, since another schema has other keys. Raises `ValueError`, one
     line beginning with `where`, for anything that is not exactly this.
     """
-    what = f"{what} of schema {schema}"
-    said = _decode(content, _Head, where, what).schema
+    said = _decode(content, _Head, where, f"{what} of schema {schema}").schema
     if said != schema:
-        raise ValueError(f"{where}: schema is {said[:60]!r}; this version reads {schema!r}.")
-    return _decode(content, kind, where, what)
+        raise ValueError(
+            f"{where}: not {what}: schema is {said[:60]!r}; this version reads {schema!r}."
+        )
+    return _decode(content, kind, where, f"{what} of schema {schema}")
 
 
 def _decode(content: bytes, kind: type[Document], where: str, what: str) -> Document:
