@@ -60,6 +60,11 @@ def test_the_error_of_stretches_left_out_is_that_of_plain_refits():
             errors.append(total)
     np.testing.assert_allclose(one.errors(None), errors[:2], rtol=1e-9)
     np.testing.assert_allclose(one.errors(column), errors[2:], rtol=1e-9)
+    # Each column alone, all together: the same by elimination of the normal equations' border.
+    several = np.concatenate([column, np.cos(time / 90.0)[:, None]], axis=1)
+    each = one.errors_each(several)
+    np.testing.assert_allclose(each[:, 0], errors[2:], rtol=1e-9)
+    np.testing.assert_allclose(each[:, 1], one.errors(several[:, 1:]), rtol=1e-9)
     ratio = np.array(errors[:2]) / np.array(errors[2:])
     assert abs(skill(one, column) - np.mean(0.5 * np.log(ratio))) < 1e-9
 
