@@ -19,16 +19,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from inertiax.convergence import convergence_rate, rate_warning
 from inertiax.estimators import Invariant
 from inertiax.one_device import iterate_one, joint_fit_one
 from inertiax.procedure import (
-    convergence_rate,
     curve_covariance,
     GaussNewtonIteration,
     iterate,
     joint_fit,
     PaperIteration,
-    rate_warning,
 )
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber, DRIFTS

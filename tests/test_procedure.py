@@ -6,17 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from inertiax.convergence import convergence_rate, rate_warning
 from inertiax.dwells import experiment_rows
 from inertiax.estimators import Invariant, ReferenceGyro
 from inertiax.procedure import (
-    convergence_rate,
     dwell_residuals,
     extra_scatter,
     GaussNewtonIteration,
     iterate,
     joint_fit,
     PaperIteration,
-    rate_warning,
 )
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.motion import turns_about_three_axes

@@ -20,6 +20,7 @@ from .choose import (
     polynomial_basis,
     settle_gyro,
 )
+from .convergence import convergence_rate, rate_warning
 from .dwells import Dwells
 from .estimators import (
     AbstractEstimator,
@@ -33,10 +34,8 @@ from .intervals import reduce_to_dwells
 from .model import compensate_accel
 from .one_device import iterate_one, joint_fit_one, Problem
 from .procedure import (
-    convergence_rate,
     iterate,
     PaperIteration,
-    rate_warning,
     ThermalSolution,
 )
 from .recordings import Campaign, Recording

@@ -14,16 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .convergence import convergence_rate, rate_warning
 from .dwells import Dwells
 from .estimators import Invariant
 from .model import compensate_accel
 from .procedure import (
-    convergence_rate,
     GaussNewtonIteration,
     iterate,
     joint_fit,
     PaperIteration,
-    rate_warning,
 )
 from .simulate.bench import simulate_dwells, simulate_recordings
 from .simulate.plan import paper_check, PAPER_GRAVITY, paper_set, Plan
