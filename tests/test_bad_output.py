@@ -84,7 +84,6 @@ TWICE = """
 import sys, time
 from pathlib import Path
 from inertiax.cli.outputs import staged_folder
-from test_bad_commands import run
 folder, mine, start = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3])
 with staged_folder(folder) as staging:
     for k in range(300):

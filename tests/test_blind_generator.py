@@ -109,8 +109,10 @@ def test_relaxation_process_has_the_covariance_of_its_blocks():
     assert abs(x.mean(axis=1).var() / expected - 1) < 0.1
 
 
-def test_generator_imports_nothing_of_the_package():
-    for file in BLIND.glob("*.py"):
+def test_generator_and_marks_import_nothing_of_the_package():
+    # What runs the diagnosis, and what compares it afterwards with a fit that is given the answer.
+    users = {"together.py", "given.py"}
+    for file in (f for f in BLIND.glob("*.py") if f.name not in users):
         for node in ast.walk(ast.parse(file.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []

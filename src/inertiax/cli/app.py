@@ -89,10 +89,10 @@ def _in_words(error: Exception) -> str:
     if type(error) is ValueError:
         return console.one_line(str(error))
     if isinstance(error, OSError):
-        name = console.one_line(str(error.filename or "writing or reading"))
-        folder, slash, last = name.rpartition("/")
+        folder, slash, last = str(error.filename or "writing or reading").rpartition("/")
         last = last if len(last) < 100 else f"{last[:40]}…"
-        return f"{folder}{slash}{last}: {console.one_line(str(error.strerror or error))}."
+        name = console.one_line(f"{folder}{slash}{last}")
+        return f"{name}: {console.one_line(str(error.strerror or error))}."
     if isinstance(error, MemoryError):
         return "not enough memory for this much data; split it, or use a machine with more."
     said = console.one_line(str(error))[:300]
