@@ -23,21 +23,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from problem import COLUMNS, directions, GRAVITY, ROWS
 
 
-GRAVITY, NOISE, SAMPLES, FILES, REPEATS = 9.815, 2e-3, 500, 8, 5
-ROWS, COLUMNS = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
+NOISE, SAMPLES, FILES, REPEATS = 2e-3, 500, 8, 5
 MEASURED = ("accel_x", "accel_y", "accel_z", "temperature")
-
-
-def directions() -> np.ndarray:
-    faces = [s * np.eye(3)[i] for i in range(3) for s in (1.0, -1.0)]
-    signs = [(a, b) for a in (1.0, -1.0) for b in (1.0, -1.0)]
-    edges = [
-        (a * np.eye(3)[i] + b * np.eye(3)[j]) / np.sqrt(2)
-        for i in range(3) for j in range(i) for a, b in signs
-    ]  # fmt: skip
-    return np.array(faces + edges)
 
 
 def device(rng: np.random.Generator, name: str) -> pl.DataFrame:
