@@ -66,8 +66,8 @@ def _confusion(table: dict) -> str:
 def _given(name: str, given: dict) -> str:
     return (
         f"Held-out residual of {name} over that of a fit which is given the name and the channels, on the same "
-        f"rows, {given['cases']} single effects of z ≥ 10 (without those where the diagnosis reports the other triad's residual, "
-        f"or the catalogue has no form for the plan): median {given['median']:.3f}, at most 1.08 in "
+        f"rows, {given['cases']} single effects of z ≥ 10 (without those where the diagnosis reports the other "
+        f"triad's residual, or the catalogue has no form for the plan): median {given['median']:.3f}, at most 1.08 in "
         f"{given['within 1.08']}, largest {given['largest']:.2f}.\n"
     )
 
