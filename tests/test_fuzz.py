@@ -63,7 +63,14 @@ def test_small_valid_files_are_taken(name, places):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck), database=None)
+# The same damage every time: a change is judged by what it does; `fuzz.drive` looks for new damage.
+@settings(
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    database=None,
+    derandomize=True,
+)
 @given(seed=st.integers(0, 2**32), deep=st.booleans())
 def test_damage_is_refused_in_one_line(name, places, seed, deep):
     folder, seeds = places(name)

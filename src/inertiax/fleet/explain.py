@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from ..calibration import write_atomically
+from ..documents import decode
 from .line import FEWEST, LineMismatch, read_line
 from .mismatch import choose_forms, FleetScores, Form, terms_of
 from .reduction import Reduced, Reduction
@@ -78,13 +79,7 @@ def read_line_file(folder: Path) -> tuple[LineMismatch, ...] | None:
     file = folder / "line.json"
     if not file.exists():
         return None
-    try:
-        contents = msgspec.json.decode(file.read_bytes(), type=LineFile)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{file}: damaged: {error}; run `inertiax fleet` again.") from None
-    if contents.schema != SCHEMA:
-        raise ValueError(f"{file}: schema is '{contents.schema}'; this version reads '{SCHEMA}'.")
-    return contents.triads
+    return decode(file.read_bytes(), LineFile, str(file), "the effects of a line", SCHEMA).triads
 
 
 def _overlaps(manifest: Manifest, reader: Reader) -> dict[str, np.ndarray]:

@@ -19,6 +19,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..calibration import write_atomically
+from ..documents import decode
 from .mismatch import Form
 from .population import Population
 from .tasks import Task
@@ -72,13 +73,7 @@ def read_manifest(folder: Path) -> Manifest | None:
     file = folder / "manifest.json"
     if not file.exists():
         return None
-    try:
-        manifest = msgspec.json.decode(file.read_bytes(), type=Manifest)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{file}: damaged: {error}; choose another folder.") from None
-    if manifest.schema != SCHEMA:
-        raise ValueError(f"{file}: schema is '{manifest.schema}'; this version reads '{SCHEMA}'.")
-    return manifest
+    return decode(file.read_bytes(), Manifest, str(file), "a fleet's manifest", SCHEMA)
 
 
 def part_file(folder: Path, task: int) -> Path:
