@@ -11,29 +11,26 @@ import numpy as np
 from ..effects import Signal, Variant
 from .baseline import Baseline
 from .blocks import Blocks
+from .bumps import bump, Course, Settings, wave
 from .terms import channel_terms, Term
 
 
 PREFIX = "~"  # names of alternatives; never a name of the catalogue
 
 
-def _courses(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Family, formula and course along the blocks, `(block,)` or `(block, column)`."""
+def _courses(signal: Signal) -> Iterator[Course]:
+    """Dependences on time or temperature, `(block,)` or `(block, column)`."""
     time = np.asarray(signal.time)
     x = (time - time[0]) / max(time[-1] - time[0], 1e-9)
     span = time[-1] - time[0]
     for width in (0.015, 0.03, 0.08):
         for centre in np.arange(width, 1.0, 2.0 * width):
-            course = np.exp(-0.5 * ((x - centre) / width) ** 2)
-            yield (
-                "bump in time",
-                f"exp(-((t - {time[0] + centre * span:.0f} s) / {width * span:.0f} s)^2 / 2)",
-                course,
-            )
+            yield bump(signal, "time", float(centre), width)
     for centre in (0.25, 0.5, 0.75):
-        yield "kink in time", f"|t - {time[0] + centre * span:.0f} s|", np.abs(x - centre)
-    yield "power of time", "t^2", (x - 0.5) ** 2
-    yield "power of time", "sqrt(t)", np.sqrt(x)
+        at = time[0] + centre * span
+        yield Course("kink in time", f"|t - {at:.0f} s|", {}, np.abs(x - centre))
+    yield Course("power of time", "t^2", {}, (x - 0.5) ** 2)
+    yield Course("power of time", "sqrt(t)", {}, np.sqrt(x))
     if signal.temperature is None:
         return
     t = np.asarray(signal.temperature)
@@ -43,27 +40,21 @@ def _courses(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
     y = (t - low) / (high - low)
     for width in (0.05, 0.1, 0.18):
         for centre in np.arange(0.1, 0.95, max(width, 0.08)):
-            course = np.exp(-0.5 * ((y - centre) / width) ** 2)
-            at, wide = low + centre * (high - low), width * (high - low)
-            yield "bump in temperature", f"exp(-((T - {at:.1f} °C) / {wide:.1f} °C)^2 / 2)", course
+            yield bump(signal, "temperature", float(centre), width)
     for centre in np.arange(0.1, 0.95, 0.1):
         at = low + centre * (high - low)
-        yield "step in temperature", f"step(T - {at:.1f} °C)", np.tanh((y - centre) / 0.02)
-        yield "kink in temperature", f"|T - {at:.1f} °C|", np.abs(y - centre)
-    for k in (1.0, 1.5, 2.0, 3.0, 4.0, 6.0):
-        wave = 2.0 * np.pi * k * y
-        yield (
-            "wave in temperature",
-            f"sin(2 pi T / {(high - low) / k:.1f} °C + phase)",
-            np.stack([np.sin(wave), np.cos(wave)], 1),
-        )
+        step = np.tanh((y - centre) / 0.02)
+        yield Course("step in temperature", f"step(T - {at:.1f} °C)", {}, step)
+        yield Course("kink in temperature", f"|T - {at:.1f} °C|", {}, np.abs(y - centre))
+    for turns in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0):
+        yield wave(signal, turns)
     rate = np.asarray(signal.temperature_rate) * 60.0
     z = 2.0 * y - 1.0
-    yield "temperature rate", "(dT/dt)^2", rate**2
-    yield "temperature rate", "|dT/dt|", np.abs(rate)
-    yield "temperature rate", "T dT/dt", z * rate
-    yield "temperature rate", "T^2 dT/dt", z**2 * rate
-    yield "temperature and time", "T t", z * (x - 0.5)
+    yield Course("temperature rate", "(dT/dt)^2", {}, rate**2)
+    yield Course("temperature rate", "|dT/dt|", {}, np.abs(rate))
+    yield Course("temperature rate", "T dT/dt", {}, z * rate)
+    yield Course("temperature rate", "T^2 dT/dt", {}, z**2 * rate)
+    yield Course("temperature and time", "T t", {}, z * (x - 0.5))
 
 
 def _inputs(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
@@ -107,21 +98,21 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
     letter = "f" if signal.triad == "accel" else "w"
     made: list[Term] = []
 
-    def add(family: str, formula: str, addition: np.ndarray) -> None:
+    def add(family: str, formula: str, addition: np.ndarray, settings: Settings) -> None:
         size = float(np.abs(addition).max())
         if size > 0.0:
-            made.extend(channel_terms(PREFIX + family, Variant(formula, {}), base, addition))
+            variant = Variant(formula, settings)
+            made.extend(channel_terms(PREFIX + family, variant, base, addition))
 
-    for family, formula, course in _courses(signal):
-        course = course[:, None, :] if course.ndim == 2 else course[:, None, None]
-        add(family, formula, np.broadcast_to(course, (len(u), 3, course.shape[2])))
+    for course in _courses(signal):
+        column = course.values.reshape(len(u), 1, -1)
+        family, formula, settings = course.family, course.formula, course.settings
+        add(family, formula, np.broadcast_to(column, (len(u), 3, column.shape[2])), settings)
         if np.any(u) and not family.endswith("in time"):
-            add(f"{family} times input", f"{letter} {formula}", (u / scale)[:, :, None] * course)
-            add(
-                f"{family} times input squared",
-                f"{letter}^2 {formula}",
-                (u / scale)[:, :, None] ** 2 * course,
-            )
+            for power, word, sign in ((1, "input", letter), (2, "input squared", f"{letter}^2")):
+                shape = (u / scale)[:, :, None] ** power * column
+                own = {**settings, "power": power} if settings else {}
+                add(f"{family} times {word}", f"{sign} {formula}", shape, own)
     if np.any(u):
         x = np.linspace(-0.5, 0.5, len(u))[:, None, None]
         courses = [("time", "t", x)]
@@ -131,9 +122,9 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
         for power, word in ((2, "squared"), (3, "cubed")):
             shape = (u / scale)[:, :, None] ** power
             for name, symbol, course in courses:
-                add(f"input {word} and {name}", f"{letter}^{power} {symbol}", shape * course)
+                add(f"input {word} and {name}", f"{letter}^{power} {symbol}", shape * course, {})
     for family, formula, addition in _inputs(signal):
-        add(family, formula, addition)
+        add(family, formula, addition, {})
     add_positions(made, signal, blocks, base)
     return made
 

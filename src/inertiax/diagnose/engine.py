@@ -12,6 +12,7 @@ from ..recordings import Campaign
 from .alternatives import alternatives
 from .baseline import Baseline, choose, fit, ModelForm, usable
 from .blocks import Blocks, cut, join, Log
+from .bumps import between
 from .flexible import flexible
 from .signals import build, specific_force
 from .system import make, System
@@ -138,9 +139,11 @@ def retuned(prepared: Prepared, term: Term, values: Sequence[float]) -> list[Ter
 
 
 def finer(prepared: Prepared, term: Term) -> list[Term]:
-    """The same effect with settings between its grid's neighbours: every block's edge for a moment in time."""
+    """The same term with settings between its grid's neighbours: every block's edge for a moment in time."""
     effect = term.effect
-    if effect is None or not effect.nuisance:
+    if effect is None:
+        return between(term, prepared.coarse, prepared.system.base)
+    if not effect.nuisance:
         return []
     value = float(term.variant.settings[effect.nuisance])
     grid = np.unique(

@@ -26,6 +26,8 @@ TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid m
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
+SHARPER = 3  # times that the forms beside a leading unlisted dependence are tried
+FAINT = 12.0  # likelihood ratio below which that is not worth it
 TRIED = 40  # leading candidates that are asked whether they predict
 
 
@@ -81,22 +83,24 @@ def _finer_forms(
 ) -> list[Term]:
     """Forms between those of the grid, around the leading candidates that have a grid."""
     made: list[Term] = []
-    for order in (ranked, slow):
-        seen: set = set()
+    for order, most in ((ranked, (5, 2)), (slow, (5, 4))):
+        seen: tuple[set, set] = set(), set()
         for candidate in order[:400]:
-            effect = candidate.term.effect
-            if effect is None or not effect.nuisance or candidate.key in seen:
+            term, unlisted = candidate.term, _is_open(candidate)
+            known = seen[unlisted]
+            if candidate.key in known or len(known) >= most[unlisted] or not _has_grid(term):
                 continue
-            seen.add(candidate.key)
-            if len(seen) > 5:
-                break
+            known.add(candidate.key)
             if not any(
-                t.variant.label == candidate.term.variant.label
-                and t.channels == candidate.term.channels
-                for t in made
+                t.variant.label == term.variant.label and t.channels == term.channels for t in made
             ):
-                made.extend(finer(candidate.term))
+                made.extend(finer(term))
     return made
+
+
+def _has_grid(term: Term) -> bool:
+    """Whether one of a term's settings was taken from a grid."""
+    return bool(term.variant.settings) if term.effect is None else bool(term.effect.nuisance)
 
 
 def _is_open(candidate: Candidate) -> bool:
@@ -144,6 +148,33 @@ def _rank(
     return fuller, judge(system, fuller, short, chosen, forms, grade)
 
 
+def _sharpen(
+    system: System,
+    start: Bank,
+    ranked: Sequence[Candidate],
+    finer: Callable[[Term], list[Term]],
+    forms: dict,
+    grade: str | None,
+) -> list[Term]:
+    """Forms beside the leading unlisted dependence, nearer step by step, under the variances that suit it.
+
+    What a form between the grid's points leaves behind is taken for slow noise; only where that is fitted
+    anew beside a near form does a nearer one show.
+    """
+    lead = next((c for c in ranked if _is_open(c)), None)
+    made: list[Term] = []
+    for _ in range(SHARPER):
+        if lead is None or lead.ratio < FAINT or not _has_grid(lead.term):
+            break
+        fuller = refine(system, start, [lead], [], most=1)
+        near = finer(lead.term)
+        best = judge(system, fuller, [lead.term, *near], [], forms, grade)[0]
+        if best.term is lead.term:
+            break
+        made, lead = [*made, *near], best
+    return made
+
+
 def identify(
     system: System,
     catalogue: Sequence[Term],
@@ -167,6 +198,10 @@ def identify(
     say(f"{len(everything)} candidates screened, {tests.total:.0f} independent tests")
     leaders = _leaders(slow, 3, 1)
     fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
+    nearer = _sharpen(system, fuller, ranked, finer, forms, grade)
+    if nearer:
+        short = [*short, *nearer]
+        fuller, ranked = _rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
     gate = min(tests.p_value(c) for c in ranked[:10])
     ask = Asked(system, tuple(short), forms, grade, tests, say)

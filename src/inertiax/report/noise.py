@@ -90,17 +90,21 @@ def print_noise(logs: Sequence[LogNoise]) -> None:
 
 
 def _table(triad: str, channels: Sequence[ChannelNoise]) -> Table:
+    """A row for each term and channel: three channels side by side do not fit a terminal of 80."""
     table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False)
-    for heading in (triad, "", "unit", *(c.channel[-1] for c in channels)):
+    for heading in (triad, "", "", "value", "95 % limits", "unit"):
         table.add_column(heading, no_wrap=True)
     for name in TERMS:
         unit, factor = USUAL_UNITS[triad][name]
-        cells = [_cell(c.model.terms[name], factor) for c in channels]
-        table.add_row(name, NAMES[triad][name], unit, *cells)
+        for k, found in enumerate(channels):
+            first = (name, NAMES[triad][name]) if k == 0 else ("", "")
+            cells = _cells(found.model.terms[name], factor)
+            table.add_row(*first, found.channel[-1], *cells, unit)
     return table
 
 
-def _cell(term: NoiseTerm, factor: float) -> str:
+def _cells(term: NoiseTerm, factor: float) -> tuple[str, str]:
+    """Value and limits; a term that does not show has only an upper limit."""
     if not term.shown:
-        return f"< {factor * term.upper:.2g}"
-    return f"{factor * term.value:.3g} ({factor * term.lower:.3g}…{factor * term.upper:.3g})"
+        return "", f"< {factor * term.upper:.2g}"
+    return f"{factor * term.value:.3g}", f"{factor * term.lower:.3g}…{factor * term.upper:.3g}"

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import equinox as eqx
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import escape, Markup
 
 from ..calibration import write_atomically
 from ..plots.style import COLOURS, Figure, save_png, to_svg
+
+
+SHORT = 28  # characters that a cell keeps in one line
 
 
 class Verdict(eqx.Module):
@@ -50,6 +53,14 @@ class Table(eqx.Module):
     caption: str = ""
 
 
+class _Laid(eqx.Module):
+    """A table as the template takes it: with every cell the class of its column."""
+
+    head: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[tuple[str | Link, str], ...], ...]
+    caption: str
+
+
 class Picture(eqx.Module):
     """A figure in a page; `alt` says in words what it shows."""
 
@@ -81,6 +92,7 @@ def write_page(
     """Render the page and write it."""
     loader = PackageLoader("inertiax", "templates")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    environment.filters |= {"whole": _whole, "laid_out": _laid_out}
     text = environment.get_template("base.html").render(
         title=title,
         under=under,
@@ -92,6 +104,36 @@ def write_page(
         footer=f"Written by inertiax {version('inertiax')}.",
     )
     write_atomically(path, text.encode())
+
+
+# Numbers with an exponent or a unit, and options: what a line break would tear apart.
+_WHOLE = re.compile(
+    r"[-+±]?\d[\d.]*(?:e[-+]\d+(?: [°%µ][^\s.,;)]*)?| (?:[°%µ][^\s.,;)]*|ppm\b|m/s²|rad/s))|--[a-z][a-z-]*"
+)
+
+
+def _whole(text: str) -> Markup:
+    """The text, escaped, with numbers kept in one line together with their units."""
+    pieces, end = [], 0
+    for found in _WHOLE.finditer(text):
+        pieces += [escape(text[end : found.start()]), Markup('<span class="w">')]
+        pieces += [escape(found[0]), Markup("</span>")]
+        end = found.end()
+    return Markup("").join([*pieces, escape(text[end:])])
+
+
+def _laid_out(table: Table) -> _Laid:
+    """Columns without any text are left out; n is set to the right, s in one line, l as a paragraph."""
+    text = lambda cell: cell.text if isinstance(cell, Link) else cell
+    columns = list(zip(*table.rows, strict=True)) or [()] * len(table.head)
+    kinds = {}
+    for k, column in enumerate(columns):
+        longest = max((len(text(cell)) for cell in column), default=0)
+        if longest or not table.rows:
+            kinds[k] = "n" if k in table.numeric else "s" if longest <= SHORT else "l"
+    head = tuple((table.head[k], kind) for k, kind in kinds.items())
+    rows = tuple(tuple((row[k], kind) for k, kind in kinds.items()) for row in table.rows)
+    return _Laid(head, rows, table.caption)
 
 
 def versions() -> str:
