@@ -116,7 +116,9 @@ def test_page_tells_yield_and_reasons(line):
     text, _ = _read(folder / "report.html")
     assert "74 of 80 devices calibrated: a yield of 92.50 %." in text
     # Reasons that differ in their numbers only are one reason.
-    assert re.search(r'<td class="n">6</td><td>accel: no convergence after … steps</td>', text)
+    assert re.search(
+        r'<td class="n">6</td><td class="l">accel: no convergence after … steps</td>', text
+    )
 
 
 def test_yield_of_almost_all_is_not_all(tmp_path):

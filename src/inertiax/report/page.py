@@ -123,14 +123,14 @@ def _whole(text: str) -> Markup:
 
 
 def _laid_out(table: Table) -> _Laid:
-    """Columns without any text are left out; n is set to the right, s in one line, l as a paragraph."""
+    """Columns without any text are left out; class n is set to the right, l wraps."""
     text = lambda cell: cell.text if isinstance(cell, Link) else cell
     columns = list(zip(*table.rows, strict=True)) or [()] * len(table.head)
     kinds = {}
     for k, column in enumerate(columns):
         longest = max((len(text(cell)) for cell in column), default=0)
         if longest or not table.rows:
-            kinds[k] = "n" if k in table.numeric else "s" if longest <= SHORT else "l"
+            kinds[k] = "n" if k in table.numeric else "l" if longest > SHORT else ""
     head = tuple((table.head[k], kind) for k, kind in kinds.items())
     rows = tuple(tuple((row[k], kind) for k, kind in kinds.items()) for row in table.rows)
     return _Laid(head, rows, table.caption)
