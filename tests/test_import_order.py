@@ -10,7 +10,7 @@ import inertiax
 
 # Files, or folders taken as one; `docs/design.md` says what each holds.
 ORDER = """_typing documents earth rotation temperature model alignment compose solve recordings formats screening
-campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure convergence one_device
+settings campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure convergence one_device
 turns scatter effects
 augmentation calibration uncertainty results together sources sensitivity approaches navigation choose calibrate
 simulate design diagnose compensation exports fleet demo quantities quality plots

@@ -13,10 +13,11 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from .calibration import Calibration, TriadCalibration
-from .campaign import pair, read_toml
+from .campaign import pair
 from .formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from .formats.columns import AXES
 from .recordings import Recording
+from .settings import read_toml
 from .temperature import Constant
 
 

@@ -15,7 +15,13 @@ from pathlib import Path
 import atheris
 
 
-INSTRUMENTED = ["inertiax.formats", "inertiax.exports", "inertiax.campaign", "inertiax.calibration"]
+INSTRUMENTED = [
+    "inertiax.formats",
+    "inertiax.exports",
+    "inertiax.campaign",
+    "inertiax.settings",
+    "inertiax.calibration",
+]
 INSTRUMENTED += [
     "inertiax.augmentation",
     "inertiax.recordings",

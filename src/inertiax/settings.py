@@ -1,0 +1,210 @@
+"""The tables of `campaign.toml`, read strictly.
+
+An unknown key, a missing one or a wrong type is an error that names file, key, what was found and what
+would be right. `[columns]` is in `formats/columns`.
+"""
+
+import math
+import re
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from .formats import ColumnMap, FORMATS
+from .formats.columns import nearest
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table in which an unknown key is an error."""
+
+
+class SiteTable(_Strict, frozen=True):
+    """The test place."""
+
+    gravity: float  # m/s²
+    latitude: float | None = None  # deg
+
+
+class RecordingsTable(_Strict, frozen=True):
+    """Which files, and what their first lines do not say."""
+
+    files: tuple[str, ...]
+    gyro_files: tuple[str, ...] | None = None  # the gyros' files, where triads are logged apart
+    format: str | None = None
+    names: tuple[str, ...] | None = None  # columns of text without a header line
+    start_row: int = 0  # data rows left out at the start of each file
+    group: str | None = None  # HDF5 group or table, MATLAB struct
+    topic: str | None = None  # ROS or ULog topic
+    temperature_topic: str | None = None  # ROS topic of the probe
+    instance: int | None = None  # which IMU of a flight controller's log
+    sections: str | None = None  # imucal's list of labelled sections
+    turn_angle: float | None = None  # deg, of imucal's turns
+
+
+class RigTable(_Strict, frozen=True):
+    """1 sigma each."""
+
+    position_uncertainty: float | None = None  # arcsec
+    rate_uncertainty: float | None = None  # ppm
+    temperature_uncertainty: float | None = None  # °C
+
+
+class DeviceTable(_Strict, frozen=True):
+    """What kind of device."""
+
+    grade: Literal["navigation", "tactical", "consumer"] | None = None
+
+
+class ModelTable(_Strict, frozen=True):
+    """The model the user means to fit."""
+
+    accel_estimator: Literal["invariant", "reference", "static"] | None = None
+    gyro_estimator: Literal["reference", "gravity", "static"] | None = None
+    g_sensitivity: bool | None = None
+    temperature_degree: int | None = None
+    together: bool | None = None
+    lever_arms: bool | None = None
+    misalignment: bool | None = None
+
+
+class CampaignTable(_Strict, frozen=True):
+    """The whole file."""
+
+    site: SiteTable
+    recordings: RecordingsTable
+    columns: ColumnMap = ColumnMap()
+    rig: RigTable = RigTable()
+    device: DeviceTable = DeviceTable()
+    model: ModelTable = ModelTable()
+
+
+def read_toml(file: Path) -> dict:
+    """The tables of a TOML file. Raises `ValueError` of one line where it is none."""
+    content = file.read_bytes()
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise ValueError(f"{file}: the text is UTF-16; save it as UTF-8.")
+    try:
+        return tomllib.loads(content.decode("utf-8-sig"))
+    # RecursionError: brackets in brackets; ValueError: whole numbers of thousands of digits.
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{file}: not valid TOML: {' '.join(str(error).split())[:200]}.") from None
+
+
+def read_table(file: Path) -> CampaignTable:
+    """The checked tables of a `campaign.toml`.
+
+    Raises `ValueError` in one line with file and key, what was found and what would be right.
+    """
+    raw = read_toml(file)
+    if not raw:
+        raise ValueError(f"{file}: the file is empty; [site] and [recordings] are needed.")
+    _check_keys(raw, CampaignTable, file, "")
+    try:
+        table = msgspec.convert(raw, CampaignTable)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{file}: {_in_words(str(error), raw)}") from None
+    _check_values(table, file)
+    return table
+
+
+def _check_keys(raw: dict, table: type[msgspec.Struct], file: Path, where: str) -> None:
+    """Unknown keys, before msgspec finds them, so that the message can offer the right one."""
+    fields = {f.name: f for f in msgspec.structs.fields(table)}
+    for key, value in raw.items():
+        if key not in fields:
+            kind = "table" if not where else "key"
+            raise ValueError(
+                f"{file}: {where}unknown {kind} '{key}'; {nearest(key, fields)}known are "
+                f"{', '.join(fields)}."
+            )
+        inner = _struct_of(fields[key].type)
+        if inner is not None and isinstance(value, dict):
+            _check_keys(value, inner, file, f"{where}{key}: " if where else f"[{key}] ")
+    for name, field in fields.items():
+        if field.required and name not in raw:
+            raise ValueError(f"{file}: {where or '['}{name}{_MISSING.get(name, '')}")
+
+
+_MISSING = {
+    "site": "] is missing; it gives gravity, the reference value at the test place in m/s².",
+    "recordings": '] is missing; it names the files, for example files = ["*.csv"].',
+    "gravity": " is missing; it is the reference value at the test place in m/s² (standard: 9.80665).",
+    "files": ' is missing; it lists files or globs, for example files = ["*.csv"].',
+    "name": " is missing; it is the column's name in the file.",
+}
+
+
+def _struct_of(kind: object) -> type[msgspec.Struct] | None:
+    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    for option in options:
+        if isinstance(option, type) and issubclass(option, msgspec.Struct):
+            return option
+    return None
+
+
+def _in_words(message: str, raw: dict) -> str:
+    """msgspec's message with the key in TOML's terms, the value found, and the choices there are."""
+    said, _, place = message.partition(" - at `$.")
+    keys = place.rstrip("`").split(".")
+    found, kind = raw, CampaignTable
+    for key in keys:
+        name = key.partition("[")[0]
+        found = found[name]
+        inner = {f.name: f.type for f in msgspec.structs.fields(kind)}[name]
+        kind = _struct_of(inner) or inner
+    where = f"[{keys[0]}] " + " ".join(keys[1:])
+    choices = [c for a in typing.get_args(kind) for c in typing.get_args(a) if isinstance(c, str)]
+    if choices:
+        said = f"{nearest(str(found), choices)}it must be one of {', '.join(choices)}"
+    said = said.replace("`array` of length 3", "a list of three").replace("`array`", "a list")
+    said = re.sub(r"Expected (.*), got (.*)", r"expected \1", said).replace("`", "")
+    for ugly, plain in _TYPE_NAMES:
+        said = re.sub(rf"\b{ugly}\b", plain, said)
+    told = repr(found)
+    return f"{where.strip()}: {said}; found {told if len(told) < 80 else told[:80] + '…'}."
+
+
+_TYPE_NAMES = (
+    (r" \| null", ""),
+    ("float", "a number"),
+    ("int", "a whole number"),
+    ("str", "text"),
+    ("bool", "true or false"),
+    ("array", "a list of three"),
+    ("object", "a table"),
+    (r" \| ", " or "),
+)
+
+
+def _check_values(table: CampaignTable, file: Path) -> None:
+    """Numbers that no test place or station has."""
+    site, degree = table.site, table.model.temperature_degree
+    if not 9.7 <= site.gravity <= 9.9:
+        raise ValueError(
+            f"{file}: [site] gravity = {site.gravity:g} is no gravity on Earth; it must be within "
+            "9.7 to 9.9 m/s²."
+        )
+    if site.latitude is not None and not -90 <= site.latitude <= 90:
+        raise ValueError(
+            f"{file}: [site] latitude = {site.latitude:g} must be within -90 to 90 degrees."
+        )
+    for key, value in msgspec.structs.asdict(table.rig).items():
+        if value is not None and not (math.isfinite(value) and value >= 0):
+            raise ValueError(f"{file}: [rig] {key} = {value:g} must be 0 or more (1 sigma).")
+    if degree is not None and not 0 <= degree <= 12:
+        raise ValueError(f"{file}: [model] temperature_degree = {degree} must be within 0 to 12.")
+    if table.recordings.start_row < 0:
+        raise ValueError(
+            f"{file}: [recordings] start_row = {table.recordings.start_row} must be 0 or more rows."
+        )
+    name = table.recordings.format
+    formats = [f.NAME for f in FORMATS]
+    if name is not None and name not in formats:
+        raise ValueError(
+            f"{file}: [recordings] format '{name}' is not known; {nearest(name, formats)}one of "
+            f"{', '.join(formats)} is needed."
+        )
