@@ -159,6 +159,22 @@ def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_a_formula():
     assert not any(e.name in found.empirical for e in CATALOGUE)
 
 
+def test_a_bump_in_time_between_the_grids_points_is_not_taken_for_slow_noise():
+    """Its middle lies half-way between those of the grid, and its width too."""
+    rng = np.random.default_rng(8)
+
+    def effect(probe, time):
+        slow = np.stack([slow_noise(rng, time) for _ in range(3)], axis=1) / FLICKER
+        bump = np.exp(-0.5 * ((time - 1600.0) / 260.0) ** 2)
+        return 4e-7 * slow + only(1, 4e-6 * bump)
+
+    found = diagnose(sweep(seed=4, effect=effect))
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    middle = float(found.empirical.split("((t - ")[1].split(" s)")[0])
+    assert abs(middle - 1600.0) < 130.0  # half its width
+
+
 def test_the_file_has_the_public_fields(tmp_path):
     campaign = tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2))
     recording = campaign.recordings[0]

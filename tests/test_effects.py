@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from inertiax.effects import addition, apply, CATALOGUE, Signal, Variant
 from inertiax.effects.effect import lag, play
@@ -152,3 +153,24 @@ def test_interference_has_the_stated_frequency():
     shape = BY_NAME["interference"].shape(signal, frequency=0.05)
     spectrum = np.abs(np.fft.rfft(np.asarray(shape[:, 0, 0])))
     assert np.fft.rfftfreq(len(signal.time), 1.0)[np.argmax(spectrum)] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("pole", [0, 1])
+def test_axes_that_are_not_square_turn_the_force_as_the_tables_rotations_do(pole):
+    # Case to room is Rx(a) Ry(skew) Rz(b), by SciPy; where the inner axis stands upright b is its zero.
+    rng = np.random.default_rng(3)
+    outer = np.r_[0.0, np.pi, rng.uniform(0.2, 2.9, 238)]
+    inner = np.r_[0.0, 0.0, rng.uniform(-3.0, 3.0, 238)]
+    zero = np.pi / 2 * (1 - pole)  # the inner zero lies on device axis x or y
+
+    def force(skew):
+        angles = np.stack([outer, np.full(240, skew), inner + zero], axis=1)
+        return Rotation.from_euler("XYZ", angles).inv().apply([0.0, 0.0, 1.0])
+
+    signal = make_signal("accel")
+    signal = eqx.tree_at(lambda s: (s.force, s.input), signal, (force(0.0), force(0.0)))
+    effect = next(e for e in CATALOGUE if e.name == "table_axis_error")
+    shape = effect.shape(signal, axis="z", form="skew", pole=pole)
+    # Second differences of 1e-4 rad leave 1e-8.
+    slope = (force(1e-4) - force(-1e-4)) / 2e-4
+    assert np.abs(np.asarray(shape)[:, :, 0] / 9.80665 - slope).max() < 1e-7

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Scalar
 from ..effects import Signal
 from ..effects.effect import chebyshev
+from .attitude import attitude
 from .baseline import Baseline, compensated
 from .blocks import block_mean, Blocks, EARTH_RATE, Log
 
@@ -90,60 +91,6 @@ def _steady(values: np.ndarray, blocks: Blocks, unit: bool) -> np.ndarray:
         mean = values[a:b].mean(axis=0)
         values[a:b] = mean / np.linalg.norm(mean) if unit else mean
     return values
-
-
-def attitude(log: Log, force: np.ndarray | None = None) -> np.ndarray | None:
-    """Rotation from the room to the device by integration of the reference rates, `(time, 3, 3)`.
-
-    The room's axes are the device's at the first sample of each recording: a table starts every session from its
-    home. With several recordings the specific force (in g) must confirm that by pointing to one direction in
-    the room. `None` without reference rates, or where the integration does not bring the force, or the Earth
-    rate of the rests, back to one direction.
-    """
-    if log.reference_gyro is None:
-        return None
-    device = np.concatenate([_integrated(log, k) for k in np.unique(log.recording)])
-    rest = log.position >= 0
-    if not rest.any() or not _one_home(log, device, force):
-        return None
-    earth = np.einsum("tij,ti->tj", device[rest], log.reference_gyro[rest])
-    size = np.linalg.norm(earth, axis=1)
-    if size.max() < 0.5 * EARTH_RATE:
-        return device  # rests without Earth rate: nothing to check against
-    mean = earth.mean(axis=0)
-    return (
-        device if np.linalg.norm(earth - mean, axis=1).max() < 0.1 * np.linalg.norm(mean) else None
-    )
-
-
-def _integrated(log: Log, recording: int) -> np.ndarray:
-    """Rotations of one recording from its first sample's axes."""
-    from scipy.spatial.transform import Rotation
-
-    assert log.reference_gyro is not None
-    mine = log.recording == recording
-    rate, step = log.reference_gyro[mine], np.diff(log.time[mine])
-    turns = Rotation.from_rotvec(0.5 * (rate[1:] + rate[:-1]) * step[:, None]).as_matrix()
-    device = np.empty((len(rate), 3, 3))
-    device[0] = np.eye(3)
-    for k, turn in enumerate(turns):
-        device[k + 1] = turn.T @ device[k]
-    return device
-
-
-def _one_home(log: Log, device: np.ndarray, force: np.ndarray | None) -> bool:
-    """Whether the specific force of the rests has one direction in the room, the same in all recordings."""
-    if log.recording[-1] == 0:
-        return True
-    if force is None:
-        return False
-    ups = []
-    for number in np.unique(log.recording):
-        mine = (log.recording == number) & (log.position >= 0)
-        if not mine.any():
-            return False
-        ups.append(np.einsum("tij,ti->tj", device[mine], force[mine]).mean(axis=0))
-    return all(np.linalg.norm(up) > 0.98 and up @ ups[0] > 0.998 for up in ups)
 
 
 def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bool]:

@@ -1,36 +1,53 @@
 """Errors of the table's axes: index error, wobble, non-orthogonality."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, axis: str, form: str) -> Float[Array, "time channels columns"]:
-    """Rotation about the inner axis in first or second harmonics of its angle, or non-orthogonality of the two axes."""
+def shape(
+    signal: Signal, *, axis: str, form: str, pole: int = 0
+) -> Float[Array, "time channels columns"]:
+    """Rotation about the inner axis in first or second harmonics of its angle, or non-orthogonality of the two axes.
+
+    The inner angle is told by the specific force across the inner axis. Where that axis stands upright it is not, and
+    the axis is taken to stand at its zero, which lies on the first (`pole` 0) or second of the other two device axes.
+    """
     f = jnp.asarray(signal.force)
     u = inputs(signal)
     k = "xyz".index(axis)
     p, q = (k + 1) % 3, (k + 2) % 3
     across = jnp.sqrt(jnp.maximum(f[:, p] ** 2 + f[:, q] ** 2, 1e-4))
     c, s = f[:, p] / across, f[:, q] / across
-    angles = {
-        "index": [c, s],
-        "second": [c**2 - s**2, 2.0 * c * s],
-        "skew": [jnp.where(across > 0.1, f[:, k] / across, 0.0)],
-    }[form]
     turned = jnp.zeros_like(u).at[:, p].set(-u[:, q]).at[:, q].set(u[:, p])
-    return turned[:, :, None] * jnp.stack(angles, axis=-1)[:, None, :]
+    if form != "skew":
+        angles = {"index": [c, s], "second": [c**2 - s**2, 2.0 * c * s]}[form]
+        return turned[:, :, None] * jnp.stack(angles, axis=-1)[:, None, :]
+    upright = across < 0.1
+    c, s = jnp.where(upright, 1.0 - pole, c), jnp.where(upright, float(pole), s)
+    # A turn about the level direction that stays with the outer axis. The inner axis carries its own rates along.
+    along = jnp.zeros_like(u).at[:, p].set(c).at[:, q].set(s)
+    given = u if signal.triad == "accel" else u.at[:, k].set(0.0)
+    return jnp.cross(given, along)[:, :, None]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
     """Each device axis as the inner axis."""
-    return tuple(
+    found = [
         Variant(f"{form} about {axis}", {"axis": axis, "form": form})
-        for form in ("index", "second", "skew")
+        for form in ("index", "second")
         for axis in "xyz"
-    )
+    ]
+    for axis in "xyz":
+        label = f"skew about {axis}"
+        found.append(Variant(label, {"axis": axis, "form": "skew", "pole": 0}))
+        f = np.asarray(signal.force)
+        if np.any(np.abs(f[:, "xyz".index(axis)]) > 0.995):
+            found.append(Variant(f"{label}, other zero", {"axis": axis, "form": "skew", "pole": 1}))
+    return tuple(found)
 
 
 EFFECT = Effect(

@@ -1,0 +1,77 @@
+"""Attitude by integration of reference rates: sessions joined by their positions, the Earth turning below."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.diagnose.attitude import attitude
+from inertiax.diagnose.blocks import EARTH_RATE, Log
+
+
+STEP = 0.05
+EARTH = EARTH_RATE * np.array([0.0, 0.6, 0.8])
+
+
+def _turn(start, target, seconds=4.0):
+    """Attitudes (room to device) and table rates in the device's axes of one smooth turn about one axis."""
+    num = int(seconds / STEP)
+    turn = (target * start.inv()).as_rotvec()
+    s = np.arange(1, num + 1) / num
+    gone = s - np.sin(2 * np.pi * s) / (2 * np.pi)
+    speed = (1 - np.cos(2 * np.pi * s)) / seconds
+    return Rotation.from_rotvec(gone[:, None] * turn) * start, -speed[:, None] * turn
+
+
+def _session(start, poses, order, rest=40.0):
+    """One recording that visits poses: positions, attitudes, table rates."""
+    now, position, path, rate = start, [], [], []
+    for p in order:
+        turned, speed = _turn(now, poses[p])
+        still = int(rest / STEP)
+        now = poses[p]
+        path += [turned.as_matrix(), np.tile(now.as_matrix(), (still, 1, 1))]
+        rate += [speed, np.zeros((still, 3))]
+        position += [np.full(len(speed), -1), np.full(still, p)]
+    return np.concatenate(position), np.concatenate(path), np.concatenate(rate)
+
+
+def _log(sessions, earth):
+    position, path, rate = (np.concatenate(part) for part in zip(*sessions))
+    recording = np.repeat(np.arange(len(sessions)), [len(s[0]) for s in sessions])
+    time = np.arange(len(position)) * STEP + 3000.0 * recording
+    if earth:
+        rate = rate + path @ EARTH
+    none = dict.fromkeys(["temperature", "accel", "gyro", "reference_accel"])
+    return Log(
+        time=time, clock=time, recording=recording, experiment=recording, position=position,
+        reference_gyro=rate, **none,
+    ), path  # fmt: skip
+
+
+@pytest.mark.parametrize("earth", [False, True])
+def test_sessions_that_begin_anywhere_are_joined_by_their_positions(earth):
+    poses = Rotation.random(6, rng=np.random.default_rng(5))
+    orders = [(0, 1, 2, 3, 4, 5), (4, 2, 0, 5, 3, 1)]
+    sessions = [_session(poses[o[0]], poses, o) for o in orders]
+    log, path = _log(sessions, earth)
+    found = attitude(log)
+    # The axes of the room are those of the first sample. Trapezes at 20 Hz leave 1e-4 rad over five turns.
+    assert np.abs(found @ path[0] - path).max() < 5e-4
+
+
+def test_positions_that_mean_other_poses_join_nothing():
+    rng = np.random.default_rng(6)
+    sessions = []
+    for _ in range(2):
+        poses = Rotation.random(6, rng=rng)
+        sessions.append(_session(poses[0], poses, range(6)))
+    log, path = _log(sessions, False)
+    up = path @ np.array([0.0, 0.0, 1.0])
+    assert attitude(log, up) is None
+    assert attitude(log) is None
+
+
+def test_a_session_alone_has_the_room_of_its_first_sample():
+    poses = Rotation.random(4, rng=np.random.default_rng(7))
+    log, path = _log([_session(poses[0], poses, (0, 1, 2, 3))], True)
+    assert np.abs(attitude(log) @ path[0] - path).max() < 5e-4
