@@ -14,28 +14,54 @@ from jaxtyping import Array, Float
 DEPENDENT = 500.0
 
 
-def sweep_lanes(matrix: Float[Array, "n n batch"], pivots: int) -> Float[Array, "n n batch"]:
-    """Sweep (Gauss-Jordan) on the first `pivots` rows of a symmetric matrix, without exchange of rows.
+def invert_lanes(matrix: Float[Array, "n n batch"]) -> Float[Array, "n n batch"]:
+    """Inverses of symmetric matrices whose size is a multiple of three, by sweeps of three rows at a time.
 
-    [[A, B], [Bᵀ, C]] becomes [[A⁻¹, A⁻¹B], [−BᵀA⁻¹, C − BᵀA⁻¹B]]; NaN where A is not positive definite to
-    rounding. Source: Goodnight, *A tutorial on the sweep operator*, Am. Stat. 33 (1979) 149.
+    NaN where a matrix is not positive definite to rounding. Source: Goodnight, *A tutorial on the sweep operator*,
+    Am. Stat. 33 (1979) 149. What is swept leaves at the top and comes in again at the bottom, so that every round is
+    the same.
     """
     n = matrix.shape[0]
     diagonal = jnp.stack([matrix[k, k] for k in range(n)])
+
+    def sweep(_, state):
+        a, lowest = state
+        pivot = _inverse_three(a[:3, :3], lowest[:3])
+        top, left = a[:3, 3:], a[3:, :3]
+        row = (
+            pivot[:, 0, None] * top[None, 0]
+            + pivot[:, 1, None] * top[None, 1]
+            + pivot[:, 2, None] * top[None, 2]
+        )
+        rest = (
+            a[3:, 3:]
+            - left[:, 0, None] * row[None, 0]
+            - left[:, 1, None] * row[None, 1]
+            - left[:, 2, None] * row[None, 2]
+        )
+        above = jnp.concatenate([rest, jnp.swapaxes(row, 0, 1)], axis=1)
+        below = jnp.concatenate([row, -pivot], axis=1)
+        return jnp.concatenate([above, below]), jnp.concatenate([lowest[3:], lowest[:3]])
+
     lowest = diagonal * (DEPENDENT * jnp.finfo(matrix.dtype).eps)
-    numbers = jnp.arange(n)
-    zero, one = jnp.zeros((), matrix.dtype), jnp.ones((), matrix.dtype)
-
-    def step(k, a):
-        at = (numbers == k)[:, None]
-        row, column = a[k], a[:, k]
-        pivot = jnp.where(row[k] > lowest[k], one / row[k], jnp.full((), jnp.nan, a.dtype))
-        row = jnp.where(at, one, row) * pivot[None]
-        rest = jnp.where(at[:, :, None] | at[None], zero, a)
-        return rest - jnp.where(at, -one, column)[:, None] * row[None]
-
     # A loop: written out, it would take most of the compile time.
-    return jax.lax.fori_loop(0, pivots, step, matrix)
+    return -jax.lax.fori_loop(0, n // 3, sweep, (matrix, lowest))[0]
+
+
+def _inverse_three(a: Float[Array, "3 3 batch"], lowest: Float[Array, "3 batch"]) -> Array:
+    """Inverse by L D Lᵀ; NaN where a pivot is not above `lowest`."""
+    nan, one = jnp.full((), jnp.nan, a.dtype), jnp.ones((), a.dtype)
+    reciprocal = lambda x, low: jnp.where(x > low, one / x, nan)
+    d0 = reciprocal(a[0, 0], lowest[0])
+    l10, l20 = a[1, 0] * d0, a[2, 0] * d0
+    d1 = reciprocal(a[1, 1] - l10 * a[1, 0], lowest[1])
+    c21 = a[2, 1] - l20 * a[1, 0]
+    l21 = c21 * d1
+    d2 = reciprocal(a[2, 2] - l20 * a[2, 0] - l21 * c21, lowest[2])
+    m20 = l10 * l21 - l20
+    i21, i20, i10 = -l21 * d2, m20 * d2, -l10 * d1 - l21 * m20 * d2
+    i11, i00 = d1 + l21 * l21 * d2, d0 + l10 * l10 * d1 + m20 * m20 * d2
+    return jnp.stack([i00, i10, i20, i10, i11, i21, i20, i21, d2]).reshape(a.shape)
 
 
 def inverse_blocks(matrix: Float[Array, "batch n n"], block: int) -> Float[Array, "batch n n"]:

@@ -2,9 +2,11 @@
 
 Same residual, parameters and gauge as `estimators.Invariant`, in units of g, written out for a batch:
 
-    r = w (‖(E + Γ)⁻¹ (a' − a⁰)‖ − 1),   ∂r/∂a⁰ = −w v,   ∂r/∂Γ_ij = −w v_i f_j,
+    r = w (‖f‖ − 1),   f = (E + Γ)⁻¹ (a' − a⁰) = X (a'; 1),
 
-with f the specific force and v = (E + Γ)⁻ᵀ f/‖f‖.
+with the affine map X, lower triangular as Γ is. A step is taken in the frame of f (`moments`), where the
+derivatives are products of f's components, and is the same Gauss-Newton step: a⁰ and Γ change by (E + Γ) β and
+(E + Γ) G, and so does their covariance.
 
 Two Gauss-Newton steps bring a triad whose errors are of some per cent to within 10⁻⁶ of the
 minimum; from there the normal matrix hardly changes, so its inverse is kept and the steps that are left cost
@@ -17,12 +19,15 @@ as much as the arithmetic.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..estimators.invariant import _COLUMNS, _ROWS
-from .cholesky import sweep_lanes
+from .cholesky import invert_lanes
+from .moments import gradient, normal_matrix, square
 
 
+FULL_STEPS = 2  # with a normal matrix of their own
 # Of a step's residuals, in units of g: what is left of a step at the minimum.
 ROUNDINGS = 16.0
 
@@ -71,38 +76,69 @@ def fit_invariant(
     covariance; one that does not settle in `max_steps` is not `converged`.
     """
     a = outputs / gravity
-    w = weights * gravity
-    start = jnp.zeros((9, a.shape[2]), a.dtype)
-    none = jnp.zeros((10, 10, a.shape[2]), a.dtype)
-    # In a loop, though only twice, so that it is compiled once.
-    begin = (start, none, start)
-    p, swept, scale = jax.lax.fori_loop(0, 2, lambda _, s: _full_step(s[0], a, w), begin)
-    inverse, squared = swept[:9, :9], w * w
+    squared = jnp.square(weights * gravity)
+    lanes = a.shape[2]
+    unit = jnp.broadcast_to(jnp.eye(3, 4, dtype=a.dtype)[:, :, None], (3, 4, lanes))
+    none, zero = jnp.zeros((lanes,), bool), jnp.zeros((9, lanes), a.dtype)
+    count = jnp.zeros((lanes,), jnp.int32)
 
-    def unsettled(state):
-        return (state[1] < max_steps) & jnp.any(~state[2])
+    def factorised(kept: _Factor, x: Array, f: Array) -> _Factor:
+        normal = normal_matrix(f, squared)
+        scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
+        return _Factor(invert_lanes(normal), scale, x)
 
-    def refine(state):
-        p, k, done, steps = state
-        step = _product(inverse, _gradient(p, a, squared))
-        small = is_small(step, scale, tolerance, axis=0)
-        p = jnp.where(done[None], p, p + step)
-        return p, k + 1, done | small, steps + jnp.where(done, 0, 1)
+    def improve(state):
+        x, f, factor, k, done, steps = state
+        full = k < FULL_STEPS
+        factor = jax.lax.cond(full, factorised, lambda kept, x, f: kept, factor, x, f)
+        step = _product(factor.inverse, gradient(f, squared))
+        # A device that failed is done, too.
+        small = is_small(step, factor.scale, tolerance, axis=0) | jnp.isnan(step[0])
+        x = _moved(x, jnp.where(done[None], jnp.zeros_like(step), step))
+        left = jnp.where(done, 0, 1).astype(jnp.int32)
+        return x, _forces(x, a), factor, k + 1, done | (small & ~full), steps + left
 
-    # NaN compares as false: a device that failed runs to the limit and is not converged.
-    failed = jnp.isnan(p[0])
-    first = (p, 2, failed, jnp.full(failed.shape, 2, jnp.int32))
-    p, _, done, steps = jax.lax.while_loop(unsettled, refine, first)
-    misfit = jnp.where(w > 0, predicted(p[:, None], a)[0] - 1.0, jnp.zeros_like(w)) * gravity
+    begin = (unit, a, _Factor(jnp.zeros((9, 9, lanes), a.dtype), zero, unit), 0, none, count)
+    going = lambda state: (state[3] < max_steps) & jnp.any(~state[4])
+    x, f, factor, _, done, steps = jax.lax.while_loop(going, improve, begin)
+    misfit = jnp.where(weights > 0, jnp.sqrt(square(f)) - 1.0, jnp.zeros_like(weights)) * gravity
     units = jnp.concatenate([jnp.full((3,), gravity, a.dtype), jnp.ones((6,), a.dtype)])
-    covariance = jnp.moveaxis(inverse, 2, 0) * (units[:, None] * units[None, :])[None]
+    covariance = _spread(_matrix(factor.frame), factor.inverse)
     return BatchFit(
-        parameters=p.T * units[None],
-        covariance=covariance,
+        parameters=_parameters(x).T * units[None],
+        covariance=jnp.moveaxis(covariance, 2, 0) * (units[:, None] * units[None, :])[None],
         misfit=misfit.T[:, :, None],
-        converged=done & ~jnp.isnan(p[0]),
+        converged=done & ~jnp.isnan(x[0, 0]),
         num_steps=steps,
     )
+
+
+def fit_chunks(
+    outputs: Float[Array, "chunks 3 dwells batch"],
+    weights: Float[Array, "chunks dwells batch"],
+    gravity: Float[Array, ""],
+    used: Int[Array, ""],
+) -> BatchFit:
+    """`fit_invariant` of the first `used` chunks one after the other, in one call: what stays in a core's cache.
+
+    Results lead with chunk and device; they are zero in chunks that are not used, which cost nothing.
+    """
+    shape = jax.eval_shape(fit_invariant, outputs[0], weights[0], gravity)
+    empty = jax.tree.map(lambda s: jnp.zeros((len(outputs), *s.shape), s.dtype), shape)
+
+    def one(k: Array, whole: BatchFit) -> BatchFit:
+        fit = fit_invariant(outputs[k], weights[k], gravity)
+        return jax.tree.map(lambda w, x: w.at[k].set(x), whole, fit)
+
+    return jax.lax.fori_loop(0, used, one, empty)
+
+
+class _Factor(eqx.Module):
+    """A normal matrix's inverse, the norms of the Jacobian's columns, and the map X in whose frame they are."""
+
+    inverse: Float[Array, "9 9 batch"]
+    scale: Float[Array, "9 batch"]
+    frame: Float[Array, "3 4 batch"]
 
 
 def is_small(
@@ -114,21 +150,67 @@ def is_small(
     return told | (jnp.max(size, axis=axis) < ROUNDINGS * jnp.finfo(step.dtype).eps)
 
 
-def _full_step(p: Array, a: Array, w: Array) -> tuple[Array, Array, Array]:
-    """A Gauss-Newton step, the swept normal matrix with the gradient beside it, and the norms of the
-    Jacobian's columns."""
-    size, columns = predicted(p[:, None], a)
-    rows = jnp.stack([c * w for c in (*columns, size - 1.0)])
-    normal = jnp.einsum("idl,jdl->ijl", rows, rows)
-    swept = sweep_lanes(normal, 9)
-    scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
-    return p + swept[:9, 9], swept, scale
+def _forces(x: Array, a: Array) -> Array:
+    """X (a; 1) of every dwell."""
+    linear = x[:, 0, None] * a[None, 0] + x[:, 1, None] * a[None, 1] + x[:, 2, None] * a[None, 2]
+    return linear + x[:, 3, None]
 
 
-def _gradient(p: Array, a: Array, squared: Array) -> Array:
-    size, columns = predicted(p[:, None], a)
-    residual = (size - 1.0) * squared
-    return jnp.sum(jnp.stack([c * residual for c in columns]), axis=1)
+def _moved(x: Array, step: Array) -> Array:
+    """The map after a step: (E + G)⁻¹ (X − (0 β)), forwards as (E + G) is triangular."""
+    shift, (g00, g10, g20, g11, g21, g22) = step[:3], step[3:]
+    x = jnp.concatenate([x[:, :3], x[:, 3:] - shift[:, None]], axis=1)
+    y0 = x[0] / (1.0 + g00)[None]
+    y1 = (x[1] - g10[None] * y0) / (1.0 + g11)[None]
+    y2 = (x[2] - g20[None] * y0 - g21[None] * y1) / (1.0 + g22)[None]
+    return jnp.stack([y0, y1, y2])
+
+
+def _matrix(x: Array) -> Array:
+    """E + Γ of a map."""
+    d0, d1, d2 = 1.0 / x[0, 0], 1.0 / x[1, 1], 1.0 / x[2, 2]
+    m10, m21 = -x[1, 0] * d0 * d1, -x[2, 1] * d1 * d2
+    m20 = -(x[2, 0] * d0 + x[2, 1] * m10) * d2
+    zero = jnp.zeros_like(d0)
+    return jnp.stack([d0, zero, zero, m10, d1, zero, m20, m21, d2]).reshape(3, 3, -1)
+
+
+def _parameters(x: Array) -> Array:
+    """Of `estimators.Invariant`, the bias in units of g."""
+    m = _matrix(x)
+    bias = -(m[:, 0] * x[None, 0, 3] + m[:, 1] * x[None, 1, 3] + m[:, 2] * x[None, 2, 3])
+    off = jnp.stack([m[i, j] - float(i == j) for i, j in zip(_ROWS, _COLUMNS, strict=True)])
+    return jnp.concatenate([bias, off])
+
+
+# The frame's unknowns go down G's columns, those of the estimator along its rows.
+_ORDER = np.array([0, 1, 2, 3, 4, 6, 5, 7, 8])
+
+
+def _spread(matrix: Array, covariance: Array) -> Array:
+    """Covariance of the estimator's parameters from that of the frame's unknowns."""
+    half = _turned(matrix, covariance)
+    whole = _turned(matrix, jnp.swapaxes(half, 0, 1))
+    return whole[_ORDER][:, _ORDER]
+
+
+def _turned(matrix: Array, rows: Array) -> Array:
+    """(E + Γ) times β and each column of G, as rows of an array (9, n, batch)."""
+    m = matrix[:, :, None]
+
+    def product(first: int, block: Array) -> Array:
+        total = m[first:, first] * block[0][None]
+        for k in range(1, len(block)):
+            total = total + m[first:, first + k] * block[k][None]
+        return total
+
+    parts = [
+        product(0, rows[:3]),
+        product(0, rows[3:6]),
+        product(1, rows[6:8]),
+        product(2, rows[8:]),
+    ]
+    return jnp.concatenate(parts)
 
 
 def _product(matrix: Array, vector: Array) -> Array:
