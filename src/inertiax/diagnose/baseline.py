@@ -115,8 +115,8 @@ def choose(campaign: Campaign, blocks: Blocks, triad: str) -> ModelForm | None:
 
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
-    """Which blocks the form has rows for."""
-    if form.triad == "gyro" and form.estimator == "reference":
+    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests."""
+    if form.estimator == "reference":
         return np.ones(blocks.num_blocks, bool)
     return ~blocks.moving
 

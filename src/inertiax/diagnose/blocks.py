@@ -232,7 +232,7 @@ def _summarise(
         gyro=mean(log.gyro),
         reference_accel=mean(log.reference_accel),
         reference_gyro=mean(log.reference_gyro),
-        accel_white=_white(log.accel, None, start, stop, moving),
+        accel_white=_white(log.accel, log.reference_accel, start, stop, moving),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, moving),
     )
 

@@ -26,7 +26,7 @@ TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid m
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
-SHARPER = 3  # times that the forms beside a leading unlisted dependence are tried
+SHARPER = 3  # times that the forms beside a leading candidate are tried
 FAINT = 12.0  # likelihood ratio below which that is not worth it
 TRIED = 40  # leading candidates that are asked whether they predict
 
@@ -61,7 +61,7 @@ class Answer:
 def _quiet(noise: NoiseFit) -> NoiseFit:
     """The same noise with its slow parts much lower: shows slow effects that they may have swallowed."""
     lower = tuple(
-        np.concatenate([t[:1], np.maximum(t[1:3] - 4.0, -9.0), t[3:] - 1.0]) for t in noise.theta
+        np.concatenate([t[:1], t[1:3] - 4.0, t[3:4] - 1.0, t[4:] - 6.0]) for t in noise.theta
     )
     return NoiseFit(tuple(np.maximum(t, -9.0) for t in lower), noise.value)
 
@@ -152,26 +152,28 @@ def _sharpen(
     system: System,
     start: Bank,
     ranked: Sequence[Candidate],
+    everything: Sequence[Term],
     finer: Callable[[Term], list[Term]],
     forms: dict,
     grade: str | None,
 ) -> list[Term]:
-    """Forms beside the leading unlisted dependence, nearer step by step, under the variances that suit it.
+    """Forms beside the leading effect and the leading unlisted dependence, nearer step by step.
 
     What a form between the grid's points leaves behind is taken for slow noise; only where that is fitted
     anew beside a near form does a nearer one show.
     """
-    lead = next((c for c in ranked if _is_open(c)), None)
     made: list[Term] = []
-    for _ in range(SHARPER):
-        if lead is None or lead.ratio < FAINT or not _has_grid(lead.term):
-            break
-        fuller = refine(system, start, [lead], [], most=1)
-        near = finer(lead.term)
-        best = judge(system, fuller, [lead.term, *near], [], forms, grade)[0]
-        if best.term is lead.term:
-            break
-        made, lead = [*made, *near], best
+    for lead in _first_of_both(c for c in ranked if _has_grid(c.term)):
+        for _ in range(SHARPER):
+            if lead is None or lead.ratio < FAINT:
+                break
+            fuller = refine(system, start, [lead], [], most=1)
+            same = [t for t in everything if (t.name, t.channels) == lead.key]
+            near = [*same, lead.term, *finer(lead.term)]
+            best = judge(system, fuller, near, [], forms, grade)[0]
+            if best.term is lead.term:
+                break
+            made, lead = [*made, best.term, *finer(best.term)], best
     return made
 
 
@@ -198,7 +200,7 @@ def identify(
     say(f"{len(everything)} candidates screened, {tests.total:.0f} independent tests")
     leaders = _leaders(slow, 3, 1)
     fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
-    nearer = _sharpen(system, fuller, ranked, finer, forms, grade)
+    nearer = _sharpen(system, fuller, ranked, everything, finer, forms, grade)
     if nearer:
         short = [*short, *nearer]
         fuller, ranked = _rank(system, fuller.fits, short, [], forms, grade)

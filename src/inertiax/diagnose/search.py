@@ -178,9 +178,9 @@ def refine(
     count: dict[tuple[int, ...], int] = {}
     for candidate in ranked:
         chains = candidate.term.chains
-        if candidate.key in done or count.get(chains, 0) >= most:
+        if id(candidate.term) in done or count.get(chains, 0) >= most:
             continue
-        done.add(candidate.key)
+        done.add(id(candidate.term))
         count[chains] = count.get(chains, 0) + 1
         fits.append(fit_noise(system, [*chosen, candidate.term], start.leader, chains))
     return bank(system, fits, chosen)
