@@ -265,6 +265,29 @@ def test_compensate_reads_units_from_a_campaign(calibrated, tmp_path, capsys, mo
     np.testing.assert_allclose(done["ax"], raw["ax"])
 
 
+def test_compensate_takes_the_campaign_that_names_the_recording(
+    calibrated, tmp_path, capsys, monkeypatch
+):
+    table = rests_table(7, noise=0.0)
+    raw = {"t": table["time"], **{f"a{a}": table[f"accel_{a}"] / 9.80665 for a in _AXES}}
+    for name in ("named.csv", "other.csv"):
+        pl.DataFrame(raw).write_csv(tmp_path / name)
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["n*.csv"]\n[columns]\ntime = "t"\n'
+        'accel = { names = ["ax", "ay", "az"], unit = "g" }\n'
+    )
+    command = lambda name: (
+        *("compensate", calibrated / "calibration.json"),
+        *(tmp_path / name, "-o", tmp_path / "clean.csv"),
+    )
+    code, _, err = run(capsys, monkeypatch, *command("named.csv"))
+    assert code == 0, err
+    force = pl.read_csv(tmp_path / "clean.csv").select("accel_x", "accel_y", "accel_z").to_numpy()
+    np.testing.assert_allclose(force, np.repeat(GRAVITY * _directions(), 20, axis=0), atol=5e-4)
+    code, _, err = run(capsys, monkeypatch, *command("other.csv"))
+    assert code == 1 and "column 'time' is missing" in err
+
+
 def test_compensate_refuses_a_recording_of_another_device(tmp_path, capsys, monkeypatch):
     folder = write_campaign(tmp_path / "c", {"A": rests_table(8)})
     out = tmp_path / "out"

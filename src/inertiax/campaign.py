@@ -119,6 +119,19 @@ def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> t
     return tuple(files)
 
 
+def campaign_beside(recording: Path) -> Path | None:
+    """The `campaign.toml` in a recording's folder that names it among its `files`, if there is one.
+
+    A campaign that cannot be read is nobody's: whoever meant it names it, and is told what is wrong.
+    """
+    file = recording.parent / "campaign.toml"
+    try:
+        named = find_files(file.parent, read_table(file).recordings.files)
+    except (ValueError, OSError):
+        return None
+    return file if recording.resolve() in {f.resolve() for f in named} else None
+
+
 def _match(folder: Path, pattern: str, key: str) -> list[Path]:
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise ValueError(

@@ -49,7 +49,8 @@ def compensate(
         typer.Option(
             exists=True,
             metavar="FILE",
-            help="campaign.toml whose [columns] and [recordings] say names, units and layout.",
+            help="campaign.toml whose [columns] and [recordings] say names, units and layout; default: the one in "
+            "the recording's folder, if it names the recording.",
         ),
     ] = None,
     gyro_file: Annotated[
@@ -85,6 +86,7 @@ def compensate(
         stages("starting")
         environment.prepare()
         from ..calibration import read_calibration
+        from ..campaign import campaign_beside
         from ..compensation import compensate_file
 
         stages("compensating")
@@ -92,7 +94,7 @@ def compensate(
             read_calibration(calibration),
             recording,
             gyro_file=gyro_file,
-            campaign=campaign,
+            campaign=campaign or campaign_beside(recording),
             any_device=any_device,
         )
         stages("writing")

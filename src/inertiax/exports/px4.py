@@ -59,7 +59,10 @@ def write(calibration: Calibration, settings: Settings) -> Export:
 
     notes = ("axes must be the sensor's own, before PX4's rotation to the body",)
     if settings.accel_id == 0 or settings.gyro_id == 0:
-        notes = ("PX4 wants the sensors' own numbers: give --set accel_id=... gyro_id=...", *notes)
+        notes = (
+            "PX4 wants the sensors' own numbers: give --set accel_id=... --set gyro_id=...",
+            *notes,
+        )
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,

@@ -5,14 +5,14 @@ from pathlib import Path
 
 from ..diagnose import Diagnosis
 from ..diagnose.residuals import Residuals
-from ..diagnose.result import Moved, Parameter
+from ..diagnose.result import Moved
 from ..effects import CATALOGUE
 from ..plots import diagnosis as plots, residuals as residual_plots
 from ..plots.style import drawing
 from ..quantities import label, with_sigma
 from ..recordings import Campaign
 from .audit import audit_sections, sizes_section, three_digits
-from .engineering import customary, in_words
+from .engineering import customary, in_words, shown_parameter
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 
 
@@ -81,7 +81,7 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
             f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
             f"the misfit is lower by {100 * evidence.held_out_gain:.0f} %.",
         ]
-        rows = tuple((name, *_value(name, p)) for name, p in effect.parameters)
+        rows = tuple((name, *shown_parameter(name, p)) for name, p in effect.parameters)
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]
         if len(effect.odds) > 1:
             odds = tuple((name, f"{100 * share:.1f}") for name, share in effect.odds)
@@ -135,17 +135,6 @@ def _driver_figures(
 def _rows_name(rows: Residuals) -> str:
     name = "accelerometers" if rows.triad == "accel" else "gyros"
     return name if len(rows.channels) == 3 else f"{name} (size of specific force less gravity)"
-
-
-def _value(name: str, parameter: Parameter) -> tuple[str, str, str]:
-    """Value, uncertainty and unit as on a data sheet."""
-    factor, unit = customary(parameter.value, parameter.unit)
-    if name.startswith("amplitude"):
-        factor, unit = 1.0, "of what theory says"
-    value, std = factor * parameter.value, parameter.std
-    if std is None or not math.isfinite(std):
-        return f"{value:.4g}", "not determined", unit
-    return *with_sigma(value, factor * std), unit
 
 
 def _fit_section(found: Diagnosis, folder: Path) -> list[Section]:

@@ -1,8 +1,13 @@
 """Sizes of effects in the units that engineers use on data sheets."""
 
 import math
+from typing import TYPE_CHECKING
 
-from ..quantities import DEG_PER_HOUR
+from ..quantities import DEG_PER_HOUR, with_sigma
+
+
+if TYPE_CHECKING:
+    from ..diagnose.result import Parameter
 
 
 _MICRO_G = 1e6 / 9.80665  # in a m/s²
@@ -51,3 +56,14 @@ def customary(size: float, unit: str) -> tuple[float, str]:
 def in_words(name: str) -> str:
     """An effect's name as people read it."""
     return name.replace("_", " ")
+
+
+def shown_parameter(name: str, parameter: "Parameter") -> tuple[str, str, str]:
+    """An effect's parameter as on a data sheet: value, uncertainty and unit."""
+    factor, unit = customary(parameter.value, parameter.unit)
+    if name.startswith("amplitude"):
+        factor, unit = 1.0, "of what theory says"
+    value, std = factor * parameter.value, parameter.std
+    if std is None or not math.isfinite(std):
+        return f"{value:.4g}", "not determined", unit
+    return *with_sigma(value, factor * std), unit

@@ -3,22 +3,25 @@
 import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from ..calibrate import DeviceResult
-from ..demo import DemoResult
-from ..diagnose import Audit, Diagnosis
 from ..quality import judge
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..temperature import Constant
-from .audit import audit_sections
 from .judge import TRIAD_NAMES, triads
 
 
-def print_result(result: DeviceResult, folder: Path) -> None:
+if TYPE_CHECKING:  # a command pays for what it uses alone
+    from ..calibrate import DeviceResult
+    from ..demo import DemoResult
+    from ..diagnose import Audit, Diagnosis
+
+
+def print_result(result: "DeviceResult", folder: Path) -> None:
     """Parameters at the middle temperature, misfit, choices, warnings, and where the files are."""
     console = _console()
     calibration = result.calibration
@@ -47,7 +50,7 @@ def print_result(result: DeviceResult, folder: Path) -> None:
     console.print(f"written: {folder / 'calibration.json'}, {folder / 'report.html'}")
 
 
-def print_demo(result: DemoResult, folder: Path) -> None:
+def print_demo(result: "DemoResult", folder: Path) -> None:
     """The demo's table: how far each way of calibration is from the truth and from set 3."""
     console = _console()
     console.print("Greatest differences over -55…+60 °C, and the check; simulated accelerometers.")
@@ -78,8 +81,10 @@ def print_demo(result: DemoResult, folder: Path) -> None:
     console.print(f"written: {folder / 'report.html'}, {folder / 'demo.json'}")
 
 
-def print_diagnosis(found: Diagnosis, device: str, folder: Path) -> None:
+def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
     """Verdict, what was left out with its evidence, and where the files are."""
+    from .engineering import shown_parameter
+
     console = _console()
     if device:
         console.print(f"Device {device}", style="bold")
@@ -89,12 +94,9 @@ def print_diagnosis(found: Diagnosis, device: str, folder: Path) -> None:
         rivals = f" or {', '.join(effect.alternatives)}" if effect.alternatives else ""
         console.print(f"  {effect.name}{rivals} on {', '.join(effect.channels)}")
         for name, p in effect.parameters:
-            shown = (
-                f"{p.value:.6g} (not determined)"
-                if p.std is None
-                else " ± ".join(with_sigma(p.value, p.std))
-            )
-            console.print(f"    {name} = {shown} {p.unit}")
+            value, sigma, unit = shown_parameter(name, p)
+            known = f"± {sigma} {unit}" if p.std is not None else f"{unit} ({sigma})"
+            console.print(f"    {name} = {value} {known}")
         if effect.separating_experiment:
             console.print(f"    to tell more: {effect.separating_experiment}")
     console.print(
@@ -102,8 +104,10 @@ def print_diagnosis(found: Diagnosis, device: str, folder: Path) -> None:
     )
 
 
-def print_audit(audit: Audit) -> None:
+def print_audit(audit: "Audit") -> None:
     """What a plan shows, cannot tell apart and hides."""
+    from .audit import audit_sections
+
     console = _console()
     for section in audit_sections(audit):
         console.print(section.title, style="bold")
