@@ -3,11 +3,12 @@
     pip install -e . pyceres        # and for jaxls what jaxls_peer.py says
     python benchmarks/fleet/solve.py [--devices 20000] [--platform gpu] [--json FILE]
 
-1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_invariant` in chunks on all
-   cores; Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its default
+1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_chunks` on all cores, which
+   takes the normal matrix's 81 elements from sums of products of the specific force (see `fleet/moments.py`; the
+   steps are those of Gauss-Newton all the same); Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its default
    tolerances, problem construction inside the clock, one device after the other); almond-jaxls under `vmap` on as
-   many threads; and `invariant.c`, the same steps written by hand for the vector lanes (compiled here with
-   -O3 -march=native), on as many threads.
+   many threads; and `invariant.c`, Gauss-Newton written by hand for the vector lanes without that (compiled here
+   with -O3 -march=native), on as many threads.
 2. Sixty-three parameters, 13 × 18 dwells: `fit_thermal_invariant` beside SciPy's MINPACK with analytic
    Jacobian.
 
@@ -42,12 +43,14 @@ from accelerator import accelerator_table
 from jaxls_peer import jaxls_time
 from problem import constant_problem, GRAVITY, SIGMA, thermal_problem
 
-from inertiax.fleet import fit_invariant, fit_thermal_invariant
+from inertiax.fleet import fit_thermal_invariant
+from inertiax.fleet.batch import BLOCKS, CHUNKS, LANES
+from inertiax.fleet.invariant import fit_chunks
 from inertiax.temperature import Polynomial
 
 
 REPEATS = 7
-LANES, BLOCKS, WIDTH = 128, 16, 8
+WIDTH = 8
 
 
 def median(run: Callable[[], object]) -> tuple[float, float]:
@@ -82,24 +85,28 @@ def rows(theta: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def constant(devices: int, threads: int) -> dict[str, float | tuple[float, float]]:
     a = constant_problem(devices)
-    pad = -devices % LANES
-    padded = np.concatenate([a, a[:pad]])
-    lanes = [
-        np.ascontiguousarray(c.transpose(2, 1, 0)) for c in np.split(padded, len(padded) // LANES)
+    together = LANES * CHUNKS
+    padded = np.concatenate([a, a[: -devices % together]])
+    calls = [
+        np.ascontiguousarray(c.reshape(CHUNKS, LANES, 18, 3).transpose(0, 3, 2, 1))
+        for c in np.split(padded, len(padded) // together)
     ]
-    weights = np.full((18, LANES), 1 / SIGMA)
+    weights = np.full((CHUNKS, 18, LANES), 1 / SIGMA)
+    gravity, used = jnp.asarray(GRAVITY), np.int32(CHUNKS)
+    last = np.int32(-(-(devices - together * (len(calls) - 1)) // LANES))
     start = time.perf_counter()
-    compiled = jax.jit(fit_invariant).lower(lanes[0], weights, jnp.asarray(GRAVITY)).compile()
+    compiled = jax.jit(fit_chunks).lower(calls[0], weights, gravity, used).compile()
     compile_time = time.perf_counter() - start
 
     def ours() -> np.ndarray:
-        def one(chunk: np.ndarray) -> np.ndarray:
-            fit = compiled(chunk, weights, jnp.asarray(GRAVITY))
-            assert bool(np.asarray(fit.converged).all())
-            return np.asarray(fit.parameters)
+        def one(number: int) -> np.ndarray:
+            count = used if number + 1 < len(calls) else last
+            fit = compiled(calls[number], weights, gravity, count)
+            assert bool(np.asarray(fit.converged)[:count].all())
+            return np.asarray(fit.parameters).reshape(-1, 9)
 
         with ThreadPoolExecutor(threads) as pool:
-            return np.concatenate(list(pool.map(one, lanes)))[:devices]
+            return np.concatenate(list(pool.map(one, range(len(calls)))))[:devices]
 
     answer = ours()
     seconds = median(ours)

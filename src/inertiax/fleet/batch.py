@@ -19,14 +19,18 @@ from jaxtyping import Array, Bool, Float, Int
 from ..dwells import Dwells
 from ..estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
 from ..temperature import AbstractBasis, Constant
-from .invariant import BatchFit, fit_invariant
+from .invariant import BatchFit, fit_chunks
 from .linear import fit_linear
 from .thermal import fit_thermal_invariant
 
 
 # Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet/solve.py).
-LANES = 128
+LANES = 64
 BLOCKS = 16
+# Lots of `LANES` in one call of the compiled program, which is told how many of them are used.
+CHUNKS = 16
+# Calls of a part over temperature, all rounds of which are done by one thread.
+CALLS = 4
 # On an accelerator: what keeps it busy, in some hundred MB of its memory.
 LANES_THERE, BLOCKS_THERE = 2**16, 2**11
 
@@ -97,17 +101,38 @@ def fit_fleet(
             "`fit_fleet(precision='float32')` is for the invariant estimator without robust loss; got "
             f"{type(estimator).__name__}. Leave it out."
         )
-    solve = partial(_solve, estimator, basis, precision=precision, threads=threads)
-    valid = np.asarray(dwells.valid)
+    count, cores = len(dwells.valid), threads or os.cpu_count() or 1
+    size = _chunk(estimator, basis, count)
+    # A part's arrays stay in a core's cache from one round to the next; its size is not that of the machine, so
+    # that results are not either.
+    step = size * (1 if isinstance(basis, Constant) else CALLS)
+    parts = [slice(s, min(s + step, count)) for s in range(0, count, step)]
+    one = lambda part: _fit_part(estimator, basis, _part(dwells, part), size, precision)
+    # The first part compiles; the others then run the same program side by side.
+    fits = [one(parts[0])]
+    if len(parts) > 1:
+        with ThreadPoolExecutor(cores) as pool:
+            fits.extend(pool.map(one, parts[1:]))
+    return fits[0] if len(fits) == 1 else jax.tree.map(lambda *x: np.concatenate(x), *fits)
+
+
+def _fit_part(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    size: int,
+    precision: Precision,
+) -> FleetFit:
+    """`fit_fleet` of some of the devices, in calls of `size`."""
+    valid = dwells.valid
     unknowns = basis.size * estimator.num_parameters
     own = _own_sigma(estimator, dwells)
     known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
     scatter = np.where(known, 0.0, NOMINAL_SIGMA)
-    size = _chunk(estimator, basis, len(valid))
-    fit = solve(dwells, own, scatter, size)
+    fit = _solve(estimator, basis, dwells, own, scatter, size, precision)
     chi2 = _chi2_per_dof(fit, own, valid, unknowns, known)
     for _ in range(2):
-        settled = _paule_mandel(np.asarray(fit.misfit), own, valid, unknowns)
+        settled = _paule_mandel(fit.misfit, own, valid, unknowns)
         settled = np.where(
             np.isfinite(settled) & (settled > 0), settled, np.where(known, 0.0, scatter)
         )
@@ -115,25 +140,20 @@ def fit_fleet(
         if not len(changed):
             break
         scatter = settled
-        part = jax.tree.map(partial(_rows, rows=changed), dwells)
-        # In chunks of the same size, for which there is a compiled program.
-        again = solve(part, own[changed], scatter[changed], size)
+        if len(changed) == len(scatter):
+            fit = _solve(estimator, basis, dwells, own, scatter, size, precision)
+            continue
+        some = _part(dwells, changed)
+        again = _solve(estimator, basis, some, own[changed], scatter[changed], size, precision)
         fit = jax.tree.map(partial(_put, rows=changed), fit, again)
     return FleetFit(
-        parameters=np.asarray(fit.parameters),
-        covariance=np.asarray(fit.covariance),
-        misfit=np.asarray(fit.misfit),
-        own_sigma=own,
-        valid=valid,
-        scatter=scatter,
-        chi2_per_dof=chi2,
-        converged=np.asarray(fit.converged),
-        num_steps=np.asarray(fit.num_steps),
-    )
+        fit.parameters, fit.covariance, fit.misfit, own, valid, scatter, chi2,
+        fit.converged, fit.num_steps,
+    )  # fmt: skip
 
 
-def _rows(column: np.ndarray, *, rows: np.ndarray) -> np.ndarray:
-    return np.asarray(column)[rows]
+def _part(dwells: Dwells, rows: slice | np.ndarray) -> Dwells:
+    return jax.tree.map(lambda x: np.asarray(x)[rows], dwells)
 
 
 def _put(whole: np.ndarray, part: np.ndarray, *, rows: np.ndarray) -> np.ndarray:
@@ -149,9 +169,14 @@ def _own_sigma(
     covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
     if not isinstance(estimator, Invariant):
         return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    output = np.asarray(dwells.accel)
-    direction = output / np.linalg.norm(output, axis=-1, keepdims=True)
-    return np.sqrt(np.einsum("dni,dnij,dnj->dn", direction, covariance, direction))[:, :, None]
+    output = np.moveaxis(np.asarray(dwells.accel), -1, 0)
+    square = output[0] ** 2 + output[1] ** 2 + output[2] ** 2
+    # Written out: NumPy's products of many small matrices cost as much as the solve.
+    total = sum(
+        (1.0 if i == j else 2.0) * covariance[..., i, j] * (output[i] * output[j])
+        for i in range(3) for j in range(i + 1)
+    )  # fmt: skip
+    return np.sqrt(total / square)[:, :, None]
 
 
 def _chunk(estimator: AbstractEstimator, basis: AbstractBasis, count: int) -> int:
@@ -160,8 +185,8 @@ def _chunk(estimator: AbstractEstimator, basis: AbstractBasis, count: int) -> in
     needed = 1 << max(count - 1, 0).bit_length()
     if jax.default_backend() != "cpu":
         return min(LANES_THERE if constant else BLOCKS_THERE, needed)
-    # Empty lanes cost less than another program.
-    return LANES if constant else min(BLOCKS, needed)
+    # Chunks that are not used cost nothing, and empty lanes less than another program.
+    return LANES * CHUNKS if constant else min(BLOCKS, needed)
 
 
 def _solve(
@@ -171,49 +196,61 @@ def _solve(
     own: np.ndarray,
     scatter: np.ndarray,
     size: int,
-    *,
     precision: Precision,
-    threads: int | None,
 ) -> BatchFit:
-    """One weighted solve of every device, in chunks of one compiled shape."""
-    count = len(scatter)
-    starts = range(0, count, size)
-    rows = [np.minimum(np.arange(s, s + size), count - 1) for s in starts]
-
-    def one(chunk: np.ndarray) -> BatchFit:
-        part = jax.tree.map(lambda x: np.asarray(x)[chunk], dwells)
+    """One weighted solve of every device, in calls of one compiled shape."""
+    count, fits = len(scatter), []
+    for start in range(0, count, size):
+        part = slice(start, min(start + size, count))
         # JAX's precision is a setting of each thread.
         with jax.enable_x64(True):
-            fit = _solve_chunk(estimator, basis, part, own[chunk], scatter[chunk], precision)
-        return jax.tree.map(_as_float64, fit)
-
-    # The first chunk compiles; the others then run the same program side by side.
-    fits = [one(rows[0])]
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        fits.extend(pool.map(one, rows[1:]))
-    return jax.tree.map(lambda *x: np.concatenate(x)[:count], *fits)
+            fit = _solve_call(
+                estimator, basis, _part(dwells, part), own[part], scatter[part], size, precision
+            )
+        fits.append(jax.tree.map(lambda x, n=part.stop - start: _as_float64(x)[:n], fit))
+    return fits[0] if len(fits) == 1 else jax.tree.map(lambda *x: np.concatenate(x), *fits)
 
 
-def _solve_chunk(
+def _solve_call(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
     own: np.ndarray,
     scatter: np.ndarray,
+    size: int,
     precision: Precision,
 ) -> BatchFit:
+    """At most `size` devices; those that fill up to it may follow in the result."""
     if isinstance(estimator, Invariant) and _is_batched(estimator):
         sigma = np.sqrt(np.square(own[:, :, 0]) + np.square(scatter)[:, None])
         weights = np.where(dwells.valid, 1.0 / sigma, 0.0)
-        outputs, temperature, weights, gravity = (
-            np.asarray(x, precision)
-            for x in (dwells.accel, dwells.temperature, weights, estimator.gravity)
-        )
+        gravity = np.asarray(estimator.gravity, precision)
         if isinstance(basis, Constant):
-            lanes = np.ascontiguousarray(outputs.transpose(2, 1, 0))
-            return _constant(lanes, np.ascontiguousarray(weights.T), gravity)
-        return _thermal(outputs, temperature, weights, gravity, basis)
-    return _linear(estimator, basis, dwells, jnp.asarray(scatter))
+            return _solve_lanes(np.asarray(dwells.accel), weights, gravity, size)
+        given = (_filled(x, size) for x in (dwells.accel, dwells.temperature, weights))
+        return _thermal(*(np.asarray(x, precision) for x in given), gravity, basis)
+    whole = jax.tree.map(partial(_filled, size=size), dwells)
+    return _linear(estimator, basis, whole, jnp.asarray(_filled(scatter, size)))
+
+
+def _filled(rows: np.ndarray, size: int) -> np.ndarray:
+    """The last row repeated up to `size`."""
+    return np.asarray(rows)[np.minimum(np.arange(size), len(rows) - 1)]
+
+
+def _solve_lanes(
+    outputs: np.ndarray, weights: np.ndarray, gravity: np.ndarray, size: int
+) -> BatchFit:
+    """Constant parameters: chunks of lanes in one call, of which only the used ones cost anything."""
+    lanes = min(LANES, size) if jax.default_backend() == "cpu" else size
+    dwells, used = outputs.shape[1], -(-len(outputs) // lanes)
+    a = np.zeros((size // lanes, 3, dwells, lanes), gravity.dtype)
+    w = np.zeros((size // lanes, dwells, lanes), gravity.dtype)
+    filled = _filled(outputs, used * lanes).reshape(used, lanes, dwells, 3)
+    a[:used] = filled.transpose(0, 3, 2, 1)
+    w[:used] = _filled(weights, used * lanes).reshape(used, lanes, dwells).transpose(0, 2, 1)
+    fit = _constant(a, w, gravity, np.int32(used))
+    return jax.tree.map(lambda x: np.asarray(x).reshape(-1, *x.shape[2:]), fit)
 
 
 def _is_batched(estimator: AbstractEstimator) -> bool:
@@ -221,12 +258,12 @@ def _is_batched(estimator: AbstractEstimator) -> bool:
     return isinstance(estimator, Invariant) and estimator.robust is None
 
 
-def _as_float64(column: Array) -> np.ndarray:
+def _as_float64(column: Array | np.ndarray) -> np.ndarray:
     values = np.asarray(column)
     return values.astype(np.float64) if values.dtype == np.float32 else values
 
 
-_constant = jax.jit(fit_invariant)
+_constant = jax.jit(fit_chunks)
 
 
 @eqx.filter_jit
@@ -253,7 +290,7 @@ def _paule_mandel(
     misfit: np.ndarray, own: np.ndarray, valid: np.ndarray, unknowns: int
 ) -> Float[np.ndarray, " devices"]:
     """`procedure.extra_scatter` of every device; 0 where χ² is within its 99 % point."""
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     kept = np.broadcast_to(valid[:, :, None], own.shape)
     r2 = np.where(kept, np.square(misfit), 0.0)
@@ -262,8 +299,7 @@ def _paule_mandel(
     used = np.maximum(dof, 1)
     quiet = np.all((own > 0) | ~kept, axis=(1, 2))
     ratio = np.divide(r2, s2, out=np.zeros_like(r2), where=s2 > 0)
-    numbers, place = np.unique(used, return_inverse=True)
-    quiet &= ratio.sum(axis=(1, 2)) <= chi2.ppf(0.99, numbers)[place]
+    quiet &= ratio.sum(axis=(1, 2)) <= chdtri(used, 0.01)
     scatter = np.zeros(len(dof))
     noisy = np.flatnonzero(~quiet & (dof > 0))
     scatter[noisy] = _excess_scatter(r2[noisy], s2[noisy], used[noisy])
@@ -271,12 +307,19 @@ def _paule_mandel(
 
 
 def _excess_scatter(r2: np.ndarray, s2: np.ndarray, dof: np.ndarray) -> np.ndarray:
-    """τ with Σ r² / (s² + τ²) = dof, by bisection."""
-    low, high = np.zeros(len(dof)), r2.sum(axis=(1, 2)) / dof
+    """τ with Σ r² / (s² + τ²) = dof, by Newton's method from below, where it never oversteps: the sum is convex."""
+    wanted, most = dof[:, None, None], s2.max(axis=(1, 2))
+    # No single term may exceed the sum, and no variance its largest.
+    single = (r2 / wanted - s2).max(axis=(1, 2))
+    excess = np.maximum(np.maximum(r2.sum(axis=(1, 2)) / dof - most, single), 0.0)
     for _ in range(60):
-        middle = 0.5 * (low + high)
-        total = s2 + middle[:, None, None]
-        ratio = np.divide(r2, total, out=np.zeros_like(r2), where=total > 0)
-        above = ratio.sum(axis=(1, 2)) > dof
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return np.sqrt(high)
+        total = s2 + excess[:, None, None]
+        inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+        terms = r2 * inverse
+        slope = (terms * inverse).sum(axis=(1, 2))
+        rise = terms.sum(axis=(1, 2)) - dof
+        change = np.divide(rise, slope, out=np.zeros_like(slope), where=(slope > 0) & (rise > 0))
+        excess = excess + change
+        if not np.any(change > 1e-13 * excess):
+            break
+    return np.sqrt(excess)

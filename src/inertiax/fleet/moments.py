@@ -18,22 +18,8 @@ from jaxtyping import Array, Float
 
 # Dwells summed in one expression: more take longer to compile, and are summed in several parts.
 TERMS = 24
-_PAIRS = ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2))
-_SINGLES = ((0,), (1,), (2,))
-_FACTORS = ((), *_SINGLES, (0, 0), (1, 1), (2, 2))
-
-
-def _places() -> np.ndarray:
-    """Where each element of the normal matrix lies among the products of factors and pairs."""
-    known: dict[tuple[int, ...], int] = {}
-    for row, factor in enumerate(_FACTORS):
-        for column, pair in enumerate(_PAIRS):
-            known.setdefault(tuple(sorted(factor + pair)), row * len(_PAIRS) + column)
-    unknowns = (*_SINGLES, *_PAIRS)
-    return np.array([[known[tuple(sorted(a + b))] for b in unknowns] for a in unknowns])
-
-
-_PLACES = _places()
+# Second moments, in the order of the pairs, as a matrix.
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 def square(u: Float[Array, "3 *rest"]) -> Float[Array, "*rest"]:
@@ -46,9 +32,12 @@ def normal_matrix(
 ) -> Float[Array, "9 9 batch"]:
     """JᵀJ of the nine unknowns; `squared` are the weights w²."""
     pairs = jnp.concatenate([u * u[None, 0], u[1:] * u[None, 1], u[2:] * u[None, 2]])
-    factors = jnp.concatenate([jnp.ones_like(u[:1]), u, u * u])
-    sums = _sums(factors, pairs * (squared / square(u))[None])
-    return sums.reshape(len(_FACTORS) * len(_PAIRS), -1)[_PLACES]
+    weighted = pairs * (squared / square(u))[None]
+    second, fourth = _total(weighted), _sums(pairs, weighted)
+    third = _sums(u, weighted)
+    corner = second[_SYMMETRIC]
+    top = jnp.concatenate([corner, third], axis=1)
+    return jnp.concatenate([top, jnp.concatenate([jnp.swapaxes(third, 0, 1), fourth], axis=1)])
 
 
 def gradient(
@@ -58,8 +47,14 @@ def gradient(
     length = square(u)
     inverse = jax.lax.rsqrt(length)
     pull = squared * (length * inverse - 1.0) * inverse
-    sums = _sums(jnp.concatenate([jnp.ones_like(u[:1]), u]), u * pull[None])
-    return jnp.concatenate([sums[0], sums[1], sums[2, 1:], sums[3, 2:]])
+    pulled = u * pull[None]
+    sums = _sums(u, pulled)
+    return jnp.concatenate([_total(pulled), sums[0], sums[1, 1:], sums[2, 2:]])
+
+
+def _total(y: Float[Array, "columns dwells batch"]) -> Float[Array, "columns batch"]:
+    """Σ_d y_d, written out like `_sums`."""
+    return _sums(jnp.ones((1, *y.shape[1:]), y.dtype), y)[0]
 
 
 def _sums(
