@@ -18,6 +18,8 @@ from .terms import channel_terms, Term
 Settings = Mapping[str, float | int | str]
 PLACES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of a bump, in widths
 WIDER = (0.6, 0.8, 1.0, 1.25, 1.6)
+NARROWEST, WIDEST = 0.01, 0.2  # of the range
+FEWEST_TURNS = 0.75
 TURNS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)  # of a wave
 
 
@@ -77,13 +79,17 @@ def between(term: Term, signal: Signal, base: Baseline) -> list[Term]:
 def _near(signal: Signal, settings: Settings) -> Iterator[Course]:
     if "turns" in settings:
         for change in TURNS:
-            yield wave(signal, float(settings["turns"]) + change)
+            turns = float(settings["turns"]) + change
+            if turns >= FEWEST_TURNS:
+                yield wave(signal, turns)
         return
     centre, width = float(settings["centre"]), float(settings["width"])
-    for wider in WIDER:
-        for place in PLACES:
-            if (place, wider) != (0.0, 1.0) and 0.0 <= centre + place * width <= 1.0:
-                yield bump(signal, str(settings["over"]), centre + place * width, wider * width)
+    for place in PLACES:
+        for wider in WIDER:
+            at, wide = centre + place * width, wider * width
+            moved = (place, wider) != (0.0, 1.0)
+            if moved and 0.0 <= at <= 1.0 and NARROWEST <= wide <= WIDEST:
+                yield bump(signal, str(settings["over"]), at, wide)
 
 
 def _scaled(signal: Signal, over: str) -> tuple[float, float, np.ndarray]:

@@ -10,6 +10,7 @@ from .system import NoiseFit, Score, System, whiten_system
 from .terms import Term
 
 
+CHI2_95 = 3.8415  # of one degree of freedom
 MOMENTS = 40  # blocks on either side that a moment in time is looked for
 
 
@@ -26,7 +27,8 @@ def tune(
 ) -> tuple[Term, float | None]:
     """Refine the nuisance setting by its profile likelihood; its standard deviation, or `None` if flat.
 
-    Where theory fixes the coefficient at one, the profile is taken at one.
+    Where theory fixes the coefficient at one, the profile is taken at one. The profile of a time constant is
+    lopsided: the standard deviation is that of the longer side of its 95 % interval.
     """
     effect = term.effect
     if effect is None or not effect.nuisance:
@@ -34,18 +36,11 @@ def tune(
     if effect.nuisance == "time":
         return _tune_moment(prepared, noise, term, others)
     centre = float(term.variant.settings[effect.nuisance])
-    amplitude = 1.0 if effect.unit_amplitude else None
     width = 0.45 if centre > 0 else 0.0
-    best, std = term, None
+    best, curved = term, None  # the logarithm's standard deviation by the curvature
     for _ in range(3):
         grid = centre * np.exp(np.linspace(-width, width, 9))
-        members = retuned(prepared, term, grid.tolist())
-        scores = {
-            id(s.term): s for s in whiten_system(prepared.system, noise, members, others).scores
-        }
-        gains = np.array(
-            [_drop(scores[id(m)], amplitude) if id(m) in scores else -np.inf for m in members]
-        )
+        members, gains = _profile(prepared, noise, term, others, grid)
         k = int(np.argmax(gains))
         best, centre = members[k], grid[k]
         if 0 < k < len(grid) - 1 and np.isfinite(gains[k - 1 : k + 2]).all():
@@ -53,12 +48,40 @@ def tune(
             a, b, _ = np.polyfit(x - x[1], gains[k - 1 : k + 2], 2)
             if a < 0:
                 centre = float(grid[k] * np.exp(np.clip(-0.5 * b / a, -width / 4, width / 4)))
-                std = centre / np.sqrt(-a)  # drop of chi² by one: a s² = 1 in the logarithm
+                curved = 1.0 / np.sqrt(-a)  # drop of chi² by one: a s² = 1
             width = float(np.clip(3.0 / np.sqrt(max(-a, 1e-12)), width / 12, width))
-    if std is not None and std > centre:
-        std = None
+    if curved is not None and curved > 1.0:
+        curved = None
     (tuned,) = retuned(prepared, best, [float(centre)])
-    return tuned, None if std is None else float(std)
+    if curved is None:
+        return tuned, None
+    return tuned, _longer_side(prepared, noise, tuned, others, curved)
+
+
+def _profile(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term], grid: np.ndarray
+) -> tuple[list[Term], np.ndarray]:
+    """The term at each setting, and its drop of the sum of squares."""
+    members = retuned(prepared, term, grid.tolist())
+    scores = {id(s.term): s for s in whiten_system(prepared.system, noise, members, others).scores}
+    amplitude = 1.0 if term.known.unit_amplitude else None
+    gains = [_drop(scores[id(m)], amplitude) if id(m) in scores else -np.inf for m in members]
+    return members, np.array(gains)
+
+
+def _longer_side(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term], curved: float
+) -> float:
+    """Standard deviation of a setting from where its profile has dropped by the 95 % point of chi²."""
+    centre = float(term.variant.settings[term.known.nuisance])
+    steps = curved * np.linspace(0.0, 4.0, 17)
+    sides = []
+    for sign in (-1.0, 1.0):
+        grid = centre * np.exp(sign * steps)
+        _, gains = _profile(prepared, noise, term, others, grid)
+        drop = np.maximum.accumulate(gains[0] - gains)
+        sides.append(abs(float(np.interp(CHI2_95, drop, grid)) - centre))
+    return float(max(sides) / np.sqrt(CHI2_95))
 
 
 def _tune_moment(

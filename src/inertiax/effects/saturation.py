@@ -21,11 +21,11 @@ def shape(
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Depths of the clip, at both ends or at one."""
+    """Depths of the clip by factors of two, at both ends or at one; one below the step of the inputs is its size."""
     return tuple(
         Variant(f"depth={d:.3g}, side {s:+d}", {"depth": float(d), "side": s})
         for s in (0, 1, -1)
-        for d in np.geomspace(0.004, 0.45, 8)
+        for d in np.geomspace(6e-5, 0.45, 14)
     )
 
 

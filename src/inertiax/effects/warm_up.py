@@ -18,8 +18,8 @@ def shape(
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Time constants from 10 s to a third of the campaign; from each power-on, and from the first if there are more."""
-    grid = np.geomspace(10.0, max(40.0, min(4000.0, signal.duration / 3)), 14)
+    """Time constants from 30 s to a third of the campaign; from each power-on, and from the first if there are more."""
+    grid = np.geomspace(30.0, max(60.0, min(4000.0, signal.duration / 3)), 14)
     again = bool(np.any(np.asarray(signal.since_power) != np.asarray(signal.since_start)))
     starts = ("each", "first") if again else ("each",)
     return tuple(
