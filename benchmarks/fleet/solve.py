@@ -5,10 +5,10 @@
 
 1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_chunks` on all cores, which
    takes the normal matrix's 81 elements from sums of products of the specific force (see `fleet/moments.py`; the
-   steps are those of Gauss-Newton all the same); Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its default
-   tolerances, problem construction inside the clock, one device after the other); almond-jaxls under `vmap` on as
-   many threads; and `invariant.c`, Gauss-Newton written by hand for the vector lanes without that (compiled here
-   with -O3 -march=native), on as many threads.
+   steps are those of Gauss-Newton all the same); Ceres through pyceres (one vector residual with analytic Jacobian,
+   dense QR, its default tolerances, problem construction inside the clock, one device after the other); almond-jaxls
+   under `vmap` on as many threads; and `invariant.c`, Gauss-Newton written by hand for the vector lanes without that
+   (compiled here with -O3 -march=native), on as many threads.
 2. Sixty-three parameters, 13 × 18 dwells: `fit_thermal_invariant` beside SciPy's MINPACK with analytic
    Jacobian.
 

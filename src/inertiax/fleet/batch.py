@@ -124,7 +124,7 @@ def _fit_part(
     precision: Precision,
 ) -> FleetFit:
     """`fit_fleet` of some of the devices, in calls of `size`."""
-    valid = dwells.valid
+    valid = np.asarray(dwells.valid)
     unknowns = basis.size * estimator.num_parameters
     own = _own_sigma(estimator, dwells)
     known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
@@ -132,7 +132,7 @@ def _fit_part(
     fit = _solve(estimator, basis, dwells, own, scatter, size, precision)
     chi2 = _chi2_per_dof(fit, own, valid, unknowns, known)
     for _ in range(2):
-        settled = _paule_mandel(fit.misfit, own, valid, unknowns)
+        settled = _paule_mandel(np.asarray(fit.misfit), own, valid, unknowns)
         settled = np.where(
             np.isfinite(settled) & (settled > 0), settled, np.where(known, 0.0, scatter)
         )
@@ -147,9 +147,16 @@ def _fit_part(
         again = _solve(estimator, basis, some, own[changed], scatter[changed], size, precision)
         fit = jax.tree.map(partial(_put, rows=changed), fit, again)
     return FleetFit(
-        fit.parameters, fit.covariance, fit.misfit, own, valid, scatter, chi2,
-        fit.converged, fit.num_steps,
-    )  # fmt: skip
+        parameters=np.asarray(fit.parameters),
+        covariance=np.asarray(fit.covariance),
+        misfit=np.asarray(fit.misfit),
+        own_sigma=own,
+        valid=valid,
+        scatter=scatter,
+        chi2_per_dof=chi2,
+        converged=np.asarray(fit.converged),
+        num_steps=np.asarray(fit.num_steps),
+    )
 
 
 def _part(dwells: Dwells, rows: slice | np.ndarray) -> Dwells:
@@ -227,8 +234,11 @@ def _solve_call(
         gravity = np.asarray(estimator.gravity, precision)
         if isinstance(basis, Constant):
             return _solve_lanes(np.asarray(dwells.accel), weights, gravity, size)
-        given = (_filled(x, size) for x in (dwells.accel, dwells.temperature, weights))
-        return _thermal(*(np.asarray(x, precision) for x in given), gravity, basis)
+        outputs, temperature, weights = (
+            _filled(np.asarray(x, precision), size)
+            for x in (dwells.accel, dwells.temperature, weights)
+        )
+        return _thermal(outputs, temperature, weights, gravity, basis)
     whole = jax.tree.map(partial(_filled, size=size), dwells)
     return _linear(estimator, basis, whole, jnp.asarray(_filled(scatter, size)))
 

@@ -10,7 +10,7 @@ import polars as pl
 
 from ..choose import build_estimators, ChosenModel
 from ..dwells import Dwells
-from ..estimators import AbstractEstimator
+from ..estimators import AbstractEstimator, Invariant
 from ..model import compensate_accel
 from ..temperature import AbstractBasis, Curve
 from .batch import fit_fleet, FleetFit
@@ -99,7 +99,8 @@ def _solved(
         None if manifest.prior is None else getattr(manifest.prior, estimator.triad)
     )
     if prior is None:
-        fit = fit_fleet(estimator, basis, dwells)
+        single = isinstance(estimator, Invariant) and manifest.precision == "float32"
+        fit = fit_fleet(estimator, basis, dwells, precision="float32" if single else "float64")
         return fit, judge(estimator, basis, fit)
     found = fit_informed(estimator, basis, dwells, prior)
     reasons = zip(

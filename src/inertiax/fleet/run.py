@@ -13,6 +13,7 @@ from ..calibration import write_atomically
 from ..campaign import load_settings
 from ..formats import ColumnMap
 from ..recordings import Campaign
+from .batch import Precision
 from .choice import choose_line_model, Reader
 from .explain import choose_line_forms, write_line
 from .folders import common_settings, find_campaigns, read_campaigns, split_campaigns
@@ -32,6 +33,7 @@ from .store import (
     write_part,
 )
 from .tasks import split, Task
+from .triad_model import TriadModel
 
 
 Report = Callable[[int, int], None]  # tasks done, tasks in all
@@ -45,6 +47,7 @@ def run_fleet(
     scheduler: str | None = None,
     prior: Population | None = None,
     explain: bool = False,
+    precision: Precision = "float64",
     progress: Report | None = None,
 ) -> FleetSummary:
     """Calibrate every device of a line, or go on with a run that was broken off.
@@ -55,14 +58,16 @@ def run_fleet(
     Dask scheduler ("tcp://…"), or "local" to start Dask workers here; `prior` is what is known of the line
     before its devices are measured (see `read_population`), and gives the model; with `explain` every device
     is also scored for the catalogue's effects, and `line.json` tells those of the line from those of
-    single devices; `progress` is called with the number of tasks done and of all.
+    single devices; `precision` "float32" solves the invariant accelerometer problem in single precision, see
+    `fit_fleet`; `progress` is called with the number of tasks done and of all.
 
     A device that cannot be calibrated gets a row with the reason. Raises `ValueError` for what is wrong
-    with the campaign, or where `folder` holds a run over other files or with another prior.
+    with the campaign, where `folder` holds a run over other files, with another prior or in another precision, or
+    where "float32" is asked of a line without that problem.
     """
     folder = Path(folder)
     prior = None if prior is None else as_prior(prior)
-    manifest, columns = _plan(Path(campaign), folder, prior, explain=explain)
+    manifest, columns = _plan(Path(campaign), folder, _Asked(prior, explain, precision))
     left = [t for t in manifest.tasks if not is_done(folder, t.number)]
     before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
     tell = progress if progress is not None else lambda done, of: None
@@ -131,11 +136,17 @@ def _each(
 # --- the plan ------------------------------------------------------------------------------------
 
 
-def _plan(
-    path: Path, folder: Path, prior: Population | None, *, explain: bool
-) -> tuple[Manifest, ColumnMap]:
+class _Asked(msgspec.Struct, frozen=True):
+    """What the caller wants of a run beside the calibrations; a run goes on only with the same."""
+
+    prior: Population | None
+    explain: bool
+    precision: Precision
+
+
+def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]:
     if path.is_dir() and not (path / "campaign.toml").exists() and (files := find_campaigns(path)):
-        return _plan_campaigns(path, files, folder, prior, explain=explain), ColumnMap()
+        return _plan_campaigns(path, files, folder, asked), ColumnMap()
     campaign, table = load_settings(path)
     file = campaign.path
     assert file is not None
@@ -149,26 +160,24 @@ def _plan(
                 "Parquet, or from a folder that has a sub-folder with campaign.toml for each."
             )
         mark = fingerprint([local_state(file), *(s.state for s in sources)])
-        known = _known(folder, mark, prior, explain=explain)
+        known = _known(folder, mark, asked)
         if known is not None:
             return known, columns
         tasks = split([s.address for s in sources], columns)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    said = dict(campaigns=False, explain=explain)
-    return _settled(campaign, tasks, _reader(False, columns), mark, folder, prior, **said), columns
+    reader = _reader(False, columns)
+    return _settled(campaign, tasks, reader, mark, folder, asked, campaigns=False), columns
 
 
-def _plan_campaigns(
-    path: Path, files: tuple[Path, ...], folder: Path, prior: Population | None, *, explain: bool
-) -> Manifest:
+def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _Asked) -> Manifest:
     campaign, used = common_settings(path, files)
     mark = fingerprint([f"{f.parent.name}/{local_state(f)}" for f in used])
-    known = _known(folder, mark, prior, explain=explain)
+    known = _known(folder, mark, asked)
     if known is not None:
         return known
-    tasks, said = split_campaigns(files), dict(campaigns=True, explain=explain)
-    return _settled(campaign, tasks, read_campaigns, mark, folder, prior, **said)
+    tasks = split_campaigns(files)
+    return _settled(campaign, tasks, read_campaigns, mark, folder, asked, campaigns=True)
 
 
 def _settled(
@@ -177,27 +186,38 @@ def _settled(
     reader: Reader,
     mark: str,
     folder: Path,
-    prior: Population | None,
+    asked: _Asked,
     *,
     campaigns: bool,
-    explain: bool,
 ) -> Manifest:
     """The plan of a new run, stored."""
-    model = choose_line_model(campaign, tasks, reader, prior)
+    model = choose_line_model(campaign, tasks, reader, asked.prior)
+    if asked.precision == "float32":
+        _require_single(model.accel, asked.prior)
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
-        model.reasons, tasks, prior, campaigns,
+        model.reasons, tasks, asked.prior, campaigns, precision=asked.precision,
     )  # fmt: skip
-    if explain:
+    if asked.explain:
         forms = choose_line_forms(manifest, reader)
         manifest = msgspec.structs.replace(manifest, forms=forms)
     write_manifest(manifest, folder)
     return manifest
 
 
-def _known(folder: Path, mark: str, prior: Population | None, *, explain: bool) -> Manifest | None:
+def _require_single(accel: TriadModel | None, prior: Population | None) -> None:
+    found = "none is calibrated" if accel is None else f"they are calibrated by '{accel.estimator}'"
+    if accel is None or accel.estimator != "invariant":
+        raise ValueError(
+            f"precision 'float32' is for accelerometers calibrated by 'invariant'; here {found}. Leave it out."
+        )
+    if prior is not None:
+        raise ValueError("precision 'float32' does not go with a prior; leave one of them out.")
+
+
+def _known(folder: Path, mark: str, asked: _Asked) -> Manifest | None:
     """The plan of the run that goes on in a folder."""
-    known = read_manifest(folder)
+    known, prior = read_manifest(folder), asked.prior
     if known is None:
         return None
     if known.inputs != mark:
@@ -208,6 +228,10 @@ def _known(folder: Path, mark: str, prior: Population | None, *, explain: bool) 
         had = "without a prior" if known.prior is None else "with another prior"
         had = "with a prior" if prior is None else had
         raise ValueError(f"{folder} holds a run {had}; choose another output folder.")
-    if explain and known.forms is None:
+    if asked.explain and known.forms is None:
         raise ValueError(f"{folder} holds a run without --explain; choose another output folder.")
+    if known.precision != asked.precision:
+        raise ValueError(
+            f"{folder} holds a run in {known.precision}; choose another output folder for {asked.precision}."
+        )
     return known

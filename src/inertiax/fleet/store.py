@@ -12,6 +12,7 @@ import os
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -44,6 +45,9 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     campaigns: bool = False  # a stretch names a campaign.toml, not rows of a Parquet file
     # By triad, effects whose size is scored in every device; `None` where that was not asked for.
     forms: dict[str, tuple[Form, ...]] | None = None
+    precision: Literal["float64", "float32"] = (
+        "float64"  # of the invariant accelerometer problem's arithmetic
+    )
 
     @property
     def num_devices(self) -> int:
