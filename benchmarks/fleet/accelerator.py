@@ -18,16 +18,20 @@ from inertiax.temperature import Polynomial
 
 REPEATS = 7
 THERMAL = 4096  # devices of the thermal problem
+COPIED = 2**27  # numbers, to tell the bandwidth
 
 
-def accelerator_table(devices: int, file: Path | None) -> None:
+def accelerator_table(
+    devices: int, file: Path | None, *, thermal_devices: int = THERMAL, copied: int = COPIED
+) -> None:
     """Print both problems' figures, and write them as JSON where a file is named."""
     print(f"{jax.devices()[0].device_kind}, float64, medians of {REPEATS}\n")
-    bandwidth = copy_bandwidth()
+    bandwidth = copy_bandwidth(copied)
     result = {
+        "device": jax.devices()[0].device_kind,
         "bandwidth_GBps": bandwidth,
         "constant": constant(devices),
-        "thermal": thermal(THERMAL),
+        "thermal": thermal(thermal_devices),
     }
     print(
         "| problem | devices | devices/s | share of bandwidth | from the processor's, relative |\n|---|---|---|---|---|"
@@ -51,9 +55,9 @@ def median(run: Callable[[], object]) -> float:
     return statistics.median(times)
 
 
-def copy_bandwidth() -> float:
+def copy_bandwidth(count: int) -> float:
     """GB/s of reading and writing a large array."""
-    large = jnp.zeros(2**27)
+    large = jnp.zeros(count)
     add = jax.jit(lambda x: x + 1.0)
     return 2 * large.nbytes / median(lambda: add(large)) / 1e9
 

@@ -1,10 +1,12 @@
 """How the cost of a fleet grows with its devices, and how soon the command shows a first result.
 
     pip install -e .
-    python benchmarks/fleet/scale.py [--json FILE]
+    python benchmarks/fleet/scale.py [--threads N] [--json FILE]
 
 1. `fit_fleet` from dwell means, 100 to 100 000 devices × 18 positions, nine parameters with weights estimated from
-   the misfit; medians of five after one run that compiles; the exponent is the slope of log time over log devices.
+   the misfit; medians of five after one run that compiles, by the clock and of processor time, which other work on the
+   machine changes less; the exponent is the slope of log time over log devices. `--threads 1`, and the process on
+   one core, tell how the work itself grows.
 2. `inertiax fleet` as a command on 50 devices of raw samples: seconds until the first part is on disk, with an empty
    compilation cache and with a filled one; medians of five.
 """
@@ -49,19 +51,21 @@ def dwell_means(devices: int) -> Dwells:
     )  # fmt: skip
 
 
-def growth() -> dict[int, float]:
-    seconds = {}
+def growth(threads: int) -> dict[int, tuple[float, float]]:
+    seconds: dict[int, tuple[float, float]] = {}
     for devices in SIZES:
         dwells = dwell_means(devices)
         times = []
         for _ in range(REPEATS + 1):
-            start = time.perf_counter()
-            fit = fit_fleet(Invariant(GRAVITY), Constant(), dwells)
-            times.append(time.perf_counter() - start)
+            start, used = time.perf_counter(), time.process_time()
+            fit = fit_fleet(Invariant(GRAVITY), Constant(), dwells, threads=threads)
+            times.append((time.perf_counter() - start, time.process_time() - used))
         assert fit.converged.all()
-        seconds[devices] = statistics.median(times[1:])
+        clock, cores = (statistics.median(t) for t in zip(*times[1:], strict=True))
+        seconds[devices] = clock, cores
         print(
-            f"{devices:7d} devices  {seconds[devices]:8.4f} s  {seconds[devices] / devices * 1e6:7.2f} µs each"
+            f"{devices:7d} devices  {clock:8.4f} s  {clock / devices * 1e6:7.2f} µs each by the clock, "
+            f"{cores / devices * 1e6:7.2f} of processor time"
         )
     return seconds
 
@@ -99,17 +103,18 @@ def latency() -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    seconds = growth()
+    seconds = growth(chosen.threads)
     x, y = np.log(list(seconds)), np.log(list(seconds.values()))
-    large = np.array(list(seconds)) >= 1000
     exponent = {
-        "all": float(np.polyfit(x, y, 1)[0]),
-        "from 1000": float(np.polyfit(x[large], y[large], 1)[0]),
+        f"{name}, {clock}": float(np.polyfit(x[kept], y[kept, k], 1)[0])
+        for name, kept in (("all", x > 0), ("from 1000", x > np.log(999)))
+        for k, clock in enumerate(("clock", "processor time"))
     }
-    print("exponent " + ", ".join(f"{k}: {v:.3f}" for k, v in exponent.items()))
+    print("exponent " + "; ".join(f"{k}: {v:.3f}" for k, v in exponent.items()))
     first = latency()
     print(f"command on 50 devices: cold {first['cold']:.1f} s, warm {first['warm']:.1f} s")
     if chosen.json:

@@ -14,7 +14,8 @@
 
 With `--platform gpu` the same two problems are solved by one program each on the accelerator instead: the answers
 beside those of the processor (relative to the largest of a kind), the throughput, and the share of the memory bandwidth
-(that of a copy, measured here) which reading the dwells and writing the results once would take.
+(that of a copy, measured here) which reading the dwells and writing the results once would take. `--check-form` does
+so on the processor with few devices, to see that it runs through: its figures tell nothing of an accelerator.
 
 Medians of seven, by the clock and of processor time, which other work on the machine changes less; every solver's
 answers are compared before its time is told. Compile time is told apart.
@@ -260,12 +261,16 @@ def main() -> None:
     parser.add_argument("--devices", type=int, default=20_000)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--platform", choices=("cpu", "gpu"), default="cpu")
+    parser.add_argument("--check-form", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     jax.config.update(
         "jax_platforms", "cpu" if options.platform == "cpu" else f"{options.platform},cpu"
     )
     jax.config.update("jax_enable_x64", True)
+    if options.check_form:
+        accelerator_table(256, options.json, thermal_devices=32, copied=2**22)
+        return
     if options.platform != "cpu":
         accelerator_table(options.devices, options.json)
         return
