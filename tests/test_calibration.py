@@ -177,3 +177,12 @@ def test_messages_name_file_and_key(name, calibration, tmp_path):
 def test_absent_file_is_named(tmp_path):
     with pytest.raises(ValueError, match="no.json: cannot be read"):
         read_calibration(tmp_path / "no.json")
+
+
+def test_parameters_at_many_temperatures_are_those_at_each(calibration):
+    temperatures = np.array([-50.0, -3.0, 20.5, 80.0])
+    for triad in (calibration.accel, calibration.gyro):
+        values, sigmas = triad.over(temperatures)
+        for t, value, sigma in zip(temperatures, values, sigmas, strict=True):
+            np.testing.assert_allclose(value, triad.curve(t), rtol=1e-12)
+            np.testing.assert_allclose(sigma, triad.standard_deviations(t), rtol=1e-9)

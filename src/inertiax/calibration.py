@@ -76,6 +76,23 @@ class TriadCalibration(eqx.Module):
         blocks = jnp.asarray(self.covariance).reshape(phi.size, count, phi.size, count)
         return jnp.sqrt(jnp.einsum("a,aibi,b->i", phi, blocks, phi))
 
+    def over(
+        self, temperatures: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n parameters"], Float[np.ndarray, "n parameters"]]:
+        """The named parameters and their 1-sigma at many temperatures (°C), computed on the host."""
+        phi = np.asarray(_basis_values(self.curve.basis, temperatures))
+        size, count = phi.shape[1], len(self.names)
+        blocks = np.asarray(self.covariance).reshape(size, count, size, count)
+        variances = np.einsum("ta,aibi,tb->ti", phi, blocks, phi)
+        return phi @ np.asarray(self.curve.coefficients), np.sqrt(variances)
+
+
+@eqx.filter_jit
+def _basis_values(
+    basis: AbstractBasis, temperatures: Float[AnyArray, " n"]
+) -> Float[Array, "n size"]:
+    return jax.vmap(basis)(jnp.asarray(temperatures))
+
 
 class Calibration(eqx.Module):
     """A device's calibration; calling it compensates one sample.

@@ -12,7 +12,6 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import nnls
-from scipy.signal import lfilter
 from scipy.special import digamma, polygamma
 
 from ._typing import AnyArray
@@ -60,12 +59,15 @@ class NoiseShape(eqx.Module):
         what fitting a straight line takes from n samples beside the mean."""
         if count > 5000:
             return float(self.mean_factor(np.array([count]))[0])
-        u = np.arange(count) - 0.5 * (count - 1)
-        u = u / np.linalg.norm(u)
-        total = self.white + self.differenced * (1.0 - u[1:] @ u[:-1])
+        middle, lag = 0.5 * (count - 1), np.arange(1, count)
+        # Σ u_i u_{i+h} of a ramp, in closed form: i runs from 0 to n − h − 1.
+        last = count - lag
+        first = last * (last - 1) / 2 - middle * last
+        second = last * (last - 1) * (2 * last - 1) / 6 - middle * last * (last - 1 - middle)
+        products = (second + lag * first) / (count * (count**2 - 1) / 12)
+        total = self.white + self.differenced * (1.0 - products[0])
         for share, decay in zip(self.red, self.decay, strict=True):
-            earlier = lfilter([0.0, decay], [1.0, -decay], u)
-            total += share * (1.0 + 2.0 * float(u @ earlier))
+            total += share * (1.0 + 2.0 * float(decay**lag @ products))
         return float(total)
 
 

@@ -21,7 +21,7 @@ from .dwells import Dwells
 from .estimators import AbstractEstimator
 from .procedure import GaussNewtonIteration, ThermalSolution
 from .solve import least_squares, Solution
-from .temperature import AbstractBasis, Curve, interpolate
+from .temperature import AbstractBasis, Curve
 
 
 _INNER_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
@@ -46,6 +46,7 @@ class Problem:
         self.num_dwells = dwells.num_dwells
         self.dwells = padded(dwells)
         self.phi = np.asarray(_basis_values(basis, self.dwells.temperature))
+        self.at_nodes = np.asarray(_basis_values(basis, np.asarray(basis.nodes)))
 
     def vectors(self, coefficients: AnyArray) -> Float[np.ndarray, "dwell parameter"]:
         """Each dwell's parameters, θ(T) = φ(T) C."""
@@ -60,12 +61,19 @@ class Problem:
     def start(self) -> Float[np.ndarray, "size parameter"]:
         """Block 2: a curve constant over temperature at the closed-form start."""
         vector = np.asarray(_start_vector(self.estimator, self.dwells))
-        return np.asarray(interpolate(self.basis, np.tile(vector, (self.basis.size, 1))))
+        return self.interpolated(np.tile(vector, (self.basis.size, 1)))
+
+    def interpolated(
+        self, values: Float[np.ndarray, "size parameter"]
+    ) -> Float[np.ndarray, "size parameter"]:
+        """Coefficients of the curve with these values at the basis' nodes: `temperature.interpolate`
+        on the host, without a program for each of its steps."""
+        return np.linalg.solve(self.at_nodes, values)
 
     def compensated(self, coefficients: AnyArray) -> Dwells:
         """The dwells (without padding) refined with a curve's coefficients, block 3."""
         refined = _compensate(self.estimator, self.vectors(coefficients), self.dwells)
-        return jax.tree.map(lambda x: x[: self.num_dwells], refined)
+        return jax.tree.map(lambda x: np.asarray(x)[: self.num_dwells], refined)
 
     def normal(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
         """JᵀJ with respect to the coefficients, row-major (size, parameters)."""
@@ -187,10 +195,9 @@ def _composed(
     problem: Problem, first: np.ndarray, second: np.ndarray
 ) -> Float[np.ndarray, "size parameter"]:
     """Equation (6) at the basis' nodes."""
-    nodes = jnp.asarray(problem.basis.nodes, first.dtype)
-    at_nodes = np.asarray(_basis_values(problem.basis, nodes))
+    at_nodes = problem.at_nodes
     composed = _compose(problem.estimator, at_nodes @ first, at_nodes @ second)
-    return np.asarray(interpolate(problem.basis, composed))
+    return problem.interpolated(np.asarray(composed))
 
 
 def _gauss_newton(

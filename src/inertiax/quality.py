@@ -11,15 +11,16 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from ._typing import Scalar
 from .calibrate import DeviceResult, TriadResult
 from .calibration import Calibration, TriadCalibration
 from .dwells import Dwells
+from .estimators import AbstractEstimator
 from .quantities import customary_units, label, rms_text, with_sigma
-from .temperature import Constant
+from .temperature import Constant, Curve
 
 
 TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros"}
@@ -190,7 +191,7 @@ def _next_orientation(estimate: TriadResult) -> Float[np.ndarray, "3"] | None:
     if dwells.accel is None or not np.all(np.isfinite(np.asarray(solution.covariance))):
         return None
     middle = int(np.argsort(np.asarray(dwells.temperature))[dwells.num_dwells // 2])
-    pattern = jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[middle]), dwells)
+    pattern = jax.tree.map(lambda x: np.asarray(x)[middle], dwells)
     vector = solution.curve(pattern.temperature)
     gravity = float(np.median(np.linalg.norm(np.asarray(dwells.accel), axis=1)))
     grid = _grid(100)
@@ -297,7 +298,7 @@ def weakest(
     reference rate), g-sensitivity times 1 g.
     """
     grid = np.linspace(*temperature_range, 25) if temperature_range is not None else np.zeros(1)
-    sigmas = np.stack([np.asarray(triad.standard_deviations(t)) for t in grid])
+    _, sigmas = triad.over(grid)
     inputs = np.array([_input(n, result) for n in triad.names])
     effect = sigmas * inputs
     row, column = np.unravel_index(int(np.argmax(effect)), effect.shape)
@@ -341,10 +342,8 @@ def _mistakes(
     if triad.estimator == "static":
         return []
     bounds = calibration.temperature_range
-    errors = estimate.estimator.unpack(
-        triad.curve(0.0 if bounds is None else float(np.mean(bounds)))
-    )
-    matrix = np.asarray(errors.matrix)
+    middle = 0.0 if bounds is None else float(np.mean(bounds))
+    matrix = np.asarray(_matrix(estimate.estimator, triad.curve, np.asarray(middle)))
     found: list[Finding] = []
     for k, axis in enumerate("xyz"):
         if matrix[k, k] < -0.5:
@@ -359,6 +358,11 @@ def _mistakes(
         text = f"{name}: axis {'xyz'[i]} reads much of axis {'xyz'[j]}; are axes swapped or turned?"
         found.insert(0, _mistake("frame", text))
     return found
+
+
+@eqx.filter_jit  # one program instead of one for each step
+def _matrix(estimator: AbstractEstimator, curve: Curve, temperature: Scalar) -> Float[Array, "3 3"]:
+    return estimator.unpack(curve(temperature)).matrix
 
 
 def _mistake(topic: str, text: str) -> Finding:

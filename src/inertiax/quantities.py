@@ -43,7 +43,7 @@ def customary_units(triad: TriadCalibration) -> tuple[tuple[float, str], ...]:
 
     Gyro biases are in °/h, or in °/s where one of them is beyond 1000 °/h.
     """
-    first = np.asarray(triad.curve(triad.curve.basis.nodes[0]))
+    (first,), _ = triad.over(np.array([triad.curve.basis.nodes[0]]))
     biases = [abs(v) for v, n in zip(first, triad.names, strict=True) if ".bias" in n]
     coarse = bool(max(biases, default=0.0) * DEG_PER_HOUR > 1000.0)
     return tuple(_customary_unit(name, coarse) for name in triad.names)
@@ -63,8 +63,7 @@ def _customary_unit(name: str, coarse: bool) -> tuple[float, str]:
 
 def quantities(triad: TriadCalibration, temperature: float) -> tuple[Quantity, ...]:
     """All fitted parameters of a triad at one temperature, °C."""
-    values = np.asarray(triad.curve(temperature))
-    sigmas = np.asarray(triad.standard_deviations(temperature))
+    (values,), (sigmas,) = triad.over(np.array([temperature]))
     rows = []
     units = customary_units(triad)
     for name, value, sigma, (factor, unit) in zip(triad.names, values, sigmas, units, strict=True):

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .dwells import Dwells
 from .estimators import AbstractEstimator, NOMINAL_SIGMA
@@ -50,7 +50,7 @@ def with_scatter(
     dof = misfit.size - unknowns
     if np.all(sigma > _EXACT) and dof > 0:
         total = float(np.sum(np.square(misfit / sigma)))
-        if total <= chi2.ppf(0.99, dof):
+        if total <= chdtri(dof, 0.01):
             return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(0.0))
     scatter = extra_scatter(misfit.ravel(), sigma.ravel(), unknowns)
     if float(scatter) < _EXACT and not np.all(sigma > _EXACT):

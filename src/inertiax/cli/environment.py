@@ -35,7 +35,8 @@ def prepare(*, accelerator: bool = False) -> None:
     folder = _usable_folder()
     if folder is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+        # A run compiles a hundred small programs; together they take longer than the large ones.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def _usable_folder() -> Path | None:

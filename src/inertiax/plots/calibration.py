@@ -29,8 +29,7 @@ def parameter_curves(triad: TriadCalibration, temperature_range: tuple[float, fl
     low, high = temperature_range
     margin = 0.05 * (high - low)
     grid = np.linspace(low - margin, high + margin, 161)
-    values = np.stack([np.asarray(triad.curve(t)) for t in grid])
-    sigmas = np.stack([np.asarray(triad.standard_deviations(t)) for t in grid])
+    values, sigmas = triad.over(grid)
     families = _families(triad.names)
     figure, axes = _panels(len(families), height=2.9)
     for ax, (title, members) in zip(axes, families.items(), strict=False):

@@ -97,7 +97,7 @@ def line_curves(
 
 
 def _own_curve(device: TriadCalibration, grid: np.ndarray) -> Float[np.ndarray, "grid parameters"]:
-    return np.stack([np.asarray(device.curve(t)) for t in grid])
+    return device.over(grid)[0]
 
 
 def drift_sigmas(drift: Drift) -> Figure:

@@ -63,8 +63,7 @@ def _quality(quality: Quality) -> dict[str, Value]:
 
 
 def _triad(triad: TriadCalibration, result: TriadResult, temperature: float) -> dict[str, Value]:
-    values = np.asarray(triad.curve(temperature)).tolist()
-    sigmas = np.asarray(triad.standard_deviations(temperature)).tolist()
+    (values,), (sigmas,) = (rows.tolist() for rows in triad.over(np.array([temperature])))
     chi2 = result.chi2_per_dof
     return {
         "estimator": triad.estimator,
