@@ -28,6 +28,8 @@ class Spectrum(eqx.Module):
 
 
 def spectrum_of(differences: Float[np.ndarray, " step"], rate: float) -> Spectrum:
+    """The multitaper spectrum of a log's differences (at `rate` Hz) in bands, with what each noise
+    term would give there."""
     power = tapered(differences)
     size = len(differences) + 1
     ordinates = np.arange(1, len(power) + 1)

@@ -1,0 +1,75 @@
+"""Every public name has documentation, and every picture in the pages a script that makes it."""
+
+import importlib
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import inertiax
+from test_import_order import FILES, SOURCE
+
+
+DOCS = Path(__file__).parents[1] / "docs"
+BENCHMARKS = DOCS.parent / "benchmarks"
+INNER = {"_typing", "documents", "plots", "report", "cli", "__main__"}  # nobody builds on these
+PICTURES = sorted(p for p in DOCS.rglob("*") if p.suffix in (".png", ".svg", ".jpg", ".gif"))
+
+
+def _modules() -> list[str]:
+    names = []
+    for file in FILES:
+        parts = file.relative_to(SOURCE).with_suffix("").parts
+        if parts[0] not in INNER:
+            names.append(".".join(("inertiax", *(p for p in parts if p != "__init__"))))
+    return names
+
+
+def test_every_module_is_on_the_api_page():
+    listed = re.findall(r"^::: (\S+)$", (DOCS / "api.md").read_text("utf-8"), flags=re.MULTILINE)
+    assert len(listed) == len(set(listed))
+    assert set(listed) == {*_modules(), "inertiax"}
+
+
+@pytest.mark.parametrize("module", _modules())
+def test_every_public_name_has_a_docstring(module):
+    home = importlib.import_module(module)
+    bare = [] if home.__doc__ else [module]
+    for name, value in vars(home).items():
+        if name.startswith("_") or getattr(value, "__module__", "") != module:
+            continue
+        if inspect.isclass(value):
+            own = [n for n, m in vars(value).items() if inspect.isfunction(m) or _descriptor(m)]
+            # A method that stands in for its base's has the base's words.
+            said = {n: inspect.getdoc(getattr(value, n)) for n in own if not n.startswith("_")}
+            bare += [f"{name}.{n}" for n, text in said.items() if not text]
+        if (inspect.isclass(value) or inspect.isfunction(value)) and not value.__doc__:
+            bare.append(name)
+    assert not bare
+
+
+def _descriptor(member: object) -> bool:
+    return isinstance(member, property | classmethod | staticmethod)
+
+
+def test_every_name_of_the_package_resolves_and_is_documented():
+    for name in dir(inertiax):
+        if not name.startswith("_"):
+            assert inspect.getdoc(getattr(inertiax, name)), name
+
+
+def test_there_are_pictures_to_check():
+    assert len(PICTURES) >= 10
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda p: p.name)
+def test_every_picture_is_shown_and_made_by_a_script(picture):
+    pages = "".join(p.read_text("utf-8") for p in DOCS.rglob("*.md"))
+    assert f"/{picture.name})" in pages
+    # A tutorial's pictures lie in a folder of its name; the others are made by benchmarks.
+    tutorial = picture.parent.with_name(picture.parent.name.replace("-", "_") + ".py")
+    scripts = [tutorial] if tutorial.is_file() else sorted(BENCHMARKS.glob("*.py"))
+    stem = re.escape(picture.stem.removeprefix("paper-"))  # which `paper_tables.py` puts before all
+    named = re.compile(rf"""["'/]{stem}(?:{picture.suffix})?["']""")
+    assert any(named.search(s.read_text("utf-8")) for s in scripts)
