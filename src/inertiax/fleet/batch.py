@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from scipy.special import chdtri
 
 from ..dwells import Dwells
 from ..estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
@@ -300,8 +301,6 @@ def _paule_mandel(
     misfit: np.ndarray, own: np.ndarray, valid: np.ndarray, unknowns: int
 ) -> Float[np.ndarray, " devices"]:
     """`procedure.extra_scatter` of every device; 0 where χ² is within its 99 % point."""
-    from scipy.special import chdtri
-
     kept = np.broadcast_to(valid[:, :, None], own.shape)
     r2 = np.where(kept, np.square(misfit), 0.0)
     s2 = np.where(kept, np.square(own), 1.0)

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import chdtri, fdtri, ndtri, stdtrit  # scipy.stats takes a second to import
 
 
 FEWEST = 5  # devices
@@ -121,16 +122,15 @@ def _limits(unknowns: int, told_by: int | None, fleet: int) -> tuple[float, floa
     χ² and normal where Σ is known; Hotelling's T² and Student's t where as few devices told it. A distance
     in more dimensions than there were devices is no test.
     """
-    from scipy.stats import chi2, f, norm, t
-
     chance = CHANCE / (2 * fleet)  # two tests of each device
     if told_by is None:
-        return float(chi2.isf(chance, unknowns)), float(norm.isf(chance / unknowns / 2))
-    most = float(t.isf(chance / unknowns / 2, told_by - 1))
+        return float(chdtri(unknowns, chance)), float(-ndtri(chance / unknowns / 2))
+    most = float(-stdtrit(told_by - 1, chance / unknowns / 2))
     if told_by <= unknowns + 1:
         return np.inf, most
     scale = unknowns * (told_by - 1) / (told_by - unknowns)
-    return scale * float(f.isf(chance, unknowns, told_by - unknowns)), most
+    # F's upper tail is the lower one of its reciprocal.
+    return scale / float(fdtri(told_by - unknowns, unknowns, chance)), most
 
 
 def _parts(count: int) -> Iterator[slice]:

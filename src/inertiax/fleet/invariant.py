@@ -233,8 +233,5 @@ def _turned(matrix: Array, rows: Array) -> Array:
 
 
 def _product(matrix: Array, vector: Array) -> Array:
-    """Of every lane, written out: a batched matrix product would move the batch out of the lanes."""
-    total = matrix[:, 0] * vector[0][None]
-    for j in range(1, matrix.shape[1]):
-        total = total + matrix[:, j] * vector[j][None]
-    return total
+    """Of every lane. A sum, which the compiler keeps; what is written out it works out anew wherever it is used."""
+    return jnp.sum(matrix * vector[None], axis=1)

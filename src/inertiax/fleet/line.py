@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import stats
+from scipy.special import ndtri
 
 from .mismatch import FleetScores, Term
 
@@ -165,6 +165,8 @@ def _strongest(
     before: Sequence[Common],
 ) -> Common | None:
     """The term whose mean is farthest from zero, if that is significant among all terms."""
+    from scipy.stats import t  # takes a second to import, and only this needs it
+
     taken = {scores.terms.index(c.term) for c in before}
     best: tuple[float, int, tuple[float, float, float], int] | None = None
     z_of = np.zeros(len(scores.terms))
@@ -174,11 +176,11 @@ def _strongest(
             continue
         mean = _mean(amplitude[there, k], sigma[there, k])
         # Student's t, as a normal deviate.
-        p = stats.t.logsf(abs(mean[0] / mean[1]), int(there.sum()) - 1)
+        p = t.logsf(abs(mean[0] / mean[1]), int(there.sum()) - 1)
         z_of[k] = _normal_deviate(float(p))
         if best is None or z_of[k] > best[0]:
             best = (float(z_of[k]), k, mean, int(there.sum()))
-    if best is None or best[0] < stats.norm.isf(FALSE_ALARM / 2 / len(scores.terms)):
+    if best is None or best[0] < -ndtri(FALSE_ALARM / 2 / len(scores.terms)):
         return None
     z, k, (mean, mean_sigma, tau), _ = best
     alike = (np.abs(scores.overlap[k]) > ALIKE) & (z_of > 0.8 * z)
@@ -193,7 +195,7 @@ def _strongest(
 def _normal_deviate(log_tail: float) -> float:
     """z with log P(Z > z) as given; beyond double precision by the tail's leading term."""
     if log_tail > -700.0:
-        return float(stats.norm.isf(np.exp(log_tail)))
+        return float(-ndtri(np.exp(log_tail)))
     return float(np.sqrt(-2.0 * log_tail))
 
 
@@ -218,7 +220,7 @@ def _single(
         z[there, k] = (amplitude[there, k] - centre[k]) / np.maximum(total, spread)
     worst = np.argmax(np.abs(z), axis=1)
     height = np.abs(z[np.arange(len(z)), worst])
-    limit = stats.norm.isf(FALSE_ALARM / 2 / max(int(np.isfinite(amplitude).sum()), 1))
+    limit = -ndtri(FALSE_ALARM / 2 / max(int(np.isfinite(amplitude).sum()), 1))
     order = [d for d in np.argsort(-height) if height[d] > limit][:listed]
     made = []
     for d in order:
