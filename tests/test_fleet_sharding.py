@@ -63,3 +63,20 @@ def test_a_mesh_of_two_axes_is_refused():
     rows = np.ones((1, 12))
     with pytest.raises(ValueError, match="it must have one, over which"):
         fit_sharded(np.ones((1, 12, 3)), rows, rows, 9.8, Constant(), mesh=mesh)
+
+
+def test_the_benchmark_of_accelerators_runs_through_on_the_processor(tmp_path):
+    """Its form only: equal answers, and every figure there."""
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    script = Path(__file__).parent.parent / "benchmarks" / "fleet" / "solve.py"
+    command = [sys.executable, str(script), "--check-form", "--json", str(tmp_path / "table.json")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr[-3000:]
+    table = json.loads((tmp_path / "table.json").read_text())
+    for name in ("constant", "thermal"):
+        assert table[name]["seconds"] > 0
+        # The same processor, in batches of other sizes.
+        assert table[name]["difference"] < 1e-9
