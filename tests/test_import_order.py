@@ -10,8 +10,8 @@ import inertiax
 
 # Files, or folders taken as one; `docs/design.md` says what each holds.
 ORDER = """_typing documents earth rotation temperature model alignment compose solve recordings formats screening
-settings campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure convergence one_device
-turns scatter effects
+settings campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure convergence
+one_device turns scatter effects
 augmentation calibration uncertainty results together sources sensitivity approaches navigation choose calibrate
 simulate design diagnose compensation exports fleet demo quantities quality plots
 report cli __main__""".split()
