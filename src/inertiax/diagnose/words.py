@@ -8,9 +8,10 @@ from .result import Explanation, Parameter, Where
 
 
 def _number(parameter: Parameter) -> str:
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     if parameter.std is None:
-        return f"about {parameter.value:.3g} {parameter.unit} (not determined by this data)"
-    return f"{parameter.value:.3g} ± {parameter.std:.1g} {parameter.unit}"
+        return f"about {parameter.value:.3g}{unit} (not determined by this data)"
+    return f"{parameter.value:.3g} ± {parameter.std:.1g}{unit}"
 
 
 def sentence(
