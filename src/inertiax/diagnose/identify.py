@@ -1,6 +1,6 @@
 """From candidates to an answer for one triad: gate, name, open-set check."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +9,9 @@ import scipy.stats
 from .alternatives import PREFIX
 from .family import Family, family
 from .flexible import on_input
+from .leading import finer_forms, first_of_both, is_open, leaders, rank, screen, sharpen
 from .memory import remember, Remembered
-from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
+from .search import Bank, bank, Candidate, count_forms, judge, refine
 from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
 
@@ -19,9 +20,7 @@ GATE = 0.006  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
 STILL = 0.02  # chance above which an effect is dropped when it is compared again at the end
 OPEN = 0.5  # part of those levels from which an unlisted dependence keeps the catalogue from being named
-ALONE = (
-    5e-5  # chance below which it is said itself: its settings are sought between the grid's points
-)
+ALONE = 5e-5  # chance below which it is said itself, its settings being sought between the grid's
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
@@ -29,8 +28,6 @@ TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid m
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
-SHARPER = 3  # times that the forms beside a leading candidate are tried
-FAINT = 12.0  # likelihood ratio below which that is not worth it
 TRIED = 40  # leading candidates that are asked whether they predict
 
 
@@ -61,55 +58,6 @@ class Answer:
     remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
 
 
-def _quiet(noise: NoiseFit) -> NoiseFit:
-    """The same noise with its slow parts much lower: shows slow effects that they may have swallowed."""
-    lower = tuple(
-        np.concatenate([t[:1], t[1:3] - 4.0, t[3:4] - 1.0, t[4:] - 6.0]) for t in noise.theta
-    )
-    return NoiseFit(tuple(np.maximum(t, -9.0) for t in lower), noise.value)
-
-
-def _screen(
-    system: System, noise: NoiseFit, everything: Sequence[Term], forms: dict, grade: str | None
-):
-    first = bank(system, [noise], [])
-    ranked = judge(system, first, everything, [], forms, grade)
-    quiet = Bank((_quiet(noise),), (tuple(0.0 for _ in noise.theta),))
-    slow = judge(system, quiet, everything, [], forms, grade)
-    short = list(dict.fromkeys([*map(id, shortlist(ranked)), *map(id, shortlist(slow))]))
-    by_id = {id(t): t for t in everything}
-    return first, ranked, slow, [by_id[k] for k in short]
-
-
-def _finer_forms(
-    ranked: Sequence[Candidate], slow: Sequence[Candidate], finer: Callable[[Term], list[Term]]
-) -> list[Term]:
-    """Forms between those of the grid, around the leading candidates that have a grid."""
-    made: list[Term] = []
-    for order, most in ((ranked, (5, 2)), (slow, (5, 4))):
-        seen: tuple[set, set] = set(), set()
-        for candidate in order[:400]:
-            term, unlisted = candidate.term, _is_open(candidate)
-            known = seen[unlisted]
-            if candidate.key in known or len(known) >= most[unlisted] or not _has_grid(term):
-                continue
-            known.add(candidate.key)
-            if not any(
-                t.variant.label == term.variant.label and t.channels == term.channels for t in made
-            ):
-                made.extend(finer(term))
-    return made
-
-
-def _has_grid(term: Term) -> bool:
-    """Whether one of a term's settings was taken from a grid."""
-    return bool(term.variant.settings) if term.effect is None else bool(term.effect.nuisance)
-
-
-def _is_open(candidate: Candidate) -> bool:
-    return candidate.term.name.startswith(PREFIX)
-
-
 def _full(chosen: Sequence[Candidate], new: Candidate) -> bool:
     """Whether the rows that a candidate acts on have their number of effects already."""
     return any(sum(c in old.term.chains for old in chosen) >= MOST_EFFECTS for c in new.term.chains)
@@ -125,59 +73,6 @@ def _beside(chosen: Sequence[Candidate], new: Candidate) -> float:
     """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on."""
     mine = [c for c in chosen if not set(c.term.chains).isdisjoint(new.term.chains)]
     return float(sum(c.score.gain for c in mine))
-
-
-def _leaders(ranked: Sequence[Candidate], listed: int, unlisted: int) -> list[Candidate]:
-    """The best few effects and structured alternatives of each set of chains."""
-    count: dict[tuple, int] = {}
-    seen: set = set()
-    made = []
-    for candidate in ranked:
-        group = (candidate.term.chains, _is_open(candidate))
-        if candidate.key in seen or count.get(group, 0) >= (unlisted if group[1] else listed):
-            continue
-        seen.add(candidate.key)
-        count[group] = count.get(group, 0) + 1
-        made.append(candidate)
-    return made
-
-
-def _rank(
-    system, noises, short, chosen, forms, grade, extra: Sequence[Candidate] = ()
-) -> tuple[Bank, list[Candidate]]:
-    start = bank(system, noises, chosen)
-    ranked = judge(system, start, short, chosen, forms, grade)
-    fuller = refine(system, start, [*_leaders(ranked, 3, 2), *extra], chosen, most=8)
-    return fuller, judge(system, fuller, short, chosen, forms, grade)
-
-
-def _sharpen(
-    system: System,
-    start: Bank,
-    ranked: Sequence[Candidate],
-    everything: Sequence[Term],
-    finer: Callable[[Term], list[Term]],
-    forms: dict,
-    grade: str | None,
-) -> list[Term]:
-    """Forms beside the leading effect and the leading unlisted dependence, nearer step by step.
-
-    What a form between the grid's points leaves behind is taken for slow noise; only where that is fitted
-    anew beside a near form does a nearer one show.
-    """
-    made: list[Term] = []
-    for lead in _first_of_both(c for c in ranked if _has_grid(c.term)):
-        for _ in range(SHARPER):
-            if lead is None or lead.ratio < FAINT:
-                break
-            fuller = refine(system, start, [lead], [], most=1)
-            same = [t for t in everything if (t.name, t.channels) == lead.key]
-            near = [*same, lead.term, *finer(lead.term)]
-            best = judge(system, fuller, near, [], forms, grade)[0]
-            if best.term is lead.term:
-                break
-            made, lead = [*made, best.term, *finer(best.term)], best
-    return made
 
 
 def identify(
@@ -196,17 +91,17 @@ def identify(
     forms = count_forms(everything)
     null = fit_noise(system)
     say("noise fitted")
-    start, ranked, slow, short = _screen(system, null, everything, forms, grade)
-    short = [*short, *_finer_forms(ranked, slow, finer)]
+    start, ranked, slow, short = screen(system, null, everything, forms, grade)
+    short = [*short, *finer_forms(ranked, slow, finer)]
     scores = [c.score for c in ranked]
     tests = family(scores, [len(y) for y in system.base.observed])
     say(f"{len(everything)} candidates screened, {tests.total:.0f} independent tests")
-    leaders = _leaders(slow, 3, 1)
-    fuller, ranked = _rank(system, [null], short, [], forms, grade, leaders)
-    nearer = _sharpen(system, fuller, ranked, everything, finer, forms, grade)
+    hidden = leaders(slow, 3, 1)
+    fuller, ranked = rank(system, [null], short, [], forms, grade, hidden)
+    nearer = sharpen(system, fuller, ranked, everything, finer, forms, grade)
     if nearer:
         short = [*short, *nearer]
-        fuller, ranked = _rank(system, fuller.fits, short, [], forms, grade)
+        fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
     gate = min(tests.p_value(c) for c in ranked[:10])
     ask = Asked(system, tuple(short), forms, grade, tests, say)
@@ -215,7 +110,7 @@ def identify(
     if memory is not None:
         say(f"{memory.chosen[0].term.name} predicts stretches left out")
         terms = [c.term for c in memory.chosen]
-        fuller, ranked = _rank(system, [fit_noise(system, terms)], short, terms, forms, grade)
+        fuller, ranked = rank(system, [fit_noise(system, terms)], short, terms, forms, grade)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
     left = None if memory is not None else ask.left_over(found, flexible, null)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
@@ -262,11 +157,11 @@ class Asked:
         noise = fuller.leader if chosen else None
         while len(chosen) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
-            ranked = [c for c in ranked if _is_open(c) or not _full(chosen, c)]
+            ranked = [c for c in ranked if is_open(c) or not _full(chosen, c)]
             ranked = [c for c in ranked if not _twice(chosen, c)]
             ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
             leading = (c for c in ranked[:TRIED] if memory is None or memory.pays(c.term, terms))
-            listed, unlisted = _first_of_both(leading)
+            listed, unlisted = first_of_both(leading)
             level = GATE if not chosen else NEXT
             if unlisted is not None and (
                 listed is None or unlisted.evidence > listed.evidence + MARGIN
@@ -287,7 +182,7 @@ class Asked:
             terms = [c.term for c in chosen]
             noise = fit_noise(system, terms, noise)
             self.say(f"{listed.term.name} on {', '.join(listed.term.channel_names)}")
-            fuller, ranked = _rank(system, [noise], self.short, terms, self.forms, self.grade)
+            fuller, ranked = rank(system, [noise], self.short, terms, self.forms, self.grade)
         return Found(tuple(chosen), noise, None, 1.0)
 
     def again(self, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:
@@ -352,28 +247,13 @@ class Asked:
         terms = [*chosen, listed.term]
         noise = fit_noise(self.system, terms, fuller.leader)
         catalogue = [t for t in self.short if not t.name.startswith(PREFIX)]
-        _, more = _rank(self.system, [noise], catalogue, terms, self.forms, self.grade)
+        _, more = rank(self.system, [noise], catalogue, terms, self.forms, self.grade)
         return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN
 
 
 def _rareness(candidate: Candidate) -> float:
     """Logarithm of the chance of such a likelihood ratio by noise alone."""
     return float(scipy.stats.chi2.logsf(max(candidate.ratio, 0.0), candidate.score.size))
-
-
-def _first_of_both(
-    ranked: Iterable[Candidate],
-) -> tuple[Candidate | None, Candidate | None]:
-    """The best catalogued candidate and the best unlisted one."""
-    listed = unlisted = None
-    for candidate in ranked:
-        if _is_open(candidate):
-            unlisted = unlisted or candidate
-        else:
-            listed = listed or candidate
-        if listed is not None and unlisted is not None:
-            break
-    return listed, unlisted
 
 
 def _conclude(
