@@ -111,7 +111,7 @@ def test_relaxation_process_has_the_covariance_of_its_blocks():
 
 def test_generator_and_marks_import_nothing_of_the_package():
     # What runs the diagnosis, and what compares it afterwards with a fit that is given the answer.
-    users = {"together.py", "given.py"}
+    users = {"together.py", "given.py", "learned.py"}
     for file in (f for f in BLIND.glob("*.py") if f.name not in users):
         for node in ast.walk(ast.parse(file.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []

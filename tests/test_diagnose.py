@@ -166,7 +166,7 @@ def test_a_bump_in_time_between_the_grids_points_is_not_taken_for_slow_noise():
     def effect(probe, time):
         slow = np.stack([slow_noise(rng, time) for _ in range(3)], axis=1) / FLICKER
         bump = np.exp(-0.5 * ((time - 1600.0) / 260.0) ** 2)
-        return 4e-7 * slow + only(1, 4e-6 * bump)
+        return 4e-7 * slow + only(1, 8e-6 * bump)
 
     found = diagnose(sweep(seed=4, effect=effect))
     assert found.verdict == "unexplained"

@@ -88,7 +88,7 @@ def read_truth(path: Path | str) -> dict[str, Device]:
         raise ValueError(f"{path}: not a truth.json: {error}.") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema != SCHEMA:
-        raise ValueError(f"{path}: schema is {str(schema)[:60]!r}; '{SCHEMA}' is needed.")
+        raise ValueError(f"{path}: schema is {repr(schema)[:60]}; '{SCHEMA}' is needed.")
     try:
         return {serial: _device(found) for serial, found in content["devices"].items()}
     except KeyError as error:
