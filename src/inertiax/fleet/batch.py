@@ -4,17 +4,18 @@ The invariant accelerometer problem has programs of its own; the reference and s
 linear in their parameters, share one.
 """
 
+import functools
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Literal
+from typing import Literal, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
 from ..dwells import Dwells
@@ -36,6 +37,8 @@ CALLS = 4
 LANES_THERE, BLOCKS_THERE = 2**16, 2**11
 
 Precision = Literal["float64", "float32"]
+Rows = slice | np.ndarray  # of devices
+Tree = TypeVar("Tree")
 
 
 class FleetFit(eqx.Module):
@@ -108,66 +111,72 @@ def fit_fleet(
     # that results are not either.
     step = size * (1 if isinstance(basis, Constant) else CALLS)
     parts = [slice(s, min(s + step, count)) for s in range(0, count, step)]
-    one = lambda part: _fit_part(estimator, basis, _part(dwells, part), size, precision)
+    fit = _unsolved(estimator, basis, dwells)
+    if len(parts) <= 1:
+        _fit_part(estimator, basis, dwells, fit, size, precision)
+        return fit
+    one = lambda part: _fit_part(
+        estimator, basis, _part(dwells, part), _part(fit, part), size, precision
+    )
     # The first part compiles; the others then run the same program side by side.
-    fits = [one(parts[0])]
-    if len(parts) > 1:
-        with ThreadPoolExecutor(cores) as pool:
-            fits.extend(pool.map(one, parts[1:]))
-    return fits[0] if len(fits) == 1 else jax.tree.map(lambda *x: np.concatenate(x), *fits)
+    one(parts[0])
+    with ThreadPoolExecutor(cores) as pool:
+        list(pool.map(one, parts[1:]))
+    return fit
+
+
+def _unsolved(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> FleetFit:
+    """Room for the solutions, which parts write in place."""
+    valid = np.asarray(dwells.valid)
+    rows = 1 if isinstance(estimator, Invariant) else 3
+    count, unknowns = len(valid), basis.size * estimator.num_parameters
+    return FleetFit(
+        parameters=np.empty((count, unknowns)),
+        covariance=np.empty((count, unknowns, unknowns)),
+        misfit=np.empty((*valid.shape, rows)),
+        own_sigma=np.empty((*valid.shape, rows)),
+        valid=valid,
+        scatter=np.empty(count),
+        chi2_per_dof=np.empty(count),
+        converged=np.empty(count, bool),
+        num_steps=np.empty(count, np.int32),
+    )
 
 
 def _fit_part(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
+    fit: FleetFit,
     size: int,
     precision: Precision,
-) -> FleetFit:
-    """`fit_fleet` of some of the devices, in calls of `size`."""
-    valid = np.asarray(dwells.valid)
-    unknowns = basis.size * estimator.num_parameters
-    own = _own_sigma(estimator, dwells)
+) -> None:
+    """`fit_fleet` of some of the devices into `fit`, in calls of `size`."""
+    valid, own, scatter, unknowns = fit.valid, fit.own_sigma, fit.scatter, fit.parameters.shape[1]
+    own[:] = _own_sigma(estimator, dwells)
     known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
-    scatter = np.where(known, 0.0, NOMINAL_SIGMA)
-    fit = _solve(estimator, basis, dwells, own, scatter, size, precision)
-    chi2 = _chi2_per_dof(fit, own, valid, unknowns, known)
+    scatter[:] = np.where(known, 0.0, NOMINAL_SIGMA)
+    solved: Rows = slice(0, len(scatter))
+    _solve(estimator, basis, dwells, fit, solved, size, precision)
+    fit.chi2_per_dof[:] = _chi2_per_dof(fit.misfit, own, valid, unknowns, known)
     for _ in range(2):
-        settled = _paule_mandel(np.asarray(fit.misfit), own, valid, unknowns)
+        # The others' misfit, and so their scatter, is what it was.
+        before = scatter[solved]
+        settled = _paule_mandel(fit.misfit[solved], own[solved], valid[solved], unknowns)
         settled = np.where(
-            np.isfinite(settled) & (settled > 0), settled, np.where(known, 0.0, scatter)
+            np.isfinite(settled) & (settled > 0), settled, np.where(known[solved], 0.0, before)
         )
-        changed = np.flatnonzero(np.abs(settled - scatter) > 1e-3 * settled)
+        changed = np.flatnonzero(np.abs(settled - before) > 1e-3 * settled)
         if not len(changed):
             break
-        scatter = settled
-        if len(changed) == len(scatter):
-            fit = _solve(estimator, basis, dwells, own, scatter, size, precision)
-            continue
-        some = _part(dwells, changed)
-        again = _solve(estimator, basis, some, own[changed], scatter[changed], size, precision)
-        fit = jax.tree.map(partial(_put, rows=changed), fit, again)
-    return FleetFit(
-        parameters=np.asarray(fit.parameters),
-        covariance=np.asarray(fit.covariance),
-        misfit=np.asarray(fit.misfit),
-        own_sigma=own,
-        valid=valid,
-        scatter=scatter,
-        chi2_per_dof=chi2,
-        converged=np.asarray(fit.converged),
-        num_steps=np.asarray(fit.num_steps),
-    )
+        scatter[solved] = settled
+        if len(changed) < len(settled):
+            solved = changed if isinstance(solved, slice) else solved[changed]
+        _solve(estimator, basis, dwells, fit, solved, size, precision)
 
 
-def _part(dwells: Dwells, rows: slice | np.ndarray) -> Dwells:
-    return jax.tree.map(lambda x: np.asarray(x)[rows], dwells)
-
-
-def _put(whole: np.ndarray, part: np.ndarray, *, rows: np.ndarray) -> np.ndarray:
-    result = whole.copy()
-    result[rows] = part
-    return result
+def _part(tree: Tree, rows: Rows) -> Tree:
+    return jax.tree.map(lambda x: np.asarray(x)[rows], tree)
 
 
 def _own_sigma(
@@ -201,52 +210,61 @@ def _solve(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
-    own: np.ndarray,
-    scatter: np.ndarray,
+    fit: FleetFit,
+    rows: Rows,
     size: int,
     precision: Precision,
-) -> BatchFit:
-    """One weighted solve of every device, in calls of one compiled shape."""
-    count, fits = len(scatter), []
-    for start in range(0, count, size):
-        part = slice(start, min(start + size, count))
+) -> None:
+    """One weighted solve of some devices into their rows of `fit`, in calls of one compiled shape."""
+    for some in _calls(rows, size):
         # JAX's precision is a setting of each thread.
         with jax.enable_x64(True):
-            fit = _solve_call(
-                estimator, basis, _part(dwells, part), own[part], scatter[part], size, precision
-            )
-        fits.append(jax.tree.map(lambda x, n=part.stop - start: _as_float64(x)[:n], fit))
-    return fits[0] if len(fits) == 1 else jax.tree.map(lambda *x: np.concatenate(x), *fits)
+            found = _solve_call(estimator, basis, dwells, fit, some, size, precision)
+        for name in ("parameters", "covariance", "misfit", "converged", "num_steps"):
+            place = getattr(fit, name)
+            count = some.stop - some.start if isinstance(some, slice) else len(some)
+            place[some] = np.asarray(getattr(found, name))[:count]
+
+
+def _calls(rows: Rows, size: int) -> Iterator[Rows]:
+    if not isinstance(rows, slice):
+        yield from (rows[s : s + size] for s in range(0, len(rows), size))
+        return
+    for start in range(rows.start, rows.stop, size):
+        yield slice(start, min(start + size, rows.stop))
 
 
 def _solve_call(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
-    own: np.ndarray,
-    scatter: np.ndarray,
+    fit: FleetFit,
+    rows: Rows,
     size: int,
     precision: Precision,
 ) -> BatchFit:
     """At most `size` devices; those that fill up to it may follow in the result."""
+    scatter = fit.scatter[rows]
     if isinstance(estimator, Invariant) and _is_batched(estimator):
-        sigma = np.sqrt(np.square(own[:, :, 0]) + np.square(scatter)[:, None])
-        weights = np.where(dwells.valid, 1.0 / sigma, 0.0)
+        sigma = np.sqrt(np.square(fit.own_sigma[rows][:, :, 0]) + np.square(scatter)[:, None])
+        weights = np.where(fit.valid[rows], 1.0 / sigma, 0.0)
         gravity = np.asarray(estimator.gravity, precision)
+        outputs = np.asarray(dwells.accel)[rows]
         if isinstance(basis, Constant):
-            return _solve_lanes(np.asarray(dwells.accel), weights, gravity, size)
+            return _solve_lanes(outputs, weights, gravity, size)
         outputs, temperature, weights = (
             _filled(np.asarray(x, precision), size)
-            for x in (dwells.accel, dwells.temperature, weights)
+            for x in (outputs, np.asarray(dwells.temperature)[rows], weights)
         )
         return _thermal(outputs, temperature, weights, gravity, basis)
-    whole = jax.tree.map(partial(_filled, size=size), dwells)
+    whole = jax.tree.map(partial(_filled, size=size), _part(dwells, rows))
     return _linear(estimator, basis, whole, jnp.asarray(_filled(scatter, size)))
 
 
 def _filled(rows: np.ndarray, size: int) -> np.ndarray:
     """The last row repeated up to `size`."""
-    return np.asarray(rows)[np.minimum(np.arange(size), len(rows) - 1)]
+    rows = np.asarray(rows)
+    return rows if len(rows) == size else rows[np.minimum(np.arange(size), len(rows) - 1)]
 
 
 def _solve_lanes(
@@ -255,8 +273,8 @@ def _solve_lanes(
     """Constant parameters: chunks of lanes in one call, of which only the used ones cost anything."""
     lanes = min(LANES, size) if jax.default_backend() == "cpu" else size
     dwells, used = outputs.shape[1], -(-len(outputs) // lanes)
-    a = np.zeros((size // lanes, 3, dwells, lanes), gravity.dtype)
-    w = np.zeros((size // lanes, dwells, lanes), gravity.dtype)
+    a = np.empty((size // lanes, 3, dwells, lanes), gravity.dtype)
+    w = np.empty((size // lanes, dwells, lanes), gravity.dtype)
     filled = _filled(outputs, used * lanes).reshape(used, lanes, dwells, 3)
     a[:used] = filled.transpose(0, 3, 2, 1)
     w[:used] = _filled(weights, used * lanes).reshape(used, lanes, dwells).transpose(0, 2, 1)
@@ -267,11 +285,6 @@ def _solve_lanes(
 def _is_batched(estimator: AbstractEstimator) -> bool:
     """Whether the problem has a program of its own."""
     return isinstance(estimator, Invariant) and estimator.robust is None
-
-
-def _as_float64(column: Array | np.ndarray) -> np.ndarray:
-    values = np.asarray(column)
-    return values.astype(np.float64) if values.dtype == np.float32 else values
 
 
 _constant = jax.jit(fit_chunks)
@@ -288,11 +301,11 @@ def _linear(estimator, basis, dwells, scatter) -> BatchFit:
 
 
 def _chi2_per_dof(
-    fit: BatchFit, own: np.ndarray, valid: np.ndarray, unknowns: int, known: np.ndarray
+    misfit: np.ndarray, own: np.ndarray, valid: np.ndarray, unknowns: int, known: np.ndarray
 ) -> Float[np.ndarray, " devices"]:
     dof = valid.sum(axis=1) * own.shape[2] - unknowns
     kept = valid[:, :, None] & (own > 0)
-    ratio = np.divide(fit.misfit, own, out=np.zeros_like(own), where=kept)
+    ratio = np.divide(misfit, own, out=np.zeros_like(own), where=kept)
     total = np.square(ratio).sum(axis=(1, 2))
     return np.where(known & (dof > 0), total / np.maximum(dof, 1), np.nan)
 
@@ -308,11 +321,18 @@ def _paule_mandel(
     used = np.maximum(dof, 1)
     quiet = np.all((own > 0) | ~kept, axis=(1, 2))
     ratio = np.divide(r2, s2, out=np.zeros_like(r2), where=s2 > 0)
-    quiet &= ratio.sum(axis=(1, 2)) <= chdtri(used, 0.01)
+    quiet &= ratio.sum(axis=(1, 2)) <= _limits(own[0].size)[used - 1]
     scatter = np.zeros(len(dof))
     noisy = np.flatnonzero(~quiet & (dof > 0))
-    scatter[noisy] = _excess_scatter(r2[noisy], s2[noisy], used[noisy])
+    if len(noisy):
+        scatter[noisy] = _excess_scatter(r2[noisy], s2[noisy], used[noisy])
     return scatter
+
+
+@functools.lru_cache(maxsize=64)
+def _limits(longest: int) -> Float[np.ndarray, " longest"]:
+    """99 % points of χ² for one degree of freedom and more."""
+    return chdtri(np.arange(1, longest + 1), 0.01)
 
 
 def _excess_scatter(r2: np.ndarray, s2: np.ndarray, dof: np.ndarray) -> np.ndarray:
