@@ -152,19 +152,28 @@ def _fit_part(
     precision: Precision,
 ) -> None:
     """`fit_fleet` of some of the devices into `fit`, in calls of `size`."""
-    valid, own, scatter, unknowns = fit.valid, fit.own_sigma, fit.scatter, fit.parameters.shape[1]
+    own, scatter, unknowns = fit.own_sigma, fit.scatter, fit.parameters.shape[1]
     own[:] = _own_sigma(estimator, dwells)
-    known = np.all((own > 0) | ~valid[:, :, None], axis=(1, 2))
+    kept = np.broadcast_to(fit.valid[:, :, None], own.shape).reshape(len(own), -1)
+    variance = np.where(kept, np.square(own).reshape(kept.shape), 1.0)
+    known = np.all(variance > 0, axis=1)
+    dof = kept.sum(axis=1) - unknowns
     scatter[:] = np.where(known, 0.0, NOMINAL_SIGMA)
     solved: Rows = slice(0, len(scatter))
-    _solve(estimator, basis, dwells, fit, solved, size, precision)
-    fit.chi2_per_dof[:] = _chi2_per_dof(fit.misfit, own, valid, unknowns, known)
-    for _ in range(2):
+    for k in range(3):
+        _solve(estimator, basis, dwells, fit, solved, size, precision)
+        square = np.square(fit.misfit[solved]).reshape(-1, kept.shape[1])
+        square = np.where(kept[solved], square, 0.0)
+        chi2 = _chi2(square, variance[solved])
+        if k == 0:
+            fit.chi2_per_dof[:] = np.where(known & (dof > 0), chi2 / np.maximum(dof, 1), np.nan)
+        elif k == 2:
+            break
         # The others' misfit, and so their scatter, is what it was.
-        before = scatter[solved]
-        settled = _paule_mandel(fit.misfit[solved], own[solved], valid[solved], unknowns)
+        before, sure = scatter[solved], known[solved]
+        settled = _paule_mandel(square, variance[solved], dof[solved], chi2, sure)
         settled = np.where(
-            np.isfinite(settled) & (settled > 0), settled, np.where(known[solved], 0.0, before)
+            np.isfinite(settled) & (settled > 0), settled, np.where(sure, 0.0, before)
         )
         changed = np.flatnonzero(np.abs(settled - before) > 1e-3 * settled)
         if not len(changed):
@@ -172,7 +181,6 @@ def _fit_part(
         scatter[solved] = settled
         if len(changed) < len(settled):
             solved = changed if isinstance(solved, slice) else solved[changed]
-        _solve(estimator, basis, dwells, fit, solved, size, precision)
 
 
 def _part(tree: Tree, rows: Rows) -> Tree:
@@ -186,14 +194,13 @@ def _own_sigma(
     covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
     if not isinstance(estimator, Invariant):
         return np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    output = np.moveaxis(np.asarray(dwells.accel), -1, 0)
-    square = output[0] ** 2 + output[1] ** 2 + output[2] ** 2
+    a0, a1, a2 = np.moveaxis(np.asarray(dwells.accel), -1, 0)
+    c = np.moveaxis(covariance, (-2, -1), (0, 1))
+    b0, b1 = 2.0 * a0, 2.0 * a1
     # Written out: NumPy's products of many small matrices cost as much as the solve.
-    total = sum(
-        (1.0 if i == j else 2.0) * covariance[..., i, j] * (output[i] * output[j])
-        for i in range(3) for j in range(i + 1)
-    )  # fmt: skip
-    return np.sqrt(total / square)[:, :, None]
+    total = a0 * a0 * c[0, 0] + a1 * (a1 * c[1, 1] + b0 * c[1, 0])
+    total += a2 * (a2 * c[2, 2] + b0 * c[2, 0] + b1 * c[2, 1])
+    return np.sqrt(total / (a0 * a0 + a1 * a1 + a2 * a2))[:, :, None]
 
 
 def _chunk(estimator: AbstractEstimator, basis: AbstractBasis, count: int) -> int:
@@ -300,32 +307,22 @@ def _linear(estimator, basis, dwells, scatter) -> BatchFit:
     return fit_linear(estimator, basis, jax.tree.map(jnp.asarray, dwells), scatter)
 
 
-def _chi2_per_dof(
-    misfit: np.ndarray, own: np.ndarray, valid: np.ndarray, unknowns: int, known: np.ndarray
-) -> Float[np.ndarray, " devices"]:
-    dof = valid.sum(axis=1) * own.shape[2] - unknowns
-    kept = valid[:, :, None] & (own > 0)
-    ratio = np.divide(misfit, own, out=np.zeros_like(own), where=kept)
-    total = np.square(ratio).sum(axis=(1, 2))
-    return np.where(known & (dof > 0), total / np.maximum(dof, 1), np.nan)
+def _chi2(square: np.ndarray, variance: np.ndarray) -> Float[np.ndarray, " devices"]:
+    """Σ r²/s²; a row without noise of its own does not count."""
+    ratio = np.divide(square, variance, out=np.zeros_like(square), where=variance > 0)
+    return ratio.sum(axis=1)
 
 
 def _paule_mandel(
-    misfit: np.ndarray, own: np.ndarray, valid: np.ndarray, unknowns: int
+    square: np.ndarray, variance: np.ndarray, dof: np.ndarray, chi2: np.ndarray, known: np.ndarray
 ) -> Float[np.ndarray, " devices"]:
     """`procedure.extra_scatter` of every device; 0 where χ² is within its 99 % point."""
-    kept = np.broadcast_to(valid[:, :, None], own.shape)
-    r2 = np.where(kept, np.square(misfit), 0.0)
-    s2 = np.where(kept, np.square(own), 1.0)
-    dof = kept.sum(axis=(1, 2)) - unknowns
     used = np.maximum(dof, 1)
-    quiet = np.all((own > 0) | ~kept, axis=(1, 2))
-    ratio = np.divide(r2, s2, out=np.zeros_like(r2), where=s2 > 0)
-    quiet &= ratio.sum(axis=(1, 2)) <= _limits(own[0].size)[used - 1]
+    quiet = known & (chi2 <= _limits(square.shape[1])[used - 1])
     scatter = np.zeros(len(dof))
     noisy = np.flatnonzero(~quiet & (dof > 0))
     if len(noisy):
-        scatter[noisy] = _excess_scatter(r2[noisy], s2[noisy], used[noisy])
+        scatter[noisy] = _excess_scatter(square[noisy], variance[noisy], used[noisy])
     return scatter
 
 
@@ -337,16 +334,16 @@ def _limits(longest: int) -> Float[np.ndarray, " longest"]:
 
 def _excess_scatter(r2: np.ndarray, s2: np.ndarray, dof: np.ndarray) -> np.ndarray:
     """τ with Σ r² / (s² + τ²) = dof, by Newton's method from below, where it never oversteps: the sum is convex."""
-    wanted, most = dof[:, None, None], s2.max(axis=(1, 2))
+    wanted, most = dof[:, None], s2.max(axis=1)
     # No single term may exceed the sum, and no variance its largest.
-    single = (r2 / wanted - s2).max(axis=(1, 2))
-    excess = np.maximum(np.maximum(r2.sum(axis=(1, 2)) / dof - most, single), 0.0)
+    single = (r2 / wanted - s2).max(axis=1)
+    excess = np.maximum(np.maximum(r2.sum(axis=1) / dof - most, single), 0.0)
     for _ in range(60):
-        total = s2 + excess[:, None, None]
+        total = s2 + excess[:, None]
         inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
         terms = r2 * inverse
-        slope = (terms * inverse).sum(axis=(1, 2))
-        rise = terms.sum(axis=(1, 2)) - dof
+        slope = (terms * inverse).sum(axis=1)
+        rise = terms.sum(axis=1) - dof
         change = np.divide(rise, slope, out=np.zeros_like(slope), where=(slope > 0) & (rise > 0))
         excess = excess + change
         if not np.any(change > 1e-13 * excess):
