@@ -124,8 +124,16 @@ def fit_chunks(
 
     Results lead with chunk and device; they are zero in chunks that are not used, which cost nothing.
     """
-    shape = jax.eval_shape(fit_invariant, outputs[0], weights[0], gravity)
-    empty = jax.tree.map(lambda s: jnp.zeros((len(outputs), *s.shape), s.dtype), shape)
+    chunks, _, dwells, lanes = outputs.shape
+    room = lambda *shape: jnp.zeros((chunks, lanes, *shape), outputs.dtype)
+    # Written out: asking for the shapes would trace it once more.
+    empty = BatchFit(
+        parameters=room(9),
+        covariance=room(9, 9),
+        misfit=room(dwells, 1),
+        converged=jnp.zeros((chunks, lanes), bool),
+        num_steps=jnp.zeros((chunks, lanes), jnp.int32),
+    )
 
     def one(k: Array, whole: BatchFit) -> BatchFit:
         fit = fit_invariant(outputs[k], weights[k], gravity)

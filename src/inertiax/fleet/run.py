@@ -22,6 +22,7 @@ from .populate import population_of
 from .population import as_prior, Population, write_population
 from .reduce import read
 from .results import FleetSummary, summarise
+from .reduction import Reduction
 from .rows import calibrate_reduced
 from .store import (
     fingerprint,
@@ -35,6 +36,9 @@ from .store import (
 from .tasks import split, Task
 from .triad_model import TriadModel
 
+
+# Devices that compile ahead: as many as fill the smallest shape of the programs over temperature.
+AHEAD = 16
 
 Report = Callable[[int, int], None]  # tasks done, tasks in all
 
@@ -115,6 +119,20 @@ def run_task(task: Task, context: Context) -> int:
     return task.number
 
 
+def _some_dwells(tasks: Sequence[Task], context: Context) -> Reduction:
+    """A few devices of the first task."""
+    task = msgspec.structs.replace(tasks[0], devices=tasks[0].devices[:AHEAD])
+    with jax.enable_x64(True):
+        return _reader(context.manifest.campaigns, context.columns)(task)
+
+
+def _compile(some: Reduction, context: Context) -> None:
+    """Calibrate some devices for nothing, which compiles the programs. What goes wrong here goes wrong in the
+    task, too, which tells."""
+    with jax.enable_x64(True):
+        calibrate_reduced(some, context.manifest)
+
+
 def _each(
     tasks: Sequence[Task], context: Context, workers: int | None, scheduler: str | None
 ) -> Iterator[int]:
@@ -123,7 +141,10 @@ def _each(
 
         yield from on_dask(tasks, context, scheduler, workers)
         return
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(1) as ahead, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        # Programs are compiled while the first tasks are read; campaigns take longer to be read twice.
+        if tasks and not context.manifest.campaigns:
+            ahead.submit(_compile, _some_dwells(tasks, context), context)
         futures = [pool.submit(run_task, t, context) for t in tasks]
         try:
             for future in as_completed(futures):
