@@ -44,7 +44,7 @@ def scores_of(campaign, theta):
 def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
     # Textbook: a slope fitted with a mean to N samples over T has σ √12 / (T √N), for N large.
     white, seconds = 1e-4, 2000.0
-    _, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
+    _, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0, -40.0]))
     (drift,) = [
         s for s in scores if s.term.name == "drift" and s.term.channels == (0,)
         and s.term.variant.label == "bias"
@@ -56,7 +56,9 @@ def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
 
 def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
     white, seconds = 1e-4, 2000.0
-    prepared, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
+    prepared, scores = scores_of(
+        still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0, -40.0])
+    )
     one = Audited(
         prepared,
         tuple(s for s in scores if s.term.effect is not None),
@@ -93,7 +95,7 @@ def test_at_the_passing_mark_nine_draws_of_ten_pass():
 
 
 def test_assumed_flicker_makes_everything_harder_to_see():
-    prepared, quiet = scores_of(still(), np.array([0.0, -40.0, -40.0, -40.0, -40.0]))
+    prepared, quiet = scores_of(still(), np.array([0.0, -40.0, -40.0, -40.0, -40.0, -40.0]))
     noisy = whiten_system(
         prepared.system, assumed_noise(prepared.system), prepared.candidates
     ).scores

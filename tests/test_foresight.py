@@ -9,7 +9,7 @@ from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.foresight import Foresight, skill, stretches
 from inertiax.diagnose.noise_draws import draw
 from inertiax.diagnose.system import fit_noise, NoiseFit
-from inertiax.diagnose.whiten import Chain, TIME_CONSTANTS, Variances
+from inertiax.diagnose.whiten import Chain, TIME_CONSTANTS, Variances, WANDER, whiten
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
@@ -21,8 +21,9 @@ def test_draws_of_the_noise_have_the_covariance_of_its_formula():
     cycle = np.array([0, 0, 0, 1, 1, 1])
     loads = np.array([[1.0, 0.2], [0.8, -0.5], [0.1, 1.0], [0.3, 0.3], [-0.7, 0.6], [0.9, 0.0]])
     fresh, power = (np.r_[1.0, (np.diff(x) != 0).astype(float)] for x in (dwell, cycle))
-    chain = Chain(white, loads, gap, fresh, power, np.full(6, 0.3))
-    v = Variances(*(np.array(x) for x in (1.2, 0.4, 0.05, 0.6, 0.8)))
+    heated = np.array([[0.5], [0.9], [-0.4], [1.3], [0.2], [-1.0]])
+    chain = Chain(white, loads, gap, fresh, power, np.full(6, 0.3), heated)
+    v = Variances(*(np.array(x) for x in (1.2, 0.4, 0.05, 0.6, 0.8, 0.7)))
     num = 40_000
     made = draw(chain, v, num, np.random.default_rng(1))
     lag = np.abs(time[:, None] - time)
@@ -30,9 +31,14 @@ def test_draws_of_the_noise_have_the_covariance_of_its_formula():
     slow = slow + 0.05 * np.minimum(time[:, None], time) + 0.8 * (cycle[:, None] == cycle)
     expected = np.diag(1.2 * white) + (0.6 + 0.3) * (dwell[:, None] == dwell)
     expected = expected + (loads @ loads.T) * slow
+    probe = 0.7 * (np.exp(-lag / WANDER) + (cycle[:, None] == cycle))
+    expected = expected + (heated @ heated.T) * probe
     found = made @ made.T / num
     # The standard deviation of an element is at most sqrt(2 / num) of the diagonal's product; five of them.
     size = np.sqrt(np.diag(expected))
+    white, logdet = whiten(v, chain, np.linalg.cholesky(expected))
+    assert np.allclose(np.asarray(white), np.eye(6), atol=1e-12)
+    assert np.isclose(float(logdet), np.linalg.slogdet(expected)[1])
     assert np.all(np.abs(found - expected) < 5.0 * np.sqrt(2.0 / num) * size[:, None] * size)
 
 
@@ -107,7 +113,7 @@ def test_the_allan_deviation_agrees_with_the_fitted_noise_and_not_with_twice_its
         _, (prepared,) = prepare(one_turn(3, (0.0, 0.0, 0.0)), ())
         noise = fit_noise(prepared.system)
         checks = allan_checks(prepared, noise, [])
-        louder = NoiseFit(tuple(t + np.log([2.0, 1, 1, 1, 1]) for t in noise.theta), noise.value)
+        louder = NoiseFit(tuple(t + np.log([2.0, 1, 1, 1, 1, 1]) for t in noise.theta), noise.value)
         wrong = allan_checks(prepared, louder, [])
     assert {c.channel for c in checks} == {"gyro_x", "gyro_y", "gyro_z"}
     # Six intervals of 99 %: one miss is not unlikely, two are (0.14 %).

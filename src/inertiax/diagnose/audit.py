@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
+import scipy.linalg
 import scipy.stats
 
 from ..effects import CATALOGUE, Effect
@@ -239,8 +240,10 @@ def _unobservable(system: System) -> list[str]:
         norm = np.linalg.norm(x, axis=0)
         largest = np.array([norm[kinds == k].max() for k in kinds])
         value, vector = np.linalg.eigh((x / largest).T @ (x / largest))
-        for k in np.flatnonzero(value < UNEXCITED * value[-1]):
-            part = np.abs(vector[:, k])
+        unseen = vector[:, value < UNEXCITED * value[-1]]
+        # Each combination gets a parameter of its own, so that single parameters stand alone where they can.
+        own = scipy.linalg.qr(unseen.T, mode="r", pivoting=True)[1][: unseen.shape[1]]
+        for part in np.abs(unseen @ np.linalg.inv(unseen[own])).T:
             mixed = list(dict.fromkeys(names[part > 0.3 * part.max()].tolist()))
             line = mixed[0] if len(mixed) == 1 else f"a combination of {', '.join(mixed)}"
             lines.append(line)

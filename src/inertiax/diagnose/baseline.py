@@ -18,6 +18,8 @@ from .blocks import Blocks
 
 LOWER = tuple((i, j) for i in range(3) for j in range(i + 1))
 FULL = tuple((i, j) for i in range(3) for j in range(3))
+MISALIGNED = 0.02  # rad, usual size of a misalignment
+CHANGING = 0.1  # part of it that usually changes with temperature
 
 
 class ModelForm(eqx.Module):
@@ -185,9 +187,13 @@ def _fit_invariant(form: ModelForm, blocks: Blocks, weights: np.ndarray) -> Base
     basis = form.basis(blocks.temperature, blocks.num_blocks)
     assert blocks.accel is not None  # an accelerometer's form
     coefficients = _start(form, blocks.accel, basis.shape[1])
+    tight = _firmness(form, basis.shape[1])
     for _ in range(12):
         residual, jacobian, gain, force = _invariant(form, coefficients, blocks, basis)
-        step = np.linalg.lstsq(jacobian * weights[:, None], residual * weights, rcond=1e-12)[0]
+        scatter = max(1.0, float(np.sqrt(np.mean(np.square(residual * weights)))))
+        rows = np.concatenate([jacobian * (weights / scatter)[:, None], np.diag(tight)])
+        right = np.concatenate([residual * weights / scatter, -tight * coefficients.reshape(-1)])
+        step = np.linalg.lstsq(rows, right, rcond=1e-12)[0]
         coefficients = coefficients + step.reshape(coefficients.shape)
         if np.linalg.norm(jacobian @ step) < 1e-10 * form.gravity * np.sqrt(len(residual)):
             break
@@ -201,6 +207,20 @@ def _fit_invariant(form: ModelForm, blocks: Blocks, weights: np.ndarray) -> Base
         (gain,),
         force,
     )
+
+
+def _firmness(form: ModelForm, size: int) -> Float[np.ndarray, " coefficient"]:
+    """One over the usual size of misalignments, zero for everything else.
+
+    Positions along the axes tell |a| of a misalignment only in second order: without this, angles of tenths of a radian
+    would follow the noise, and their squares would bend the other parameters. Other positions tell far more than this.
+    """
+    made = np.zeros((len(form.names), size))
+    for k, (i, j) in enumerate(form.matrix):
+        if i != j:
+            made[3 + k] = 1.0 / (CHANGING * MISALIGNED)
+            made[3 + k, 0] = 1.0 / MISALIGNED
+    return made.reshape(-1)
 
 
 def _start(form: ModelForm, output: np.ndarray, size: int) -> np.ndarray:

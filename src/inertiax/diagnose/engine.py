@@ -49,6 +49,21 @@ def rig_variance(
     return rows
 
 
+def probe_error(
+    campaign: Campaign, signal: Signal, blocks: Blocks, base: Baseline
+) -> list[np.ndarray]:
+    """Change of each chain's rows by one stated standard deviation of the probe, `(block, 1)`; no column without one."""
+    sigma = campaign.rig.temperature_uncertainty or 0.0
+    if signal.at_temperature is None or signal.temperature is None or sigma == 0.0:
+        return [np.zeros((blocks.num_blocks, 0)) for _ in base.observed]
+    probe = np.asarray(signal.temperature)
+    change = 0.5 * (signal.at_temperature(probe + sigma) - signal.at_temperature(probe - sigma))
+    rows = blocks.mean(np.asarray(change))
+    if len(base.observed) == 3:
+        return [rows[:, c : c + 1] for c in range(3)]
+    return [(rows * base.loads[0]).sum(axis=1, keepdims=True)]
+
+
 def prepare(
     campaign: Campaign,
     catalogue: Sequence[Effect] = CATALOGUE,
@@ -87,7 +102,12 @@ def prepare_triad(
     signal = build(log, blocks, base, force)
     coarse = coarsen(signal, blocks)
     listed, missing = terms(tuple(catalogue), signal, blocks, base)
-    system = make(base, blocks, rig_variance(campaign, form, blocks, base))
+    system = make(
+        base,
+        blocks,
+        rig_variance(campaign, form, blocks, base),
+        probe_error(campaign, signal, blocks, base),
+    )
     return Prepared(
         form,
         blocks,

@@ -16,7 +16,7 @@ from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
 
 
-GATE = 0.006  # family-wise false alarms of the first effect of one triad
+GATE = 0.004  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
 STILL = 0.02  # chance above which an effect is dropped when it is compared again at the end
 OPEN = 0.5  # part of those levels from which an unlisted dependence keeps the catalogue from being named

@@ -17,7 +17,8 @@ FAINT = 12.0  # likelihood ratio below which that is not worth it
 def _quiet(noise: NoiseFit) -> NoiseFit:
     """The same noise with its slow parts much lower: shows slow effects that they may have swallowed."""
     lower = tuple(
-        np.concatenate([t[:1], t[1:3] - 4.0, t[3:4] - 1.0, t[4:] - 6.0]) for t in noise.theta
+        np.concatenate([t[:1], t[1:3] - 4.0, t[3:4] - 1.0, t[4:5] - 6.0, t[5:]])
+        for t in noise.theta
     )
     return NoiseFit(tuple(np.maximum(t, -9.0) for t in lower), noise.value)
 

@@ -114,7 +114,8 @@ def prepare_model(
         )  # fmt: skip
     coarse = coarsen(signal, blocks)
     listed, missing = terms(tuple(catalogue), signal, blocks, base)
-    system = make(base, blocks, [np.zeros(blocks.num_blocks)] * 3)
+    none = np.zeros(blocks.num_blocks)
+    system = make(base, blocks, [none] * 3, [none[:, None][:, :0]] * 3)
     unlisted = alternatives(coarse, blocks, base)
     candidates, free = (*listed, *unlisted), tuple(flexible(coarse, base))
     return Prepared(form, blocks, signal, coarse, system, candidates, free, missing, log.clock)

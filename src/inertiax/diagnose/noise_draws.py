@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from .whiten import Chain, TIME_CONSTANTS, Variances
+from .whiten import Chain, TIME_CONSTANTS, Variances, WANDER
 
 
 def draw(
@@ -11,10 +11,11 @@ def draw(
 ) -> Float[np.ndarray, "block draw"]:
     """Rows of one chain under given variances, in the rows' unit: the noise that `whiten` makes white."""
     num, channels = chain.loads.shape
-    white, flicker, walk, dwell, cycle = (
+    white, flicker, walk, dwell, cycle, probe = (
         float(v)
         for v in (
-            variances.white, variances.flicker, variances.walk, variances.dwell, variances.cycle
+            variances.white, variances.flicker, variances.walk, variances.dwell, variances.cycle,
+            variances.probe,
         )
     )  # fmt: skip
     made = rng.standard_normal((num, draws)) * np.sqrt(white * chain.white)[:, None]
@@ -22,8 +23,14 @@ def draw(
     for c in range(channels):
         slow = _held(chain.new_cycle, np.full(num, np.sqrt(cycle)), draws, rng)
         steps = rng.standard_normal((num, draws)) * np.sqrt(walk * chain.gap)[:, None]
-        slow += np.cumsum(steps, axis=0) + _flicker(chain.gap, flicker, draws, rng)
+        slow += np.cumsum(steps, axis=0) + _relaxations(
+            chain.gap, TIME_CONSTANTS, flicker, draws, rng
+        )
         made += chain.loads[:, c, None] * slow
+    for heated in chain.heated.T:
+        error = _held(chain.new_cycle, np.full(num, np.sqrt(probe)), draws, rng)
+        error += _relaxations(chain.gap, (WANDER,), probe, draws, rng)
+        made += heated[:, None] * error
     return made
 
 
@@ -36,11 +43,15 @@ def _held(
     return rng.standard_normal((len(first), draws))[which] * sigma[first][which][:, None]
 
 
-def _flicker(
-    gap: np.ndarray, variance: float, draws: int, rng: np.random.Generator
+def _relaxations(
+    gap: np.ndarray,
+    time_constants: tuple[float, ...],
+    variance: float,
+    draws: int,
+    rng: np.random.Generator,
 ) -> Float[np.ndarray, "block draw"]:
     """Sum of Gauss-Markov processes in equilibrium."""
-    decay = np.exp(-gap[:, None] / np.asarray(TIME_CONSTANTS))
+    decay = np.exp(-gap[:, None] / np.asarray(time_constants))
     decay[0] = 0.0
     state = np.zeros((decay.shape[1], draws))
     made = np.empty((len(gap), draws))

@@ -36,10 +36,12 @@ def tune(
     if effect.nuisance == "time":
         return _tune_moment(prepared, noise, term, others)
     centre = float(term.variant.settings[effect.nuisance])
+    lowest, highest = _limits(prepared, term)
     width = 0.45 if centre > 0 else 0.0
     best, curved = term, None  # the logarithm's standard deviation by the curvature
     for _ in range(3):
         grid = centre * np.exp(np.linspace(-width, width, 9))
+        grid = np.unique(np.clip(grid, min(lowest, centre), max(highest, centre)))
         members, gains = _profile(prepared, noise, term, others, grid)
         k = int(np.argmax(gains))
         best, centre = members[k], grid[k]
@@ -56,6 +58,13 @@ def tune(
     if curved is None:
         return tuned, None
     return tuned, _longer_side(prepared, noise, tuned, others, curved)
+
+
+def _limits(prepared: Prepared, term: Term) -> tuple[float, float]:
+    """Range of a setting: that of the effect's grid and a third more."""
+    same = [t for t in prepared.candidates if t.name == term.name]
+    grid = [float(t.variant.settings[term.known.nuisance]) for t in same]
+    return min(grid, default=0.0) / 1.3, max(grid, default=np.inf) * 1.3
 
 
 def _profile(

@@ -18,10 +18,11 @@ COLUMNS = 10  # the baseline's columns are padded to a multiple
 EXTRA = 16  # columns of effects that a fit of variances has room for
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
-START = np.array([0.0, -1.0, -4.0, -2.0, -3.0])
+START = np.array([0.0, -1.0, -4.0, -2.0, -3.0, -1.5])
 # The likelihood of flicker and walk together has more than one maximum.
-STARTS = (START, np.array([0.0, -6.0, 1.0, -2.0, -3.0]))
-BOUNDS = [(-1.0, 4.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0)]
+STARTS = (START, np.array([0.0, -6.0, 1.0, -2.0, -3.0, -1.5]))
+# A probe is not worse than stated.
+BOUNDS = [(-1.0, 4.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-6.0, 0.0)]
 
 
 class System(eqx.Module):
@@ -39,8 +40,11 @@ class System(eqx.Module):
         return sum(len(y) for y in self.base.observed)
 
 
-def make(base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray]) -> System:
-    """Chains of a fitted baseline; `rig` gives each chain's positioning variance per block."""
+def make(
+    base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray], heated: Sequence[np.ndarray]
+) -> System:
+    """Chains of a fitted baseline; `rig` gives each chain's positioning variance per block, `heated` the change by
+    one standard deviation of the probe's error, `(block, 1)` or `(block, 0)`."""
     white = getattr(blocks, f"{base.form.triad}_white")
     gap = np.r_[0.0, np.maximum(np.diff(blocks.time), 0.0)]
     fresh = np.r_[1.0, (np.diff(blocks.dwell) != 0).astype(float)]
@@ -51,9 +55,9 @@ def make(base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray]) -> System:
             level = (white * base.loads[0] ** 2).sum(axis=1)
         else:
             level = white[:, c]
-        chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c]))
+        chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c], heated[c]))
         mean = float(np.mean(level))
-        scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean]))
+        scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5]))
     frames = tuple(_range(x / np.linalg.norm(x, axis=0)) for x in base.columns)
     longer = tuple(jax.tree.map(_lengthen, chain) for chain in chains)
     return System(base, tuple(chains), tuple(scales), frames, longer)
@@ -132,7 +136,7 @@ def _maximise(
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
         value, slope = value_and_gradient(theta, system.scales[c], system.longer[c], *inputs)
         value = float(value)
-        return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(5))
+        return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(6))
 
     options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 40}
     found = [

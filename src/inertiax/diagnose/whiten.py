@@ -2,10 +2,11 @@
 
 One scalar observation per block, in time order, carries the noise
 
-$$e_b = \\sum_c h_{bc}\\,(n_c(t_b) + s_c) + d_{dwell(b)} + w_b,$$
+$$e_b = \\sum_c h_{bc}\\,(n_c(t_b) + s_c) + g_b\\,\\Delta T(t_b) + d_{dwell(b)} + w_b,$$
 
 with flicker and random walk $n_c$ of each sensor channel, a level $s_c$ of each power cycle, an
-error $d$ of each positioning and white noise $w$. Flicker is a sum of first-order Gauss-Markov processes
+error $d$ of each positioning, white noise $w$, and the probe's error $\\Delta T$, which the outputs' slope $g$ in temperature
+turns into one of the model; it wanders, and is another after each power-on. Flicker is a sum of first-order Gauss-Markov processes
 with equal variances and time constants a factor of about six apart, whose spectrum is $1/f$ between them. A Kalman
 filter over these states turns observations and model columns into white ones in $O(n)$.
 
@@ -22,8 +23,9 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray
 
 
-TIME_CONSTANTS = (6.0, 36.0, 216.0, 1300.0, 7800.0)  # s, of the Gauss-Markov processes
-NUM_VARIANCES = 5
+TIME_CONSTANTS = (6.0, 36.0, 216.0, 1300.0, 7800.0, 46800.0)  # s, of the Gauss-Markov processes
+NUM_VARIANCES = 6
+WANDER = 1000.0  # s, over which a probe's error changes
 WALK = 1.6  # price of each e-fold of a walk's variance, in twice the log likelihood
 
 
@@ -36,6 +38,8 @@ class Chain(eqx.Module):
     new_dwell: Float[np.ndarray, " block"]  # 1 where a new positioning begins, else 0
     new_cycle: Float[np.ndarray, " block"]  # 1 where the power was cycled, else 0
     rig: Float[np.ndarray, " block"]  # variance of a positioning's error as the rig states it
+    # Change of the observation by one stated standard deviation of the probe's error; no column where none is stated.
+    heated: Float[np.ndarray, "block probe"]
 
 
 class Variances(eqx.Module):
@@ -46,6 +50,7 @@ class Variances(eqx.Module):
     walk: Float[AnyArray, ""]  # growth per second of a random walk
     dwell: Float[AnyArray, ""]  # of each positioning, beyond what the rig states
     cycle: Float[AnyArray, ""]  # of each power cycle
+    probe: Float[AnyArray, ""]  # of either part of the probe's error, in stated variances
 
 
 def _transition(
@@ -64,10 +69,16 @@ def _transition(
     per_channel.append((1.0 - cycle, variances.cycle * cycle))
     a = jnp.concatenate([jnp.repeat(x, channels, axis=1) for x, _ in per_channel], axis=1)
     q = jnp.concatenate([jnp.repeat(x, channels, axis=1) for _, x in per_channel], axis=1)
-    a = jnp.concatenate([a, 1.0 - dwell], axis=1)
-    q = jnp.concatenate([q, dwell * (variances.dwell + jnp.asarray(chain.rig)[:, None])], axis=1)
+    heated = jnp.asarray(chain.heated)
+    wander = jnp.exp(-gap / WANDER) * (1.0 - first)
+    probes = [(wander, variances.probe * (1.0 - wander**2)), (1.0 - cycle, variances.probe * cycle)]
+    if not heated.shape[1]:
+        probes = []
+    a = jnp.concatenate([a, *(x for x, _ in probes), 1.0 - dwell], axis=1)
+    error = dwell * (variances.dwell + jnp.asarray(chain.rig)[:, None])
+    q = jnp.concatenate([q, *(x for _, x in probes), error], axis=1)
     loads = jnp.tile(jnp.asarray(chain.loads), (1, len(TIME_CONSTANTS) + 2))
-    h = jnp.concatenate([loads, jnp.ones((num, 1))], axis=1)
+    h = jnp.concatenate([loads, *(heated for _ in probes), jnp.ones((num, 1))], axis=1)
     return a, q, h
 
 
@@ -123,14 +134,14 @@ def whiten(
 whiten_jit = jax.jit(whiten)
 
 
-def unpack(theta: Float[AnyArray, "5"], scale: Float[AnyArray, "5"]) -> Variances:
+def unpack(theta: Float[AnyArray, "6"], scale: Float[AnyArray, "6"]) -> Variances:
     """Variances from their logarithms relative to a scale."""
     return Variances(*(jnp.exp(theta) * jnp.asarray(scale)))
 
 
 def negative_log_likelihood(
-    theta: Float[AnyArray, "5"],
-    scale: Float[AnyArray, "5"],
+    theta: Float[AnyArray, "6"],
+    scale: Float[AnyArray, "6"],
     chain: Chain,
     observed: Float[AnyArray, " block"],
     columns: Float[AnyArray, "block column"],
