@@ -125,15 +125,15 @@ def fit_chunks(
     Results lead with chunk and device; they are zero in chunks that are not used, which cost nothing.
     """
     chunks, _, dwells, lanes = outputs.shape
-    room = lambda *shape: jnp.zeros((chunks, lanes, *shape), outputs.dtype)
     # Written out: asking for the shapes would trace it once more.
-    empty = BatchFit(
-        parameters=room(9),
-        covariance=room(9, 9),
-        misfit=room(dwells, 1),
-        converged=jnp.zeros((chunks, lanes), bool),
-        num_steps=jnp.zeros((chunks, lanes), jnp.int32),
+    chunk = BatchFit(
+        parameters=jnp.zeros((lanes, 9), outputs.dtype),
+        covariance=jnp.zeros((lanes, 9, 9), outputs.dtype),
+        misfit=jnp.zeros((lanes, dwells, 1), outputs.dtype),
+        converged=jnp.zeros(lanes, bool),
+        num_steps=jnp.zeros(lanes, jnp.int32),
     )
+    empty = jax.tree.map(lambda x: jnp.zeros((chunks, *x.shape), x.dtype), chunk)
 
     def one(k: Array, whole: BatchFit) -> BatchFit:
         fit = fit_invariant(outputs[k], weights[k], gravity)

@@ -21,8 +21,8 @@ from .locations import find_sources, local_state
 from .populate import population_of
 from .population import as_prior, Population, write_population
 from .reduce import read
-from .results import FleetSummary, summarise
 from .reduction import Reduction
+from .results import FleetSummary, summarise
 from .rows import calibrate_reduced
 from .store import (
     fingerprint,
