@@ -52,7 +52,7 @@ def rig_variance(
 def probe_error(
     campaign: Campaign, signal: Signal, blocks: Blocks, base: Baseline
 ) -> list[np.ndarray]:
-    """Change of each chain's rows by one stated standard deviation of the probe, `(block, 1)`; no column without one."""
+    """Change of each chain's rows by one stated standard deviation of the probe, `(block, 1)` or `(block, 0)`."""
     sigma = campaign.rig.temperature_uncertainty or 0.0
     if signal.at_temperature is None or signal.temperature is None or sigma == 0.0:
         return [np.zeros((blocks.num_blocks, 0)) for _ in base.observed]
