@@ -11,7 +11,6 @@ from collections.abc import Callable
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import nnls
 from scipy.special import digamma, polygamma
 
 from ._typing import AnyArray
@@ -155,17 +154,37 @@ def _hadamard(
     return (15 * sum_variance(m) - 6 * sum_variance(2 * m) + sum_variance(3 * m)) / (6 * m**2)
 
 
+_GAIN = 9.0  # in χ², for which another component is taken
+
+
+def _left(
+    design: Float[np.ndarray, "level component"], target: Float[np.ndarray, " level"]
+) -> float:
+    """Sum of squares that least squares leave."""
+    shares, *_ = np.linalg.lstsq(design, target)
+    return float(np.sum(np.square(target - design @ shares)))
+
+
 def _grow(
     design: Float[np.ndarray, "level component"], target: Float[np.ndarray, " level"]
 ) -> Float[np.ndarray, " component"]:
     """Shares of the components chosen one at a time, from white noise on, by the drop in χ²."""
     chosen = [0]
-    shares, residual = nnls(design[:, chosen], target)
+    white = design[:, 0]
+    shares = np.array([max(white @ target, 0.0) / (white @ white)])
+    residual = float(np.linalg.norm(target - shares[0] * white))
     while len(chosen) < min(4, len(target)):
         trials = [k for k in range(design.shape[1]) if k not in chosen]
+        # Shares of either sign leave no more than positive ones: where they gain too little, these do.
+        if residual**2 - min(_left(design[:, [*chosen, k]], target) for k in trials) <= _GAIN:
+            break
+        from scipy.optimize import (
+            nnls,
+        )  # a quarter of a second to import, and white noise needs none
+
         fits = [nnls(design[:, [*chosen, k]], target) for k in trials]
         best = int(np.argmin([f[1] for f in fits]))
-        if residual**2 - fits[best][1] ** 2 <= 9.0:
+        if residual**2 - fits[best][1] ** 2 <= _GAIN:
             break
         chosen.append(trials[best])
         shares, residual = fits[best]

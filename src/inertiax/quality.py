@@ -14,11 +14,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._typing import Scalar
+from ._typing import AnyArray, Scalar
 from .calibrate import DeviceResult, TriadResult
 from .calibration import Calibration, TriadCalibration
 from .dwells import Dwells
 from .estimators import AbstractEstimator
+from .one_device import linearise, Problem
 from .quantities import customary_units, label, rms_text, with_sigma
 from .temperature import Constant, Curve
 
@@ -191,16 +192,13 @@ def _next_orientation(estimate: TriadResult) -> Float[np.ndarray, "3"] | None:
     if dwells.accel is None or not np.all(np.isfinite(np.asarray(solution.covariance))):
         return None
     middle = int(np.argsort(np.asarray(dwells.temperature))[dwells.num_dwells // 2])
-    pattern = jax.tree.map(lambda x: np.asarray(x)[middle], dwells)
-    vector = solution.curve(pattern.temperature)
+    problem = Problem(estimate.estimator, solution.curve.basis, dwells)
     gravity = float(np.median(np.linalg.norm(np.asarray(dwells.accel), axis=1)))
     grid = _grid(100)
-    jacobian = np.asarray(_rest_jacobians(estimate.estimator, vector, pattern, gravity * grid))
+    jacobian = _rest_jacobians(problem, solution.curve.coefficients, middle, gravity * grid)
     if not np.all(np.isfinite(jacobian)):  # dwells without a noise figure, and none found
         return None
-    p = vector.shape[0]
-    phi = np.asarray(solution.curve.basis(pattern.temperature))
-    spread = np.kron(phi[:, None], np.eye(p))
+    spread = np.kron(problem.phi[middle][:, None], np.eye(jacobian.shape[2]))
     covariance = spread.T @ np.asarray(solution.covariance) @ spread
     inputs = np.array([_input(n, estimate) for n in estimate.estimator.names])
     before = np.sqrt(np.diagonal(covariance)) * inputs
@@ -213,17 +211,21 @@ def _next_orientation(estimate: TriadResult) -> Float[np.ndarray, "3"] | None:
     return grid[best] if after[best] < 0.9 * before.max() else None
 
 
-@eqx.filter_jit
-def _rest_jacobians(estimator, vector, pattern: Dwells, forces):
-    def one(force):
-        changes = {"accel": force, "reference_accel": force}
-        given = [k for k in changes if getattr(pattern, k) is not None]
-        dwell = eqx.tree_at(
-            lambda d: [getattr(d, k) for k in given], pattern, [changes[k] for k in given]
-        )
-        return jax.jacfwd(estimator.residual)(vector, dwell)
-
-    return jax.vmap(one)(forces)
+def _rest_jacobians(
+    problem: Problem, coefficients: AnyArray, middle: int, forces: Float[np.ndarray, "rest 3"]
+) -> Float[np.ndarray, "rest row parameter"]:
+    """Residual Jacobians of rests like the dwell `middle` but with each specific force."""
+    # As many dwells as the problem has, so that the program that is there already serves.
+    rows = np.arange(max(len(forces), len(problem.phi))) % len(forces)
+    like = jax.tree.map(lambda x: np.repeat(np.asarray(x)[[middle]], len(rows), 0), problem.dwells)
+    given = [k for k in ("accel", "reference_accel") if getattr(like, k) is not None]
+    rests = eqx.tree_at(
+        lambda d: [d.valid, *(getattr(d, k) for k in given)],
+        like,
+        [np.ones(len(rows), bool), *[forces[rows]] * len(given)],
+    )
+    vectors = np.repeat(problem.vectors(coefficients)[[middle]], len(rows), 0)
+    return np.asarray(linearise(problem.estimator, vectors, rests)[1])[: len(forces)]
 
 
 def _in_axes(direction: Float[np.ndarray, "3"]) -> str:

@@ -9,21 +9,19 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from ._typing import AnyArray
 from .alignment import Alignment, inter_triad
 from .augmentation import FittedEffect
 from .dwells import Dwells
 from .estimators import JointImu, ReferenceAccel
-from .one_device import Linearised, Problem
+from .one_device import linear_step, Linearised, Problem
 from .procedure import ThermalSolution
 from .results import TriadResult
 from .scatter import chi2_per_dof, judged, num_judged, with_provisional_scatter, with_scatter
-from .solve import DenseNormal
 from .temperature import AbstractBasis, Constant, Curve, Polynomial
 from .uncertainty import judge_normal, Observability
 
@@ -240,8 +238,7 @@ def _solve(
     for taken in range(1, _MOST_STEPS + 1):
         now = problem.at(coefficients)
         design = problem.design(now.jacobian)[:, free.ravel()]
-        right = np.pad(now.residual.reshape(-1), (0, len(design) - now.residual.size))
-        step = np.asarray(_linear_step(design, right))
+        step = linear_step(design, now.residual.reshape(-1))
         coefficients = coefficients.copy()
         coefficients[free] += step
         if not np.all(np.isfinite(coefficients)):
@@ -249,12 +246,6 @@ def _solve(
         if np.max(np.abs(step) * np.linalg.norm(design, axis=0)) < _TOLERANCE:
             return coefficients, taken, True
     return coefficients, _MOST_STEPS, False
-
-
-@eqx.filter_jit
-def _linear_step(design: AnyArray, right: AnyArray) -> Array:
-    operator = lx.MatrixLinearOperator(jnp.asarray(design))
-    return lx.linear_solve(operator, -jnp.asarray(right), DenseNormal(), throw=False).value
 
 
 def _covariance(

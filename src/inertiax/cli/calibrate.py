@@ -103,7 +103,6 @@ def _write(
     from ..calibrate import DeviceResult
     from ..calibration import write_calibration
     from ..report.calibration import FIGURES, report_calibration, report_summary
-    from ..report.document import calibration_document
 
     done = [r for r in results if isinstance(r, DeviceResult)]
     if not done:
@@ -120,6 +119,8 @@ def _write(
             write_calibration(result.calibration, folder / "calibration.json")
             report_calibration(result, folder, command, campaign=campaign.of_device(device))
         if len(devices) > 1:
+            from ..report.document import calibration_document
+
             report_summary(results, staging, command, folders)
             document = calibration_document(results, folders, Path())
             outputs.write_json(staging / "summary.json", document)
@@ -141,13 +142,15 @@ def _tell(
 ) -> None:
     """Result on standard output, failures on standard error; exits with status 1 after a failure."""
     from ..calibrate import DeviceFailure
-    from ..report.document import calibration_document
-    from ..report.text import print_result
 
     failed = [r for r in results if isinstance(r, DeviceFailure)]
     if as_json:
+        from ..report.document import calibration_document
+
         outputs.print_json(calibration_document(results, folders, output))
     elif not quiet:
+        from ..report.text import print_result
+
         for result in results:
             if not isinstance(result, DeviceFailure):
                 print_result(result, output / folders[result.calibration.device])

@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 
 # Okabe and Ito (2008), Color Universal Design: told apart with every kind of colour vision.
@@ -34,7 +35,8 @@ _STYLE = {
     "axes.titlesize": 9.5,
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-4, 6),
-    "axes.formatter.use_mathtext": True,
+    "figure.autolayout": False,  # `new_figure` says which layout
+    "figure.constrained_layout.use": False,
     "figure.facecolor": "white",
     "font.family": "DejaVu Sans",  # comes with matplotlib, so a figure is the same everywhere
     "font.size": 9,
@@ -57,6 +59,23 @@ _STYLE = {
 }
 
 
+_RAISED = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Numbers(ScalarFormatter):
+    """Numbers along an axis as plain text, a common power of ten as ×10⁻⁵.
+
+    matplotlib's own typesets every label as mathematics, which takes longer than all else in a figure.
+    """
+
+    def __init__(self):
+        super().__init__(useOffset=False, useMathText=False)
+
+    def get_offset(self) -> str:
+        power = super().get_offset()  # such as 1e−5, or nothing
+        return f"×10{power[2:].translate(_RAISED)}" if power else ""
+
+
 @contextmanager
 def drawing() -> Iterator[None]:
     """The style, for the time of drawing only: a user's own settings stay as they are."""
@@ -75,8 +94,11 @@ def new_figure(
 ) -> tuple[Figure, list[Axes]]:
     """A figure with its axes in reading order. Sizes in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
-    return figure, list(axes.flat)
+    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).flat)
+    for ax in axes:
+        ax.xaxis.set_major_formatter(Numbers())
+        ax.yaxis.set_major_formatter(Numbers())
+    return figure, axes
 
 
 def legend_above(ax: Axes, *, columns: int = 3) -> Axes:

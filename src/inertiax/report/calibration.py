@@ -11,7 +11,7 @@ from ..calibration import Calibration, TriadCalibration
 from ..intervals import segment
 from ..plots import calibration as plots
 from ..plots.style import drawing
-from ..quality import judge
+from ..quality import judge, Quality
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..recordings import Campaign, Recording
 from ..temperature import Constant
@@ -41,17 +41,18 @@ def report_calibration(
     """
     calibration = result.calibration
     device = calibration.device
+    quality = judge(result)
     write_page(
         folder / "report.html",
         title=f"Calibration of {device}" if device else "Calibration",
         under=_under(result),
-        verdict=_verdict(result),
+        verdict=_verdict(result, quality),
         keys=_keys(result),
         sections=[
             *_parameter_sections(result, folder),
             _misfit_section(result, folder),
             _data_section(result, folder, campaign),
-            _quality_section(result),
+            _quality_section(quality),
             _choices_section(result),
         ],
         command=command,
@@ -70,10 +71,9 @@ def _temperature_words(calibration: Calibration) -> str:
     return f"data from {low:.1f} to {high:.1f} °C"
 
 
-def _verdict(result: DeviceResult) -> Verdict:
+def _verdict(result: DeviceResult, quality: Quality) -> Verdict:
     judged = {k: misfit_verdict(r) for k, (_, r) in triads(result).items()}
     good = all(fine for fine, _ in judged.values())
-    quality = judge(result)
     lines = [f"Is it good? {quality.answer}"]
     for name, (triad, estimate) in triads(result).items():
         found = weakest(triad, estimate, result.calibration.temperature_range)
@@ -230,10 +230,8 @@ def _searched(recording: Recording) -> bool:
     return recording.position is None and recording.reference_gyro is None
 
 
-def _quality_section(result: DeviceResult) -> Section:
-    rows = tuple(
-        (f.topic, "fine" if f.fine else "attention", f.text) for f in judge(result).findings
-    )
+def _quality_section(quality: Quality) -> Section:
+    rows = tuple((f.topic, "fine" if f.fine else "attention", f.text) for f in quality.findings)
     return Section("Is it good?", tables=(Table(("looked at", "", "found"), rows),))
 
 

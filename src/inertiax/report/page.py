@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
 from ..calibration import write_atomically
-from ..plots.style import COLOURS, Figure, save_png, to_svg
+from ..plots.style import COLOURS, drawing, Figure, save_png, to_svg
 
 
 SHORT = 28  # characters that a cell keeps in one line
@@ -149,8 +149,12 @@ def picture(figure: Figure, folder: Path, name: str, caption: str, alt: str) -> 
     """Put a figure into the page and write it as `figures/NAME.png` and `.svg`."""
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        with drawing():
+            layout.execute(figure)  # once is enough: each saving would draw all of it to lay it out
+            figure.set_layout_engine(None)
     svg = to_svg(figure)
-    figure.set_layout_engine("none")  # it is laid out; once is enough
     save_png(figure, figures / f"{name}.png")
     # Alone, a figure has no page to take its colour from.
     alone = svg.replace("<svg ", '<svg style="background:#fff;color:#262626" ', 1)
