@@ -11,7 +11,7 @@ G = 9.81
 FACES = np.concatenate([np.eye(3), -np.eye(3)]) * G
 
 
-def faces(misalignment, *, turns, degree, bias_slope=0.0, rig=Rig(), seed=1):
+def faces(misalignment, *, turns, degree, bias_slope=0.0, rig=None, seed=1):
     """Rests of 20 s on six faces, 2 Hz, while the chamber goes from 0 to 50 °C; no reference.
 
     `misalignment` is Γ's element (1, 0), `bias_slope` that of x in m/s² per °C, white noise of 0.2 mm/s² and 0.2 mm/s²
@@ -30,7 +30,7 @@ def faces(misalignment, *, turns, degree, bias_slope=0.0, rig=Rig(), seed=1):
     moved = np.where((np.arange(len(time)) % 40) < 2, -1, position)
     recording = Recording(time, accel=accel, temperature=temperature[:, None], position=moved)
     model = ModelChoice(accel_estimator="invariant", temperature_degree=degree)
-    return Campaign((recording,), Site(G), rig, model, "tactical")
+    return Campaign((recording,), Site(G), rig or Rig(), model, "tactical")
 
 
 def prepared(campaign):

@@ -7,8 +7,9 @@ $$e_b = \\sum_c h_{bc}\\,(n_c(t_b) + s_c) + g_b\\,\\Delta T(t_b) + d_{dwell(b)} 
 with flicker and random walk $n_c$ of each sensor channel, a level $s_c$ of each power cycle, an
 error $d$ of each positioning, white noise $w$, and the probe's error $\\Delta T$, which the outputs' slope $g$ in
 temperature turns into one of the model; it wanders, and is another after each power-on. Flicker is a sum of
-first-order Gauss-Markov processes with equal variances and time constants a factor of about six apart, whose spectrum is $1/f$ between them. A Kalman
-filter over these states turns observations and model columns into white ones in $O(n)$.
+first-order Gauss-Markov processes with equal variances and time constants a factor of about six apart, whose
+spectrum is $1/f$ between them. A Kalman filter over these states turns observations and model columns into white ones
+in $O(n)$.
 
 **Reference:** Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*,
 Cambridge 1989, ch. 3; for $1/f$ as a sum of relaxations: van der Ziel, Physica 16 (1950) 359.
