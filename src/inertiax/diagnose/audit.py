@@ -242,7 +242,7 @@ def _unobservable(system: System) -> list[str]:
         value, vector = np.linalg.eigh((x / largest).T @ (x / largest))
         unseen = vector[:, value < UNEXCITED * value[-1]]
         # Each combination gets a parameter of its own, so that single parameters stand alone where they can.
-        order, _, _ = scipy.linalg.lu(unseen)
+        order = np.asarray(scipy.linalg.lu(unseen)[0])
         own = np.argmax(order, axis=0)[: unseen.shape[1]]
         for part in np.abs(unseen @ np.linalg.inv(unseen[own])).T:
             mixed = list(dict.fromkeys(names[part > 0.3 * part.max()].tolist()))
