@@ -305,3 +305,15 @@ def test_svg_needs_nothing_from_elsewhere_and_takes_the_pages_ink():
     assert not re.findall(r"url\((?!#)", svg)
     with drawing():
         assert svg == to_svg(plots.coverage(np.eye(3)))
+
+
+def test_a_common_power_of_ten_stands_beside_the_axis_in_plain_text():
+    with drawing():
+        figure, (small, large, plain) = new_figure(1, 3, height=2.0)
+        for ax, reach in ((small, 3e-5), (large, 4e7), (plain, 12.0)):
+            ax.set_ylim(-reach, reach)
+        FigureCanvasAgg(figure).draw()
+    offsets = [ax.yaxis.get_offset_text().get_text() for ax in (small, large, plain)]
+    assert offsets == ["×10⁻⁵", "×10⁷", ""]
+    shown = [t.get_text() for t in small.get_yticklabels()]
+    assert "2" in shown and "−2" in shown
