@@ -53,12 +53,13 @@ def dwell_means(devices: int) -> Dwells:
 
 def growth(threads: int) -> dict[int, tuple[float, float]]:
     seconds: dict[int, tuple[float, float]] = {}
+    estimator, basis = Invariant(GRAVITY), Constant()
     for devices in SIZES:
         dwells = dwell_means(devices)
         times = []
         for _ in range(REPEATS + 1):
             start, used = time.perf_counter(), time.process_time()
-            fit = fit_fleet(Invariant(GRAVITY), Constant(), dwells, threads=threads)
+            fit = fit_fleet(estimator, basis, dwells, threads=threads)
             times.append((time.perf_counter() - start, time.process_time() - used))
         assert fit.converged.all()
         clock, cores = (statistics.median(t) for t in zip(*times[1:], strict=True))

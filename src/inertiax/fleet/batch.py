@@ -31,7 +31,8 @@ LANES = 64
 BLOCKS = 16
 # Lots of `LANES` in one call of the compiled program, which is told how many of them are used.
 CHUNKS = 16
-# Calls of a part over temperature, all rounds of which are done by one thread.
+# Calls of a part at most, all rounds of which are done by one thread: what a round costs beside its solves, and
+# the lanes that it leaves empty, are shared.
 CALLS = 4
 # On an accelerator: what keeps it busy, in some hundred MB of its memory.
 LANES_THERE, BLOCKS_THERE = 2**16, 2**11
@@ -107,9 +108,9 @@ def fit_fleet(
         )
     count, cores = len(dwells.valid), threads or os.cpu_count() or 1
     size = _chunk(estimator, basis, count)
-    # A part's arrays stay in a core's cache from one round to the next; its size is not that of the machine, so
-    # that results are not either.
-    step = size * (1 if isinstance(basis, Constant) else CALLS)
+    # Parts enough for several cores, but of a size that is not that of the machine, so that results are not either.
+    calls = min(max(count // (4 * size), 1), CALLS) if isinstance(basis, Constant) else CALLS
+    step = size * calls
     parts = [slice(s, min(s + step, count)) for s in range(0, count, step)]
     fit = _unsolved(estimator, basis, dwells)
     if len(parts) <= 1:
