@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from inertiax import procedure as procedures
 from inertiax.convergence import convergence_rate, rate_warning
 from inertiax.dwells import experiment_rows
 from inertiax.estimators import Invariant, ReferenceGyro
@@ -13,8 +14,6 @@ from inertiax.procedure import (
     dwell_residuals,
     extra_scatter,
     GaussNewtonIteration,
-    iterate,
-    joint_fit,
     PaperIteration,
 )
 from inertiax.simulate.bench import simulate_dwells
@@ -23,6 +22,12 @@ from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros
 from inertiax.temperature import CubicSpline, Curve, Polynomial
 
+
+# Each program runs a few times for milliseconds, so compiling is all that it costs; LLVM's optimiser changes
+# the speed of the same formulas and nothing else.
+QUICK = {"xla_backend_optimization_level": 0}
+iterate = eqx.filter_jit(procedures.iterate, compiler_options=QUICK)
+joint_fit = eqx.filter_jit(procedures.joint_fit, compiler_options=QUICK)
 
 ESTIMATOR = Invariant(gravity=PAPER_GRAVITY)
 # One range for all plans of this file, so that every test uses the same compiled programs.
@@ -195,8 +200,8 @@ def test_extra_scatter_by_hand():
 
 def _answer(method, estimator, dwells):
     if method == "joint":
-        return joint_fit(estimator, BASIS, dwells).curve.coefficients
-    return iterate(
+        return procedures.joint_fit(estimator, BASIS, dwells).curve.coefficients
+    return procedures.iterate(
         GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9
     ).curve.coefficients
 
@@ -218,7 +223,8 @@ def test_derivatives_of_the_answer_are_finite_differences(method, device):
     dwells = _dwells(device, 1, "centred")
     answer = lambda steps: _answer(method, *_perturbed(dwells, steps))
     # One program for values and derivatives along any direction.
-    along = jax.jit(lambda steps, tangent: jax.jvp(answer, (steps,), (tangent,)))
+    run = lambda steps, tangent: jax.jvp(answer, (steps,), (tangent,))
+    along = jax.jit(run, compiler_options=QUICK)
     zero = jnp.zeros(3)
     for unit, (which, h) in zip(jnp.eye(3), STEPS.items(), strict=True):
         exact = along(zero, unit)[1]
@@ -237,11 +243,11 @@ def test_derivatives_work_in_reverse_and_under_vmap(device):
 
     def one(shift):
         estimator = eqx.tree_at(lambda e: e.gravity, ESTIMATOR, ESTIMATOR.gravity + shift)
-        return joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
+        return procedures.joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
 
     shifts = jnp.array([0.0, 1e-3, -1e-3])
-    gradients = jax.jit(jax.vmap(jax.grad(one)))(shifts)
-    h, value = 1e-4, jax.jit(one)
+    gradients = jax.jit(jax.vmap(jax.grad(one)), compiler_options=QUICK)(shifts)
+    h, value = 1e-4, jax.jit(one, compiler_options=QUICK)
     for shift, gradient in zip(shifts, gradients, strict=True):
         numeric = (value(shift + h) - value(shift - h)) / (2 * h)
         np.testing.assert_allclose(gradient, numeric, rtol=1e-6)
