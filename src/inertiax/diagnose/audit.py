@@ -241,6 +241,8 @@ def _unobservable(system: System) -> list[str]:
         largest = np.array([norm[kinds == k].max() for k in kinds])
         value, vector = np.linalg.eigh((x / largest).T @ (x / largest))
         unseen = vector[:, value < UNEXCITED * value[-1]]
+        if not unseen.shape[1]:
+            continue
         # Each combination gets a parameter of its own, so that single parameters stand alone where they can.
         order = np.asarray(scipy.linalg.lu(unseen)[0])
         own = np.argmax(order, axis=0)[: unseen.shape[1]]

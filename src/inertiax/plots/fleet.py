@@ -42,8 +42,9 @@ def distributions(view: TriadView, units: Units) -> Figure:
         ax.set_xlim(low, high)
         ax.set_xlabel(unit)
         ax.set_title(label(name))
-        ax.set_yticks([])
-        ax.grid(axis="y", visible=False)
+        if k % 3 == 0:
+            ax.set_ylabel("devices")
+        ax.locator_params(axis="y", nbins=3, integer=True)
         ax.locator_params(axis="x", nbins=4)
     return figure
 
