@@ -2,8 +2,8 @@
 
 `procedure.iterate` and `joint_fit` compile the whole loop into one program, which pays for fleets and for
 derivatives of the answer, but takes ten seconds and more to compile. The same passes run here one by one:
-a compiled function linearises all dwells, and LAPACK, which has nothing to compile, solves the linear least
-squares of its rows. Dwells are padded to a few lengths, so that recordings of about the
+a compiled function linearises all dwells, and the least squares of the linearised rows goes through
+`solve.least_squares` as everything does. Dwells are padded to a few lengths, so that recordings of about the
 same size share those programs (and the cache of compiled code).
 """
 
@@ -20,14 +20,12 @@ from ._typing import AnyArray
 from .dwells import Dwells
 from .estimators import AbstractEstimator
 from .procedure import GaussNewtonIteration, ThermalSolution
+from .solve import least_squares, Solution
 from .temperature import AbstractBasis, Curve
 
 
 _INNER_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
 _INNER_STEPS = 50
-# Of a column of unit length, what the columns before it leave; smaller, and the normal matrix, which is its
-# square and gives the covariance, is singular to rounding.
-_SINGULAR = 1.5e-8
 
 
 class Linearised(NamedTuple):
@@ -86,9 +84,10 @@ class Problem:
         )
 
     def design(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
-        """Rows of the residual's Jacobian with respect to the coefficients."""
+        """Rows of the residual's Jacobian with respect to the coefficients, padding included."""
         full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], jacobian)
-        return full.reshape(-1, self.basis.size * jacobian.shape[2])
+        rows = full.reshape(-1, self.basis.size * jacobian.shape[2])
+        return np.pad(rows, ((0, len(self.phi) * jacobian.shape[1] - len(rows)), (0, 0)))
 
 
 def iterate_one(
@@ -226,18 +225,26 @@ def _gauss_newton(
 
 
 def linear_step(
-    design: Float[np.ndarray, "row unknown"], residual: Float[np.ndarray, " row"]
+    design: Float[np.ndarray, "row unknown"], residual: Float[np.ndarray, " measured"]
 ) -> Float[np.ndarray, " unknown"]:
-    """−J⁺ r, the least squares of linearised rows, by QR with columns of unit length; NaN where the rows do
-    not determine the unknowns."""
-    unknown = np.full(design.shape[1], np.nan)
-    lengths = np.linalg.norm(design, axis=0)
-    if len(design) < len(lengths) or not np.all(np.isfinite(lengths) & (lengths > 0)):
-        return unknown
-    across, upper = np.linalg.qr(design / lengths)
-    if np.min(np.abs(np.diagonal(upper))) < _SINGULAR:
-        return unknown
-    return -np.linalg.solve(upper, across.T @ residual) / lengths
+    """−J⁺ r, the least squares of linearised rows; NaN where they do not determine the unknowns.
+
+    `design` may have rows of zeros behind those of `residual`.
+    """
+    right = np.pad(residual, (0, len(design) - len(residual)))
+    solution = _solve_linear(design, right)
+    return np.where(bool(solution.succeeded), np.asarray(solution.parameters), np.nan)
+
+
+@eqx.filter_jit
+def _solve_linear(design: AnyArray, right: AnyArray) -> Solution:
+    start = jnp.zeros(design.shape[1], design.dtype)
+    return least_squares(_linear_rows, start, (design, right))
+
+
+def _linear_rows(step: Array, rows: tuple[Array, Array]) -> Array:
+    design, right = rows
+    return design @ step + right
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:
