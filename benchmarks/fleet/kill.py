@@ -29,6 +29,7 @@ from raw import campaign, device
 
 
 DEVICES, FILES = 120, 2
+ALONE = 60.0  # s without any worker after which a run is killed and started again
 PAUSE = 4.0  # s between two looks at the workers, at most
 
 RUN = """
@@ -113,29 +114,34 @@ def kill_workers(
     del duration
 
     done_at: list[int] = []
-    runs = 1
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        while len(done_at) < kills:
-            out = base / f"workers-{runs}"
+    runs = 0
+    while len(done_at) < kills:
+        runs += 1
+        out = base / f"workers-{runs}"
+        # A cluster of its own for each run: a nanny whose worker is killed while it starts may give up for good.
+        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
             process = start(source, out, cluster.scheduler_address)
-            before = 0
-            while process.poll() is None and len(done_at) < kills:
+            before, seen = 0, time.perf_counter()
+            while process.poll() is None:
                 time.sleep(random.uniform(0.0, PAUSE))
                 done = len(list(out.glob("parts/part-*")))
                 alive = [
                     w for w in cluster.workers.values() if w.status == Status.running and w.pid
                 ]
-                if process.poll() is None and alive and done > before:
+                if alive:
+                    seen = time.perf_counter()
+                elif time.perf_counter() - seen > ALONE:
+                    process.kill()
+                if process.poll() is None and alive and done > before and len(done_at) < kills:
                     os.kill(random.choice(alive).pid, signal.SIGKILL)
                     done_at.append(done)
                     before = done
             process.communicate(timeout=600)
-            if process.returncode:
-                print(f"  {out.name}: gave up with {done_at[-1]} parts; started again")
-                finish(source, out, cluster.scheduler_address)
-            check(out, undisturbed)
-            shutil.rmtree(out)
-            runs += len(done_at) < kills
+        if process.returncode:
+            print(f"  {out.name}: gave up with {done_at[-1]} parts; started again")
+            finish(source, out)
+        check(out, undisturbed)
+        shutil.rmtree(out)
     return runs, done_at
 
 
