@@ -6,8 +6,8 @@ first time compiles, the second (other noise, same length) runs what is compiled
 
     python benchmarks/diagnose_rows.py [ROWS] [JSON]
 
-Measured on two free cores: cold 20.6 s by the clock (2.0 s imports, 6.3 s
-compilation, 12.2 s run), 33 s of processor time.
+Measured on two free cores: cold 20.6 s by the clock (2.0 s imports, 6.3 s compilation, 12.2 s run), 33 s of
+processor time.
 """
 
 import json

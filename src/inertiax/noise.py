@@ -178,9 +178,8 @@ def _grow(
         # Shares of either sign leave no more than positive ones: where they gain too little, these do.
         if residual**2 - min(_left(design[:, [*chosen, k]], target) for k in trials) <= _GAIN:
             break
-        from scipy.optimize import (
-            nnls,
-        )  # a quarter of a second to import, and white noise needs none
+        # White noise alone needs none, and the import takes a quarter of a second.
+        from scipy.optimize import nnls
 
         fits = [nnls(design[:, [*chosen, k]], target) for k in trials]
         best = int(np.argmin([f[1] for f in fits]))

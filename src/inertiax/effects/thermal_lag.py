@@ -9,6 +9,9 @@ from .effect import Effect, lag, over
 from .signal import Signal
 
 
+SHORTEST = 6.0  # s; sensors lag by more, and what is shorter looks like a disturbance
+
+
 def shape(
     signal: Signal, *, time_constant: Scalar | float
 ) -> Float[Array, "time channels columns"]:
@@ -17,11 +20,6 @@ def shape(
     assert probe is not None and outputs is not None  # `requires` names both
     element = lag(signal.time, probe, time_constant)
     return (outputs(element) - outputs(jnp.asarray(probe)))[:, :, None]
-
-
-SHORTEST = (
-    6.0  # s; a probe beside a sensor lags by more, and what is shorter looks like a disturbance
-)
 
 
 def _grid(signal: Signal):
