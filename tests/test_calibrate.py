@@ -237,6 +237,12 @@ def test_linear_step_is_nan_where_the_rows_do_not_determine_the_unknowns():
     unknown[5, 5] = np.nan
     for rows in (copied, empty, unknown, design[:8]):
         assert np.all(np.isnan(linear_step(rows, residual[: len(rows)])))
+    # The last pivot is rounding of either sign: each of many combinations must be refused.
+    for column in range(40):
+        combined = rng.normal(size=(60, 9))
+        others = np.delete(combined, column % 9, axis=1)
+        combined[:, column % 9] = others @ rng.normal(size=8)
+        assert np.all(np.isnan(linear_step(combined, residual)))
     # A column that differs from the others by a ten-thousandth is still told: 1e-8 of the normal matrix.
     copied[:, 3] += 1e-4 * design[:, 3]
     assert np.all(np.isfinite(linear_step(copied, residual)))

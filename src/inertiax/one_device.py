@@ -20,7 +20,7 @@ from ._typing import AnyArray
 from .dwells import Dwells
 from .estimators import AbstractEstimator
 from .procedure import GaussNewtonIteration, ThermalSolution
-from .solve import least_squares, Solution
+from .solve import least_squares, singular_pivot, Solution
 from .temperature import AbstractBasis, Curve
 
 
@@ -231,6 +231,8 @@ def linear_step(
 
     `design` may have rows of zeros behind those of `residual`.
     """
+    if len(residual) < design.shape[1]:
+        return np.full(design.shape[1], np.nan)
     right = np.pad(residual, (0, len(design) - len(residual)))
     solution = _solve_linear(design, right)
     return np.where(bool(solution.succeeded), np.asarray(solution.parameters), np.nan)
@@ -256,6 +258,8 @@ def _inverse(normal: np.ndarray) -> np.ndarray:
     try:
         lower = np.linalg.cholesky(normal * np.outer(scale, scale))
     except np.linalg.LinAlgError:
+        return np.full_like(normal, np.nan)
+    if np.min(np.diagonal(lower)) ** 2 <= singular_pivot(normal.dtype):
         return np.full_like(normal, np.nan)
     root = np.linalg.solve(lower, np.diag(scale))
     return root.T @ root
