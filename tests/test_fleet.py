@@ -419,6 +419,7 @@ def test_killed_dask_workers_leave_the_table_as_it_is(line, tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
+    import dask.distributed  # noqa: F401 - its defaults come first, or leaving `set` takes them all away
     from dask import config
 
     folder, _ = line
@@ -427,3 +428,23 @@ def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
     with config.set({"distributed.comm.timeouts.connect": "2s"}):
         with pytest.raises(ValueError, match=message):
             run_fleet(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_scheduler_whose_workers_are_gone_is_said_so_and_the_rest_can_be_done(
+    line, tmp_path, monkeypatch
+):
+    from dask.distributed import LocalCluster
+
+    import inertiax.fleet.cluster as cluster
+
+    folder, truth = line
+    monkeypatch.setattr(cluster, "PATIENCE", 2.0)
+    monkeypatch.setattr(cluster, "LOOK", 0.5)
+    with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as without:
+        address = without.scheduler_address
+        with pytest.raises(
+            ValueError, match=r"no workers for 2 s, with 1 of 1 tasks left: start some"
+        ):
+            run_fleet(folder, tmp_path / "out", scheduler=address)
+    run_fleet(folder, tmp_path / "out")
+    assert read_parts(tmp_path / "out").collect().height == len(truth)

@@ -29,7 +29,6 @@ from raw import campaign, device
 
 
 DEVICES, FILES = 120, 2
-ALONE = 60.0  # s without any worker after which a run is killed and started again
 PAUSE = 4.0  # s between two looks at the workers, at most
 
 RUN = """
@@ -108,7 +107,8 @@ def kill_process(
 def kill_workers(
     source: Path, base: Path, kills: int, duration: float, undisturbed: pl.DataFrame
 ) -> tuple[int, list[int]]:
-    """As `kill_process`, of Dask workers; a run that gave up (a task that lost four workers) is started again."""
+    """As `kill_process`, of Dask workers; a run that gave up (a task that lost four workers, no worker
+    for a minute) is started again."""
     from dask.distributed import LocalCluster, Status
 
     del duration
@@ -121,17 +121,13 @@ def kill_workers(
         # A cluster of its own for each run: a nanny whose worker is killed while it starts may give up for good.
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
             process = start(source, out, cluster.scheduler_address)
-            before, seen = 0, time.perf_counter()
+            before = 0
             while process.poll() is None:
                 time.sleep(random.uniform(0.0, PAUSE))
                 done = len(list(out.glob("parts/part-*")))
                 alive = [
                     w for w in cluster.workers.values() if w.status == Status.running and w.pid
                 ]
-                if alive:
-                    seen = time.perf_counter()
-                elif time.perf_counter() - seen > ALONE:
-                    process.kill()
                 if process.poll() is None and alive and done > before and len(done_at) < kills:
                     os.kill(random.choice(alive).pid, signal.SIGKILL)
                     done_at.append(done)
