@@ -175,6 +175,24 @@ def test_a_bump_in_time_between_the_grids_points_is_not_taken_for_slow_noise():
     assert abs(middle - 1600.0) < 130.0  # half its width
 
 
+@pytest.mark.parametrize(("level", "formula"), [(0.5, "exp(-((f - "), (-0.7, "|f - -0.")])
+def test_what_happens_at_one_level_of_the_input_is_not_taken_for_a_catalogued_effect(
+    level, formula
+):
+    """A notch at half of 1 g, and a kink where a converter would change its range."""
+
+    def notch(force, time):
+        return only(1, 1.5e-3 * np.exp(-0.5 * ((force[:, 1] - level) / 0.12) ** 2))
+
+    def kink(force, time):
+        return only(1, 1.5e-3 * np.abs(force[:, 1] - level))
+
+    found = diagnose(tumble(seed=7, effect=notch if level > 0 else kink))
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert "accel_y" in found.empirical and formula in found.empirical
+
+
 def test_the_file_has_the_public_fields(tmp_path):
     campaign = tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2))
     recording = campaign.recordings[0]

@@ -12,6 +12,7 @@ from ..effects import Signal, Variant
 from .baseline import Baseline
 from .blocks import Blocks
 from .bumps import bump, Course, Settings, wave
+from .levels import at_levels
 from .terms import channel_terms, Term
 
 
@@ -125,6 +126,8 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
                 add(f"input {word} and {name}", f"{letter}^{power} {symbol}", shape * course, {})
     for family, formula, addition in _inputs(signal):
         add(family, formula, addition, {})
+    for form in at_levels(signal):
+        add(form.family, form.formula, form.values, form.settings)
     add_positions(made, signal, blocks, base)
     return made
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..effects import Signal, Variant
 from .baseline import Baseline
+from .levels import near_level, OVER
 from .terms import channel_terms, Term
 
 
@@ -60,6 +61,8 @@ def between(term: Term, signal: Signal, base: Baseline) -> list[Term]:
     settings = term.variant.settings
     if "over" not in settings:
         return []
+    if settings["over"] == OVER:
+        return near_level(term, signal, base)
     power = int(settings.get("power", 0))
     letter = "f" if signal.triad == "accel" else "w"
     made = []

@@ -21,11 +21,16 @@ def shape(
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Depths of the clip by factors of two, at both ends or at one; one below the step of the inputs is its size."""
+    """Depths of the clip by factors of two, at both ends or at one; one below the step of the inputs is its size.
+
+    A rate table is driven to the end of a gyro's range on purpose, so that the last rate may be cut by a
+    ten-thousandth; that an accelerometer's range ends within a hundredth of gravity would be a coincidence.
+    """
+    least = 6e-5 if signal.triad == "gyro" else 0.01
     return tuple(
         Variant(f"depth={d:.3g}, side {s:+d}", {"depth": float(d), "side": s})
         for s in (0, 1, -1)
-        for d in np.geomspace(6e-5, 0.45, 14)
+        for d in np.geomspace(least, 0.45, 14 if signal.triad == "gyro" else 8)
     )
 
 
