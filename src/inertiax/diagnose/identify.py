@@ -16,11 +16,11 @@ from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
 
 
-GATE = 0.004  # family-wise false alarms of the first effect of one triad
+GATE = 0.01  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
 STILL = 0.02  # chance above which an effect is dropped when it is compared again at the end
 OPEN = 0.5  # part of those levels from which an unlisted dependence keeps the catalogue from being named
-ALONE = 5e-5  # chance below which it is said itself, its settings being sought between the grid's
+ALONE = 5e-4  # chance below which it is said itself, its settings being sought between the grid's
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
