@@ -175,7 +175,7 @@ def test_a_bump_in_time_between_the_grids_points_is_not_taken_for_slow_noise():
     assert abs(middle - 1600.0) < 130.0  # half its width
 
 
-@pytest.mark.parametrize(("level", "formula"), [(0.5, "exp(-((f - "), (-0.7, "|f - -0.")])
+@pytest.mark.parametrize(("level", "formula"), [(0.5, "exp(-((f - "), (-0.7, "|f + 0.")])
 def test_what_happens_at_one_level_of_the_input_is_not_taken_for_a_catalogued_effect(
     level, formula
 ):

@@ -18,9 +18,8 @@ from .terms import channel_terms, Term
 
 OVER = "level of input"
 FEWEST = 5  # levels of an axis, from which a place between them means something
-CENTRES = np.linspace(
-    -0.9, 0.9, 19
-)  # parts of the largest input; 0 is scale asymmetry and dead band
+# Parts of the largest input; scale asymmetry has its kink at 0, a dead band its middle.
+CENTRES = np.linspace(-0.9, 0.9, 19)
 WIDTHS = (0.08, 0.16)
 SHARP = 0.02
 PLACES = (-0.06, -0.03, 0.0, 0.03, 0.06)
@@ -54,23 +53,25 @@ def at_levels(signal: Signal) -> Iterator[AtLevel]:
 def near_level(term: Term, signal: Signal, base: Baseline) -> list[Term]:
     """The same form at other levels and widths."""
     settings, u = term.variant.settings, _unit(signal)
+    if u is None:
+        return []
     kind = str(settings["kind"])
     centre, width = float(settings["centre"]), float(settings["width"])
     made = []
     for place in PLACES:
         for wider in WIDER if kind == "bump" else (1.0,):
-            if u is None or (place, wider) == (0.0, 1.0):
-                continue
-            form = _form(signal, u, kind, centre + place, width * wider)
-            variant = Variant(form.formula, form.settings)
-            made.append(channel_terms(term.name, variant, base, form.values)[term.channels[0]])
+            if (place, wider) != (0.0, 1.0):
+                form = _form(signal, u, kind, centre + place, width * wider)
+                variant = Variant(form.formula, form.settings)
+                made.append(channel_terms(term.name, variant, base, form.values)[term.channels[0]])
     return made
 
 
 def _form(signal: Signal, u: np.ndarray, kind: str, centre: float, width: float) -> AtLevel:
     top = float(np.abs(np.asarray(signal.input)).max())
     letter, unit = ("f", "g") if signal.triad == "accel" else ("w", "rad/s")
-    distance, away = u - centre, f"({letter} - {centre * top:.3g} {unit})"
+    distance, level = u - centre, centre * top
+    away = f"({letter} {'-' if level >= 0.0 else '+'} {abs(level):.3g} {unit})"
     if kind == "bump":
         values = np.exp(-0.5 * (distance / width) ** 2)
         values = np.where(values.max(axis=0) > FAINT, values, 0.0)
