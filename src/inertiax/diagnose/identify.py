@@ -274,7 +274,9 @@ def _conclude(
     for k, mine in enumerate(chosen[len(named) :], start=len(named)):
         assert noise is not None  # fitted beside each effect chosen
         others = [c.term for j, c in enumerate(chosen) if j != k]
-        again = ask.again(mine, others, [noise] if others else [noise, null])
+        # Under the variances that its presence left alone every effect would be certain.
+        without = fit_noise(ask.system, others, noise) if others else null
+        again = ask.again(mine, others, [noise, without])
         if again.p_value < STILL:
             named.append(again)
     noise = noise if named else None
