@@ -6,7 +6,7 @@ first time compiles, the second (other noise, same length) runs what is compiled
 
     python benchmarks/diagnose_rows.py [ROWS] [JSON]
 
-Measured on two free cores: cold 20.6 s by the clock (2.0 s imports, 6.3 s compilation, 12.2 s run), 33 s of
+Measured on two free cores: cold 25.3 s by the clock (1.7 s imports, 6.4 s compilation, 17.2 s run), 43 s of
 processor time.
 """
 
