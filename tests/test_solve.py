@@ -163,3 +163,21 @@ print("done")
 @pytest.mark.parametrize("count", [1, 300, 1000, 4096])
 def test_no_hang_at_any_batch_size(count):
     assert run_limited(BATCHES.format(count=count), seconds=120.0) == "done\n"
+
+
+def test_derivative_of_the_solution_where_two_columns_are_nearly_alike():
+    rng = np.random.default_rng(0)
+    design, measured = rng.normal(size=(40, 4)), rng.normal(size=40)
+    design[:, 3] = design[:, 0] + 1e-3 * design[:, 3]
+    condition = np.linalg.cond(design / np.linalg.norm(design, axis=0))
+    assert 1e3 < condition < 3e3
+
+    def solution(size):
+        return least_squares(lambda p, a: design @ p - a * measured, jnp.zeros(4), size).parameters
+
+    expected = np.linalg.lstsq(design, measured, rcond=None)[0]
+    # The derivative solves with the Hessian by its normal equations: rounding times the condition to the fourth.
+    bound = 10.0 * condition**4 * np.finfo(float).eps
+    assert bound < 0.05
+    for derivative in (jax.jacfwd(solution)(1.3), jax.jacrev(solution)(1.3)):
+        np.testing.assert_allclose(derivative, expected, rtol=bound)

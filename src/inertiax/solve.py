@@ -150,7 +150,11 @@ class DenseNormal(lx.AbstractLinearSolver):
         # A zero column stays zero, so that its pivot shows the singularity.
         scale = jax.lax.rsqrt(jnp.where(squares > 0, squares, jnp.ones_like(squares)))
         scaled = matrix * scale[None, :]
-        return matrix, scale, _regular_cholesky(scaled.T @ scaled)
+        # A square operator is the Hessian JᵀJ of a derivative, and its normal matrix goes with cond(J)⁴:
+        # whether the rows determine the unknowns was decided at J.
+        square = matrix.shape[0] == matrix.shape[1]
+        factorise = cholesky if square else _regular_cholesky
+        return matrix, scale, factorise(scaled.T @ scaled)
 
     def compute(self, state: tuple[Array, Array, Array], vector: PyTree, options: dict):
         del options
