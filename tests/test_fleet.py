@@ -1,5 +1,6 @@
 """Fleets: batched solves against SciPy and the one-device fit; runs that are broken off; bad devices."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -419,8 +420,10 @@ def test_killed_dask_workers_leave_the_table_as_it_is(line, tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
-    import dask.distributed  # noqa: F401 - its defaults come first, or leaving `set` takes them all away
     from dask import config
+
+    # Its defaults come first: without them, leaving `config.set` would take the whole section away.
+    importlib.import_module("dask.distributed")
 
     folder, _ = line
     message = "no Dask scheduler answers at 'tcp://127.0.0.1:9'"
