@@ -243,14 +243,14 @@ class Course(eqx.Module):
         names = {e.name for e in calibration.effects}
         felt = None if log.accel is None else force / gravity
         settled, move, vibration = self._rests(given, names)
-        room, oriented = None, False
+        room, upright, oriented = None, False, False
         if "magnetic" in names and felt is not None:
-            room, oriented = room_axes(log, felt)
+            room, upright, oriented = room_axes(log, felt)
         return Signal(
             triad=triad, time=log.time, input=given, output=getattr(log, triad), since_power=log.time,
             since_start=log.time, since_move=settled, move=move, at_rest=log.position >= 0,
             temperature=value, temperature_rate=slope, force=felt,
-            rate=None if log.gyro is None else rate, room=room, oriented=oriented, vibration=vibration,
+            rate=None if log.gyro is None else rate, room=room, upright=upright, oriented=oriented, vibration=vibration,
             at_temperature=None if degree == 0 else OutputsAt(calibration, triad, force, rate),
             degree=degree, low=low, high=high,
         )  # fmt: skip

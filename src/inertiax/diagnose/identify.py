@@ -1,5 +1,6 @@
 """From candidates to an answer for one triad: gate, name, open-set check."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,15 +10,18 @@ import scipy.stats
 from .alternatives import PREFIX
 from .family import Family, family
 from .flexible import on_input
-from .leading import finer_forms, first_of_both, is_open, leaders, rank, screen, sharpen
+from .leading import FAINT, finer_forms, first_of_both, is_open, leaders, rank, screen, sharpen
 from .memory import remember, Remembered
-from .search import Bank, bank, Candidate, count_forms, judge, refine
+from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
 from .system import fit_noise, NoiseFit, Score, System
 from .terms import Term
+from .together import best_pair
 
 
 GATE = 0.01  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
+FURTHER = 2.0  # least log odds of one that acts on the same rows as another
+PAIR = 0.005  # family-wise false alarms of two slow effects that show together only
 STILL = 0.02  # chance above which an effect is dropped when it is compared again at the end
 OPEN = 0.5  # part of those levels from which an unlisted dependence keeps the catalogue from being named
 ALONE = 5e-4  # chance below which it is said itself, its settings being sought between the grid's
@@ -28,6 +32,7 @@ TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid m
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
+MORE = 60  # forms that the short list may grow by beside each choice
 TRIED = 40  # leading candidates that are asked whether they predict
 
 
@@ -59,8 +64,22 @@ class Answer:
 
 
 def _full(chosen: Sequence[Candidate], new: Candidate) -> bool:
-    """Whether the rows that a candidate acts on have their number of effects already."""
-    return any(sum(c in old.term.chains for old in chosen) >= MOST_EFFECTS for c in new.term.chains)
+    """Whether the rows that a candidate acts on have their number of effects already.
+
+    One effect on several channels, such as a lag behind their common probe, is one.
+    """
+    after = [*(old.key for old in chosen), new.key]
+    chains = [*(old.term.chains for old in chosen), new.term.chains]
+    mine = [[key for key, on in zip(after, chains) if c in on] for c in new.term.chains]
+    return any(_causes(keys) > MOST_EFFECTS for keys in mine)
+
+
+def _causes(keys: Sequence[tuple[str, tuple[int, ...]]]) -> int:
+    """Number of different effects; one that a channel has twice counts twice."""
+    times: dict[str, int] = {}
+    for (name, _), count in Counter(keys).items():
+        times[name] = max(times.get(name, 0), count)
+    return sum(times.values())
 
 
 def _twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
@@ -69,10 +88,14 @@ def _twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
     return effect is not None and effect.once and any(old.key == new.key for old in chosen)
 
 
+def _among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
+    """Whether one of the chosen effects acts on these rows."""
+    return any(not set(c.term.chains).isdisjoint(chains) for c in chosen)
+
+
 def _beside(chosen: Sequence[Candidate], new: Candidate) -> float:
     """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on."""
-    mine = [c for c in chosen if not set(c.term.chains).isdisjoint(new.term.chains)]
-    return float(sum(c.score.gain for c in mine))
+    return float(sum(c.score.gain for c in chosen if _among([c], new.term.chains)))
 
 
 def identify(
@@ -104,13 +127,15 @@ def identify(
         fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
     gate = min(tests.p_value(c) for c in ranked[:10])
-    ask = Asked(system, tuple(short), forms, grade, tests, say)
+    ask = Asked(system, tuple(everything), list(short), forms, grade, tests, say)
     found = ask.search([], fuller, ranked, None)
     memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
     if memory is not None:
         say(f"{memory.chosen[0].term.name} predicts stretches left out")
         terms = [c.term for c in memory.chosen]
-        fuller, ranked = rank(system, [fit_noise(system, terms)], short, terms, forms, grade)
+        noise = fit_noise(system, terms)
+        ask.look_again(noise, terms)
+        fuller, ranked = rank(system, [noise], ask.short, terms, forms, grade)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
     left = None if memory is not None else ask.left_over(found, flexible, null)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
@@ -134,12 +159,13 @@ class LeftOver:
     p_value: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Asked:
     """One triad's rows with what may explain them."""
 
     system: System
-    short: tuple[Term, ...]
+    everything: tuple[Term, ...]
+    short: list[Term]  # worth a closer look; grows with what shows beside the chosen effects
     forms: dict
     grade: str | None
     tests: Family
@@ -172,18 +198,50 @@ class Asked:
                         if p >= ALONE:
                             break
                         return Found(tuple(chosen), noise, unlisted, p)
-            if (
-                listed is None
-                or tests.p_value(listed) >= level
-                or listed.evidence < (0.0 if not chosen else 2.0)
-            ):
+            found = [listed] if listed is not None and self._passes(listed, level, chosen) else []
+            if not found and memory is None:
+                found = self._pair(fuller, ranked, chosen)
+            if not found:
                 break
-            chosen.append(listed)
+            chosen.extend(found)
             terms = [c.term for c in chosen]
             noise = fit_noise(system, terms, noise)
-            self.say(f"{listed.term.name} on {', '.join(listed.term.channel_names)}")
+            for new in found:
+                self.say(f"{new.term.name} on {', '.join(new.term.channel_names)}")
+            self.look_again(noise, terms)
             fuller, ranked = rank(system, [noise], self.short, terms, self.forms, self.grade)
         return Found(tuple(chosen), noise, None, 1.0)
+
+    def look_again(self, noise: NoiseFit, chosen: Sequence[Term]) -> None:
+        """Lengthen the short list by the forms that lead beside the chosen effects: a strong effect hides them."""
+        start = bank(self.system, [noise], chosen)
+        ranked = judge(self.system, start, self.everything, chosen, self.forms, self.grade)
+        leading = [c for c in ranked if c.ratio > FAINT]
+        known = set(map(id, self.short))
+        fresh = shortlist(leading, per_key=3, most=MORE)
+        self.short.extend(t for t in fresh if id(t) not in known)
+
+    def _passes(self, listed: Candidate, level: float, chosen: Sequence[Candidate]) -> bool:
+        """Whether a catalogued effect is rare and likely enough; more so beside others on the same rows."""
+        likely = FURTHER if _among(chosen, listed.term.chains) else 0.0
+        return self.tests.p_value(listed) < level and listed.evidence >= likely
+
+    def _pair(
+        self, fuller: Bank, ranked: list[Candidate], chosen: Sequence[Candidate]
+    ) -> list[Candidate]:
+        """Two slow effects that show together only; empty where there are none."""
+        terms = [c.term for c in chosen]
+        pair = best_pair(
+            self.system, fuller, ranked, self.short, terms, self.forms, self.grade, self.tests
+        )
+        if pair is None or pair.p_value >= PAIR:
+            return []
+        chains = pair.first.term.chains
+        unlisted = [c.evidence for c in ranked if is_open(c) and c.term.chains == chains]
+        least = max(FURTHER if _among(chosen, chains) else 0.0, max(unlisted, default=0.0) - MARGIN)
+        both = [pair.first, pair.second]
+        full = _full([*chosen, pair.first], pair.second)
+        return [] if pair.evidence < least or full else both
 
     def again(self, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:
         """A chosen effect compared once more with all rivals beside the other chosen ones."""
@@ -274,9 +332,12 @@ def _conclude(
     for k, mine in enumerate(chosen[len(named) :], start=len(named)):
         assert noise is not None  # fitted beside each effect chosen
         others = [c.term for j, c in enumerate(chosen) if j != k]
-        # Under the variances that its presence left alone every effect would be certain.
-        without = fit_noise(ask.system, others, noise) if others else null
-        again = ask.again(mine, others, [noise, without])
+        # Under the variances that its presence left alone every effect would be certain. Where these leave no room
+        # for slow noise, a fit that starts from them finds none either.
+        chains = mine.term.chains
+        starts = (noise, null) if others else ()
+        without = [fit_noise(ask.system, others, start, chains) for start in starts] or [null]
+        again = ask.again(mine, others, [noise, *without])
         if again.p_value < STILL:
             named.append(again)
     noise = noise if named else None
@@ -302,7 +363,7 @@ def _conclude(
         null,
         gate,
         ask.tests,
-        ask.short,
+        tuple(ask.short),
         tuple(first[:40]),
         tuple(s for s in scores if s.term.effect is not None),
         None if memory is None else memory.chosen[0].term.name,

@@ -93,28 +93,29 @@ def _steady(values: np.ndarray, blocks: Blocks, unit: bool) -> np.ndarray:
     return values
 
 
-def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bool]:
-    """North, east and up seen by the device, `(time, 3, 3)` in columns, and whether they are those.
+def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bool, bool]:
+    """North, west and up seen by the device, `(time, 3, 3)` in columns; whether up is right, and whether all are.
 
     Up needs the specific force, north the Earth rate in the reference; without them the columns are
     some fixed axes of the room.
     """
     device = attitude(log, force)
     if device is None or log.reference_gyro is None:
-        return None, False
+        return None, False, False
     rest = log.position >= 0
     earth = np.einsum("tij,ti->tj", device[rest], log.reference_gyro[rest]).mean(axis=0)
-    if force is None or np.linalg.norm(earth) < 0.5 * EARTH_RATE:
-        return device, False
+    if force is None:
+        return device, False, False
     up = np.einsum("tij,ti->tj", device[rest], force[rest]).mean(axis=0)
     if np.linalg.norm(up) < 0.98:
-        return device, False  # the force does not stay in one direction of the room
+        return device, False, False  # the force does not stay in one direction of the room
     up = up / np.linalg.norm(up)
     north = earth - (earth @ up) * up
-    if np.linalg.norm(north) < 0.1 * EARTH_RATE:
-        return device, False
+    oriented = bool(np.linalg.norm(north) >= 0.1 * EARTH_RATE)
+    if not oriented:  # any horizontal direction
+        north = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     north = north / np.linalg.norm(north)
-    return device @ np.stack([north, np.cross(up, north), up], axis=1), True
+    return device @ np.stack([north, np.cross(up, north), up], axis=1), True, oriented
 
 
 def since(log: Log, blocks: Blocks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -178,7 +179,7 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         temperature, rate_t = smooth_temperature(log)
     since_power, since_start, since_move = since(log, blocks)
     white = getattr(blocks, f"{triad}_white") * blocks.count[:, None]
-    room, oriented = room_axes(log, force)
+    room, upright, oriented = room_axes(log, force)
     if room is None and len(np.unique(blocks.position)) == 1 and not blocks.moving.any():
         room, oriented = np.broadcast_to(np.eye(3), (len(log.time), 3, 3)), False
     return Signal(
@@ -188,7 +189,7 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
         scatter=np.sqrt(white.mean(axis=0)),
         at_temperature=None if temperature is None or form.degree == 0 else at_temperature(base, physical),
-        degree=form.degree, low=form.low, high=form.high, oriented=oriented,
+        degree=form.degree, low=form.low, high=form.high, upright=upright, oriented=oriented,
     )  # fmt: skip
 
 

@@ -1,8 +1,10 @@
 """Sensitivity to the magnetic field, which is fixed to the room."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
@@ -10,24 +12,47 @@ from .signal import Signal
 DIP = 1.13  # rad, 65°: of the field below the horizontal, at middle latitudes
 
 
-def shape(signal: Signal, *, form: str) -> Float[Array, "time channels columns"]:
-    """The field, of unit size, along the input axis or all three; any direction where the room's axes are not known."""
+AZIMUTHS = 12  # horizontal directions that the field may have where north is not known
+
+
+def shape(
+    signal: Signal, *, form: str, azimuth: Scalar | float = 0.0
+) -> Float[Array, "time channels columns"]:
+    """The field, of unit size, along the input axis or all three; any direction where up is not known.
+
+    `azimuth`, rad, turns the field's horizontal part from the room's first axis.
+    """
     room = jnp.asarray(signal.room)
-    if not signal.oriented:
-        return room if form == "own" else room[:, :, int(form)][:, None, :]
-    field = room[:, :, 0] * jnp.cos(DIP) - room[:, :, 2] * jnp.sin(DIP)
+    if form == "own" and not signal.oriented:
+        return room
+    level = room[:, :, 0] * jnp.cos(azimuth) + room[:, :, 1] * jnp.sin(azimuth)
+    field = level * jnp.cos(DIP) - room[:, :, 2] * jnp.sin(DIP)
     if form == "own":
         return field[:, :, None]
     if form == "horizontal":
-        return room[:, :, 0][:, None, :]
+        return level[:, None, :]
     return field[:, None, :]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
     """Along the input axis, and through all three; the horizontal field by itself if something shields."""
-    if not signal.oriented:
-        return (Variant("own axis", {"form": "own"}),)
-    return tuple(Variant(f"{form} axis", {"form": form}) for form in ("own", "any", "horizontal"))
+    if signal.oriented:
+        return tuple(
+            Variant(f"{form} axis", {"form": form}) for form in ("own", "any", "horizontal")
+        )
+    own = Variant("own axis", {"form": "own"})
+    if not signal.upright:
+        return (own,)
+    grid = 2.0 * np.pi / AZIMUTHS * np.arange(AZIMUTHS)
+    return (
+        own,
+        *(
+            Variant(
+                f"any axis, azimuth {np.rad2deg(a):.0f} deg", {"form": "any", "azimuth": float(a)}
+            )
+            for a in grid
+        ),
+    )
 
 
 EFFECT = Effect(

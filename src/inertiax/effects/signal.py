@@ -31,7 +31,8 @@ class Signal(eqx.Module):
     force: Float[AnyArray, "time 3"] | None = None  # g
     rate: Float[AnyArray, "time 3"] | None = None  # rad/s
     room: Float[AnyArray, "time 3 3"] | None = None  # columns: the room's axes seen by the device
-    oriented: bool = eqx.field(static=True, default=False)  # whether those axes are north, west, up
+    upright: bool = eqx.field(static=True, default=False)  # whether the last of those axes is up
+    oriented: bool = eqx.field(static=True, default=False)  # whether they are north, west and up
     vibration: Float[AnyArray, " time"] | None = (
         None  # g², mean square of the specific force's scatter
     )

@@ -18,8 +18,11 @@ def shape(
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Time constants from 30 s to a third of the campaign; from each power-on, and from the first if there are more."""
-    grid = np.geomspace(30.0, max(60.0, min(4000.0, signal.duration / 3)), 14)
+    """Time constants from 30 s to the length of the campaign; from each power-on, and from the first if there are more.
+
+    One as long as the campaign still bends the course by more than a straight drift allows.
+    """
+    grid = np.geomspace(30.0, max(60.0, min(4000.0, signal.duration)), 16)
     again = bool(np.any(np.asarray(signal.since_power) != np.asarray(signal.since_start)))
     starts = ("each", "first") if again else ("each",)
     return tuple(
