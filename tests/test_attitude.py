@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from inertiax.diagnose.attitude import attitude
 from inertiax.diagnose.blocks import EARTH_RATE, Log
+from inertiax.diagnose.signals import room_axes
 
 
 STEP = 0.05
@@ -75,3 +76,19 @@ def test_a_session_alone_has_the_room_of_its_first_sample():
     poses = Rotation.random(4, rng=np.random.default_rng(7))
     log, path = _log([_session(poses[0], poses, (0, 1, 2, 3))], True)
     assert np.abs(attitude(log) @ path[0] - path).max() < 5e-4
+
+
+@pytest.mark.parametrize("earth", [False, True])
+def test_up_is_known_without_the_earth_rate_but_north_is_not(earth):
+    poses = Rotation.random(6, rng=np.random.default_rng(8))
+    log, path = _log([_session(poses[0], poses, range(6))], earth)
+    room, upright, oriented = room_axes(log, path @ np.array([0.0, 0.0, 1.0]))
+    assert upright and oriented == earth
+    assert np.abs(room[:, :, 2] - path[:, :, 2]).max() < 5e-4
+    seen = np.einsum(
+        "tij,tik->tjk", path, room
+    )  # the axes in the true room: they stay where they are
+    assert np.abs(seen - seen[0]).max() < 1e-3
+    assert np.allclose(seen[0].T @ seen[0], np.eye(3), atol=1e-6)
+    if earth:
+        assert np.abs(seen[0][:, 0] - [0.0, 1.0, 0.0]).max() < 1e-3  # `EARTH` has its north along y

@@ -1,5 +1,7 @@
 """The catalogue of physical effects: names, identity at zero, and formulas against outside values."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -174,3 +176,23 @@ def test_axes_that_are_not_square_turn_the_force_as_the_tables_rotations_do(pole
     # Second differences of 1e-4 rad leave 1e-8.
     slope = (force(1e-4) - force(-1e-4)) / 2e-4
     assert np.abs(np.asarray(shape)[:, :, 0] / 9.80665 - slope).max() < 1e-7
+
+
+def test_a_field_of_unknown_azimuth_is_nearly_among_the_forms():
+    rng = np.random.default_rng(3)
+    room = Rotation.random(400, rng=rng).as_matrix()  # the room's axes, seen by the device
+    signal = eqx.tree_at(lambda s: s.room, make_signal("gyro", 400), room)
+    signal = dataclasses.replace(signal, upright=True)
+    effect = BY_NAME["magnetic"]
+    azimuth, dip = np.radians(104.0), np.radians(58.0)
+    field = np.array([np.cos(dip) * np.cos(azimuth), np.cos(dip) * np.sin(azimuth), -np.sin(dip)])
+    truth = room @ field @ np.array([0.5, -0.7, 0.4])
+    left = {}
+    for variant in effect.variants(signal):
+        columns = np.asarray(effect.shape(signal, **variant.settings))[:, 0]
+        beside = columns @ np.linalg.lstsq(columns, truth, rcond=None)[0]
+        left[variant.label] = np.square(truth - beside).sum() / np.square(truth).sum()
+    best = min(left, key=left.get)
+    # The angle between the field and the nearest form: 14° of azimuth times cos(dip) and 7° of dip, 0.17 rad.
+    assert best == "any axis, azimuth 90 deg" and left[best] < 2.0 * 0.17**2
+    assert effect.variants(dataclasses.replace(signal, upright=False))[1:] == ()
