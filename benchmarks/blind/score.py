@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import page
+from generate import ARMS
 from marks import Mark, mark
 
 
@@ -127,9 +128,8 @@ def read_run(folder: Path) -> tuple[dict | None, float]:
     return (json.loads(file.read_text()) if ok else None), run["seconds"]
 
 
-def unfinished(cases: Path, runs: dict[str, Path]) -> list[str]:
+def unfinished(names: list[str], runs: dict[str, Path]) -> list[str]:
     """Cases that some method has not run."""
-    names = sorted(p.name for p in cases.glob("case-*"))
     return [f"{m}/{n}" for m, f in runs.items() for n in names if not (f / n / "run.json").exists()]
 
 
@@ -151,12 +151,14 @@ def main():
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="Markdown page")
     parser.add_argument("--given", type=Path, help="what `given.py` wrote for the first run")
+    parser.add_argument("--arms", nargs="*", choices=list(ARMS), help="mark these only")
     args = parser.parse_args()
     runs = {name: Path(folder) for name, folder in (r.split("=", 1) for r in args.runs)}
-    missing = unfinished(args.cases, runs)
+    answers = open_answers(args.cases, args.answers)
+    marked = [a for a in answers["cases"] if not args.arms or a["kind"] in args.arms]
+    missing = unfinished([a["case"] for a in marked], runs)
     if missing:
         sys.exit(f"{len(missing)} runs are missing ({', '.join(missing[:3])} …); run them first.")
-    answers = open_answers(args.cases, args.answers)
     results = {
         "seed": answers["seed"],
         "sealed": (args.cases / "answers.sha256").read_text().strip(),
@@ -165,7 +167,7 @@ def main():
         results["given"] = json.loads(args.given.read_text())["summary"]
     results["methods"] = {}
     for name, folder in runs.items():
-        marks = [mark(a, *read_run(folder / a["case"])) for a in answers["cases"]]
+        marks = [mark(a, *read_run(folder / a["case"])) for a in marked]
         results["methods"][name] = {
             "summary": summary(marks), "confusion": confusion(marks), "marks": [asdict(m) for m in marks],
         }  # fmt: skip
