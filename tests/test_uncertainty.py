@@ -14,7 +14,12 @@ from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers
 from inertiax.temperature import Constant, Curve, Polynomial
-from inertiax.uncertainty import curve_covariance_at, output_uncertainty, sandwich_covariance
+from inertiax.uncertainty import (
+    _plain,
+    curve_covariance_at,
+    output_uncertainty,
+    sandwich_covariance,
+)
 
 
 def _rests(values, experiment=None):
@@ -102,3 +107,14 @@ def test_curve_covariance_at_one_temperature_by_hand():
     at = curve_covariance_at(triad.curve, triad.covariance, 60.0)
     assert float(at[0, 0]) == pytest.approx(2e-8)
     np.testing.assert_allclose(np.sqrt(np.diagonal(at)), triad.standard_deviations(60.0))
+
+
+def test_what_is_unseen_is_told_alike_in_every_basis_of_the_same_space():
+    # Unknowns 0 and 3 trade against each other, 1 and 2 are not seen at all.
+    space = np.zeros((6, 3))
+    space[[0, 3], 0], space[1, 1], space[2, 2] = np.array([0.8, 0.6]), 1.0, 1.0
+    expected = np.zeros((6, 3))
+    expected[[0, 3], 0], expected[1, 1], expected[2, 2] = np.array([1.0, 0.75]), 1.0, 1.0
+    for seed in range(20):
+        turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
+        assert np.allclose(_plain(space @ turn), expected, atol=1e-12)

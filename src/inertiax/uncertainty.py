@@ -14,6 +14,9 @@ from .procedure import normal_matrix
 from .temperature import AbstractBasis, Curve
 
 
+ALIKE = 6  # decimals to which shares of a direction are compared: below lies rounding
+
+
 class Observability(eqx.Module):
     """Singular values of the scaled Jacobian and the combinations that it does not see."""
 
@@ -55,7 +58,8 @@ def judge_normal(
     values, vectors = np.linalg.eigh(normal / np.outer(safe, safe))
     singular = np.sqrt(np.clip(values, 0.0, None))
     small = singular < tolerance * singular.max()
-    unseen = tuple(_in_words(vectors[:, k] / safe, names, size) for k in np.flatnonzero(small))
+    directions = _plain(vectors[:, small])
+    unseen = tuple(_in_words(d / safe, names, size) for d in directions.T)
     smallest = float(singular.min())
     return Observability(
         condition=float("inf") if smallest == 0.0 else float(singular.max() / smallest),
@@ -76,6 +80,22 @@ def _common_scale(columns: np.ndarray, names: tuple[str, ...], size: int) -> np.
     return np.where(scale > 0.0, scale, 1.0).reshape(-1)
 
 
+def _plain(space: np.ndarray) -> np.ndarray:
+    """Directions that span the same space, each with one unknown that the others lack.
+
+    Which basis an eigenvalue decomposition finds where singular values are alike is a matter of rounding. Unknowns
+    are chosen by what of them lies in the space, the first one where some are alike.
+    """
+    left, chosen = space, []
+    for _ in range(space.shape[1]):
+        size = np.round(np.linalg.norm(left, axis=1), ALIKE)
+        size[chosen] = 0.0
+        chosen.append(int(np.argmax(size)))
+        along = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
+        left = left - np.outer(left @ along, along)
+    return space @ np.linalg.inv(space[sorted(chosen)])
+
+
 def _in_words(direction: np.ndarray, names: tuple[str, ...], size: int) -> str:
     """The parameters that move together along a direction, largest first."""
     weight = np.abs(direction).reshape(size, len(names))
@@ -83,7 +103,7 @@ def _in_words(direction: np.ndarray, names: tuple[str, ...], size: int) -> str:
     unit = np.array([1.0 / 9.8 if n.startswith("accel.bias") else 1.0 for n in names])
     weight = weight * unit
     share = weight / np.linalg.norm(weight)
-    order = np.argsort(-share, axis=None)[:4]
+    order = np.argsort(-np.round(share, ALIKE), axis=None, kind="stable")[:4]
     parts = []
     for k in order:
         row, column = np.unravel_index(k, share.shape)
