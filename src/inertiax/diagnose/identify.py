@@ -241,6 +241,7 @@ class Asked:
         least = max(FURTHER if _among(chosen, chains) else 0.0, max(unlisted, default=0.0) - MARGIN)
         both = [pair.first, pair.second]
         full = _full([*chosen, pair.first], pair.second)
+        full = full or any(_twice(chosen, new) for new in both)
         return [] if pair.evidence < least or full else both
 
     def again(self, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:

@@ -111,7 +111,8 @@ def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bo
         return device, False, False  # the force does not stay in one direction of the room
     up = up / np.linalg.norm(up)
     north = earth - (earth @ up) * up
-    oriented = bool(np.linalg.norm(north) >= 0.1 * EARTH_RATE)
+    told = np.linalg.norm(earth) >= 0.5 * EARTH_RATE  # the rests hold the Earth rate
+    oriented = bool(told and np.linalg.norm(north) >= 0.1 * EARTH_RATE)
     if not oriented:  # any horizontal direction
         north = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     north = north / np.linalg.norm(north)
