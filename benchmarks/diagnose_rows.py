@@ -6,8 +6,8 @@ first time compiles, the second (other noise, same length) runs what is compiled
 
     python benchmarks/diagnose_rows.py [ROWS] [JSON]
 
-Measured on two free cores: cold 25.3 s by the clock (1.7 s imports, 6.4 s compilation, 17.2 s run), 43 s of
-processor time.
+Measured on two free cores: cold 52.6 s by the clock (3.5 s imports, 12.4 s compilation, 36.8 s run), 88 s of processor
+time, on a processor half as fast as the one of 25.3 s (1.7, 6.4 and 17.2 s; before slow effects were tried in pairs).
 """
 
 import json
