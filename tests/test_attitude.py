@@ -1,5 +1,6 @@
 """Attitude by integration of reference rates: sessions joined by their positions, the Earth turning below."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -92,3 +93,14 @@ def test_up_is_known_without_the_earth_rate_but_north_is_not(earth):
     assert np.allclose(seen[0].T @ seen[0], np.eye(3), atol=1e-6)
     if earth:
         assert np.abs(seen[0][:, 0] - [0.0, 1.0, 0.0]).max() < 1e-3  # `EARTH` has its north along y
+
+
+def test_a_rate_at_rest_of_a_third_of_the_earths_is_no_north():
+    poses = Rotation.random(6, rng=np.random.default_rng(8))
+    log, path = _log([_session(poses[0], poses, range(6))], False)
+    offset = log.reference_gyro + path @ (
+        EARTH / 3.0
+    )  # its horizontal part is a fifth of the Earth rate
+    log = eqx.tree_at(lambda one: one.reference_gyro, log, offset)
+    _, upright, oriented = room_axes(log, path @ np.array([0.0, 0.0, 1.0]))
+    assert upright and not oriented

@@ -3,7 +3,9 @@
 import jax
 import numpy as np
 
+from inertiax.diagnose.blocks import cut, EARTH_RATE, join
 from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.system import fit_noise, variances
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
@@ -61,3 +63,68 @@ def test_the_probe_counts_by_the_slope_of_the_outputs_and_its_stated_uncertainty
 def test_without_a_stated_uncertainty_the_probe_does_not_count():
     one = prepared(faces(0.0, turns=8, degree=1, bias_slope=2e-3))
     assert all(chain.heated.shape[1] == 0 for chain in one.system.chains)
+
+
+def rate_table(rates, *, ramp=3.0, flat=12.0, step=0.25):
+    """Plateaus about z, run-up and run-down between them, and whether a sample is on a plateau."""
+    speed, steady = [], []
+    for rate in rates:
+        up = rate * (np.arange(int(ramp / step)) + 0.5) * step / ramp
+        level = np.full(int(flat / step), rate)
+        speed += [up, level, up[::-1], np.zeros(8)]
+        steady += [
+            np.repeat([False, True, False], [len(up), len(level), len(up)]),
+            np.zeros(8, bool),
+        ]
+    speed, steady = np.concatenate(speed), np.concatenate(steady)
+    reference = np.stack([0.0 * speed, 0.0 * speed, speed + 0.7 * EARTH_RATE], axis=1)
+    position = np.full(len(speed), -1)
+    recording = Recording(
+        step * np.arange(len(speed)), gyro=reference, reference_gyro=reference, position=position
+    )
+    return Campaign((recording,), Site(G), Rig(), ModelChoice()), steady
+
+
+def test_slow_plateaus_are_rows_and_slow_ramps_are_not():
+    # 0.02 deg/s is five Earth rates; 0.05 deg/s in 3 s grows by one Earth rate from sample to sample.
+    campaign, steady = rate_table(np.deg2rad([0.02, -0.05, 0.1, -1.0, 30.0]))
+    blocks = cut(join(campaign))
+    rows = np.zeros(len(steady), bool)
+    for start, stop in zip(blocks.start, blocks.stop):
+        rows[start:stop] = True
+    inside = steady & np.r_[True, steady[:-1]] & np.r_[steady[1:], True]
+    assert (rows & inside).sum() == inside.sum()
+    # Five samples an edge are the most that looks as constant as the Earth's turning allows; 12 are in a ramp.
+    assert (rows & ~steady).sum() <= 2 * 5 * 5
+    assert len(np.unique(blocks.dwell)) == 5
+
+
+def test_an_unlabelled_rest_is_no_plateau():
+    campaign, _ = rate_table(np.deg2rad([5.0]))
+    (recording,) = campaign.recordings
+    blocks = cut(join(campaign))
+    rest = np.flatnonzero(np.linalg.norm(recording.reference_gyro, axis=1) < 2.0 * EARTH_RATE)
+    covered = np.concatenate([np.arange(a, b) for a, b in zip(blocks.start, blocks.stop)])
+    assert len(rest) >= 8 and not np.isin(rest, covered).any()
+
+
+def test_the_rigs_promise_is_a_limit_that_the_rows_may_undercut():
+    # Positions repeat to 2e-5 rad where 1e-4 is promised: angle errors of a reference on faces, 9.81 m/s² times that.
+    rng = np.random.default_rng(4)
+    position = np.repeat(np.tile(np.arange(6), 30), 16)
+    force = FACES[position]
+    turn = np.repeat(2e-5 * rng.standard_normal((180, 3)), 16, axis=0)
+    accel = force + np.cross(force, turn) + 2e-5 * rng.standard_normal(force.shape)
+    moved = np.where(np.arange(len(position)) % 16 < 2, -1, position)
+    time = 0.5 * np.arange(len(position))
+    recording = Recording(time, accel=accel, reference_accel=force, position=moved)
+    model = ModelChoice(accel_estimator="reference", temperature_degree=0)
+    campaign = Campaign((recording,), Site(G), Rig(position_uncertainty=1e-4), model, "tactical")
+    system = prepared(campaign).system
+    with jax.enable_x64(True):
+        fitted = variances(system, fit_noise(system))
+    for v, chain in zip(fitted, system.chains):
+        found = np.sqrt(v.rig * chain.rig.max() + v.dwell) / 9.81
+        # 120 of 180 dwells turn the axis: one sigma of the estimate is 1 / sqrt(240) = 6 %; bounds at four, and the
+        # least that the rig is taken for is exp(-1.5) of its promise, 2.2e-5.
+        assert 1.5e-5 < found < 2.7e-5

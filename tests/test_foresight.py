@@ -23,13 +23,13 @@ def test_draws_of_the_noise_have_the_covariance_of_its_formula():
     fresh, power = (np.r_[1.0, (np.diff(x) != 0).astype(float)] for x in (dwell, cycle))
     heated = np.array([[0.5], [0.9], [-0.4], [1.3], [0.2], [-1.0]])
     chain = Chain(white, loads, gap, fresh, power, np.full(6, 0.3), heated)
-    v = Variances(*(np.array(x) for x in (1.2, 0.4, 0.05, 0.6, 0.8, 0.7)))
+    v = Variances(*(np.array(x) for x in (1.2, 0.4, 0.05, 0.6, 0.8, 0.7, 0.9)))
     num = 40_000
     made = draw(chain, v, num, np.random.default_rng(1))
     lag = np.abs(time[:, None] - time)
     slow = 0.4 * sum(np.exp(-lag / tau) for tau in TIME_CONSTANTS)
     slow = slow + 0.05 * np.minimum(time[:, None], time) + 0.8 * (cycle[:, None] == cycle)
-    expected = np.diag(1.2 * white) + (0.6 + 0.3) * (dwell[:, None] == dwell)
+    expected = np.diag(1.2 * white) + (0.6 + 0.9 * 0.3) * (dwell[:, None] == dwell)
     expected = expected + (loads @ loads.T) * slow
     probe = 0.7 * (np.exp(-lag / WANDER) + (cycle[:, None] == cycle))
     expected = expected + (heated @ heated.T) * probe
@@ -113,7 +113,9 @@ def test_the_allan_deviation_agrees_with_the_fitted_noise_and_not_with_twice_its
         _, (prepared,) = prepare(one_turn(3, (0.0, 0.0, 0.0)), ())
         noise = fit_noise(prepared.system)
         checks = allan_checks(prepared, noise, [])
-        louder = NoiseFit(tuple(t + np.log([2.0, 1, 1, 1, 1, 1]) for t in noise.theta), noise.value)
+        louder = NoiseFit(
+            tuple(t + np.log([2.0, 1, 1, 1, 1, 1, 1]) for t in noise.theta), noise.value
+        )
         wrong = allan_checks(prepared, louder, [])
     assert {c.channel for c in checks} == {"gyro_x", "gyro_y", "gyro_z"}
     # Six intervals of 99 %: one miss is not unlikely, two are (0.14 %).

@@ -42,6 +42,7 @@ class Case:
     latitude: float
     strong: bool
     heat: world.Heat
+    level: dict[str, float]  # of each kind of noise and of the rig's errors, in the grade's
     scenes: dict[str, Scene]
     noise: dict[str, world.Noise]
     problems: dict[str, linear.Problem]
@@ -71,12 +72,18 @@ def stage(kind: str, make: Callable[..., Plan], settings: dict, rng) -> Case:
         rng.uniform(0, 2e-3)
     )
     heat = world.heat(plan, grade, rng, case_tau=float(rng.uniform(60, 200)))
-    earth = world.earth(plan, latitude)
     strong = bool(rng.random() < 0.4)
     low, high = (1.0, 2.0) if strong else (0.3, 1.0)
     level = {k: float(rng.uniform(low, high)) for k in ("flicker", "walk", "dwell", "session")}
     level["rig"] = float(rng.uniform(0.5, 1.0))
-    case = Case(kind, plan, grade_name, gravity, latitude, strong, heat, {}, {}, {}, {})
+    case = Case(kind, plan, grade_name, gravity, latitude, strong, heat, level, {}, {}, {}, {})
+    return equip(case, rng)
+
+
+def equip(case: Case, rng) -> Case:
+    """Device, noise and everything that follows from the plan."""
+    plan, grade, heat, gravity = case.plan, case.grade, case.heat, case.gravity
+    earth = world.earth(plan, case.latitude)
     fs = 1 / float(np.median(np.diff(plan.time)))
     for triad in plan.triads:
         ideal = gravity * plan.up if triad == "accel" else plan.rate + earth
@@ -90,9 +97,9 @@ def stage(kind: str, make: Callable[..., Plan], settings: dict, rng) -> Case:
                 0.02  # a static model has no matrix, so the device may have next to none
             )
         case.scenes[triad] = Scene(
-            plan, triad, grade_name, heat, device, ideal, plan.up, gravity, earth
+            plan, triad, case.grade_name, heat, device, ideal, plan.up, gravity, earth
         )  # fmt: skip
-        case.noise[triad] = noise = world.Noise.of(grade, triad, fs, level)
+        case.noise[triad] = noise = world.Noise.of(grade, triad, fs, case.level)
         slope = device.slope(heat.probe, ideal)
         case.problems[triad] = linear.problem(
             plan, triad, ideal, plan.up, heat.probe, noise, slope, grade.temperature
@@ -102,6 +109,28 @@ def stage(kind: str, make: Callable[..., Plan], settings: dict, rng) -> Case:
             lambda t, device=device, ideal=ideal: device.output(t, ideal),
         )  # fmt: skip
     return case
+
+
+UNIT_SCATTER = 0.15  # of the logarithm of a noise's standard deviation, between units of one type
+
+
+def sibling(case: Case, rng) -> Case:
+    """Another unit of the same type on the same station and plan, with nothing omitted, recorded.
+
+    Its parameters are its own, and each kind of its noise differs a little; the rig's errors are as large.
+    """
+    heat = world.heat(case.plan, case.grade, rng, case_tau=float(rng.uniform(60, 200)))
+    level = {
+        k: v if k == "rig" else v * float(np.exp(UNIT_SCATTER * rng.standard_normal()))
+        for k, v in case.level.items()
+    }
+    made = Case(
+        "sibling", case.plan, case.grade_name, case.gravity, case.latitude, case.strong, heat, level,
+        {}, {}, {}, {}, verdict=["consistent"],
+    )  # fmt: skip
+    equip(made, rng)
+    record(made, rng)
+    return made
 
 
 def solve_size(case: Case, effect: Effect, target: float, given: list[np.ndarray]) -> float:

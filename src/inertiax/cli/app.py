@@ -11,7 +11,19 @@ from typing import Annotated, cast
 
 import typer
 
-from . import calibrate, compensate, console, demo, design, diagnose, export, fleet, noise, simulate
+from . import (
+    calibrate,
+    compensate,
+    console,
+    demo,
+    design,
+    diagnose,
+    export,
+    fleet,
+    learn_noise,
+    noise,
+    simulate,
+)
 
 
 app = typer.Typer(
@@ -29,6 +41,7 @@ app.command("diagnose")(diagnose.diagnose)
 app.command("design")(design.design)
 app.command("export")(export.export)
 app.command("fleet")(fleet.fleet)
+app.command("learn-noise")(learn_noise.learn_noise)
 app.command("noise")(noise.noise)
 app.command("simulate")(simulate.simulate)
 

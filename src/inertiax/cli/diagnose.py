@@ -26,6 +26,15 @@ def diagnose(
             help="A known calibration: it is taken away first, and only what it leaves is judged.",
         ),
     ] = None,
+    noise: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="What other units of the type told of its noise (`inertiax learn-noise`): smaller effects show.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -51,13 +60,14 @@ def diagnose(
             )
         folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
         with outputs.staged_folder(output) as staging:
-            outcomes = _diagnose_all(loaded, calibration, staging, folders, stages)
+            outcomes = _diagnose_all(loaded, calibration, noise, staging, folders, stages)
     _tell(outcomes, folders, output, as_json=as_json, quiet=quiet)
 
 
 def _diagnose_all(
     campaign: "Campaign",
     calibration: Path | None,
+    noise: Path | None,
     staging: Path,
     folders: dict[str, str],
     stages: console.Stages,
@@ -65,14 +75,18 @@ def _diagnose_all(
     """Diagnosis of each device, or why there is none. A single device's failure is raised."""
     from ..calibration import read_calibration, write_calibration
     from ..diagnose import diagnose_campaign
+    from ..diagnose.noise_file import read_noise
     from ..report.diagnosis import report_diagnosis
 
     known = None if calibration is None else read_calibration(calibration)
+    of_type = None if noise is None else read_noise(noise)
     outcomes: dict[str, Diagnosis | str] = {}
     for device, name in folders.items():
         one = campaign.of_device(device)
         try:
-            found, augmented = diagnose_campaign(one, calibration=known, progress=stages)
+            found, augmented = diagnose_campaign(
+                one, calibration=known, noise=of_type, progress=stages
+            )
         except ValueError as error:
             if len(folders) == 1:
                 raise

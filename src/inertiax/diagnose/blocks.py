@@ -18,6 +18,9 @@ EARTH_RATE = 7.292115e-5  # rad/s
 MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
+SLOWEST = 4.0  # Earth rates; a plateau is faster
+FAST = 20.0  # Earth rates, from which one sample's change in the Earth's direction is small
+STEADY = 0.05  # change of a slower rate from sample to sample that is still constant
 
 
 class Log(eqx.Module):
@@ -156,7 +159,7 @@ def _positions(recording: Recording) -> np.ndarray:
 
 
 def _plateaus(log: Log) -> np.ndarray:
-    """True where the reference rate is constant and well above Earth's rate."""
+    """True where the table turns at a constant rate: above a few Earth rates, by its reference."""
     if log.reference_gyro is None:
         return np.zeros(len(log.time), bool)
     rate = log.reference_gyro
@@ -164,9 +167,10 @@ def _plateaus(log: Log) -> np.ndarray:
     # Earth's rate turns in the device's frame while the table turns: it may change by twice itself.
     change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
     calm = change <= 3.0 * EARTH_RATE + 1e-4 * speed[1:]
-    return (
-        (log.position < 0) & (speed > 20.0 * EARTH_RATE) & np.r_[False, calm] & np.r_[calm, False]
-    )
+    # A slow rate would pass for constant while it still grows.
+    calm &= (speed[1:] > FAST * EARTH_RATE) | (change <= STEADY * speed[1:])
+    turning = speed > SLOWEST * EARTH_RATE
+    return (log.position < 0) & turning & np.r_[False, calm] & np.r_[calm, False]
 
 
 def cut(log: Log) -> Blocks:

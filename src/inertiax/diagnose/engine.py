@@ -1,7 +1,7 @@
 """From a campaign to one system of rows per triad, with candidates."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -14,6 +14,7 @@ from .baseline import Baseline, choose, fit, ModelForm, usable
 from .blocks import Blocks, cut, join, Log
 from .bumps import between
 from .flexible import flexible
+from .population_noise import TypeNoise
 from .signals import build, specific_force
 from .system import make, System
 from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term, terms
@@ -68,8 +69,14 @@ def prepare(
     campaign: Campaign,
     catalogue: Sequence[Effect] = CATALOGUE,
     calibration: Calibration | None = None,
+    noise: TypeNoise | None = None,
 ) -> tuple[Log, list[Prepared]]:
-    """Cut the recordings into blocks, fit the baseline of each triad and make all candidates."""
+    """Cut the recordings into blocks, fit the baseline of each triad and make all candidates.
+
+    `noise` is what other units tell of the variances. Raises `ValueError` where it is of another station or other rows.
+    """
+    if noise is not None:
+        noise.require(campaign.rig)
     log = join(campaign)
     if calibration is not None:
         log = compensate(log, calibration)
@@ -85,7 +92,8 @@ def prepare(
         if triad == "accel":
             accel_base = base
             force = specific_force(log, blocks, accel_base)
-        prepared.append(prepare_triad(campaign, log, mine, form, base, force, catalogue))
+        made = prepare_triad(campaign, log, mine, form, base, force, catalogue)
+        prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return log, prepared
 
 

@@ -11,15 +11,15 @@ def draw(
 ) -> Float[np.ndarray, "block draw"]:
     """Rows of one chain under given variances, in the rows' unit: the noise that `whiten` makes white."""
     num, channels = chain.loads.shape
-    white, flicker, walk, dwell, cycle, probe = (
+    white, flicker, walk, dwell, cycle, probe, rig = (
         float(v)
         for v in (
             variances.white, variances.flicker, variances.walk, variances.dwell, variances.cycle,
-            variances.probe,
+            variances.probe, variances.rig,
         )
     )  # fmt: skip
     made = rng.standard_normal((num, draws)) * np.sqrt(white * chain.white)[:, None]
-    made += _held(chain.new_dwell, np.sqrt(dwell + chain.rig), draws, rng)
+    made += _held(chain.new_dwell, np.sqrt(dwell + rig * chain.rig), draws, rng)
     for c in range(channels):
         slow = _held(chain.new_cycle, np.full(num, np.sqrt(cycle)), draws, rng)
         steps = rng.standard_normal((num, draws)) * np.sqrt(walk * chain.gap)[:, None]

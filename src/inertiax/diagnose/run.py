@@ -26,6 +26,7 @@ from .identify import Answer, identify, Named
 from .limits import Audit
 from .locate import locate, tidy
 from .model import Parameters, prepare_model
+from .population_noise import TypeNoise
 from .prove import held_out_rms, in_sample
 from .quantify import corrected, moved, tune
 from .residuals import residuals
@@ -66,13 +67,14 @@ def diagnose_campaign(
     *,
     calibration: Calibration | None = None,
     effects: Sequence[Effect] = CATALOGUE,
+    noise: TypeNoise | None = None,
     progress: Progress = silent,
 ) -> tuple[Diagnosis, Calibration]:
     """`diagnose` together with the calibration of the augmented model."""
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
-        _, triads = prepare(seen, effects)
+        _, triads = prepare(seen, effects, noise=noise)
         progress("blocks, models and signatures made")
         findings = find_all(triads, campaign.grade, progress)
         found, second = conclude_findings(seen, findings, effects, progress)
@@ -84,18 +86,20 @@ def diagnose(
     *,
     calibration: Calibration | None = None,
     effects: Sequence[Effect] = CATALOGUE,
+    noise: TypeNoise | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
     """Say what a one-device campaign holds beyond its model, or that nothing is missing.
 
     **Arguments:** `campaign` with `[model]` (or the tool's choice) as the model meant; `calibration` takes
-    known parameters away first, so that only what it leaves is judged; `effects` is the catalogue.
-    **Returns** a `Diagnosis`. Raises `ValueError` for several devices or for a campaign without rests
-    and plateaus.
+    known parameters away first, so that only what it leaves is judged; `effects` is the catalogue; `noise` is
+    what other units of the type told of the noise (`learn_noise`).
+    **Returns** a `Diagnosis`. Raises `ValueError` for several devices, for a campaign without rests
+    and plateaus, or for a noise of other rows or another rig.
     """
-    return diagnose_campaign(campaign, calibration=calibration, effects=effects, progress=progress)[
-        0
-    ]
+    return diagnose_campaign(
+        campaign, calibration=calibration, effects=effects, noise=noise, progress=progress
+    )[0]
 
 
 def diagnose_model(

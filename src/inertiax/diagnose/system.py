@@ -11,18 +11,18 @@ import scipy.optimize
 from .baseline import Baseline
 from .blocks import Blocks
 from .terms import bucket, Term
-from .whiten import Chain, unpack, value_and_gradient, Variances, whiten_jit
+from .whiten import Chain, Known, unpack, value_and_gradient, Variances, whiten_jit
 
 
 COLUMNS = 10  # the baseline's columns are padded to a multiple
 EXTRA = 16  # columns of effects that a fit of variances has room for
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
-START = np.array([0.0, -1.0, -4.0, -2.0, -3.0, -1.5])
+START = np.array([0.0, -1.0, -4.0, -2.0, -3.0, -1.5, -0.5])
 # The likelihood of flicker and walk together has more than one maximum.
-STARTS = (START, np.array([0.0, -6.0, 1.0, -2.0, -3.0, -1.5]))
-# A probe is not worse than stated.
-BOUNDS = [(-1.0, 4.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-9.0, 12.0), (-6.0, 0.0)]
+STARTS = (START, np.array([0.0, -6.0, 1.0, -2.0, -3.0, -1.5, -0.5]))
+# Neither a probe nor a rig is worse than stated; how much better it is, the rows say.
+BOUNDS = [(-1.0, 4.0), *4 * [(-9.0, 12.0)], (-6.0, 0.0), (-3.0, 0.0)]
 
 
 class System(eqx.Module):
@@ -33,6 +33,7 @@ class System(eqx.Module):
     scales: tuple[np.ndarray, ...]
     frames: tuple[np.ndarray, ...]  # orthonormal basis of the baseline's columns, chain by chain
     longer: tuple[Chain, ...]  # the chains with rows of padding, for compiled programs
+    known: tuple[Known, ...]  # what other units tell of each chain's variances
 
     @property
     def num_rows(self) -> int:
@@ -57,10 +58,11 @@ def make(
             level = white[:, c]
         chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c], heated[c]))
         mean = float(np.mean(level))
-        scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5]))
+        scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5, 1.0]))
     frames = tuple(_range(x / np.linalg.norm(x, axis=0)) for x in base.columns)
     longer = tuple(jax.tree.map(_lengthen, chain) for chain in chains)
-    return System(base, tuple(chains), tuple(scales), frames, longer)
+    nothing = tuple(Known.nothing() for _ in chains)
+    return System(base, tuple(chains), tuple(scales), frames, longer, nothing)
 
 
 def _lengthen(rows: np.ndarray, width: int | None = None) -> np.ndarray:
@@ -84,7 +86,7 @@ class NoiseFit(eqx.Module):
         return float(sum(self.value))
 
 
-def _likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[np.ndarray, ...]:
+def likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[np.ndarray, ...]:
     """Residual, scaled baseline columns and padded columns of the chosen terms of one chain."""
     y = system.base.observed[c]
     unit = float(np.sqrt(system.scales[c][1])) * np.sqrt(len(y))
@@ -100,9 +102,11 @@ def _likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[
 
 def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term], chain: int) -> float:
     """Minus the restricted log likelihood of the chosen terms on one chain under given variances."""
-    inputs = _likelihood_inputs(system, chain, chosen)
+    inputs = likelihood_inputs(system, chain, chosen)
     theta, scale = noise.theta[chain], system.scales[chain]
-    return float(value_and_gradient(theta, scale, system.longer[chain], *inputs)[0])
+    return float(
+        value_and_gradient(theta, scale, system.longer[chain], *inputs, system.known[chain])[0]
+    )
 
 
 def fit_noise(
@@ -121,22 +125,31 @@ def fit_noise(
             thetas.append(start.theta[c])
             values.append(start.value[c])
             continue
-        first = STARTS if start is None else (start.theta[c],)
+        first = _starts(system.known[c]) if start is None else (start.theta[c],)
         theta, value = _maximise(system, c, chosen, first)
         thetas.append(theta)
         values.append(value)
     return NoiseFit(tuple(thetas), tuple(values))
 
 
+def _starts(known: Known) -> tuple[np.ndarray, ...]:
+    if not known.precision.any():
+        return STARTS
+    low, high = np.transpose(BOUNDS)
+    return (*STARTS, np.clip(known.center, low, high))
+
+
 def _maximise(
     system: System, c: int, chosen: Sequence[Term], starts: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    inputs = _likelihood_inputs(system, c, chosen)
+    inputs = likelihood_inputs(system, c, chosen)
 
     def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = value_and_gradient(theta, system.scales[c], system.longer[c], *inputs)
+        value, slope = value_and_gradient(
+            theta, system.scales[c], system.longer[c], *inputs, system.known[c]
+        )
         value = float(value)
-        return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(6))
+        return (value, np.asarray(slope)) if np.isfinite(value) else (1e12, np.zeros(len(theta)))
 
     options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 40}
     found = [

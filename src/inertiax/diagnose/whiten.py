@@ -25,9 +25,10 @@ from .._typing import AnyArray
 
 
 TIME_CONSTANTS = (6.0, 36.0, 216.0, 1300.0, 7800.0, 46800.0)  # s, of the Gauss-Markov processes
-NUM_VARIANCES = 6
+NUM_VARIANCES = 7
 WANDER = 1000.0  # s, over which a probe's error changes
 WALK = 1.6  # price of each e-fold of a walk's variance, in twice the log likelihood
+FREEDOM = 4.0  # degrees of freedom of what is known of a noise: a unit may be unlike the others
 
 
 class Chain(eqx.Module):
@@ -52,6 +53,19 @@ class Variances(eqx.Module):
     dwell: Float[AnyArray, ""]  # of each positioning, beyond what the rig states
     cycle: Float[AnyArray, ""]  # of each power cycle
     probe: Float[AnyArray, ""]  # of either part of the probe's error, in stated variances
+    rig: Float[AnyArray, ""]  # of the rig's positioning, in stated variances
+
+
+class Known(eqx.Module):
+    """What is known beforehand of the log variances, relative to a chain's scale: a Student t distribution."""
+
+    center: Float[AnyArray, "7"]
+    precision: Float[AnyArray, "7 7"]  # zeros where nothing is known
+
+    @staticmethod
+    def nothing() -> "Known":
+        """No knowledge beforehand."""
+        return Known(np.zeros(NUM_VARIANCES), np.zeros((NUM_VARIANCES, NUM_VARIANCES)))
 
 
 def _transition(
@@ -76,7 +90,7 @@ def _transition(
     if not heated.shape[1]:
         probes = []
     a = jnp.concatenate([a, *(x for x, _ in probes), 1.0 - dwell], axis=1)
-    error = dwell * (variances.dwell + jnp.asarray(chain.rig)[:, None])
+    error = dwell * (variances.dwell + variances.rig * jnp.asarray(chain.rig)[:, None])
     q = jnp.concatenate([q, *(x for _, x in probes), error], axis=1)
     loads = jnp.tile(jnp.asarray(chain.loads), (1, len(TIME_CONSTANTS) + 2))
     h = jnp.concatenate([loads, *(heated for _ in probes), jnp.ones((num, 1))], axis=1)
@@ -135,18 +149,19 @@ def whiten(
 whiten_jit = jax.jit(whiten)
 
 
-def unpack(theta: Float[AnyArray, "6"], scale: Float[AnyArray, "6"]) -> Variances:
+def unpack(theta: Float[AnyArray, "7"], scale: Float[AnyArray, "7"]) -> Variances:
     """Variances from their logarithms relative to a scale."""
     return Variances(*(jnp.exp(theta) * jnp.asarray(scale)))
 
 
 def negative_log_likelihood(
-    theta: Float[AnyArray, "6"],
-    scale: Float[AnyArray, "6"],
+    theta: Float[AnyArray, "7"],
+    scale: Float[AnyArray, "7"],
     chain: Chain,
     observed: Float[AnyArray, " block"],
     columns: Float[AnyArray, "block column"],
     extra: Float[AnyArray, "block extra"],
+    known: Known,
 ) -> Float[Array, ""]:
     """Restricted likelihood $\\tfrac12(\\log|V| + \\log|X^TV^{-1}X| + r^TV^{-1}r)$ of log variances.
 
@@ -169,6 +184,9 @@ def negative_log_likelihood(
     # Scatter inside blocks already tells the white level; and a random walk strong enough to pass for
     # a slow effect is rarer than one that is not.
     prior = 2.0 * jnp.log1p(jnp.square(theta[0] / 0.15)) + WALK * jax.nn.softplus(theta[2] + 3.0)
+    off = theta - jnp.asarray(known.center)
+    distance = off @ jnp.asarray(known.precision) @ off
+    prior = prior + (FREEDOM + NUM_VARIANCES) * jnp.log1p(distance / FREEDOM)
     num = columns.shape[1]
     logs = jnp.log(jnp.diag(factor)[:num]) + jnp.log(norm[:num])
     return 0.5 * (logdet + y @ y - part @ part + prior) + jnp.sum(logs)

@@ -18,7 +18,7 @@ from .judge import TRIAD_NAMES, triads
 if TYPE_CHECKING:  # a command pays for what it uses alone
     from ..calibrate import DeviceResult
     from ..demo import DemoResult
-    from ..diagnose import Audit, Diagnosis
+    from ..diagnose import Audit, Diagnosis, TypeNoise
 
 
 def print_result(result: "DeviceResult", folder: Path) -> None:
@@ -102,6 +102,39 @@ def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
     console.print(
         f"written: {folder / 'diagnosis.json'}, {folder / 'calibration.json'}, {folder / 'report.html'}"
     )
+
+
+NOISE_HEADS = {
+    "flicker": "flicker, each\nrelaxation",
+    "walk": "random walk\nin 1 s",
+    "dwell": "each\npositioning",
+    "cycle": "each\npower-on",
+}
+
+
+def print_type_noise(noise: "TypeNoise", path: Path) -> None:
+    """Standard deviations with their range of one sigma, the units that told them, and those left out."""
+    from ..diagnose.whiten import Variances
+
+    console = _console()
+    console.print(f"Noise of a type, from {len(noise.units)} units: {', '.join(noise.units)}")
+    for name, why in noise.left_out:
+        console.print(f"left out: {name} ({why})")
+    columns = list(Variances.__dataclass_fields__)
+    table = _plain_table("", *NOISE_HEADS.values(), "unit", "scatter of\nunits")
+    for chain in noise.chains:
+        sigma = chain.covariance.diagonal() ** 0.5
+        cells = []
+        for k in map(columns.index, NOISE_HEADS):
+            middle, factor = math.exp(chain.mean[k] / 2.0), math.exp(sigma[k] / 2.0)
+            # A variance known to less than a factor of ten is bounded from above alone.
+            cells.append(
+                f"{middle:.2g} ×÷ {factor:.1f}" if factor < 3.2 else f"< {middle * factor**2:.1g}"
+            )
+        unit = "m/s²" if "accel" in chain.label else "rad/s"
+        table.add_row(chain.label, *cells, unit, f"{50.0 * chain.scatter:.0f} %")
+    console.print(table)
+    console.print(f"written: {path}")
 
 
 def print_audit(audit: "Audit") -> None:
