@@ -111,12 +111,26 @@ def test_relaxation_process_has_the_covariance_of_its_blocks():
 
 def test_generator_and_marks_import_nothing_of_the_package():
     # What runs the diagnosis, and what compares it afterwards with a fit that is given the answer.
-    users = {"together.py", "given.py", "learned.py"}
+    users = {"together.py", "given.py", "learned.py", "informed.py", "kept.py"}
     for file in (f for f in BLIND.glob("*.py") if f.name not in users):
         for node in ast.walk(ast.parse(file.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not {n.split(".")[0] for n in names} & {"inertiax", "jax", "equinox"}, file
+
+
+def test_siblings_share_plan_and_station_and_nothing_else():
+    case = draw.case("single", np.random.default_rng([5, 1]))
+    one, other = (draw.sibling(case, np.random.default_rng([5, 1, k])) for k in (1, 2))
+    assert one.plan is case.plan and one.grade_name == case.grade_name and not one.drawn
+    assert one.level["rig"] == case.level["rig"]
+    ratios = [one.level[k] / case.level[k] for k in ("flicker", "walk", "dwell", "session")]
+    # Logarithms scatter by 0.15; five of that.
+    assert all(abs(np.log(r)) < 0.75 and r != 1.0 for r in ratios)
+    triad = case.plan.triads[0]
+    assert one.reference.get(triad, case.reference[triad]) == pytest.approx(case.reference[triad])
+    bias = [c.scenes[triad].sensor.bias for c in (case, one, other)]
+    assert not np.allclose(bias[0], bias[1]) and not np.allclose(bias[1], bias[2])
 
 
 def test_wilson_interval_and_span_overlap_have_their_hand_values():

@@ -72,6 +72,21 @@ def _given(name: str, given: dict) -> str:
     )
 
 
+def _informed(methods: dict) -> str:
+    """The cases whose type of device has siblings, with and without what these tell of the noise."""
+    rows = []
+    summaries = [m["summary"] for m in methods.values()]
+    rows.append(["False alarms, nulls", *[_percent(s["false_alarm"]) for s in summaries]])
+    for z in summaries[0]["single"]:
+        for label, key in (("detected", "detected"), ("first name in class", "first_in_class")):
+            cells = [_percent(s["single"][z][key]) for s in summaries]
+            rows.append([f"z = {z}: {label}", *cells])
+        rows.append(
+            [f"z = {z}: set size", *[_number(s["single"][z]["mean_set_size"]) for s in summaries]]
+        )
+    return _table(["Figure", *methods], rows)
+
+
 def markdown(results: dict) -> str:
     """The whole page."""
     methods = results["methods"]
@@ -86,6 +101,13 @@ def markdown(results: dict) -> str:
     ]
     if "given" in results:
         parts.append(_given(first, results["given"]))
+    if "informed" in results:
+        parts += [
+            "## With the noise of the type known\n",
+            "Single effects of z = 6 and the first null campaigns, alone and with what four other units of "
+            "the type tell of the noise (`inertiax learn-noise`).\n",
+            _informed(results["informed"]),
+        ]
     for name, method in methods.items():
         parts += [f"## {name}: single effects by size\n", _by_size(method["summary"])]
         parts += [f"## {name}: first name said, z ≥ 6\n", _confusion(method["confusion"])]

@@ -151,11 +151,15 @@ def main():
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="Markdown page")
     parser.add_argument("--given", type=Path, help="what `given.py` wrote for the first run")
+    parser.add_argument("--informed", type=Path, help="what this script wrote for `informed.py`")
+    parser.add_argument("--subset", action="store_true", help="mark what all the runs hold")
     parser.add_argument("--arms", nargs="*", choices=list(ARMS), help="mark these only")
     args = parser.parse_args()
     runs = {name: Path(folder) for name, folder in (r.split("=", 1) for r in args.runs)}
     answers = open_answers(args.cases, args.answers)
     marked = [a for a in answers["cases"] if not args.arms or a["kind"] in args.arms]
+    if args.subset:
+        marked = [a for a in marked if not unfinished([a["case"]], runs)]
     missing = unfinished([a["case"] for a in marked], runs)
     if missing:
         sys.exit(f"{len(missing)} runs are missing ({', '.join(missing[:3])} …); run them first.")
@@ -165,6 +169,8 @@ def main():
     }
     if args.given:
         results["given"] = json.loads(args.given.read_text())["summary"]
+    if args.informed:
+        results["informed"] = json.loads(args.informed.read_text())["methods"]
     results["methods"] = {}
     for name, folder in runs.items():
         marks = [mark(a, *read_run(folder / a["case"])) for a in marked]

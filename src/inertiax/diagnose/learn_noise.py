@@ -19,9 +19,9 @@ def learn_noise(
     """Learn the noise of a type of device from one-device campaigns of several units.
 
     **Arguments:** `campaigns` are pairs of a unit's name and its campaign; all need the same triads and
-    estimators, and a rig whose stated uncertainties are the same. Each unit is diagnosed first: one that lacks physics of its own
-    does not tell the noise and is left out. **Returns** a `TypeNoise`, for `diagnose(..., noise=...)`. Raises `ValueError`
-    where the campaigns do not go together or fewer than two consistent units remain.
+    estimators, and a rig whose stated uncertainties are the same. Each unit is diagnosed first: one whose model
+    lacks physics does not tell the noise and is left out. **Returns** a `TypeNoise`, for `diagnose(..., noise=...)`.
+    Raises `ValueError` where the campaigns do not go together or fewer than two consistent units remain.
     """
     if len(campaigns) < FEWEST:
         raise ValueError(
@@ -56,7 +56,7 @@ def pool(
     left_out: tuple[tuple[str, str], ...] = (),
     progress: Callable[[str], None] = silent,
 ) -> TypeNoise:
-    """The noise of prepared units that are known to be consistent. Raises `ValueError` where their rows differ in kind."""
+    """The noise of prepared units that lack nothing. Raises `ValueError` where their rows differ in kind."""
     first = [x for p in units[0][1] for x in chain_labels(p.system)]
     for name, triads in units:
         mine = [x for p in triads for x in chain_labels(p.system)]

@@ -21,7 +21,7 @@ class _Chain(msgspec.Struct, forbid_unknown_fields=True):
     unit: str  # of the square root of a variance
     mean: list[float]
     covariance: list[list[float]]
-    scatter: float
+    scatter: list[float]
 
 
 class _Rig(msgspec.Struct, forbid_unknown_fields=True):
@@ -47,7 +47,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 def write_noise(noise: TypeNoise, path: Path) -> None:
     """Write `type-noise.json`, whole or not at all."""
     chains = [
-        _Chain(c.label, _unit(c.label), c.mean.tolist(), c.covariance.tolist(), c.scatter)
+        _Chain(c.label, _unit(c.label), c.mean.tolist(), c.covariance.tolist(), c.scatter.tolist())
         for c in noise.chains
     ]
     rig = noise.rig
@@ -94,8 +94,10 @@ def _unit(label: str) -> str:
 
 def _chain(chain: _Chain, where: str) -> ChainNoise:
     rows, n = chain.covariance, NUM_VARIANCES
-    if len(chain.mean) != n or len(rows) != n or any(len(row) != n for row in rows):
-        raise ValueError(f"{where}: {chain.label} needs {n} means and {n} rows of {n} covariances.")
+    if {len(chain.mean), len(chain.scatter), len(rows), *map(len, rows)} != {n}:
+        raise ValueError(
+            f"{where}: {chain.label} needs {n} means, {n} scatters and {n} rows of {n} covariances."
+        )
     if chain.unit != _unit(chain.label):
         raise ValueError(
             f"{where}: {chain.label}: unit is {chain.unit!r}; it must be {_unit(chain.label)!r}."
@@ -106,4 +108,4 @@ def _chain(chain: _Chain, where: str) -> ChainNoise:
         raise ValueError(f"{where}: {chain.label}: the covariance must be symmetric and finite.")
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
         raise ValueError(f"{where}: {chain.label}: the covariance must be positive definite.")
-    return ChainNoise(chain.label, mean, covariance, chain.scatter)
+    return ChainNoise(chain.label, mean, covariance, np.array(chain.scatter))

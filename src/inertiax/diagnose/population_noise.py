@@ -4,11 +4,12 @@ A diagnosis learns the noise from the recording that it judges. Where few dwells
 of ten standard deviations under the true noise can pass for a little more noise. Units of one type on one
 station have about the same noise, so that several of them tell it:
 
-$$\\log v_u \\sim N(\\mu, s^2 I), \\qquad p(\\mu \\mid units) \\propto p_0(\\mu) \\prod_u L_u(\\mu),$$
+$$\\log v_u \\sim N(\\mu, \\mathrm{diag}(s^2)), \\qquad p(\\mu \\mid units) \\propto p_0(\\mu) \\prod_u L_u(\\mu),$$
 
-with the restricted likelihoods $L_u$ of the units' log variances $v_u$. The posterior of $\\mu$ is summed up by its mean
-and covariance over weighted draws, since a variance that no unit shows is bounded from above alone. The scatter $s$
-between units is estimated from the units' scores at the joint maximum and never taken for less than a fifth.
+with the restricted likelihoods $L_u$ of the units' log variances $v_u$. The posterior of $\\mu$ is summed up by
+its mean and covariance over weighted draws, since a variance that no unit shows is bounded from above alone.
+The scatter $s$ between units is estimated from the units' scores at the joint maximum, for each variance alone,
+and never taken for less than a fifth.
 
 **Reference:** Gelman et al., *Bayesian Data Analysis*, 3rd ed., ch. 5 (populations) and 10.4 (importance sampling).
 """
@@ -20,7 +21,6 @@ import equinox as eqx
 import jax
 import numpy as np
 import scipy.optimize
-import scipy.stats
 from jaxtyping import Float
 
 from ..recordings import Rig
@@ -28,7 +28,8 @@ from .system import BOUNDS, likelihood_inputs, STARTS, System
 from .whiten import Known, negative_log_likelihood, NUM_VARIANCES, value_and_gradient, WALK
 
 
-DRAWS = 400
+DRAWS = 500  # a fifth to a half of them count
+MOST_TRIES = 200  # draws for each that is possible
 VAGUE = 4.0  # standard deviation of a log variance before any unit was seen
 LEAST_SCATTER = 0.2  # between units, of a log variance
 WIDTH = 1.3  # of the distribution that draws are taken from, in standard deviations
@@ -43,7 +44,7 @@ class ChainNoise(eqx.Module):
     label: str = eqx.field(static=True)
     mean: Float[np.ndarray, "7"]
     covariance: Float[np.ndarray, "7 7"]
-    scatter: float = eqx.field(static=True)  # between units, of a log variance
+    scatter: Float[np.ndarray, "7"]  # between units, standard deviation of each log variance
 
     def relative(self, scale: Float[np.ndarray, "7"]) -> Known:
         """The same relative to a chain's scale."""
@@ -67,7 +68,7 @@ class TypeNoise(eqx.Module):
             )
 
     def inform(self, system: System) -> System:
-        """The system with what is known of its variances. Raises `ValueError` where its rows are not among the known."""
+        """The system with what is known of its variances. Raises `ValueError` for rows that are not among the known."""
         by_label = {c.label: c for c in self.chains}
         labels = chain_labels(system)
         lacking = [x for x in labels if x not in by_label]
@@ -134,7 +135,6 @@ class _Units:
     def draws(self, values: np.ndarray) -> np.ndarray:
         """`all` without its gradient at many values."""
         total = 0.5 * (((values - self.center) / VAGUE) ** 2).sum(axis=1)
-        total[((values < self.least) | (values > self.most)).any(axis=1)] = np.inf
         for system in self.systems:
             c, inputs = self.chain, likelihood_inputs(system, self.chain, ())
             theta = values - np.log(system.scales[c])
@@ -167,7 +167,7 @@ def learn_chain(systems: Sequence[System], chain: int, label: str) -> ChainNoise
         units, [x for _, x in near], [np.sum(i, axis=0) for i in informations]
     )
     scatter = _scatter(units, best[1], informations[near.index(best)])
-    covariance = covariance + scatter**2 * (1.0 + 1.0 / len(systems)) * np.eye(NUM_VARIANCES)
+    covariance = covariance + np.diag(scatter**2) * (1.0 + 1.0 / len(systems))
     return ChainNoise(label, mean, covariance, scatter)
 
 
@@ -190,12 +190,16 @@ def _moments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of the posterior by importance sampling around its modes."""
     vague = np.eye(NUM_VARIANCES) / VAGUE**2
-    proposals = [
-        scipy.stats.multivariate_t(x, WIDTH**2 * np.linalg.inv(i + vague), df=TAILS, seed=k)
-        for k, (x, i) in enumerate(zip(modes, informations))
-    ]
-    values = np.concatenate([p.rvs(DRAWS // len(proposals)) for p in proposals])
-    density = np.logaddexp.reduce([p.logpdf(values) for p in proposals], axis=0)
+    rng = np.random.default_rng(0)
+    spreads = [np.linalg.inv(i + vague) for i in informations]
+    parts = [_inside(units, x, v, DRAWS // len(modes), rng) for x, v in zip(modes, spreads)]
+    values = np.concatenate([v for v, _, _ in parts])
+    density = np.logaddexp.reduce(
+        [
+            _density(values - x, factor) - np.log(share)
+            for x, (_, factor, share) in zip(modes, parts)
+        ]
+    )
     log_weight = -units.draws(values) - density
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -204,19 +208,42 @@ def _moments(
     return mean, (weight[:, None] * off).T @ off
 
 
-def _scatter(units: _Units, at: np.ndarray, informations: Sequence[np.ndarray]) -> float:
-    """Standard deviation of the units' log variances around the common ones, by their scores.
+def _inside(
+    units: _Units, center: np.ndarray, covariance: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Heavy-tailed draws that are possible, the factor of their spread, and the share of draws that were."""
+    factor = WIDTH * np.linalg.cholesky(covariance)
+    kept, drawn = [], 0
+    while sum(map(len, kept)) < count and drawn < MOST_TRIES * count:
+        normal = rng.standard_normal((4 * count, NUM_VARIANCES))
+        width = np.sqrt(rng.chisquare(TAILS, len(normal)) / TAILS)
+        values = center + (normal / width[:, None]) @ factor.T
+        kept.append(values[((values >= units.least) & (values <= units.most)).all(axis=1)])
+        drawn += len(values)
+    found = np.concatenate([*kept, np.clip(center, units.least, units.most)[None]])
+    return found[:count], factor, len(found) / (drawn + 1)
 
-    Under scatter $s$ a unit's score $g$ has covariance $H + s^2 H^2$, so that $g^T H^{-1} g$ is $r + s^2 \\mathrm{tr} H$
-    in the mean, with the rank $r$ of what the unit shows; the common value takes up one unit's part.
+
+def _density(off: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Logarithm of the Student t density with `TAILS` degrees of freedom, up to a constant."""
+    square = (np.linalg.solve(factor, off.T) ** 2).sum(axis=0)
+    size = np.log(np.diag(factor)).sum()
+    return -size - 0.5 * (TAILS + NUM_VARIANCES) * np.log1p(square / TAILS)
+
+
+def _scatter(
+    units: _Units, at: np.ndarray, informations: Sequence[np.ndarray]
+) -> Float[np.ndarray, "7"]:
+    """Standard deviation of the units' log variances around the common ones, each by the units' scores.
+
+    Under scatter $s$ a unit's score $g$ has variance $H + s^2 H^2$, so that $g^2 / H$ is $1 + s^2 H$ in the mean
+    where the unit shows the variance at all; the common value takes up one unit's part.
     """
-    excess, room = 0.0, 0.0
-    for unit, information in enumerate(informations):
-        value, vector = np.linalg.eigh(information)
-        shown = value > SHOWN
-        score = vector.T[shown] @ units.one(unit, at)[1]
-        excess += float((score**2 / value[shown]).sum() - shown.sum())
-        room += float(value[shown].sum())
+    scores = np.array([units.one(u, at)[1] for u in range(len(informations))])
+    square = np.array([np.diag(i) for i in informations])
+    shown = square > SHOWN
+    excess = np.where(shown, scores**2 / np.where(shown, square, 1.0) - 1.0, 0.0).sum(axis=0)
     share = (len(informations) - 1) / len(informations)
-    square = excess / (room * share) if room * share > 0.0 else 0.0
-    return float(np.sqrt(max(square, LEAST_SCATTER**2)))
+    room = share * np.where(shown, square, 0.0).sum(axis=0)
+    found = np.where(room > 0.0, excess / np.where(room > 0.0, room, 1.0), 0.0)
+    return np.sqrt(np.maximum(found, LEAST_SCATTER**2))

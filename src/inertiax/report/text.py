@@ -121,7 +121,7 @@ def print_type_noise(noise: "TypeNoise", path: Path) -> None:
     for name, why in noise.left_out:
         console.print(f"left out: {name} ({why})")
     columns = list(Variances.__dataclass_fields__)
-    table = _plain_table("", *NOISE_HEADS.values(), "unit", "scatter of\nunits")
+    table = _plain_table("", *NOISE_HEADS.values(), "unit")
     for chain in noise.chains:
         sigma = chain.covariance.diagonal() ** 0.5
         cells = []
@@ -132,7 +132,7 @@ def print_type_noise(noise: "TypeNoise", path: Path) -> None:
                 f"{middle:.2g} ×÷ {factor:.1f}" if factor < 3.2 else f"< {middle * factor**2:.1g}"
             )
         unit = "m/s²" if "accel" in chain.label else "rad/s"
-        table.add_row(chain.label, *cells, unit, f"{50.0 * chain.scatter:.0f} %")
+        table.add_row(chain.label, *cells, unit)
     console.print(table)
     console.print(f"written: {path}")
 

@@ -1,0 +1,216 @@
+"""The noise of a type, learned from several units, and what a diagnosis sees with it."""
+
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from inertiax.diagnose import diagnose, learn_noise, read_noise, write_noise
+from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.learn_noise import pool
+from inertiax.diagnose.population_noise import LEAST_SCATTER
+from inertiax.diagnose.system import fit_noise, START
+from inertiax.diagnose.whiten import Known, negative_log_likelihood, Variances
+from inertiax.effects import CATALOGUE
+from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+
+
+G = 9.81
+WHITE = 2e-4  # m/s², one sample
+DWELL = 3e-4  # m/s², each positioning
+FACES = np.concatenate([np.eye(3), -np.eye(3)]) * G
+ORDER = list(Variances.__dataclass_fields__)
+
+
+def unit(seed, *, dwell=DWELL, dwells=48, added=0.0, rig=None):
+    """Rests of 6 s on faces at 2 Hz beside their reference: white noise, and an offset in each dwell."""
+    rng = np.random.default_rng(seed)
+    position = np.repeat(np.arange(dwells) % 6, 12)
+    force = FACES[position]
+    offset = np.repeat(dwell * rng.standard_normal((dwells, 3)), 12, axis=0)
+    accel = 1.001 * force + 0.02 + offset + WHITE * rng.standard_normal(force.shape)
+    accel = accel + added * np.linspace(-1.0, 1.0, len(accel))[:, None] * [0.0, 1.0, 0.0]
+    moved = np.where(np.arange(len(position)) % 12 < 2, -1, position)
+    time = 0.5 * np.arange(len(position))
+    recording = Recording(time, accel=accel, reference_accel=force, position=moved)
+    model = ModelChoice(accel_estimator="reference", temperature_degree=0)
+    return Campaign((recording,), Site(G), rig or Rig(), model, "tactical")
+
+
+def pooled(campaigns):
+    """The noise of units that are taken for consistent."""
+    with jax.enable_x64(True):
+        units = [(f"unit {k}", prepare(c, ())[1]) for k, c in enumerate(campaigns)]
+        return pool(units, campaigns[0].rig)
+
+
+def anova(campaign, channel):
+    """Variance of a dwell's offset by the textbook: mean square between dwells less that within."""
+    (recording,) = campaign.recordings
+    rest = recording.position >= 0
+    number = np.cumsum(np.r_[True, np.diff(recording.position) != 0])[rest]
+    y, x = recording.accel[rest, channel], recording.reference_accel[rest]
+    means = np.array([y[number == n].mean() for n in np.unique(number)])
+    within = np.mean([y[number == n].var(ddof=1) for n in np.unique(number)])
+    inputs = np.array([x[number == n].mean(axis=0) for n in np.unique(number)])
+    base = np.c_[np.ones(len(means)), inputs]
+    left = means - base @ np.linalg.lstsq(base, means, rcond=None)[0]
+    return left @ left / (len(means) - 4) - within / 10
+
+
+@pytest.fixture(scope="module")
+def alike():
+    return [unit(seed) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def known(alike):
+    return pooled(alike)
+
+
+def test_what_is_known_enters_as_a_student_t_distribution():
+    with jax.enable_x64(True):
+        (prepared,) = prepare(unit(1), ())[1]
+        system, theta = prepared.system, START + 0.3
+        rows = np.zeros((len(system.longer[0].white), 2))
+        inputs = theta, system.scales[0], system.longer[0], rows[:, 0], rows, rows
+        center, spread = START + 0.1, np.linspace(0.2, 2.0, len(START))
+        precision = np.diag(spread**-2)
+        free = negative_log_likelihood(*inputs, Known.nothing())
+        held = negative_log_likelihood(*inputs, Known(center, precision))
+    # By hand: (4 + 7) / 2 · log(1 + d² / 4) with d² the sum of squares of 0.2 in standard deviations.
+    distance = np.sum((0.2 / spread) ** 2)
+    assert float(held - free) == pytest.approx(5.5 * np.log1p(distance / 4.0), rel=1e-9)
+
+
+def test_the_noise_of_four_units_is_that_of_the_textbook(alike, known):
+    assert [c.label for c in known.chains] == ["accel_x", "accel_y", "accel_z"]
+    for c, chain in enumerate(known.chains):
+        expected = np.log(np.mean([anova(one, c) for one in alike]))
+        k = ORDER.index("dwell")
+        own = np.sqrt(chain.covariance[k, k] - 1.25 * chain.scatter[k] ** 2)
+        # Four units of 44 degrees of freedom: sqrt(2 / 176) = 0.11, and flicker may take a part of it over.
+        assert 0.08 < own < 0.3
+        assert abs(chain.mean[k] - expected) < 2.0 * own
+        # What no unit shows is bounded from above: a walk's growth over the five minutes of a unit stays below
+        # the offsets at 84 %.
+        k = ORDER.index("walk")
+        walk = np.exp(chain.mean[k] + np.sqrt(chain.covariance[k, k])) * 300.0
+        assert walk < DWELL**2
+
+
+def test_units_that_differ_widen_what_is_known(known):
+    k = ORDER.index("dwell")
+    # Of units alike each score is its own deviation: 0.11 · 2 of scatter at most in most cases, beside the least.
+    assert all(LEAST_SCATTER <= c.scatter[k] < 0.5 for c in known.chains)
+    factor = np.exp(0.5 * np.array([-1.2, 1.2, -1.2, 1.2]))  # the log variances are ±1.2 off
+    wide = pooled([unit(20 + k, dwell=DWELL * f) for k, f in enumerate(factor)])
+    # Four units tell their scatter to a factor of sqrt(exp(1)) or so.
+    assert all(0.7 < c.scatter[k] < 2.1 for c in wide.chains)
+
+
+FEW = [e for e in CATALOGUE if e.name in ("drift", "warm_up", "second_order")]
+
+
+def test_a_drift_shows_more_clearly_with_the_noise_of_the_type(known):
+    # Twelve dwells of 3e-4 under a ramp of ±9e-4: sqrt(12 / 3) · 3 = 6 standard deviations, 36 in the likelihood ratio
+    # under the true noise. Alone, a walk or a larger dwell noise explains a good part of it.
+    alone, helped = [], []
+    with jax.enable_x64(True):
+        for seed in range(31, 37):
+            (prepared,) = prepare(unit(seed, dwells=12, added=9e-4), FEW)[1]
+            mine = [t for t in prepared.candidates if t.name == "drift" and t.channels == (1,)]
+            term = next(t for t in mine if t.variant.label == "bias")
+            for system, ratios in (
+                (prepared.system, alone),
+                (known.inform(prepared.system), helped),
+            ):
+                without, beside = fit_noise(system), fit_noise(system, [term])
+                ratios.append(2.0 * (without.value[1] - beside.value[1]))
+    assert np.mean(alone) < 20.0 < np.mean(helped) < 36.0
+
+
+def test_a_diagnosis_uses_what_is_known_and_invents_nothing(known):
+    found = diagnose(unit(33, dwells=12, added=9e-4), effects=FEW, noise=known)
+    assert [e.name for e in found.effects] == ["drift"]
+    assert found.effects[0].channels == ("accel_y",)
+    nothing = diagnose(unit(33, dwells=12), effects=FEW, noise=known)
+    assert nothing.verdict == "consistent"
+
+
+def test_a_unit_that_lacks_something_is_left_out_and_named(alike):
+    lacking = unit(40, added=5e-3)
+    found = learn_noise([("one", alike[0]), ("bad", lacking), ("two", alike[1])])
+    assert found.units == ("one", "two")
+    assert [name for name, _ in found.left_out] == ["bad"]
+    assert "drift" in found.left_out[0][1] or "warm_up" in found.left_out[0][1]
+    with pytest.raises(ValueError, match=r"1 of 2 units are consistent .* \(bad: "):
+        learn_noise([("one", alike[0]), ("bad", lacking)])
+
+
+def test_campaigns_that_do_not_go_together_are_refused(alike, known):
+    with pytest.raises(ValueError, match="1 unit; at least 2 are needed"):
+        learn_noise([("one", alike[0])])
+    other = eqx.tree_at(lambda c: c.rig, alike[1], Rig(position_uncertainty=1e-5))
+    with pytest.raises(ValueError, match=r"\[rig\] of two differs from that of one"):
+        learn_noise([("one", alike[0]), ("two", other)])
+    with pytest.raises(
+        ValueError, match=r"says nothing, but .* position_uncertainty = 2.063 arcsec"
+    ):
+        diagnose(other, noise=known)
+    model = ModelChoice(accel_estimator="invariant", temperature_degree=0)
+    magnitude = Campaign(alike[1].recordings, alike[1].site, Rig(), model, "tactical")
+    with pytest.raises(ValueError, match=r"accel_x, accel_y, accel_z, but .* are of \|accel\|"):
+        diagnose(magnitude, noise=known)
+
+
+def test_the_file_holds_what_was_learned(known, tmp_path):
+    path = tmp_path / "type-noise.json"
+    write_noise(known, path)
+    again = read_noise(path)
+    assert again.units == known.units and again.rig == known.rig
+    for a, b in zip(known.chains, again.chains):
+        assert a.label == b.label and np.array_equal(a.scatter, b.scatter)
+        assert np.array_equal(a.mean, b.mean) and np.array_equal(a.covariance, b.covariance)
+
+
+def _damaged(content: dict, **changes) -> dict:
+    content = json.loads(json.dumps(content))
+    for key, value in changes.items():
+        target = content["chains"][0] if key in content["chains"][0] else content
+        target[key] = value
+    return content
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"extra": 1}, "unknown field `extra`"),
+        ({"schema": "inertiax.calibration/1"}, "not the noise of a type: schema is"),
+        ({"chains": []}, "'chains' is empty"),
+        ({"mean": [0.0]}, "accel_x needs 7 means, 7 scatters and 7 rows of 7"),
+        ({"covariance": (-np.eye(7)).tolist()}, "must be positive definite"),
+        ({"covariance": np.triu(np.ones((7, 7))).tolist()}, "must be symmetric and finite"),
+        ({"unit": "g"}, "accel_x: unit is 'g'; it must be 'm/s\\^2'"),
+        ({"label": "accel_y"}, "a label stands twice"),
+        ({"log_variances": ["white"]}, "log_variances must be"),
+    ],
+)
+def test_a_damaged_file_is_said_in_one_line(known, tmp_path, change, said):
+    path = tmp_path / "type-noise.json"
+    write_noise(known, path)
+    path.write_text(json.dumps(_damaged(json.loads(path.read_text()), **change)))
+    with pytest.raises(ValueError, match=said) as error:
+        read_noise(path)
+    assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
+
+
+def test_a_truncated_file_is_said_in_one_line(known, tmp_path):
+    path = Path(tmp_path / "type-noise.json")
+    write_noise(known, path)
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(ValueError, match="not valid JSON"):
+        read_noise(path)
