@@ -14,7 +14,8 @@ from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family
 from inertiax.diagnose.identify import GATE
 from inertiax.diagnose.limits import POWER
-from inertiax.diagnose.system import NoiseFit, whiten_system
+from inertiax.diagnose.scores import whiten_system
+from inertiax.diagnose.system import NoiseFit
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.report.audit import audit_sections
 from inertiax.report.engineering import customary

@@ -5,7 +5,8 @@ import numpy as np
 
 from inertiax.diagnose.blocks import cut, EARTH_RATE, join
 from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.system import fit_noise, variances
+from inertiax.diagnose.system import variances
+from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 

@@ -8,9 +8,11 @@ import scipy.stats
 from inertiax.diagnose.engine import prepare, retuned
 from inertiax.diagnose.family import Family, family
 from inertiax.diagnose.quantify import parameters, tune
+from inertiax.diagnose.scores import Score, whiten_columns
 from inertiax.diagnose.search import Candidate
-from inertiax.diagnose.system import fit_noise, Score, System, whiten_columns
+from inertiax.diagnose.system import System
 from inertiax.diagnose.terms import Term
+from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.effects import CATALOGUE, Variant
 from inertiax.recordings import Campaign, Recording, Rig, Site
 from test_audit import still
@@ -21,7 +23,7 @@ def score(column, name, channel):
     """A one-column score of unit length on one chain."""
     unit = column / np.linalg.norm(column)
     term = Term(name, "accel", (channel,), Variant("", {}), (0,), (unit[:, None],))
-    return Score(term, (unit[:, None],), np.ones((1, 1)), np.zeros(1), 0.0)
+    return Score(term, (0,), (unit[:, None],), np.ones((1, 1)), np.zeros(1), 0.0)
 
 
 def test_orthogonal_forms_count_each_and_equal_forms_once():

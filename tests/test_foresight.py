@@ -8,7 +8,8 @@ from inertiax.diagnose.allan_check import allan_checks
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.foresight import Foresight, skill, stretches
 from inertiax.diagnose.noise_draws import draw
-from inertiax.diagnose.system import fit_noise, NoiseFit
+from inertiax.diagnose.system import NoiseFit
+from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.diagnose.whiten import Chain, TIME_CONSTANTS, Variances, WANDER, whiten
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 

@@ -12,8 +12,8 @@ from inertiax.diagnose.family import Family, family
 from inertiax.diagnose.identify import _causes, _full, MOST_EFFECTS, PAIR
 from inertiax.diagnose.leading import rank
 from inertiax.diagnose.search import bank, Candidate, count_forms, judge
-from inertiax.diagnose.system import fit_noise
 from inertiax.diagnose.together import best_pair, chance
+from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.effects import CATALOGUE
 from test_diagnose import FLICKER, only, slow_noise, sweep
 from test_family import score

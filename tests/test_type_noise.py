@@ -12,7 +12,8 @@ from inertiax.diagnose import diagnose, learn_noise, read_noise, write_noise
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.learn_noise import pool
 from inertiax.diagnose.population_noise import LEAST_SCATTER
-from inertiax.diagnose.system import fit_noise, START
+from inertiax.diagnose.system import START
+from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.diagnose.whiten import Known, negative_log_likelihood, Variances
 from inertiax.effects import CATALOGUE
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site

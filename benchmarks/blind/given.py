@@ -20,7 +20,7 @@ from inertiax.diagnose.engine import prepare, Prepared
 from inertiax.diagnose.prove import held_out_rms
 from inertiax.diagnose.quantify import tune
 from inertiax.diagnose.search import bank, count_forms, judge
-from inertiax.diagnose.system import fit_noise
+from inertiax.diagnose.variance_fit import fit_noise
 
 
 LEAST_Z = 9.9

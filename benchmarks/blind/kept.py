@@ -19,7 +19,8 @@ from world import PROBE_SHARE, RELAXATIONS
 
 from inertiax.campaign import load_campaign
 from inertiax.diagnose.engine import prepare, Prepared
-from inertiax.diagnose.system import NoiseFit, whiten_columns
+from inertiax.diagnose.scores import whiten_columns
+from inertiax.diagnose.system import NoiseFit
 from inertiax.diagnose.whiten import TIME_CONSTANTS
 
 

@@ -22,8 +22,8 @@ from inertiax.diagnose.engine import finer, prepare, Prepared
 from inertiax.diagnose.family import family
 from inertiax.diagnose.identify import GATE
 from inertiax.diagnose.search import bank, Candidate, judge, refine
-from inertiax.diagnose.system import fit_noise
 from inertiax.diagnose.terms import Term
+from inertiax.diagnose.variance_fit import fit_noise
 
 
 LEAST_Z = 6.0

@@ -8,6 +8,7 @@ this plan, whatever the noise; what remains is as large as its whitened length s
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import equinox as eqx
 import jax
 import numpy as np
 import scipy.linalg
@@ -21,9 +22,11 @@ from .family import Family, family
 from .identify import GATE
 from .limits import Absorbed, Audit, Detectable, POWER
 from .overlap import alias_sets, aliases
+from .scores import Score, whiten_system
 from .search import count_forms
-from .system import fit_noise, NoiseFit, Score, START, System, whiten_system
+from .system import NoiseFit, START, System
 from .terms import Term
+from .variance_fit import fit_noise
 
 
 UNEXCITED = (
@@ -39,6 +42,16 @@ class Audited:
     prepared: Prepared
     scores: tuple[Score, ...]  # of the catalogue's terms that the calibration does not absorb
     tests: Family  # effective numbers of independent tests
+    noise: NoiseFit
+
+    @property
+    def each_alone(self) -> tuple[Score, ...]:
+        """The scores of each on its own rows, where the rig's errors couple the chains of some."""
+        system = self.prepared.system
+        if system.shared is None:
+            return self.scores
+        alone = eqx.tree_at(lambda s: s.shared, system, None)
+        return whiten_system(alone, self.noise, [s.term for s in self.scores]).scores
 
 
 def audit(
@@ -61,7 +74,7 @@ def _audited(prepared: Prepared, estimate_noise: bool) -> Audited:
     scores = whiten_system(system, noise, prepared.candidates).scores
     tests = family(scores, [len(y) for y in system.base.observed])
     listed = tuple(s for s in scores if not s.term.name.startswith(PREFIX))
-    return Audited(prepared, listed, tests)
+    return Audited(prepared, listed, tests, noise)
 
 
 def assumed_noise(system: System) -> NoiseFit:
@@ -74,7 +87,7 @@ def conclude(triads: Sequence[Audited], effects: Sequence[Effect]) -> Audit:
     sizes, pairs, absorbed, lines = [], [], [], []
     for one in triads:
         sizes.extend(detectable_sizes(one))
-        pairs.extend(aliases(one.scores))
+        pairs.extend(aliases(one.each_alone))
         absorbed.extend(_absorbed(one))
         lines.extend(_unobservable(one.prepared.system))
     seen = {d.name for d in sizes}

@@ -26,6 +26,7 @@ from ..recordings import Campaign, Recording
 from ..temperature import Constant, Polynomial
 from .blocks import cut, join, Log
 from .engine import Prepared
+from .scores import whiten_system
 from .signals import (
     _moves as moves,
     _vibration as rest_vibration,
@@ -33,7 +34,7 @@ from .signals import (
     since,
     smooth_temperature,
 )
-from .system import NoiseFit, whiten_system
+from .system import NoiseFit
 from .terms import Term
 
 

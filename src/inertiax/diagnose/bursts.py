@@ -17,7 +17,8 @@ from jaxtyping import Float
 from .blocks import block_mean
 from .engine import Prepared
 from .result import Where
-from .system import NoiseFit, whiten_system
+from .scores import whiten_system
+from .system import NoiseFit
 from .terms import Term
 
 

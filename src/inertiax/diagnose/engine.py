@@ -16,7 +16,7 @@ from .bumps import between
 from .flexible import flexible
 from .population_noise import TypeNoise
 from .signals import build, specific_force
-from .system import make, System
+from .system import make, share, System
 from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term, terms
 
 
@@ -116,6 +116,10 @@ def prepare_triad(
         rig_variance(campaign, form, blocks, base),
         probe_error(campaign, signal, blocks, base),
     )
+    if form.estimator == "reference":
+        rate = (campaign.rig.rate_uncertainty or 0.0) if form.triad == "gyro" else 0.0
+        reading = getattr(blocks, f"reference_{form.triad}")
+        system = share(system, blocks, reading, campaign.rig.position_uncertainty or 0.0, rate)
     return Prepared(
         form,
         blocks,

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
+from .scores import Score
 from .search import Candidate
-from .system import Score
 from .terms import Term
 
 
@@ -67,7 +67,7 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
                 part = product[at : at + s.white[0].shape[1]]
                 at += s.white[0].shape[1]
             else:
-                part = sum(w.T @ noise[k] for w, k in zip(s.white, s.term.chains))
+                part = sum(w.T @ noise[k] for w, k in zip(s.white, s.chains))
             chance = scipy.stats.chi2.sf(np.square(s.turn.T @ part).sum(axis=0), s.size)
             key = unlisted if s.term.name.startswith(PREFIX) else (s.term.name, s.term.channels)
             smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
@@ -80,7 +80,7 @@ def _by_chain(scores: Sequence[Score]) -> dict[int, list[Score]]:
     """Scores of one chain each; those of several chains under −1."""
     made: dict[int, list[Score]] = {}
     for score in scores:
-        chains = score.term.chains
+        chains = score.chains
         made.setdefault(chains[0] if len(chains) == 1 else -1, []).append(score)
     return made
 

@@ -12,10 +12,12 @@ from .family import Family, family
 from .flexible import on_input
 from .leading import FAINT, finer_forms, first_of_both, is_open, leaders, rank, screen, sharpen
 from .memory import remember, Remembered
+from .scores import Score
 from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
-from .system import fit_noise, NoiseFit, Score, System
+from .system import NoiseFit, System
 from .terms import Term
 from .together import best_pair
+from .variance_fit import fit_noise
 
 
 GATE = 0.01  # family-wise false alarms of the first effect of one triad

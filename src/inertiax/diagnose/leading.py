@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from .alternatives import PREFIX
+from .coupling import recoupled
 from .search import Bank, bank, Candidate, judge, refine, shortlist
 from .system import NoiseFit, System
 from .terms import Term
@@ -20,7 +21,8 @@ def _quiet(noise: NoiseFit) -> NoiseFit:
         np.concatenate([t[:1], t[1:3] - 4.0, t[3:4] - 1.0, t[4:5] - 6.0, t[5:]])
         for t in noise.theta
     )
-    return NoiseFit(tuple(np.maximum(t, -9.0) for t in lower), noise.value)
+    lower = tuple(np.maximum(t, -9.0) for t in lower)
+    return NoiseFit(lower, noise.value, recoupled(lower, noise.coupled))
 
 
 def screen(

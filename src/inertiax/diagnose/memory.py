@@ -15,9 +15,11 @@ import scipy.stats
 from jaxtyping import Float
 
 from .foresight import columns_of, Foresight, foresights, skill, skills, STRETCHES
+from .scores import whiten_system
 from .search import Candidate
-from .system import fit_noise, likelihood, NoiseFit, System, whiten_system
+from .system import NoiseFit, System
 from .terms import Term
+from .variance_fit import fit_noise, likelihood
 
 
 SURE = 5e-3  # chance on each of two channels that the fitted noise looks like the effect

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ..effects import Effect
 from .limits import Alias, AliasSet
-from .system import Score
+from .scores import Score
 
 
 ALIASED = 0.95  # R² of two projected signatures from which they count as one

@@ -24,7 +24,8 @@ import scipy.optimize
 from jaxtyping import Float
 
 from ..recordings import Rig
-from .system import BOUNDS, likelihood_inputs, STARTS, System
+from .system import BOUNDS, STARTS, System
+from .variance_fit import likelihood_inputs
 from .whiten import Known, negative_log_likelihood, NUM_VARIANCES, value_and_gradient, WALK
 
 

@@ -51,7 +51,7 @@ def held_out_rms(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) ->
 
 def in_sample(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[float, float]:
     """Root mean square of the rows (SI) by least squares, and chi² per degree of freedom under the noise."""
-    from .system import whiten_system
+    from .scores import whiten_system
 
     system = prepared.system
     square, number = 0.0, 0

@@ -6,7 +6,8 @@ import numpy as np
 
 from .engine import Prepared, retuned
 from .result import Moved, Parameter
-from .system import NoiseFit, Score, System, whiten_system
+from .scores import Score, whiten_system
+from .system import NoiseFit, System
 from .terms import Term
 
 
@@ -167,7 +168,7 @@ def _solve(
     system: System, noise: NoiseFit, chosen: Sequence[Term], chain: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Generalised least squares of the baseline's linear correction beside the chosen terms."""
-    from .system import whiten_columns
+    from .scores import whiten_columns
 
     x = system.base.columns[chain]
     mine = [t.columns[t.chains.index(chain)] for t in chosen if chain in t.chains]

@@ -31,9 +31,9 @@ from .prove import held_out_rms, in_sample
 from .quantify import corrected, moved, tune
 from .residuals import residuals
 from .result import Detectable, Diagnosis, Explanation, Quality
+from .scores import Score, whiten_system
 from .search import Candidate
 from .succession import succeeding, taken_away
-from .system import Score, whiten_system
 from .terms import Term
 from .words import summary
 
@@ -286,7 +286,7 @@ def _audited(finding: Finding) -> Audited:
     if answer.named:
         listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
         scores = whiten_system(prepared.system, answer.noise, listed).scores
-    return Audited(prepared, scores, answer.tests)
+    return Audited(prepared, scores, answer.tests, answer.noise)
 
 
 def _smallest(plan: Audit) -> tuple[Detectable, ...]:

@@ -12,8 +12,11 @@ import numpy as np
 
 from ..effects import Effect
 from .alternatives import PREFIX
-from .system import fit_noise, likelihood, NoiseFit, Score, System, whiten_system
+from .coupling import recoupled
+from .scores import Score, whiten_system
+from .system import NoiseFit, System
 from .terms import Term
+from .variance_fit import fit_noise, likelihood
 
 
 ROOM = 0.35  # standard deviation of the logarithm of a coefficient that theory fixes at 1
@@ -88,7 +91,8 @@ class Bank:
         """The best of each chain's variances together."""
         places = [int(np.argmin(column)) for column in zip(*self.values)]
         theta = tuple(self.fits[k].theta[c] for c, k in enumerate(places))
-        return NoiseFit(theta, tuple(self.values[k][c] for c, k in enumerate(places)))
+        values = tuple(self.values[k][c] for c, k in enumerate(places))
+        return NoiseFit(theta, values, recoupled(theta, self.fits[0].coupled))
 
 
 def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Bank:

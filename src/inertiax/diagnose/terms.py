@@ -18,6 +18,9 @@ BATCH = 32  # settings evaluated together
 UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotation leaves |a| alone
 
 
+INPUTS = ("rate", "specific_force", "input")  # drivers of effects
+
+
 @dataclass(frozen=True, eq=False)
 class Term:
     """One candidate: an effect in one form on some channels, as columns of rows."""
@@ -46,6 +49,13 @@ class Term:
     def size(self) -> int:
         """Number of coefficients."""
         return self.columns[0].shape[1]
+
+    @property
+    def follows_input(self) -> bool:
+        """Whether the columns are a function of what the triad feels, dwell by dwell, of one channel."""
+        if self.effect is None:
+            return self.name.endswith("input") and " times " not in self.name
+        return self.effect.driver in INPUTS and not self.effect.common
 
 
 def padded(signal: Signal, rows: int) -> Signal:

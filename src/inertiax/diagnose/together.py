@@ -12,8 +12,9 @@ import scipy.stats
 
 from .family import Family, Key
 from .search import Bank, bank, Candidate, judge, refine
-from .system import fit_noise, System
+from .system import System
 from .terms import Term
+from .variance_fit import fit_noise
 
 
 LEADING = 2  # effects of a channel that others are tried beside
