@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from inertiax.diagnose import identify
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family, family
-from inertiax.diagnose.identify import _causes, _full, MOST_EFFECTS, PAIR
+from inertiax.diagnose.identify import _causes, _full, Asked, MOST_EFFECTS, PAIR
 from inertiax.diagnose.leading import rank
-from inertiax.diagnose.search import bank, Candidate, count_forms, judge
-from inertiax.diagnose.together import best_pair, chance
+from inertiax.diagnose.search import Bank, bank, Candidate, count_forms, judge
+from inertiax.diagnose.together import best_pair, chance, Pair
 from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.effects import CATALOGUE
 from test_diagnose import FLICKER, only, slow_noise, sweep
@@ -48,6 +49,25 @@ def test_one_effect_on_three_channels_of_one_row_is_one():
     assert not _full(lags, other)
     many = [candidate(f"effect {k}", 0, 20.0) for k in range(MOST_EFFECTS)]
     assert _full(many, other) and not _full(many, candidate("drift", 1, 20.0))
+
+
+def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
+    once = next(e for e in CATALOGUE if e.name == "warm_up")
+    assert once.once
+
+    def of(name, effect=None):
+        made = candidate(name, 0, 40.0, evidence=15.0)
+        return replace(made, term=replace(made.term, effect=effect))
+
+    pair = Pair(of("warm_up", once), of("drift"), PAIR / 10.0)
+    monkeypatch.setattr(identify, "best_pair", lambda *_: pair)
+    with jax.enable_x64(True):
+        system = prepare(sweep(1), ())[1][0].system
+    asked = Asked(system, (), [], {}, None, Family({}, 0.0), lambda _: None)
+    both, nothing = [pair.first, pair.second], Bank((), ())
+    assert asked._pair(nothing, [], []) == both
+    assert asked._pair(nothing, [], [of("bias_step")]) == both
+    assert asked._pair(nothing, [], [of("warm_up", once)]) == []
 
 
 def _asked(drift, lag, seed=2):
