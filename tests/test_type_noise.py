@@ -6,6 +6,7 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import numpy as np
+import polars as pl
 import pytest
 
 from inertiax.diagnose import diagnose, learn_noise, read_noise, write_noise
@@ -17,6 +18,7 @@ from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.diagnose.whiten import Known, negative_log_likelihood, Variances
 from inertiax.effects import CATALOGUE
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from test_cli import run
 
 
 G = 9.81
@@ -215,3 +217,39 @@ def test_a_truncated_file_is_said_in_one_line(known, tmp_path):
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(ValueError, match="not valid JSON"):
         read_noise(path)
+
+
+def _folder(path, seed):
+    """A unit's campaign as files."""
+    (recording,) = unit(seed).recordings
+    table = {"time": recording.time, "position": recording.position}
+    for k, axis in enumerate("xyz"):
+        table[f"accel_{axis}"] = recording.accel[:, k]
+        table[f"reference_accel_{axis}"] = recording.reference_accel[:, k]
+    path.mkdir()
+    pl.DataFrame(table).write_csv(path / "log.csv")
+    (path / "campaign.toml").write_text(
+        f'[site]\ngravity = {G}\n[recordings]\nfiles = ["log.csv"]\n'
+        '[model]\naccel_estimator = "reference"\ntemperature_degree = 0\n'
+    )
+    return path
+
+
+def test_the_commands_learn_and_use_the_noise(tmp_path, capsys, monkeypatch):
+    units = [_folder(tmp_path / f"unit-{k}", k) for k in range(2)]
+    file = tmp_path / "type-noise.json"
+    status, out, err = run(capsys, monkeypatch, "learn-noise", *units, "-o", file)
+    assert status == 0, err
+    assert "from 2 units: unit-0, unit-1" in out and "accel_z" in out and "m/s²" in out
+    assert read_noise(file).units == ("unit-0", "unit-1")
+    new = _folder(tmp_path / "unit-7", 7)
+    answer = tmp_path / "out"
+    status, _, err = run(capsys, monkeypatch, "diagnose", new, "--noise", file, "-o", answer, "-q")
+    assert status == 0, err
+    assert json.loads((answer / "diagnosis.json").read_text())["verdict"] == "consistent"
+    toml = (new / "campaign.toml").read_text()
+    (new / "campaign.toml").write_text(toml + "[rig]\nposition_uncertainty = 2.0\n")
+    other = tmp_path / "other"
+    status, _, err = run(capsys, monkeypatch, "diagnose", new, "--noise", file, "-o", other, "-q")
+    assert status == 1 and not other.exists()
+    assert "learned where [rig] says nothing" in err and len(err.strip().splitlines()) == 1
