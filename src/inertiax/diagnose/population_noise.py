@@ -30,6 +30,7 @@ from .whiten import Known, negative_log_likelihood, NUM_VARIANCES, value_and_gra
 
 
 DRAWS = 500  # a fifth to a half of them count
+TOLD = 0.3  # standard deviation of a log variance up to which its posterior is like a normal one
 MOST_TRIES = 200  # draws for each that is possible
 VAGUE = 4.0  # standard deviation of a log variance before any unit was seen
 LEAST_SCATTER = 0.2  # between units, of a log variance
@@ -192,13 +193,17 @@ def _moments(
     """Mean and covariance of the posterior by importance sampling around its modes."""
     vague = np.eye(NUM_VARIANCES) / VAGUE**2
     rng = np.random.default_rng(0)
-    spreads = [np.linalg.inv(i + vague) for i in informations]
-    parts = [_inside(units, x, v, DRAWS // len(modes), rng) for x, v in zip(modes, spreads)]
+    shapes = [
+        (mode, spread)
+        for mode, information in zip(modes, informations)
+        for spread in _spreads(np.linalg.inv(information + vague))
+    ]
+    parts = [_inside(units, x, v, DRAWS // len(shapes), rng) for x, v in shapes]
     values = np.concatenate([v for v, _, _ in parts])
     density = np.logaddexp.reduce(
         [
             _density(values - x, factor) - np.log(share)
-            for x, (_, factor, share) in zip(modes, parts)
+            for (x, _), (_, factor, share) in zip(shapes, parts)
         ]
     )
     log_weight = -units.draws(values) - density
@@ -207,6 +212,16 @@ def _moments(
     mean = weight @ values
     off = values - mean
     return mean, (weight[:, None] * off).T @ off
+
+
+def _spreads(covariance: np.ndarray) -> list[np.ndarray]:
+    """The covariance at a mode, and as wide as before any unit was seen in each variance that it tells moderately.
+
+    Such a variance may as well be next to nothing: its likelihood is flat far below the mode.
+    """
+    spread = np.sqrt(np.diag(covariance))
+    wider = np.flatnonzero((spread > TOLD) & (spread < 0.8 * VAGUE))
+    return [covariance, *(covariance + np.diag(VAGUE**2 * np.eye(NUM_VARIANCES)[k]) for k in wider)]
 
 
 def _inside(
