@@ -35,6 +35,9 @@ def still(seconds=2000.0, white=1e-4):
     return Campaign((recording,), Site(G), Rig(), model, "navigation")
 
 
+QUIET = np.array([0.0, *6 * [-40.0]])  # log variances of white noise and nothing else
+
+
 def scores_of(campaign, theta):
     """All scores of the first triad under given log variances of each chain."""
     _, (prepared, *_) = prepare(campaign)
@@ -45,7 +48,7 @@ def scores_of(campaign, theta):
 def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
     # Textbook: a slope fitted with a mean to N samples over T has σ √12 / (T √N), for N large.
     white, seconds = 1e-4, 2000.0
-    _, scores = scores_of(still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0, -40.0]))
+    _, scores = scores_of(still(seconds, white), QUIET)
     (drift,) = [
         s for s in scores if s.term.name == "drift" and s.term.channels == (0,)
         and s.term.variant.label == "bias"
@@ -57,13 +60,12 @@ def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
 
 def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
     white, seconds = 1e-4, 2000.0
-    prepared, scores = scores_of(
-        still(seconds, white), np.array([0.0, -40.0, -40.0, -40.0, -40.0, -40.0])
-    )
+    prepared, scores = scores_of(still(seconds, white), QUIET)
     one = Audited(
         prepared,
         tuple(s for s in scores if s.term.effect is not None),
         Family({("bias_step", (1,)): 50.0}, 0.0),
+        NoiseFit((QUIET,) * 3, (0.0,) * 3),
     )
     (size,) = [
         d.size
@@ -96,7 +98,7 @@ def test_at_the_passing_mark_nine_draws_of_ten_pass():
 
 
 def test_assumed_flicker_makes_everything_harder_to_see():
-    prepared, quiet = scores_of(still(), np.array([0.0, -40.0, -40.0, -40.0, -40.0, -40.0]))
+    prepared, quiet = scores_of(still(), QUIET)
     noisy = whiten_system(
         prepared.system, assumed_noise(prepared.system), prepared.candidates
     ).scores
