@@ -146,10 +146,15 @@ def test_a_diagnosis_uses_what_is_known_and_invents_nothing(known):
 
 def test_a_unit_that_lacks_something_is_left_out_and_named(alike):
     lacking = unit(40, added=5e-3)
-    found = learn_noise([("one", alike[0]), ("bad", lacking), ("two", alike[1])])
+    (recording,) = alike[2].recordings
+    moving = eqx.tree_at(lambda r: r.position, recording, np.full_like(recording.position, -1))
+    broken = Campaign((moving,), alike[2].site, Rig(), alike[2].model, "tactical")
+    units = [("one", alike[0]), ("bad", lacking), ("broken", broken), ("two", alike[1])]
+    found = learn_noise(units)
     assert found.units == ("one", "two")
-    assert [name for name, _ in found.left_out] == ["bad"]
+    assert [name for name, _ in found.left_out] == ["bad", "broken"]
     assert "drift" in found.left_out[0][1] or "warm_up" in found.left_out[0][1]
+    assert "no rest" in found.left_out[1][1]
     with pytest.raises(ValueError, match=r"1 of 2 units are consistent .* \(bad: "):
         learn_noise([("one", alike[0]), ("bad", lacking)])
 

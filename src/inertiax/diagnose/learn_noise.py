@@ -20,7 +20,8 @@ def learn_noise(
 
     **Arguments:** `campaigns` are pairs of a unit's name and its campaign; all need the same triads and
     estimators, and a rig whose stated uncertainties are the same. Each unit is diagnosed first: one whose model
-    lacks physics does not tell the noise and is left out. **Returns** a `TypeNoise`, for `diagnose(..., noise=...)`.
+    lacks physics, or that cannot be diagnosed, does not tell the noise and is left out with the reason.
+    **Returns** a `TypeNoise`, for `diagnose(..., noise=...)`.
     Raises `ValueError` where the campaigns do not go together or fewer than two consistent units remain.
     """
     if len(campaigns) < FEWEST:
@@ -33,14 +34,16 @@ def learn_noise(
         _require_one_rig(campaigns)
         for number, (name, campaign) in enumerate(campaigns, start=1):
             progress(f"unit {number} of {len(campaigns)}: {name}")
-            _, triads = prepare(campaign)
-            found = find_all(triads, campaign.grade, silent)
-            names = [n.candidate.term.name for f in found for n in f.answer.named]
-            if any(f.verdict != "consistent" for f in found):
-                left_out.append((name, ", ".join(names) or "something unexplained"))
-                progress(f"{name} left out: {left_out[-1][1]}")
-            else:
+            try:
+                _, triads = prepare(campaign)
+                why = _lacking(triads, campaign.grade)
+            except ValueError as error:  # one bad unit does not stop the others
+                triads, why = [], str(error)
+            if why is None:
                 taken.append((name, triads))
+            else:
+                left_out.append((name, why))
+                progress(f"{name} left out: {why}")
         if len(taken) < FEWEST:
             said = "; ".join(f"{name}: {why}" for name, why in left_out)
             raise ValueError(
@@ -48,6 +51,15 @@ def learn_noise(
                 f"and {FEWEST} are needed ({said})."
             )
         return pool(taken, campaigns[0][1].rig, tuple(left_out), progress)
+
+
+def _lacking(triads: Sequence[Prepared], grade: str | None) -> str | None:
+    """What a unit's model lacks; `None` where it is consistent."""
+    found = find_all(triads, grade, silent)
+    if all(f.verdict == "consistent" for f in found):
+        return None
+    names = [n.candidate.term.name for f in found for n in f.answer.named]
+    return ", ".join(names) or "something unexplained"
 
 
 def pool(
