@@ -1,5 +1,7 @@
 """Errors of the rig that the channels of a triad share: their covariance, and what is seen beyond them."""
 
+import re
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -141,3 +143,16 @@ def test_what_one_channel_says_alone_is_seen_beyond_the_rigs_errors():
     assert abs(together.coefficients[0] - 8e-5) < 3.0 * spread
     assert spread < 0.5 * np.sqrt(apart.covariance[0, 0])
     assert diagnose(oblique(4), effects=few).verdict == "consistent"
+
+
+def test_rivals_that_depend_on_the_input_are_judged_beyond_the_rigs_errors_as_well():
+    with jax.enable_x64(True):
+        (prepared,) = prepare(oblique(6), ())[1]
+    rate = re.compile(
+        r"\bw(?![a-z])|\bw_"
+    )  # the rate in a formula, such as w^2 sqrt(t) or |w - 0.1 rad/s|
+    unlisted = {(t.name, t.variant.label): t for t in prepared.candidates}
+    of_input = {k for k, t in unlisted.items() if t.follows_input and "position" not in t.name}
+    assert of_input == {k for k in unlisted if rate.search(k[1])}
+    assert any(" times " in name for name, _ in of_input)
+    assert len(of_input) < len(unlisted)  # a bump in time is none

@@ -93,6 +93,11 @@ def _ratios(mark: Mark, diagnosis: dict, oracle: dict):
             mark.improvement_ratio = said / (oracle["rms_dwell"] / oracle["rms_baseline_dwell"])
 
 
+def _same(effect: dict, truth: dict) -> bool:
+    """The true name on the true channels."""
+    return effect["name"] == truth["name"] and effect.get("channels") == truth["channels"]
+
+
 def _both(effects: list[dict], truths: list[dict]) -> bool:
     """Two different named effects for the two true ones."""
     fits = lambda e, t: (
@@ -131,6 +136,9 @@ def mark(answer: dict, diagnosis: dict | None, seconds: float | None) -> Mark:
         return out
     if answer["kind"] == "double":
         out.both_found = _both(effects, truths)
+        out.covered = [
+            c for t in truths for e in effects if _same(e, t) for c in _coverage(e, t)
+        ]  # fmt: skip
         return out
     _mark_first(out, effects[0] if effects else None, truths[0], diagnosis)
     if effects and not failed and out.first_in_class:

@@ -70,6 +70,7 @@ def summary(marks: list[Mark]) -> dict:
     pairs = of("double")
     for label, low in (("all", 0.0), ("10 and more", 9.9)):
         out["double"][label] = share(m.both_found for m in pairs if (m.z or 0) >= low)
+    out["covered"] = share(c for m in [*singles, *pairs] for c in m.covered)
     times = [m.seconds for m in marks if m.seconds is not None]
     out["seconds"] = {"median": _median(times), "longest": max(times) if times else None}
     return out

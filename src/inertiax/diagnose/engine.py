@@ -177,21 +177,39 @@ def finer(prepared: Prepared, term: Term) -> list[Term]:
         return between(term, prepared.coarse, prepared.system.base)
     if not effect.nuisance:
         return []
-    value = float(term.variant.settings[effect.nuisance])
-    grid = np.unique(
-        [
-            float(t.variant.settings[effect.nuisance])
-            for t in prepared.candidates
-            if t.name == term.name and t.channels == term.channels
-        ]
-    )
+    value = term.setting
+    grid = np.unique([t.setting for t in _same(prepared, term)])
     place = int(np.argmin(np.abs(grid - value)))
-    low = grid[max(place - 1, 0)]
-    high = grid[min(place + 1, len(grid) - 1)]
-    if effect.nuisance == "time":
-        edges = prepared.coarse.time
-        values = edges[(edges > low) & (edges < high)]
-        values = values[:: max(1, len(values) // 80)]
-    else:
-        values = np.linspace(low, high, 9)[1:-1]
+    values = _inside(prepared, effect, grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)])
     return retuned(prepared, term, [float(v) for v in values if v != value])
+
+
+def between_all(prepared: Prepared, term: Term) -> list[Term]:
+    """Every form of the term's effect on its channels that `finer` reaches from any point of the grid."""
+    effect = term.effect
+    if effect is None or not effect.nuisance:
+        return []
+    same = _same(prepared, term)
+    grid = np.unique([t.setting for t in same])
+    pieces = [_inside(prepared, effect, a, b) for a, b in zip(grid[:-1], grid[1:])]
+    values = [float(v) for v in np.setdiff1d(np.concatenate([*pieces, []]), grid)]
+    kinds = {}
+    for t in same:
+        other = {k: v for k, v in t.variant.settings.items() if k != effect.nuisance}
+        kinds.setdefault(repr(sorted(other.items())), t)
+    return [made for t in kinds.values() for made in retuned(prepared, t, values)] if values else []
+
+
+def _same(prepared: Prepared, term: Term) -> list[Term]:
+    """The effect's forms on the same channels, on the grid."""
+    key = (term.name, term.channels)
+    return [t for t in prepared.candidates if (t.name, t.channels) == key]
+
+
+def _inside(prepared: Prepared, effect: Effect, low: float, high: float) -> np.ndarray:
+    """Settings between two points of an effect's grid."""
+    if effect.nuisance == "time":
+        edges = np.asarray(prepared.coarse.time)
+        values = edges[(edges > low) & (edges < high)]
+        return values[:: max(1, len(values) // 80)]
+    return np.linspace(low, high, 9)[1:-1]

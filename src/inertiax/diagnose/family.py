@@ -9,7 +9,7 @@ for the hundred moments at which another could have jumped.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
@@ -42,6 +42,10 @@ class Family:
         own = self.groups.get((term.name, term.channels), 1.0)
         return own * max(len(self.groups), 1)
 
+    def recounted(self, key: Key, number: float) -> "Family":
+        """The same family with another number of tests of one effect."""
+        return replace(self, groups={**self.groups, key: number})
+
     def p_value(self, candidate: Candidate) -> float:
         """Chance that the candidate's part of the family reaches its likelihood ratio by noise alone."""
         single = scipy.stats.chi2.sf(max(candidate.ratio, 0.0), candidate.score.size)
@@ -71,7 +75,7 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
             chance = scipy.stats.chi2.sf(np.square(s.turn.T @ part).sum(axis=0), s.size)
             key = unlisted if s.term.name.startswith(PREFIX) else (s.term.name, s.term.channels)
             smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
-    numbers = {key: _number(least) for key, least in smallest.items()}
+    numbers = {key: number_of_tests(least) for key, least in smallest.items()}
     together = numbers.pop(unlisted, 0.0)
     return Family(numbers, together)
 
@@ -85,7 +89,7 @@ def _by_chain(scores: Sequence[Score]) -> dict[int, list[Score]]:
     return made
 
 
-def _number(smallest: np.ndarray) -> float:
+def number_of_tests(smallest: np.ndarray) -> float:
     """Maximum likelihood of N for smallest p-values with the distribution 1 − (1 − p)^N; at least 1."""
     logs = np.log1p(-np.clip(smallest, 1e-15, 1 - 1e-12))
     return max(float(len(smallest) / -logs.sum()), 1.0)

@@ -2,18 +2,19 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
-from .family import Family, family
+from .family import Family, family, Key
 from .flexible import on_input
 from .leading import FAINT, finer_forms, first_of_both, is_open, leaders, rank, screen, sharpen
 from .memory import remember, Remembered
 from .scores import Score
 from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
+from .searched import recounted
 from .system import NoiseFit, System
 from .terms import Term
 from .together import best_pair
@@ -109,9 +110,14 @@ def identify(
     grade: str | None,
     hint: str | None = None,
     finer: Callable[[Term], list[Term]] = lambda term: [],
+    between_all: Callable[[Term], list[Term]] = lambda term: [],
     say: Callable[[str], None] = lambda text: None,
 ) -> Answer:
-    """Gate, name and check one triad's rows."""
+    """Gate, name and check one triad's rows.
+
+    **Arguments:** `finer` gives the forms beside one that was taken from a grid, `between_all` those between all points
+    of that grid.
+    """
     everything = [*catalogue, *alternatives]
     forms = count_forms(everything)
     null = fit_noise(system)
@@ -128,8 +134,8 @@ def identify(
         short = [*short, *nearer]
         fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
-    gate = min(tests.p_value(c) for c in ranked[:10])
-    ask = Asked(system, tuple(everything), list(short), forms, grade, tests, say)
+    ask = Asked(system, tuple(everything), list(short), forms, grade, tests, null, between_all, say)
+    gate = min(ask.chance(c) for c in ranked[:10])
     found = ask.search([], fuller, ranked, None)
     memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
     if memory is not None:
@@ -171,7 +177,25 @@ class Asked:
     forms: dict
     grade: str | None
     tests: Family
+    null: NoiseFit
+    between_all: Callable[[Term], list[Term]]
     say: Callable[[str], None]
+    counted: set[Key] = field(
+        default_factory=set
+    )  # effects whose tests between the grid's points are counted
+
+    def chance(self, candidate: Candidate) -> float:
+        """Chance of the candidate by noise alone, the search between the points of its grid included."""
+        p = self.tests.p_value(candidate)
+        if p >= STILL or is_open(candidate) or candidate.key in self.counted:
+            return p
+        self.counted.add(candidate.key)
+        fine = self.between_all(candidate.term)
+        if not fine:
+            return p
+        grid = [t for t in self.everything if (t.name, t.channels) == candidate.key]
+        self.tests = recounted(self.tests, self.system, self.null, grid, fine)
+        return self.tests.p_value(candidate)
 
     def search(
         self,
@@ -181,7 +205,7 @@ class Asked:
         memory: Remembered | None,
     ) -> Found:
         """Take effects one after the other beside those given, until none passes."""
-        system, tests = self.system, self.tests
+        system = self.system
         noise = fuller.leader if chosen else None
         while len(chosen) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
@@ -194,7 +218,7 @@ class Asked:
             if unlisted is not None and (
                 listed is None or unlisted.evidence > listed.evidence + MARGIN
             ):
-                p = tests.p_value(unlisted)
+                p = self.tests.p_value(unlisted)
                 if p < OPEN * level and unlisted.evidence > 0:
                     if listed is None or not self._pair_beats(fuller, listed, unlisted, terms):
                         if p >= ALONE:
@@ -226,7 +250,7 @@ class Asked:
     def _passes(self, listed: Candidate, level: float, chosen: Sequence[Candidate]) -> bool:
         """Whether a catalogued effect is rare and likely enough; more so beside others on the same rows."""
         likely = FURTHER if _among(chosen, listed.term.chains) else 0.0
-        return self.tests.p_value(listed) < level and listed.evidence >= likely
+        return self.chance(listed) < level and listed.evidence >= likely
 
     def _pair(
         self, fuller: Bank, ranked: list[Candidate], chosen: Sequence[Candidate]
@@ -270,7 +294,7 @@ class Asked:
             c for c in sorted(names.values(), key=lambda c: -c.evidence)
             if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
         )  # fmt: skip
-        return Named(lead, self.tests.p_value(lead), rivals)
+        return Named(lead, self.chance(lead), rivals)
 
     def left_over(
         self, found: Found, flexible: Sequence[Term], null: NoiseFit

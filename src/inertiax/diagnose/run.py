@@ -20,7 +20,7 @@ from .alternatives import PREFIX
 from .audit import Audited, conclude
 from .augmented import fitted_effects
 from .bursts import Burst, burst_places, find_bursts, swallows
-from .engine import finer, prepare, Prepared
+from .engine import between_all, finer, prepare, Prepared
 from .explain import explain, formula
 from .identify import Answer, identify, Named
 from .limits import Audit
@@ -174,6 +174,7 @@ def find(
         grade=grade,
         hint=hint,
         finer=lambda term: finer(prepared, term),
+        between_all=lambda term: between_all(prepared, term),
         say=lambda text: progress(f"{triad}: {text}"),
     )
     outputs = np.asarray(prepared.signal.output)

@@ -19,6 +19,7 @@ UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotati
 
 
 INPUTS = ("rate", "specific_force", "input")  # drivers of effects
+BY_DWELL = ("input", "move", "position")  # in names of unlisted dependences that follow them
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +47,26 @@ class Term:
         return self.effect
 
     @property
+    def setting(self) -> float:
+        """What enters non-linearly: a time constant, a moment. Raises `ValueError` for a structured alternative."""
+        effect = self.known
+        if not effect.nuisance:
+            raise ValueError(f"{self.name} has no setting")
+        return float(self.variant.settings[effect.nuisance])
+
+    @property
     def size(self) -> int:
         """Number of coefficients."""
         return self.columns[0].shape[1]
 
     @property
     def follows_input(self) -> bool:
-        """Whether the columns are a function of what the triad feels, dwell by dwell, of one channel."""
+        """Whether the columns are a function of what the triad feels, dwell by dwell, of one channel.
+
+        Products with time or temperature are among them: rivals must be judged under one noise.
+        """
         if self.effect is None:
-            return self.name.endswith("input") and " times " not in self.name
+            return any(word in self.name for word in BY_DWELL)
         return self.effect.driver in INPUTS and not self.effect.common
 
 
