@@ -77,9 +77,15 @@ def _informed(methods: dict) -> str:
     """The cases whose type of device has siblings, with and without what these tell of the noise."""
     rows = []
     summaries = [m["summary"] for m in methods.values()]
-    rows.append(["False alarms, nulls", *[_percent(s["false_alarm"]) for s in summaries]])
+    if summaries[0]["false_alarm"]["trials"]:
+        rows.append(["False alarms, nulls", *[_percent(s["false_alarm"]) for s in summaries]])
+    told = (
+        ("detected", "detected"),
+        ("first name in class", "first_in_class"),
+        ("true name in set", "true_in_set"),
+    )
     for z in summaries[0]["single"]:
-        for label, key in (("detected", "detected"), ("first name in class", "first_in_class")):
+        for label, key in told:
             cells = [_percent(s["single"][z][key]) for s in summaries]
             rows.append([f"z = {z}: {label}", *cells])
         rows.append(
@@ -105,8 +111,8 @@ def markdown(results: dict) -> str:
     if "informed" in results:
         parts += [
             "## With the noise of the type known\n",
-            "Single effects of z = 6 and the first null campaigns, alone and with what four other units of "
-            "the type tell of the noise (`inertiax learn-noise`).\n",
+            "Cases whose type has four other units, alone and with what these tell of the noise "
+            "(`inertiax learn-noise`).\n",
             _informed(results["informed"]),
         ]
     for name, method in methods.items():
