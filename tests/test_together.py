@@ -13,6 +13,7 @@ from inertiax.diagnose.family import Family, family
 from inertiax.diagnose.identify import _causes, _full, Asked, MOST_EFFECTS, PAIR
 from inertiax.diagnose.leading import rank
 from inertiax.diagnose.search import Bank, bank, Candidate, count_forms, judge
+from inertiax.diagnose.system import NoiseFit
 from inertiax.diagnose.together import best_pair, chance, Pair
 from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.effects import CATALOGUE
@@ -63,7 +64,18 @@ def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
     monkeypatch.setattr(identify, "best_pair", lambda *_: pair)
     with jax.enable_x64(True):
         system = prepare(sweep(1), ())[1][0].system
-    asked = Asked(system, (), [], {}, None, Family({}, 0.0), lambda _: None)
+    null = NoiseFit((), ())
+    asked = Asked(
+        system,
+        (),
+        [],
+        {},
+        None,
+        Family({}, 0.0),
+        null,
+        between_all=lambda _: [],
+        say=lambda _: None,
+    )
     both, nothing = [pair.first, pair.second], Bank((), ())
     assert asked._pair(nothing, [], []) == both
     assert asked._pair(nothing, [], [of("bias_step")]) == both
