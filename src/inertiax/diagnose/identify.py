@@ -135,7 +135,7 @@ def identify(
         fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
     ask = Asked(system, tuple(everything), list(short), forms, grade, tests, null, between_all, say)
-    gate = min(ask.chance(c) for c in ranked[:10])
+    gate = ask.chance(min(ranked[:10], key=tests.p_value))
     found = ask.search([], fuller, ranked, None)
     memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
     if memory is not None:
