@@ -34,13 +34,15 @@ def recoupled(
 
 
 def couple(
-    system: System, theta: Sequence[np.ndarray], chosen: Sequence[Term]
+    system: System, theta: Sequence[np.ndarray], chosen: Sequence[Term], lean: float = 0.0
 ) -> tuple[np.ndarray, ...]:
     """Dwell variances of each chain and the rig's by the restricted likelihood of all chains together.
 
     One chain cannot tell its own dwell errors from those that the rig gives to all; what the chains have in
-    common can. The other log variances are kept.
+    common can. The other log variances are kept. `lean` is added to the log likelihood for each e-fold of a dwell
+    variance of which other units tell nothing.
     """
+    slant = np.array([0.0 if k.precision.any() else lean for k in system.known])
     low, high = BOUNDS[DWELL][0], BOUNDS[DWELL][1]
     first = [max(t[DWELL], LEAST_START) for t in theta]
     start = np.array([*first, np.mean([t[RIG] for t in theta])])
@@ -48,7 +50,7 @@ def couple(
     def objective(x: np.ndarray) -> float:
         inside = np.r_[np.clip(x[:-1], low, high), np.clip(x[-1], *BOUNDS[RIG])]
         value = joint_likelihood(system, _with(theta, inside), chosen)
-        return value + float(np.sum((x - inside) ** 2))
+        return value - float(slant @ inside[:-1]) + float(np.sum((x - inside) ** 2))
 
     options = {
         "maxfev": TRIES,

@@ -10,15 +10,19 @@ from .prove import held_out_rms
 from .quantify import parameters
 from .result import Evidence, Explanation, Parameter
 from .search import Candidate
+from .system import NoiseFit
 from .terms import Term
 from .words import sentence
 
 
 def explain(
-    prepared: Prepared, answer: Answer, tuned: Sequence[tuple[Named, Term, float | None]]
+    prepared: Prepared,
+    answer: Answer,
+    tuned: Sequence[tuple[Named, Term, float | None]],
+    stated: NoiseFit,
 ) -> list[Explanation]:
     """One entry for each named effect of a triad; `tuned` holds each with its refined term and the setting's
-    standard deviation."""
+    standard deviation, and `stated` is the noise that standard deviations are stated with."""
     made = []
     terms = [t for _, t, _ in tuned]
     full = held_out_rms(prepared, answer.noise, terms)
@@ -34,7 +38,7 @@ def explain(
         odds = tuple((n, float(w)) for (n, _), w in zip(members, weights / weights.sum()))
         rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
         bic = candidate.ratio - candidate.score.size * np.log(rows)
-        values = parameters(prepared, answer.noise, term, others, std)
+        values = parameters(prepared, stated, term, others, std)
         made.append(
             Explanation(
                 name=term.name,

@@ -13,6 +13,8 @@ from .terms import Term
 
 CHI2_95 = 3.8415  # of one degree of freedom
 MOMENTS = 40  # blocks on either side that a moment in time is looked for
+LOBES = 6.0  # resolution widths 1/T on either side that a frequency is looked for
+PER_LOBE = 24  # frequencies tried in each
 
 
 def _drop(score: Score, amplitude: float | None) -> float:
@@ -29,16 +31,30 @@ def tune(
     """Refine the nuisance setting by its profile likelihood; its standard deviation, or `None` if flat.
 
     Where theory fixes the coefficient at one, the profile is taken at one. The profile of a time constant is
-    lopsided: the standard deviation is that of the longer side of its 95 % interval.
+    lopsided: the standard deviation is that of the longer side of its 95 % interval. That of a frequency has lobes,
+    one at each 1/T: the standard deviation holds what the other lobes weigh.
     """
     effect = term.effect
     if effect is None or not effect.nuisance:
         return term, None
     if effect.nuisance == "time":
         return _tune_moment(prepared, noise, term, others)
-    centre = float(term.variant.settings[effect.nuisance])
+    if effect.nuisance == "frequency":
+        term, beside = _best_lobe(prepared, noise, term, others)
+        centre = float(term.variant.settings["frequency"])
+        width = 0.5 / (prepared.signal.duration * centre)
+        tuned, std = _tune_within(prepared, noise, term, others, width)
+        return tuned, None if std is None else float(np.hypot(std, beside))
+    return _tune_within(prepared, noise, term, others, 0.45)
+
+
+def _tune_within(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term], width: float
+) -> tuple[Term, float | None]:
+    """The maximum of the profile within an e-folding `width` of the setting, and its standard deviation."""
+    centre = float(term.variant.settings[term.known.nuisance])
     lowest, highest = _limits(prepared, term)
-    width = 0.45 if centre > 0 else 0.0
+    width = width if centre > 0 else 0.0
     best, curved = term, None  # the logarithm's standard deviation by the curvature
     for _ in range(3):
         grid = centre * np.exp(np.linspace(-width, width, 9))
@@ -92,6 +108,28 @@ def _longer_side(
         drop = np.maximum.accumulate(gains[0] - gains)
         sides.append(abs(float(np.interp(CHI2_95, drop, grid)) - centre))
     return float(max(sides) / np.sqrt(CHI2_95))
+
+
+def _best_lobe(
+    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term]
+) -> tuple[Term, float]:
+    """The frequency with the largest likelihood, and the root mean square distance of the lobes beside its own.
+
+    A sine that is seen for a time T looks much the same where its frequency is off by a multiple of 1/T, and the
+    next lobe may be the higher one on the grid of the search. Each frequency weighs with its likelihood.
+    """
+    width = 1.0 / prepared.signal.duration
+    centre = float(term.variant.settings["frequency"])
+    lowest, highest = _limits(prepared, term)
+    num = round(LOBES * PER_LOBE)
+    grid = centre + np.arange(-num, num + 1) * width / PER_LOBE
+    grid = grid[(grid >= min(lowest, centre)) & (grid <= max(highest, centre))]
+    members, gains = _profile(prepared, noise, term, others, grid)
+    best = int(np.argmax(gains))
+    weight = np.exp(0.5 * (gains - gains[best]))
+    far = np.abs(grid - grid[best]) > 0.6 * width
+    square = np.square(grid[far] - grid[best])
+    return members[best], float(np.sqrt(weight[far] @ square / weight.sum()))
 
 
 def _tune_moment(

@@ -34,7 +34,9 @@ from .result import Detectable, Diagnosis, Explanation, Quality
 from .scores import Score, whiten_system
 from .search import Candidate
 from .succession import succeeding, taken_away
+from .system import NoiseFit
 from .terms import Term
+from .variance_fit import interval_noise
 from .words import summary
 
 
@@ -203,11 +205,13 @@ def conclude_findings(
     triads, qualities, added, rows, noise = [], [], [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
-        refined = tuned(prepared, answer)
+        found = [n.candidate.term for n in answer.named]
+        stated = interval_noise(prepared.system, answer.noise, _everything(answer, found))
+        refined = tuned(prepared, answer, stated)
         terms = [t for _, t, _ in refined]
         if answer.named and answer.verdict != "unexplained":
-            explanations.extend(explain(prepared, answer, refined))
-            shifted.extend(moved(prepared.system, answer.noise, terms))
+            explanations.extend(explain(prepared, answer, refined, stated))
+            shifted.extend(moved(prepared.system, stated, terms))
         for named, _, _ in refined:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
@@ -218,8 +222,8 @@ def conclude_findings(
             where.extend(places)
             empirical.append(burst.formula(places[0].start, places[-1].end))
         qualities.append((finding, *_quality(prepared, answer, terms)))
-        triads.append(_calibrated(prepared, answer, terms))
-        added.extend(fitted_effects(prepared, answer.noise, terms))
+        triads.append(_calibrated(prepared, stated, terms))
+        added.extend(fitted_effects(prepared, stated, terms))
         rows.append(residuals(prepared, _everything(answer, terms)))
         checks = allan_checks(prepared, answer.noise, _everything(answer, terms))
         noise.extend(check.line() for check in checks)
@@ -248,13 +252,15 @@ def conclude_findings(
     return diagnosis, _calibration(campaign, findings, triads, explanations, tuple(added))
 
 
-def tuned(prepared: Prepared, answer: Answer) -> list[tuple[Named, Term, float | None]]:
-    """Named terms with their nuisance settings refined one after the other."""
+def tuned(
+    prepared: Prepared, answer: Answer, noise: NoiseFit
+) -> list[tuple[Named, Term, float | None]]:
+    """Named terms with their nuisance settings refined one after the other, under the noise of the intervals."""
     terms = [n.candidate.term for n in answer.named]
     made = []
     for k, named in enumerate(answer.named):
         others = terms[:k] + terms[k + 1 :]
-        term, std = tune(prepared, answer.noise, terms[k], others)
+        term, std = tune(prepared, noise, terms[k], others)
         terms[k] = term
         found = whiten_system(prepared.system, answer.noise, [term], others).scores
         if found:
@@ -300,10 +306,10 @@ def _smallest(plan: Audit) -> tuple[Detectable, ...]:
     return tuple(best.values())
 
 
-def _calibrated(prepared: Prepared, answer: Answer, terms: list) -> TriadCalibration:
+def _calibrated(prepared: Prepared, noise: NoiseFit, terms: list) -> TriadCalibration:
     """The triad's calibration from the augmented fit."""
     form = prepared.form
-    values, spread = corrected(prepared.system, answer.noise, terms)
+    values, spread = corrected(prepared.system, noise, terms)
     basis = Constant() if form.degree == 0 else Polynomial(form.degree, form.low, form.high)
     covariance = np.diag(np.square(spread.T).reshape(-1))
     return TriadCalibration(Curve(basis, values.T), covariance, form.names, form.estimator)
