@@ -17,7 +17,7 @@ from .flexible import flexible
 from .population_noise import TypeNoise
 from .signals import build, specific_force
 from .system import make, share, System
-from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term, terms
+from .terms import block_shapes, coarsen, in_other_form, padded, Term, terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +160,8 @@ def retuned(prepared: Prepared, term: Term, values: Sequence[float]) -> list[Ter
         padded(prepared.coarse, prepared.blocks.num_blocks),
         prepared.blocks,
     )
-    made = []
-    for variant, shape in zip(variants, shapes):
-        if effect.common:
-            made.extend(common_term(effect, variant, prepared.system.base, shape))
-        else:
-            every = channel_terms(effect, variant, prepared.system.base, shape)
-            made.append(every[term.channels[0]])
-    return made
+    base = prepared.system.base
+    return [in_other_form(term, v, base, shape) for v, shape in zip(variants, shapes)]
 
 
 def finer(prepared: Prepared, term: Term) -> list[Term]:

@@ -18,7 +18,7 @@ from .engine import prepare, prepare_triad, Prepared
 from .result import Diagnosis
 from .run import conclude_findings, find, find_all, Finding, Progress, silent, tuned
 from .signals import specific_force
-from .terms import block_shapes, channel_terms, coarsen, common_term, padded, Term
+from .terms import block_shapes, coarsen, in_other_form, padded, Term
 
 
 class Prediction(eqx.Module):
@@ -147,15 +147,9 @@ def _predict(
             there = [other.columns[c]]
             for term in terms:
                 (shape,) = block_shapes(term.known, [term.variant], long, coarse, left)
-                again = _again(term, other, shape)
+                again = in_other_form(term, term.variant, other, shape)
                 there.append(again.columns[again.chains.index(c)])
             miss = other.observed[c] - np.concatenate(there, axis=1) @ solution
             rms.append(float(np.sqrt(np.mean(miss**2))))
         made.append(Prediction(_label(base, c), tuple(t.name for t in mine), rms[0], rms[1]))
     return made
-
-
-def _again(term: Term, base: Baseline, shape: np.ndarray) -> Term:
-    if term.known.common:
-        return common_term(term.known, term.variant, base, shape)[0]
-    return channel_terms(term.known, term.variant, base, shape)[term.channels[0]]

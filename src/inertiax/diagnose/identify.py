@@ -31,6 +31,9 @@ ALONE = 5e-4  # chance below which it is said itself, its settings being sought 
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
+MOST_OF = (
+    0.5  # of an effect's gain, which one of two others must have alone to be tried in its place
+)
 TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
@@ -88,7 +91,10 @@ def _causes(keys: Sequence[tuple[str, tuple[int, ...]]]) -> int:
 def _twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
     """Whether a channel would get a second one of an effect that it can only have once."""
     effect = new.term.effect
-    return effect is not None and effect.once and any(old.key == new.key for old in chosen)
+    if effect is None or not effect.once:
+        return False
+    mine = set(new.term.channels)
+    return any(old.term.name == effect.name and mine & {*old.term.channels} for old in chosen)
 
 
 def _among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
@@ -212,12 +218,14 @@ class Asked:
             ranked = [c for c in ranked if is_open(c) or not _full(chosen, c)]
             ranked = [c for c in ranked if not _twice(chosen, c)]
             ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
-            leading = (c for c in ranked[:TRIED] if memory is None or memory.pays(c.term, terms))
-            listed, unlisted = first_of_both(leading)
+            leading = ranked[:TRIED]
+            if memory is not None:
+                paying = first_of_both(c for c in leading if memory.pays(c.term, terms))
+                leading = [c for c in paying if c is not None]
+            listed, _ = first_of_both(leading)
             level = GATE if not chosen else NEXT
-            if unlisted is not None and (
-                listed is None or unlisted.evidence > listed.evidence + MARGIN
-            ):
+            unlisted = self._leading_open(fuller, leading, listed, terms)
+            if unlisted is not None:
                 p = self.tests.p_value(unlisted)
                 if p < OPEN * level and unlisted.evidence > 0:
                     if listed is None or not self._pair_beats(fuller, listed, unlisted, terms):
@@ -225,6 +233,7 @@ class Asked:
                             break
                         return Found(tuple(chosen), noise, unlisted, p)
             found = [listed] if listed is not None and self._passes(listed, level, chosen) else []
+            found = (found and self._two_for_one(fuller, ranked, found[0], chosen)) or found
             if not found and memory is None:
                 found = self._pair(fuller, ranked, chosen)
             if not found:
@@ -247,10 +256,79 @@ class Asked:
         fresh = shortlist(leading, per_key=3, most=MORE)
         self.short.extend(t for t in fresh if id(t) not in known)
 
+    def _leading_open(
+        self,
+        fuller: Bank,
+        leading: Sequence[Candidate],
+        listed: Candidate | None,
+        chosen: Sequence[Term],
+    ) -> Candidate | None:
+        """The best unlisted dependence that is clearly more likely than the best catalogued effect, or `None`.
+
+        Where only one of the two is scored on all channels together, beside the rig's errors that they share, both
+        are scored on their own channel: rivals must be judged under one noise.
+        """
+        ahead = [c for c in leading if is_open(c)]
+        if listed is None:
+            return ahead[0] if ahead else None
+        ahead = [c for c in ahead if c.evidence > listed.evidence + MARGIN]
+        if self.system.shared is None or not ahead:
+            return ahead[0] if ahead else None
+        apart = replace(self.system, shared=None)
+        terms = [listed.term, *(c.term for c in ahead)]
+        alone = judge(apart, fuller, terms, chosen, self.forms, self.grade)
+        evidence = {id(c.term): c.evidence for c in alone}
+        least = evidence.get(id(listed.term), listed.evidence) + MARGIN
+        for c in ahead:
+            alike = c.term.follows_input == listed.term.follows_input
+            if alike or evidence.get(id(c.term), c.evidence) > least:
+                return c
+        return None
+
     def _passes(self, listed: Candidate, level: float, chosen: Sequence[Candidate]) -> bool:
         """Whether a catalogued effect is rare and likely enough; more so beside others on the same rows."""
         likely = FURTHER if _among(chosen, listed.term.chains) else 0.0
         return self.chance(listed) < level and listed.evidence >= likely
+
+    def _two_for_one(
+        self,
+        fuller: Bank,
+        ranked: Sequence[Candidate],
+        one: Candidate,
+        chosen: Sequence[Candidate],
+    ) -> list[Candidate]:
+        """Two effects that explain more than one of several coefficients does, with no more of them; mostly empty.
+
+        Where the magnitude of the specific force is all that rows hold, the three products of one channel can stand
+        for two simple effects of two channels.
+        """
+        if one.score.size < 2:
+            return []
+        terms, known = [c.term for c in chosen], {one.key}
+        for first in ranked:
+            fewer = first.score.size < one.score.size and not is_open(first)
+            if not fewer or first.ratio < MOST_OF * one.ratio or first.key in known:
+                continue
+            known.add(first.key)
+            beside = [*terms, first.term]
+            noise = fit_noise(self.system, beside, fuller.leader)
+            catalogue = [t for t in self.short if t.effect is not None]
+            _, more = rank(self.system, [noise], catalogue, beside, self.forms, self.grade)
+            with_first = [*chosen, first]
+            second = next((c for c in more if not _twice(with_first, c)), None)
+            if (
+                second is not None
+                and second.key != first.key
+                and first.score.size + second.score.size <= one.score.size
+                and first.ratio + second.ratio > one.ratio
+                and first.evidence + second.evidence > one.evidence + MARGIN
+                and not _full(with_first, second)
+                and self._passes(second, NEXT, with_first)
+            ):
+                return [first, second]
+            if len(known) > 2:
+                break
+        return []
 
     def _pair(
         self, fuller: Bank, ranked: list[Candidate], chosen: Sequence[Candidate]
@@ -328,12 +406,18 @@ class Asked:
     def _pair_beats(
         self, fuller: Bank, listed: Candidate, unlisted: Candidate, chosen: list[Term]
     ) -> bool:
-        """Whether two catalogued effects together explain more than the best unlisted dependence."""
+        """Whether two catalogued effects, the second rare by itself, explain more than the best unlisted one.
+
+        Beside effects found already by as much as one would have to: what their forms leave behind has no name.
+        """
         terms = [*chosen, listed.term]
         noise = fit_noise(self.system, terms, fuller.leader)
         catalogue = [t for t in self.short if not t.name.startswith(PREFIX)]
         _, more = rank(self.system, [noise], catalogue, terms, self.forms, self.grade)
-        return bool(more) and listed.evidence + more[0].evidence > unlisted.evidence + MARGIN
+        if not more or not self.tests.p_value(more[0]) < NEXT:
+            return False
+        needed = unlisted.evidence + (MARGIN if chosen else 0.0)
+        return listed.evidence + more[0].evidence > needed
 
 
 def _rareness(candidate: Candidate) -> float:

@@ -47,6 +47,11 @@ class Term:
         return self.effect
 
     @property
+    def joint(self) -> bool:
+        """Whether one set of coefficients serves all channels."""
+        return len(self.channels) > 1
+
+    @property
     def setting(self) -> float:
         """What enters non-linearly: a time constant, a moment. Raises `ValueError` for a structured alternative."""
         effect = self.known
@@ -173,10 +178,10 @@ def terms(
         if not variants:
             missing[effect.name] = "does not apply to this model and recording"
         for variant, addition in zip(variants, block_shapes(effect, variants, *longer, blocks)):
-            if effect.common:
-                found.extend(common_term(effect, variant, base, addition))
-            else:
+            if not effect.common:
                 found.extend(channel_terms(effect, variant, base, addition))
+            if effect.common or effect.package:
+                found.extend(common_term(effect, variant, base, addition))
     return found, missing
 
 
@@ -184,15 +189,22 @@ def common_term(
     effect: Effect, variant: Variant, base: Baseline, addition: np.ndarray
 ) -> list[Term]:
     """One term with the same coefficients on all channels; none where the rows hardly feel it."""
+    made = _joint(effect, variant, base, addition)
+    felt, added = sum(float(np.sum(r**2)) for r in made.columns), float(np.sum(addition**2))
+    return [] if felt < UNFELT * added else [made]
+
+
+def _joint(effect: Effect, variant: Variant, base: Baseline, addition: np.ndarray) -> Term:
     rows = tuple(base.rows(addition))
-    felt, added = sum(float(np.sum(r**2)) for r in rows), float(np.sum(addition**2))
-    if felt < UNFELT * added:
-        return []
-    return [
-        Term(
-            effect.name, base.form.triad, (0, 1, 2), variant, tuple(range(len(rows))), rows, effect
-        )
-    ]
+    chains = tuple(range(len(rows)))
+    return Term(effect.name, base.form.triad, (0, 1, 2), variant, chains, rows, effect)
+
+
+def in_other_form(term: Term, variant: Variant, base: Baseline, addition: np.ndarray) -> Term:
+    """The term's effect in another form on the same channels."""
+    if term.joint:
+        return _joint(term.known, variant, base, addition)
+    return channel_terms(term.known, variant, base, addition)[term.channels[0]]
 
 
 def channel_terms(

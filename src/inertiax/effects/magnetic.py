@@ -79,4 +79,5 @@ EFFECT = Effect(
     sentence="The output of {channels} depends on the direction in the room, as a magnetic field would make it.",
     separating="Helmholtz coil; turn the heading at the same specific force",
     requires=("room",),
+    once=True,
 )

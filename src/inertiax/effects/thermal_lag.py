@@ -47,4 +47,5 @@ EFFECT = Effect(
     nuisance="time_constant",
     unit_amplitude=True,
     once=True,
+    package=True,  # one probe serves the three elements
 )

@@ -1,0 +1,114 @@
+"""Rivals of different kinds: one effect of several coefficients against two simple ones, unlisted against listed."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from inertiax.diagnose import diagnose, identify
+from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.family import Family
+from inertiax.diagnose.identify import Asked, MARGIN
+from inertiax.diagnose.search import Bank, Candidate
+from inertiax.diagnose.system import NoiseFit
+from inertiax.effects import CATALOGUE
+from test_diagnose import only, tumble
+from test_family import score
+from test_shared_errors import oblique
+
+
+NOTHING = NoiseFit((), ())
+
+
+def asked(system):
+    """A search in which nothing is known yet."""
+    return Asked(
+        system,
+        (),
+        [],
+        {},
+        None,
+        Family({}, 1.0),
+        NOTHING,
+        between_all=lambda _: [],
+        say=lambda _: None,
+    )
+
+
+def candidate(name, evidence, ratio=0.0):
+    """A candidate on gyro x: an effect of the catalogue, or an unlisted dependence."""
+    effect = next((e for e in CATALOGUE if e.name == name), None)
+    made = score(np.ones(5), name, 0)
+    term = replace(made.term, triad="gyro", chains=(0,), effect=effect)
+    return Candidate(term, replace(made, term=term), ratio, evidence)
+
+
+def test_two_simple_effects_stand_before_one_of_three_coefficients():
+    k2, kio = 3e-3, -1.5e-3  # m/s²/g², on accel x and of f_y f_x on accel y
+
+    def effect(force, time):
+        return only(0, k2 * force[:, 0] ** 2) + only(1, kio * force[:, 1] * force[:, 0])
+
+    # Kip, Kio and Kpo of accel y explain as much, with an absurd Kpo of 3 m/s²/g² on what is left of f_x f_y f_z.
+    found = diagnose(tumble(5, effect))
+    values = {e.name: (e.channels, dict(e.parameters)["coefficient"]) for e in found.effects}
+    assert set(values) == {"second_order", "cross_coupling"}
+    (on, second), (across, product) = values["second_order"], values["cross_coupling"]
+    assert on == ("accel_x",)
+    # By hand: f_x = f_x³ + f_x f_y² + f_x f_z², and the bias takes f_x. So K2 and Kio on y are to |f| what
+    # K2 - Kio and Kip = -Kio on z are.
+    other = across == ("accel_z",)
+    assert other or across == ("accel_y",)
+    assert second.value == pytest.approx(k2 - kio if other else k2, abs=4.0 * second.std)
+    assert product.value == pytest.approx(-kio if other else kio, abs=4.0 * product.std)
+    assert second.std < 0.05 * k2 and product.std < 0.2 * abs(kio)
+
+
+def test_what_is_scored_beside_the_rigs_errors_is_no_rival_of_what_is_not(monkeypatch):
+    with jax.enable_x64(True):
+        system = prepare(oblique(2), ())[1][0].system
+    assert system.shared is not None
+    mixed = candidate("~input and time", 40.0)  # scored on all channels together
+    slow = candidate("~course of time", 30.0)
+    listed = candidate("drift", 10.0)
+    assert mixed.term.follows_input and not slow.term.follows_input
+    alone = {}
+
+    def judge(apart, bank, terms, *_):
+        assert apart.shared is None
+        known = {id(c.term): c for c in (mixed, slow, listed)}
+        return [replace(known[id(t)], evidence=alone[t.name]) for t in terms]
+
+    monkeypatch.setattr(identify, "judge", judge)
+
+    def leads(*rivals):
+        return asked(system)._leading_open(Bank((), ()), [*rivals, listed], listed, [])
+
+    alone |= {"drift": 10.0, "~input and time": 10.0 + MARGIN - 0.1, "~course of time": 30.0}
+    assert leads(mixed) is None
+    assert leads(mixed, slow) is slow  # of the catalogue's own kind: nothing changes for it
+    alone["~input and time"] = 10.0 + MARGIN + 0.1
+    assert leads(mixed, slow) is mixed
+    assert asked(system)._leading_open(Bank((), ()), [mixed], None, []) is mixed
+
+
+def test_a_pair_stands_for_an_unlisted_dependence_where_the_second_is_rare_by_itself(monkeypatch):
+    listed, unlisted = candidate("drift", 11.0, 28.0), candidate("~bump", 35.0, 87.0)
+    second = candidate("warm_up", 27.0, 60.0)
+    system = prepare(oblique(2), ())[1][0].system
+    monkeypatch.setattr(identify, "fit_noise", lambda *_: NOTHING)
+    fuller = Bank((NOTHING,), ((0.0, 0.0, 0.0),))
+    monkeypatch.setattr(Bank, "leader", NOTHING)
+
+    def beats(more, chosen=()):
+        monkeypatch.setattr(identify, "rank", lambda *_: (fuller, more))
+        return asked(system)._pair_beats(fuller, listed, unlisted, [c.term for c in chosen])
+
+    assert beats([second])
+    assert not beats([replace(second, evidence=23.0)])  # 11 + 23 < 35
+    assert not beats([replace(second, ratio=4.0)])
+    assert not beats([])
+    first = [candidate("settling", 50.0)]
+    assert not beats([second], first)  # 11 + 27 is less than a margin above 35
+    assert beats([replace(second, evidence=24.1 + MARGIN)], first)
