@@ -6,8 +6,9 @@ first time compiles, the second (other noise, same length) runs what is compiled
 
     python benchmarks/diagnose_rows.py [ROWS] [JSON]
 
-Measured on two free cores: cold 52.6 s by the clock (3.5 s imports, 12.4 s compilation, 36.8 s run), 88 s of processor
-time, on a processor half as fast as the one of 25.3 s (1.7, 6.4 and 17.2 s; before slow effects were tried in pairs).
+Measured on two cores, beside another job: cold 24.5 s by the clock (2.1 s imports, 11.5 s compilation, 11.0 s run);
+with `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`, as the command line sets it, 20.3 s (1.6, 6.8 and 11.9 s). A
+processor that other work shared took about twice as long.
 """
 
 import json

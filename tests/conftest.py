@@ -4,6 +4,7 @@ import atexit
 import os
 import shutil
 import tempfile
+from importlib.metadata import version
 
 
 # Before JAX starts: one device, no accelerator probing.
@@ -18,6 +19,11 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
+# The code generator that goes by this flag takes twice as long to compile and computes the same. A jaxlib that does
+# not know the flag would not start, so it is for those it was tried with.
+if version("jaxlib").startswith("0.10."):
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+
 import jax
 import pytest
 
@@ -25,6 +31,14 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room_for_programs():
+    """Two thousand tests in one process compile more programs than a process may hold."""
+    from inertiax.diagnose.programs import make_room  # after the shapes' checks are installed
+
+    make_room()
 
 
 @pytest.fixture

@@ -9,6 +9,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 
+KNOWING = ("0.10.",)  # versions of jaxlib
+
+
 def prepare(*, accelerator: bool = False) -> None:
     """Set 64-bit arithmetic, and keep compiled programs in the user's cache folder.
 
@@ -18,6 +21,7 @@ def prepare(*, accelerator: bool = False) -> None:
     """
     if not accelerator:
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
+        _compile_sooner()
     # Remarks of XLA's C++ side about cached code would mix with the command's own lines.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # A linear solve that fails inside a derivative gives NaN, which is judged as every outcome is.
@@ -37,6 +41,16 @@ def prepare(*, accelerator: bool = False) -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         # A run compiles a hundred small programs; together they take longer than the large ones.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def _compile_sooner() -> None:
+    """Have XLA's older code generator for the processor, unless the user has chosen flags.
+
+    The newer one takes twice as long to compile the same programs, and one device's run no faster with it. A flag
+    that XLA does not know ends the process, so it is set for the versions that it was tried with.
+    """
+    if version("jaxlib").startswith(KNOWING):
+        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
 
 def _usable_folder() -> Path | None:

@@ -15,6 +15,7 @@ from .blocks import Blocks, cut, join, Log
 from .bumps import between
 from .flexible import flexible
 from .population_noise import TypeNoise
+from .programs import make_room
 from .signals import build, specific_force
 from .system import make, share, System
 from .terms import block_shapes, coarsen, in_other_form, padded, Term, terms
@@ -77,6 +78,7 @@ def prepare(
     """
     if noise is not None:
         noise.require(campaign.rig)
+    make_room()
     log = join(campaign)
     if calibration is not None:
         log = compensate(log, calibration)

@@ -87,6 +87,7 @@ def prepare_model(
     inputs: Float[AnyArray, "time 3"] | None = None,
 ) -> Prepared:
     """Rows, candidates and noise structure of a user's model, ready for the search."""
+    make_room()
     log = join(campaign)
     if getattr(log, triad) is None:
         raise ValueError(

@@ -1,0 +1,33 @@
+"""Compiled programs are let go before a process holds more of them than the system grants.
+
+Campaigns differ in their numbers of blocks and channels, so each brings programs of its own, about 240 areas of
+memory in all. Linux grants a process 65530 areas; past that, the compiler's next program ends the process with a
+segmentation fault, after some 270 campaigns.
+"""
+
+from pathlib import Path
+
+import jax
+
+
+AREAS = Path("/proc/self/maps")
+GRANTED = Path("/proc/sys/vm/max_map_count")
+FULL = 0.5  # share of the areas that may be in use before a diagnosis
+
+
+def make_room(areas: Path = AREAS, granted: Path = GRANTED) -> bool:
+    """Clear JAX's caches where half of the process's areas of memory are in use; **returns** whether it did.
+
+    Programs that are needed again are compiled again, or read from JAX's cache on disk. Nothing is done where the
+    system does not say how many areas it grants.
+    """
+    try:
+        limit = int(granted.read_text())
+        with areas.open("rb") as lines:
+            used = sum(1 for _ in lines)
+    except (OSError, ValueError):
+        return False
+    if used <= FULL * limit:
+        return False
+    jax.clear_caches()
+    return True

@@ -1,0 +1,70 @@
+"""A process that diagnoses hundreds of campaigns lets compiled programs go in time."""
+
+import pathlib
+
+import jax
+import numpy as np
+import pytest
+
+from inertiax.diagnose import engine, programs
+from inertiax.recordings import Campaign
+
+
+@pytest.fixture
+def doubled():
+    """A compiled function of its own, with what counts its programs."""
+    double = jax.jit(lambda x: 2.0 * x)
+    double(np.ones(3))
+    assert double._cache_size() == 1
+    return double
+
+
+def told(folder: pathlib.Path, used: int, granted: str) -> tuple[pathlib.Path, pathlib.Path]:
+    areas, limit = folder / "maps", folder / "max_map_count"
+    areas.write_text("7f00-7f01 r-xp 00000000 00:00 0\n" * used)
+    limit.write_text(granted)
+    return areas, limit
+
+
+def test_nothing_is_cleared_up_to_half_of_what_is_granted(tmp_path, doubled):
+    assert not programs.make_room(*told(tmp_path, 50, "100\n"))
+    assert doubled._cache_size() == 1
+
+
+def test_programs_go_beyond_half_and_come_back_when_called(tmp_path, doubled):
+    assert programs.make_room(*told(tmp_path, 51, "100\n"))
+    assert doubled._cache_size() == 0
+    np.testing.assert_array_equal(doubled(np.ones(3)), 2.0)
+
+
+@pytest.mark.parametrize("granted", ["", "unlimited\n"])
+def test_a_system_that_does_not_say_is_left_alone(tmp_path, doubled, granted):
+    assert not programs.make_room(*told(tmp_path, 51, granted))
+    assert not programs.make_room(tmp_path / "nothing", tmp_path / "nowhere")
+    assert doubled._cache_size() == 1
+
+
+@pytest.mark.skipif(not programs.AREAS.exists(), reason="the system has no /proc")
+def test_cleared_programs_give_their_areas_back():
+    jax.clear_caches()
+    before = len(programs.AREAS.read_text().splitlines())
+    kept = [jax.jit(lambda x, k=k: jax.numpy.sin(x) ** k) for k in range(40)]
+    for k, function in enumerate(kept, start=1):
+        function(np.ones(k))
+    full = len(programs.AREAS.read_text().splitlines())
+    jax.clear_caches()
+    after = len(programs.AREAS.read_text().splitlines())
+    assert full > before + 40
+    assert after - before < 0.5 * (full - before)
+
+
+def test_every_diagnosis_looks_first(monkeypatch):
+    class Looked(Exception):
+        pass
+
+    def look():
+        raise Looked
+
+    monkeypatch.setattr(engine, "make_room", look)
+    with pytest.raises(Looked):
+        engine.prepare(object.__new__(Campaign))
