@@ -29,6 +29,7 @@ def _overall(methods: dict) -> str:
         row("First name in the alias class, z ≥ 10", strong("first_in_class")),
         row("First name in the alias class, z = 6", six),
         row("True name in the set, z ≥ 10", strong("true_in_set")),
+        row("The same, of those detected", strong("set_right")),
         row("Mean size of the set, z ≥ 10", strong("mean_set_size"), _number),
         row("Both of two, each z ≥ 10", lambda s: s["double"]["10 and more"]),
         row("Both of two, all z", lambda s: s["double"]["all"]),

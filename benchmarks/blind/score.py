@@ -85,6 +85,7 @@ def _single(group: list[Mark]) -> dict:
         "detected": share(m.detected for m in group),
         "first_in_class": share(m.first_in_class for m in group),
         "true_in_set": share(m.true_in_set for m in group),
+        "set_right": share(m.true_in_set for m in seen),
         "mean_set_size": float(np.mean(sizes)) if sizes else None,
         "channel": share(m.channel for m in seen),
         "span_overlap": share(x >= 0.7 for x in spans),
