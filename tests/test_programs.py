@@ -58,7 +58,7 @@ def test_cleared_programs_give_their_areas_back():
     assert after - before < 0.5 * (full - before)
 
 
-def test_every_diagnosis_looks_first(monkeypatch):
+def test_every_diagnosis_of_a_campaign_looks_first(monkeypatch):
     class Looked(Exception):
         pass
 

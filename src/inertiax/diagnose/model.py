@@ -20,6 +20,7 @@ from .baseline import Baseline, fit, ModelForm
 from .blocks import Blocks, cut, join, Log
 from .engine import Prepared
 from .flexible import flexible
+from .programs import make_room
 from .signals import build, specific_force
 from .system import make
 from .terms import coarsen, terms
