@@ -31,9 +31,7 @@ ALONE = 5e-4  # chance below which it is said itself, its settings being sought 
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
-MOST_OF = (
-    0.5  # of an effect's gain, which one of two others must have alone to be tried in its place
-)
+MOST_OF = 0.5  # of an effect's gain: what one of two has alone to be tried in its place
 TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
