@@ -19,8 +19,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
-# The code generator that goes by this flag takes twice as long to compile and computes the same. A jaxlib that does
-# not know the flag would not start, so it is for those it was tried with.
+# The code generator that this flag turns off takes nearly twice as long to compile, as in `cli/environment.py`, whose
+# choice this is. A jaxlib that does not know the flag would not start, so it is for those it was tried with.
 if version("jaxlib").startswith("0.10."):
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 

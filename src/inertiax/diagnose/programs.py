@@ -2,7 +2,7 @@
 
 Campaigns differ in their numbers of blocks and channels, so each brings programs of its own, about 240 areas of
 memory in all. Linux grants a process 65530 areas; past that, the compiler's next program ends the process with a
-segmentation fault, after some 270 campaigns.
+segmentation fault; by these numbers after some 270 campaigns.
 """
 
 from pathlib import Path
