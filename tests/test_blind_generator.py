@@ -15,8 +15,10 @@ import pytest
 BLIND = Path(__file__).parent.parent / "benchmarks" / "blind"
 sys.path.insert(0, str(BLIND))
 
-_NAMES = ("draw", "generate", "linear", "marks", "plans", "score", "truth", "world")
-draw, generate, linear, marks, plans, score, truth, world = map(importlib.import_module, _NAMES)
+_NAMES = ("draw", "generate", "linear", "marks", "menu", "plans", "rig", "score", "truth", "world")
+draw, generate, linear, marks, menu, plans, rig, score, truth, world = map(
+    importlib.import_module, _NAMES
+)
 
 KINDS = ["null", "single", "aliased"]
 
@@ -131,6 +133,25 @@ def test_siblings_share_plan_and_station_and_nothing_else():
     assert one.reference.get(triad, case.reference[triad]) == pytest.approx(case.reference[triad])
     bias = [c.scenes[triad].sensor.bias for c in (case, one, other)]
     assert not np.allclose(bias[0], bias[1]) and not np.allclose(bias[1], bias[2])
+
+
+def test_a_pier_tilt_comes_with_the_rates_that_tell_how_each_position_was_turned():
+    rows = [row for row in menu.MENU if rig.pier_tilt in row[3]]
+    assert rows and all(settings["turns_logged"] for _, settings, _, _ in rows)
+    case = draw.stage("single", plans.tumble, rows[0][1], np.random.default_rng([5, 2]))
+    draw.record(case, np.random.default_rng([5, 3]))
+    assert set(case.plan.references) == {"accel", "gyro"}
+    rest = case.plan.resting
+    earth = np.linalg.norm(case.reference["gyro"][rest], axis=1)
+    assert np.allclose(earth, 7.292115e-5, rtol=1e-4)  # rad/s; at rest nothing else is there
+    assert np.abs(case.reference["gyro"][~rest]).max() > 0.1
+
+
+def test_sizes_asked_for_are_the_sizes_of_single_effects(tmp_path):
+    answers = generate.generate(2, 23, tmp_path, kinds=["single", "single"], sizes=(6.0,))
+    assert answers["sizes"] == [6.0]
+    free = [e for c in answers["cases"] for e in c["effects"] if e["name"] != "earth_rate"]
+    assert free and all(e["z"] == pytest.approx(6.0, abs=0.01) for e in free)
 
 
 def test_wilson_interval_and_span_overlap_have_their_hand_values():

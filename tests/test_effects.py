@@ -143,6 +143,23 @@ def test_quantization_is_the_mean_rounding_error_of_a_noisy_value():
     assert np.allclose(shape[0, :, 0], expected, atol=2.5e-4)
 
 
+def test_what_rounding_took_is_told_by_the_model_where_the_output_is_rounded_already():
+    signal = make_signal("accel", num=3)
+    expected = np.array([[0.03, 0.142, -0.377]] * 3)
+    rounded = 0.1 * np.round(expected / 0.1)
+    signal = eqx.tree_at(lambda s: (s.output, s.scatter), signal, (rounded, np.full(3, 0.025)))
+    assert np.allclose(BY_NAME["quantization"].shape(signal), 0.0, atol=1e-12)
+    signal = eqx.tree_at(lambda s: s.expected, signal, expected, is_leaf=lambda x: x is None)
+    shape = BY_NAME["quantization"].shape(signal)[:, :, 0]
+    # By numerical integration over the Gaussian scatter.
+    noise = np.linspace(-0.2, 0.2, 200_001)
+    weight = np.exp(-0.5 * (noise / 0.025) ** 2)
+    noisy = expected[0][:, None] + noise
+    taken = ((0.1 * np.round(noisy / 0.1) - noisy) * weight).sum(axis=1) / weight.sum()
+    # Mean of the noise is 0; six harmonics leave exp(-2 (7 pi / 4)^2) of the step.
+    assert np.allclose(shape, taken, atol=1e-5)
+
+
 def test_second_order_of_one_g_is_its_coefficient():
     signal = make_signal("accel", num=2)
     signal = eqx.tree_at(lambda s: s.input, signal, np.array([[1.0, -1.0, 0.5]] * 2))

@@ -1,6 +1,6 @@
 """Draws a case: plan, device, omission and its size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import linear
@@ -231,10 +231,10 @@ def _fair(drawn: Drawn):
         raise Unsuitable
 
 
-def single(rng) -> Case:
+def single(rng, sizes=Z_VALUES) -> Case:
     make, settings, triad, of = _pick(menu.MENU, rng)
     case = stage("single", make, settings, rng)
-    case.drawn = [_sized(case, of(case.scenes[triad], rng), Z_VALUES, [], rng)]
+    case.drawn = [_sized(case, of(case.scenes[triad], rng), sizes, [], rng)]
     _fair(case.drawn[0])
     case.verdict = ["missing-physics"]
     return case
@@ -308,6 +308,8 @@ def null(rng) -> Case:
 def record(case: Case, rng):
     """Run the plan: outputs with effects, noise, rig errors and converters; references as planned."""
     case.reference["accel"] = np.round(case.gravity * case.plan.up, 12)
+    turned = case.plan.rate + world.earth(case.plan, case.latitude)
+    case.reference["gyro"] = np.round(turned, 12)  # what the table reports, gyros or not
     for triad in case.plan.triads:
         s, noise = case.scenes[triad], case.noise[triad]
         turn, pace = world.rig_errors(case.plan, noise, rng)
@@ -330,10 +332,11 @@ def record(case: Case, rng):
         case.disturbance[triad] = case.output[triad] - nominal + (s.ideal - reference)
 
 
-def case(kind: str, rng: np.random.Generator) -> Case:
-    """Draw until the case is fair, then run it."""
+def case(kind: str, rng: np.random.Generator, sizes: Sequence[float] = Z_VALUES) -> Case:
+    """Draw until the case is fair, then run it; `sizes` are the z of single effects."""
     absorbed = bool(rng.random() < 0.5)
-    makers = dict(null=null, single=single, double=double, open=outside)
+    makers = dict(null=null, double=double, open=outside)
+    makers["single"] = lambda again: single(again, sizes)
     makers["aliased"] = lambda again: aliased(again, absorbed)
     for _ in range(80):
         try:

@@ -62,7 +62,8 @@ def main():
             if not args.least - 0.1 <= z <= args.most + 0.1:
                 continue
             index = int(answer["case"].split("-")[1])
-            case = draw.case("single", np.random.default_rng([answers["seed"], index]))
+            rng = np.random.default_rng([answers["seed"], index])
+            case = draw.case("single", rng, answers["sizes"])
             (drawn,) = case.drawn
             triad = drawn.effect.triad
             _, triads = prepare(load_campaign(args.cases / answer["case"]), ())

@@ -18,7 +18,8 @@ RATE = [T.rate_nonlinearity, T.scale_asymmetry]
 
 MENU: list[Row] = [
     (P.tumble, dict(model="invariant"), "accel", TUMBLE_ACCEL + [T.settling] + SENSOR_TIME),
-    (P.tumble, dict(model="reference"), "accel", TUMBLE_ACCEL + [R.pier_tilt, R.table_axis_error]),
+    (P.tumble, dict(model="reference"), "accel", TUMBLE_ACCEL + [R.table_axis_error]),
+    (P.tumble, dict(model="reference", turns_logged=True), "accel", [R.pier_tilt, T.second_order]),
     (P.tumble, dict(model="both"), "accel", TUMBLE_ACCEL + [T.settling]),
     (P.tumble, dict(model="static gyro"), "gyro", [T.g_sensitivity, T.g2_sensitivity, T.magnetic]),
     (P.tumble, dict(model="static gyro"), "gyro", [R.earth_rate, T.drift, T.bias_step, T.warm_up]),

@@ -15,8 +15,11 @@ def _tumble(table, dirs, headings, seconds, rng, order=None):
         table.rest(seconds, int(p))
 
 
-def tumble(rng, *, count=None, sessions=None, model=None) -> Plan:
-    """Positions at rest at one temperature, in several sessions with power off between them."""
+def tumble(rng, *, count=None, sessions=None, model=None, turns_logged=False) -> Plan:
+    """Positions at rest at one temperature, in several sessions with power off between them.
+
+    With `turns_logged` the table's rates are in the log, which tell how each position was turned about the vertical.
+    """
     count = count or int(rng.choice([12, 18, 24, 36]))
     sessions = sessions or int(rng.choice([1, 2, 3, 4]))
     free = count >= 18 and rng.random() < 0.25
@@ -42,6 +45,8 @@ def tumble(rng, *, count=None, sessions=None, model=None) -> Plan:
     if model in ("both", "static gyro"):
         choice["gyro_estimator"] = "static"
         refs += ["gyro"] if model == "both" else ["gyro", "accel"]
+    if turns_logged and "gyro" not in refs:
+        refs.append("gyro")
     return table.plan(
         "tumble", _constant(float(rng.choice([0.0, 20.0, 25.0, 40.0]))), model=choice,
         block_seconds=seconds / 4, references=tuple(refs),

@@ -25,12 +25,13 @@ def chosen(answers: dict, sizes: list[int], nulls: int) -> list[dict]:
     return sorted(singles + empty, key=lambda c: c["case"])
 
 
-def write_units(seed: int, answer: dict, folder: Path, units: int):
-    """Write the siblings of one case, which depend on nothing but the seed and the case's number."""
+def write_units(answers: dict, answer: dict, folder: Path, units: int):
+    """Write the siblings of one case, which depend on nothing but the seed, the sizes and the case's number."""
     index = int(answer["case"].split("-")[1])
     if (folder / answer["case"] / f"unit-{units}" / "campaign.toml").exists():
         return
-    case = draw.case(answer["kind"], np.random.default_rng([seed, index]))
+    seed, sizes = answers["seed"], answers["sizes"]
+    case = draw.case(answer["kind"], np.random.default_rng([seed, index]), sizes)
     for k in range(1, units + 1):
         unit = draw.sibling(case, np.random.default_rng([seed, index, k]))
         writer.write(unit, folder / answer["case"] / f"unit-{k}")
@@ -47,7 +48,7 @@ def main():
     args = parser.parse_args()
     answers = open_answers(args.cases, args.answers)
     for answer in chosen(answers, args.z, args.nulls):
-        write_units(answers["seed"], answer, args.output, args.units)
+        write_units(answers, answer, args.output, args.units)
         print(f"\r{answer['case']}", end="", file=sys.stderr)
     print(file=sys.stderr)
 

@@ -183,13 +183,15 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
     room, upright, oriented = room_axes(log, force)
     if room is None and len(np.unique(blocks.position)) == 1 and not blocks.moving.any():
         room, oriented = np.broadcast_to(np.eye(3), (len(log.time), 3, 3)), False
+    model = at_temperature(base, physical)
     return Signal(
         triad=triad, time=log.time, input=given, output=output, since_power=since_power, since_start=since_start,
         since_move=since_move, move=_moves(given, blocks, len(log.time)), at_rest=log.position >= 0,
         temperature=temperature, temperature_rate=rate_t, force=force, rate=rate, room=room,
         vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
         scatter=np.sqrt(white.mean(axis=0)),
-        at_temperature=None if temperature is None or form.degree == 0 else at_temperature(base, physical),
+        at_temperature=None if temperature is None or form.degree == 0 else model,
+        expected=np.asarray(model(np.zeros(len(log.time)) if temperature is None else temperature)),
         degree=form.degree, low=form.low, high=form.high, upright=upright, oriented=oriented,
     )  # fmt: skip
 

@@ -1,28 +1,47 @@
-"""Slow tilt of the pier or foundation."""
+"""Tilt of the pier or foundation, out of level from the start or slowly changing."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._typing import Scalar
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, period: Scalar | float) -> Float[Array, "time channels columns"]:
-    """Small rotations about the room's axes, in sine and cosine of a period (s) or growing linearly (period 0)."""
+DAY = 86400.0  # s
+LONG = 2e4  # s; a good part of a day
+
+
+def shape(signal: Signal, *, course: str) -> Float[Array, "time channels columns"]:
+    """Small rotations about the room's axes: constant, growing linearly, or in sine and cosine of a day's period.
+
+    The vertical axis is left out where it is known and gravity is the input, which it does not turn.
+    """
     u = inputs(signal)
     time = jnp.asarray(signal.time)
-    phase = 2.0 * jnp.pi * time / period if period else time / (time[-1] - time[0])
-    courses = [jnp.sin(phase), jnp.cos(phase)] if period else [phase]
+    if course == "constant":
+        courses = [jnp.ones_like(time)]
+    elif course == "linear":
+        courses = [time / (time[-1] - time[0])]
+    else:
+        phase = 2.0 * jnp.pi * time / DAY
+        courses = [jnp.sin(phase), jnp.cos(phase)]
     room = jnp.asarray(signal.room)
-    turned = [jnp.cross(room[:, :, k], u) for k in range(3)]
+    axes = range(2) if signal.upright and signal.triad == "accel" else range(3)
+    turned = [jnp.cross(room[:, :, k], u) for k in axes]
     return jnp.stack([c[:, None] * t for t in turned for c in courses], axis=-1)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """A day's period where a good part of it was recorded, and a linear tilt."""
-    day = (Variant("24 h", {"period": 86400.0}),) if signal.duration > 2e4 else ()
-    return (*day, Variant("linear", {"period": 0.0}))
+    """A linear tilt; where the vertical is known, also one that stays, and one with a day's period.
+
+    Of a few hours the latter shows a tilt that was there from the start and grows.
+    """
+    courses = ["linear"]
+    if signal.upright:
+        courses = ["24 h", "linear", "constant"]
+    elif signal.duration > LONG:
+        courses = ["24 h", "linear"]
+    return tuple(Variant(c, {"course": c}) for c in courses)
 
 
 EFFECT = Effect(
@@ -44,9 +63,9 @@ EFFECT = Effect(
     },
     shape=shape,
     variants=variants,
-    needs="hours of recording with known attitude",
+    needs="positions turned about the vertical in a known way, or hours of recording",
     driver="time",
-    sentence="The pier tilts slowly.",
+    sentence="The pier stands out of level or tilts slowly.",
     separating="a level or tiltmeter on the pier; repeat at another hour",
     requires=("room",),
     common=True,

@@ -14,10 +14,11 @@ def shape(signal: Signal) -> Float[Array, "time channels columns"]:
     """Mean rounding error of an output x with step q and Gaussian scatter s, m/s² or rad/s.
 
     $(q/\\pi) \\sum_k (-1)^k/k \\, \\sin(2\\pi k x/q) \\, e^{-2 (\\pi k s/q)^2}$
-    (Widrow & Kollár, Quantization Noise, 2008).
+    (Widrow & Kollár, Quantization Noise, 2008). A recorded output is rounded already, a whole number of steps, and
+    says nothing of what was lost: there the value is the one that the fitted model expects.
     """
     q, s = jnp.asarray(signal.resolution)[None, :], jnp.asarray(signal.scatter)[None, :]
-    x = jnp.asarray(signal.output)
+    x = jnp.asarray(signal.output if signal.expected is None else signal.expected)
     error = jnp.zeros_like(x)
     for k in range(1, HARMONICS + 1):
         error += (

@@ -39,6 +39,7 @@ class Signal(eqx.Module):
     resolution: Float[AnyArray, "3"] | None = None  # least step of the outputs, m/s² or rad/s
     scatter: Float[AnyArray, "3"] | None = None  # 1 sigma of one sample
     supply: Float[AnyArray, " time"] | None = None  # V
+    expected: Float[AnyArray, "time 3"] | None = None  # m/s² or rad/s: outputs by the fitted model
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[Array, "time 3"]] | None = None
     degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials

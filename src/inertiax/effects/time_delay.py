@@ -34,7 +34,7 @@ EFFECT = Effect(
     },
     shape=shape,
     variants=fixed(("", {})),
-    needs="rows while the input changes",
+    needs="plateaus on which the input changes (ramps between plateaus and rests are no rows)",
     driver="rate_of_change",
     sentence="The output of {channels} lags the reference.",
     separating="reverse the direction of rotation: the error changes sign",
