@@ -29,7 +29,7 @@ def attitudes(rng):
         for t in (1, -1)
     ]
     for up in (*faces, *edges):
-        to_up, _ = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])
+        to_up = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])[0]
         yield to_up * Rotation.from_euler("z", rng.integers(4) * np.pi / 2)
 
 

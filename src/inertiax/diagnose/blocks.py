@@ -36,6 +36,7 @@ class Log(eqx.Module):
     gyro: Float[np.ndarray, "time 3"] | None
     reference_accel: Float[np.ndarray, "time 3"] | None
     reference_gyro: Float[np.ndarray, "time 3"] | None
+    latitude: float | None = None  # rad
 
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
@@ -131,6 +132,7 @@ def join(campaign: Campaign) -> Log:
             k: _column(recordings, k)
             for k in ("accel", "gyro", "reference_accel", "reference_gyro")
         },
+        latitude=campaign.site.latitude,
     )
 
 

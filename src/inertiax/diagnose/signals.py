@@ -11,6 +11,7 @@ from ..effects.effect import chebyshev
 from .attitude import attitude
 from .baseline import Baseline, compensated
 from .blocks import block_mean, Blocks, EARTH_RATE, Log
+from .vertical import upright_axis
 
 
 class AtTemperature(eqx.Module):
@@ -64,11 +65,14 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
 
 
 def specific_force(log: Log, blocks: Blocks, accel: Baseline | None) -> np.ndarray | None:
-    """Specific force in g, one row per sample: reference, or compensated outputs averaged over each rest."""
+    """Specific force in g, one row per sample: reference, or compensated outputs averaged over each rest.
+
+    Without accelerometers the upright axis of a rate table tells it, where there is one.
+    """
     if log.reference_accel is not None:
         return log.reference_accel / np.linalg.norm(log.reference_accel, axis=1).mean()
     if log.accel is None:
-        return None
+        return upright_axis(log)
     if accel is not None and accel.form.estimator == "invariant":
         basis = accel.form.basis(log.temperature, len(log.time))
         force = compensated(accel.form, accel.coefficients, basis, log.accel) / accel.form.gravity
