@@ -221,6 +221,7 @@ def pair(accel: Recording, gyro: Recording) -> Recording:
         position=gyro.position if accel.position is None else accel.position,
         reference_accel=accel.reference_accel,
         reference_gyro=gyro.reference_gyro,
+        supply=gyro.supply if accel.supply is None else accel.supply,
         device=accel.device or gyro.device,
         name=f"{accel.name} + {gyro.name}",
     )

@@ -111,7 +111,7 @@ def _table_of(recording: Recording) -> pl.DataFrame:
     if recording.temperature is not None:
         probes = recording.temperature.T
         columns |= {f"temperature{f'_{k + 1}' if k else ''}": v for k, v in enumerate(probes)}
-    for label in ("experiment", "position"):
+    for label in ("experiment", "position", "supply"):
         if getattr(recording, label) is not None:
             columns[label] = getattr(recording, label)
     table = pl.DataFrame(columns)

@@ -28,6 +28,7 @@ class Recording(eqx.Module):
     position: Int[np.ndarray, " time"] | None = None  # at rest; -1 while the table turns
     reference_accel: Float[np.ndarray, "time 3"] | None = None  # m/s², an ideal triad's reading
     reference_gyro: Float[np.ndarray, "time 3"] | None = None  # rad/s, Earth rate included
+    supply: Float[np.ndarray, " time"] | None = None  # V
     device: str = eqx.field(static=True, default="")  # serial number
     name: str = eqx.field(static=True, default="")  # where it came from, for messages
 
@@ -82,6 +83,7 @@ _COLUMNS = (
     "position",
     "reference_accel",
     "reference_gyro",
+    "supply",
 )
 
 

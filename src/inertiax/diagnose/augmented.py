@@ -253,7 +253,7 @@ class Course(eqx.Module):
             temperature=value, temperature_rate=slope, force=felt,
             rate=None if log.gyro is None else rate, room=room, upright=upright, oriented=oriented, vibration=vibration,
             at_temperature=None if degree == 0 else OutputsAt(calibration, triad, force, rate),
-            degree=degree, low=low, high=high,
+            degree=degree, low=low, high=high, supply=log.supply,
         )  # fmt: skip
 
     def _rests(

@@ -37,6 +37,7 @@ class Log(eqx.Module):
     reference_accel: Float[np.ndarray, "time 3"] | None
     reference_gyro: Float[np.ndarray, "time 3"] | None
     latitude: float | None = None  # rad
+    supply: Float[np.ndarray, " time"] | None = None  # V
 
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
@@ -133,6 +134,7 @@ def join(campaign: Campaign) -> Log:
             for k in ("accel", "gyro", "reference_accel", "reference_gyro")
         },
         latitude=campaign.site.latitude,
+        supply=_column(recordings, "supply"),
     )
 
 

@@ -191,7 +191,7 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
     return Signal(
         triad=triad, time=log.time, input=given, output=output, since_power=since_power, since_start=since_start,
         since_move=since_move, move=_moves(given, blocks, len(log.time)), at_rest=log.position >= 0,
-        temperature=temperature, temperature_rate=rate_t, force=force, rate=rate, room=room,
+        temperature=temperature, temperature_rate=rate_t, force=force, rate=rate, room=room, supply=log.supply,
         vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
         scatter=np.sqrt(white.mean(axis=0)),
         at_temperature=None if temperature is None or form.degree == 0 else model,

@@ -1,16 +1,26 @@
 """Sensitivity to the supply voltage."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from .effect import DEG_PER_HOUR, Effect, fixed, MICRO_G
+from .._typing import Scalar
+from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
-    """Supply voltage about its mean, V."""
-    supply = jnp.asarray(signal.supply)
-    return (supply - jnp.mean(supply))[:, None, None]
+def shape(signal: Signal, *, nominal: Scalar | float) -> Float[Array, "time channels columns"]:
+    """Supply voltage about the one at which the bias is stated, V."""
+    return (jnp.asarray(signal.supply) - nominal)[:, None, None]
+
+
+def variants(signal: Signal) -> tuple[Variant, ...]:
+    """About the campaign's mean voltage; none where it stays."""
+    supply = np.asarray(signal.supply)
+    if np.ptp(supply) == 0.0:
+        return ()
+    mean = float(np.round(supply.mean(), 3))
+    return (Variant(f"about {mean:g} V", {"nominal": mean}),)
 
 
 EFFECT = Effect(
@@ -31,10 +41,11 @@ EFFECT = Effect(
         },
     },
     shape=shape,
-    variants=fixed(("", {})),
+    variants=variants,
     needs="a recorded supply voltage that changes",
     driver="supply",
     sentence="The output of {channels} depends on the supply voltage.",
     separating="log the voltage; change it by 5 % at rest",
     requires=("supply",),
+    slow=True,
 )

@@ -78,11 +78,13 @@ def _rows(found: dict[str, np.ndarray], columns: ColumnMap, where: str) -> int:
 
 
 def _wanted(columns: ColumnMap) -> list[str]:
-    """Names of the triads' and the temperature's columns, as the campaign or the canon gives them."""
+    """Names of the triads', the supply's and the temperature's columns, as the campaign or the canon gives them."""
     names: list[str] = []
     for key in ("accel", "gyro", "reference_accel", "reference_gyro"):
         triad = getattr(columns, key) or TriadColumns()
         names += triad.names or [f"{key}_{a}" for a in AXES]
+    supply = columns.supply
+    names.append((supply if isinstance(supply, str) else supply and supply.name) or "supply")
     said = columns.temperature
     if isinstance(said, ProbeColumns):
         return [*names, *(said.names or (said.name or "temperature",))]

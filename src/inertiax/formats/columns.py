@@ -27,6 +27,8 @@ TEMPERATURE_UNITS = {
     "°F": (1 / 1.8, -32.0),
 }
 
+SUPPLY_UNITS = {"V": 1.0, "mV": 1e-3}
+
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table in which an unknown key is an error."""
@@ -64,6 +66,13 @@ class ProbeColumns(_Strict, frozen=True):
     unit: str = "degC"
 
 
+class SupplyColumn(_Strict, frozen=True):
+    """The voltage that feeds the device."""
+
+    name: str | None = None
+    unit: str = "V"
+
+
 class LabelColumn(_Strict, frozen=True):
     """A column of labels: device, experiment or position."""
 
@@ -82,6 +91,7 @@ class ColumnMap(_Strict, frozen=True):
     device: LabelColumn | str | None = None
     experiment: LabelColumn | str | None = None
     position: LabelColumn | str | None = None
+    supply: SupplyColumn | str | None = None
 
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
@@ -170,6 +180,11 @@ def _scale_to_si(
 def temperature_to_celsius(unit: str, where: str) -> tuple[float, float]:
     """Scale and shift, °C = scale · (value + shift)."""
     return TEMPERATURE_UNITS[_known(unit, TEMPERATURE_UNITS, where)]
+
+
+def supply_scale(unit: str, where: str) -> float:
+    """Volts per unit."""
+    return SUPPLY_UNITS[_known(unit, SUPPLY_UNITS, where)]
 
 
 def _known(unit: str, units: Iterable[str], where: str) -> str:

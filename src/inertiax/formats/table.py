@@ -16,6 +16,8 @@ from .columns import (
     ProbeColumns,
     short,
     shown,
+    supply_scale,
+    SupplyColumn,
     temperature_to_celsius,
     time_scale,
     TimeColumn,
@@ -48,6 +50,7 @@ def to_recordings(
         "position": _labels(table, columns.label("position"), "position", name),
         "reference_accel": _triad(table, columns.reference_accel, "reference_accel", name),
         "reference_gyro": _triad(table, columns.reference_gyro, "reference_gyro", name),
+        "supply": _supply(table, columns.supply, name),
     }
     if values["accel"] is None and values["gyro"] is None:
         raise ValueError(
@@ -185,6 +188,17 @@ def _temperature(
 
 
 _PROBE = re.compile(r"temperature_\d{1,6}")
+
+
+def _supply(
+    table: pl.DataFrame, said: SupplyColumn | str | None, where: str
+) -> Float[np.ndarray, " rows"] | None:
+    """The supply voltage, V. A column of that name that nobody asked for and that holds no numbers is not it."""
+    column = SupplyColumn(name=said) if isinstance(said, str) else said or SupplyColumn()
+    name = column.name or "supply"
+    if said is None and not (name in table.columns and table.schema[name].is_numeric()):
+        return None
+    return numbers(table, name, where) * supply_scale(column.unit, "[columns] supply")
 
 
 def _labels(
