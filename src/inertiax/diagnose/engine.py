@@ -13,6 +13,7 @@ from .alternatives import alternatives
 from .baseline import Baseline, choose, fit, ModelForm, usable
 from .blocks import Blocks, cut, join, Log
 from .bumps import between
+from .delays import Delay, find_delay, without_delay
 from .flexible import flexible
 from .population_noise import TypeNoise
 from .programs import make_room
@@ -34,6 +35,10 @@ class Prepared:
     flexible: tuple[Term, ...]  # what must find nothing beside the right explanation
     missing: dict[str, str]
     clock: np.ndarray  # s, the recording's clock at every sample of the log
+    delay: Delay | None = (
+        None  # what the ramps between plateaus say; taken away from the rows where it is found
+    )
+    log: Log | None = None
 
 
 def rig_variance(
@@ -91,10 +96,17 @@ def prepare(
         mine = blocks[usable(form, blocks)]
         force = specific_force(log, blocks, accel_base)
         base = fit(form, mine, None if force is None else mine.mean(force))
+        delay = find_delay(log, base) if any(e.name == "time_delay" for e in catalogue) else None
+        if delay is not None and delay.found:
+            log = without_delay(log, delay, base)
+            blocks = cut(log)
+            mine = blocks[usable(form, blocks)]
+            base = fit(form, mine, None if force is None else mine.mean(force))
         if triad == "accel":
             accel_base = base
             force = specific_force(log, blocks, accel_base)
         made = prepare_triad(campaign, log, mine, form, base, force, catalogue)
+        made = replace(made, delay=delay, log=log)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return log, prepared
 

@@ -20,6 +20,8 @@ from .alternatives import PREFIX
 from .audit import Audited, conclude
 from .augmented import fitted_effects
 from .bursts import Burst, burst_places, find_bursts, swallows
+from .delay_report import explain_delay, ramp_places, stored, with_delays
+from .delays import Delay
 from .engine import between_all, finer, prepare, Prepared
 from .explain import explain, formula
 from .identify import Answer, identify, Named
@@ -61,7 +63,15 @@ class Finding:
     def verdict(self) -> str:
         """Of the triad: a short disturbance alone is something that no catalogued effect explains."""
         consistent = self.answer.verdict == "consistent"
-        return "unexplained" if consistent and self.bursts else self.answer.verdict
+        if consistent and self.bursts:
+            return "unexplained"
+        return "missing-physics" if consistent and self.delay is not None else self.answer.verdict
+
+    @property
+    def delay(self) -> Delay | None:
+        """The delay that the ramps between plateaus show, if there is one."""
+        delay = self.prepared.delay
+        return delay if delay is not None and delay.found else None
 
 
 def diagnose_campaign(
@@ -212,6 +222,11 @@ def conclude_findings(
         if answer.named and answer.verdict != "unexplained":
             explanations.extend(explain(prepared, answer, refined, stated))
             shifted.extend(moved(prepared.system, stated, terms))
+        if finding.delay is not None and finding.verdict != "unexplained":
+            assert prepared.log is not None
+            explanations.append(explain_delay(finding.delay))
+            where.extend(ramp_places(finding.delay, prepared.log))
+            added.extend(stored(finding.delay, prepared.log, prepared.system.base))
         for named, _, _ in refined:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
@@ -231,6 +246,7 @@ def conclude_findings(
     explanations.sort(key=lambda e: -e.evidence.delta_bic)
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
     plan = conclude([_audited(f) for f in findings], effects)
+    plan = with_delays(plan, [f.prepared.delay for f in findings if f.prepared.delay is not None])
     diagnosis = Diagnosis(
         verdict=verdict,
         summary=summary(

@@ -34,7 +34,7 @@ EFFECT = Effect(
     },
     shape=shape,
     variants=fixed(("", {})),
-    needs="plateaus on which the input changes (ramps between plateaus and rests are no rows)",
+    needs="a reference and ramps of the input, in rows at most 50 ms apart",
     driver="rate_of_change",
     sentence="The output of {channels} lags the reference.",
     separating="reverse the direction of rotation: the error changes sign",

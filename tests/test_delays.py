@@ -1,0 +1,111 @@
+"""Delays told by the ramps of a rate table; data from plain NumPy."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from inertiax.calibration import write_calibration
+from inertiax.compensation import compensate_recording
+from inertiax.diagnose import diagnose
+from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.run import diagnose_campaign
+from inertiax.effects import CATALOGUE
+from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+
+
+DELAY = [e for e in CATALOGUE if e.name == "time_delay"]
+NOISE = 2e-4  # rad/s, one sample
+
+
+def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0):
+    """Ramps to plateaus of both signs about three axes; `curve` is the change of a scale factor up to 100 deg/s."""
+    rng = np.random.default_rng(seed)
+    corners, levels, still = [0.0], [np.zeros(3)], []
+    for axis in np.eye(3):
+        still.append((corners[-1], corners[-1] + 8.0))
+        corners.append(corners[-1] + 8.0)
+        levels.append(np.zeros(3))
+        for speed in np.deg2rad([20, -20, 60, -60, 100, -100]):
+            for seconds, level in ((1.0, speed), (6.0, speed), (1.0, 0.0), (2.0, 0.0)):
+                corners.append(corners[-1] + seconds)
+                levels.append(level * axis)
+    time = np.arange(0.0, corners[-1], 1.0 / rate)
+    value = lambda t, c: np.interp(t, corners, np.array(levels)[:, c])
+    given = np.stack([value(time, c) for c in range(3)], axis=1)
+    late = np.stack([value(time - delay[c], c) for c in range(3)], axis=1)
+    felt = late * (1.0 + curve * (late / np.deg2rad(100.0)) ** 2)
+    output = felt @ (np.eye(3) + 1e-3 * rng.standard_normal((3, 3))).T + 1e-4
+    output = output + NOISE * rng.standard_normal(output.shape)
+    position = np.full(len(time), -1)
+    for number, (start, end) in enumerate(still):
+        position[(time >= start) & (time < end)] = number
+    recording = Recording(
+        time=time, gyro=output, temperature=np.full((len(time), 1), 25.0), position=position, reference_gyro=given,
+    )  # fmt: skip
+    model = ModelChoice(gyro_estimator="reference", temperature_degree=0)
+    return Campaign((recording,), Site(9.81), Rig(None, 5e-6), model, "consumer")
+
+
+def seen(campaign):
+    with jax.enable_x64(True):
+        return prepare(campaign, DELAY)[1][0].delay
+
+
+def test_a_delay_of_two_gyros_is_named_and_sized_and_the_third_left_alone():
+    with jax.enable_x64(True):
+        found = diagnose(rate_table((3e-3, 0.0, -1e-3)))
+    (effect,) = found.effects
+    assert (effect.name, effect.channels) == ("time_delay", ("gyro_x", "gyro_z"))
+    for (name, value), truth in zip(effect.parameters, (3e-3, -1e-3)):
+        assert name.startswith("delay (gyro_")
+        assert abs(value.value - truth) < 4.0 * value.std < 1e-4  # 4 sigma: a chance of 1e-4
+    assert {w.driver for w in found.where} == {"rate_of_change"}
+    assert effect.evidence.held_out_gain > 0.5
+    assert "time_delay" not in found.not_testable
+
+
+def test_stated_errors_are_those_of_repetitions():
+    pulls = []
+    for seed in range(30):
+        delay = seen(rate_table((2e-3, 2e-3, 2e-3), seed=seed))
+        pulls.append((np.asarray(delay.value) - 2e-3) / delay.std)
+    # 90 pulls of a t-distribution with about 20 degrees: a scatter of 1.05 ± 0.08; four of that.
+    assert 0.72 < np.std(pulls) < 1.38
+    assert abs(np.mean(pulls)) < 0.45  # 1.05 / sqrt(90), four of that
+
+
+@pytest.mark.parametrize("curve", [0.0, 2e-3])
+def test_no_delay_is_found_where_there_is_none_even_if_the_scale_factor_bends(curve):
+    delays = [seen(rate_table(curve=curve, seed=seed)) for seed in range(10)]
+    assert all(d.found == () for d in delays)
+    with jax.enable_x64(True):
+        found = diagnose(rate_table(curve=curve))
+    assert "time_delay" not in {e.name for e in found.effects}
+    least = [d for d in found.audit.detectable if d.name == "time_delay"]
+    assert len(least) == 3 and all(d.unit == "s" for d in least)
+    # What the bend leaves in the ramps hides delays that white noise alone would show.
+    most = 1e-4 if curve == 0.0 else 5e-3
+    assert all(1e-6 < d.size < most for d in least)
+
+
+def test_a_coarse_log_has_no_ramps_to_show():
+    assert seen(rate_table((0.1, 0.1, 0.1), rate=5.0)) is None
+
+
+def test_the_augmented_calibration_takes_the_delay_away(tmp_path):
+    campaign = rate_table((4e-3, 4e-3, 4e-3))
+    with jax.enable_x64(True):
+        _, calibration = diagnose_campaign(campaign)
+    write_calibration(calibration, tmp_path / "calibration.json")
+    stored = json.loads((tmp_path / "calibration.json").read_text())["effects"]
+    assert [e["name"] for e in stored] == ["time_delay"] * 3
+    (recording,) = campaign.recordings
+    rate = np.asarray(compensate_recording(calibration, recording)[1])
+    given = recording.reference_gyro
+    ramp = np.linalg.norm(np.gradient(given, axis=0), axis=1) > 1e-3
+    # 4 ms of 100 deg/s² are 7 mrad/s; corners, of which the derivative knows nothing, and its noise are left.
+    before = np.sqrt(np.mean((recording.gyro - given)[ramp] ** 2))
+    after = np.sqrt(np.mean((rate - given)[ramp] ** 2))
+    assert after < 0.35 * before
