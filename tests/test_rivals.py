@@ -112,3 +112,24 @@ def test_a_pair_stands_for_an_unlisted_dependence_where_the_second_is_rare_by_it
     first = [candidate("settling", 50.0)]
     assert not beats([second], first)  # 11 + 27 is less than a margin above 35
     assert beats([replace(second, evidence=24.1 + MARGIN)], first)
+
+
+def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
+    jump, rare = (
+        candidate("bias_step", 0.9, ratio=16.0),
+        candidate("g_sensitivity", 0.5, ratio=20.0),
+    )
+    late = candidate("drift", -0.1, ratio=30.0)  # rare, and still less likely than nothing
+    # A jump has 200 moments: 2 · 200 · 6.3e-5 = 2.5 %; the other effect 2 · 7.7e-6.
+    tests = Family({jump.key: 200.0, rare.key: 1.0}, 1.0)
+    ask = replace(asked(None), tests=tests)
+
+    def taken(*leading, unlisted=None):
+        return ask._first_that_passes(leading, leading[0] if leading else None, unlisted)
+
+    assert ask.chance(jump) > identify.GATE > ask.chance(rare)
+    assert taken(jump, rare) is rare
+    assert taken(jump, late) is jump  # which does not pass
+    assert taken(jump, rare, unlisted=candidate("~bump", 9.0)) is jump
+    assert taken(rare, jump) is rare
+    assert taken() is None

@@ -37,6 +37,7 @@ LEFT = 1e-4  # chance below which a flexible dependence beside the named effects
 UNSEEN = 1e-6  # the same where nothing was named
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
 MORE = 60  # forms that the short list may grow by beside each choice
+OWN = 8  # forms of a chosen effect among which the likeliest rare one is sought at the end
 TRIED = 40  # leading candidates that are asked whether they predict
 
 
@@ -230,6 +231,8 @@ class Asked:
                         if p >= ALONE:
                             break
                         return Found(tuple(chosen), noise, unlisted, p)
+            if not chosen and memory is None:
+                listed = self._first_that_passes(leading, listed, unlisted)
             found = [listed] if listed is not None and self._passes(listed, level, chosen) else []
             found = (found and self._two_for_one(fuller, ranked, found[0], chosen)) or found
             if not found and memory is None:
@@ -282,6 +285,19 @@ class Asked:
             if alike or evidence.get(id(c.term), c.evidence) > least:
                 return c
         return None
+
+    def _first_that_passes(
+        self, leading: Sequence[Candidate], listed: Candidate | None, unlisted: Candidate | None
+    ) -> Candidate | None:
+        """The most likely catalogued effect that is rare enough for the gate; the most likely one where none is.
+
+        A jump at one of hundreds of moments may be ahead of an effect that had one form to fit, and be common.
+        Not where an unlisted dependence is clearly more likely than any.
+        """
+        if listed is None or unlisted is not None or self._passes(listed, GATE, []):
+            return listed
+        likely = [c for c in leading if not is_open(c) and c.evidence >= 0.0]
+        return next((c for c in likely if self._passes(c, GATE, [])), listed)
 
     def _passes(self, listed: Candidate, level: float, chosen: Sequence[Candidate]) -> bool:
         """Whether a catalogued effect is rare and likely enough; more so beside others on the same rows."""
@@ -359,8 +375,11 @@ class Asked:
         names: dict[str, Candidate] = {}
         for c in ranked:
             names.setdefault(c.term.name, c)
-        own: Candidate = names.get(mine.term.name, mine)
-        top: Candidate = max(names.values(), key=lambda c: c.evidence)
+        # What noise makes often is a rival and no name, as at the gate.
+        alike = [c for c in ranked if c.term.name == mine.term.name]
+        own = next((c for c in alike[:OWN] if self.chance(c) < STILL), (alike or [mine])[0])
+        rare = [c for c in names.values() if c.evidence > own.evidence and self.chance(c) < STILL]
+        top: Candidate = max([own, *rare], key=lambda c: c.evidence)
         lead = own if own.evidence > top.evidence - 1e-9 else top
         # One cause instead of two, where the data cannot tell: a further form of an effect found already.
         known = {(t.name, t.channels) for t in others}
