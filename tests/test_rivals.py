@@ -122,7 +122,9 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
     late = candidate("drift", -0.1, ratio=30.0)  # rare, and still less likely than nothing
     # A jump has 200 moments: 2 · 200 · 6.3e-5 = 2.5 %; the other effect 2 · 7.7e-6.
     tests = Family({jump.key: 200.0, rare.key: 1.0}, 1.0)
-    ask = replace(asked(None), tests=tests)
+    with jax.enable_x64(True):
+        system = prepare(oblique(2), ())[1][0].system
+    ask = replace(asked(system), tests=tests)
 
     def taken(*leading, unlisted=None):
         return ask._first_that_passes(leading, leading[0] if leading else None, unlisted)
