@@ -134,7 +134,8 @@ def join(campaign: Campaign) -> Log:
             for k in ("accel", "gyro", "reference_accel", "reference_gyro")
         },
         latitude=campaign.site.latitude,
-        supply=_column(recordings, "supply"),
+        # Optional even where some files have it: what only some tell is not tested.
+        supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
     )
 
 

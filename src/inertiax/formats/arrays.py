@@ -83,8 +83,9 @@ def _wanted(columns: ColumnMap) -> list[str]:
     for key in ("accel", "gyro", "reference_accel", "reference_gyro"):
         triad = getattr(columns, key) or TriadColumns()
         names += triad.names or [f"{key}_{a}" for a in AXES]
-    supply = columns.supply
-    names.append((supply if isinstance(supply, str) else supply and supply.name) or "supply")
+    if columns.supply is not None:  # unasked, an array of that name may be other data of the file
+        supply = columns.supply
+        names.append(supply if isinstance(supply, str) else supply.name or "supply")
     said = columns.temperature
     if isinstance(said, ProbeColumns):
         return [*names, *(said.names or (said.name or "temperature",))]
