@@ -9,7 +9,7 @@ import pytest
 from inertiax.diagnose import diagnose, identify
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family
-from inertiax.diagnose.identify import Asked, MARGIN
+from inertiax.diagnose.identify import Asked, FURTHER, MARGIN
 from inertiax.diagnose.search import Bank, Candidate
 from inertiax.diagnose.system import NoiseFit
 from inertiax.effects import CATALOGUE
@@ -126,8 +126,9 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
         system = prepare(oblique(2), ())[1][0].system
     ask = replace(asked(system), tests=tests)
 
-    def taken(*leading, unlisted=None):
-        return ask._first_that_passes(leading, leading[0] if leading else None, unlisted)
+    def taken(*leading, unlisted=None, chosen=()):
+        first = leading[0] if leading else None
+        return ask._first_that_passes(leading, first, unlisted, identify.GATE, chosen)
 
     assert ask.chance(jump) > identify.GATE > ask.chance(rare)
     assert taken(jump, rare) is rare
@@ -135,3 +136,10 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
     assert taken(jump, rare, unlisted=candidate("~bump", 9.0)) is jump
     assert taken(rare, jump) is rare
     assert taken() is None
+    # Beside an effect on the same rows it has to be likelier, and on other rows it does not.
+    there = candidate("settling", 50.0)
+    assert taken(jump, rare, chosen=[there]) is jump
+    likelier = replace(rare, evidence=FURTHER + 0.1)
+    assert taken(replace(jump, evidence=3.0), likelier, chosen=[there]) is likelier
+    elsewhere = replace(there, term=replace(there.term, chains=(1,)))
+    assert taken(jump, rare, chosen=[elsewhere]) is rare

@@ -10,7 +10,18 @@ import scipy.stats
 from .alternatives import PREFIX
 from .family import Family, family, Key
 from .flexible import on_input
-from .leading import FAINT, finer_forms, first_of_both, is_open, leaders, rank, screen, sharpen
+from .leading import (
+    carried,
+    FAINT,
+    finer_forms,
+    first_of_both,
+    is_open,
+    leaders,
+    quiet_bank,
+    rank,
+    screen,
+    sharpen,
+)
 from .memory import remember, Remembered
 from .scores import Score
 from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
@@ -101,9 +112,17 @@ def _among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
     return any(not set(c.term.chains).isdisjoint(chains) for c in chosen)
 
 
-def _beside(chosen: Sequence[Candidate], new: Candidate) -> float:
-    """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on."""
-    return float(sum(c.score.gain for c in chosen if _among([c], new.term.chains)))
+def _beside(chosen: Sequence[Candidate], new: Candidate, forms: dict) -> float:
+    """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on.
+
+    Without those of the rig and the reference that geometry gives one form: they leave nothing behind.
+    """
+    inexact = [
+        c
+        for c in chosen
+        if c.term.effect is None or not c.term.effect.common or forms.get(c.key) != 1
+    ]
+    return float(sum(c.score.gain for c in inexact if _among([c], new.term.chains)))
 
 
 def identify(
@@ -148,7 +167,7 @@ def identify(
         terms = [c.term for c in memory.chosen]
         noise = fit_noise(system, terms)
         ask.look_again(noise, terms)
-        fuller, ranked = rank(system, [noise], ask.short, terms, forms, grade)
+        fuller, ranked = ask.rank_on(fuller, noise, terms, memory.chosen)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
     left = None if memory is not None else ask.left_over(found, flexible, null)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
@@ -216,7 +235,7 @@ class Asked:
             terms = [c.term for c in chosen]
             ranked = [c for c in ranked if is_open(c) or not _full(chosen, c)]
             ranked = [c for c in ranked if not _twice(chosen, c)]
-            ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c)]
+            ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c, self.forms)]
             leading = ranked[:TRIED]
             if memory is not None:
                 paying = first_of_both(c for c in leading if memory.pays(c.term, terms))
@@ -231,8 +250,8 @@ class Asked:
                         if p >= ALONE:
                             break
                         return Found(tuple(chosen), noise, unlisted, p)
-            if not chosen and memory is None:
-                listed = self._first_that_passes(leading, listed, unlisted)
+            if memory is None:
+                listed = self._first_that_passes(leading, listed, unlisted, level, chosen)
             found = [listed] if listed is not None and self._passes(listed, level, chosen) else []
             found = (found and self._two_for_one(fuller, ranked, found[0], chosen)) or found
             if not found and memory is None:
@@ -245,7 +264,7 @@ class Asked:
             for new in found:
                 self.say(f"{new.term.name} on {', '.join(new.term.channel_names)}")
             self.look_again(noise, terms)
-            fuller, ranked = rank(system, [noise], self.short, terms, self.forms, self.grade)
+            fuller, ranked = self.rank_on(fuller, noise, terms, found)
         return Found(tuple(chosen), noise, None, 1.0)
 
     def look_again(self, noise: NoiseFit, chosen: Sequence[Term]) -> None:
@@ -256,6 +275,21 @@ class Asked:
         known = set(map(id, self.short))
         fresh = shortlist(leading, per_key=3, most=MORE)
         self.short.extend(t for t in fresh if id(t) not in known)
+
+    def rank_on(
+        self, before: Bank, noise: NoiseFit, chosen: Sequence[Term], new: Sequence[Candidate]
+    ) -> tuple[Bank, list[Candidate]]:
+        """Candidates beside one more chosen effect, best first.
+
+        Its own channels are looked at under much less slow noise once more, for what that may have swallowed; what
+        was fitted beside the candidates of the others still holds.
+        """
+        touched = {c for one in new for c in one.term.chains}
+        mine = [t for t in self.short if touched.issuperset(t.chains)]
+        slow = judge(self.system, quiet_bank(noise), mine, chosen, self.forms, self.grade)
+        noises = [noise, *carried(before, noise, touched)]
+        hidden = leaders(slow, 3, 1)
+        return rank(self.system, noises, self.short, chosen, self.forms, self.grade, hidden)
 
     def _leading_open(
         self,
@@ -287,17 +321,22 @@ class Asked:
         return None
 
     def _first_that_passes(
-        self, leading: Sequence[Candidate], listed: Candidate | None, unlisted: Candidate | None
+        self,
+        leading: Sequence[Candidate],
+        listed: Candidate | None,
+        unlisted: Candidate | None,
+        level: float,
+        chosen: Sequence[Candidate],
     ) -> Candidate | None:
         """The most likely catalogued effect that is rare enough for the gate; the most likely one where none is.
 
         A jump at one of hundreds of moments may be ahead of an effect that had one form to fit, and be common.
         Not where an unlisted dependence is clearly more likely than any.
         """
-        if listed is None or unlisted is not None or self._passes(listed, GATE, []):
+        if listed is None or unlisted is not None or self._passes(listed, level, chosen):
             return listed
         likely = [c for c in leading if not is_open(c) and c.evidence >= 0.0]
-        return next((c for c in likely if self._passes(c, GATE, [])), listed)
+        return next((c for c in likely if self._passes(c, level, chosen)), listed)
 
     def _passes(self, listed: Candidate, level: float, chosen: Sequence[Candidate]) -> bool:
         """Whether a catalogued effect is rare and likely enough; more so beside others on the same rows."""

@@ -1,6 +1,6 @@
 """Which of many candidates are worth a closer look: screening, forms between the grid's points, leaders."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -25,14 +25,29 @@ def _quiet(noise: NoiseFit) -> NoiseFit:
     return NoiseFit(lower, noise.value, recoupled(lower, noise.coupled))
 
 
+def quiet_bank(noise: NoiseFit) -> Bank:
+    """A bank of that much quieter noise alone; it compares candidates with each other and with nothing else."""
+    return Bank((_quiet(noise),), (tuple(0.0 for _ in noise.theta),))
+
+
+def carried(before: Bank, noise: NoiseFit, touched: Collection[int]) -> list[NoiseFit]:
+    """What was fitted before on the chains that a new choice does not touch, with the new noise on those it does."""
+    made = {}
+    for fit in before.fits:
+        theta = tuple(
+            n if c in touched else t for c, (n, t) in enumerate(zip(noise.theta, fit.theta))
+        )
+        made[b"".join(t.tobytes() for t in theta)] = theta
+    return [NoiseFit(t, noise.value, recoupled(t, noise.coupled)) for t in made.values()]
+
+
 def screen(
     system: System, noise: NoiseFit, everything: Sequence[Term], forms: dict, grade: str | None
 ) -> tuple[Bank, list[Candidate], list[Candidate], list[Term]]:
     """Every candidate under the fitted noise and under much less slow noise, best first, and a short list of both."""
     first = bank(system, [noise], [])
     ranked = judge(system, first, everything, [], forms, grade)
-    quiet = Bank((_quiet(noise),), (tuple(0.0 for _ in noise.theta),))
-    slow = judge(system, quiet, everything, [], forms, grade)
+    slow = judge(system, quiet_bank(noise), everything, [], forms, grade)
     short = list(dict.fromkeys([*map(id, shortlist(ranked)), *map(id, shortlist(slow))]))
     by_id = {id(t): t for t in everything}
     return first, ranked, slow, [by_id[k] for k in short]

@@ -1,0 +1,46 @@
+"""What a chosen effect leaves for those that are sought beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inertiax.diagnose.identify import _beside
+from inertiax.diagnose.leading import carried
+from inertiax.diagnose.search import Bank
+from inertiax.diagnose.system import NoiseFit
+from inertiax.effects import CATALOGUE
+from test_rivals import candidate
+
+
+def named(name, gain):
+    made = candidate(name, 50.0)
+    return replace(made, score=replace(made.score, gain=gain))
+
+
+def test_what_geometry_fixes_leaves_no_trace():
+    new = candidate("drift", 5.0)
+    earth, jump = named("earth_rate", 8000.0), named("bias_step", 300.0)
+    forms = {earth.key: 1, jump.key: 200}
+    assert _beside([earth, jump], new, forms) == pytest.approx(300.0)
+    # A tilt of the pier is of the rig as well, but one of several courses in time.
+    tilt = named("pier_tilt", 40.0)
+    assert next(e for e in CATALOGUE if e.name == "pier_tilt").common
+    assert _beside([earth, tilt], new, {**forms, tilt.key: 3}) == pytest.approx(40.0)
+    elsewhere = replace(jump, term=replace(jump.term, chains=(1,)))
+    assert _beside([elsewhere], new, forms) == 0.0
+
+
+def test_what_was_fitted_on_other_channels_is_kept():
+    before = [np.full(7, float(k)) for k in range(3)]
+    other = np.full(7, 9.0)  # fitted beside a candidate on the last channel
+    on_first = NoiseFit((np.full(7, 5.0), before[1], before[2]), (0.0, 0.0, 0.0))
+    on_last = NoiseFit((before[0], before[1], other), (0.0, 0.0, 0.0))
+    fits = (NoiseFit(tuple(before), (0.0, 0.0, 0.0)), on_first, on_last)
+    noise = NoiseFit((np.full(7, -1.0), before[1], before[2]), (1.0, 2.0, 3.0))
+    made = carried(Bank(fits, ()), noise, {0})
+    assert (
+        len(made) == 2
+    )  # what was fitted on the first channel is of no use beside the new effect there
+    assert all((fit.theta[0] == -1.0).all() and fit.value == noise.value for fit in made)
+    assert {float(fit.theta[2][0]) for fit in made} == {2.0, 9.0}
