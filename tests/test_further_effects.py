@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inertiax.diagnose.identify import _beside
+from inertiax.diagnose.beside import explained_beside
 from inertiax.diagnose.leading import carried
 from inertiax.diagnose.search import Bank
 from inertiax.diagnose.system import NoiseFit
@@ -22,13 +22,13 @@ def test_what_geometry_fixes_leaves_no_trace():
     new = candidate("drift", 5.0)
     earth, jump = named("earth_rate", 8000.0), named("bias_step", 300.0)
     forms = {earth.key: 1, jump.key: 200}
-    assert _beside([earth, jump], new, forms) == pytest.approx(300.0)
+    assert explained_beside([earth, jump], new, forms) == pytest.approx(300.0)
     # A tilt of the pier is of the rig as well, but one of several courses in time.
     tilt = named("pier_tilt", 40.0)
     assert next(e for e in CATALOGUE if e.name == "pier_tilt").common
-    assert _beside([earth, tilt], new, {**forms, tilt.key: 3}) == pytest.approx(40.0)
+    assert explained_beside([earth, tilt], new, {**forms, tilt.key: 3}) == pytest.approx(40.0)
     elsewhere = replace(jump, term=replace(jump.term, chains=(1,)))
-    assert _beside([elsewhere], new, forms) == 0.0
+    assert explained_beside([elsewhere], new, forms) == 0.0
 
 
 def test_what_was_fitted_on_other_channels_is_kept():

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.beside import twice
 from inertiax.diagnose.engine import prepare, retuned
-from inertiax.diagnose.identify import _twice
 from inertiax.diagnose.search import bank, count_forms, judge
 from inertiax.diagnose.variance_fit import fit_noise
 from inertiax.effects import CATALOGUE
@@ -73,7 +73,7 @@ def test_a_lag_of_all_channels_is_one_candidate_and_shows_where_no_single_one_do
         best = ranked[0]
         single = max(c.ratio for c in ranked if not c.term.joint)
     assert best.term.joint and best.ratio > single + 10.0
-    assert _twice([best], next(c for c in ranked if not c.term.joint))
+    assert twice([best], next(c for c in ranked if not c.term.joint))
 
 
 def test_rows_of_three_channels_hold_the_joint_lag_in_each():

@@ -8,9 +8,10 @@ import pytest
 import scipy.stats
 
 from inertiax.diagnose import identify
+from inertiax.diagnose.beside import causes, full, MOST_EFFECTS
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family, family
-from inertiax.diagnose.identify import _causes, _full, Asked, MOST_EFFECTS, PAIR
+from inertiax.diagnose.identify import Asked, PAIR
 from inertiax.diagnose.leading import rank
 from inertiax.diagnose.search import Bank, bank, Candidate, count_forms, judge
 from inertiax.diagnose.system import NoiseFit
@@ -44,12 +45,12 @@ def test_a_pair_pays_for_all_pairs_of_its_channels_and_for_its_forms():
 def test_one_effect_on_three_channels_of_one_row_is_one():
     lags = [candidate("lag", c, 50.0) for c in range(3)]
     lags = [replace(one, term=replace(one.term, chains=(0,))) for one in lags]
-    assert _causes([one.key for one in lags]) == 1
-    assert _causes([lags[0].key, lags[0].key, lags[1].key]) == 2
+    assert causes([one.key for one in lags]) == 1
+    assert causes([lags[0].key, lags[0].key, lags[1].key]) == 2
     other = candidate("drift", 0, 20.0)
-    assert not _full(lags, other)
+    assert not full(lags, other)
     many = [candidate(f"effect {k}", 0, 20.0) for k in range(MOST_EFFECTS)]
-    assert _full(many, other) and not _full(many, candidate("drift", 1, 20.0))
+    assert full(many, other) and not full(many, candidate("drift", 1, 20.0))
 
 
 def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):

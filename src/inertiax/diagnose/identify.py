@@ -1,6 +1,5 @@
 """From candidates to an answer for one triad: gate, name, open-set check."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -8,6 +7,7 @@ import numpy as np
 import scipy.stats
 
 from .alternatives import PREFIX
+from .beside import among, explained_beside, full, MOST_EFFECTS, twice
 from .family import Family, family, Key
 from .flexible import on_input
 from .leading import (
@@ -41,7 +41,6 @@ OPEN = 0.5  # part of those levels from which an unlisted dependence keeps the c
 ALONE = 5e-4  # chance below which it is said itself, its settings being sought between the grid's
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
-MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
 MOST_OF = 0.5  # of an effect's gain: what one of two has alone to be tried in its place
 TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
@@ -77,52 +76,6 @@ class Answer:
     ranked: tuple[Candidate, ...]  # of the first step
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
     remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
-
-
-def _full(chosen: Sequence[Candidate], new: Candidate) -> bool:
-    """Whether the rows that a candidate acts on have their number of effects already.
-
-    One effect on several channels, such as a lag behind their common probe, is one.
-    """
-    after = [*(old.key for old in chosen), new.key]
-    chains = [*(old.term.chains for old in chosen), new.term.chains]
-    mine = [[key for key, on in zip(after, chains) if c in on] for c in new.term.chains]
-    return any(_causes(keys) > MOST_EFFECTS for keys in mine)
-
-
-def _causes(keys: Sequence[tuple[str, tuple[int, ...]]]) -> int:
-    """Number of different effects; one that a channel has twice counts twice."""
-    times: dict[str, int] = {}
-    for (name, _), count in Counter(keys).items():
-        times[name] = max(times.get(name, 0), count)
-    return sum(times.values())
-
-
-def _twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
-    """Whether a channel would get a second one of an effect that it can only have once."""
-    effect = new.term.effect
-    if effect is None or not effect.once:
-        return False
-    mine = set(new.term.channels)
-    return any(old.term.name == effect.name and mine & {*old.term.channels} for old in chosen)
-
-
-def _among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
-    """Whether one of the chosen effects acts on these rows."""
-    return any(not set(c.term.chains).isdisjoint(chains) for c in chosen)
-
-
-def _beside(chosen: Sequence[Candidate], new: Candidate, forms: dict) -> float:
-    """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on.
-
-    Without those of the rig and the reference that geometry gives one form: they leave nothing behind.
-    """
-    inexact = [
-        c
-        for c in chosen
-        if c.term.effect is None or not c.term.effect.common or forms.get(c.key) != 1
-    ]
-    return float(sum(c.score.gain for c in inexact if _among([c], new.term.chains)))
 
 
 def identify(
@@ -233,9 +186,11 @@ class Asked:
         noise = fuller.leader if chosen else None
         while len(chosen) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
-            ranked = [c for c in ranked if is_open(c) or not _full(chosen, c)]
-            ranked = [c for c in ranked if not _twice(chosen, c)]
-            ranked = [c for c in ranked if c.score.gain > TRACE * _beside(chosen, c, self.forms)]
+            ranked = [c for c in ranked if is_open(c) or not full(chosen, c)]
+            ranked = [c for c in ranked if not twice(chosen, c)]
+            ranked = [
+                c for c in ranked if c.score.gain > TRACE * explained_beside(chosen, c, self.forms)
+            ]
             leading = ranked[:TRIED]
             if memory is not None:
                 paying = first_of_both(c for c in leading if memory.pays(c.term, terms))
@@ -340,7 +295,7 @@ class Asked:
 
     def _passes(self, listed: Candidate, level: float, chosen: Sequence[Candidate]) -> bool:
         """Whether a catalogued effect is rare and likely enough; more so beside others on the same rows."""
-        likely = FURTHER if _among(chosen, listed.term.chains) else 0.0
+        likely = FURTHER if among(chosen, listed.term.chains) else 0.0
         return self.chance(listed) < level and listed.evidence >= likely
 
     def _two_for_one(
@@ -368,14 +323,14 @@ class Asked:
             catalogue = [t for t in self.short if t.effect is not None]
             _, more = rank(self.system, [noise], catalogue, beside, self.forms, self.grade)
             with_first = [*chosen, first]
-            second = next((c for c in more if not _twice(with_first, c)), None)
+            second = next((c for c in more if not twice(with_first, c)), None)
             if (
                 second is not None
                 and second.key != first.key
                 and first.score.size + second.score.size <= one.score.size
                 and first.ratio + second.ratio > one.ratio
                 and first.evidence + second.evidence > one.evidence + MARGIN
-                and not _full(with_first, second)
+                and not full(with_first, second)
                 and self._passes(second, NEXT, with_first)
             ):
                 return [first, second]
@@ -395,11 +350,11 @@ class Asked:
             return []
         chains = pair.first.term.chains
         unlisted = [c.evidence for c in ranked if is_open(c) and c.term.chains == chains]
-        least = max(FURTHER if _among(chosen, chains) else 0.0, max(unlisted, default=0.0) - MARGIN)
+        least = max(FURTHER if among(chosen, chains) else 0.0, max(unlisted, default=0.0) - MARGIN)
         both = [pair.first, pair.second]
-        full = _full([*chosen, pair.first], pair.second)
-        full = full or any(_twice(chosen, new) for new in both)
-        return [] if pair.evidence < least or full else both
+        barred = full([*chosen, pair.first], pair.second)
+        barred = barred or any(twice(chosen, new) for new in both)
+        return [] if pair.evidence < least or barred else both
 
     def again(self, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:
         """A chosen effect compared once more with all rivals beside the other chosen ones."""
