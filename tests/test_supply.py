@@ -5,11 +5,14 @@ import json
 import numpy as np
 import polars as pl
 import pytest
+from scipy.io import savemat
 
 from inertiax.calibration import read_calibration
 from inertiax.campaign import load_campaign
 from inertiax.compensation import compensate_recording
+from inertiax.diagnose.blocks import join
 from inertiax.diagnose.run import run_diagnosis
+from inertiax.recordings import Campaign
 
 
 G = 9.81
@@ -29,6 +32,9 @@ grade = "consumer"
 accel_estimator = "reference"
 temperature_degree = 0
 """
+
+
+SAID = 'supply = { name = "vcc", unit = "mV" }\n'
 
 
 def log(seed=0, rounds=4, rest=12):
@@ -89,6 +95,35 @@ def test_a_column_of_that_name_with_words_is_left_alone(tmp_path):
     table = log().drop("vcc").with_columns(supply=pl.lit("battery"))
     table.write_csv(tmp_path / "tumble.csv")
     assert load_campaign(tmp_path).recordings[0].supply is None
+
+
+def test_an_array_of_that_name_that_nobody_asked_for_is_left_alone(tmp_path):
+    (tmp_path / "campaign.toml").write_text(
+        CAMPAIGN.split("[columns]")[0].replace("*.csv", "*.mat") + '[device]\ngrade = "consumer"\n'
+    )
+    table = log()
+    arrays = {name: table[name].to_numpy() for name in table.columns if name != "vcc"}
+    savemat(tmp_path / "tumble.mat", {**arrays, "supply": np.arange(3.0)})  # another length
+    assert load_campaign(tmp_path).recordings[0].supply is None
+
+
+def test_a_voltage_that_only_some_recordings_tell_is_not_tested(tmp_path):
+    told, untold = (load(log(seed), tmp_path / str(seed), seed == 0) for seed in (0, 1))
+    assert told.supply is not None and untold.supply is None
+    campaign = load_campaign(tmp_path / "0")
+    both = Campaign((told, untold), campaign.site, campaign.rig, campaign.model, "consumer")
+    assert join(both).supply is None
+    assert join(campaign).supply is not None
+
+
+def load(table, folder, with_voltage):
+    """The one recording of a campaign written to a folder."""
+    folder.mkdir()
+    asked = CAMPAIGN if with_voltage else CAMPAIGN.replace(SAID, "")
+    (folder / "campaign.toml").write_text(asked)
+    (table if with_voltage else table.drop("vcc")).write_csv(folder / "tumble.csv")
+    (recording,) = load_campaign(folder).recordings
+    return recording
 
 
 def test_the_sensitivity_is_named_and_sized(diagnosed):

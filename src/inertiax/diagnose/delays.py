@@ -8,6 +8,7 @@ far the ramps agree with each other tells how sure it is, whatever noise there i
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
@@ -49,6 +50,25 @@ class Delay(eqx.Module):
     found: tuple[int, ...] = eqx.field(static=True)  # channels that have one
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What each ramp shows: residuals and their change per second of delay, both without the ramp's mean."""
+
+    left: list[np.ndarray]  # (row, 3), m/s² or rad/s
+    change: list[np.ndarray]  # (row, 3), the same per second
+
+    @property
+    def freedom(self) -> int:
+        """Rows, less a mean for each ramp."""
+        return sum(len(r) - 1 for r in self.left)
+
+    def square(self, value: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        """Sum of squares that such delays leave."""
+        return np.sum(
+            [np.sum((r - value * s) ** 2, axis=0) for r, s in zip(self.left, self.change)], axis=0
+        )
+
+
 def find_delay(log: Log, base: Baseline) -> Delay | None:
     """The delay of a triad that has a reference; `None` where the log holds too few ramps or too coarse ones."""
     triad = base.form.triad
@@ -58,44 +78,53 @@ def find_delay(log: Log, base: Baseline) -> Delay | None:
     ramps = _ramps(log, given)
     if len(ramps) < FEWEST:
         return None
-    slope, left, counts = [], [], []
-    temperature = np.zeros(len(log.time)) if log.temperature is None else log.temperature
-    expected = np.asarray(at_temperature(base, given)(temperature))
-    change = -_slope(log, expected)
-    for ramp in ramps:
-        rows = slice(ramp.start, ramp.stop)
-        slope.append(change[rows] - change[rows].mean(axis=0))
-        residual = (output - expected)[rows]
-        left.append(residual - residual.mean(axis=0))
-        counts.append(ramp.stop - ramp.start - 1)
-    weight = np.array([np.sum(s**2, axis=0) for s in slope])
-    moment = np.array([np.sum(s * r, axis=0) for s, r in zip(slope, left)])
-    total = np.maximum(weight.sum(axis=0), 1e-300)
-    number = total**2 / np.maximum((weight**2).sum(axis=0), 1e-300)
-    value = moment.sum(axis=0) / total
-    spread = np.sum((moment - value * weight) ** 2, axis=0) * len(ramps) / (len(ramps) - 1)
-    std = np.maximum(np.sqrt(spread) / total, 1e-300)
+    seen = _seen(log, base, ramps)
+    value, std, number = _agreed(seen)
     freedom = np.maximum(number - 1.0, 1.0)
     p_value = np.minimum(6.0 * scipy.stats.t.sf(np.abs(value) / std, freedom), 1.0)
-    before = sum(np.sum(r**2, axis=0) for r in left)
-    after = sum(np.sum((r - value * s) ** 2, axis=0) for r, s in zip(left, slope))
-    white = _white(log, output) * sum(counts)
+    before, after = seen.square(np.zeros(3)), seen.square(value)
+    white = _white(log, output) * seen.freedom
     share = (before - after) / np.maximum(before - white, 1e-300)
     known = number >= FEWEST
     found = known & (p_value < LEVEL) & (share > SHARE)
-    size = np.sqrt(np.maximum(before - after, 0.0) / max(sum(counts), 1))
+    size = np.sqrt(np.maximum(before - after, 0.0) / max(seen.freedom, 1))
     channels = tuple(int(c) for c in np.flatnonzero(found))
     std = np.where(known, std, np.inf)
-    gain = _gain(left, slope)
-    return Delay(triad, value, std, freedom, p_value, gain, size, tuple(ramps), channels)
+    return Delay(triad, value, std, freedom, p_value, _gain(seen), size, tuple(ramps), channels)
+
+
+def _seen(log: Log, base: Baseline, ramps: Sequence[Ramp]) -> _Seen:
+    """The ramps of a log under a fitted baseline."""
+    triad = base.form.triad
+    expected = _expected(log, base)
+    change, left = -_slope(log, expected), getattr(log, triad) - expected
+    pieces = [slice(ramp.start, ramp.stop) for ramp in ramps]
+    centred = lambda x: [x[rows] - x[rows].mean(axis=0) for rows in pieces]
+    return _Seen(centred(left), centred(change))
+
+
+def _agreed(seen: _Seen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least-squares delay of all ramps, its standard deviation by their scatter, and how many ramps count."""
+    weight = np.array([np.sum(s**2, axis=0) for s in seen.change])
+    moment = np.array([np.sum(s * r, axis=0) for s, r in zip(seen.change, seen.left)])
+    total = np.maximum(weight.sum(axis=0), 1e-300)
+    number = total**2 / np.maximum((weight**2).sum(axis=0), 1e-300)
+    value = moment.sum(axis=0) / total
+    spread = np.sum((moment - value * weight) ** 2, axis=0) * len(weight) / (len(weight) - 1)
+    return value, np.maximum(np.sqrt(spread) / total, 1e-300), number
+
+
+def _expected(log: Log, base: Baseline) -> np.ndarray:
+    """Outputs of the fitted baseline at the reference of every row."""
+    temperature = np.zeros(len(log.time)) if log.temperature is None else log.temperature
+    given = getattr(log, f"reference_{base.form.triad}")
+    return np.asarray(at_temperature(base, given)(temperature))
 
 
 def without_delay(log: Log, delay: Delay, base: Baseline) -> Log:
     """The log with the outputs that a triad without those delays would have given."""
-    given, output = getattr(log, f"reference_{delay.triad}"), getattr(log, delay.triad)
-    temperature = np.zeros(len(log.time)) if log.temperature is None else log.temperature
-    expected = np.asarray(at_temperature(base, given)(temperature))
-    moved, near = output.copy(), np.zeros(len(log.time), bool)
+    expected = _expected(log, base)
+    moved, near = getattr(log, delay.triad).copy(), np.zeros(len(log.time), bool)
     for ramp in delay.ramps:
         near[ramp.start : ramp.stop] = (
             True  # elsewhere a measured reference would only bring its noise
@@ -153,14 +182,12 @@ def _white(log: Log, output: np.ndarray) -> np.ndarray:
     return 0.5 * np.mean(steps**2, axis=0) if len(steps) else np.zeros(3)
 
 
-def _gain(left: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> np.ndarray:
+def _gain(seen: _Seen) -> np.ndarray:
     """What the delay of the even ramps takes from the rms of the odd ones, and the other way round."""
     before, after = np.zeros(3), np.zeros(3)
     for first in (0, 1):
-        top = sum(np.sum(s * r, axis=0) for s, r in zip(slope[first::2], left[first::2]))
-        below = sum(np.sum(s**2, axis=0) for s in slope[first::2])
-        value = top / np.maximum(below, 1e-300)
-        for s, r in zip(slope[1 - first :: 2], left[1 - first :: 2]):
-            before += np.sum(r**2, axis=0)
-            after += np.sum((r - value * s) ** 2, axis=0)
+        fitted = _Seen(seen.left[first::2], seen.change[first::2])
+        kept = _Seen(seen.left[1 - first :: 2], seen.change[1 - first :: 2])
+        before += kept.square(np.zeros(3))
+        after += kept.square(_agreed(fitted)[0])
     return 1.0 - np.sqrt(after / np.maximum(before, 1e-300))
