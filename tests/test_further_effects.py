@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from inertiax.diagnose.beside import explained_beside
+from inertiax.diagnose.explain import delta_bic
 from inertiax.diagnose.leading import carried
 from inertiax.diagnose.search import Bank
 from inertiax.diagnose.system import NoiseFit
@@ -44,3 +45,13 @@ def test_what_was_fitted_on_other_channels_is_kept():
     )  # what was fitted on the first channel is of no use beside the new effect there
     assert all((fit.theta[0] == -1.0).all() and fit.value == noise.value for fit in made)
     assert {float(fit.theta[2][0]) for fit in made} == {2.0, 9.0}
+
+
+def test_a_setting_that_is_fitted_is_paid_for():
+    rows = np.exp(7.0)
+    paid = {"drift": 1, "bias_step": 2, "thermal_lag": 1, "dead_band": 1, "second_order": 1}
+    for name, number in paid.items():
+        effect = next(e for e in CATALOGUE if e.name == name)
+        assert delta_bic(30.0, 1, effect, rows) == pytest.approx(30.0 - 7.0 * number), name
+    interference = next(e for e in CATALOGUE if e.name == "interference")
+    assert delta_bic(30.0, 2, interference, rows) == pytest.approx(9.0)  # sine, cosine, frequency

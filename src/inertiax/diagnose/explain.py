@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..effects import Effect
 from .engine import Prepared
 from .identify import Answer, Named
 from .prove import held_out_rms
@@ -37,7 +38,7 @@ def explain(
         weights = np.exp(np.array([e for _, e in members]) - max(e for _, e in members))
         odds = tuple((n, float(w)) for (n, _), w in zip(members, weights / weights.sum()))
         rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
-        bic = candidate.ratio - candidate.score.size * np.log(rows)
+        bic = delta_bic(candidate.ratio, candidate.score.size, effect, rows)
         values = parameters(prepared, stated, term, others, std)
         made.append(
             Explanation(
@@ -47,12 +48,22 @@ def explain(
                 alternatives=tuple(r.term.name for r in named.rivals),
                 odds=odds,
                 parameters=values,
-                evidence=Evidence(float(bic), named.p_value, 1.0 - full / without),
+                evidence=Evidence(bic, named.p_value, 1.0 - full / without),
                 statement=sentence(effect, term.channel_names, values, odds),
                 separating_experiment=effect.separating,
             )
         )
     return _merge(made)
+
+
+def delta_bic(ratio: float, size: int, effect: Effect, rows: float) -> float:
+    """Drop of the Bayesian information criterion by an effect: $\\Lambda - p \\ln n$.
+
+    **Arguments:** `ratio` is the likelihood ratio $\\Lambda$, `size` the number of coefficients and `rows` n. A setting that is
+    fitted, such as the moment of a jump, is one more parameter in p, unless it takes the place of the coefficient.
+    """
+    fitted = size + (effect.nuisance != "" and not effect.unit_amplitude)
+    return float(ratio - fitted * np.log(rows))
 
 
 def _merge(explanations: list[Explanation]) -> list[Explanation]:
