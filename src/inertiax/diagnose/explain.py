@@ -59,8 +59,8 @@ def explain(
 def delta_bic(ratio: float, size: int, effect: Effect, rows: float) -> float:
     """Drop of the Bayesian information criterion by an effect: $\\Lambda - p \\ln n$.
 
-    **Arguments:** `ratio` is the likelihood ratio $\\Lambda$, `size` the number of coefficients and `rows` n. A setting that is
-    fitted, such as the moment of a jump, is one more parameter in p, unless it takes the place of the coefficient.
+    **Arguments:** `ratio` is the likelihood ratio $\\Lambda$, `size` the number of coefficients and `rows` n. A setting
+    that is fitted, such as the moment of a jump, is one more parameter in p, unless it stands for the coefficient.
     """
     fitted = size + (effect.nuisance != "" and not effect.unit_amplitude)
     return float(ratio - fitted * np.log(rows))
