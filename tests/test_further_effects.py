@@ -40,9 +40,8 @@ def test_what_was_fitted_on_other_channels_is_kept():
     fits = (NoiseFit(tuple(before), (0.0, 0.0, 0.0)), on_first, on_last)
     noise = NoiseFit((np.full(7, -1.0), before[1], before[2]), (1.0, 2.0, 3.0))
     made = carried(Bank(fits, ()), noise, {0})
-    assert (
-        len(made) == 2
-    )  # what was fitted on the first channel is of no use beside the new effect there
+    # What was fitted on the first channel is of no use beside the new effect there.
+    assert len(made) == 2
     assert all((fit.theta[0] == -1.0).all() and fit.value == noise.value for fit in made)
     assert {float(fit.theta[2][0]) for fit in made} == {2.0, 9.0}
 
