@@ -1,6 +1,7 @@
 """The noise of a type, learned from several units, and what a diagnosis sees with it."""
 
 import json
+import sys
 from pathlib import Path
 
 import equinox as eqx
@@ -159,6 +160,22 @@ def test_a_unit_that_lacks_something_is_left_out_and_named(alike):
         learn_noise([("one", alike[0]), ("bad", lacking)])
 
 
+def test_units_known_to_be_consistent_are_not_diagnosed_again(alike, monkeypatch):
+    (recording,) = alike[2].recordings
+    moving = eqx.tree_at(lambda r: r.position, recording, np.full_like(recording.position, -1))
+    broken = Campaign((moving,), alike[2].site, Rig(), alike[2].model, "tactical")
+    units = [("one", alike[0]), ("broken", broken), ("two", alike[1])]
+    diagnosed = learn_noise(units)
+    module = sys.modules[pool.__module__]  # its name is that of a function of the package, too
+    monkeypatch.setattr(module, "find_all", lambda *_: pytest.fail("diagnosed again"))
+    found = learn_noise(units, consistent=True)
+    # One that makes no rows is left out all the same, and of the others the noise is what it is with a diagnosis.
+    assert found.units == ("one", "two") and found.left_out == diagnosed.left_out
+    for a, b in zip(found.chains, diagnosed.chains):
+        np.testing.assert_array_equal(a.mean, b.mean)
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
 def test_campaigns_that_do_not_go_together_are_refused(alike, known):
     with pytest.raises(ValueError, match="1 unit; at least 2 are needed"):
         learn_noise([("one", alike[0])])
@@ -247,6 +264,10 @@ def test_the_commands_learn_and_use_the_noise(tmp_path, capsys, monkeypatch):
     assert status == 0, err
     assert "from 2 units: unit-0, unit-1" in out and "accel_z" in out and "m/s²" in out
     assert read_noise(file).units == ("unit-0", "unit-1")
+    again = tmp_path / "again.json"
+    status, _, err = run(capsys, monkeypatch, "learn-noise", *units, "--consistent", "-o", again)
+    assert status == 0, err
+    assert again.read_text() == file.read_text()
     new = _folder(tmp_path / "unit-7", 7)
     answer = tmp_path / "out"
     status, _, err = run(capsys, monkeypatch, "diagnose", new, "--noise", file, "-o", answer, "-q")

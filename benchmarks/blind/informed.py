@@ -2,7 +2,8 @@
 
     python benchmarks/blind/informed.py CASES --units UNITS -o RUNS-INFORMED --part 1/2
 
-As `inertiax learn-noise UNITS/CASE/unit-*` and `inertiax diagnose CASE --noise ...`, without report, in one process.
+As `inertiax learn-noise UNITS/CASE/unit-*` and `inertiax diagnose CASE --noise ...`, without report, in one process;
+with `--consistent` as with that option of `learn-noise`.
 Resumable; never opens the answers.
 """
 
@@ -14,14 +15,15 @@ from pathlib import Path
 from inertiax.cli.environment import prepare
 
 
-def diagnosed(case: Path, units: list[Path], out: Path) -> dict:
+def diagnosed(case: Path, units: list[Path], out: Path, consistent: bool) -> dict:
     """Status, seconds of learning and of the diagnosis, and the units that were left out."""
     from inertiax.campaign import load_campaign
     from inertiax.diagnose import diagnose, learn_noise, write_noise
 
     start = time.perf_counter()
     try:
-        noise = learn_noise([(u.name, load_campaign(u)) for u in units])
+        campaigns = [(u.name, load_campaign(u)) for u in units]
+        noise = learn_noise(campaigns, consistent=consistent)
         write_noise(noise, out / "type-noise.json")
         learned = time.perf_counter()
         diagnose(load_campaign(case), noise=noise).save(out / "diagnosis.json")
@@ -39,6 +41,7 @@ def main():
     parser.add_argument("cases", type=Path)
     parser.add_argument("--units", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--consistent", action="store_true", help="do not diagnose the units first")
     parser.add_argument("--part", default="1/1", help="K/N: every N-th case from the K-th on")
     args = parser.parse_args()
     prepare()  # before JAX is imported
@@ -48,7 +51,8 @@ def main():
         if (out / "run.json").exists():
             continue
         out.mkdir(parents=True, exist_ok=True)
-        found = diagnosed(args.cases / folder.name, sorted(folder.glob("unit-*")), out)
+        units = sorted(folder.glob("unit-*"))
+        found = diagnosed(args.cases / folder.name, units, out, args.consistent)
         (out / "run.json").write_text(json.dumps(found) + "\n")
         print(f"{folder.name}: {found}", flush=True)
 

@@ -24,13 +24,20 @@ def learn_noise(
             "-o", "--output", metavar="FILE", help="File for the noise, such as type-noise.json."
         ),
     ],
+    consistent: Annotated[
+        bool,
+        typer.Option(
+            "--consistent",
+            help="The units were diagnosed before and lack nothing: do not diagnose them again.",
+        ),
+    ] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Learn the noise of a type of device from units that lack nothing, for `diagnose --noise`.
 
-    Each unit is diagnosed first; those with physics missing are left out and named. Four units or more are
-    better than two. With the noise known, effects show that are too small to be told from it in one recording.
+    Each unit is diagnosed first; those with physics missing are left out and named. Twelve units tell far more
+    than four. With the noise known, effects show that are too small to be told from it in one recording.
     """
     for campaign in campaigns:
         outputs.require_campaign(campaign)
@@ -51,7 +58,7 @@ def learn_noise(
             for device in loaded.devices:
                 name = f"{folder.resolve().name}, {device}" if several else folder.resolve().name
                 units.append((name, loaded.of_device(device)))
-        found = learn(units, progress=stages)
+        found = learn(units, consistent=consistent, progress=stages)
         write_noise(found, output)
     if as_json:
         print(output.read_text(), end="")

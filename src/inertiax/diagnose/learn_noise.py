@@ -14,13 +14,17 @@ FEWEST = 2  # units; a single one cannot tell its own noise from that of its typ
 
 
 def learn_noise(
-    campaigns: Sequence[tuple[str, Campaign]], *, progress: Callable[[str], None] = silent
+    campaigns: Sequence[tuple[str, Campaign]],
+    *,
+    consistent: bool = False,
+    progress: Callable[[str], None] = silent,
 ) -> TypeNoise:
     """Learn the noise of a type of device from one-device campaigns of several units.
 
     **Arguments:** `campaigns` are pairs of a unit's name and its campaign; all need the same triads and
     estimators, and a rig whose stated uncertainties are the same. Each unit is diagnosed first: one whose model
-    lacks physics, or that cannot be diagnosed, does not tell the noise and is left out with the reason.
+    lacks physics, or that cannot be diagnosed, does not tell the noise and is left out with the reason. With
+    `consistent` the units are known to lack nothing, from diagnoses made before, and only their rows are made.
     **Returns** a `TypeNoise`, for `diagnose(..., noise=...)`.
     Raises `ValueError` where the campaigns do not go together or fewer than two consistent units remain.
     """
@@ -36,7 +40,7 @@ def learn_noise(
             progress(f"unit {number} of {len(campaigns)}: {name}")
             try:
                 _, triads = prepare(campaign)
-                why = _lacking(triads, campaign.grade)
+                why = None if consistent else _lacking(triads, campaign.grade)
             except ValueError as error:  # one bad unit does not stop the others
                 triads, why = [], str(error)
             if why is None:

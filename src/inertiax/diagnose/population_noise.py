@@ -29,7 +29,7 @@ from .variance_fit import likelihood_inputs
 from .whiten import Known, negative_log_likelihood, NUM_VARIANCES, value_and_gradient, WALK
 
 
-DRAWS = 500  # a fifth to a half of them count
+DRAWS = 300  # a fifth to a half of them count
 TOLD = 0.3  # standard deviation of a log variance up to which its posterior is like a normal one
 MOST_TRIES = 200  # draws for each that is possible
 VAGUE = 4.0  # standard deviation of a log variance before any unit was seen
@@ -115,7 +115,7 @@ class _Units:
         """Minus the log likelihood of one unit, and its gradient, at absolute log variances."""
         system, c = self.systems[unit], self.chain
         theta = value - np.log(system.scales[c])
-        inputs = likelihood_inputs(system, c, ())
+        inputs = _inputs(system, c)
         made, slope = value_and_gradient(
             theta, system.scales[c], system.longer[c], *inputs, Known.nothing()
         )
@@ -138,11 +138,17 @@ class _Units:
         """`all` without its gradient at many values."""
         total = 0.5 * (((values - self.center) / VAGUE) ** 2).sum(axis=1)
         for system in self.systems:
-            c, inputs = self.chain, likelihood_inputs(system, self.chain, ())
+            c, inputs = self.chain, _inputs(system, self.chain)
             theta = values - np.log(system.scales[c])
             made = _many(theta, system.scales[c], system.longer[c], *inputs, Known.nothing())
             total = total + np.asarray(made) - 0.5 * WALK * np.logaddexp(0.0, theta[:, 2] + 3.0)
         return np.where(np.isfinite(total), total, np.inf)
+
+
+def _inputs(system: System, chain: int) -> tuple[np.ndarray, ...]:
+    """Residual and baseline columns, without the room that a diagnosis keeps for effects: less to filter."""
+    observed, columns, extra = likelihood_inputs(system, chain, ())
+    return observed, columns, extra[:, :0]
 
 
 _many = jax.jit(
