@@ -47,7 +47,7 @@ def _overall(methods: dict) -> str:
         row("Runs that failed", lambda s: s["failed"], str),
         row("Seconds a case, median", lambda s: s["seconds"]["median"], _number),
     ]
-    return _table(["Figure", *methods], rows)
+    return _table(["Figure", *methods], [r for r in rows if set(r[1:]) != {"–"}])
 
 
 def _by_size(summary: dict) -> str:
@@ -95,13 +95,13 @@ def _informed(methods: dict) -> str:
     return _table(["Figure", *methods], rows)
 
 
-def markdown(results: dict) -> str:
+def markdown(results: dict, title: str = "Blind proof") -> str:
     """The whole page."""
     methods = results["methods"]
     first = next(iter(methods))
     count = sum(methods[first]["summary"]["cases"].values())
     parts = [
-        "# Blind proof\n",
+        f"# {title}\n",
         f"{count} concealed cases, seed {results['seed']}; SHA-256 of the answers, printed before any "
         f"run: `{results['sealed']}`. Shares with 95 % Wilson intervals and numbers of cases.\n",
         "## All methods\n",

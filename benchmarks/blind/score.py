@@ -152,6 +152,7 @@ def main():
     parser.add_argument("--runs", action="append", required=True, metavar="NAME=FOLDER")
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="Markdown page")
+    parser.add_argument("--title", default="Blind proof", help="of that page")
     parser.add_argument("--given", type=Path, help="what `given.py` wrote for the first run")
     parser.add_argument("--informed", type=Path, help="what this script wrote for `informed.py`")
     parser.add_argument("--subset", action="store_true", help="mark what all the runs hold")
@@ -181,7 +182,7 @@ def main():
         }  # fmt: skip
     args.output.write_text(json.dumps(results, indent=1) + "\n")
     if args.page:
-        args.page.write_text(page.markdown(results))
+        args.page.write_text(page.markdown(results, args.title))
 
 
 if __name__ == "__main__":
