@@ -41,7 +41,10 @@ def _overall(methods: dict) -> str:
         row("Channel located, z ≥ 10", strong("channel")),
         row("Span overlap (IoU) ≥ 0.7, z ≥ 10", strong("span_overlap")),
         row("Parameter inside its 95 % interval, z ≥ 10", strong("covered")),
-        row("The same, all single effects and pairs", lambda s: s["covered"]),
+        row(
+            "Parameter inside its 95 % interval, all single effects and pairs",
+            lambda s: s["covered"],
+        ),
         row("Held-out rms / oracle's rms, median", strong("held_out_ratio"), _number),
         row("Held-out improvement / oracle's, median", strong("improvement_ratio"), _number),
         row("Runs that failed", lambda s: s["failed"], str),

@@ -36,8 +36,8 @@ def learn_noise(
 ) -> None:
     """Learn the noise of a type of device from units that lack nothing, for `diagnose --noise`.
 
-    Each unit is diagnosed first; those with physics missing are left out and named. Twelve units tell far more
-    than four. With the noise known, effects show that are too small to be told from it in one recording.
+    Each unit is diagnosed first; those with physics missing are left out and named. A dozen units are
+    better than two. With the noise known, effects show that are too small to be told from it in one recording.
     """
     for campaign in campaigns:
         outputs.require_campaign(campaign)
