@@ -3,13 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import scipy.stats
-
 from .alternatives import PREFIX
 from .beside import among, explained_beside, full, MOST_EFFECTS, twice
 from .family import Family, family, Key
-from .flexible import on_input
 from .leading import (
     carried,
     FAINT,
@@ -22,9 +18,10 @@ from .leading import (
     screen,
     sharpen,
 )
+from .left_over import left_over, LeftOver
 from .memory import remember, Remembered
 from .scores import Score
-from .search import Bank, bank, Candidate, count_forms, judge, refine, shortlist
+from .search import Bank, bank, Candidate, count_forms, judge, shortlist
 from .searched import recounted
 from .system import NoiseFit, System
 from .terms import Term
@@ -43,9 +40,6 @@ MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue
 SAME = 6.0  # difference of BIC within which names stay in the set
 MOST_OF = 0.5  # of an effect's gain: what one of two has alone to be tried in its place
 TRACE = 0.03  # of a strong effect's gain: what its form and setting on a grid may leave behind
-LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
-UNSEEN = 1e-6  # the same where nothing was named
-SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
 MORE = 60  # forms that the short list may grow by beside each choice
 OWN = 8  # forms of a chosen effect among which the likeliest rare one is sought at the end
 TRIED = 40  # leading candidates that are asked whether they predict
@@ -122,7 +116,10 @@ def identify(
         ask.look_again(noise, terms)
         fuller, ranked = ask.rank_on(fuller, noise, terms, memory.chosen)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
-    left = None if memory is not None else ask.left_over(found, flexible, null)
+    left = None
+    if memory is None and found.unlisted is None:
+        noise = null if found.noise is None else found.noise
+        left = left_over(system, found.chosen, noise, flexible, grade=grade, say=say)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
 
 
@@ -134,14 +131,6 @@ class Found:
     noise: NoiseFit | None
     unlisted: Candidate | None
     unlisted_p: float
-
-
-@dataclass(frozen=True, eq=False)
-class LeftOver:
-    """The flexible dependence that still finds something beside the named effects."""
-
-    candidate: Candidate
-    p_value: float
 
 
 @dataclass(eq=False)
@@ -385,35 +374,6 @@ class Asked:
         )  # fmt: skip
         return Named(lead, self.chance(lead), rivals)
 
-    def left_over(
-        self, found: Found, flexible: Sequence[Term], null: NoiseFit
-    ) -> "LeftOver | None":
-        """What the named effects leave for the flexible dependences, if it counts beside what they explain.
-
-        Where nothing was named, dependences on the inputs alone: a smooth course in time is what slow noise is.
-        """
-        if found.unlisted is not None:
-            return None
-        system, terms = self.system, [c.term for c in found.chosen]
-        noise = null if found.noise is None else found.noise
-        chains = {c for t in terms for c in t.chains}
-        asked = [t for t in flexible if chains.issuperset(t.chains) or (not terms and on_input(t))]
-        start = bank(system, [noise], terms)
-        ranked = judge(system, start, asked, terms, {}, self.grade)
-        ranked = sorted(ranked, key=_rareness)
-        if not terms and (not ranked or _rareness(ranked[0]) > np.log(UNSEEN)):
-            return None
-        fuller = refine(system, start, ranked[:6], terms, most=3)
-        ranked = judge(system, fuller, [c.term for c in ranked[:6]], terms, {}, self.grade)
-        if not ranked:
-            return None
-        worst = min(ranked, key=_rareness)
-        p = float(np.exp(min(_rareness(worst) + np.log(len(asked)), 0.0)))
-        mine = sum(c.ratio for c in found.chosen if set(c.term.chains) & set(worst.term.chains))
-        share = (worst.ratio - worst.score.size) / max(mine, 1e-300)
-        self.say(f"left over: {share:.2f} of the explained, p {p:.1e} ({worst.term.variant.label})")
-        return LeftOver(worst, p) if p < (LEFT if terms else UNSEEN) and share > SHARE else None
-
     def _pair_beats(
         self, fuller: Bank, listed: Candidate, unlisted: Candidate, chosen: list[Term]
     ) -> bool:
@@ -429,11 +389,6 @@ class Asked:
             return False
         needed = unlisted.evidence + (MARGIN if chosen else 0.0)
         return listed.evidence + more[0].evidence > needed
-
-
-def _rareness(candidate: Candidate) -> float:
-    """Logarithm of the chance of such a likelihood ratio by noise alone."""
-    return float(scipy.stats.chi2.logsf(max(candidate.ratio, 0.0), candidate.score.size))
 
 
 def _conclude(
