@@ -196,7 +196,9 @@ def test_the_file_holds_what_was_learned(known, tmp_path):
     path = tmp_path / "type-noise.json"
     write_noise(known, path)
     again = read_noise(path)
-    assert again.units == known.units and again.rig == known.rig
+    assert (
+        again.units == known.units and again.rig == known.rig and again.diagnosed == known.diagnosed
+    )
     for a, b in zip(known.chains, again.chains):
         assert a.label == b.label and np.array_equal(a.scatter, b.scatter)
         assert np.array_equal(a.mean, b.mean) and np.array_equal(a.covariance, b.covariance)
@@ -241,6 +243,15 @@ def test_a_truncated_file_is_said_in_one_line(known, tmp_path):
         read_noise(path)
 
 
+def test_a_file_that_does_not_say_whether_its_units_were_diagnosed_is_read(known, tmp_path):
+    path = tmp_path / "type-noise.json"
+    write_noise(known, path)
+    content = json.loads(path.read_text())
+    del content["diagnosed"]
+    path.write_text(json.dumps(content))
+    assert read_noise(path).origin().endswith("it is not said whether they were diagnosed first.")
+
+
 def _folder(path, seed):
     """A unit's campaign as files."""
     (recording,) = unit(seed).recordings
@@ -263,16 +274,23 @@ def test_the_commands_learn_and_use_the_noise(tmp_path, capsys, monkeypatch):
     status, out, err = run(capsys, monkeypatch, "learn-noise", *units, "-o", file)
     assert status == 0, err
     assert "from 2 units: unit-0, unit-1" in out and "accel_z" in out and "m/s²" in out
+    assert "taken as consistent" not in out
     assert read_noise(file).units == ("unit-0", "unit-1")
     again = tmp_path / "again.json"
-    status, _, err = run(capsys, monkeypatch, "learn-noise", *units, "--consistent", "-o", again)
+    status, out, err = run(capsys, monkeypatch, "learn-noise", *units, "--consistent", "-o", again)
     assert status == 0, err
-    assert again.read_text() == file.read_text()
+    assert "taken as consistent" in out
+    learned, taken = json.loads(file.read_text()), json.loads(again.read_text())
+    assert (learned.pop("diagnosed"), taken.pop("diagnosed")) == (True, False)
+    assert taken == learned
     new = _folder(tmp_path / "unit-7", 7)
     answer = tmp_path / "out"
     status, _, err = run(capsys, monkeypatch, "diagnose", new, "--noise", file, "-o", answer, "-q")
     assert status == 0, err
-    assert json.loads((answer / "diagnosis.json").read_text())["verdict"] == "consistent"
+    diagnosis = json.loads((answer / "diagnosis.json").read_text())
+    assert diagnosis["verdict"] == "consistent"
+    origin = "2 units of the type (unit-0, unit-1), each found consistent first."
+    assert diagnosis["noise"][0].endswith(origin) and origin in (answer / "report.html").read_text()
     toml = (new / "campaign.toml").read_text()
     (new / "campaign.toml").write_text(toml + "[rig]\nposition_uncertainty = 2.0\n")
     other = tmp_path / "other"

@@ -1,6 +1,7 @@
 """From campaigns of several units of one type to what is known of the type's noise."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import jax
 
@@ -54,7 +55,8 @@ def learn_noise(
                 f"`learn_noise(campaigns)`: {len(taken)} of {len(campaigns)} units are consistent with their model, "
                 f"and {FEWEST} are needed ({said})."
             )
-        return pool(taken, campaigns[0][1].rig, tuple(left_out), progress)
+        found = pool(taken, campaigns[0][1].rig, tuple(left_out), progress)
+        return replace(found, diagnosed=not consistent)
 
 
 def _lacking(triads: Sequence[Prepared], grade: str | None) -> str | None:

@@ -42,6 +42,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     rig: _Rig
     log_variances: list[str]  # names, in the order of every mean
     chains: list[_Chain]
+    diagnosed: bool | None = None  # each unit, before it told; older files do not say
 
 
 def write_noise(noise: TypeNoise, path: Path) -> None:
@@ -58,6 +59,7 @@ def write_noise(noise: TypeNoise, path: Path) -> None:
         _Rig(rig.position_uncertainty, rig.rate_uncertainty, rig.temperature_uncertainty),
         NAMES,
         chains,
+        noise.diagnosed,
     )
     write_atomically(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
 
@@ -85,6 +87,7 @@ def read_noise(path: Path) -> TypeNoise:
         ),
         tuple(content.units),
         tuple((one.unit, one.why) for one in content.left_out),
+        content.diagnosed,
     )
 
 

@@ -60,6 +60,21 @@ class TypeNoise(eqx.Module):
     rig: Rig  # of the station; its promises are the unit of two variances
     units: tuple[str, ...] = eqx.field(static=True)
     left_out: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())  # name and why
+    diagnosed: bool | None = eqx.field(
+        static=True, default=None
+    )  # first, each unit; None: not said
+
+    def origin(self) -> str:
+        """Where the noise comes from, in a sentence."""
+        how = {
+            True: "each found consistent first",
+            False: "taken as consistent without a diagnosis",
+            None: "it is not said whether they were diagnosed first",
+        }
+        return (
+            f"Known beforehand from {len(self.units)} units of the type ({', '.join(self.units)}), "
+            f"{how[self.diagnosed]}."
+        )
 
     def require(self, rig: Rig) -> None:
         """Raises `ValueError` for a station that promises something else."""

@@ -88,7 +88,7 @@ class Diagnosis(eqx.Module):
     notes: tuple[str, ...] = eqx.field(static=True, default=())
     noise: tuple[str, ...] = eqx.field(
         static=True, default=()
-    )  # fitted noise beside Allan deviations
+    )  # where it was known from, and the fitted noise beside Allan deviations
     audit: Audit | None = None
     residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
 

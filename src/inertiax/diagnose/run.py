@@ -90,6 +90,8 @@ def diagnose_campaign(
         progress("blocks, models and signatures made")
         findings = find_all(triads, campaign.grade, progress)
         found, second = conclude_findings(seen, findings, effects, progress)
+        if noise is not None:
+            found = replace(found, noise=(noise.origin(), *found.noise))
         return found, second if calibration is None else succeeding(calibration, second)
 
 

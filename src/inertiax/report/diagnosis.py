@@ -244,12 +244,13 @@ def _moved_row(moved: Moved) -> tuple[str, ...]:
 
 
 def _noise_section(found: Diagnosis) -> list[Section]:
-    """The fitted noise beside the Allan deviation of the rows, where a rest is long enough."""
+    """Where the noise was known from, and how it compares with the Allan deviation where a rest is long enough."""
     if not found.noise:
         return []
     lines = (
-        "Every probability above rests on the noise that was fitted. Allan deviations of the residual rows "
-        "beside those of draws from it:",
+        "Every probability above rests on the noise that was fitted. Below: what was known of it beforehand, if "
+        "anything was, and Allan deviations of the residual rows beside those of draws from it, where a rest is "
+        "long enough.",
     )
     return [Section("Is the noise right?", lines=lines, items=found.noise)]
 

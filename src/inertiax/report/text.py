@@ -118,6 +118,8 @@ def print_type_noise(noise: "TypeNoise", path: Path) -> None:
 
     console = _console()
     console.print(f"Noise of a type, from {len(noise.units)} units: {', '.join(noise.units)}")
+    if noise.diagnosed is False:
+        console.print("not diagnosed first: taken as consistent")
     for name, why in noise.left_out:
         console.print(f"left out: {name} ({why})")
     columns = list(Variances.__dataclass_fields__)
