@@ -15,8 +15,10 @@ import pytest
 BLIND = Path(__file__).parent.parent / "benchmarks" / "blind"
 sys.path.insert(0, str(BLIND))
 
-_NAMES = ("draw", "generate", "linear", "marks", "menu", "plans", "rig", "score", "truth", "world")
-draw, generate, linear, marks, menu, plans, rig, score, truth, world = map(
+_NAMES = (
+    "draw", "generate", "linear", "marks", "menu", "page", "plans", "rig", "score", "truth", "world",
+)  # fmt: skip
+draw, generate, linear, marks, menu, page, plans, rig, score, truth, world = map(
     importlib.import_module, _NAMES
 )
 
@@ -182,3 +184,17 @@ def test_a_perfect_diagnosis_gets_full_marks_and_a_wrong_one_none(suite):
     other = marks.mark(answer, {"verdict": "missing-physics", "effects": [wrong]}, 1.0)
     assert not (other.first_in_class or other.true_in_set or other.channel)
     assert marks.mark(answer, None, None).detected is False
+
+
+def test_page_has_the_figures_that_were_measured_and_no_others(suite):
+    answer = suite[1]["cases"][1]
+    truth_ = answer["effects"][0]
+    effect = {"name": truth_["name"], "channels": truth_["channels"], "alternatives": []}
+    mark = marks.mark(answer, {"verdict": "missing-physics", "effects": [effect]}, 1.0)
+    strong = {**vars(mark), "z": 30.0}
+    one = score.summary([marks.Mark(**strong)])
+    table = page._overall({"one": {"summary": one}})
+    # One of one, by Wilson: 1 / (1 + 1.96²) = 0.21 to 1.
+    assert "| Detected, z ≥ 10 | 100 % (21–100; n 1) |" in table
+    assert "False alarms" not in table and "z = 6" not in table and "Both of two" not in table
+    assert "| Runs that failed | 0 |" in table and "| Seconds a case, median | 1.00 |" in table
