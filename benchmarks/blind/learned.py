@@ -7,12 +7,19 @@ anew with and without it, and counted as seen below the chance that the gate lea
 loosely" is five times that, the whole share of false alarms that is allowed. z is
 measured with the true variances; where an effect looks like slow noise, fitted variances take most of it up, in
 any method that learns the noise from the same recording. Opens the answers: for use after the runs.
+
+`--alike 0.7` asks what it would help to take the slow noise of a triad's channels for alike: that of the effect's
+channel is then known beforehand from the two others, as from two units of a type, and may differ from theirs by that
+much (standard deviation of each log variance, beyond what the two tell). The generator gives all three the same
+noise, which flatters the figure.
 """
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import numpy as np
 import scipy.stats
@@ -22,7 +29,9 @@ from inertiax.campaign import load_campaign
 from inertiax.diagnose.engine import finer, prepare, Prepared
 from inertiax.diagnose.family import family
 from inertiax.diagnose.identify import GATE
+from inertiax.diagnose.population_noise import learn_chain
 from inertiax.diagnose.search import bank, Candidate, judge, refine
+from inertiax.diagnose.system import System
 from inertiax.diagnose.terms import Term
 from inertiax.diagnose.variance_fit import fit_noise
 
@@ -49,12 +58,35 @@ def best_form(prepared: Prepared, forms: list[Term]) -> tuple[Candidate, float] 
     return best, float(-np.expm1(tests * np.log1p(-min(single, 1 - 1e-12))))
 
 
-def one(case: Path, truth: dict) -> dict | None:
-    """Ratio and chance of the true effect on its own channels; `None` where the plan has no form of it."""
+def alike(system: System, chain: int, scatter: float) -> System:
+    """The system with one chain's noise known from the other two, which may differ from it by `scatter`."""
+    others = [
+        System(
+            replace(system.base, observed=system.base.observed[k : k + 1]),
+            *((getattr(system, name)[k],) for name in ("chains", "scales", "frames", "longer")),
+            known=(system.known[k],),
+        )
+        for k in range(3)
+        if k != chain
+    ]
+    told = learn_chain(others, 0, "the other channels")
+    wider = told.covariance + scatter**2 * np.eye(len(told.mean))
+    known = list(system.known)
+    known[chain] = eqx.tree_at(lambda n: n.covariance, told, wider).relative(system.scales[chain])
+    return eqx.tree_at(lambda s: s.known, system, tuple(known))
+
+
+def one(case: Path, truth: dict, scatter: float | None) -> dict | None:
+    """Ratio and chance of the true effect on its own channels; `None` where the plan has no form of it.
+
+    With a `scatter` the noise of an effect's only channel is known from the two others, where there are rows of each.
+    """
     triad = truth["channels"][0].split("_")[0]
     channels = tuple("xyz".index(c[-1]) for c in truth["channels"])
     _, triads = prepare(load_campaign(case))
     prepared = next(p for p in triads if p.form.triad == triad)
+    if scatter is not None and len(prepared.system.chains) == 3 and len(channels) == 1:
+        prepared = replace(prepared, system=alike(prepared.system, channels[0], scatter))
     listed = [t for t in prepared.candidates if t.effect is not None]
     forms = [
         t
@@ -78,6 +110,12 @@ def main():
     parser.add_argument("cases", type=Path)
     parser.add_argument("--answers", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument(
+        "--alike",
+        type=float,
+        metavar="SCATTER",
+        help="of a triad's log variances, which tell each other",
+    )
     args = parser.parse_args()
     made = []
     with jax.enable_x64(True):
@@ -85,7 +123,7 @@ def main():
             truth = answer["effects"][0] if answer["kind"] == "single" else None
             if truth is None or truth["z"] < LEAST_Z:
                 continue
-            found = one(args.cases / answer["case"], truth)
+            found = one(args.cases / answer["case"], truth, args.alike)
             unseen = {"name": truth["name"], "z": truth["z"], "seen": False, "seen_loosely": False}
             made.append({"case": answer["case"], **(found or unseen)})
             print(made[-1], flush=True)
