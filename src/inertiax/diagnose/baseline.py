@@ -117,10 +117,13 @@ def choose(campaign: Campaign, blocks: Blocks, triad: str) -> ModelForm | None:
 
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
-    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests."""
+    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests.
+
+    The gyros' only where the device did not move in a rest that was found in the data.
+    """
     if form.estimator == "reference":
         return np.ones(blocks.num_blocks, bool)
-    return ~blocks.moving
+    return ~blocks.moving & ~(blocks.moved & (form.triad == "gyro"))
 
 
 @jax.jit

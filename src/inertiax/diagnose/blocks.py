@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from ..intervals import segment
 from ..recordings import Campaign, Recording
+from .knocks import knocked
 
 
 EARTH_RATE = 7.292115e-5  # rad/s
@@ -38,6 +39,7 @@ class Log(eqx.Module):
     reference_gyro: Float[np.ndarray, "time 3"] | None
     latitude: float | None = None  # rad
     supply: Float[np.ndarray, " time"] | None = None  # V
+    searched: Bool[np.ndarray, " time"] | None = None  # rows whose rests were found in the data
 
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
@@ -71,6 +73,7 @@ class Blocks(eqx.Module):
         Float[np.ndarray, "block 3"] | None
     )  # variance of the mean by scatter inside blocks
     gyro_white: Float[np.ndarray, "block 3"] | None
+    moved: Bool[np.ndarray, " block"]  # though at rest, as the gyros say; see `knocks`
 
     @property
     def num_blocks(self) -> int:
@@ -136,6 +139,12 @@ def join(campaign: Campaign) -> Log:
         latitude=campaign.site.latitude,
         # Optional even where some files have it: what only some tell is not tested.
         supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
+        searched=np.concatenate(
+            [
+                np.full(r.num_samples, r.position is None and r.reference_gyro is None)
+                for r in recordings
+            ]
+        ),
     )
 
 
@@ -227,22 +236,28 @@ def _summarise(
         return None if values is None else block_mean(values, start, stop)
 
     moving = label[start] == -2
+    time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
+    moved = np.zeros(len(start), bool)
+    asked = ~moving if log.searched is None else ~moving & log.searched[start]
+    if log.searched is not None and gyro is not None and asked.any():
+        moved[asked] = knocked(gyro[asked], time[asked], dwell[asked])
     return Blocks(
         start=start,
         stop=stop,
         dwell=dwell,
         moving=moving,
-        time=block_mean(log.time, start, stop),
+        time=time,
         experiment=log.experiment[start],
         position=np.where(moving, -1, label[start]),
         cycle=log.cycle[start],
         temperature=mean(log.temperature),
         accel=mean(log.accel),
-        gyro=mean(log.gyro),
+        gyro=gyro,
         reference_accel=mean(log.reference_accel),
         reference_gyro=mean(log.reference_gyro),
         accel_white=_white(log.accel, log.reference_accel, start, stop, moving),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, moving),
+        moved=moved,
     )
 
 

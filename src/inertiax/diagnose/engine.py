@@ -39,6 +39,7 @@ class Prepared:
         None  # what the ramps between plateaus say; taken away from the rows where it is found
     )
     log: Log | None = None
+    moved: float = 0.0  # s of rests left out, since the device moved in them
 
 
 def rig_variance(
@@ -106,7 +107,8 @@ def prepare(
             accel_base = base
             force = specific_force(log, blocks, accel_base)
         made = prepare_triad(campaign, log, mine, form, base, force, catalogue)
-        made = replace(made, delay=delay, log=log)
+        lost = blocks[blocks.moved & ~usable(form, blocks)]
+        made = replace(made, delay=delay, log=log, moved=float(lost.count.sum() * log.step))
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return log, prepared
 

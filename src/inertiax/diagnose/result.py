@@ -86,6 +86,7 @@ class Diagnosis(eqx.Module):
     detectable: tuple[Detectable, ...] = ()
     empirical: str | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+    left_out: tuple[str, ...] = eqx.field(static=True, default=())  # rows that were not judged
     noise: tuple[str, ...] = eqx.field(
         static=True, default=()
     )  # where it was known from, and the fitted noise beside Allan deviations
@@ -107,7 +108,7 @@ class Diagnosis(eqx.Module):
             "not_testable": list(self.not_testable),
             "parameters_moved": [_fields(m) for m in self.parameters_moved],
             "detectable": [_fields(d) for d in self.detectable],
-            "notes": list(self.notes),
+            "notes": [*self.notes, *self.left_out],
             "noise": list(self.noise),
         }
         if self.audit is not None:

@@ -263,6 +263,7 @@ def conclude_findings(
         detectable=_smallest(plan) if verdict == "consistent" else (),
         empirical="; ".join(empirical) or None,
         notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
+        left_out=tuple(_left_out(f.prepared) for f in findings if f.prepared.moved > 0.0),
         noise=tuple(noise),
         audit=plan,
         residuals=tuple(rows),
@@ -295,6 +296,17 @@ def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, 
         rms, chi2 = in_sample(prepared, answer.noise, chosen)
         made.append(Quality(rms, chi2, held_out_rms(prepared, answer.noise, chosen)))
     return made[0], made[1]
+
+
+def _left_out(prepared: Prepared) -> str:
+    """What of a triad's rests was not judged, in a sentence."""
+    rows = prepared.blocks
+    kept = float(rows.count.sum()) * (0.0 if prepared.log is None else prepared.log.step)
+    return (
+        f"{prepared.form.triad}: {prepared.moved:.3g} s of rest are left out and {kept:.3g} s judged: the rests were "
+        "found in the data, and in these stretches the gyros read what a knock or a hand makes them read. A column `position` that "
+        "says which rows rest has all of them judged."
+    )
 
 
 def _everything(answer: Answer, terms: list) -> list:

@@ -40,6 +40,7 @@ def report_diagnosis(
         *_fit_section(found, folder),
         *_place_section(found, folder, campaign),
         *_moved_section(found, folder),
+        *_left_out_section(found),
         *_noise_section(found),
         *_limits_section(found),
     ]
@@ -241,6 +242,11 @@ def _moved_row(moved: Moved) -> tuple[str, ...]:
     after, sigma = with_sigma(factor * moved.after, factor * moved.std)
     before, _ = with_sigma(factor * moved.before, factor * moved.std)
     return name, before, after, sigma, unit, f"{(moved.after - moved.before) / moved.std:+.1f}"
+
+
+def _left_out_section(found: Diagnosis) -> list[Section]:
+    """Rows that were not judged, and why."""
+    return [Section("Left out", items=found.left_out)] if found.left_out else []
 
 
 def _noise_section(found: Diagnosis) -> list[Section]:

@@ -99,6 +99,8 @@ def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
             console.print(f"    {name} = {value} {known}")
         if effect.separating_experiment:
             console.print(f"    to tell more: {effect.separating_experiment}")
+    for line in found.left_out:
+        console.print(line)
     console.print(
         f"written: {folder / 'diagnosis.json'}, {folder / 'calibration.json'}, {folder / 'report.html'}"
     )
