@@ -58,7 +58,7 @@ def main() -> None:
         own = fit_noise(gyro.system, chosen)
         fits = [likelihood(gyro.system, own, chosen, c) for c in range(3)]
         shared = one_for_all(gyro.system, own, chosen)
-        ratio = 2.0 * (shared.total - sum(fits))
+        ratio = max(2.0 * (shared.total - sum(fits)), 0.0)
         print(
             f"\n{title}: twice the log likelihood ratio {ratio:.1f} against equal noise "
             f"(chance {scipy.stats.chi2.sf(ratio, 2 * len(SHARED)):.1g})"
