@@ -304,8 +304,8 @@ def _left_out(prepared: Prepared) -> str:
     kept = float(rows.count.sum()) * (0.0 if prepared.log is None else prepared.log.step)
     return (
         f"{prepared.form.triad}: {prepared.moved:.3g} s of rest are left out and {kept:.3g} s judged: the rests were "
-        "found in the data, and in these stretches the gyros read what a knock or a hand makes them read. A column `position` that "
-        "says which rows rest has all of them judged."
+        "found in the data, and in these stretches the gyros read what a knock or a hand makes them read. A column "
+        "`position` that says which rows rest has all of them judged."
     )
 
 
