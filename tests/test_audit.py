@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from inertiax.cli.app import app
 from inertiax.diagnose import audit
 from inertiax.diagnose.audit import assumed_noise, Audited, detectable_sizes, needed, sigma
+from inertiax.diagnose.choosing import GATE
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family
-from inertiax.diagnose.identify import GATE
 from inertiax.diagnose.limits import POWER
 from inertiax.diagnose.scores import whiten_system
 from inertiax.diagnose.system import NoiseFit

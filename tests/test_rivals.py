@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.diagnose import diagnose, identify
+from inertiax.diagnose import choosing, diagnose
+from inertiax.diagnose.choosing import Asked, FURTHER, MARGIN
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family
-from inertiax.diagnose.identify import Asked, FURTHER, MARGIN
 from inertiax.diagnose.search import Bank, Candidate
 from inertiax.diagnose.system import NoiseFit
 from inertiax.effects import CATALOGUE
@@ -80,7 +80,7 @@ def test_what_is_scored_beside_the_rigs_errors_is_no_rival_of_what_is_not(monkey
         known = {id(c.term): c for c in (mixed, slow, listed)}
         return [replace(known[id(t)], evidence=alone[t.name]) for t in terms]
 
-    monkeypatch.setattr(identify, "judge", judge)
+    monkeypatch.setattr(choosing, "judge", judge)
 
     def leads(*rivals):
         return asked(system)._leading_open(Bank((), ()), [*rivals, listed], listed, [])
@@ -97,12 +97,12 @@ def test_a_pair_stands_for_an_unlisted_dependence_where_the_second_is_rare_by_it
     listed, unlisted = candidate("drift", 11.0, 28.0), candidate("~bump", 35.0, 87.0)
     second = candidate("warm_up", 27.0, 60.0)
     system = prepare(oblique(2), ())[1][0].system
-    monkeypatch.setattr(identify, "fit_noise", lambda *_: NOTHING)
+    monkeypatch.setattr(choosing, "fit_noise", lambda *_: NOTHING)
     fuller = Bank((NOTHING,), ((0.0, 0.0, 0.0),))
     monkeypatch.setattr(Bank, "leader", NOTHING)
 
     def beats(more, chosen=()):
-        monkeypatch.setattr(identify, "rank", lambda *_: (fuller, more))
+        monkeypatch.setattr(choosing, "rank", lambda *_: (fuller, more))
         return asked(system)._pair_beats(fuller, listed, unlisted, [c.term for c in chosen])
 
     assert beats([second])
@@ -128,9 +128,9 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
 
     def taken(*leading, unlisted=None, chosen=()):
         first = leading[0] if leading else None
-        return ask._first_that_passes(leading, first, unlisted, identify.GATE, chosen)
+        return ask._first_that_passes(leading, first, unlisted, choosing.GATE, chosen)
 
-    assert ask.chance(jump) > identify.GATE > ask.chance(rare)
+    assert ask.chance(jump) > choosing.GATE > ask.chance(rare)
     assert taken(jump, rare) is rare
     assert taken(jump, late) is jump  # which does not pass
     assert taken(jump, rare, unlisted=candidate("~bump", 9.0)) is jump

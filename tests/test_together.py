@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from inertiax.diagnose import identify
+from inertiax.diagnose import choosing
 from inertiax.diagnose.beside import causes, full, MOST_EFFECTS
+from inertiax.diagnose.choosing import Asked, PAIR
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Family, family
-from inertiax.diagnose.identify import Asked, PAIR
 from inertiax.diagnose.leading import rank
 from inertiax.diagnose.search import Bank, bank, Candidate, count_forms, judge
 from inertiax.diagnose.system import NoiseFit
@@ -62,7 +62,7 @@ def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
         return replace(made, term=replace(made.term, effect=effect))
 
     pair = Pair(of("warm_up", once), of("drift"), PAIR / 10.0)
-    monkeypatch.setattr(identify, "best_pair", lambda *_: pair)
+    monkeypatch.setattr(choosing, "best_pair", lambda *_: pair)
     with jax.enable_x64(True):
         system = prepare(sweep(1), ())[1][0].system
     null = NoiseFit((), ())

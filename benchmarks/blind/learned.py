@@ -26,9 +26,9 @@ import scipy.stats
 from score import open_answers
 
 from inertiax.campaign import load_campaign
+from inertiax.diagnose.choosing import GATE
 from inertiax.diagnose.engine import finer, prepare, Prepared
 from inertiax.diagnose.family import family
-from inertiax.diagnose.identify import GATE
 from inertiax.diagnose.population_noise import learn_chain
 from inertiax.diagnose.search import bank, Candidate, judge, refine
 from inertiax.diagnose.system import System

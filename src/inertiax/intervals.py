@@ -44,6 +44,11 @@ class Segments(eqx.Module):
         return self.position >= 0
 
 
+def rests_are_searched(recording: Recording) -> bool:
+    """Whether a recording does not say itself when it rests, so that this is sought in its data."""
+    return recording.position is None and recording.reference_gyro is None
+
+
 def segment(recording: Recording, *, window: float = 1.0) -> Segments:
     """Rests and constant-rate plateaus of one recording.
 

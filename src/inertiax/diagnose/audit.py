@@ -17,9 +17,9 @@ import scipy.stats
 from ..effects import CATALOGUE, Effect
 from ..recordings import Campaign
 from .alternatives import PREFIX
+from .choosing import GATE
 from .engine import prepare, Prepared
 from .family import Family, family
-from .identify import GATE
 from .limits import Absorbed, Audit, Detectable, POWER
 from .overlap import alias_sets, aliases
 from .scores import Score, whiten_system

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ..intervals import segment
+from ..intervals import rests_are_searched, segment
 from ..recordings import Campaign, Recording
 from .knocks import knocked
 
@@ -140,10 +140,7 @@ def join(campaign: Campaign) -> Log:
         # Optional even where some files have it: what only some tell is not tested.
         supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
         searched=np.concatenate(
-            [
-                np.full(r.num_samples, r.position is None and r.reference_gyro is None)
-                for r in recordings
-            ]
+            [np.full(r.num_samples, rests_are_searched(r)) for r in recordings]
         ),
     )
 
@@ -238,9 +235,10 @@ def _summarise(
     moving = label[start] == -2
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
     moved = np.zeros(len(start), bool)
-    asked = ~moving if log.searched is None else ~moving & log.searched[start]
-    if log.searched is not None and gyro is not None and asked.any():
-        moved[asked] = knocked(gyro[asked], time[asked], dwell[asked])
+    if log.searched is not None and gyro is not None:
+        asked = ~moving & log.searched[start]
+        if asked.any():
+            moved[asked] = knocked(gyro[asked], time[asked], dwell[asked])
     return Blocks(
         start=start,
         stop=stop,

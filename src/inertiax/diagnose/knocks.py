@@ -40,6 +40,8 @@ def knocked(
     # An axis whose converter shows most blocks as alike tells nothing, nor do blocks longer than `AROUND`.
     ratio = np.where(usual > 0.0, off / np.where(usual > 0.0, usual, 1.0), 0.0)
     sudden = ratio.max(axis=1) > MOVED
+    if not sudden.any():
+        return sudden
     moved = np.zeros(len(gyro), bool)
     for rest in rests:
         t = time[rest]
@@ -48,8 +50,7 @@ def knocked(
             near |= np.abs(t - moment) <= REACH
         if near.mean() > HELD:
             near[:] = True
-        if near.any() or sudden.any():
-            long = t[-1] - t[0] > SHORT * REACH
-            near |= long & ((t - t[0] < REACH) | (t[-1] - t < REACH))
+        if t[-1] - t[0] > SHORT * REACH:
+            near |= (t - t[0] < REACH) | (t[-1] - t < REACH)
         moved[rest] = near
-    return moved if (~moved).mean() >= LEAST_KEPT else np.zeros(len(gyro), bool)
+    return moved if moved.mean() <= 1.0 - LEAST_KEPT else np.zeros(len(gyro), bool)

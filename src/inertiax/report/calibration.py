@@ -8,12 +8,12 @@ import numpy as np
 
 from ..calibrate import DeviceFailure, DeviceResult, TriadResult
 from ..calibration import Calibration, TriadCalibration
-from ..intervals import segment
+from ..intervals import rests_are_searched, segment
 from ..plots import calibration as plots
 from ..plots.style import drawing
 from ..quality import judge, Quality
 from ..quantities import middle_temperature, quantities, rms_text, with_sigma
-from ..recordings import Campaign, Recording
+from ..recordings import Campaign
 from ..temperature import Constant
 from .judge import (
     coverage_sentence,
@@ -215,7 +215,7 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
                 figure = plots.coverage(directions)
                 figures.append(picture(figure, folder, "coverage", caption, caption))
             break
-    searched = [] if campaign is None else [r for r in campaign.recordings if _searched(r)]
+    searched = [] if campaign is None else [r for r in campaign.recordings if rests_are_searched(r)]
     if searched:
         found = [segment(r) for r in searched]
         lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
@@ -224,10 +224,6 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
             figure = plots.rests(searched[:3], found[:3])
             figures.append(picture(figure, folder, "rests", caption, caption))
     return Section("Data", lines=tuple(lines), figures=tuple(figures))
-
-
-def _searched(recording: Recording) -> bool:
-    return recording.position is None and recording.reference_gyro is None
 
 
 def _quality_section(quality: Quality) -> Section:
