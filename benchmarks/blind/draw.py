@@ -99,7 +99,9 @@ def equip(case: Case, rng) -> Case:
         case.scenes[triad] = Scene(
             plan, triad, case.grade_name, heat, device, ideal, plan.up, gravity, earth
         )  # fmt: skip
-        case.noise[triad] = noise = world.Noise.of(grade, triad, fs, case.level)
+        # A stream of its own: how unlike the channels are changes nothing else of a case.
+        noise = world.Noise.of(grade, triad, fs, case.level, rng.spawn(1)[0])
+        case.noise[triad] = noise
         slope = device.slope(heat.probe, ideal)
         case.problems[triad] = linear.problem(
             plan, triad, ideal, plan.up, heat.probe, noise, slope, grade.temperature

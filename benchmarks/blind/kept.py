@@ -24,18 +24,23 @@ from inertiax.diagnose.system import NoiseFit
 from inertiax.diagnose.whiten import TIME_CONSTANTS
 
 
-def true_variances(case: draw.Case, triad: str) -> np.ndarray:
-    """The generator's noise in the package's components; its five relaxations are shared out over six."""
+def true_variances(case: draw.Case, triad: str, chains: int) -> list[np.ndarray]:
+    """The generator's noise in the package's components; its five relaxations are shared out over six.
+
+    One set for each chain of rows; where there is one, the channels' mean.
+    """
     noise, share = case.noise[triad], len(RELAXATIONS) / len(TIME_CONSTANTS)
     squares = [noise.flicker**2 * share, noise.walk**2, noise.dwell**2, noise.session**2]
-    return np.array([1.0, *squares, PROBE_SHARE**2 / 2.0, case.level["rig"] ** 2])
+    rest = [PROBE_SHARE**2 / 2.0, case.level["rig"] ** 2]
+    own = [np.array([1.0, *(x[c] for x in squares), *rest]) for c in range(3)]
+    return own if chains == 3 else [np.mean(own, axis=0)]
 
 
-def left(prepared: Prepared, signal: np.ndarray, variances: np.ndarray) -> float:
+def left(prepared: Prepared, signal: np.ndarray, variances: list[np.ndarray]) -> float:
     """Length of the whitened rows of a signature, (sample, 3), with the calibration projected out."""
     system, total = prepared.system, 0.0
     rows = prepared.blocks.mean(signal)
-    theta = tuple(np.log(variances / scale) for scale in system.scales)
+    theta = tuple(np.log(v / scale) for v, scale in zip(variances, system.scales))
     noise = NoiseFit(theta, tuple(0.0 for _ in theta))
     for c, frame in enumerate(system.frames):
         alone = len(system.chains) == 1
@@ -68,7 +73,8 @@ def main():
             triad = drawn.effect.triad
             _, triads = prepare(load_campaign(args.cases / answer["case"]), ())
             mine = next(p for p in triads if p.form.triad == triad)
-            seen = left(mine, drawn.signal, true_variances(case, triad))
+            variances = true_variances(case, triad, len(mine.system.chains))
+            seen = left(mine, drawn.signal, variances)
             made.append({
                 "case": answer["case"], "plan": answer["plan"], "estimator": mine.form.estimator,
                 "name": drawn.effect.name, "z": z, "kept": round(seen, 2),

@@ -8,10 +8,7 @@ loosely" is five times that, the whole share of false alarms that is allowed. z 
 measured with the true variances; where an effect looks like slow noise, fitted variances take most of it up, in
 any method that learns the noise from the same recording. Opens the answers: for use after the runs.
 
-`--alike 0.7` asks what it would help to take the slow noise of a triad's channels for alike: that of the effect's
-channel is then known beforehand from the two others, as from two units of a type, and may differ from theirs by that
-much (standard deviation of each log variance, beyond what the two tell). The generator gives all three the same
-noise, which flatters the figure.
+The channels of a triad tell each other's noise as they do in the diagnosis; `--alone` leaves each channel to itself.
 """
 
 import argparse
@@ -19,19 +16,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import numpy as np
 import scipy.stats
 from score import open_answers
 
 from inertiax.campaign import load_campaign
+from inertiax.diagnose.alike import alike
 from inertiax.diagnose.choosing import GATE
 from inertiax.diagnose.engine import finer, prepare, Prepared
 from inertiax.diagnose.family import family
-from inertiax.diagnose.population_noise import learn_chain
 from inertiax.diagnose.search import bank, Candidate, judge, refine
-from inertiax.diagnose.system import System
 from inertiax.diagnose.terms import Term
 from inertiax.diagnose.variance_fit import fit_noise
 
@@ -58,35 +53,15 @@ def best_form(prepared: Prepared, forms: list[Term]) -> tuple[Candidate, float] 
     return best, float(-np.expm1(tests * np.log1p(-min(single, 1 - 1e-12))))
 
 
-def alike(system: System, chain: int, scatter: float) -> System:
-    """The system with one chain's noise known from the other two, which may differ from it by `scatter`."""
-    others = [
-        System(
-            replace(system.base, observed=system.base.observed[k : k + 1]),
-            *((getattr(system, name)[k],) for name in ("chains", "scales", "frames", "longer")),
-            known=(system.known[k],),
-        )
-        for k in range(3)
-        if k != chain
-    ]
-    told = learn_chain(others, 0, "the other channels")
-    wider = told.covariance + scatter**2 * np.eye(len(told.mean))
-    known = list(system.known)
-    known[chain] = eqx.tree_at(lambda n: n.covariance, told, wider).relative(system.scales[chain])
-    return eqx.tree_at(lambda s: s.known, system, tuple(known))
-
-
-def one(case: Path, truth: dict, scatter: float | None) -> dict | None:
-    """Ratio and chance of the true effect on its own channels; `None` where the plan has no form of it.
-
-    With a `scatter` the noise of an effect's only channel is known from the two others, where there are rows of each.
-    """
+def one(case: Path, truth: dict, alone: bool) -> dict | None:
+    """Ratio and chance of the true effect on its own channels; `None` where the plan has no form of it."""
     triad = truth["channels"][0].split("_")[0]
     channels = tuple("xyz".index(c[-1]) for c in truth["channels"])
     _, triads = prepare(load_campaign(case))
     prepared = next(p for p in triads if p.form.triad == triad)
-    if scatter is not None and len(prepared.system.chains) == 3 and len(channels) == 1:
-        prepared = replace(prepared, system=alike(prepared.system, channels[0], scatter))
+    if not alone:
+        system = prepared.system
+        prepared = replace(prepared, system=alike(system, fit_noise(system)))
     listed = [t for t in prepared.candidates if t.effect is not None]
     forms = [
         t
@@ -111,10 +86,7 @@ def main():
     parser.add_argument("--answers", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument(
-        "--alike",
-        type=float,
-        metavar="SCATTER",
-        help="of a triad's log variances, which tell each other",
+        "--alone", action="store_true", help="each channel tells its own noise only"
     )
     args = parser.parse_args()
     made = []
@@ -123,7 +95,7 @@ def main():
             truth = answer["effects"][0] if answer["kind"] == "single" else None
             if truth is None or truth["z"] < LEAST_Z:
                 continue
-            found = one(args.cases / answer["case"], truth, args.alike)
+            found = one(args.cases / answer["case"], truth, args.alone)
             unseen = {"name": truth["name"], "z": truth["z"], "seen": False, "seen_loosely": False}
             made.append({"case": answer["case"], **(found or unseen)})
             print(made[-1], flush=True)

@@ -66,18 +66,23 @@ def _relaxation_covariance(blocks: Blocks, tau: float) -> np.ndarray:
     return cov
 
 
-def kernel(plan: Plan, blocks: Blocks, noise: Noise) -> np.ndarray:
-    """Covariance of one channel's block means: all that is independent between channels."""
-    same_session = blocks.session[:, None] == blocks.session[None, :]
-    cov = np.diag((noise.white**2 + noise.step**2 / 12) / blocks.count)
-    for tau in RELAXATIONS:
-        cov += noise.flicker**2 * _relaxation_covariance(blocks, tau)
+def kernels(plan: Plan, blocks: Blocks, noise: Noise) -> list[np.ndarray]:
+    """Covariance of each channel's block means: all that is independent between channels."""
+    session = blocks.session[:, None] == blocks.session[None, :]
+    dwell = blocks.dwell[:, None] == blocks.dwell[None, :]
+    relaxing = np.sum([_relaxation_covariance(blocks, tau) for tau in RELAXATIONS], axis=0)
     on = np.array([plan.time[plan.session == s][0] for s in range(plan.session.max() + 1) if s > 0])
     since = blocks.time - on[blocks.session - 1]
-    cov += noise.walk**2 * same_session * np.minimum(since[:, None], since[None, :])
-    np.fill_diagonal(cov, cov.diagonal() - noise.walk**2 * blocks.length / 6)
-    cov += noise.dwell**2 * (blocks.dwell[:, None] == blocks.dwell[None, :])
-    return cov + noise.session**2 * same_session
+    walking = session * np.minimum(since[:, None], since[None, :]) - np.diag(blocks.length / 6)
+    white = np.diag((noise.white**2 + noise.step**2 / 12) / blocks.count)
+    return [
+        white
+        + noise.flicker[c] ** 2 * relaxing
+        + noise.walk[c] ** 2 * walking
+        + noise.dwell[c] ** 2 * dwell
+        + noise.session[c] ** 2 * session
+        for c in range(3)
+    ]
 
 
 def probe_kernel(blocks: Blocks, sigma: float) -> np.ndarray:
@@ -172,13 +177,14 @@ def problem(plan, triad, reading, force, probe, noise: Noise, slope, sigma_probe
     # On plateaus an accelerometer is compared with its planned reading, where the plan logs one.
     turning = kind == "reference" and (triad == "gyro" or "gyro" in plan.references)
     blocks = blocks_of(plan, rests_only=not turning)
-    common = kernel(plan, blocks, noise)
+    own = kernels(plan, blocks, noise)
     up = blocks.mean(plan.up)
     heated = blocks.mean(slope)
     drifting = probe_kernel(blocks, sigma_probe) if plan.model.get("temperature_degree") else 0.0
     if kind == "invariant":
         along = np.sum(heated * up, axis=1)
-        cov = common * (up @ up.T) + drifting * np.outer(along, along)
+        cov = sum(k * np.outer(u, u) for k, u in zip(own, up.T, strict=True))
+        cov += drifting * np.outer(along, along)
     else:
         x = blocks.mean(reading)
         turned = _cross(x)  # (m, 3, 3)
@@ -191,7 +197,7 @@ def problem(plan, triad, reading, force, probe, noise: Noise, slope, sigma_probe
                 if triad == "gyro" and kind == "reference":
                     part += noise.rate**2 * move * np.outer(x[:, i], x[:, j])
                 part += drifting * np.outer(heated[:, i], heated[:, j])
-                cov[i, :, j, :] = part + (common if i == j else 0.0)
+                cov[i, :, j, :] = part + (own[i] if i == j else 0.0)
         cov = cov.reshape(3 * m, 3 * m)
     # LAPACK wants columns; a row-major factor would be copied at every solve.
     chol = np.asfortranarray(np.linalg.cholesky(cov))

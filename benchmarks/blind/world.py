@@ -138,27 +138,34 @@ def ornstein_uhlenbeck(time, tau, sigma, rng) -> np.ndarray:
     return out
 
 
+CHANNEL_SCATTER = (
+    0.15  # of the logarithm of a noise's standard deviation, between a triad's channels
+)
+
+
 @dataclass
 class Noise:
     """Standard deviations of one triad in one case (SI); what `covariance.py` is built from."""
 
     white: float
-    flicker: float
-    walk: float
-    dwell: float
-    session: float
+    flicker: np.ndarray  # channel by channel, (3,), as the next three
+    walk: np.ndarray
+    dwell: np.ndarray
+    session: np.ndarray
     step: float
     position: float  # rad
     rate: float  # relative
 
     @staticmethod
-    def of(grade: Grade, triad: str, fs: float, level: dict) -> "Noise":
+    def of(grade: Grade, triad: str, fs: float, level: dict, rng) -> "Noise":
+        """The channels of a triad are alike and not equal."""
+        own = np.exp(CHANNEL_SCATTER * rng.standard_normal((4, 3)))
         return Noise(
             white=grade.white[triad] * np.sqrt(fs / 4.0),
-            flicker=grade.flicker[triad] * level["flicker"],
-            walk=grade.walk[triad] * level["walk"],
-            dwell=grade.dwell[triad] * level["dwell"],
-            session=grade.session[triad] * level["session"],
+            flicker=grade.flicker[triad] * level["flicker"] * own[0],
+            walk=grade.walk[triad] * level["walk"] * own[1],
+            dwell=grade.dwell[triad] * level["dwell"] * own[2],
+            session=grade.session[triad] * level["session"] * own[3],
             step=grade.step[triad],
             position=grade.position * ARCSEC * level["rig"],
             rate=grade.rate * 1e-6 * level["rig"],
@@ -172,8 +179,8 @@ def sensor_noise(plan: Plan, noise: Noise, rng) -> np.ndarray:
     dt = steps_of(plan)
     for c in range(3):
         for tau in RELAXATIONS:
-            out[:, c] += ornstein_uhlenbeck(plan.time, tau, noise.flicker, rng)
-        walk = noise.walk * np.sqrt(dt) * rng.standard_normal(n)
+            out[:, c] += ornstein_uhlenbeck(plan.time, tau, noise.flicker[c], rng)
+        walk = noise.walk[c] * np.sqrt(dt) * rng.standard_normal(n)
         for s in np.unique(plan.session):
             rows = plan.session == s
             out[rows, c] += np.cumsum(walk[rows])

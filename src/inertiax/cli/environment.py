@@ -22,6 +22,8 @@ def prepare(*, accelerator: bool = False) -> None:
     if not accelerator:
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
         _compile_sooner()
+    # Matrices of a diagnosis are long and narrow: a second thread of OpenBLAS waits more than it works.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Remarks of XLA's C++ side about cached code would mix with the command's own lines.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # A linear solve that fails inside a derivative gives NaN, which is judged as every outcome is.

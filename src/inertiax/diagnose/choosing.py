@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from .alike import alike
 from .alternatives import PREFIX
 from .beside import among, explained_beside, full, MOST_EFFECTS, twice
 from .family import Family, Key
@@ -52,7 +53,8 @@ class Found:
 class Asked:
     """One triad's rows with what may explain them."""
 
-    system: System
+    alone: System  # each chain's noise told by its own rows
+    system: System  # and by the other chains, where they are alike
     everything: tuple[Term, ...]
     short: list[Term]  # worth a closer look; grows with what shows beside the chosen effects
     forms: dict
@@ -86,7 +88,6 @@ class Asked:
         memory: Remembered | None,
     ) -> Found:
         """Take effects one after the other beside those given, until none passes."""
-        system = self.system
         noise = fuller.leader if chosen else None
         while len(chosen) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
@@ -119,12 +120,20 @@ class Asked:
                 break
             chosen.extend(found)
             terms = [c.term for c in chosen]
-            noise = fit_noise(system, terms, noise)
+            noise = self.relearn(fit_noise(self.system, terms, noise), terms)
             for new in found:
                 self.say(f"{new.term.name} on {', '.join(new.term.channel_names)}")
             self.look_again(noise, terms)
             fuller, ranked = self.rank_on(fuller, noise, terms, found)
         return Found(tuple(chosen), noise, None, 1.0)
+
+    def relearn(self, noise: NoiseFit, chosen: Sequence[Term]) -> NoiseFit:
+        """Let the chains tell each other's noise anew beside the chosen effects; the noise fitted with that."""
+        system = alike(self.alone, noise, chosen)
+        if system is self.alone:
+            return noise
+        self.system = system
+        return fit_noise(system, chosen, noise)
 
     def look_again(self, noise: NoiseFit, chosen: Sequence[Term]) -> None:
         """Lengthen the short list by the forms that lead beside the chosen effects: a strong effect hides them."""

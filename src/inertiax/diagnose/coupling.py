@@ -9,7 +9,7 @@ import scipy.optimize
 from .columns import lengthen, unit
 from .system import BOUNDS, NoiseFit, System
 from .terms import Term
-from .whiten import FREEDOM, unpack, whiten_jit
+from .whiten import unpack, whiten_jit
 
 
 DWELL, RIG = 3, 6  # places of their log variances
@@ -93,10 +93,7 @@ def joint_likelihood(system: System, theta: Sequence[np.ndarray], chosen: Sequen
         observed.append(white[:, 0] * size)
         fixed.append(white[:, 1 : 1 + base.shape[1]] * size)
         signatures.append(white[:, 1 + base.shape[1] :] * size)
-        known = system.known[c]
-        off = own - known.center
-        distance = off @ known.precision @ off
-        total += (FREEDOM + len(own)) * float(np.log1p(distance / FREEDOM))
+        total += float(system.known[c].price(own))
     gram = np.eye(shared.num) + sum(u.T @ u for u in signatures)
     factor = np.linalg.cholesky(gram)
     total += 2.0 * float(np.log(np.diag(factor)).sum())

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .alternatives import PREFIX
 from .scores import Score
@@ -48,7 +48,7 @@ class Family:
 
     def p_value(self, candidate: Candidate) -> float:
         """Chance that the candidate's part of the family reaches its likelihood ratio by noise alone."""
-        single = scipy.stats.chi2.sf(max(candidate.ratio, 0.0), candidate.score.size)
+        single = scipy.special.chdtrc(candidate.score.size, max(candidate.ratio, 0.0))
         return float(-np.expm1(self.tests(candidate.term) * np.log1p(-min(single, 1 - 1e-12))))
 
 
@@ -72,7 +72,7 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
                 at += s.white[0].shape[1]
             else:
                 part = sum(w.T @ noise[k] for w, k in zip(s.white, s.chains))
-            chance = scipy.stats.chi2.sf(np.square(s.turn.T @ part).sum(axis=0), s.size)
+            chance = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
             key = unlisted if s.term.name.startswith(PREFIX) else (s.term.name, s.term.channels)
             smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
     numbers = {key: number_of_tests(least) for key, least in smallest.items()}

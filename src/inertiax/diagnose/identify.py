@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from .alike import alike
 from .alternatives import PREFIX
 from .choosing import Asked, Found, STILL
 from .family import Family, family
@@ -66,7 +67,9 @@ def identify(
     """
     everything = [*catalogue, *alternatives]
     forms = count_forms(everything)
-    null = fit_noise(system)
+    alone, null = system, fit_noise(system)
+    system = alike(alone, null)
+    null = null if system is alone else fit_noise(system)
     say("noise fitted")
     start, ranked, slow, short = screen(system, null, everything, forms, grade)
     short = [*short, *finer_forms(ranked, slow, finer)]
@@ -80,7 +83,9 @@ def identify(
         short = [*short, *nearer]
         fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
-    ask = Asked(system, tuple(everything), list(short), forms, grade, tests, null, between_all, say)
+    ask = Asked(
+        alone, system, tuple(everything), list(short), forms, grade, tests, null, between_all, say
+    )
     gate = ask.chance(min(ranked[:10], key=tests.p_value))
     found = ask.search([], fuller, ranked, None)
     memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
@@ -88,13 +93,14 @@ def identify(
         say(f"{memory.chosen[0].term.name} predicts stretches left out")
         terms = [c.term for c in memory.chosen]
         noise = fit_noise(system, terms)
+        noise = ask.relearn(noise, terms)
         ask.look_again(noise, terms)
         fuller, ranked = ask.rank_on(fuller, noise, terms, memory.chosen)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
     left = None
     if memory is None and found.unlisted is None:
         noise = null if found.noise is None else found.noise
-        left = left_over(system, found.chosen, noise, flexible, grade=grade, say=say)
+        left = left_over(ask.system, found.chosen, noise, flexible, grade=grade, say=say)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
 
 

@@ -8,7 +8,7 @@ The search is repeated on drawn noise: the grid first, then every form between t
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from .family import Family, number_of_tests
@@ -72,6 +72,6 @@ def _chances(
     made = [np.ones((0, noise[0].shape[1]))]
     for s in scores:
         part = sum(w.T @ noise[c] for w, c in zip(s.white, s.chains))
-        chance = scipy.stats.chi2.sf(np.square(s.turn.T @ part).sum(axis=0), s.size)
+        chance = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
         made.append(chance[None])
     return np.concatenate(made)

@@ -67,6 +67,13 @@ class Known(eqx.Module):
         """No knowledge beforehand."""
         return Known(np.zeros(NUM_VARIANCES), np.zeros((NUM_VARIANCES, NUM_VARIANCES)))
 
+    def price(self, theta: Float[AnyArray, "7"]) -> Float[Array, ""]:
+        """Twice minus the log density of log variances, up to a constant."""
+        off = jnp.asarray(theta) - jnp.asarray(self.center)
+        precision = jnp.asarray(self.precision)
+        told = jnp.sum(jnp.where(jnp.diag(precision) > 0.0, 1.0, 0.0))
+        return (FREEDOM + told) * jnp.log1p(off @ precision @ off / FREEDOM)
+
 
 def _transition(
     variances: Variances, chain: Chain
@@ -184,9 +191,7 @@ def negative_log_likelihood(
     # Scatter inside blocks already tells the white level; and a random walk strong enough to pass for
     # a slow effect is rarer than one that is not.
     prior = 2.0 * jnp.log1p(jnp.square(theta[0] / 0.15)) + WALK * jax.nn.softplus(theta[2] + 3.0)
-    off = theta - jnp.asarray(known.center)
-    distance = off @ jnp.asarray(known.precision) @ off
-    prior = prior + (FREEDOM + NUM_VARIANCES) * jnp.log1p(distance / FREEDOM)
+    prior = prior + known.price(theta)
     num = columns.shape[1]
     logs = jnp.log(jnp.diag(factor)[:num]) + jnp.log(norm[:num])
     return 0.5 * (logdet + y @ y - part @ part + prior) + jnp.sum(logs)
