@@ -12,7 +12,7 @@ from inertiax.diagnose import audit
 from inertiax.diagnose.audit import assumed_noise, Audited, detectable_sizes, needed, sigma
 from inertiax.diagnose.choosing import GATE
 from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.family import Family
+from inertiax.diagnose.family import Count, Family
 from inertiax.diagnose.limits import POWER
 from inertiax.diagnose.scores import whiten_system
 from inertiax.diagnose.system import NoiseFit
@@ -64,7 +64,7 @@ def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
     one = Audited(
         prepared,
         tuple(s for s in scores if s.term.effect is not None),
-        Family({("bias_step", (1,)): 50.0}, 0.0),
+        Family({("bias_step", (1,)): Count(50.0)}, 0.0),
         NoiseFit((QUIET,) * 3, (0.0,) * 3),
     )
     (size,) = [

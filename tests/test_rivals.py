@@ -9,7 +9,7 @@ import pytest
 from inertiax.diagnose import choosing, diagnose
 from inertiax.diagnose.choosing import Asked, FURTHER, MARGIN
 from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.family import Family
+from inertiax.diagnose.family import Count, Family
 from inertiax.diagnose.search import Bank, Candidate
 from inertiax.diagnose.system import NoiseFit
 from inertiax.effects import CATALOGUE
@@ -24,6 +24,7 @@ NOTHING = NoiseFit((), ())
 def asked(system):
     """A search in which nothing is known yet."""
     return Asked(
+        system,
         system,
         (),
         [],
@@ -121,7 +122,7 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
     )
     late = candidate("drift", -0.1, ratio=30.0)  # rare, and still less likely than nothing
     # A jump has 200 moments: 2 · 200 · 6.3e-5 = 2.5 %; the other effect 2 · 7.7e-6.
-    tests = Family({jump.key: 200.0, rare.key: 1.0}, 1.0)
+    tests = Family({jump.key: Count(200.0), rare.key: Count(1.0)}, 1.0)
     with jax.enable_x64(True):
         system = prepare(oblique(2), ())[1][0].system
     ask = replace(asked(system), tests=tests)

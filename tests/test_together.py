@@ -11,7 +11,7 @@ from inertiax.diagnose import choosing
 from inertiax.diagnose.beside import causes, full, MOST_EFFECTS
 from inertiax.diagnose.choosing import Asked, PAIR
 from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.family import Family, family
+from inertiax.diagnose.family import Count, Family, family
 from inertiax.diagnose.leading import rank
 from inertiax.diagnose.search import Bank, bank, Candidate, count_forms, judge
 from inertiax.diagnose.system import NoiseFit
@@ -36,7 +36,7 @@ def candidate(name, channel, ratio, evidence=0.0):
 def test_a_pair_pays_for_all_pairs_of_its_channels_and_for_its_forms():
     # Three slow effects on each of two channels make 2 · 3 pairs; the forms of the two count 4 · 2 of each pair.
     keys = [(name, (c,)) for name in ("a", "b", "c") for c in (0, 1)]
-    tests = Family({("a", (0,)): 4.0, ("b", (0,)): 2.0}, 1.0)
+    tests = Family({("a", (0,)): Count(4.0), ("b", (0,)): Count(2.0)}, 1.0)
     found = chance(candidate("a", 0, 14.0), candidate("b", 0, 11.0), tests, keys)
     assert found == pytest.approx(6 * 8 * scipy.stats.chi2.sf(25.0, 2), rel=1e-12)
     assert scipy.stats.chi2.sf(25.0, 2) == pytest.approx(np.exp(-12.5), rel=1e-12)
@@ -67,6 +67,7 @@ def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
         system = prepare(sweep(1), ())[1][0].system
     null = NoiseFit((), ())
     asked = Asked(
+        system,
         system,
         (),
         [],

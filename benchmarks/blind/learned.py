@@ -4,8 +4,8 @@
 
 For every single effect the likelihood ratio of its own best form on its own channels is taken, the variances fitted
 anew with and without it, and counted as seen below the chance that the gate leaves one effect on one channel; "seen
-loosely" is five times that, the whole share of false alarms that is allowed. z is
-measured with the true variances; where an effect looks like slow noise, fitted variances take most of it up, in
+loosely" is at 5 %, the whole share of false alarms that is allowed. z is measured
+with the true variances; where an effect looks like slow noise, fitted variances take most of it up, in
 any method that learns the noise from the same recording. Opens the answers: for use after the runs.
 
 The channels of a triad tell each other's noise as they do in the diagnosis; `--alone` leaves each channel to itself.
@@ -49,7 +49,7 @@ def best_form(prepared: Prepared, forms: list[Term]) -> tuple[Candidate, float] 
     best = max(found, key=lambda c: c.ratio)
     alone = family([c.score for c in found], [len(y) for y in system.base.observed])
     single = scipy.stats.chi2.sf(max(best.ratio, 0.0), best.score.size)
-    tests = sum(alone.groups.values())
+    tests = sum(c.at(best.ratio) for c in alone.groups.values())
     return best, float(-np.expm1(tests * np.log1p(-min(single, 1 - 1e-12))))
 
 

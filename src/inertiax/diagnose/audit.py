@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import scipy.linalg
+import scipy.special
 import scipy.stats
 
 from ..effects import CATALOGUE, Effect
@@ -126,6 +127,15 @@ def needed(size: int, rows: float, forms: int, tests: float) -> float:
     return float(np.sqrt(max(gate, price)) + scipy.stats.norm.ppf(POWER))
 
 
+def at_the_gate(tests: Family, score: Score) -> float:
+    """Tests that a term pays for at the likelihood ratio which just passes the gate."""
+    number = tests.tests(score.term)
+    for _ in range(3):  # it grows with the root of the ratio, and the ratio with its logarithm
+        single = -np.expm1(np.log1p(-GATE) / max(number, 1.0))
+        number = tests.tests(score.term, float(scipy.special.chdtri(score.size, single)))
+    return number
+
+
 def detectable_sizes(one: Audited) -> list[Detectable]:
     """For each effect and channel the smallest coefficient that the diagnosis would detect.
 
@@ -141,7 +151,7 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
             score.size,
             rows * len(term.chains),
             forms[term.name, term.channels],
-            one.tests.tests(term),
+            at_the_gate(one.tests, score),
         )
         found.setdefault((term.name, term.channel_names), []).append((score, z))
     made = []

@@ -4,8 +4,17 @@ The chance of a false alarm is shared out evenly: each catalogued effect on each
 its forms share that part; the unlisted dependences stand together beside them. An effect of one form need not pay
 for the hundred moments at which another could have jumped.
 
+Where forms lie densely along a setting, as time constants and frequencies do, the best of them counts as more tests
+the rarer it is: the chance that a smooth path of unit vectors somewhere sees a ratio above $u$ is
+
+$$P(\\chi^2_s > u)\\,\\bigl(1 + \\kappa \\sqrt{u}\\bigr)$$
+
+to leading order, with $\\kappa$ its length up to a constant. The number is counted where draws of noise are many and
+carried to the tail in this way, up to the number of forms.
+
 **Reference:** Genovese, Roeder & Wasserman, *False discovery control with p-value weighting*, Biometrika 93 (2006)
-509, for weights in multiple testing.
+509, for weights in multiple testing; Davies, *Hypothesis testing when a nuisance parameter is present only under the
+alternative*, Biometrika 74 (1987) 33, for a setting that is sought.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,32 +33,50 @@ Key = tuple[str, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
+class Count:
+    """Effective number of independent tests of one effect's forms."""
+
+    number: float  # of those with the same smallest p-values under noise
+    level: float = np.inf  # likelihood ratio at which it was counted; infinite: it does not grow
+    forms: float = np.inf  # which it cannot exceed
+
+    def at(self, ratio: float) -> float:
+        """The number at a likelihood ratio."""
+        grown = 1.0 + (self.number - 1.0) * float(np.sqrt(max(ratio / self.level, 1.0)))
+        return min(grown, max(self.forms, self.number))
+
+
+ONE = Count(1.0)
+
+
+@dataclass(frozen=True)
 class Family:
     """Effective numbers of independent tests."""
 
-    groups: Mapping[Key, float]  # within each catalogued effect on its channels
+    groups: Mapping[Key, Count]  # within each catalogued effect on its channels
     unlisted: float  # of all unlisted dependences together
 
     @property
     def total(self) -> float:
         """Over everything, if the parts were independent."""
-        return sum(self.groups.values()) + self.unlisted
+        return sum(t.number for t in self.groups.values()) + self.unlisted
 
-    def tests(self, term: Term) -> float:
-        """What one term's p-value is to be multiplied by, for small ones."""
+    def tests(self, term: Term, ratio: float = 0.0) -> float:
+        """What one term's p-value is to be multiplied by at a likelihood ratio, for small ones."""
         if term.name.startswith(PREFIX):
             return self.unlisted
-        own = self.groups.get((term.name, term.channels), 1.0)
+        own = self.groups.get((term.name, term.channels), ONE).at(ratio)
         return own * max(len(self.groups), 1)
 
-    def recounted(self, key: Key, number: float) -> "Family":
+    def recounted(self, key: Key, tests: Count) -> "Family":
         """The same family with another number of tests of one effect."""
-        return replace(self, groups={**self.groups, key: number})
+        return replace(self, groups={**self.groups, key: tests})
 
     def p_value(self, candidate: Candidate) -> float:
         """Chance that the candidate's part of the family reaches its likelihood ratio by noise alone."""
         single = scipy.special.chdtrc(candidate.score.size, max(candidate.ratio, 0.0))
-        return float(-np.expm1(self.tests(candidate.term) * np.log1p(-min(single, 1 - 1e-12))))
+        tests = self.tests(candidate.term, candidate.ratio)
+        return float(-np.expm1(tests * np.log1p(-min(single, 1 - 1e-12))))
 
 
 def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) -> Family:
@@ -60,6 +87,7 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
     rng = np.random.default_rng(20240229)
     noise = [rng.standard_normal((n, draws)) for n in lengths]
     smallest: dict[Key, np.ndarray] = {}
+    sizes: dict[Key, list[int]] = {}
     unlisted: Key = (PREFIX, ())
     for chain, members in _by_chain(scores).items():
         product = np.empty((0, draws))
@@ -75,9 +103,10 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
             chance = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
             key = unlisted if s.term.name.startswith(PREFIX) else (s.term.name, s.term.channels)
             smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
-    numbers = {key: number_of_tests(least) for key, least in smallest.items()}
-    together = numbers.pop(unlisted, 0.0)
-    return Family(numbers, together)
+            sizes.setdefault(key, []).append(s.size)
+    together = smallest.pop(unlisted, None)
+    groups = {key: counted(least, sizes[key]) for key, least in smallest.items()}
+    return Family(groups, 0.0 if together is None else number_of_tests(together))
 
 
 def _by_chain(scores: Sequence[Score]) -> dict[int, list[Score]]:
@@ -87,6 +116,19 @@ def _by_chain(scores: Sequence[Score]) -> dict[int, list[Score]]:
         chains = score.chains
         made.setdefault(chains[0] if len(chains) == 1 else -1, []).append(score)
     return made
+
+
+def counted(smallest: np.ndarray, sizes: Sequence[int]) -> Count:
+    """Tests of forms with these smallest p-values on draws of noise; `sizes` are the forms' coefficients.
+
+    Counted on the rarer half of the draws: maximum likelihood of N with the other half censored. Where nearly every draw
+    has a form that reaches a ratio, how often it does says little of the tail.
+    """
+    rare = np.sort(smallest)[: max(len(smallest) // 2, 1)]
+    logs = -np.log1p(-np.clip(rare, 1e-15, 1 - 1e-12))
+    number = len(rare) / (logs.sum() + (len(smallest) - len(rare)) * logs[-1])
+    level = scipy.special.chdtri(np.mean(sizes), np.mean(rare))
+    return Count(max(float(number), 1.0), float(level), float(len(sizes)))
 
 
 def number_of_tests(smallest: np.ndarray) -> float:

@@ -172,8 +172,8 @@ def _again(ask: Asked, mine: Candidate, others: list[Term], noises: list[NoiseFi
     for c in ranked:
         names.setdefault(c.term.name, c)
     # What noise makes often is a rival and no name, as at the gate.
-    alike = [c for c in ranked if c.term.name == mine.term.name]
-    own = next((c for c in alike[:OWN] if ask.chance(c) < STILL), (alike or [mine])[0])
+    named = [c for c in ranked if c.term.name == mine.term.name]
+    own = next((c for c in named[:OWN] if ask.chance(c) < STILL), (named or [mine])[0])
     rare = [c for c in names.values() if c.evidence > own.evidence and ask.chance(c) < STILL]
     top: Candidate = max([own, *rare], key=lambda c: c.evidence)
     lead = own if own.evidence > top.evidence - 1e-9 else top

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Float
 
-from .family import Family, number_of_tests
+from .family import Count, counted, Family
 from .scores import Score, whiten_system
 from .system import NoiseFit, System
 from .terms import Term
@@ -40,8 +40,8 @@ def searched_tests(
     between: Sequence[tuple[float, Score]],
     lengths: Sequence[int],
     draws: int = DRAWS,
-) -> float:
-    """Number of independent tests with the same smallest p-value as a search from the grid to the forms between.
+) -> Count:
+    """Independent tests with the same smallest p-value as a search from the grid to the forms between.
 
     **Arguments:** settings with their scores, of one effect on its channels; `lengths` of the chains' rows.
     """
@@ -49,8 +49,9 @@ def searched_tests(
     noise = [rng.standard_normal((n, draws)) for n in lengths]
     coarse = _chances([s for _, s in grid], noise)
     fine = _chances([s for _, s in between], noise)
+    sizes = [s.size for _, s in (*grid, *between)]
     if not grid:  # the calibration absorbs every point of it
-        return number_of_tests(fine.min(axis=0, initial=1.0))
+        return counted(fine.min(axis=0, initial=1.0), sizes)
     points = np.unique([value for value, _ in grid])
     place = np.searchsorted(points, [value for value, _ in grid])
     by_point = np.stack([coarse[place == k].min(axis=0) for k in range(len(points))])
@@ -62,7 +63,7 @@ def searched_tests(
             low, high = points[max(point - 1, 0)], points[min(point + 1, len(points) - 1)]
             inside = (values > low) & (values < high)
             smallest[k] = min(smallest[k], fine[inside, k].min(initial=1.0))
-    return number_of_tests(smallest)
+    return counted(smallest, sizes)
 
 
 def _chances(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import scipy.stats
 
-from .family import Family, Key
+from .family import Family, Key, ONE
 from .search import Bank, bank, Candidate, judge, refine
 from .system import System
 from .terms import Term
@@ -41,7 +41,7 @@ def chance(first: Candidate, second: Candidate, tests: Family, slow: Collection[
     single = scipy.stats.chi2.sf(max(first.ratio, 0.0) + max(second.ratio, 0.0), size)
     per_channel = Counter(on for _, on in slow)
     pairs = sum(n * (n - 1) // 2 for n in per_channel.values())
-    forms = [tests.groups.get(c.key, 1.0) for c in (first, second)]
+    forms = [tests.groups.get(c.key, ONE).at(c.ratio) for c in (first, second)]
     return float(min(single * forms[0] * forms[1] * max(pairs, 1), 1.0))
 
 
