@@ -48,16 +48,17 @@ def test_two_channels_tell_the_textbooks_variance_of_the_third():
 
 
 def test_a_noisier_channel_says_so_itself():
-    campaign = unit(6, dwell=DWELL * np.array([1.0, 1.0, 6.0]))
+    campaign = unit(6, dwell=DWELL * np.array([1.0, 1.0, 2.0]))
     with jax.enable_x64(True):
         system, _ = system_of(campaign)
         found = alike(system, fit_noise(system))
         noise = fit_noise(found)
     mean, _ = told(found, 2)
-    assert abs(mean - np.log(DWELL**2)) < 1.0
+    assert abs(mean - np.log(DWELL**2)) < 0.5
     own = noise.theta[2][PLACE] + np.log(found.scales[2][PLACE])
-    # 44 degrees of freedom tell a log variance to 0.21, against a scatter of 0.5 with heavy tails.
-    assert own - np.log((6.0 * DWELL) ** 2) == pytest.approx(0.0, abs=0.7)
+    # 44 degrees of freedom tell a log variance to 0.21, the others to 0.15 and a scatter of 0.5 with heavy tails: of
+    # the distance of 1.4 between them a fifth may be lost.
+    assert own - np.log((2.0 * DWELL) ** 2) == pytest.approx(-0.2, abs=0.5)
 
 
 def test_a_drift_shows_more_clearly_beside_channels_that_are_alike():
@@ -131,3 +132,10 @@ def test_the_draws_likelihood_is_that_of_one_fit_at_a_time():
             # Less the price of a walk, a prior which the channel pays once.
             single.append(0.5 * WALK * np.logaddexp(0.0, theta[2] + 3.0) - value)
     assert made[1] - made[0] == pytest.approx(single[1] - single[0], rel=1e-7)
+
+
+def test_channels_that_are_not_alike_are_left_to_themselves():
+    campaign = unit(6, dwell=DWELL * np.array([1.0, 4.0, 16.0]))
+    with jax.enable_x64(True):
+        system, _ = system_of(campaign)
+        assert alike(system, fit_noise(system)) is system

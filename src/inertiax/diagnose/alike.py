@@ -30,10 +30,14 @@ from .whiten import Chain, Known, NUM_VARIANCES, unpack, whiten
 
 
 SCATTER = 0.5  # between channels of a triad, standard deviation of a log variance
-DRAWS = 256  # in each of two rounds
+UNLIKE = 1e-3  # chance of one noise for all channels, below which they are left to themselves
+FIRST = 256  # draws over all that is possible
+ROUNDS = 3  # further ones, each around what was found before
+DRAWS = 64  # in each of them for each pair of channels
+PAIRS = ((1, 2), (2, 0), (0, 1))
 BATCH = 64  # draws evaluated together
 HIGHEST = 4.0  # log variance over the scale up to which the first round looks
-WIDTH = 1.3  # of the second round's draws, in standard deviations
+WIDTH = 1.3  # of the further rounds' draws, in standard deviations
 TAILS = 5.0  # their degrees of freedom
 LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a round are useful
 
@@ -41,18 +45,16 @@ LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a
 def alike(system: System, noise: NoiseFit, chosen: Sequence[Term] = ()) -> System:
     """The system with each channel's slow noise known from the other two channels.
 
-    `noise` is fitted to the channels beside the `chosen` terms. A system of one chain, or one whose noise is known from
-    other units, is returned as it is.
+    `noise` is fitted to the channels beside the `chosen` terms. A system is returned as it is where it has one chain,
+    where other units tell its noise, or where the channels are not alike: twice the log likelihood ratio of a noise of
+    each channel's own against one for all is chi-square with eight degrees of freedom, and rarer than `UNLIKE`.
     """
     if len(system.chains) != 3 or any(k.precision.any() for k in system.known):
         return system
-    return tied(system, noise, chosen)
-
-
-def tied(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> System:
-    """`alike` anew, whatever was known before."""
     units = np.log([s[LEARNED] for s in system.scales])
-    logs, told = _told(system, noise, chosen, units)
+    logs, told, likely = _told(system, noise, chosen, units)
+    if scipy.stats.chi2.sf(evidence_against(likely), 2 * len(LEARNED)) < UNLIKE:
+        return system
     known = []
     for c, unit in enumerate(units):
         mean, covariance = _moments(logs, told[c - 1] + told[c - 2])
@@ -64,29 +66,44 @@ def tied(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> System:
     return eqx.tree_at(lambda s: s.known, system, tuple(known))
 
 
+def evidence_against(likely: Sequence[Float[np.ndarray, " draw"]]) -> float:
+    """Twice the log likelihood ratio of a noise of each channel's own against one for all, over the draws."""
+    return 2.0 * float(sum(v.max() for v in likely) - np.sum(likely, axis=0).max())
+
+
 def _told(
     system: System, noise: NoiseFit, chosen: Sequence[Term], units: np.ndarray
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Log variances (SI), `(draw, 4)`, and of each channel the log weight that its rows give them, as if alone.
+) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """Log variances (SI), `(draw, 4)`, and of each channel the log weight that its rows give them, and log likelihood.
 
-    The first round of draws covers what is possible; the second lies around what the first found for each pair of
-    channels. Weights of two channels add up but for the draws' own density, of which each has half.
+    The first round of draws covers what is possible, the further ones lie around what was found before for each pair of
+    channels. Weights of two channels add up but for the draws' own density, of which each has half. Log likelihoods
+    are those of the draws and, at the end, of what was fitted to the channels.
     """
     rng = np.random.default_rng(0)
     low = np.array([BOUNDS[k][0] for k in LEARNED]) + units.mean(axis=0)
     high = HIGHEST + units.mean(axis=0)
-    first = rng.uniform(low, high, (DRAWS, len(LEARNED)))
     inputs = [likelihood_inputs(system, c, chosen) for c in range(3)]
-    told = [_log_likelihood(system, noise, c, inputs[c], first, units[c]) for c in range(3)]
-    shapes = [_moments(first, told[a] + told[b]) for a, b in ((1, 2), (2, 0), (0, 1))]
-    second = [_drawn(*shape, low, high, rng) for shape in shapes]
-    more = np.concatenate(second)
-    logs = np.concatenate([first, more])
-    density = [np.full(len(logs), np.log(len(first)) - np.log(high - low).sum())]
-    density += [_log_density(logs, *s) + np.log(len(d)) for s, d in zip(shapes, second)]
-    half = 0.5 * np.logaddexp.reduce(density)
-    more_told = [_log_likelihood(system, noise, c, inputs[c], more, units[c]) for c in range(3)]
-    return logs, [np.concatenate(both) - half for both in zip(told, more_told)]
+
+    def likelihoods(logs):
+        return [_log_likelihood(system, noise, c, inputs[c], logs, units[c]) for c in range(3)]
+
+    logs = rng.uniform(low, high, (FIRST, len(LEARNED)))
+    likely, shapes = likelihoods(logs), []
+    density = np.full(FIRST, np.log(FIRST) - np.log(high - low).sum())
+    for _ in range(ROUNDS):
+        made = [_moments(logs, likely[a] + likely[b] - density) for a, b in PAIRS]
+        drawn = [_drawn(*shape, low, high, rng) for shape in made]
+        shapes += [(*shape, np.log(len(new))) for shape, new in zip(made, drawn)]
+        more = np.concatenate(drawn)
+        logs = np.concatenate([logs, more])
+        likely = [np.concatenate(both) for both in zip(likely, likelihoods(more))]
+        parts = [np.full(len(logs), np.log(FIRST) - np.log(high - low).sum())]
+        parts += [_log_density(logs, mean, cov) + count for mean, cov, count in shapes]
+        density = np.logaddexp.reduce(parts)
+    told = [v - 0.5 * density for v in likely]
+    fitted = np.array([theta[LEARNED] for theta in noise.theta]) + units
+    return logs, told, [np.concatenate(both) for both in zip(likely, likelihoods(fitted))]
 
 
 def _moments(logs: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -129,11 +129,9 @@ class Asked:
 
     def relearn(self, noise: NoiseFit, chosen: Sequence[Term]) -> NoiseFit:
         """Let the chains tell each other's noise anew beside the chosen effects; the noise fitted with that."""
-        system = alike(self.alone, noise, chosen)
-        if system is self.alone:
-            return noise
-        self.system = system
-        return fit_noise(system, chosen, noise)
+        before, self.system = self.system, alike(self.alone, noise, chosen)
+        untold = self.system is self.alone and before is self.alone
+        return noise if untold else fit_noise(self.system, chosen, noise)
 
     def look_again(self, noise: NoiseFit, chosen: Sequence[Term]) -> None:
         """Lengthen the short list by the forms that lead beside the chosen effects: a strong effect hides them."""

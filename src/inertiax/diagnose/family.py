@@ -121,8 +121,8 @@ def _by_chain(scores: Sequence[Score]) -> dict[int, list[Score]]:
 def counted(smallest: np.ndarray, sizes: Sequence[int]) -> Count:
     """Tests of forms with these smallest p-values on draws of noise; `sizes` are the forms' coefficients.
 
-    Counted on the rarer half of the draws: maximum likelihood of N with the other half censored. Where nearly every draw
-    has a form that reaches a ratio, how often it does says little of the tail.
+    Counted on the rarer half of the draws, by maximum likelihood of N with the other half censored. Where nearly every
+    draw has a form that reaches a ratio, how often it does says little of the tail.
     """
     rare = np.sort(smallest)[: max(len(smallest) // 2, 1)]
     logs = -np.log1p(-np.clip(rare, 1e-15, 1 - 1e-12))

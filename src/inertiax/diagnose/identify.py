@@ -67,9 +67,9 @@ def identify(
     """
     everything = [*catalogue, *alternatives]
     forms = count_forms(everything)
-    alone, null = system, fit_noise(system)
-    system = alike(alone, null)
-    null = null if system is alone else fit_noise(system)
+    alone, own = system, fit_noise(system)
+    system = alike(alone, own)
+    null = own if system is alone else fit_noise(system)
     say("noise fitted")
     start, ranked, slow, short = screen(system, null, everything, forms, grade)
     short = [*short, *finer_forms(ranked, slow, finer)]
@@ -88,7 +88,8 @@ def identify(
     )
     gate = ask.chance(min(ranked[:10], key=tests.p_value))
     found = ask.search([], fuller, ranked, None)
-    memory = remember(system, null, catalogue, [c.term for c in found.chosen], hint)
+    # What all channels of a package do together is no noise that they tell each other of.
+    memory = remember(alone, own, catalogue, [c.term for c in found.chosen], hint)
     if memory is not None:
         say(f"{memory.chosen[0].term.name} predicts stretches left out")
         terms = [c.term for c in memory.chosen]
