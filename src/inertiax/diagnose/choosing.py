@@ -25,11 +25,11 @@ from .together import best_pair
 from .variance_fit import fit_noise
 
 
-GATE = 0.02  # family-wise false alarms of the first effect of one triad
+GATE = 0.015  # family-wise false alarms of the first effect of one triad
 NEXT = 0.01  # and of each further one
 FURTHER = 2.0  # least log odds of one that acts on the same rows as another
 PAIR = 0.005  # family-wise false alarms of two slow effects that show together only
-STILL = 0.03  # chance above which an effect is dropped when it is compared again at the end
+STILL = 0.025  # chance above which an effect is dropped when it is compared again at the end
 OPEN = 0.5  # part of those levels from which an unlisted dependence keeps the catalogue from being named
 ALONE = 5e-4  # chance below which it is said itself, its settings being sought between the grid's
 MARGIN = 4.0  # log odds by which an unlisted dependence must beat the catalogue

@@ -9,12 +9,14 @@ the rarer it is: the chance that a smooth path of unit vectors somewhere sees a 
 
 $$P(\\chi^2_s > u)\\,\\bigl(1 + \\kappa \\sqrt{u}\\bigr)$$
 
-to leading order, with $\\kappa$ its length up to a constant. The number is counted where draws of noise are many and
-carried to the tail in this way, up to the number of forms.
+to leading order, with $\\kappa$ its length up to a constant. The moment of a jump is no smooth setting: neighbours
+differ by the noise of a block, and the number grows with $u$ itself, as for the largest of a Brownian path. It is
+counted where draws of noise are many and carried to the tail in this way, up to the number of forms.
 
 **Reference:** Genovese, Roeder & Wasserman, *False discovery control with p-value weighting*, Biometrika 93 (2006)
 509, for weights in multiple testing; Davies, *Hypothesis testing when a nuisance parameter is present only under the
-alternative*, Biometrika 74 (1987) 33, for a setting that is sought.
+alternative*, Biometrika 74 (1987) 33, for a setting that is sought; Siegmund, *Sequential Analysis*, Springer 1985,
+for a moment.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,6 +32,10 @@ from .terms import Term
 
 
 Key = tuple[str, tuple[int, ...]]
+SMOOTH, JUMPING = (
+    0.5,
+    1.0,
+)  # growth of the number of tests with the ratio, by the setting that is sought
 
 
 @dataclass(frozen=True)
@@ -39,10 +45,11 @@ class Count:
     number: float  # of those with the same smallest p-values under noise
     level: float = np.inf  # likelihood ratio at which it was counted; infinite: it does not grow
     forms: float = np.inf  # which it cannot exceed
+    growth: float = SMOOTH  # power of the likelihood ratio
 
     def at(self, ratio: float) -> float:
         """The number at a likelihood ratio."""
-        grown = 1.0 + (self.number - 1.0) * float(np.sqrt(max(ratio / self.level, 1.0)))
+        grown = 1.0 + (self.number - 1.0) * max(ratio / self.level, 1.0) ** self.growth
         return min(grown, max(self.forms, self.number))
 
 
@@ -87,7 +94,7 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
     rng = np.random.default_rng(20240229)
     noise = [rng.standard_normal((n, draws)) for n in lengths]
     smallest: dict[Key, np.ndarray] = {}
-    sizes: dict[Key, list[int]] = {}
+    forms: dict[Key, list[Score]] = {}
     unlisted: Key = (PREFIX, ())
     for chain, members in _by_chain(scores).items():
         product = np.empty((0, draws))
@@ -103,9 +110,9 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
             chance = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
             key = unlisted if s.term.name.startswith(PREFIX) else (s.term.name, s.term.channels)
             smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
-            sizes.setdefault(key, []).append(s.size)
+            forms.setdefault(key, []).append(s)
     together = smallest.pop(unlisted, None)
-    groups = {key: counted(least, sizes[key]) for key, least in smallest.items()}
+    groups = {key: counted(least, forms[key]) for key, least in smallest.items()}
     return Family(groups, 0.0 if together is None else number_of_tests(together))
 
 
@@ -118,8 +125,8 @@ def _by_chain(scores: Sequence[Score]) -> dict[int, list[Score]]:
     return made
 
 
-def counted(smallest: np.ndarray, sizes: Sequence[int]) -> Count:
-    """Tests of forms with these smallest p-values on draws of noise; `sizes` are the forms' coefficients.
+def counted(smallest: np.ndarray, forms: Sequence[Score]) -> Count:
+    """Tests of one effect's forms with these smallest p-values on draws of noise.
 
     Counted on the rarer half of the draws, by maximum likelihood of N with the other half censored. Where nearly every
     draw has a form that reaches a ratio, how often it does says little of the tail.
@@ -127,8 +134,11 @@ def counted(smallest: np.ndarray, sizes: Sequence[int]) -> Count:
     rare = np.sort(smallest)[: max(len(smallest) // 2, 1)]
     logs = -np.log1p(-np.clip(rare, 1e-15, 1 - 1e-12))
     number = len(rare) / (logs.sum() + (len(smallest) - len(rare)) * logs[-1])
-    level = scipy.special.chdtri(np.mean(sizes), np.mean(rare))
-    return Count(max(float(number), 1.0), float(level), float(len(sizes)))
+    level = scipy.special.chdtri(np.mean([s.size for s in forms]), np.mean(rare))
+    effect = forms[0].term.effect
+    jumping = effect is not None and effect.nuisance == "time"
+    growth = JUMPING if jumping else SMOOTH
+    return Count(max(float(number), 1.0), float(level), float(len(forms)), growth)
 
 
 def number_of_tests(smallest: np.ndarray) -> float:

@@ -49,9 +49,9 @@ def searched_tests(
     noise = [rng.standard_normal((n, draws)) for n in lengths]
     coarse = _chances([s for _, s in grid], noise)
     fine = _chances([s for _, s in between], noise)
-    sizes = [s.size for _, s in (*grid, *between)]
+    forms = [s for _, s in (*grid, *between)]
     if not grid:  # the calibration absorbs every point of it
-        return counted(fine.min(axis=0, initial=1.0), sizes)
+        return counted(fine.min(axis=0, initial=1.0), forms)
     points = np.unique([value for value, _ in grid])
     place = np.searchsorted(points, [value for value, _ in grid])
     by_point = np.stack([coarse[place == k].min(axis=0) for k in range(len(points))])
@@ -63,7 +63,7 @@ def searched_tests(
             low, high = points[max(point - 1, 0)], points[min(point + 1, len(points) - 1)]
             inside = (values > low) & (values < high)
             smallest[k] = min(smallest[k], fine[inside, k].min(initial=1.0))
-    return counted(smallest, sizes)
+    return counted(smallest, forms)
 
 
 def _chances(
