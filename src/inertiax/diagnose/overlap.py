@@ -14,13 +14,15 @@ ALIASED = 0.95  # R² of two projected signatures from which they count as one
 OFTEN = 0.5  # part of an effect's forms that another must mimic to stand in one set with it
 
 
-def mimicry(first: Sequence[Score], second: Sequence[Score]) -> Float[np.ndarray, " form"]:
-    """For each form of the first effect the part of its square that the best form of the second explains."""
-    one = np.concatenate([np.concatenate(s.directions) for s in first], axis=1)
-    two = np.concatenate([np.concatenate(s.directions) for s in second], axis=1)
-    sizes = [s.size for s in first]
-    square = np.add.reduceat(np.square(two.T @ one), _starts([s.size for s in second]), axis=0)
-    best = np.add.reduceat(square, _starts(sizes), axis=1).max(axis=0) / np.array(sizes)
+def mimicry(
+    square: Float[np.ndarray, "two one"], first: Sequence[int], second: Sequence[int]
+) -> Float[np.ndarray, " form"]:
+    """For each form of the first effect the part of its square that the best form of the second explains.
+
+    **Arguments:** squared cosines of all directions of two effects, and the number of directions of each one's forms.
+    """
+    by_form = np.add.reduceat(square, _starts(second), axis=0)
+    best = np.add.reduceat(by_form, _starts(first), axis=1).max(axis=0) / np.array(first)
     return np.minimum(best, 1.0)
 
 
@@ -35,15 +37,18 @@ def aliases(scores: Sequence[Score]) -> list[Alias]:
     for channel in sorted({s.term.channel_names for s in scores}):
         mine = [s for s in scores if s.term.channel_names == channel]
         names = list(dict.fromkeys(s.term.name for s in mine))
-        groups = {n: [s for s in mine if s.term.name == n] for n in names}
+        groups = [[s for s in mine if s.term.name == n] for n in names]
+        sizes = [[s.size for s in g] for g in groups]
+        turned = [np.concatenate([np.concatenate(s.directions) for s in g], axis=1) for g in groups]
         for i, first in enumerate(names):
-            for second in names[i + 1 :]:
-                one = mimicry(groups[first], groups[second])
-                two = mimicry(groups[second], groups[first])
+            for j in range(i + 1, len(names)):
+                square = np.square(turned[j].T @ turned[i])
+                one = mimicry(square, sizes[i], sizes[j])
+                two = mimicry(square.T, sizes[j], sizes[i])
                 overlap = max(float(one.max()), float(two.max()))
                 if overlap > ALIASED:
                     share = max(float(np.mean(m > ALIASED)) for m in (one, two))
-                    made.append(Alias(", ".join(channel), first, second, overlap, share))
+                    made.append(Alias(", ".join(channel), first, names[j], overlap, share))
     return made
 
 

@@ -105,7 +105,8 @@ def whiten_system(
         y, fixed, rest, places = _white_rows(system, noise, c, alone, chosen)
         q = span(fixed)
         before = np.square(rest).sum(axis=0)
-        rest = rest - q @ (q.T @ rest)
+        # Column by column in memory, as candidates take it.
+        rest = np.asfortranarray(rest - q @ (q.T @ rest))
         for k, here in places:
             white[k][c] = rest[:, here]
             raw[k] = raw[k] + before[here]
