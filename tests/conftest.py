@@ -10,6 +10,9 @@ from importlib.metadata import version
 # Before JAX starts: one device, no accelerator probing.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
+# Before NumPy starts, as in `cli/environment.py`; the workers keep all cores busy as it is.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Most of the time goes into compiling, small operations too: each program is compiled once for all workers and the
 # processes that tests start, which inherit this environment.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:

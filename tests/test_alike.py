@@ -3,12 +3,21 @@
 import jax
 import numpy as np
 import pytest
+import scipy.stats
 
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.alike import alike, SCATTER
+from inertiax.diagnose.alike import (
+    _log_density,
+    _log_likelihood,
+    alike,
+    SCATTER,
+    TAILS,
+    WIDTH,
+)
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.system import NoiseFit
-from inertiax.diagnose.variance_fit import fit_noise, likelihood
+from inertiax.diagnose.variance_fit import fit_noise, LEARNED, likelihood, likelihood_inputs
+from inertiax.diagnose.whiten import WALK
 from inertiax.recordings import Campaign, ModelChoice, Rig
 from test_type_noise import anova, DWELL, FEW, ORDER, pooled, unit
 
@@ -112,10 +121,6 @@ def test_rows_of_one_chain_and_known_noise_stay_as_they_are():
 
 
 def test_the_draws_likelihood_is_that_of_one_fit_at_a_time():
-    from inertiax.diagnose.alike import _log_likelihood
-    from inertiax.diagnose.variance_fit import LEARNED, likelihood_inputs
-    from inertiax.diagnose.whiten import WALK
-
     with jax.enable_x64(True):
         system, candidates = system_of(unit(9, dwells=12), FEW)
         chosen = [next(t for t in candidates if t.channels == (1,))]
@@ -139,3 +144,12 @@ def test_channels_that_are_not_alike_are_left_to_themselves():
     with jax.enable_x64(True):
         system, _ = system_of(campaign)
         assert alike(system, fit_noise(system)) is system
+
+
+def test_the_draws_density_is_scipys():
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((4, 4))
+    covariance, values = root @ root.T + np.eye(4), rng.standard_normal((6, 4))
+    frozen = scipy.stats.multivariate_t(np.ones(4), WIDTH**2 * covariance, df=TAILS)
+    made = _log_density(values, np.ones(4), covariance)
+    np.testing.assert_allclose(made, frozen.logpdf(values), rtol=1e-12)

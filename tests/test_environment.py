@@ -43,3 +43,13 @@ def test_the_users_own_flags_stand(jaxlib, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
     environment.prepare()
     assert os.environ["XLA_FLAGS"] == "--xla_cpu_multi_thread_eigen=false"
+
+
+@pytest.mark.parametrize(("chosen", "kept"), [(None, "1"), ("4", "4")])
+def test_narrow_matrices_get_one_thread_unless_the_user_chose(jaxlib, monkeypatch, chosen, kept):
+    jaxlib("0.10.2")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", chosen or "")
+    if chosen is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    environment.prepare()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == kept
