@@ -103,9 +103,11 @@ def markdown(results: dict, title: str = "Blind proof") -> str:
     methods = results["methods"]
     first = next(iter(methods))
     count = sum(methods[first]["summary"]["cases"].values())
+    drawn = results.get("drawn", count)
+    of_all = f" of {drawn} drawn" if drawn > count else ""
     parts = [
         f"# {title}\n",
-        f"{count} concealed cases, seed {results['seed']}; SHA-256 of the answers, printed before any "
+        f"{count} concealed cases{of_all}, seed {results['seed']}; SHA-256 of the answers, printed before any "
         f"run: `{results['sealed']}`. Shares with 95 % Wilson intervals and numbers of cases.\n",
         "## All methods\n",
         _overall(methods),

@@ -168,6 +168,7 @@ def main():
         sys.exit(f"{len(missing)} runs are missing ({', '.join(missing[:3])} …); run them first.")
     results = {
         "seed": answers["seed"],
+        "drawn": len(answers["cases"]),
         "sealed": (args.cases / "answers.sha256").read_text().strip(),
     }
     if args.given:
