@@ -129,6 +129,10 @@ def test_the_draws_likelihood_is_that_of_one_fit_at_a_time():
         logs = noise.theta[1][LEARNED] + unit_of + np.array([[0.0] * 4, [1.0, 0.5, -1.0, 0.3]])
         inputs = likelihood_inputs(system, 1, chosen)
         made = _log_likelihood(system, noise, 1, inputs, logs, unit_of)
+        # A draw whose rows cannot be told counts for nothing, and the others as before.
+        broken = np.concatenate([[[np.nan] * 4], logs])
+        again = _log_likelihood(system, noise, 1, inputs, broken, unit_of)
+        assert again[0] == -np.inf and np.array_equal(again[1:], made)
         single = []
         for row in logs:
             theta = noise.theta[1].copy()

@@ -162,20 +162,19 @@ def _log_likelihood(
     ]
     gram = np.concatenate([np.asarray(g) for g, _ in made])[: len(logs)]
     logdet = np.concatenate([np.asarray(d) for _, d in made])[: len(logs)]
-    norm = np.sqrt(np.einsum("dkk->dk", gram))
-    used = norm[0] > 0.0
-    used[0] = False
-    gram, norm = (
-        gram[:, [0, *np.flatnonzero(used)]][:, :, [0, *np.flatnonzero(used)]],
-        norm[:, used],
-    )
+    finite = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(logdet)
+    used = np.flatnonzero(np.diag(gram[np.argmax(finite)])[1:] > 0.0)  # the others are padding
+    places = [0, *(used + 1)]
+    gram = gram[:, places][:, :, places]
+    gram[~finite] = np.eye(len(places))
+    norm = np.sqrt(np.einsum("dkk->dk", gram))[:, 1:]
     scaled = gram[:, 1:, 1:] / (norm[:, :, None] * norm[:, None, :]) + 1e-11 * np.eye(norm.shape[1])
     factor = np.linalg.cholesky(scaled)
     part = np.linalg.solve(factor, (gram[:, 1:, 0] / norm)[:, :, None])[:, :, 0]
-    num = np.count_nonzero(used[1 : 1 + columns.shape[1]])
+    num = np.count_nonzero(used < columns.shape[1])
     logs_of = np.log(np.einsum("dkk->dk", factor)[:, :num]) + np.log(norm[:, :num])
     square = gram[:, 0, 0] - np.square(part).sum(axis=1)
-    return -0.5 * (logdet + square) - logs_of.sum(axis=1)
+    return np.where(finite, -0.5 * (logdet + square) - logs_of.sum(axis=1), -np.inf)
 
 
 @jax.jit

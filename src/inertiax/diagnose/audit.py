@@ -130,7 +130,7 @@ def needed(size: int, rows: float, forms: int, tests: float) -> float:
 def at_the_gate(tests: Family, score: Score) -> float:
     """Tests that a term pays for at the likelihood ratio which just passes the gate."""
     number = tests.tests(score.term)
-    for _ in range(3):  # it grows with the root of the ratio, and the ratio with its logarithm
+    for _ in range(3):  # it grows with a power of the ratio, and the ratio with its logarithm
         single = -np.expm1(np.log1p(-GATE) / max(number, 1.0))
         number = tests.tests(score.term, float(scipy.special.chdtri(score.size, single)))
     return number
