@@ -6,15 +6,9 @@ import pytest
 import scipy.stats
 
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.alike import (
-    _log_density,
-    _log_likelihood,
-    alike,
-    SCATTER,
-    TAILS,
-    WIDTH,
-)
+from inertiax.diagnose.alike import _log_likelihood, alike, SCATTER, TOLD
 from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.heavy_tails import HeavyTails, TAILS, WIDTH
 from inertiax.diagnose.system import NoiseFit
 from inertiax.diagnose.variance_fit import fit_noise, LEARNED, likelihood, likelihood_inputs
 from inertiax.diagnose.whiten import WALK
@@ -106,7 +100,9 @@ def test_what_was_chosen_on_one_channel_is_no_noise_of_the_others():
 def test_a_diagnosis_beside_alike_channels_invents_nothing():
     found = diagnose(unit(33, dwells=12, added=1.5e-3), effects=FEW)
     assert [(e.name, e.channels) for e in found.effects] == [("drift", ("accel_y",))]
-    assert diagnose(unit(33, dwells=12), effects=FEW).verdict == "consistent"
+    clean = diagnose(unit(33, dwells=12), effects=FEW)
+    assert clean.verdict == "consistent"
+    assert TOLD.format(triad="accel") in clean.as_dict()["noise"]
 
 
 def test_rows_of_one_chain_and_known_noise_stay_as_they_are():
@@ -148,6 +144,7 @@ def test_channels_that_are_not_alike_are_left_to_themselves():
     with jax.enable_x64(True):
         system, _ = system_of(campaign)
         assert alike(system, fit_noise(system)) is system
+    assert TOLD.format(triad="accel") not in diagnose(campaign, effects=FEW).noise
 
 
 def test_the_draws_density_is_scipys():
@@ -155,5 +152,13 @@ def test_the_draws_density_is_scipys():
     root = rng.standard_normal((4, 4))
     covariance, values = root @ root.T + np.eye(4), rng.standard_normal((6, 4))
     frozen = scipy.stats.multivariate_t(np.ones(4), WIDTH**2 * covariance, df=TAILS)
-    made = _log_density(values, np.ones(4), covariance)
+    shape = HeavyTails.around(np.ones(4), covariance)
+    made = shape.log_density(values)
     np.testing.assert_allclose(made, frozen.logpdf(values), rtol=1e-12)
+    # Of many draws the middle half and nine tenths lie where SciPy's own distribution has them.
+    drawn = shape.draw(20_000, np.random.default_rng(1))
+    off = np.linalg.solve(np.linalg.cholesky(covariance), (drawn - 1.0).T) / WIDTH
+    square = np.square(off).sum(axis=0) / 4.0
+    for part in (0.25, 0.75, 0.95):
+        # The standard error of a share of 20 000 draws is at most 0.0031.
+        assert abs(np.mean(square < scipy.stats.f.ppf(part, 4, TAILS)) - part) < 0.011

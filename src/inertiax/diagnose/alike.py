@@ -23,6 +23,7 @@ import scipy.special
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
+from .heavy_tails import HeavyTails
 from .system import BOUNDS, NoiseFit, System
 from .terms import Term
 from .variance_fit import LEARNED, likelihood_inputs
@@ -31,14 +32,16 @@ from .whiten import Chain, Known, NUM_VARIANCES, unpack, whiten
 
 SCATTER = 0.5  # between channels of a triad, standard deviation of a log variance
 UNLIKE = 1e-3  # chance of one noise for all channels, below which they are left to themselves
+TOLD = (
+    "{triad}: the channels do not differ in flicker, walk, positioning errors and levels of power cycles by more than "
+    "chance makes likely, and two of them told what to expect of the third."
+)
 FIRST = 256  # draws over all that is possible
 ROUNDS = 3  # further ones, each around what was found before
 DRAWS = 64  # in each of them for each pair of channels
 PAIRS = ((1, 2), (2, 0), (0, 1))
 BATCH = 64  # draws evaluated together
 HIGHEST = 4.0  # log variance over the scale up to which the first round looks
-WIDTH = 1.3  # of the further rounds' draws, in standard deviations
-TAILS = 5.0  # their degrees of freedom
 LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a round are useful
 
 
@@ -92,14 +95,15 @@ def _told(
     likely, shapes = likelihoods(logs), []
     density = np.full(FIRST, np.log(FIRST) - np.log(high - low).sum())
     for _ in range(ROUNDS):
-        made = [_moments(logs, likely[a] + likely[b] - density) for a, b in PAIRS]
-        drawn = [_drawn(*shape, low, high, rng) for shape in made]
-        shapes += [(*shape, np.log(len(new))) for shape, new in zip(made, drawn)]
+        moments = [_moments(logs, likely[a] + likely[b] - density) for a, b in PAIRS]
+        made = [HeavyTails.around(*m) for m in moments]
+        drawn = [_drawn(shape, low, high, rng) for shape in made]
+        shapes += [(shape, np.log(len(new))) for shape, new in zip(made, drawn)]
         more = np.concatenate(drawn)
         logs = np.concatenate([logs, more])
         likely = [np.concatenate(both) for both in zip(likely, likelihoods(more))]
         parts = [np.full(len(logs), np.log(FIRST) - np.log(high - low).sum())]
-        parts += [_log_density(logs, mean, cov) + count for mean, cov, count in shapes]
+        parts += [shape.log_density(logs) + count for shape, count in shapes]
         density = np.logaddexp.reduce(parts)
     told = [v - 0.5 * density for v in likely]
     fitted = np.array([theta[LEARNED] for theta in noise.theta]) + units
@@ -116,29 +120,12 @@ def _moments(logs: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _drawn(
-    center: np.ndarray,
-    covariance: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    rng: np.random.Generator,
+    shape: HeavyTails, low: np.ndarray, high: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Heavy-tailed draws within what is possible."""
-    normal = rng.standard_normal((DRAWS, len(center)))
-    width = np.sqrt(rng.chisquare(TAILS, DRAWS) / TAILS)
-    values = center + WIDTH * (normal / width[:, None]) @ np.linalg.cholesky(covariance).T
+    """Draws within what is possible, and the center."""
+    values = shape.draw(DRAWS, rng)
     inside = ((values > low) & (values < high)).all(axis=1)
-    return np.concatenate([values[inside], np.clip(center, low, high)[None]])
-
-
-def _log_density(
-    values: np.ndarray, center: np.ndarray, covariance: np.ndarray
-) -> Float[np.ndarray, " draw"]:
-    """Student t density of `_drawn`'s draws, as if none fell outside what is possible."""
-    size, factor = len(center), WIDTH * np.linalg.cholesky(covariance)
-    square = np.square(np.linalg.solve(factor, (values - center).T)).sum(axis=0)
-    constant = scipy.special.gammaln(0.5 * (TAILS + size)) - scipy.special.gammaln(0.5 * TAILS)
-    constant -= 0.5 * size * np.log(np.pi * TAILS) + np.log(np.diag(factor)).sum()
-    return constant - 0.5 * (TAILS + size) * np.log1p(square / TAILS)
+    return np.concatenate([values[inside], np.clip(shape.center, low, high)[None]])
 
 
 def _log_likelihood(

@@ -24,7 +24,7 @@ from .family import Family, family
 from .limits import Absorbed, Audit, Detectable, POWER
 from .overlap import alias_sets, aliases
 from .scores import Score, whiten_system
-from .search import count_forms
+from .search import count_forms, observations
 from .system import NoiseFit, START, System
 from .terms import Term
 from .variance_fit import fit_noise
@@ -143,13 +143,12 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
     """
     forms = count_forms(one.prepared.candidates)
     system = one.prepared.system
-    rows = system.num_rows / len(system.chains)
     found: dict[tuple[str, tuple[str, ...]], list[tuple[Score, float]]] = {}
     for score in one.scores:
         term = score.term
         z = needed(
             score.size,
-            rows * len(term.chains),
+            observations(system, term),
             forms[term.name, term.channels],
             at_the_gate(one.tests, score),
         )

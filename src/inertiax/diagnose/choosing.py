@@ -62,6 +62,7 @@ class Asked:
     tests: Family
     null: NoiseFit
     between_all: Callable[[Term], list[Term]]
+    renew: Callable[[NoiseFit, list[Term]], list[Term]]
     say: Callable[[str], None]
     counted: set[Key] = field(
         default_factory=set
@@ -119,13 +120,25 @@ class Asked:
             if not found:
                 break
             chosen.extend(found)
-            terms = [c.term for c in chosen]
-            noise = self.relearn(fit_noise(self.system, terms, noise), terms)
+            noise = fit_noise(self.system, [c.term for c in chosen], noise)
+            terms, noise = self._renewed(chosen, noise)
+            noise = self.relearn(noise, terms)
             for new in found:
                 self.say(f"{new.term.name} on {', '.join(new.term.channel_names)}")
             self.look_again(noise, terms)
             fuller, ranked = self.rank_on(fuller, noise, terms, found)
         return Found(tuple(chosen), noise, None, 1.0)
+
+    def _renewed(self, chosen: list[Candidate], noise: NoiseFit) -> tuple[list[Term], NoiseFit]:
+        """The chosen terms and their noise, after signatures that hold the model's parameters were made anew."""
+        before = [c.term for c in chosen]
+        terms = self.renew(noise, before)
+        changed = [new for old, new in zip(before, terms) if new is not old]
+        if not changed:
+            return before, noise
+        chosen[:] = [replace(c, term=t) for c, t in zip(chosen, terms)]
+        self.short.extend(changed)
+        return terms, fit_noise(self.system, terms, noise)
 
     def relearn(self, noise: NoiseFit, chosen: Sequence[Term]) -> NoiseFit:
         """Let the chains tell each other's noise anew beside the chosen effects; the noise fitted with that."""

@@ -169,8 +169,17 @@ def retuned(prepared: Prepared, term: Term, values: Sequence[float]) -> list[Ter
         Variant(f"{effect.nuisance}={v:.4g}", {**term.variant.settings, effect.nuisance: float(v)})
         for v in values
     ]
+    return _formed(prepared, term, variants)
+
+
+def rebuilt(prepared: Prepared, term: Term) -> Term:
+    """The same term in the same form, from the triad's signal."""
+    return _formed(prepared, term, [term.variant])[0]
+
+
+def _formed(prepared: Prepared, term: Term, variants: Sequence[Variant]) -> list[Term]:
     shapes = block_shapes(
-        effect,
+        term.known,
         variants,
         padded(prepared.signal, len(prepared.signal.time)),
         padded(prepared.coarse, prepared.blocks.num_blocks),

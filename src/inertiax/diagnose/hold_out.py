@@ -72,8 +72,9 @@ def hold_out(
             hint = findings[-1].answer.remembered if findings else None
             finding = find(prepared, campaign.grade, progress, hint)
             findings.append(finding)
-            terms = [t for _, t, _ in tuned(prepared, finding.answer, finding.answer.noise)]
-            predictions.extend(_predict(prepared, terms, log, left, force))
+            about, named = tuned(prepared, finding.answer, finding.answer.noise)
+            terms = [t for _, t, _ in named]
+            predictions.extend(_predict(about, terms, log, left, force))
         return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
 
 
@@ -97,7 +98,8 @@ def leave_positions_out(
 
 def _positions_out(finding: Finding) -> list[Prediction]:
     prepared = finding.prepared
-    chosen = [t for _, t, _ in tuned(prepared, finding.answer, finding.answer.noise)]
+    _, named = tuned(prepared, finding.answer, finding.answer.noise)
+    chosen = [t for _, t, _ in named]
     base, position = prepared.system.base, prepared.blocks.position
     made = []
     for c, chain in enumerate(prepared.system.chains):

@@ -46,6 +46,7 @@ class Answer:
     ranked: tuple[Candidate, ...]  # of the first step
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
     remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
+    alike: bool  # whether the channels told each other's noise when the last effect was looked for
 
 
 def identify(
@@ -58,12 +59,13 @@ def identify(
     hint: str | None = None,
     finer: Callable[[Term], list[Term]] = lambda term: [],
     between_all: Callable[[Term], list[Term]] = lambda term: [],
+    renew: Callable[[NoiseFit, list[Term]], list[Term]] = lambda noise, chosen: chosen,
     say: Callable[[str], None] = lambda text: None,
 ) -> Answer:
     """Gate, name and check one triad's rows.
 
     **Arguments:** `finer` gives the forms beside one that was taken from a grid, `between_all` those between all points
-    of that grid.
+    of that grid. `renew` makes signatures of chosen terms anew where they hold the model's own parameters.
     """
     everything = [*catalogue, *alternatives]
     forms = count_forms(everything)
@@ -84,7 +86,17 @@ def identify(
         fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
     first = ranked
     ask = Asked(
-        alone, system, tuple(everything), list(short), forms, grade, tests, null, between_all, say
+        alone,
+        system,
+        tuple(everything),
+        list(short),
+        forms,
+        grade,
+        tests,
+        null,
+        between_all,
+        renew,
+        say,
     )
     gate = ask.chance(min(ranked[:10], key=tests.p_value))
     found = ask.search([], fuller, ranked, None)
@@ -158,6 +170,7 @@ def _conclude(
         tuple(first[:40]),
         tuple(s for s in scores if s.term.effect is not None),
         None if memory is None else memory.chosen[0].term.name,
+        ask.system is not ask.alone,
     )
 
 

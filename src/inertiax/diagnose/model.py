@@ -9,7 +9,9 @@ from typing import TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
@@ -76,6 +78,14 @@ class AtTemperature(eqx.Module):
         return self.predict(
             self.parameters, eqx.tree_at(lambda s: s.temperature, self.signal, temperature)
         )
+
+    def with_parameters(
+        self, base: Baseline, coefficients: Float[np.ndarray, "parameter 1"]
+    ) -> "AtTemperature":
+        """The same for other values of the flattened parameters."""
+        real = eqx.filter(self.parameters, eqx.is_inexact_array_like)
+        given = ravel_pytree(real)[1](jnp.asarray(coefficients[:, 0]))
+        return AtTemperature(self.predict, eqx.combine(given, self.parameters), self.signal)
 
 
 def prepare_model(

@@ -24,6 +24,7 @@ import scipy.optimize
 from jaxtyping import Float
 
 from ..recordings import Rig
+from .heavy_tails import HeavyTails
 from .system import BOUNDS, STARTS, System
 from .variance_fit import likelihood_inputs
 from .whiten import Known, negative_log_likelihood, NUM_VARIANCES, value_and_gradient, WALK
@@ -34,8 +35,6 @@ TOLD = 0.3  # standard deviation of a log variance up to which its posterior is 
 MOST_TRIES = 200  # draws for each that is possible
 VAGUE = 4.0  # standard deviation of a log variance before any unit was seen
 LEAST_SCATTER = 0.2  # between units, of a log variance
-WIDTH = 1.3  # of the distribution that draws are taken from, in standard deviations
-TAILS = 5.0  # its degrees of freedom
 SHOWN = 0.25  # information on a log variance from which a unit's own value counts
 STEP = 0.05  # of the differences that give second derivatives
 
@@ -215,17 +214,14 @@ def _moments(
     vague = np.eye(NUM_VARIANCES) / VAGUE**2
     rng = np.random.default_rng(0)
     shapes = [
-        (mode, spread)
+        HeavyTails.around(mode, spread)
         for mode, information in zip(modes, informations)
         for spread in _spreads(np.linalg.inv(information + vague))
     ]
-    parts = [_inside(units, x, v, DRAWS // len(shapes), rng) for x, v in shapes]
-    values = np.concatenate([v for v, _, _ in parts])
+    parts = [_inside(units, shape, DRAWS // len(shapes), rng) for shape in shapes]
+    values = np.concatenate([v for v, _ in parts])
     density = np.logaddexp.reduce(
-        [
-            _density(values - x, factor) - np.log(share)
-            for (x, _), (_, factor, share) in zip(shapes, parts)
-        ]
+        [shape.log_density(values) - np.log(share) for shape, (_, share) in zip(shapes, parts)]
     )
     log_weight = -units.draws(values) - density
     weight = np.exp(log_weight - log_weight.max())
@@ -246,26 +242,16 @@ def _spreads(covariance: np.ndarray) -> list[np.ndarray]:
 
 
 def _inside(
-    units: _Units, center: np.ndarray, covariance: np.ndarray, count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Heavy-tailed draws that are possible, the factor of their spread, and the share of draws that were."""
-    factor = WIDTH * np.linalg.cholesky(covariance)
+    units: _Units, shape: HeavyTails, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
+    """Draws that are possible, and the share of draws that were."""
     kept, drawn = [], 0
     while sum(map(len, kept)) < count and drawn < MOST_TRIES * count:
-        normal = rng.standard_normal((4 * count, NUM_VARIANCES))
-        width = np.sqrt(rng.chisquare(TAILS, len(normal)) / TAILS)
-        values = center + (normal / width[:, None]) @ factor.T
+        values = shape.draw(4 * count, rng)
         kept.append(values[((values >= units.least) & (values <= units.most)).all(axis=1)])
         drawn += len(values)
-    found = np.concatenate([*kept, np.clip(center, units.least, units.most)[None]])
-    return found[:count], factor, len(found) / (drawn + 1)
-
-
-def _density(off: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Logarithm of the Student t density with `TAILS` degrees of freedom, up to a constant."""
-    square = (np.linalg.solve(factor, off.T) ** 2).sum(axis=0)
-    size = np.log(np.diag(factor)).sum()
-    return -size - 0.5 * (TAILS + NUM_VARIANCES) * np.log1p(square / TAILS)
+    found = np.concatenate([*kept, np.clip(shape.center, units.least, units.most)[None]])
+    return found[:count], len(found) / (drawn + 1)
 
 
 def _scatter(

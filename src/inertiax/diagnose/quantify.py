@@ -186,7 +186,8 @@ def parameters(
         label = "amplitude" if effect.unit_amplitude else "coefficient"
         for k, (value, std) in enumerate(zip(values, spread)):
             name = label if len(values) == 1 else f"{label}[{k}]"
-            made.append((name, Parameter(float(value), float(std), unit)))
+            told = float(std) if found[0].told[k] else None
+            made.append((name, Parameter(float(value), told, unit)))
     return tuple(made)
 
 

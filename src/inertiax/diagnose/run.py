@@ -15,10 +15,12 @@ from ..campaign import load_campaign
 from ..effects import CATALOGUE, Effect, Signal
 from ..recordings import Campaign, Recording, Site
 from ..temperature import Constant, Curve, Polynomial
+from .alike import TOLD
 from .allan_check import allan_checks
 from .alternatives import PREFIX
 from .audit import Audited, conclude
 from .augmented import fitted_effects
+from .bilinear import refined, renewed
 from .bursts import Burst, burst_places, find_bursts, swallows
 from .delay_report import explain_delay, ramp_places, stored, with_delays
 from .delays import Delay
@@ -30,7 +32,7 @@ from .locate import locate, tidy
 from .model import Parameters, prepare_model
 from .population_noise import TypeNoise
 from .prove import held_out_rms, in_sample
-from .quantify import corrected, moved, tune
+from .quantify import corrected, moved
 from .residuals import residuals
 from .result import Detectable, Diagnosis, Explanation, Quality
 from .scores import Score, whiten_system
@@ -189,6 +191,7 @@ def find(
         hint=hint,
         finer=lambda term: finer(prepared, term),
         between_all=lambda term: between_all(prepared, term),
+        renew=lambda noise, terms: renewed(prepared, noise, terms),
         say=lambda text: progress(f"{triad}: {text}"),
     )
     outputs = np.asarray(prepared.signal.output)
@@ -219,17 +222,17 @@ def conclude_findings(
         prepared, answer = finding.prepared, finding.answer
         found = [n.candidate.term for n in answer.named]
         stated = interval_noise(prepared.system, answer.noise, _everything(answer, found))
-        refined = tuned(prepared, answer, stated)
-        terms = [t for _, t, _ in refined]
+        prepared, named_terms = tuned(prepared, answer, stated)
+        terms = [t for _, t, _ in named_terms]
         if answer.named and answer.verdict != "unexplained":
-            explanations.extend(explain(prepared, answer, refined, stated))
+            explanations.extend(explain(prepared, answer, named_terms, stated))
             shifted.extend(moved(prepared.system, stated, terms))
         if finding.delay is not None and finding.verdict != "unexplained":
             assert prepared.log is not None
             explanations.append(explain_delay(finding.delay))
             where.extend(ramp_places(finding.delay, prepared.log))
             added.extend(stored(finding.delay, prepared.log, prepared.system.base))
-        for named, _, _ in refined:
+        for named, _, _ in named_terms:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
             where.extend(locate(prepared, answer.unlisted, 0.0, answer.unlisted_p))
@@ -242,6 +245,8 @@ def conclude_findings(
         triads.append(_calibrated(prepared, stated, terms))
         added.extend(fitted_effects(prepared, stated, terms))
         rows.append(residuals(prepared, _everything(answer, terms)))
+        if answer.alike:
+            noise.append(TOLD.format(triad=prepared.form.triad))
         checks = allan_checks(prepared, answer.noise, _everything(answer, terms))
         noise.extend(check.line() for check in checks)
         progress(f"{prepared.form.triad}: proved on held-out data")
@@ -273,20 +278,18 @@ def conclude_findings(
 
 def tuned(
     prepared: Prepared, answer: Answer, noise: NoiseFit
-) -> list[tuple[Named, Term, float | None]]:
-    """Named terms with their nuisance settings refined one after the other, under the noise of the intervals."""
-    terms = [n.candidate.term for n in answer.named]
+) -> tuple[Prepared, list[tuple[Named, Term, float | None]]]:
+    """Named terms with their nuisance settings refined under the noise of the intervals, and the triad about them."""
+    about, terms, spread = refined(prepared, noise, [n.candidate.term for n in answer.named])
     made = []
-    for k, named in enumerate(answer.named):
+    for k, (named, term, std) in enumerate(zip(answer.named, terms, spread)):
         others = terms[:k] + terms[k + 1 :]
-        term, std = tune(prepared, noise, terms[k], others)
-        terms[k] = term
-        found = whiten_system(prepared.system, answer.noise, [term], others).scores
+        found = whiten_system(about.system, answer.noise, [term], others).scores
         if found:
             candidate = Candidate(term, found[0], named.candidate.ratio, named.candidate.evidence)
             named = Named(candidate, named.p_value, named.rivals)
         made.append((named, term, std))
-    return made
+    return about, made
 
 
 def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, Quality]:

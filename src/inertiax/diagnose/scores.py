@@ -15,6 +15,7 @@ from .whiten import unpack, whiten_jit
 
 CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
+TOLD = 0.999  # square of a coefficient's own direction in those that the rows tell, from which it is told
 REMEMBERED = 60  # whitened sets of shared errors
 
 
@@ -83,8 +84,14 @@ class Score:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the coefficients."""
+        """Covariance of the coefficients, of those that are told."""
         return self.turn @ self.turn.T
+
+    @property
+    def told(self) -> np.ndarray:
+        """Which coefficients the rows tell; of the others they tell nothing, or a sum with others alone."""
+        scaled = self.turn * np.sqrt(sum(np.square(w).sum(axis=0) for w in self.white))[:, None]
+        return np.square(np.linalg.qr(scaled)[0]).sum(axis=1) > TOLD
 
 
 def whiten_system(

@@ -32,6 +32,13 @@ class AtTemperature(eqx.Module):
         )
         return basis @ jnp.asarray(self.bias).T + by_matrix
 
+    def with_parameters(
+        self, base: Baseline, coefficients: Float[np.ndarray, "parameter size"]
+    ) -> "AtTemperature":
+        """The same for other coefficients of the fitted model."""
+        changed = eqx.tree_at(lambda b: b.coefficients, base, coefficients)
+        return at_temperature(changed, np.asarray(self.input))
+
 
 def at_temperature(base: Baseline, given: np.ndarray) -> AtTemperature:
     """The fitted model as a function of the element's temperature."""

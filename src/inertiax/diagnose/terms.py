@@ -18,7 +18,7 @@ BATCH = 32  # settings evaluated together
 UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotation leaves |a| alone
 
 
-INPUTS = ("rate", "specific_force", "input")  # drivers of effects
+INPUTS = ("rate", "specific_force", "input", "attitude")  # drivers of effects
 BY_DWELL = ("input", "move", "position")  # in names of unlisted dependences that follow them
 
 

@@ -9,6 +9,8 @@ from .result import Explanation, Parameter, Where
 
 def _number(parameter: Parameter) -> str:
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    if parameter.std is None and parameter.value == 0.0:
+        return "not determined by this data"
     if parameter.std is None:
         return f"about {parameter.value:.3g}{unit} (not determined by this data)"
     return f"{parameter.value:.3g} ± {parameter.std:.1g}{unit}"

@@ -1,0 +1,115 @@
+"""A lag whose signature is made of the slopes that it has bent itself; data from plain NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from inertiax.diagnose import diagnose, diagnose_model
+from inertiax.diagnose.bilinear import refined, renewed
+from inertiax.diagnose.engine import prepare, retuned
+from inertiax.diagnose.model import prepare_model
+from inertiax.diagnose.scores import _score
+from inertiax.diagnose.terms import Term
+from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.effects import CATALOGUE, Variant
+from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from test_package_lag import behind
+
+
+LAG = [e for e in CATALOGUE if e.name == "thermal_lag"]
+TAU = 300.0  # s
+G = 9.81
+
+
+def bent(seed=0):
+    """One pose, up and down once; the bias of x is a parabola of its element's temperature, which lags."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000) * 1.0
+    probe = np.interp(
+        time, [0.0, 400.0, 1700.0, 2100.0, 3400.0, 4000.0], [-10, -10, 50, 50, -10, -10]
+    )
+    x, y = (probe - 20.0) / 30.0, (behind(time, probe, TAU) - 20.0) / 30.0
+    output = 1e-4 * np.stack([y - 0.6 * y**2, 0.5 * x, x**2], axis=1)
+    output += 2e-6 * rng.standard_normal(output.shape)
+    recording = Recording(
+        time=time, gyro=output, temperature=probe[:, None], position=np.zeros(4000, int)
+    )
+    model = ModelChoice(gyro_estimator="static", temperature_degree=2)
+    return Campaign((recording,), Site(G), Rig(), model, "tactical")
+
+
+def on_x(prepared):
+    """The lag of the gyro x with the grid's nearest time constant, and the noise beside it."""
+    term = min(
+        (t for t in prepared.candidates if t.channels == (0,) and t.name == "thermal_lag"),
+        key=lambda t: abs(t.setting - TAU),
+    )
+    return term, fit_noise(prepared.system, [term])
+
+
+def test_the_slopes_that_a_lag_has_bent_are_fitted_beside_it():
+    with jax.enable_x64(True):
+        (prepared,) = prepare(bent(), LAG)[1]
+        term, noise = on_x(prepared)
+        (first,) = retuned(prepared, term, [TAU])
+        about, (last,), (spread,) = refined(prepared, noise, [term])
+        (at_truth,) = retuned(about, term, [TAU])
+    assert spread is not None
+    assert abs(last.setting - TAU) < 3.0 * spread
+    # By hand: the signature of the true parabola at the true lag, from plain NumPy.
+    time, probe = np.asarray(prepared.signal.time), np.asarray(prepared.signal.temperature)
+    x, y = (probe - 20.0) / 30.0, (behind(time, probe, TAU) - 20.0) / 30.0
+    true = prepared.blocks.mean(1e-4 * ((y - 0.6 * y**2) - (x - 0.6 * x**2)))
+    wrong, right = (
+        np.linalg.norm(t.columns[0][:, 0] - true) / np.linalg.norm(true) for t in (first, at_truth)
+    )
+    assert wrong > 0.2  # made of the bent slopes
+    assert right < 0.03  # the noise of 4000 samples leaves a few per cent
+    assert renewed(prepared, noise, [term])[0].setting == last.setting
+
+
+def test_the_lag_is_named_with_the_true_time_constant_and_coefficient():
+    found = diagnose(bent(1))
+    assert [e.name for e in found.effects] == ["thermal_lag"]
+    values = dict(found.effects[0].parameters)
+    lag, amplitude = values["time_constant"], values["amplitude"]
+    assert abs(lag.value - TAU) < 3.0 * lag.std and lag.std < 0.05 * TAU
+    assert abs(amplitude.value - 1.0) < 3.0 * amplitude.std and amplitude.std < 0.1
+
+
+def test_a_users_model_is_fitted_beside_the_lag_as_well():
+    campaign = bent(2)
+
+    def predict(parameters, signal):
+        x = (jnp.asarray(signal.temperature) - 20.0) / 30.0
+        return jnp.stack([jnp.ones_like(x), x, x**2], axis=1) @ parameters["bias"]
+
+    # The user's own fit without the lag: what the lag bends.
+    x = (campaign.recordings[0].temperature[:, 0] - 20.0) / 30.0
+    basis = np.stack([np.ones_like(x), x, x**2], axis=1)
+    start = {"bias": np.linalg.lstsq(basis, campaign.recordings[0].gyro, rcond=None)[0]}
+    with jax.enable_x64(True):
+        prepared = prepare_model(predict, start, campaign, LAG, triad="gyro")
+        term, noise = on_x(prepared)
+        _, (own,), (spread,) = refined(prepared, noise, [term])
+    assert abs(own.setting - TAU) < 3.0 * spread
+    found = diagnose_model(predict, start, campaign.recordings[0], triad="gyro")
+    (value,) = [dict(e.parameters)["time_constant"] for e in found.effects]
+    assert value.value == pytest.approx(own.setting, abs=3.0 * spread)
+
+
+def test_coefficients_that_the_rows_do_not_tell_have_no_standard_deviation():
+    rng = np.random.default_rng(3)
+    a, b = rng.standard_normal((2, 60))
+
+    def told(*columns):
+        rows = np.stack(columns, axis=1)
+        term = Term("g_sensitivity", "gyro", (0,), Variant("row", {}), (0,), (rows,))
+        score = _score(term, {0: rows}, np.square(rows).sum(axis=0), [rng.standard_normal(60)])
+        assert score is not None
+        return score.told.tolist()
+
+    assert told(a, b) == [True, True]
+    # The third never acts; the second and the fourth tell their sum alone.
+    assert told(a, b, 0.0 * a, b) == [True, False, False, False]
