@@ -85,7 +85,7 @@ def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
 def test_at_the_passing_mark_nine_draws_of_ten_pass():
     rng = np.random.default_rng(1)
     for size in (1, 3):
-        z = needed(size, rows=1000.0, forms=5, tests=80.0)
+        z = needed(size, rows=1000, forms=5, tests=80.0)
         draws = rng.standard_normal((20000, size))
         draws[:, 0] += z
         threshold = max(

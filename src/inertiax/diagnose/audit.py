@@ -115,7 +115,7 @@ def conclude(triads: Sequence[Audited], effects: Sequence[Effect]) -> Audit:
     )  # fmt: skip
 
 
-def needed(size: int, rows: float, forms: int, tests: float) -> float:
+def needed(size: int, rows: int, forms: int, tests: float) -> float:
     """Standard deviations at which an effect passes the diagnosis with probability `POWER`.
 
     A term of `size` coefficients must exceed the family's threshold, $\\chi^2$ at $1 - (1 - \\alpha)^{1/N}$, and
@@ -123,7 +123,7 @@ def needed(size: int, rows: float, forms: int, tests: float) -> float:
     """
     single = -np.expm1(np.log1p(-GATE) / max(tests, 1.0))
     gate = float(scipy.stats.chi2.isf(single, size))
-    price = size * np.log(max(rows, 2.0)) + 2.0 * np.log(max(forms, 1))
+    price = size * np.log(max(rows, 2)) + 2.0 * np.log(max(forms, 1))
     return float(np.sqrt(max(gate, price)) + scipy.stats.norm.ppf(POWER))
 
 
