@@ -1,5 +1,7 @@
 """What two channels of a triad tell of the third one's noise."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from inertiax.diagnose import diagnose
 from inertiax.diagnose.alike import _log_likelihood, alike, SCATTER, TOLD
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.heavy_tails import HeavyTails, TAILS, WIDTH
+from inertiax.diagnose.population_noise import learn_chain
 from inertiax.diagnose.system import NoiseFit
 from inertiax.diagnose.variance_fit import fit_noise, LEARNED, likelihood, likelihood_inputs
 from inertiax.diagnose.whiten import WALK
@@ -162,3 +165,29 @@ def test_the_draws_density_is_scipys():
     for part in (0.25, 0.75, 0.95):
         # The standard error of a share of 20 000 draws is at most 0.0031.
         assert abs(np.mean(square < scipy.stats.f.ppf(part, 4, TAILS)) - part) < 0.011
+
+
+def test_two_channels_tell_what_two_units_would():
+    campaign = unit(5)
+    with jax.enable_x64(True):
+        system, _ = system_of(campaign)
+        found = alike(system, fit_noise(system))
+        # `learn_noise` takes the same channel of several units: here two channels as if they were one of two.
+        turned = [turned_to(system, c) for c in (1, 2)]
+        learned = learn_chain(turned, 0, "accel_x")
+    mean, spread = told(found, 0)
+    assert abs(mean - learned.mean[PLACE]) < 0.5 * spread
+    width = np.sqrt(learned.covariance[PLACE, PLACE] - 1.5 * learned.scatter[PLACE] ** 2)
+    assert (
+        0.5 < spread / width < 2.0
+    )  # the other sum is over seven variances and holds their usual sizes
+
+
+def turned_to(system, chain):
+    """The system with one of its chains first."""
+    first = lambda values: (values[chain], *values[1:])
+    base = replace(system.base, observed=first(system.base.observed))
+    return replace(
+        system, base=base, scales=first(system.scales), frames=first(system.frames),
+        longer=first(system.longer),
+    )  # fmt: skip

@@ -9,9 +9,11 @@ from inertiax.diagnose import diagnose, diagnose_model
 from inertiax.diagnose.bilinear import refined, renewed
 from inertiax.diagnose.engine import prepare, retuned
 from inertiax.diagnose.model import prepare_model
+from inertiax.diagnose.result import Parameter
 from inertiax.diagnose.scores import _score
 from inertiax.diagnose.terms import Term
 from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.diagnose.words import sentence
 from inertiax.effects import CATALOGUE, Variant
 from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 from test_package_lag import behind
@@ -113,3 +115,16 @@ def test_coefficients_that_the_rows_do_not_tell_have_no_standard_deviation():
     assert told(a, b) == [True, True]
     # The third never acts; the second and the fourth tell their sum alone.
     assert told(a, b, 0.0 * a, b) == [True, False, False, False]
+
+
+def test_the_sentence_says_which_coefficients_are_not_told():
+    effect = next(e for e in CATALOGUE if e.name == "g_sensitivity")
+    values = (
+        ("coefficient[0]", Parameter(4e-4, 3e-5, "rad/s/g")),
+        ("coefficient[1]", Parameter(0.0, None, "rad/s/g")),
+        ("coefficient[2]", Parameter(2e-4, None, "rad/s/g")),
+    )
+    text = sentence(effect, ("gyro_x",), values, (("g_sensitivity", 1.0),))
+    assert "coefficient[0] 0.0004 ± 3e-05 rad/s/g" in text
+    assert "coefficient[1] not determined by this data" in text
+    assert "coefficient[2] about 0.0002 rad/s/g (not determined by this data)" in text
