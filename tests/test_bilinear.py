@@ -5,11 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.diagnose import diagnose, diagnose_model
+from inertiax.diagnose import diagnose_model
+from inertiax.diagnose.augmented import compensate
 from inertiax.diagnose.bilinear import refined, renewed
 from inertiax.diagnose.engine import prepare, retuned
 from inertiax.diagnose.model import prepare_model
 from inertiax.diagnose.result import Parameter
+from inertiax.diagnose.run import diagnose_campaign
 from inertiax.diagnose.scores import _score
 from inertiax.diagnose.terms import Term
 from inertiax.diagnose.variance_fit import fit_noise
@@ -21,6 +23,7 @@ from test_package_lag import behind
 
 LAG = [e for e in CATALOGUE if e.name == "thermal_lag"]
 TAU = 300.0  # s
+NOISE = 2e-6  # rad/s
 G = 9.81
 
 
@@ -33,7 +36,7 @@ def bent(seed=0):
     )
     x, y = (probe - 20.0) / 30.0, (behind(time, probe, TAU) - 20.0) / 30.0
     output = 1e-4 * np.stack([y - 0.6 * y**2, 0.5 * x, x**2], axis=1)
-    output += 2e-6 * rng.standard_normal(output.shape)
+    output += NOISE * rng.standard_normal(output.shape)
     recording = Recording(
         time=time, gyro=output, temperature=probe[:, None], position=np.zeros(4000, int)
     )
@@ -71,13 +74,18 @@ def test_the_slopes_that_a_lag_has_bent_are_fitted_beside_it():
     assert renewed(prepared, noise, [term])[0].setting == last.setting
 
 
-def test_the_lag_is_named_with_the_true_time_constant_and_coefficient():
-    found = diagnose(bent(1))
+def test_the_lag_is_named_sized_and_taken_away():
+    campaign = bent(1)
+    found, calibration = diagnose_campaign(campaign)
     assert [e.name for e in found.effects] == ["thermal_lag"]
     values = dict(found.effects[0].parameters)
     lag, amplitude = values["time_constant"], values["amplitude"]
     assert abs(lag.value - TAU) < 3.0 * lag.std and lag.std < 0.05 * TAU
     assert abs(amplitude.value - 1.0) < 3.0 * amplitude.std and amplitude.std < 0.1
+    # The gyros are at rest: means over 100 s are of white noise alone, of which 40 are known to a ninth.
+    rate = np.asarray(compensate(calibration, campaign.recordings[0]).gyro)
+    means = rate.reshape(40, 100, 3).mean(axis=1)
+    assert np.sqrt(np.mean(means**2, axis=0)).max() < 1.5 * NOISE / np.sqrt(100)
 
 
 def test_a_users_model_is_fitted_beside_the_lag_as_well():
