@@ -76,6 +76,7 @@ def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
         Family({}, 0.0),
         null,
         between_all=lambda _: [],
+        renew=lambda _, chosen: chosen,
         say=lambda _: None,
     )
     both, nothing = [pair.first, pair.second], Bank((), ())
