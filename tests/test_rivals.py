@@ -10,7 +10,7 @@ from inertiax.diagnose import choosing, diagnose
 from inertiax.diagnose.choosing import Asked, FURTHER, MARGIN
 from inertiax.diagnose.engine import prepare
 from inertiax.diagnose.family import Count, Family
-from inertiax.diagnose.search import Bank, Candidate
+from inertiax.diagnose.search import Bank, Candidate, observations
 from inertiax.diagnose.system import NoiseFit
 from inertiax.effects import CATALOGUE
 from test_diagnose import only, tumble
@@ -148,3 +148,18 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
     assert taken(replace(jump, evidence=3.0), likelier, chosen=[there]) is likelier
     elsewhere = replace(there, term=replace(there.term, chains=(1,)))
     assert taken(jump, rare, chosen=[elsewhere]) is rare
+
+
+def test_what_follows_the_input_is_observed_once_a_dwell():
+    with jax.enable_x64(True):
+        (prepared,) = prepare(
+            tumble(1), [e for e in CATALOGUE if e.name in ("drift", "second_order")]
+        )[1]
+    dwells, blocks = len(np.unique(prepared.blocks.dwell)), prepared.blocks.num_blocks
+    assert dwells < blocks
+    by_name = {t.name: observations(prepared.system, t) for t in prepared.candidates}
+    assert by_name["second_order"] == dwells
+    assert by_name["drift"] == blocks
+    # A field fixed to the room turns with the case: it is judged under the noise of g-sensitivity, its rival.
+    field = candidate("magnetic", 10.0)
+    assert field.term.follows_input and candidate("g_sensitivity", 10.0).term.follows_input
