@@ -42,7 +42,7 @@ def given(prepared: Prepared, name: str, channels: tuple[int, ...]) -> float | N
         return None
     best = max(ranked, key=lambda c: c.ratio).term
     term, _ = tune(prepared, fit_noise(prepared.system, [best], noise), best, [])
-    return held_out_rms(prepared, noise, [term])
+    return held_out_rms(prepared, [term])
 
 
 def one(case: Path, run: Path, truth: dict) -> dict | None:
@@ -53,7 +53,7 @@ def one(case: Path, run: Path, truth: dict) -> dict | None:
     _, triads = prepare(load_campaign(case))
     prepared = next(p for p in triads if p.form.triad == triad)
     fit = diagnosis["fit"]
-    plain = held_out_rms(prepared, fit_noise(prepared.system), [])
+    plain = held_out_rms(prepared, [])
     if not np.isclose(plain, fit["baseline"]["held_out_rms"], rtol=1e-6):
         return None
     known = given(prepared, truth["name"], channels)

@@ -26,10 +26,10 @@ def explain(
     standard deviation, and `stated` is the noise that standard deviations are stated with."""
     made = []
     terms = [t for _, t, _ in tuned]
-    full = held_out_rms(prepared, answer.noise, terms)
+    full = held_out_rms(prepared, terms)
     for k, (named, term, std) in enumerate(tuned):
         others = terms[:k] + terms[k + 1 :]
-        without = held_out_rms(prepared, answer.noise, others)
+        without = held_out_rms(prepared, others)
         candidate, effect = named.candidate, term.known
         members = [
             (term.name, candidate.evidence),

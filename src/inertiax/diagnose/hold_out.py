@@ -15,6 +15,7 @@ from ..recordings import Campaign
 from .baseline import Baseline, choose, fit, rows_at, usable
 from .blocks import Blocks, cut, join, Log
 from .engine import prepare, prepare_triad, Prepared
+from .prove import effect_columns, predict_rest
 from .result import Diagnosis
 from .run import conclude_findings, find, find_all, Finding, Progress, silent, tuned
 from .signals import specific_force
@@ -106,13 +107,12 @@ def _positions_out(finding: Finding) -> list[Prediction]:
         mine = [t for t in chosen if c in t.chains]
         rms = []
         for some in ([], mine):
-            x = [base.columns[c], *(t.columns[t.chains.index(c)] for t in some)]
-            x = np.concatenate(x, axis=1)
+            y, effects = base.observed[c], effect_columns(some, c, len(base.observed[c]))
             misses = []
             for number in np.unique(position[position >= 0]):
                 out = position == number
-                solution = _solve(x[~out], base.observed[c][~out], chain.white[~out])
-                misses.append(np.mean(base.observed[c][out] - x[out] @ solution))
+                said = predict_rest(base.columns[c], effects, y, chain.white, ~out)
+                misses.append(np.mean(y[out] - said))
             rms.append(float(np.sqrt(np.mean(np.square(misses)))))
         made.append(Prediction(_label(base, c), tuple(t.name for t in mine), rms[0], rms[1]))
     return made

@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float
 
+from .columns import span
 from .engine import Prepared
 from .system import NoiseFit
 from .terms import Term
@@ -11,6 +13,9 @@ from .terms import Term
 
 FOLDS = 5
 CHUNKS = 40
+# Part of what all rows tell of a coefficient that the others must tell for a prediction from them. Of n rows whose
+# squared error is s, a coefficient told by the part p adds at most s (1 - p) / p: 9 of hundreds of rows.
+TOLD = 0.1
 
 
 def folds(prepared: Prepared) -> np.ndarray:
@@ -27,23 +32,73 @@ def folds(prepared: Prepared) -> np.ndarray:
     return chunk % FOLDS
 
 
-def held_out_rms(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> float:
+def predict_rest(
+    model: Float[np.ndarray, "row parameter"],
+    effects: Float[np.ndarray, "row coefficient"],
+    observed: Float[np.ndarray, " row"],
+    variance: Float[np.ndarray, " row"],
+    known: Bool[np.ndarray, " row"],
+) -> Float[np.ndarray, " rest"]:
+    """Predict the rows that are not `known` from those that are.
+
+    Weighted least squares, in which an effect has no part where the known rows hardly tell its coefficient: of a
+    warm-up nothing is known without the minutes that show it, and a coefficient fitted to what its tail leaves in the
+    rest would be anything. With the model's columns projected out, the effects' information on all rows is $A$ and on
+    the known ones $B$; in directions with $B v = \\lambda A v$ and $\\lambda < 0.1$ coefficients are zero, each counted
+    in units of what it changes in the rows.
+
+    **Arguments:** columns of the model and of the effects (per unit of their coefficients), SI, and the variance of
+    each row. **Returns** the predicted rows, in their order.
+    """
+    weight = 1.0 / np.sqrt(variance)
+    model = model / (np.linalg.norm(model, axis=0) + 1e-300)
+    told = effects @ _told(model * weight[:, None], effects * weight[:, None], known)
+    columns = np.concatenate([model, told / (np.linalg.norm(told, axis=0) + 1e-300)], axis=1)
+    weighted = columns[known] * weight[known, None]
+    solution = np.linalg.lstsq(weighted, observed[known] * weight[known], rcond=1e-9)[0]
+    return columns[~known] @ solution
+
+
+def _told(model: np.ndarray, effects: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Basis of the coefficients that the known rows tell, `(coefficient, direction)`."""
+    effects = _apart(model, effects)
+    size = np.linalg.norm(effects, axis=0) + 1e-300
+    _, spread, turn = np.linalg.svd(effects / size, full_matrices=False)
+    seen = spread > 1e-9
+    directions = turn[seen].T / spread[seen]
+    some = _apart(model[known], (effects / size)[known] @ directions)
+    share, axes = np.linalg.eigh(some.T @ some)
+    untold = np.concatenate([turn[~seen].T, directions @ axes[:, share < TOLD]], axis=1)
+    # All that is orthogonal to what the known rows do not tell.
+    left, kept = np.linalg.qr(untold, mode="complete")[0], untold.shape[1]
+    return left[:, kept:] / size[:, None]
+
+
+def _apart(model: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns without what the model's explain."""
+    frame = span(model)
+    return columns - frame @ (frame.T @ columns)
+
+
+def effect_columns(
+    chosen: Sequence[Term], chain: int, rows: int
+) -> Float[np.ndarray, "row coefficient"]:
+    """Columns of the chosen terms on one chain of so many rows, side by side."""
+    mine = [t.columns[t.chains.index(chain)] for t in chosen if chain in t.chains]
+    return np.concatenate([np.zeros((rows, 0)), *mine], axis=1)
+
+
+def held_out_rms(prepared: Prepared, chosen: Sequence[Term]) -> float:
     """Root mean square of the rows of every fold predicted from the others, SI."""
     fold = folds(prepared)
     system = prepared.system
     square, number = 0.0, 0
     for c, chain in enumerate(system.chains):
-        mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
-        x = np.concatenate([system.frames[c], *mine], axis=1)
-        x = x / (np.linalg.norm(x, axis=0) + 1e-300)
         y = system.base.observed[c]
-        w = 1.0 / np.sqrt(chain.white)
+        effects = effect_columns(chosen, c, len(y))
         for k in range(FOLDS):
-            train = fold != k
-            solution = np.linalg.lstsq(x[train] * w[train, None], y[train] * w[train], rcond=1e-9)[
-                0
-            ]
-            left = y[~train] - x[~train] @ solution
+            known = fold != k
+            left = y[~known] - predict_rest(system.frames[c], effects, y, chain.white, known)
             square += float(left @ left)
             number += len(left)
     return float(np.sqrt(square / max(number, 1)))
@@ -56,11 +111,10 @@ def in_sample(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> tu
     system = prepared.system
     square, number = 0.0, 0
     for c, chain in enumerate(system.chains):
-        mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
-        x = np.concatenate([system.frames[c], *mine], axis=1)
+        y = system.base.observed[c]
+        x = np.concatenate([system.frames[c], effect_columns(chosen, c, len(y))], axis=1)
         x = x / (np.linalg.norm(x, axis=0) + 1e-300)
         w = 1.0 / np.sqrt(chain.white)
-        y = system.base.observed[c]
         left = y - x @ np.linalg.lstsq(x * w[:, None], y * w, rcond=1e-9)[0]
         square += float(left @ left)
         number += len(left)

@@ -297,7 +297,7 @@ def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, 
     made = []
     for chosen in ([], extra):
         rms, chi2 = in_sample(prepared, answer.noise, chosen)
-        made.append(Quality(rms, chi2, held_out_rms(prepared, answer.noise, chosen)))
+        made.append(Quality(rms, chi2, held_out_rms(prepared, chosen)))
     return made[0], made[1]
 
 

@@ -31,6 +31,14 @@ def sentence(
     return text
 
 
+def gain_on_left_out(gain: float, what: str) -> str:
+    """What an effect does to the rms of data left out: `gain` is 1 − rms with it / rms without."""
+    percent = round(100.0 * gain)
+    if percent == 0:
+        return f"leaves {what} as it is within half a percent"
+    return f"{'lowers' if percent > 0 else 'raises'} {what} by {abs(percent)} %"
+
+
 def summary(
     verdict: str,
     explanations: Sequence[Explanation],
@@ -53,7 +61,7 @@ def summary(
     if verdict == "missing-physics":
         parts = " ".join(e.statement for e in explanations)
         proof = "; ".join(
-            f"{e.name} lowers the rms on held-out data by {100 * e.evidence.held_out_gain:.0f} %"
+            f"{e.name} {gain_on_left_out(e.evidence.held_out_gain, 'the rms')}"
             for e in explanations
         )
         return f"The recordings do not agree with {models}. {parts} On data left out of the fit, {proof}."

@@ -6,6 +6,7 @@ from pathlib import Path
 from ..diagnose import Diagnosis
 from ..diagnose.residuals import Residuals
 from ..diagnose.result import Moved
+from ..diagnose.words import gain_on_left_out
 from ..effects import CATALOGUE
 from ..plots import diagnosis as plots, residuals as residual_plots
 from ..plots.style import drawing
@@ -80,7 +81,7 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
         lines = [
             effect.statement,
             f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
-            f"the misfit is lower by {100 * evidence.held_out_gain:.0f} %.",
+            f"it {gain_on_left_out(evidence.held_out_gain, 'the misfit')}.",
         ]
         rows = tuple((name, *shown_parameter(name, p)) for name, p in effect.parameters)
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]

@@ -1,0 +1,101 @@
+"""Prediction of rows left out, against SciPy and against what can be said beforehand."""
+
+import jax
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+
+from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.prove import folds, held_out_rms, predict_rest, TOLD
+from inertiax.diagnose.words import gain_on_left_out
+from test_diagnose import only, sweep, tumble
+
+
+def rows(seed: int, count: int = 200):
+    """Time, a bias and slope as the model, variances, and four fifths of the rows known."""
+    rng = np.random.default_rng(seed)
+    time = np.linspace(0.0, 1.0, count)
+    variance = rng.uniform(0.5, 2.0, count)
+    return rng, time, np.stack([np.ones(count), time], axis=1), variance, time >= 0.2
+
+
+def test_told_effects_are_predicted_as_least_squares_predicts_them():
+    rng, time, model, variance, known = rows(1)
+    effects = 1e-6 * np.stack([np.sin(9.0 * time), time**2], axis=1)
+    observed = rng.standard_normal(len(time))
+    columns = np.concatenate([model, 1e6 * effects], axis=1) / np.sqrt(variance)[:, None]
+    outside = scipy.optimize.lsq_linear(columns[known], (observed / np.sqrt(variance))[known]).x
+    expected = (columns @ outside * np.sqrt(variance))[~known]
+    said = predict_rest(model, effects, observed, variance, known)
+    np.testing.assert_allclose(said, expected, rtol=1e-8)
+
+
+def test_an_effect_that_the_known_rows_do_not_tell_predicts_nothing():
+    rng, time, model, variance, known = rows(2)
+    start = np.exp(-time / 0.01)[:, None]  # 2e-9 of it is left where the known rows begin
+    other = np.sin(9.0 * time)[:, None]
+    observed = 5.0 * start[:, 0] + other[:, 0] + 0.1 * rng.standard_normal(len(time))
+    alone = predict_rest(model, start, observed, variance, known)
+    nothing = predict_rest(model, start[:, :0], observed, variance, known)
+    np.testing.assert_allclose(alone, nothing, rtol=1e-12)
+    # Beside another effect it takes nothing from it but what the 2e-9 weigh.
+    both = np.concatenate([1e3 * start, other], axis=1)
+    said = predict_rest(model, both, observed, variance, known)
+    np.testing.assert_allclose(said, predict_rest(model, other, observed, variance, known), atol=1e-8)  # fmt: skip
+
+
+@pytest.mark.parametrize(("part", "adds"), [(0.5, 1.0), (0.2, 4.0), (0.09, 0.0)])
+def test_a_coefficient_told_in_part_adds_the_square_that_is_promised(part, adds):
+    # By hand: a column of ones, p n rows known, errors of variance 1. The mean of the known ones has the variance
+    # 1 / (p n), and (1 - p) n rows are predicted with it: (1 - p) / p in all. Below a tenth nothing is predicted.
+    assert TOLD == 0.1
+    count, known = 200, np.arange(200) < 200 * part
+    ones, none = np.ones((count, 1)), np.zeros((count, 0))
+    hat = np.stack([predict_rest(none, ones, e, np.ones(count), known) for e in np.eye(count)])
+    assert np.sum(hat**2) == pytest.approx(adds, abs=1e-12)
+
+
+def test_an_effect_that_the_model_holds_already_changes_nothing():
+    rng, time, model, variance, known = rows(3)
+    observed = rng.standard_normal(len(time))
+    same = (3.0 * model[:, :1] - model[:, 1:]) * 1e-4
+    said = predict_rest(model, same, observed, variance, known)
+    nothing = predict_rest(model, same[:, :0], observed, variance, known)
+    np.testing.assert_allclose(said, nothing, rtol=1e-10)
+
+
+def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign():
+    with jax.enable_x64(True):
+        _, (prepared,) = prepare(sweep(seed=7))
+        warm = [t for t in prepared.candidates if t.name == "warm_up" and t.chains == (0,)]
+        term = min(warm, key=lambda t: t.setting)
+        seen = np.square(term.columns[0]).sum(axis=1)
+        # The campaign is one rest of 40 chunks of 125 s; this start-up transient is over within two of them.
+        assert seen[folds(prepared) >= 2].sum() < 1e-3 * seen.sum()
+        plain = held_out_rms(prepared, [])
+        # Two coefficients at most of a thousand rows: within a percent.
+        assert held_out_rms(prepared, [term]) < 1.01 * plain
+
+
+def test_an_effect_seen_everywhere_is_predicted_as_before():
+    with jax.enable_x64(True):
+        added = lambda force, time: only(1, 8e-4 * force[:, 1] ** 2)  # noqa: E731
+        _, (prepared,) = prepare(tumble(seed=4, effect=added))
+        (term,) = [t for t in prepared.candidates if t.name == "second_order" and t.channels == (1,)]  # fmt: skip
+        fold, system, square = folds(prepared), prepared.system, 0.0
+        y, w = system.base.observed[0], 1.0 / np.sqrt(system.chains[0].white)
+        x = np.concatenate([system.frames[0], term.columns[0]], axis=1)
+        for k in range(5):
+            known = fold != k
+            there = scipy.linalg.lstsq(x[known] * w[known, None], y[known] * w[known])[0]
+            square += np.sum((y - x @ there)[~known] ** 2)
+        with_it = held_out_rms(prepared, [term])
+        assert with_it == pytest.approx(np.sqrt(square / len(y)), rel=1e-9)
+        assert with_it < 0.7 * held_out_rms(prepared, [])
+
+
+def test_the_gain_is_said_as_it_is():
+    assert gain_on_left_out(0.634, "the rms") == "lowers the rms by 63 %"
+    assert gain_on_left_out(-0.02, "the rms") == "raises the rms by 2 %"
+    assert gain_on_left_out(0.004, "the rms") == "leaves the rms as it is within half a percent"
