@@ -93,12 +93,15 @@ def test_a_users_model_is_fitted_beside_the_lag_as_well():
 
     def predict(parameters, signal):
         x = (jnp.asarray(signal.temperature) - 20.0) / 30.0
-        return jnp.stack([jnp.ones_like(x), x, x**2], axis=1) @ parameters["bias"]
+        powers = jnp.stack([x**k for k in range(parameters["degree"] + 1)], axis=1)
+        return powers @ parameters[parameters["term"]]
 
     # The user's own fit without the lag: what the lag bends.
     x = (campaign.recordings[0].temperature[:, 0] - 20.0) / 30.0
     basis = np.stack([np.ones_like(x), x, x**2], axis=1)
-    start = {"bias": np.linalg.lstsq(basis, campaign.recordings[0].gyro, rcond=None)[0]}
+    bias = np.linalg.lstsq(basis, campaign.recordings[0].gyro, rcond=None)[0]
+    # A pytree may hold what is no parameter.
+    start = {"bias": bias, "term": "bias", "degree": 2}
     with jax.enable_x64(True):
         prepared = prepare_model(predict, start, campaign, LAG, triad="gyro")
         term, noise = on_x(prepared)

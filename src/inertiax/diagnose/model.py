@@ -71,8 +71,14 @@ class AtTemperature(eqx.Module):
     """The user's model with another temperature in the signal."""
 
     predict: Callable = eqx.field(static=True)
-    parameters: object
+    parameters: object  # those that can be fitted: numbers and arrays of them
     signal: Signal
+
+    @classmethod
+    def of(cls, predict: Callable, parameters: object, signal: Signal) -> "AtTemperature":
+        """From a user's function: what of its parameters is no real number stays with the function."""
+        fitted, other = eqx.partition(parameters, eqx.is_inexact_array_like)
+        return cls(lambda p, s: predict(eqx.combine(p, other), s), fitted, signal)
 
     def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
         return self.predict(
@@ -83,9 +89,8 @@ class AtTemperature(eqx.Module):
         self, base: Baseline, coefficients: Float[np.ndarray, "parameter 1"]
     ) -> "AtTemperature":
         """The same for other values of the flattened parameters."""
-        real = eqx.filter(self.parameters, eqx.is_inexact_array_like)
-        given = ravel_pytree(real)[1](jnp.asarray(coefficients[:, 0]))
-        return AtTemperature(self.predict, eqx.combine(given, self.parameters), self.signal)
+        given = ravel_pytree(self.parameters)[1](jnp.asarray(coefficients[:, 0]))
+        return AtTemperature(self.predict, given, self.signal)
 
 
 def prepare_model(
@@ -121,7 +126,7 @@ def prepare_model(
     base = linearised(predict, parameters, signal, log, blocks, form)
     if signal.temperature is not None:
         signal = eqx.tree_at(
-            lambda s: s.at_temperature, signal, AtTemperature(predict, parameters, signal),
+            lambda s: s.at_temperature, signal, AtTemperature.of(predict, parameters, signal),
             is_leaf=lambda x: x is None,
         )  # fmt: skip
     coarse = coarsen(signal, blocks)
