@@ -1,5 +1,8 @@
 """Prediction of rows left out, against SciPy and against what can be said beforehand."""
 
+from dataclasses import replace
+
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -63,6 +66,23 @@ def test_an_effect_that_the_model_holds_already_changes_nothing():
     said = predict_rest(model, same, observed, variance, known)
     nothing = predict_rest(model, same[:, :0], observed, variance, known)
     np.testing.assert_allclose(said, nothing, rtol=1e-10)
+
+
+def test_stretches_are_shorter_where_one_alone_shows_a_parameter():
+    with jax.enable_x64(True):
+        _, (prepared,) = prepare(tumble(seed=5, step=15.0))
+    dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
+    assert dwell.max() + 1 == 144  # so that one of 40 stretches has 3 or 4 of them
+    long = folds(prepared)
+    assert set(long[dwell <= 3]) == {0}
+    ones = np.ones(len(dwell))
+    columns = np.stack([ones, (dwell == 1) | (dwell == 2)], axis=1)
+    system = eqx.tree_at(lambda s: s.frames, prepared.system, (np.linalg.qr(columns)[0],))
+    short = folds(replace(prepared, system=system))
+    assert len(set(short[dwell == 1]) | set(short[dwell == 2])) == 2
+    for fold in (long, short):
+        assert set(fold) == set(range(5))
+        assert all(len(set(fold[dwell == d])) == 1 for d in range(144))
 
 
 def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign():

@@ -12,7 +12,7 @@ from .terms import Term
 
 
 FOLDS = 5
-CHUNKS = 40
+CHUNKS = 40  # stretches at first
 # Part of what all rows tell of a coefficient that the others must tell for a prediction from them. Of n rows whose
 # squared error is s, a coefficient told by the part p adds at most s (1 - p) / p: 9 of hundreds of rows.
 TOLD = 0.1
@@ -21,15 +21,35 @@ TOLD = 0.1
 def folds(prepared: Prepared) -> np.ndarray:
     """Fold of each block: contiguous stretches of whole dwells, dealt out in turn.
 
-    Neighbouring samples stay together, so that slow noise does not leak from one side to the other.
+    Neighbouring samples stay together, so that slow noise does not leak from one side to the other. The stretches are
+    as long as they can be while the others still tell every parameter of the model: where one stretch alone shows a
+    scale factor at the coldest plateau, its prediction from the others would be anything.
     """
     blocks = prepared.blocks
     if len(np.unique(blocks.dwell)) >= 2 * FOLDS:
         order = np.unique(blocks.dwell, return_inverse=True)[1]
     else:
         order = np.arange(blocks.num_blocks)
-    chunk = (order * CHUNKS) // (order.max() + 1)
-    return chunk % FOLDS
+    count = int(order.max()) + 1
+    chunks = min(CHUNKS, count)
+    fold = order * chunks // count % FOLDS
+    told = _least_told(prepared, fold)
+    while told < TOLD and chunks < count:
+        chunks = min(2 * chunks, count)
+        finer = order * chunks // count % FOLDS
+        fold, told = max((fold, told), (finer, _least_told(prepared, finer)), key=lambda f: f[1])
+    return fold
+
+
+def _least_told(prepared: Prepared, fold: np.ndarray) -> float:
+    """Least part of the information on any combination of the model's parameters that is left without one fold."""
+    least = 1.0
+    for frame, chain in zip(prepared.system.frames, prepared.system.chains):
+        basis = span(frame / np.sqrt(chain.white)[:, None])
+        for k in range(FOLDS):
+            left = basis[fold != k]
+            least = min(least, float(np.linalg.eigvalsh(left.T @ left)[0]))
+    return least
 
 
 def predict_rest(
