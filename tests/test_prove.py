@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.optimize
 
 from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.prove import folds, held_out_rms, predict_rest, TOLD
+from inertiax.diagnose.prove import folds, held_out_rms, predict_rest, TOLD_BY_OTHERS
 from inertiax.diagnose.words import gain_on_left_out
 from test_diagnose import only, sweep, tumble
 
@@ -52,7 +52,7 @@ def test_an_effect_that_the_known_rows_do_not_tell_predicts_nothing():
 def test_a_coefficient_told_in_part_adds_the_square_that_is_promised(part, adds):
     # By hand: a column of ones, p n rows known, errors of variance 1. The mean of the known ones has the variance
     # 1 / (p n), and (1 - p) n rows are predicted with it: (1 - p) / p in all. Below a tenth nothing is predicted.
-    assert TOLD == 0.1
+    assert TOLD_BY_OTHERS == 0.1
     count, known = 200, np.arange(200) < 200 * part
     ones, none = np.ones((count, 1)), np.zeros((count, 0))
     hat = np.stack([predict_rest(none, ones, e, np.ones(count), known) for e in np.eye(count)])
@@ -100,8 +100,7 @@ def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign(
 
 def test_an_effect_seen_everywhere_is_predicted_as_before():
     with jax.enable_x64(True):
-        added = lambda force, time: only(1, 8e-4 * force[:, 1] ** 2)  # noqa: E731
-        _, (prepared,) = prepare(tumble(seed=4, effect=added))
+        _, (prepared,) = prepare(tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2)))
         (term,) = [t for t in prepared.candidates if t.name == "second_order" and t.channels == (1,)]  # fmt: skip
         fold, system, square = folds(prepared), prepared.system, 0.0
         y, w = system.base.observed[0], 1.0 / np.sqrt(system.chains[0].white)

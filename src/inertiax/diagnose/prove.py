@@ -15,7 +15,7 @@ FOLDS = 5
 CHUNKS = 40  # stretches at first
 # Part of what all rows tell of a coefficient that the others must tell for a prediction from them. Of n rows whose
 # squared error is s, a coefficient told by the part p adds at most s (1 - p) / p: 9 of hundreds of rows.
-TOLD = 0.1
+TOLD_BY_OTHERS = 0.1
 
 
 def folds(prepared: Prepared) -> np.ndarray:
@@ -34,7 +34,7 @@ def folds(prepared: Prepared) -> np.ndarray:
     chunks = min(CHUNKS, count)
     fold = order * chunks // count % FOLDS
     told = _least_told(prepared, fold)
-    while told < TOLD and chunks < count:
+    while told < TOLD_BY_OTHERS and chunks < count:
         chunks = min(2 * chunks, count)
         finer = order * chunks // count % FOLDS
         fold, told = max((fold, told), (finer, _least_told(prepared, finer)), key=lambda f: f[1])
@@ -88,7 +88,7 @@ def _told(model: np.ndarray, effects: np.ndarray, known: np.ndarray) -> np.ndarr
     directions = turn[seen].T / spread[seen]
     some = _apart(model[known], (effects / size)[known] @ directions)
     share, axes = np.linalg.eigh(some.T @ some)
-    untold = np.concatenate([turn[~seen].T, directions @ axes[:, share < TOLD]], axis=1)
+    untold = np.concatenate([turn[~seen].T, directions @ axes[:, share < TOLD_BY_OTHERS]], axis=1)
     # All that is orthogonal to what the known rows do not tell.
     left, kept = np.linalg.qr(untold, mode="complete")[0], untold.shape[1]
     return left[:, kept:] / size[:, None]
