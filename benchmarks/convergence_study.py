@@ -19,10 +19,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from inertiax.convergence import convergence_rate, rate_warning
 from inertiax.estimators import Invariant
-from inertiax.one_device import iterate_one, joint_fit_one
-from inertiax.procedure import (
+from inertiax.physics.temperature import Curve, Polynomial
+from inertiax.procedure.convergence import convergence_rate, rate_warning
+from inertiax.procedure.single_device import iterate_one, joint_fit_one
+from inertiax.procedure.thermal_iterations import (
     curve_covariance,
     GaussNewtonIteration,
     iterate,
@@ -34,7 +35,6 @@ from inertiax.simulate.chamber import Chamber, DRIFTS
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.programme import PROGRAMME_18, reordered
 from inertiax.simulate.triad import Device, draw_accelerometers, TRUTH_RANGE
-from inertiax.temperature import Curve, Polynomial
 
 
 jax.config.update("jax_enable_x64", True)

@@ -28,7 +28,7 @@ GRAVITY = 9.81
 
 def campaign(rows, seed):
     """Accelerometers over temperature with K2 of 300 µg/g² on y, in memory."""
-    from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+    from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 
     rng = np.random.default_rng(seed)
     time_ = np.arange(rows) / RATE

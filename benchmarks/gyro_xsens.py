@@ -23,13 +23,13 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from inertiax.calibrate import calibrate, DeviceResult
-from inertiax.campaign import load_campaign
-from inertiax.intervals import reduce_to_dwells
-from inertiax.one_device import iterate_one, joint_fit_one, Problem
-from inertiax.recordings import Campaign, ModelChoice
-from inertiax.temperature import Constant
-from inertiax.turns import bias_scatter
+from inertiax.calibrate.pipeline import calibrate, DeviceResult
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign, ModelChoice
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.single_device import iterate_one, joint_fit_one, Problem
+from inertiax.reduction.rotations_between_rests import bias_scatter
+from inertiax.reduction.segments import reduce_to_dwells
 
 
 CAMPAIGN = """

@@ -20,16 +20,16 @@ import paper_figures
 import station_budget
 from paper_figures import ARCSEC, BIAS, CHANGES, GRID, SCALE
 
-from inertiax.approaches import chamber_hours, first_approach, paper_passes
+from inertiax.analysis.reference_methods import chamber_hours, first_approach, paper_passes
 from inertiax.estimators import Invariant
-from inertiax.one_device import iterate_one, joint_fit_one
+from inertiax.physics.temperature import CubicSpline, Polynomial
 from inertiax.plots.style import drawing, to_svg
+from inertiax.procedure.single_device import iterate_one, joint_fit_one
 from inertiax.simulate.bench import simulate_dwells, simulate_recordings
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import paper_check, PAPER_GRAVITY, paper_set, Plan
 from inertiax.simulate.programme import Programme, PROGRAMME_18
 from inertiax.simulate.triad import Device, draw_accelerometers
-from inertiax.temperature import CubicSpline, Polynomial
 
 
 ESTIMATOR = Invariant(gravity=PAPER_GRAVITY)

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import Diagnosis, hold_out, leave_positions_out, Prediction
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
 COUNTS_ACCEL = np.array([415.0, 413.0, 415.0])  # per m/s², the manufacturer's

@@ -9,15 +9,15 @@ seen to do over many seeds under it.
 import jax
 import numpy as np
 
-from inertiax import sources
+from inertiax.analysis import sources
+from inertiax.analysis.error_budget import error_budget, magnitude_gradient
 from inertiax.estimators import Invariant
-from inertiax.one_device import joint_fit_one
-from inertiax.sensitivity import error_budget, magnitude_gradient
+from inertiax.physics.temperature import Polynomial
+from inertiax.procedure.single_device import joint_fit_one
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.programme import PROGRAMME_8, PROGRAMME_18
 from inertiax.simulate.triad import Device, draw_accelerometers
-from inertiax.temperature import Polynomial
 
 
 jax.config.update("jax_enable_x64", True)

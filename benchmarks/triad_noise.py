@@ -2,8 +2,8 @@
 
     INERTIAX_RECORDINGS=… python benchmarks/triad_noise.py
 
-The diagnosis expects of one channel of a triad the noise that the two others show (`inertiax.diagnose.alike`), for a
-weak effect is then seen better (`blind/learned.py`, with and without `--alone`). Is that so of real sensors? Gyros at
+The diagnosis expects of one channel of a triad the noise that the two others show
+(`inertiax.diagnose.noise.pooled_channels`), for a weak effect is then seen better (`blind/learned.py`, with and without `--alone`). Is that so of real sensors? Gyros at
 rest of three MPU-9150 logs and of an Xsens MTi, with a bias as the model and, on the Xsens, its g-sensitivity taken
 out. Each channel's own variances by restricted maximum likelihood stand beside one set for all three; twice the
 difference in log likelihood is the evidence against it, with one degree of freedom for each component that two more
@@ -16,10 +16,10 @@ import scipy.optimize
 import scipy.stats
 from real_recordings import mpu, xsens
 
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.system import BOUNDS, NoiseFit, System, variances
-from inertiax.diagnose.terms import Term
-from inertiax.diagnose.variance_fit import fit_noise, likelihood
+from inertiax.diagnose.candidates.signatures import Term
+from inertiax.diagnose.noise.observation_series import BOUNDS, NoiseFit, System, variances
+from inertiax.diagnose.noise.reml import fit_noise, likelihood
+from inertiax.diagnose.problem import prepare
 
 
 SHARED = [1, 2, 3]  # flicker, walk, dwells

@@ -19,8 +19,8 @@ import numpy as np
 import polars as pl
 
 from exports_cases import calibration
-from inertiax.calibration import write_calibration
-from inertiax.temperature import Polynomial
+from inertiax.calibration.calibration import write_calibration
+from inertiax.physics.temperature import Polynomial
 
 
 SITE = "[site]\ngravity = 9.81\n"

@@ -39,7 +39,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 @pytest.fixture(autouse=True, scope="module")
 def _room_for_programs():
     """Two thousand tests in one process compile more programs than a process may hold."""
-    from inertiax.diagnose.programs import make_room  # after the shapes' checks are installed
+    from inertiax.numerics.compilation_cache import make_room
 
     make_room()
 

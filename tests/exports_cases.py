@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from inertiax.calibration import Calibration, TriadCalibration
-from inertiax.temperature import Constant, CubicSpline, Curve
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.physics.temperature import Constant, CubicSpline, Curve
 
 
 GRAVITY = 9.815

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inertiax.campaign import load_campaign
+from inertiax.data.campaign import load_campaign
 
 
 RATE, COUNT = 200.0, 400

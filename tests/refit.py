@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from inertiax.dwells import Dwells
 from inertiax.estimators import AbstractEstimator
-from inertiax.temperature import Curve
+from inertiax.physics.temperature import Curve
+from inertiax.reduction.dwells import Dwells
 
 
 @eqx.filter_jit

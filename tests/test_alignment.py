@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from inertiax.alignment import inter_triad
+from inertiax.physics.alignment import inter_triad
 
 
 def test_rotation_and_symmetric_part_are_scipys():

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from inertiax.data.recording import Campaign, ModelChoice, Rig
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.alike import _log_likelihood, alike, SCATTER, TOLD
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.heavy_tails import HeavyTails, TAILS, WIDTH
-from inertiax.diagnose.population_noise import learn_chain
-from inertiax.diagnose.system import NoiseFit
-from inertiax.diagnose.variance_fit import fit_noise, LEARNED, likelihood, likelihood_inputs
-from inertiax.diagnose.whiten import WALK
-from inertiax.recordings import Campaign, ModelChoice, Rig
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.noise.pooled_channels import _log_likelihood, alike, SCATTER, TOLD
+from inertiax.diagnose.noise.reml import fit_noise, LEARNED, likelihood, likelihood_inputs
+from inertiax.diagnose.noise.state_space import WALK
+from inertiax.diagnose.noise.type_noise import learn_chain
+from inertiax.diagnose.problem import prepare
+from inertiax.numerics.student_t import HeavyTails, TAILS, WIDTH
 from test_type_noise import anova, DWELL, FEW, ORDER, pooled, unit
 
 

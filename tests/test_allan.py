@@ -11,7 +11,7 @@ from scipy.stats import binom
 from hard_limit import run_limited
 from inertiax.allan import degrees_of_freedom, deviations, identify, interval, KINDS, noise_of
 from inertiax.allan.spectrum import expected_of, tapered
-from inertiax.recordings import Recording
+from inertiax.data.recording import Recording
 from inertiax.report.noise import noise_document
 
 

@@ -6,16 +6,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.approaches import chamber_hours, first_approach, paper_passes, traditional
+from inertiax.analysis.reference_methods import (
+    chamber_hours,
+    first_approach,
+    paper_passes,
+    traditional,
+)
 from inertiax.estimators import Invariant
-from inertiax.one_device import joint_fit_one
-from inertiax.procedure import PaperIteration, start_curve
+from inertiax.physics.temperature import Polynomial
+from inertiax.procedure.single_device import joint_fit_one
+from inertiax.procedure.thermal_iterations import PaperIteration, start_curve
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set, Plan
 from inertiax.simulate.programme import Programme, PROGRAMME_18
 from inertiax.simulate.triad import Device, draw_accelerometers
-from inertiax.temperature import Polynomial
 
 
 ESTIMATOR = Invariant(gravity=PAPER_GRAVITY)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from inertiax.diagnose.attitude import attitude
-from inertiax.diagnose.blocks import EARTH_RATE, Log
-from inertiax.diagnose.signals import room_axes
+from inertiax.diagnose.observations.attitude import attitude
+from inertiax.diagnose.observations.blocks import EARTH_RATE, Log
+from inertiax.diagnose.observations.signals import room_axes
 
 
 STEP = 0.05

@@ -8,15 +8,21 @@ import scipy.stats
 from typer.testing import CliRunner
 
 from inertiax.cli.app import app
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import audit
-from inertiax.diagnose.audit import assumed_noise, Audited, detectable_sizes, needed, sigma
-from inertiax.diagnose.choosing import GATE
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.family import Count, Family
-from inertiax.diagnose.limits import POWER
-from inertiax.diagnose.scores import whiten_system
-from inertiax.diagnose.system import NoiseFit
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.plan.detectability import (
+    assumed_noise,
+    Audited,
+    detectable_sizes,
+    needed,
+    sigma,
+)
+from inertiax.diagnose.plan.limits import POWER
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection.forward import GATE
+from inertiax.diagnose.selection.multiple_testing import Count, Family
+from inertiax.diagnose.selection.score_test import whiten_system
 from inertiax.report.audit import audit_sections
 from inertiax.report.engineering import customary
 from test_diagnose import sweep, tumble

@@ -11,20 +11,20 @@ import numpy as np
 import polars as pl
 import pytest
 
-from inertiax.augmentation import FittedEffect
-from inertiax.calibration import (
+from inertiax.calibration.calibration import (
     Calibration,
     read_calibration,
     TriadCalibration,
     write_calibration,
 )
-from inertiax.compensation import compensate_file, compensate_recording
+from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.data.recording import Campaign, Recording
 from inertiax.diagnose import diagnose_campaign
-from inertiax.diagnose.augmented import compensate, simulate
-from inertiax.diagnose.succession import succeeding, taken_away
+from inertiax.diagnose.estimates.applied_effects import compensate, simulate
+from inertiax.diagnose.estimates.calibration_chain import succeeding, taken_away
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, Recording
-from inertiax.temperature import Constant, Curve, Polynomial
+from inertiax.exports.compensated_recording import compensate_file, compensate_recording
+from inertiax.physics.temperature import Constant, Curve, Polynomial
 from test_diagnose import only, tumble as measured
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from inertiax.campaign import load_campaign
+from inertiax.data.campaign import load_campaign
 
 
 SITE = "[site]\ngravity = 9.81\n"

@@ -72,7 +72,7 @@ def test_a_run_that_is_killed_before_it_renames_leaves_the_earlier_result(tmp_pa
 def test_a_file_that_is_killed_before_its_rename_is_the_earlier_one(tmp_path):
     (tmp_path / "a.json").write_text("earlier")
     code = (
-        "import os, sys\nfrom pathlib import Path\nfrom inertiax.calibration import write_atomically\n"
+        "import os, sys\nfrom pathlib import Path\nfrom inertiax.calibration.calibration import write_atomically\n"
         "os.replace = lambda a, b: os.kill(os.getpid(), 9)\n"
         "write_atomically(Path(sys.argv[1]), b'new')\n"
     )

@@ -5,19 +5,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose_model
-from inertiax.diagnose.augmented import compensate
-from inertiax.diagnose.bilinear import refined, renewed
-from inertiax.diagnose.engine import prepare, retuned
-from inertiax.diagnose.model import prepare_model
+from inertiax.diagnose.candidates.signatures import Term
+from inertiax.diagnose.custom_model import prepare_model
+from inertiax.diagnose.estimates.applied_effects import compensate
+from inertiax.diagnose.estimates.separable import refined, renewed
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.pipeline import diagnose_campaign
+from inertiax.diagnose.problem import prepare, retuned
 from inertiax.diagnose.result import Parameter
-from inertiax.diagnose.run import diagnose_campaign
-from inertiax.diagnose.scores import _score
-from inertiax.diagnose.terms import Term
-from inertiax.diagnose.variance_fit import fit_noise
-from inertiax.diagnose.words import sentence
+from inertiax.diagnose.selection.score_test import _score
+from inertiax.diagnose.wording.sentences import sentence
 from inertiax.effects import CATALOGUE, Variant
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 from test_package_lag import behind
 
 

@@ -11,10 +11,10 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.calibrate import calibrate, DeviceFailure, DeviceResult
-from inertiax.calibration import read_calibration
-from inertiax.one_device import linear_step
-from inertiax.recordings import Campaign, ModelChoice, Site
+from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
+from inertiax.calibration.calibration import read_calibration
+from inertiax.data.recording import Campaign, ModelChoice, Site
+from inertiax.procedure.single_device import linear_step
 from inertiax.simulate import Device, draw_accelerometers, paper_set, simulate_recordings
 from inertiax.simulate.plan import PAPER_GRAVITY
 from test_estimators import GRAVITY, needs_recordings, PUBLISHED, SIGMAS, to_imu_tk
@@ -82,8 +82,8 @@ def test_command_calibrates_the_raw_recording_with_its_own_rests(tmp_path):
 
 @needs_recordings
 def test_own_detection_finds_38_rests(tmp_path):
-    from inertiax.campaign import load_campaign
-    from inertiax.intervals import reduce_to_dwells
+    from inertiax.data.campaign import load_campaign
+    from inertiax.reduction.segments import reduce_to_dwells
 
     shutil.copy(_xsens("xsens_acc.mat"), tmp_path)
     (tmp_path / "campaign.toml").write_text(

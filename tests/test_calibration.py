@@ -8,16 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.calibration import (
+from inertiax.calibrate.observability import output_covariance
+from inertiax.calibration.calibration import (
     Calibration,
     read_calibration,
     TriadCalibration,
     write_calibration,
 )
 from inertiax.estimators import Invariant, ReferenceGyro
-from inertiax.model import distort_accel, distort_gyro
-from inertiax.temperature import Constant, CubicSpline, Curve, Polynomial
-from inertiax.uncertainty import output_covariance
+from inertiax.physics.error_model import distort_accel, distort_gyro
+from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
 
 GRAVITY = 9.8

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inertiax.campaign import find_files, load_campaign
-from inertiax.intervals import reduce_to_dwells, segment
+from inertiax.data.campaign import find_files, load_campaign
+from inertiax.reduction.segments import reduce_to_dwells, segment
 
 
 REAL = os.environ.get("INERTIAX_RECORDINGS")

@@ -13,12 +13,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from inertiax.calibration import read_calibration
-from inertiax.campaign import load_campaign
+from inertiax.calibration.calibration import read_calibration
 from inertiax.cli import main
 from inertiax.cli.environment import cache_folder
 from inertiax.cli.outputs import folder_names, staged_folder
-from inertiax.model import AccelerometerErrors, distort_accel
+from inertiax.data.campaign import load_campaign
+from inertiax.physics.error_model import AccelerometerErrors, distort_accel
 
 
 GRAVITY = 9.81

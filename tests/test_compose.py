@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.compose import (
+from inertiax.physics.composition import (
     as_affine,
     compose_accel,
     compose_accel_as_printed,
@@ -15,7 +15,7 @@ from inertiax.compose import (
     inverse_accel,
     inverse_gyro,
 )
-from inertiax.model import (
+from inertiax.physics.error_model import (
     AccelerometerErrors,
     compensate_accel,
     compensate_gyro,

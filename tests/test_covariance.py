@@ -15,11 +15,11 @@ from hard_limit import run_limited
 MONTE_CARLO = """
 import json
 from inertiax.estimators import Invariant
-from inertiax.procedure import GaussNewtonIteration, iterate
+from inertiax.procedure.thermal_iterations import GaussNewtonIteration, iterate
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
-from inertiax.temperature import Curve, Polynomial
+from inertiax.physics.temperature import Curve, Polynomial
 
 runs = 520
 # The truth's own basis, so that the truth has coefficients to compare with.
@@ -83,14 +83,14 @@ def test_95_percent_bands_of_the_curves_cover_95_percent(monte_carlo):
 DEMO_SEEDS = """
 import json
 import equinox as eqx
-from inertiax.demo import run_demo
+from inertiax.analysis.paper_experiment import run_demo
 from inertiax.estimators import Invariant
-from inertiax.model import compensate_accel
-from inertiax.procedure import GaussNewtonIteration, iterate
+from inertiax.physics.error_model import compensate_accel
+from inertiax.procedure.thermal_iterations import GaussNewtonIteration, iterate
 from inertiax.simulate.bench import simulate_dwells, simulate_recordings
 from inertiax.simulate.plan import paper_check, PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
-from inertiax.temperature import Curve, Polynomial
+from inertiax.physics.temperature import Curve, Polynomial
 
 runs = 24
 device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))

@@ -6,13 +6,13 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.calibration import write_calibration
-from inertiax.compensation import compensate_recording
+from inertiax.calibration.calibration import write_calibration
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.run import diagnose_campaign
+from inertiax.diagnose.pipeline import diagnose_campaign
+from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.exports.compensated_recording import compensate_recording
 
 
 DELAY = [e for e in CATALOGUE if e.name == "time_delay"]

@@ -24,13 +24,13 @@ from inertiax.design.criteria import log_score, log_score_slope
 from inertiax.design.information import host_rows, host_slopes, ideal_rows, sphere_average
 from inertiax.design.positions import _slews
 from inertiax.estimators import Invariant, ReferenceAccel, ReferenceGyro
-from inertiax.one_device import Problem
+from inertiax.physics.temperature import Constant, Curve, Polynomial
+from inertiax.procedure.single_device import Problem
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.chamber import Chamber
 from inertiax.simulate.plan import Plan
 from inertiax.simulate.programme import Programme, PROGRAMME_6, PROGRAMME_18, PROGRAMME_24, Table
 from inertiax.simulate.triad import Device, draw_accelerometers
-from inertiax.temperature import Constant, Curve, Polynomial
 from refit import refitted
 
 

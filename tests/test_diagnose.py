@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import audit, diagnose, diagnose_model, hold_out, run_diagnosis
-from inertiax.diagnose.bursts import most_scattered
+from inertiax.diagnose.estimates.transients import most_scattered
 from inertiax.effects import CATALOGUE, Effect, fixed
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
 G = 9.81

@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 
-from inertiax.diagnose.blocks import cut, EARTH_RATE, join
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.system import variances
-from inertiax.diagnose.variance_fit import fit_noise
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose.noise.observation_series import variances
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.observations.blocks import cut, EARTH_RATE, join
+from inertiax.diagnose.problem import prepare
 
 
 G = 9.81

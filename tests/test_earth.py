@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax import earth
+from inertiax.physics import earth
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from inertiax.dwells import Dwells
 from inertiax.estimators import (
     ellipsoid_start,
     Invariant,
@@ -20,9 +19,10 @@ from inertiax.estimators import (
     StaticGyro,
 )
 from inertiax.estimators.base import soften, whiten
-from inertiax.model import distort_accel, distort_gyro
-from inertiax.procedure import joint_fit
-from inertiax.temperature import Constant
+from inertiax.physics.error_model import distort_accel, distort_gyro
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.thermal_iterations import joint_fit
+from inertiax.reduction.dwells import Dwells
 
 
 GRAVITY = 9.81744

@@ -9,13 +9,13 @@ import pytest
 
 from exports_cases import agree, calibration, HIGH, LOW, NOISE, ours, samples
 from inertiax.allan import noise_of
-from inertiax.calibration import read_calibration, write_calibration
+from inertiax.calibration.calibration import read_calibration, write_calibration
 from inertiax.cli import main
+from inertiax.data.recording import Recording
 from inertiax.exports import by_name, FORMATS
 from inertiax.exports.registry import read_calibration_of
-from inertiax.recordings import Recording
+from inertiax.physics.temperature import Polynomial
 from inertiax.report.noise import noise_document
-from inertiax.temperature import Polynomial
 
 
 def run(capsys, monkeypatch, *arguments):

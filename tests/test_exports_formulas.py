@@ -22,7 +22,7 @@ from exports_cases import (
     without_gyro_scale,
 )
 from inertiax.exports import export, measure_loss
-from inertiax.temperature import Polynomial
+from inertiax.physics.temperature import Polynomial
 
 
 def kalibr_forward(text, force, rate):

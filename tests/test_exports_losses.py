@@ -19,11 +19,11 @@ from exports_cases import (
     samples,
     without_gyro_scale,
 )
-from inertiax.augmentation import FittedEffect
-from inertiax.calibration import Calibration, TriadCalibration
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.calibration.fitted_effects import FittedEffect
 from inertiax.exports import by_name, export, FORMATS, measure_loss
 from inertiax.exports.triangular import lower_times_rotation, upper_times_rotation
-from inertiax.temperature import Constant, Curve, Polynomial
+from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
 @pytest.mark.parametrize("module", FORMATS, ids=lambda m: m.NAME)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from exports_cases import agree, calibration, GRAVITY, HIGH, LOW, ours, samples, triad
-from inertiax.calibration import Calibration
+from inertiax.calibration.calibration import Calibration
 from inertiax.exports import export
-from inertiax.temperature import Constant, CubicSpline, Polynomial
+from inertiax.physics.temperature import Constant, CubicSpline, Polynomial
 
 
 MAIN = """

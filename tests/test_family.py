@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from inertiax.diagnose.engine import prepare, retuned
-from inertiax.diagnose.family import Count, Family, family
-from inertiax.diagnose.quantify import parameters, tune
-from inertiax.diagnose.scores import Score, whiten_columns
-from inertiax.diagnose.search import Candidate
-from inertiax.diagnose.system import System
-from inertiax.diagnose.terms import Term
-from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.data.recording import Campaign, Recording, Rig, Site
+from inertiax.diagnose.candidates.signatures import Term
+from inertiax.diagnose.estimates.parameters import parameters, tune
+from inertiax.diagnose.noise.observation_series import System
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.problem import prepare, retuned
+from inertiax.diagnose.selection.evidence import Candidate
+from inertiax.diagnose.selection.multiple_testing import Count, Family, family
+from inertiax.diagnose.selection.score_test import Score, whiten_columns
 from inertiax.effects import CATALOGUE, Variant
-from inertiax.recordings import Campaign, Recording, Rig, Site
 from test_audit import still
 from test_diagnose import only, sweep
 

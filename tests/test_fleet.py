@@ -18,12 +18,12 @@ from scipy.optimize import least_squares
 
 from fleet_data import COLUMNS, dwell_means, GRAVITY, HIGH, LOW, parameters, ROWS, write_line
 from hard_limit import run_limited
-from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.fleet import fit_fleet, fleet_calibration, read_parts, run_fleet, stack_dwells
-from inertiax.fleet.cholesky import inverse_blocks, invert_lanes
-from inertiax.procedure import joint_fit
-from inertiax.temperature import Constant, Polynomial
+from inertiax.numerics.lane_cholesky import inverse_blocks, invert_lanes
+from inertiax.physics.temperature import Constant, Polynomial
+from inertiax.procedure.thermal_iterations import joint_fit
+from inertiax.reduction.dwells import Dwells
 
 
 SIGMA = 1e-4  # m/s² of a dwell's mean
@@ -211,7 +211,7 @@ import sys; sys.path.insert(0, "tests")
 jax.config.update("jax_enable_x64", False)
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_fleet, stack_dwells
-from inertiax.temperature import Constant
+from inertiax.physics.temperature import Constant
 from test_fleet import _fleet
 devices, _ = _fleet(0, 300)
 fit = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices))
@@ -231,7 +231,7 @@ from inertiax.fleet import fit_fleet, stack_dwells
 import sys; sys.path.insert(0, "tests")
 from test_fleet import _fleet
 from inertiax.estimators import Invariant
-from inertiax.temperature import Constant
+from inertiax.physics.temperature import Constant
 devices, _ = _fleet(0, 1500)
 for count in (1, 300, 1500):
     fit = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[:count]))
@@ -329,8 +329,8 @@ def test_a_folder_with_another_run_is_refused(line, tmp_path):
 
 KILLED = """
 import sys
-import inertiax.fleet.tasks as tasks
-import inertiax.fleet.run as run
+import inertiax.fleet.reduce.tasks as tasks
+import inertiax.fleet.pipeline as run
 small = tasks.split
 run.split = lambda files, columns: small(files, columns, rows=1)  # a task for each device
 print("begins", flush=True)
@@ -387,8 +387,8 @@ if __name__ == "__main__":
 WORKERS_KILLED = """
 import os, signal, sys
 from dask.distributed import LocalCluster
-import inertiax.fleet.run as run
-import inertiax.fleet.tasks as tasks
+import inertiax.fleet.pipeline as run
+import inertiax.fleet.reduce.tasks as tasks
 if __name__ == "__main__":
     whole = tasks.split
     run.split = lambda files, columns: whole(files, columns, rows=1)  # a task for each device

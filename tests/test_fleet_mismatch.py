@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 
 from fleet_data import COLUMNS, directions, GRAVITY, ROWS
-from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_fleet, read_line, score
-from inertiax.temperature import Constant
+from inertiax.physics.temperature import Constant
+from inertiax.reduction.dwells import Dwells
 
 
 SIGMA = 2e-4  # m/s², of a dwell mean

@@ -7,8 +7,8 @@ import pytest
 
 from fleet_data import dwell_means, GRAVITY, parameters
 from inertiax.fleet import fit_invariant
-from inertiax.fleet.invariant import fit_chunks
-from inertiax.fleet.moments import gradient, normal_matrix
+from inertiax.fleet.solve.invariant import fit_chunks
+from inertiax.fleet.solve.moments import gradient, normal_matrix
 
 
 DIRECTIONS = ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2))

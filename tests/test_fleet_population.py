@@ -8,7 +8,6 @@ from scipy.stats import chi2
 
 from fleet_data import device_table, GRAVITY, HIGH, LOW, parameters
 from hard_limit import run_limited
-from inertiax.dwells import Dwells
 from inertiax.estimators import ReferenceAccel
 from inertiax.fleet import (
     between_devices,
@@ -21,11 +20,12 @@ from inertiax.fleet import (
     TriadPopulation,
     write_population,
 )
-from inertiax.fleet.between import deviation
-from inertiax.fleet.informed import fit_informed
-from inertiax.fleet.population import lower_triangle, symmetric
-from inertiax.fleet.triad_model import TriadModel
-from inertiax.temperature import Constant
+from inertiax.fleet.population.empirical_bayes import fit_informed
+from inertiax.fleet.population.population import lower_triangle, symmetric
+from inertiax.fleet.population.unit_covariance import deviation
+from inertiax.fleet.solve.triad_model import TriadModel
+from inertiax.physics.temperature import Constant
+from inertiax.reduction.dwells import Dwells
 
 
 def _line(rng: np.random.Generator, devices: int, unknowns: int, noise: float):

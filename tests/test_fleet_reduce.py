@@ -6,10 +6,10 @@ import polars as pl
 import pytest
 
 from fleet_data import device_table, parameters
-from inertiax.fleet.blocks import BLOCKS
-from inertiax.fleet.reduce import reduce_table
-from inertiax.fleet.reduction import Reduced, Reduction
-from inertiax.formats import ColumnMap
+from inertiax.data.formats import ColumnMap
+from inertiax.fleet.reduce.blocks import BLOCKS
+from inertiax.fleet.reduce.many_dwells import Reduced, Reduction
+from inertiax.fleet.reduce.raw_rows import reduce_table
 
 
 def _spoil(k: int, table: pl.DataFrame, rng: np.random.Generator) -> pl.DataFrame:

@@ -16,7 +16,7 @@ import json, sys
 sys.path.insert(0, {tests!r})
 from fleet_data import dwell_means, GRAVITY, HIGH, LOW, parameters
 from inertiax.fleet import fit_invariant, fit_sharded, fit_thermal_invariant
-from inertiax.temperature import Constant, Polynomial
+from inertiax.physics.temperature import Constant, Polynomial
 
 assert len(jax.devices()) == 4
 rng = np.random.default_rng(0)
@@ -57,7 +57,7 @@ def test_a_mesh_of_two_axes_is_refused():
     import jax
 
     from inertiax.fleet import fit_sharded
-    from inertiax.temperature import Constant
+    from inertiax.physics.temperature import Constant
 
     mesh = Mesh(np.array(jax.devices()[:1]).reshape(1, 1), ("a", "b"))
     rows = np.ones((1, 12))

@@ -6,10 +6,10 @@ import polars as pl
 import pytest
 
 from fleet_data import device_table, GRAVITY, parameters, write_line
-from inertiax.calibrate import calibrate, DeviceResult
-from inertiax.campaign import load_campaign
+from inertiax.calibrate.pipeline import calibrate, DeviceResult
+from inertiax.data.campaign import load_campaign
 from inertiax.fleet import fleet_calibration, read_parts, run_fleet
-from inertiax.fleet.folders import find_campaigns
+from inertiax.fleet.reduce.campaign_folders import find_campaigns
 
 
 TOML = '[site]\ngravity = {}\n[recordings]\nfiles = ["*.csv", "*.parquet"]\n[model]\ntemperature_degree = {}\n'

@@ -3,15 +3,15 @@
 import jax
 import numpy as np
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.allan_check import allan_checks
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.foresight import Foresight, skill, stretches
-from inertiax.diagnose.noise_draws import draw
-from inertiax.diagnose.system import NoiseFit
-from inertiax.diagnose.variance_fit import fit_noise
-from inertiax.diagnose.whiten import Chain, TIME_CONSTANTS, Variances, WANDER, whiten
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose.estimates.allan_check import allan_checks
+from inertiax.diagnose.noise.draws import draw
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.noise.state_space import Chain, TIME_CONSTANTS, Variances, WANDER, whiten
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection.blocked_cross_validation import Foresight, skill, stretches
 
 
 def test_draws_of_the_noise_have_the_covariance_of_its_formula():

@@ -11,8 +11,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from inertiax.formats import ColumnMap, FORMATS, Layout, read_recordings
-from inertiax.formats.columns import LabelColumn, ProbeColumns, TimeColumn, TriadColumns
+from inertiax.data.formats import ColumnMap, FORMATS, Layout, read_recordings
+from inertiax.data.formats.columns import LabelColumn, ProbeColumns, TimeColumn, TriadColumns
 
 
 STANDARD_GRAVITY = 9.80665

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inertiax.diagnose.beside import explained_beside
-from inertiax.diagnose.explain import delta_bic
-from inertiax.diagnose.leading import carried
-from inertiax.diagnose.search import Bank
-from inertiax.diagnose.system import NoiseFit
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.selection.candidate_screening import carried
+from inertiax.diagnose.selection.constraints import explained_beside
+from inertiax.diagnose.selection.evidence import Bank
+from inertiax.diagnose.wording.explain import delta_bic
 from inertiax.effects import CATALOGUE
 from test_rivals import candidate
 

@@ -10,17 +10,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hard_limit import run_limited
-from inertiax.calibrate import calibrate, DeviceResult
-from inertiax.campaign import load_campaign
-from inertiax.choose import settle_gyro
+from inertiax.calibrate.pipeline import calibrate, DeviceResult
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign, ModelChoice, Recording
 from inertiax.estimators import GravityRotation, StaticGyro
 from inertiax.estimators.gravity_rotation import across, tilt
-from inertiax.intervals import reduce_to_dwells
-from inertiax.motions import carry, rotate, step_angle
-from inertiax.one_device import joint_fit_one
-from inertiax.recordings import Campaign, ModelChoice, Recording
-from inertiax.temperature import Constant
-from inertiax.turns import bias_scatter, shortfall, with_motions
+from inertiax.model_selection.select_model import settle_gyro
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.single_device import joint_fit_one
+from inertiax.reduction.motions import carry, rotate, step_angle
+from inertiax.reduction.rotations_between_rests import bias_scatter, shortfall, with_motions
+from inertiax.reduction.segments import reduce_to_dwells
 
 
 GRAVITY = 9.81
@@ -292,7 +292,7 @@ sys.path.insert(0, {tests!r})
 from test_gravity_rotation import *
 from test_gravity_rotation import _log, _truth, _turns, _vector
 from inertiax.estimators import Invariant, JointImu
-from inertiax.together import fit_together
+from inertiax.calibrate.joint_imu_fit import fit_together
 
 def dwells_of(recording):
     dwells = jax.tree.map(np.asarray, _turns(recording).dwells)

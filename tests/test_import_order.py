@@ -1,4 +1,4 @@
-"""The package reads top to bottom: a module imports only from modules above it."""
+"""The package reads from the top down: a folder imports only from folders above it, and nothing in circles."""
 
 import ast
 from pathlib import Path
@@ -8,60 +8,103 @@ import pytest
 import inertiax
 
 
-# Files, or folders taken as one; `docs/design.md` says what each holds.
-ORDER = """_typing documents earth rotation temperature model alignment compose solve recordings formats screening
-settings campaign motions dwells noise covariances hand_turns rests intervals allan estimators procedure convergence
-one_device turns scatter effects
-augmentation calibration uncertainty results together sources sensitivity approaches navigation choose calibrate
-simulate design diagnose compensation exports fleet demo quantities quality plots
-report cli __main__""".split()
-
 SOURCE = Path(inertiax.__file__).parent
 
+# Folders (and single modules) from the top down; `docs/design.md` says what each holds.
+FOLDERS = """_typing physics numerics data reduction effects estimators procedure allan model_selection calibration
+calibrate simulate analysis navigation design diagnose exports fleet plots report cli __main__""".split()
 
-def _module(path: Path) -> str:
-    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+# The same inside the folders that have stages of their own.
+STAGES = {
+    "diagnose": """observations candidates noise problem selection plan residuals result estimates custom_model
+wording pipeline held_out_stretch learn_type_noise __init__""".split(),
+    "data": """recording formats plausibility settings json_documents campaign""".split(),
+}
 
 
-def _imported(path: Path) -> set[str]:
-    """Top-level modules of the package that a file imports at import time or later."""
-    depth = len(path.relative_to(SOURCE).parts) - 1
-    names: set[str] = set()
+def _name(path: Path) -> str:
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {_name(p): p for p in sorted(SOURCE.rglob("*.py")) if p != SOURCE / "__init__.py"}
+
+
+def _imported(name: str) -> set[str]:
+    """Modules of the package that a file imports, at import time or later."""
+    path = FILES[name]
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom):
-            if node.level == depth + 1:
-                names |= (
-                    {node.module.split(".")[0]} if node.module else {a.name for a in node.names}
-                )
-            elif node.level == 0 and node.module and node.module.split(".")[0] == "inertiax":
-                names |= {node.module.split(".")[1]} if "." in node.module else set()
-    return names
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.level:
+            base = package[: len(package) - (node.level - 1)]
+            base = ".".join(base + (node.module.split(".") if node.module else []))
+        elif node.module and node.module.split(".")[0] == "inertiax":
+            base = node.module.removeprefix("inertiax").lstrip(".")
+        else:
+            continue
+        for alias in node.names:
+            module = f"{base}.{alias.name}" if base else alias.name
+            found.add(module if module in FILES else base)
+    return found - {name, ""}
 
 
-FILES = sorted(p for p in SOURCE.rglob("*.py") if p != SOURCE / "__init__.py")
+GRAPH = {name: _imported(name) for name in FILES}
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SOURCE)))
-def test_imports_only_from_above(path):
-    module = _module(path)
-    assert module in ORDER, f"list '{module}' in ORDER and in docs/design.md"
-    allowed = set(ORDER[: ORDER.index(module) + 1])
-    assert not (_imported(path) - allowed)
+@pytest.mark.parametrize("name", FILES)
+def test_imports_only_from_folders_above(name):
+    folder = name.split(".")[0]
+    assert folder in FOLDERS, f"list '{folder}' in FOLDERS and in docs/design.md"
+    allowed = FOLDERS[: FOLDERS.index(folder) + 1]
+    assert not [m for m in GRAPH[name] if m.split(".")[0] not in allowed]
 
 
-def test_every_listed_module_is_described():
+def _stage(name: str) -> str:
+    return (name.split(".") + ["__init__"])[1]
+
+
+@pytest.mark.parametrize("name", [n for n in FILES if n.split(".")[0] in STAGES])
+def test_imports_only_from_stages_above(name):
+    folder = name.split(".")[0]
+    order = STAGES[folder]
+    if _stage(name) == "__init__":
+        return
+    assert _stage(name) in order, f"list '{_stage(name)}' in STAGES['{folder}']"
+    allowed = order[: order.index(_stage(name)) + 1]
+    inside = [m for m in GRAPH[name] if m.split(".")[0] == folder]
+    assert not [m for m in inside if _stage(m) not in allowed]
+
+
+def test_no_module_is_imported_in_a_circle():
+    done: set[str] = set()
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, " -> ".join((*path[path.index(name) :], name))
+        if name not in done:
+            for other in sorted(GRAPH.get(name, ())):
+                visit(other, (*path, name))
+            done.add(name)
+
+    for name in sorted(GRAPH):
+        visit(name, ())
+
+
+def test_every_listed_folder_is_described():
     design = (SOURCE.parents[1] / "docs" / "design.md").read_text(encoding="utf-8")
-    present = {_module(p) for p in FILES}
-    for module in present:
-        assert f"| `{module}`" in design or f"| `{module}/`" in design, module
+    for folder in {name.split(".")[0] for name in FILES}:
+        assert f"| `{folder}`" in design or f"| `{folder}/`" in design, folder
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SOURCE)))
-def test_only_plots_import_matplotlib_and_only_cli_configures_jax(path):
-    text = path.read_text(encoding="utf-8")
-    if _module(path) != "plots":
+@pytest.mark.parametrize("name", FILES)
+def test_only_plots_import_matplotlib_and_only_cli_configures_jax(name):
+    text = FILES[name].read_text(encoding="utf-8")
+    folder = name.split(".")[0]
+    if folder != "plots":
         assert "matplotlib" not in {n.split(".")[0] for n in _absolute_imports(text)}
-    if _module(path) != "cli":
+    if folder != "cli":
         assert "jax.config.update" not in text
 
 

@@ -4,15 +4,15 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.diagnose import variance_fit
-from inertiax.diagnose.engine import prepare, retuned
-from inertiax.diagnose.quantify import tune
-from inertiax.diagnose.scores import whiten_system
-from inertiax.diagnose.system import BOUNDS, variances
-from inertiax.diagnose.variance_fit import fit_noise, interval_noise
-from inertiax.diagnose.whiten import Known
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose.estimates.parameters import tune
+from inertiax.diagnose.noise import reml as variance_fit
+from inertiax.diagnose.noise.observation_series import BOUNDS, variances
+from inertiax.diagnose.noise.reml import fit_noise, interval_noise
+from inertiax.diagnose.noise.state_space import Known
+from inertiax.diagnose.problem import prepare, retuned
+from inertiax.diagnose.selection.score_test import whiten_system
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
 G = 9.80665

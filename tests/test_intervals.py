@@ -14,11 +14,16 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from inertiax.formats import ColumnMap, Layout, read_recordings
-from inertiax.formats.columns import TimeColumn, TriadColumns
-from inertiax.intervals import reduce_to_dwells, segment
-from inertiax.noise import fit_noise_shape, NoiseShape, quantisation_floor, quantisation_step
-from inertiax.recordings import Recording
+from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats.columns import TimeColumn, TriadColumns
+from inertiax.data.recording import Recording
+from inertiax.reduction.mean_noise import (
+    fit_noise_shape,
+    NoiseShape,
+    quantisation_floor,
+    quantisation_step,
+)
+from inertiax.reduction.segments import reduce_to_dwells, segment
 
 
 REAL = os.environ.get("INERTIAX_RECORDINGS")

@@ -9,22 +9,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hard_limit import run_limited
-from inertiax.calibrate import calibrate, DeviceFailure, DeviceResult
-from inertiax.calibration import read_calibration, write_calibration
-from inertiax.campaign import load_settings
-from inertiax.compensation import compensate_recording
-from inertiax.dwells import Dwells
-from inertiax.estimators import (
-    Invariant,
-    JointImu,
-    ReferenceAccel,
-    ReferenceGyro,
-    size_effect,
-)
-from inertiax.one_device import iterate_one
-from inertiax.recordings import Campaign, ModelChoice, Recording, Site
-from inertiax.temperature import Constant
-from inertiax.together import fit_together
+from inertiax.calibrate.joint_imu_fit import fit_together
+from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
+from inertiax.calibration.calibration import read_calibration, write_calibration
+from inertiax.data.campaign import load_settings
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.estimators import Invariant, JointImu, ReferenceAccel, ReferenceGyro, size_effect
+from inertiax.exports.compensated_recording import compensate_recording
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.single_device import iterate_one
+from inertiax.reduction.dwells import Dwells
 
 
 G = 9.81

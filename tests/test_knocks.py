@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.knocks import knocked
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.reduction.handling import knocked
 
 
 RATE = 100.0  # Hz

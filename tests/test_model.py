@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from inertiax.model import (
+from inertiax.physics.error_model import (
     AccelerometerErrors,
     compensate_accel,
     compensate_gyro,

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from hard_limit import run_limited
-from inertiax import earth, rotation
-from inertiax.calibration import Calibration, TriadCalibration
-from inertiax.model import distort_accel, distort_gyro
-from inertiax.navigation import (
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.navigation.strapdown import (
     coefficients_of,
     error_sensitivity,
     errors,
@@ -26,7 +24,9 @@ from inertiax.navigation import (
     transport_rate,
     with_coefficients,
 )
-from inertiax.temperature import Curve, Polynomial
+from inertiax.physics import earth, rotation
+from inertiax.physics.error_model import distort_accel, distort_gyro
+from inertiax.physics.temperature import Curve, Polynomial
 
 
 LATITUDE = float(np.deg2rad(55.0))

@@ -4,13 +4,13 @@ import jax
 import numpy as np
 import pytest
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.beside import twice
-from inertiax.diagnose.engine import prepare, retuned
-from inertiax.diagnose.search import bank, count_forms, judge
-from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.problem import prepare, retuned
+from inertiax.diagnose.selection.constraints import twice
+from inertiax.diagnose.selection.evidence import bank, count_forms, judge
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 from test_diagnose import poses, sweep
 
 

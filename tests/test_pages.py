@@ -8,9 +8,9 @@ import pytest
 
 from browser import Browser, FOUND
 from inertiax.cli.outputs import folder_names
-from inertiax.diagnose.limits import Absorbed, AliasSet, Audit, Detectable
+from inertiax.data.recording import Campaign, Recording
+from inertiax.diagnose.plan.limits import Absorbed, AliasSet, Audit, Detectable
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, Recording
 from inertiax.report.calibration import report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.fleet import report_fleet

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.engine import prepare
+from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
 G = 9.81

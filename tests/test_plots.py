@@ -9,25 +9,21 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from inertiax.calibrate import TriadResult
-from inertiax.calibration import TriadCalibration
-from inertiax.demo import DemoResult, DemoRow, DemoSet, METHODS
+from inertiax.analysis.paper_experiment import DemoResult, DemoRow, DemoSet, METHODS
+from inertiax.calibrate.observability import Observability
+from inertiax.calibrate.pipeline import TriadResult
+from inertiax.calibration.calibration import TriadCalibration
+from inertiax.data.recording import Recording
 from inertiax.diagnose import Diagnosis
 from inertiax.diagnose.result import Moved, Quality, Where
-from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
-from inertiax.intervals import Segments
-from inertiax.plots import (
-    calibration as plots,
-    demo as demo_plots,
-    diagnosis as diagnosis_plots,
-)
+from inertiax.physics.temperature import Constant, Curve, Polynomial
+from inertiax.plots import calibration as plots, demo as demo_plots, diagnosis as diagnosis_plots
 from inertiax.plots.style import drawing, Figure, new_figure, to_svg
-from inertiax.procedure import ThermalSolution
-from inertiax.recordings import Recording
+from inertiax.procedure.thermal_iterations import ThermalSolution
+from inertiax.reduction.dwells import Dwells
+from inertiax.reduction.segments import Segments
 from inertiax.simulate.plan import paper_set
-from inertiax.temperature import Constant, Curve, Polynomial
-from inertiax.uncertainty import Observability
 
 
 ACCEL_NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(

@@ -6,21 +6,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax import procedure as procedures
-from inertiax.convergence import convergence_rate, rate_warning
-from inertiax.dwells import experiment_rows
 from inertiax.estimators import Invariant, ReferenceGyro
-from inertiax.procedure import (
+from inertiax.physics.temperature import CubicSpline, Curve, Polynomial
+from inertiax.procedure.convergence import convergence_rate, rate_warning
+from inertiax.procedure.thermal_iterations import (
     dwell_residuals,
-    extra_scatter,
     GaussNewtonIteration,
     PaperIteration,
+    thermal_iterations as procedures,
 )
+from inertiax.reduction.dwells import experiment_rows
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.motion import turns_about_three_axes
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros
-from inertiax.temperature import CubicSpline, Curve, Polynomial
 
 
 # Each program runs a few times for milliseconds, so compiling is all that it costs; LLVM's optimiser changes
@@ -185,17 +184,6 @@ def test_whitened_residuals_have_unit_variance(device):
     dof = dwells.num_dwells - 63
     # χ² with 171 degrees of freedom: standard deviation √(2/171) = 0.11 of its mean.
     assert abs(float(jnp.sum(residuals**2)) / dof - 1.0) < 0.35
-
-
-def test_extra_scatter_by_hand():
-    # Equal own noise s: τ² = Σ r²/(n − p) − s².
-    residuals = np.array([3.0, -3.0, 3.0, -3.0, 3.0])
-    assert extra_scatter(residuals, np.full(5, 1.0), 2) == pytest.approx(np.sqrt(45 / 3 - 1))
-    assert extra_scatter(residuals, np.zeros(5), 2) == pytest.approx(np.sqrt(15.0))
-    assert extra_scatter(residuals, np.full(5, 9.0), 2) == 0.0
-
-
-# Derivatives of the answer ------------------------------------------------------------------------
 
 
 def _answer(method, estimator, dwells):

@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.diagnose import engine, programs
-from inertiax.recordings import Campaign
+from inertiax.data.recording import Campaign
+from inertiax.diagnose import problem as engine
+from inertiax.numerics import compilation_cache as programs
 
 
 @pytest.fixture

@@ -9,9 +9,14 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.prove import folds, held_out_rms, predict_rest, TOLD_BY_OTHERS
-from inertiax.diagnose.words import gain_on_left_out
+from inertiax.diagnose.estimates.cross_validation import (
+    folds,
+    held_out_rms,
+    predict_rest,
+    TOLD_BY_OTHERS,
+)
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.wording.sentences import gain_on_left_out
 from test_diagnose import only, sweep, tumble
 
 

@@ -4,9 +4,9 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from inertiax.calibrate import calibrate, DeviceResult
-from inertiax.quality import empty_cone, judge, Quality
-from inertiax.recordings import Campaign, ModelChoice, Recording, Site
+from inertiax.calibrate.fit_quality import empty_cone, judge, Quality
+from inertiax.calibrate.pipeline import calibrate, DeviceResult
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 
 
 G = 9.81

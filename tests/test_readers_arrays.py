@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from inertiax.formats import ColumnMap, Layout, read_recordings
-from inertiax.formats.columns import LabelColumn, TimeColumn, TriadColumns
+from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats.columns import LabelColumn, TimeColumn, TriadColumns
 from readers_cases import campaign, check, made_up, refusal
 
 

@@ -9,9 +9,9 @@ import pytest
 import scipy.io
 
 from exports_cases import calibration, GRAVITY
-from inertiax.calibration import write_calibration
+from inertiax.calibration.calibration import write_calibration
 from inertiax.cli import main
-from inertiax.compensation import compensate_file
+from inertiax.exports.compensated_recording import compensate_file
 from readers_cases import made_up, refusal
 
 

@@ -5,7 +5,7 @@ import random
 import pytest
 import scipy.io
 
-from inertiax.formats import read_recordings
+from inertiax.data.formats import read_recordings
 from readers_cases import made_up
 
 

@@ -9,9 +9,9 @@ import struct
 import numpy as np
 import pytest
 
-from inertiax.formats import ColumnMap, Layout, read_recordings
-from inertiax.formats.columns import TriadColumns
-from inertiax.formats.dataflash_messages import messages
+from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats.columns import TriadColumns
+from inertiax.data.formats.dataflash_messages import messages
 from readers_cases import campaign, check, made_up, refusal
 
 

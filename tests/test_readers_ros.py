@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inertiax.formats import Layout, read_recordings
+from inertiax.data.formats import Layout, read_recordings
 from readers_cases import campaign, check, made_up, refusal
 
 

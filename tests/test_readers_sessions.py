@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inertiax.calibrate import calibrate
-from inertiax.campaign import load_campaign
-from inertiax.formats import ColumnMap, Layout, read_recordings
-from inertiax.formats.columns import TimeColumn
-from inertiax.hand_turns import ANGLE_UNCERTAINTY
-from inertiax.intervals import reduce_to_dwells
+from inertiax.calibrate.pipeline import calibrate
+from inertiax.data.campaign import load_campaign
+from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats.columns import TimeColumn
+from inertiax.reduction.manual_turns import ANGLE_UNCERTAINTY
+from inertiax.reduction.segments import reduce_to_dwells
 from readers_cases import campaign, made_up, refusal
 
 
@@ -157,7 +157,7 @@ def test_a_rate_tables_plateau_is_no_turn_by_hand(tmp_path):
     rates = np.repeat([0.0, 0.5, 0.004], count)
     gyro = noise * rng.standard_normal((3 * count, 3))
     gyro[:, 2] += rates
-    from inertiax.recordings import Recording
+    from inertiax.data.recording import Recording
 
     recording = Recording(
         **columns,

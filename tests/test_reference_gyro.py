@@ -11,16 +11,21 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from hard_limit import run_limited
-from inertiax.earth import EARTH_RATE, earth_rate, rest_readings
 from inertiax.estimators import ReferenceGyro, ReferenceGyroRig
-from inertiax.model import compensate_gyro, compensate_gyro_as_printed, distort_accel, distort_gyro
-from inertiax.one_device import iterate_one, joint_fit_one
-from inertiax.procedure import iterate, joint_fit, PaperIteration
+from inertiax.physics.earth import EARTH_RATE, earth_rate, rest_readings
+from inertiax.physics.error_model import (
+    compensate_gyro,
+    compensate_gyro_as_printed,
+    distort_accel,
+    distort_gyro,
+)
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.single_device import iterate_one, joint_fit_one
+from inertiax.procedure.thermal_iterations import iterate, joint_fit, PaperIteration
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.motion import turns_about_three_axes
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros, GYRO_PARAMETERS
-from inertiax.temperature import Constant
 
 
 TEMPERATURES = tuple(float(t) for t in np.linspace(-40.0, 70.0, 12))

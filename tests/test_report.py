@@ -10,8 +10,11 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from inertiax.calibrate import DeviceFailure, DeviceResult, TriadResult
-from inertiax.calibration import Calibration, TriadCalibration
+from inertiax.calibrate.observability import Observability
+from inertiax.calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.calibration.quantities import label, quantities, with_sigma
+from inertiax.data.recording import Campaign, Recording
 from inertiax.diagnose import Diagnosis
 from inertiax.diagnose.result import (
     Detectable,
@@ -22,17 +25,14 @@ from inertiax.diagnose.result import (
     Quality,
     Where,
 )
-from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
-from inertiax.procedure import ThermalSolution
-from inertiax.quantities import label, quantities, with_sigma
-from inertiax.recordings import Campaign, Recording
+from inertiax.physics.temperature import Curve, Polynomial
+from inertiax.procedure.thermal_iterations import ThermalSolution
+from inertiax.reduction.dwells import Dwells
 from inertiax.report.calibration import FIGURES, report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.document import calibration_document
 from inertiax.report.judge import misfit_verdict, weakest
-from inertiax.temperature import Curve, Polynomial
-from inertiax.uncertainty import Observability
 
 
 EVIL = '"><script>alert(1)</script>'

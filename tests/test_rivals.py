@@ -6,12 +6,13 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.diagnose import choosing, diagnose
-from inertiax.diagnose.choosing import Asked, FURTHER, MARGIN
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.family import Count, Family
-from inertiax.diagnose.search import Bank, Candidate, observations
-from inertiax.diagnose.system import NoiseFit
+from inertiax.diagnose import diagnose
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection import forward as choosing
+from inertiax.diagnose.selection.evidence import Bank, Candidate, observations
+from inertiax.diagnose.selection.forward import Asked, FURTHER, MARGIN
+from inertiax.diagnose.selection.multiple_testing import Count, Family
 from inertiax.effects import CATALOGUE
 from test_diagnose import only, tumble
 from test_family import score

@@ -7,7 +7,7 @@ import pytest
 from jax.test_util import check_grads
 from scipy.spatial.transform import Rotation
 
-from inertiax import rotation
+from inertiax.physics import rotation
 
 
 def vectors(length):

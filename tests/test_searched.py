@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.diagnose.engine import between_all, finer, prepare
-from inertiax.diagnose.searched import searched_tests
+from inertiax.diagnose.problem import between_all, finer, prepare
+from inertiax.diagnose.selection.trials_factor import searched_tests
 from inertiax.effects import CATALOGUE
 from test_audit import still
 from test_family import score

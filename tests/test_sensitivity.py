@@ -7,16 +7,23 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from inertiax import rotation, sources
+from inertiax.analysis import sources
+from inertiax.analysis.error_budget import (
+    answer,
+    error_budget,
+    influence,
+    magnitude_gradient,
+    no_draws,
+)
 from inertiax.estimators import Invariant, ReferenceAccel, ReferenceGyro
-from inertiax.model import distort_accel
-from inertiax.one_device import joint_fit_one
-from inertiax.sensitivity import answer, error_budget, influence, magnitude_gradient, no_draws
+from inertiax.physics import rotation
+from inertiax.physics.error_model import distort_accel
+from inertiax.physics.temperature import Curve, Polynomial
+from inertiax.procedure.single_device import joint_fit_one
 from inertiax.simulate.bench import simulate_dwells
 from inertiax.simulate.motion import turns_about_three_axes
 from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros, NAVIGATION_NOISE
-from inertiax.temperature import Curve, Polynomial
 from refit import refitted
 
 
@@ -270,8 +277,8 @@ def test_a_bad_dwell_stands_out(fitted):
 def test_influence_of_a_straight_line_by_hand():
     # Bias of one accelerometer over two temperatures by a line: leverage of a line through x = -1, 0, 1, 1
     # is 1/4 + (x − 1/4)² / 2.75 (x̄ = 1/4, Σ (x − x̄)² = 2.75), for each of three axes.
-    from inertiax.dwells import Dwells
     from inertiax.estimators import StaticAccel
+    from inertiax.reduction.dwells import Dwells
 
     x = np.array([-1.0, 0.0, 1.0, 1.0])
     dwells = Dwells(

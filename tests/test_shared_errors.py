@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.coupling import coupled_theta, joint_likelihood, RIG
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.scores import whiten_columns, whiten_system
-from inertiax.diagnose.shared_errors import MOST, root, signatures
-from inertiax.diagnose.system import NoiseFit, START, variances
-from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.diagnose.noise.common_mode import MOST, root, signatures
+from inertiax.diagnose.noise.common_mode_fit import coupled_theta, joint_likelihood, RIG
+from inertiax.diagnose.noise.observation_series import NoiseFit, START, variances
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection.score_test import whiten_columns, whiten_system
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 
 
 ANGLE, RATE = 3e-4, 1e-5  # what the rig promises

@@ -13,10 +13,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from inertiax import rotation
-from inertiax.campaign import load_campaign
-from inertiax.earth import EARTH_RATE
-from inertiax.model import compensate_accel, compensate_gyro
+from inertiax.data.campaign import load_campaign
+from inertiax.physics import rotation
+from inertiax.physics.earth import EARTH_RATE
+from inertiax.physics.error_model import compensate_accel, compensate_gyro
 from inertiax.simulate.bench import Readout, simulate_dwells, simulate_recordings
 from inertiax.simulate.campaign import write_campaign
 from inertiax.simulate.chamber import (

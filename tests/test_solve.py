@@ -9,7 +9,7 @@ import pytest
 import scipy.optimize
 
 from hard_limit import run_limited
-from inertiax.solve import (
+from inertiax.numerics.least_squares import (
     cholesky,
     cholesky_solve,
     DenseNormal,
@@ -130,13 +130,13 @@ def test_gradient_through_the_solve(transform):
 
 BATCHES = """
 import time
-from inertiax.dwells import Dwells
+from inertiax.reduction.dwells import Dwells
 from inertiax.estimators import Invariant
-from inertiax.procedure import joint_fit
-from inertiax.temperature import Constant
+from inertiax.procedure.thermal_iterations import joint_fit
+from inertiax.physics.temperature import Constant
 import optimistix as optx
 from inertiax.estimators.invariant import ellipsoid_start
-from inertiax.solve import least_squares
+from inertiax.numerics.least_squares import least_squares
 
 rng = np.random.default_rng(0)
 count, n, g = {count}, 18, 9.8

@@ -7,12 +7,12 @@ import polars as pl
 import pytest
 from scipy.io import savemat
 
-from inertiax.calibration import read_calibration
-from inertiax.campaign import load_campaign
-from inertiax.compensation import compensate_recording
-from inertiax.diagnose.blocks import join
-from inertiax.diagnose.run import run_diagnosis
-from inertiax.recordings import Campaign
+from inertiax.calibration.calibration import read_calibration
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign
+from inertiax.diagnose.observations.blocks import join
+from inertiax.diagnose.pipeline import run_diagnosis
+from inertiax.exports.compensated_recording import compensate_recording
 
 
 G = 9.81

@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import chebyshev, polynomial
 from scipy.interpolate import CubicSpline as ScipySpline
 
-from inertiax.temperature import Constant, CubicSpline, Curve, Polynomial, to_powers
+from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial, to_powers
 
 
 TEMPERATURES = np.array([-55.0, -31.3, -5.0, 0.0, 2.5, 17.9, 60.0])

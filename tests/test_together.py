@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from inertiax.diagnose import choosing
-from inertiax.diagnose.beside import causes, full, MOST_EFFECTS
-from inertiax.diagnose.choosing import Asked, PAIR
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.family import Count, Family, family
-from inertiax.diagnose.leading import rank
-from inertiax.diagnose.search import Bank, bank, Candidate, count_forms, judge
-from inertiax.diagnose.system import NoiseFit
-from inertiax.diagnose.together import best_pair, chance, Pair
-from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection import forward as choosing
+from inertiax.diagnose.selection.candidate_screening import rank
+from inertiax.diagnose.selection.constraints import causes, full, MOST_EFFECTS
+from inertiax.diagnose.selection.evidence import Bank, bank, Candidate, count_forms, judge
+from inertiax.diagnose.selection.forward import Asked, PAIR
+from inertiax.diagnose.selection.multiple_testing import Count, Family, family
+from inertiax.diagnose.selection.pairs import best_pair, chance, Pair
 from inertiax.effects import CATALOGUE
 from test_diagnose import FLICKER, only, slow_noise, sweep
 from test_family import score

@@ -10,15 +10,15 @@ import numpy as np
 import polars as pl
 import pytest
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose, learn_noise, read_noise, write_noise
-from inertiax.diagnose.engine import prepare
-from inertiax.diagnose.learn_noise import pool
-from inertiax.diagnose.population_noise import LEAST_SCATTER
-from inertiax.diagnose.system import START
-from inertiax.diagnose.variance_fit import fit_noise
-from inertiax.diagnose.whiten import Known, negative_log_likelihood, Variances
+from inertiax.diagnose.learn_type_noise import pool
+from inertiax.diagnose.noise.observation_series import START
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.noise.state_space import Known, negative_log_likelihood, Variances
+from inertiax.diagnose.noise.type_noise import LEAST_SCATTER
+from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
 from test_cli import run
 
 

@@ -6,20 +6,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from inertiax.calibration import Calibration, TriadCalibration
-from inertiax.dwells import Dwells
-from inertiax.estimators import Invariant, StaticAccel
-from inertiax.one_device import joint_fit_one
-from inertiax.simulate.bench import simulate_dwells
-from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
-from inertiax.simulate.triad import Device, draw_accelerometers
-from inertiax.temperature import Constant, Curve, Polynomial
-from inertiax.uncertainty import (
+from inertiax.calibrate.observability import (
     _plain,
     curve_covariance_at,
     output_uncertainty,
     sandwich_covariance,
 )
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.estimators import Invariant, StaticAccel
+from inertiax.physics.temperature import Constant, Curve, Polynomial
+from inertiax.procedure.single_device import joint_fit_one
+from inertiax.reduction.dwells import Dwells
+from inertiax.simulate.bench import simulate_dwells
+from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
+from inertiax.simulate.triad import Device, draw_accelerometers
 
 
 def _rests(values, experiment=None):

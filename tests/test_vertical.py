@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
-from inertiax.diagnose.blocks import join
-from inertiax.diagnose.vertical import upright_axis
-from inertiax.recordings import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose.observations.blocks import join
+from inertiax.diagnose.observations.vertical import upright_axis
 
 
 EARTH = 7.292115e-5  # rad/s

@@ -6,9 +6,9 @@ import jax
 import numpy as np
 
 import inertiax
-from inertiax.calibrate import calibrate, DeviceFailure, DeviceResult
+from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
+from inertiax.data.formats import read_recordings
 from inertiax.estimators import Invariant
-from inertiax.formats import read_recordings
 
 
 def bias_of(folder: Path) -> float:

@@ -15,12 +15,12 @@ import jax
 import numpy as np
 from score import open_answers
 
-from inertiax.campaign import load_campaign
-from inertiax.diagnose.engine import prepare, Prepared
-from inertiax.diagnose.prove import held_out_rms
-from inertiax.diagnose.quantify import tune
-from inertiax.diagnose.search import bank, count_forms, judge
-from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.data.campaign import load_campaign
+from inertiax.diagnose.estimates.cross_validation import held_out_rms
+from inertiax.diagnose.estimates.parameters import tune
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.problem import prepare, Prepared
+from inertiax.diagnose.selection.evidence import bank, count_forms, judge
 
 
 LEAST_Z = 9.9

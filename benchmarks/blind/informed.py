@@ -17,7 +17,7 @@ from inertiax.cli.environment import prepare
 
 def diagnosed(case: Path, units: list[Path], out: Path, consistent: bool) -> dict:
     """Status, seconds of learning and of the diagnosis, and the units that were left out."""
-    from inertiax.campaign import load_campaign
+    from inertiax.data.campaign import load_campaign
     from inertiax.diagnose import diagnose, learn_noise, write_noise
 
     start = time.perf_counter()

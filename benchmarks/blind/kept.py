@@ -17,11 +17,11 @@ import numpy as np
 from score import open_answers
 from world import PROBE_SHARE, RELAXATIONS
 
-from inertiax.campaign import load_campaign
-from inertiax.diagnose.engine import prepare, Prepared
-from inertiax.diagnose.scores import whiten_columns
-from inertiax.diagnose.system import NoiseFit
-from inertiax.diagnose.whiten import TIME_CONSTANTS
+from inertiax.data.campaign import load_campaign
+from inertiax.diagnose.noise.observation_series import NoiseFit
+from inertiax.diagnose.noise.state_space import TIME_CONSTANTS
+from inertiax.diagnose.problem import prepare, Prepared
+from inertiax.diagnose.selection.score_test import whiten_columns
 
 
 def true_variances(case: draw.Case, triad: str, chains: int) -> list[np.ndarray]:

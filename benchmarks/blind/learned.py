@@ -21,14 +21,14 @@ import numpy as np
 import scipy.stats
 from score import open_answers
 
-from inertiax.campaign import load_campaign
-from inertiax.diagnose.alike import alike
-from inertiax.diagnose.choosing import GATE
-from inertiax.diagnose.engine import finer, prepare, Prepared
-from inertiax.diagnose.family import family
-from inertiax.diagnose.search import bank, Candidate, judge, refine
-from inertiax.diagnose.terms import Term
-from inertiax.diagnose.variance_fit import fit_noise
+from inertiax.data.campaign import load_campaign
+from inertiax.diagnose.candidates.signatures import Term
+from inertiax.diagnose.noise.pooled_channels import alike
+from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.problem import finer, prepare, Prepared
+from inertiax.diagnose.selection.evidence import bank, Candidate, judge, refine
+from inertiax.diagnose.selection.forward import GATE
+from inertiax.diagnose.selection.multiple_testing import family
 
 
 LEAST_Z = 6.0

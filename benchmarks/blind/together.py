@@ -13,7 +13,7 @@ from inertiax.cli.environment import prepare
 
 def main():
     prepare()  # before JAX is imported
-    from inertiax.diagnose.run import run_diagnosis
+    from inertiax.diagnose.pipeline import run_diagnosis
 
     for line in sys.stdin:
         case, out = line.rstrip("\n").split("\t")

@@ -12,8 +12,8 @@ import numpy as np
 from problem import constant_problem, GRAVITY, SIGMA, thermal_problem
 
 from inertiax.fleet import fit_invariant, fit_thermal_invariant
-from inertiax.fleet.invariant import BatchFit
-from inertiax.temperature import Polynomial
+from inertiax.fleet.solve.invariant import BatchFit
+from inertiax.physics.temperature import Polynomial
 
 
 REPEATS = 7

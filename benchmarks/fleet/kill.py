@@ -35,7 +35,7 @@ RUN = """
 import sys
 from inertiax.cli import environment
 environment.prepare()
-import inertiax.fleet.run as run, inertiax.fleet.tasks as tasks
+import inertiax.fleet.pipeline as run, inertiax.fleet.reduce.tasks as tasks
 if __name__ == "__main__":
     whole = tasks.split
     run.split = lambda files, columns: whole(files, columns, rows=1)

@@ -25,10 +25,10 @@ import jax
 import numpy as np
 from raw import campaign, device, directions, GRAVITY
 
-from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_fleet
-from inertiax.temperature import Constant
+from inertiax.physics.temperature import Constant
+from inertiax.reduction.dwells import Dwells
 
 
 SIZES = (100, 300, 1000, 3000, 10_000, 30_000, 100_000)

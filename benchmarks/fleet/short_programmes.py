@@ -22,13 +22,13 @@ import json
 import jax
 import numpy as np
 
-from inertiax.dwells import Dwells
 from inertiax.estimators import Invariant
 from inertiax.fleet import between_devices, fit_fleet, stack_dwells, TriadPopulation
-from inertiax.fleet.informed import fit_informed
-from inertiax.fleet.population import lower_triangle
-from inertiax.fleet.triad_model import basis_of, curves, TriadModel
-from inertiax.temperature import AbstractBasis, Constant, Polynomial
+from inertiax.fleet.population.empirical_bayes import fit_informed
+from inertiax.fleet.population.population import lower_triangle
+from inertiax.fleet.solve.triad_model import basis_of, curves, TriadModel
+from inertiax.physics.temperature import AbstractBasis, Constant, Polynomial
+from inertiax.reduction.dwells import Dwells
 
 
 GRAVITY, SIGMA = 9.815, 3e-4  # m/s²

@@ -45,9 +45,9 @@ from jaxls_peer import jaxls_time
 from problem import constant_problem, GRAVITY, SIGMA, thermal_problem
 
 from inertiax.fleet import fit_thermal_invariant
-from inertiax.fleet.batch import BLOCKS, CHUNKS, LANES
-from inertiax.fleet.invariant import fit_chunks
-from inertiax.temperature import Polynomial
+from inertiax.fleet.solve.batch import BLOCKS, CHUNKS, LANES
+from inertiax.fleet.solve.invariant import fit_chunks
+from inertiax.physics.temperature import Polynomial
 
 
 REPEATS = 7

@@ -12,12 +12,12 @@ import jax
 import numpy as np
 import polars as pl
 
-from inertiax.campaign import load_campaign
-from inertiax.compensation import compensate_recording
+from inertiax.calibration.quantities import DEG_PER_HOUR
+from inertiax.data.campaign import load_campaign
 from inertiax.diagnose import audit, diagnose_campaign
+from inertiax.exports.compensated_recording import compensate_recording
 from inertiax.plots import residuals as draw
 from inertiax.plots.style import COLOURS, drawing, legend_above, new_figure, save_png
-from inertiax.quantities import DEG_PER_HOUR
 from inertiax.report.audit import size_rows
 
 

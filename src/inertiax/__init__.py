@@ -41,15 +41,20 @@ from typing import TYPE_CHECKING
 
 
 if TYPE_CHECKING:
-    from .calibration import (
+    from .calibration.calibration import (
         Calibration as Calibration,
         read_calibration as read_calibration,
         write_calibration as write_calibration,
     )
-    from .campaign import load_campaign as load_campaign
-    from .dwells import Dwells as Dwells
-    from .intervals import reduce_to_dwells as reduce_to_dwells
-    from .model import (
+    from .data.campaign import load_campaign as load_campaign
+    from .data.recording import (
+        Campaign as Campaign,
+        ModelChoice as ModelChoice,
+        Recording as Recording,
+        Rig as Rig,
+        Site as Site,
+    )
+    from .physics.error_model import (
         AccelerometerErrors as AccelerometerErrors,
         compensate_accel as compensate_accel,
         compensate_gyro as compensate_gyro,
@@ -57,25 +62,20 @@ if TYPE_CHECKING:
         distort_gyro as distort_gyro,
         GyroErrors as GyroErrors,
     )
-    from .procedure import (
-        GaussNewtonIteration as GaussNewtonIteration,
-        iterate as iterate,
-        joint_fit as joint_fit,
-        PaperIteration as PaperIteration,
-    )
-    from .recordings import (
-        Campaign as Campaign,
-        ModelChoice as ModelChoice,
-        Recording as Recording,
-        Rig as Rig,
-        Site as Site,
-    )
-    from .temperature import (
+    from .physics.temperature import (
         Constant as Constant,
         CubicSpline as CubicSpline,
         Curve as Curve,
         Polynomial as Polynomial,
     )
+    from .procedure.thermal_iterations import (
+        GaussNewtonIteration as GaussNewtonIteration,
+        iterate as iterate,
+        joint_fit as joint_fit,
+        PaperIteration as PaperIteration,
+    )
+    from .reduction.dwells import Dwells as Dwells
+    from .reduction.segments import reduce_to_dwells as reduce_to_dwells
 
 
 __version__ = importlib.metadata.version("inertiax")
@@ -83,31 +83,31 @@ __version__ = importlib.metadata.version("inertiax")
 # Names are loaded when first used, so that `inertiax --help` need not wait for JAX. `calibrate` is not among
 # them: `inertiax.calibrate` is the module of that name.
 _HOME = {
-    "Calibration": "calibration",
-    "read_calibration": "calibration",
-    "write_calibration": "calibration",
-    "load_campaign": "campaign",
-    "Campaign": "recordings",
-    "Recording": "recordings",
-    "Site": "recordings",
-    "Rig": "recordings",
-    "ModelChoice": "recordings",
-    "Dwells": "dwells",
-    "reduce_to_dwells": "intervals",
-    "AccelerometerErrors": "model",
-    "GyroErrors": "model",
-    "compensate_accel": "model",
-    "compensate_gyro": "model",
-    "distort_accel": "model",
-    "distort_gyro": "model",
-    "Constant": "temperature",
-    "Polynomial": "temperature",
-    "CubicSpline": "temperature",
-    "Curve": "temperature",
-    "iterate": "procedure",
-    "joint_fit": "procedure",
-    "PaperIteration": "procedure",
-    "GaussNewtonIteration": "procedure",
+    "Calibration": "calibration.calibration",
+    "read_calibration": "calibration.calibration",
+    "write_calibration": "calibration.calibration",
+    "load_campaign": "data.campaign",
+    "Campaign": "data.recording",
+    "Recording": "data.recording",
+    "Site": "data.recording",
+    "Rig": "data.recording",
+    "ModelChoice": "data.recording",
+    "Dwells": "reduction.dwells",
+    "reduce_to_dwells": "reduction.segments",
+    "AccelerometerErrors": "physics.error_model",
+    "GyroErrors": "physics.error_model",
+    "compensate_accel": "physics.error_model",
+    "compensate_gyro": "physics.error_model",
+    "distort_accel": "physics.error_model",
+    "distort_gyro": "physics.error_model",
+    "Constant": "physics.temperature",
+    "Polynomial": "physics.temperature",
+    "CubicSpline": "physics.temperature",
+    "Curve": "physics.temperature",
+    "iterate": "procedure.thermal_iterations",
+    "joint_fit": "procedure.thermal_iterations",
+    "PaperIteration": "procedure.thermal_iterations",
+    "GaussNewtonIteration": "procedure.thermal_iterations",
 }
 
 

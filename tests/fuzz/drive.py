@@ -18,18 +18,18 @@ import atheris
 INSTRUMENTED = [
     "inertiax.formats",
     "inertiax.exports",
-    "inertiax.campaign",
-    "inertiax.settings",
+    "inertiax.data.campaign",
+    "inertiax.data.settings",
     "inertiax.calibration",
 ]
 INSTRUMENTED += [
-    "inertiax.augmentation",
-    "inertiax.recordings",
+    "inertiax.calibration.fitted_effects",
+    "inertiax.data.recording",
     "inertiax.simulate",
-    "inertiax.compensation",
+    "inertiax.exports.compensated_recording",
 ]
 INSTRUMENTED += [
-    "inertiax.screening",
+    "inertiax.data.plausibility.screening",
     "pyulog",
     "rosbags",
     "tomllib",

@@ -18,17 +18,17 @@ import polars as pl
 import scipy.io
 
 from exports_cases import calibration, NOISE
-from inertiax.calibration import read_calibration, write_calibration
-from inertiax.campaign import load_campaign
-from inertiax.compensation import _mapping
+from inertiax.calibration.calibration import read_calibration, write_calibration
+from inertiax.data.campaign import load_campaign
+from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats.columns import TimeColumn
 from inertiax.exports import export
+from inertiax.exports.compensated_recording import _mapping
 from inertiax.exports.noise import settings_from_noise
 from inertiax.exports.registry import by_name, read_calibration_of
-from inertiax.formats import ColumnMap, Layout, read_recordings
-from inertiax.formats.columns import TimeColumn
+from inertiax.physics.temperature import CubicSpline, Polynomial
 from inertiax.simulate import load_scenario
 from inertiax.simulate.truth import read_truth
-from inertiax.temperature import CubicSpline, Polynomial
 from readers_cases import made_up
 from test_readers_arrays import matlab_73
 from test_readers_flight import dataflash, raw_log
@@ -235,7 +235,7 @@ def truth_seeds() -> list[bytes]:
 
 
 def population_seeds() -> list[bytes]:
-    from inertiax.fleet.triad_model import TriadModel
+    from inertiax.fleet.solve.triad_model import TriadModel
 
     fields = {f.name: f for f in msgspec.structs.fields(TriadModel)}
     model = {

@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ..intervals import segment
-from ..recordings import Recording
-from ..rests import PAUSE, usual_step
+from ..data.recording import Recording
+from ..reduction.rests import PAUSE, usual_step
+from ..reduction.segments import segment
 from .confidence import interval
 from .deviations import Deviations, deviations
 from .identify import identify

@@ -11,8 +11,8 @@ from . import console, environment, outputs
 
 
 if TYPE_CHECKING:
-    from ..calibrate import DeviceFailure, DeviceResult
-    from ..recordings import Campaign
+    from ..calibrate.pipeline import DeviceFailure, DeviceResult
+    from ..data.recording import Campaign
 
 
 _METHODS = ("gauss-newton", "joint", "paper")  # as in ..calibrate, which needs JAX to import
@@ -72,8 +72,8 @@ def calibrate(
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()
-        from ..calibrate import calibrate as run
-        from ..campaign import load_campaign
+        from ..calibrate.pipeline import calibrate as run
+        from ..data.campaign import load_campaign
 
         stages("reading recordings")
         loaded = load_campaign(campaign)
@@ -100,8 +100,8 @@ def _write(
     stages: console.Stages,
 ) -> dict[str, str]:
     """Write everything; the folder of each device, relative to `output` ("" = itself)."""
-    from ..calibrate import DeviceResult
-    from ..calibration import write_calibration
+    from ..calibrate.pipeline import DeviceResult
+    from ..calibration.calibration import write_calibration
     from ..report.calibration import FIGURES, report_calibration, report_summary
 
     done = [r for r in results if isinstance(r, DeviceResult)]
@@ -141,7 +141,7 @@ def _tell(
     quiet: bool,
 ) -> None:
     """Result on standard output, failures on standard error; exits with status 1 after a failure."""
-    from ..calibrate import DeviceFailure
+    from ..calibrate.pipeline import DeviceFailure
 
     failed = [r for r in results if isinstance(r, DeviceFailure)]
     if as_json:

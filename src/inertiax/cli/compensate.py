@@ -14,7 +14,7 @@ from .calibrate import AsJson, Quiet
 if TYPE_CHECKING:
     import polars as pl
 
-    from ..compensation import Compensated
+    from ..exports.compensated_recording import Compensated
 
 
 _SUFFIXES = (".csv", ".parquet", ".pq")
@@ -85,9 +85,9 @@ def compensate(
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()
-        from ..calibration import read_calibration
-        from ..campaign import campaign_beside
-        from ..compensation import compensate_file
+        from ..calibration.calibration import read_calibration
+        from ..data.campaign import campaign_beside
+        from ..exports.compensated_recording import compensate_file
 
         stages("compensating")
         result = compensate_file(

@@ -10,7 +10,7 @@ from .calibrate import AsJson, command_line, Quiet
 
 
 if TYPE_CHECKING:
-    from ..demo import DemoResult
+    from ..analysis.paper_experiment import DemoResult
 
 
 def demo(
@@ -35,7 +35,7 @@ def demo(
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()
-        from ..demo import run_demo
+        from ..analysis.paper_experiment import run_demo
 
         result = run_demo(seed=seed, progress=stages)
         stages("drawing figures")

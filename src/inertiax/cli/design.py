@@ -15,7 +15,7 @@ from .calibrate import AsJson, Quiet
 
 
 if TYPE_CHECKING:
-    from ..recordings import Campaign
+    from ..data.recording import Campaign
 
 
 _JUDGE, _FIND = "Judge a plan (--audit)", "Find a plan (--optimise)"
@@ -253,7 +253,7 @@ def _audit(plan: str, *, assumed_noise: bool, as_json: bool, quiet: bool) -> Non
 
 def _campaign(plan: str, stages: console.Stages) -> "Campaign":
     """The campaign at a path, or one simulated by a scenario."""
-    from ..campaign import load_campaign
+    from ..data.campaign import load_campaign
     from ..simulate import load_scenario, SCENARIOS, write_campaign
 
     path = Path(plan)

@@ -10,8 +10,8 @@ from .calibrate import AsJson, CampaignPath, command_line, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
+    from ..data.recording import Campaign
     from ..diagnose import Diagnosis
-    from ..recordings import Campaign
 
 
 def diagnose(
@@ -48,7 +48,7 @@ def diagnose(
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()
-        from ..campaign import load_campaign
+        from ..data.campaign import load_campaign
 
         stages("reading recordings")
         loaded = load_campaign(campaign)
@@ -73,9 +73,9 @@ def _diagnose_all(
     stages: console.Stages,
 ) -> "dict[str, Diagnosis | str]":
     """Diagnosis of each device, or why there is none. A single device's failure is raised."""
-    from ..calibration import read_calibration, write_calibration
+    from ..calibration.calibration import read_calibration, write_calibration
     from ..diagnose import diagnose_campaign
-    from ..diagnose.noise_file import read_noise
+    from ..diagnose.noise.type_noise_file import read_noise
     from ..report.diagnosis import report_diagnosis
 
     known = None if calibration is None else read_calibration(calibration)

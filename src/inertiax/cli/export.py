@@ -93,7 +93,7 @@ def export(
             _require_format(name, option)
         stages("reading")
         if source == "inertiax":
-            from ..calibration import read_calibration
+            from ..calibration.calibration import read_calibration
 
             known = read_calibration(calibration)
         else:
@@ -141,7 +141,7 @@ def _default(calibration: Path, suffix: str) -> Path:
 
 
 def _write(result: "Export", output: Path) -> list[Path]:
-    from ..calibration import write_atomically
+    from ..calibration.calibration import write_atomically
 
     written = []
     for tag, content in result.files:

@@ -131,7 +131,7 @@ def _temperatures(text: str | None) -> tuple[float, ...] | None:
 
 def _one_device(output: Path, device: str, *, as_json: bool) -> None:
     """The page first: a device that was set aside has one, but no calibration."""
-    from ..calibration import write_calibration
+    from ..calibration.calibration import write_calibration
     from ..fleet import fleet_calibration
     from ..report.fleet import fleet_page
     from ..report.fleet_device import report_device

@@ -45,9 +45,9 @@ def learn_noise(
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()
-        from ..campaign import load_campaign
-        from ..diagnose.learn_noise import learn_noise as learn
-        from ..diagnose.noise_file import write_noise
+        from ..data.campaign import load_campaign
+        from ..diagnose.learn_type_noise import learn_noise as learn
+        from ..diagnose.noise.type_noise_file import write_noise
 
         stages("reading recordings")
         units = []

@@ -10,7 +10,7 @@ from .calibrate import AsJson, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
-    from ..recordings import Recording
+    from ..data.recording import Recording
 
 
 def noise(
@@ -53,8 +53,8 @@ def noise(
 
 
 def _recordings(path: Path) -> "tuple[Recording, ...]":
-    from ..campaign import load_campaign
-    from ..formats.detect import read_recordings
+    from ..data.campaign import load_campaign
+    from ..data.formats.detect import read_recordings
 
     if path.suffix == ".toml" or (path / "campaign.toml").is_file():
         return load_campaign(path).recordings

@@ -140,7 +140,7 @@ def require_campaign(path: Path) -> Path:
 
 def write_json(path: Path, content: object) -> None:
     """Write a document that people may read, too."""
-    from ..calibration import write_atomically
+    from ..calibration.calibration import write_atomically
 
     write_atomically(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
 

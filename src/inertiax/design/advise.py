@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..estimators import Invariant
+from ..physics.temperature import Polynomial
 from ..simulate.programme import Programme, PROGRAMME_18, PROGRAMME_24, Table
-from ..temperature import Polynomial
 from .criteria import score
 from .effort import Effort, effort_for
 from .information import GRAVITY, host_rows, sphere_average

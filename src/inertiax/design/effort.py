@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
+from ..physics.temperature import AbstractBasis
 from ..simulate.programme import Programme, Table
-from ..temperature import AbstractBasis
 from .information import GRAVITY, host_rows, unit_scales
 
 

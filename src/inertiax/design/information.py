@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
-from ..dwells import Dwells
 from ..estimators import AbstractEstimator, Invariant
+from ..reduction.dwells import Dwells
 from ..simulate.programme import Table
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from ..temperature import AbstractBasis
+from ..physics.temperature import AbstractBasis
 from .criteria import log_score_slope
 
 

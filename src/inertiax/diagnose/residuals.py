@@ -6,8 +6,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .engine import Prepared
-from .terms import Term
+from .candidates.signatures import Term
+from .problem import Prepared
 
 
 class Residuals(eqx.Module):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import equinox as eqx
 
-from ..calibration import write_atomically
-from .limits import Audit, Detectable as Detectable
+from ..calibration.calibration import write_atomically
+from .plan.limits import Audit, Detectable as Detectable
 from .residuals import Residuals
 
 

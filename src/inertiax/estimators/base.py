@@ -15,8 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Mat3, Scalar
-from ..dwells import Dwells
-from ..model import AccelerometerErrors, GyroErrors, solve3
+from ..physics.error_model import AccelerometerErrors, GyroErrors, solve3
+from ..reduction.dwells import Dwells
 
 
 Errors = TypeVar("Errors", AccelerometerErrors, GyroErrors, tuple[AccelerometerErrors, GyroErrors])

@@ -29,10 +29,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Mat3, Scalar, Vec3
-from ..compose import compose_gyro
-from ..dwells import Dwells
-from ..model import compensate_gyro, GyroErrors, solve3
-from ..motions import carry, Motions
+from ..physics.composition import compose_gyro
+from ..physics.error_model import compensate_gyro, GyroErrors, solve3
+from ..reduction.dwells import Dwells
+from ..reduction.motions import carry, Motions
 from .base import AbstractEstimator, soften, transform_covariance, whiten
 from .reference_gyro import dwell_force, ReferenceGyro
 

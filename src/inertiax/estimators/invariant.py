@@ -16,10 +16,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..compose import compose_accel
-from ..dwells import Dwells
-from ..model import AccelerometerErrors, compensate_accel
-from ..solve import cholesky, cholesky_solve
+from ..numerics.least_squares import cholesky, cholesky_solve
+from ..physics.composition import compose_accel
+from ..physics.error_model import AccelerometerErrors, compensate_accel
+from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, soften, transform_covariance
 
 

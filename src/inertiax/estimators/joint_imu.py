@@ -28,9 +28,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Mat3, Scalar, Vec3
-from ..compose import compose_imu
-from ..dwells import Dwells
-from ..model import AccelerometerErrors, compensate_accel, GyroErrors
+from ..physics.composition import compose_imu
+from ..physics.error_model import AccelerometerErrors, compensate_accel, GyroErrors
+from ..reduction.dwells import Dwells
 from .base import AbstractEstimator
 from .gravity_rotation import GravityRotation
 from .invariant import Invariant

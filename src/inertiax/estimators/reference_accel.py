@@ -14,9 +14,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..compose import compose_accel
-from ..dwells import Dwells
-from ..model import AccelerometerErrors, compensate_accel, distort_accel
+from ..physics.composition import compose_accel
+from ..physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
+from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
 
 

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..compose import compose_gyro
-from ..dwells import Dwells
-from ..model import compensate_gyro, distort_gyro, GyroErrors
+from ..physics.composition import compose_gyro
+from ..physics.error_model import compensate_gyro, distort_gyro, GyroErrors
+from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
 
 

@@ -21,9 +21,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..dwells import Dwells
-from ..model import distort_gyro, GyroErrors
-from ..motions import rotate
+from ..physics.error_model import distort_gyro, GyroErrors
+from ..reduction.dwells import Dwells
+from ..reduction.motions import rotate
 from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
 from .reference_gyro import dwell_force, ReferenceGyro
 

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar, Vec3
-from ..dwells import Dwells
-from ..model import AccelerometerErrors, GyroErrors
+from ..physics.error_model import AccelerometerErrors, GyroErrors
+from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
 from .reference_gyro import dwell_force
 

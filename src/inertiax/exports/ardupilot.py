@@ -12,8 +12,8 @@ import re
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration
-from ..temperature import Constant, Polynomial
+from ..calibration.calibration import Calibration
+from ..physics.temperature import Constant, Polynomial
 from .cubic import cubic, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, triad

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration, TriadCalibration
-from ..temperature import AbstractBasis, Constant, CubicSpline, Polynomial
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Polynomial
 from .c_template import BODY, CHEBYSHEV, SPLINE
 from .export import Export, Settings as Common
 from .parameters import temperature_span

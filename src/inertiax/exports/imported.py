@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration, TriadCalibration
-from ..temperature import AbstractBasis, Constant, Curve, interpolate
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..physics.temperature import AbstractBasis, Constant, Curve, interpolate
 
 
 UNCERTAINTY_UNKNOWN = "imported; the file gives no uncertainties, so the covariances are zero"

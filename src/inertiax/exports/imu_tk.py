@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration
+from ..calibration.calibration import Calibration
 from .export import Export, frame_note, OneTemperature
 from .imported import calibration as imported, triad
 from .parameters import chosen_temperature, constants_loss, g_sensitivity_loss, parameters_at

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration
+from ..calibration.calibration import Calibration
 from .export import Export, OneTemperature
 from .imported import calibration as imported, numbers, triad
 from .parameters import chosen_temperature, constants_loss, parameters_at

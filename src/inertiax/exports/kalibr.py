@@ -12,7 +12,7 @@ individual axes*, ICRA 2016; Kalibr's `IccSensors.py`.
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration
+from ..calibration.calibration import Calibration
 from .export import Export, OneTemperature
 from .parameters import chosen_temperature, constants_loss, parameters_at
 from .triangular import lower_times_rotation

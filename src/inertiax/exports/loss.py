@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration
+from ..calibration.calibration import Calibration
 from .export import Export
 from .parameters import parameters_over, temperature_span
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibration import Calibration, read_calibration, write_calibration
+from ..calibration.calibration import Calibration, read_calibration, write_calibration
 from .export import Export, Settings as Common
 from .parameters import parameters_over
 

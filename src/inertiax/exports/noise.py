@@ -10,7 +10,7 @@ from types import ModuleType
 
 import msgspec
 
-from ..documents import decode
+from ..data.json_documents import decode
 
 
 SCHEMA = "inertiax.noise/1"

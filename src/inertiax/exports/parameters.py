@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..calibration import Calibration
-from ..temperature import Constant
+from ..calibration.calibration import Calibration
+from ..physics.temperature import Constant
 
 
 NOMINAL_TEMPERATURE = 20.0  # °C, where a calibration has no temperatures; nothing depends on it

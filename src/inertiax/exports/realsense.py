@@ -10,7 +10,7 @@ import json
 
 import numpy as np
 
-from ..calibration import Calibration
+from ..calibration.calibration import Calibration
 from .export import Export, OneTemperature
 from .imported import calibration as imported, numbers, triad
 from .parameters import chosen_temperature, constants_loss, g_sensitivity_loss, parameters_at

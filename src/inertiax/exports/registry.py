@@ -7,8 +7,8 @@ from types import ModuleType
 import msgspec
 import numpy as np
 
-from ..calibration import Calibration
-from ..formats.columns import nearest
+from ..calibration.calibration import Calibration
+from ..data.formats.columns import nearest
 from . import (
     ardupilot,
     aria,

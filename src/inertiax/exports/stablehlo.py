@@ -14,7 +14,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from ..calibration import Calibration
+from ..calibration.calibration import Calibration
 from .export import Export, Settings as Common
 
 

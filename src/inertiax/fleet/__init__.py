@@ -7,20 +7,20 @@ them over accelerators. `population_of` and `between_devices` tell how devices o
 `read_line` what their model leaves out.
 """
 
-from .batch import fit_fleet, FleetFit, stack_dwells
-from .between import Between, between_devices
-from .explain import read_line_file
-from .invariant import BatchFit, fit_invariant
-from .line import LineMismatch, read_line
-from .linear import fit_linear
-from .mismatch import FleetScores, score
-from .populate import population_of
-from .population import Population, read_population, TriadPopulation, write_population
+from .effects.explain import read_line_file
+from .effects.population_effects import LineMismatch, read_line
+from .effects.score_statistics import FleetScores, score
+from .pipeline import run_fleet
+from .population.populate import population_of
+from .population.population import Population, read_population, TriadPopulation, write_population
+from .population.unit_covariance import Between, between_devices
 from .results import fleet_calibration, FleetSummary
-from .run import run_fleet
-from .sharding import fit_sharded
+from .solve.batch import fit_fleet, FleetFit, stack_dwells
+from .solve.invariant import BatchFit, fit_invariant
+from .solve.linear import fit_linear
+from .solve.sharding import fit_sharded
+from .solve.thermal import fit_thermal_invariant
 from .store import read_parts
-from .thermal import fit_thermal_invariant
 
 
 __all__ = [

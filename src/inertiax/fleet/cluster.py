@@ -1,14 +1,10 @@
 """The same tasks on Dask workers, here or on other machines."""
 
 import time
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
 
-from .tasks import Task
+from .reduce.tasks import Task
 
-
-if TYPE_CHECKING:
-    from .run import Context
 
 RETRIES = 3  # of a task whose worker died
 PATIENCE = 60.0  # seconds without a single worker, in which another may be started
@@ -16,9 +12,9 @@ LOOK = 5.0  # seconds between questions whether there are workers
 
 
 def on_dask(
-    tasks: Sequence[Task], context: "Context", scheduler: str, workers: int | None
+    run_task: Callable[[Task], int], tasks: Sequence[Task], scheduler: str, workers: int | None
 ) -> Iterator[int]:
-    """Numbers of tasks as they are done. Workers write the parts themselves, so they need the same file
+    """Numbers of tasks as `run_task` is done with them. Workers write the parts themselves, so they need the same file
     system. Raises `ValueError` where Dask is not installed, no scheduler answers or it has had no worker
     for a minute."""
     try:
@@ -28,8 +24,6 @@ def on_dask(
             "a scheduler needs Dask: install it with `pip install 'inertiax[fleet]'`, or leave "
             "--scheduler out."
         ) from None
-    from .run import run_task
-
     options: dict = {"address": scheduler}
     if scheduler == "local":
         options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
@@ -38,7 +32,7 @@ def on_dask(
     except (OSError, TimeoutError, ValueError) as error:
         raise ValueError(f"no Dask scheduler answers at '{scheduler}': {error}.") from None
     with client:
-        futures = client.map(run_task, tasks, context=context, retries=RETRIES, pure=False)
+        futures = client.map(run_task, tasks, retries=RETRIES, pure=False)
         done = as_completed(futures, loop=client.loop, with_results=True)
         asked = seen = time.monotonic()
         while not done.is_empty():

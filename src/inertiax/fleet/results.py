@@ -6,10 +6,10 @@ import equinox as eqx
 import numpy as np
 import polars as pl
 
-from ..calibration import Calibration, TriadCalibration
-from ..temperature import Curve
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..physics.temperature import Curve
+from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest, read_manifest, read_parts, write_table
-from .triad_model import basis_of, TriadModel
 
 
 class FleetSummary(eqx.Module):

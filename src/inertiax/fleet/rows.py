@@ -8,19 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import polars as pl
 
-from ..choose import build_estimators, ChosenModel
-from ..dwells import Dwells
 from ..estimators import AbstractEstimator, Invariant
-from ..model import compensate_accel
-from ..temperature import AbstractBasis, Curve
-from .batch import fit_fleet, FleetFit
-from .informed import fit_informed, judge_informed
-from .judge import judge, rms_misfit
-from .mismatch import FleetScores, score
-from .population import TriadPopulation
-from .reduction import Reduction, Stack
+from ..model_selection.select_model import build_estimators, ChosenModel
+from ..physics.error_model import compensate_accel
+from ..physics.temperature import AbstractBasis, Curve
+from ..reduction.dwells import Dwells
+from .effects.score_statistics import FleetScores, score
+from .population.empirical_bayes import fit_informed, judge_informed
+from .population.population import TriadPopulation
+from .reduce.many_dwells import Reduction, Stack
+from .solve.batch import fit_fleet, FleetFit
+from .solve.quarantine import judge, rms_misfit
+from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest
-from .triad_model import basis_of, TriadModel
 
 
 Observer = Callable[[str, FleetScores], None]  # triad, scores

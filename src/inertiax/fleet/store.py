@@ -19,12 +19,12 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from ..calibration import write_atomically
-from ..documents import decode
-from .mismatch import Form
-from .population import Population
-from .tasks import Task
-from .triad_model import TriadModel as TriadModel
+from ..calibration.calibration import write_atomically
+from ..data.json_documents import decode
+from .effects.score_statistics import Form
+from .population.population import Population
+from .reduce.tasks import Task
+from .solve.triad_model import TriadModel as TriadModel
 
 
 SCHEMA = "inertiax.fleet/1"

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..calibrate import TriadResult
-from ..calibration import TriadCalibration
-from ..dwells import Dwells
-from ..intervals import Segments
-from ..quantities import customary_units, family, SHOWN_AS
-from ..recordings import Recording
+from ..calibrate.pipeline import TriadResult
+from ..calibration.calibration import TriadCalibration
+from ..calibration.quantities import customary_units, family, SHOWN_AS
+from ..data.recording import Recording
+from ..reduction.dwells import Dwells
+from ..reduction.segments import Segments
 from .style import AXIS_NAMES, COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..demo import DemoResult, METHODS
+from ..analysis.paper_experiment import DemoResult, METHODS
 from .style import AXIS_NAMES, COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
 
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..data.recording import Recording
 from ..diagnose import Diagnosis
-from ..recordings import Recording
 from .style import COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
 
 

@@ -7,11 +7,11 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..calibration import TriadCalibration
-from ..fleet.population import TriadPopulation
-from ..fleet.recalibration import Drift, FAR
-from ..fleet.view import TriadView
-from ..quantities import label
+from ..calibration.calibration import TriadCalibration
+from ..calibration.quantities import label
+from ..fleet.population.population import TriadPopulation
+from ..fleet.population.recalibration import Drift, FAR
+from ..fleet.population.view import TriadView
 from .style import COLOURS, INK, new_figure, QUIET
 
 

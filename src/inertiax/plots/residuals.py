@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ..calibration.quantities import DEG_PER_HOUR
 from ..diagnose.residuals import Residuals
-from ..quantities import DEG_PER_HOUR
 from .style import COLOURS, INK, legend_above, MARKERS, new_figure, QUIET
 
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from ..diagnose.limits import Audit, Detectable, POWER
+from ..calibration.quantities import label
+from ..diagnose.plan.limits import Audit, Detectable, POWER
 from ..effects import CATALOGUE, Effect
-from ..quantities import label
 from .engineering import customary
 from .page import Section, Table
 

@@ -6,23 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibrate import DeviceFailure, DeviceResult, TriadResult
-from ..calibration import Calibration, TriadCalibration
-from ..intervals import rests_are_searched, segment
+from ..calibrate.fit_quality import judge, Quality
+from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
+from ..data.recording import Campaign
+from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.style import drawing
-from ..quality import judge, Quality
-from ..quantities import middle_temperature, quantities, rms_text, with_sigma
-from ..recordings import Campaign
-from ..temperature import Constant
-from .judge import (
-    coverage_sentence,
-    misfit_verdict,
-    TRIAD_NAMES,
-    triads,
-    weakest,
-    weakest_sentence,
-)
+from ..reduction.segments import rests_are_searched, segment
+from .judge import coverage_sentence, misfit_verdict, TRIAD_NAMES, triads, weakest, weakest_sentence
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..demo import DemoResult, METHODS
+from ..analysis.paper_experiment import DemoResult, METHODS
 from ..plots import demo as plots
 from ..plots.style import drawing
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page

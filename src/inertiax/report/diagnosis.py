@@ -3,15 +3,15 @@
 import math
 from pathlib import Path
 
+from ..calibration.quantities import label, with_sigma
+from ..data.recording import Campaign
 from ..diagnose import Diagnosis
 from ..diagnose.residuals import Residuals
 from ..diagnose.result import Moved
-from ..diagnose.words import gain_on_left_out
+from ..diagnose.wording.sentences import gain_on_left_out
 from ..effects import CATALOGUE
 from ..plots import diagnosis as plots, residuals as residual_plots
 from ..plots.style import drawing
-from ..quantities import label, with_sigma
-from ..recordings import Campaign
 from .audit import audit_sections, sizes_section, three_digits
 from .engineering import customary, in_words, shown_parameter
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page

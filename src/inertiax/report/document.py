@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibrate import DeviceFailure, DeviceResult, TriadResult
-from ..calibration import TriadCalibration
-from ..demo import DemoResult
-from ..quality import judge, Quality
-from ..quantities import middle_temperature, si_unit
+from ..analysis.paper_experiment import DemoResult
+from ..calibrate.fit_quality import judge, Quality
+from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
+from ..calibration.calibration import TriadCalibration
+from ..calibration.quantities import middle_temperature, si_unit
 from .judge import triads
 
 

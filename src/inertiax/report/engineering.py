@@ -3,7 +3,7 @@
 import math
 from typing import TYPE_CHECKING
 
-from ..quantities import DEG_PER_HOUR, with_sigma
+from ..calibration.quantities import DEG_PER_HOUR, with_sigma
 
 
 if TYPE_CHECKING:

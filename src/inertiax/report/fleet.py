@@ -7,18 +7,18 @@ import equinox as eqx
 import numpy as np
 import polars as pl
 
-from ..fleet.explain import read_line_file
-from ..fleet.line import LineMismatch
-from ..fleet.mismatch import Term
-from ..fleet.population import Population, read_population
-from ..fleet.recalibration import Drift, drift_between
+from ..calibrate.fit_quality import TRIAD_NAMES
+from ..calibration.quantities import label, rms_text, with_sigma
+from ..fleet.effects.explain import read_line_file
+from ..fleet.effects.population_effects import LineMismatch
+from ..fleet.effects.score_statistics import Term
+from ..fleet.population.population import Population, read_population
+from ..fleet.population.recalibration import Drift, drift_between
+from ..fleet.population.view import triad_view, TriadView, Unlike, unlike_devices
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
-from ..fleet.view import triad_view, TriadView, Unlike, unlike_devices
 from ..plots import fleet as plots
 from ..plots.style import drawing
-from ..quality import TRIAD_NAMES
-from ..quantities import label, rms_text, with_sigma
 from .fleet_device import line_units, report_device, signed
 from .fleet_drift import beyond_chance, drift_section, drift_sentence
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from ..calibration import TriadCalibration
-from ..fleet.population import Population, TriadPopulation
+from ..calibrate.fit_quality import TRIAD_NAMES
+from ..calibration.calibration import TriadCalibration
+from ..calibration.quantities import customary_units, label, rms_text, with_sigma
+from ..fleet.population.population import Population, TriadPopulation
+from ..fleet.population.view import reference_temperature, Unlike
 from ..fleet.results import calibration_of
+from ..fleet.solve.triad_model import basis_of, curve_covariance, TriadModel
 from ..fleet.store import Manifest, read_parts
-from ..fleet.triad_model import basis_of, curve_covariance, TriadModel
-from ..fleet.view import reference_temperature, Unlike
+from ..physics.temperature import Curve
 from ..plots import fleet as plots
 from ..plots.style import drawing
-from ..quality import TRIAD_NAMES
-from ..quantities import customary_units, label, rms_text, with_sigma
-from ..temperature import Curve
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..fleet.recalibration import Drift, FAR
-from ..fleet.view import TriadView
+from ..calibrate.fit_quality import TRIAD_NAMES
+from ..calibration.quantities import label, with_sigma
+from ..fleet.population.recalibration import Drift, FAR
+from ..fleet.population.view import TriadView
 from ..plots import fleet as plots
 from ..plots.style import drawing
-from ..quality import TRIAD_NAMES
-from ..quantities import label, with_sigma
 from .fleet_device import line_units, signed
 from .page import picture, Section, Table
 

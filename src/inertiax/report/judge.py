@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from ..calibrate import DeviceResult, TriadResult
-from ..calibration import Calibration, TriadCalibration
-from ..quality import TRIAD_NAMES as TRIAD_NAMES, Weakest, weakest as weakest
-from ..quantities import rms_text
+from ..calibrate.fit_quality import TRIAD_NAMES as TRIAD_NAMES, Weakest, weakest as weakest
+from ..calibrate.pipeline import DeviceResult, TriadResult
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.quantities import rms_text
 
 
 def triads(result: DeviceResult) -> dict[str, tuple[TriadCalibration, TriadResult]]:

@@ -14,7 +14,7 @@ import equinox as eqx
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
-from ..calibration import write_atomically
+from ..calibration.calibration import write_atomically
 from ..plots.style import COLOURS, drawing, Figure, save_png, to_svg
 
 

@@ -9,15 +9,15 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from ..quality import judge
-from ..quantities import middle_temperature, quantities, rms_text, with_sigma
-from ..temperature import Constant
+from ..calibrate.fit_quality import judge
+from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
+from ..physics.temperature import Constant
 from .judge import TRIAD_NAMES, triads
 
 
 if TYPE_CHECKING:  # a command pays for what it uses alone
-    from ..calibrate import DeviceResult
-    from ..demo import DemoResult
+    from ..analysis.paper_experiment import DemoResult
+    from ..calibrate.pipeline import DeviceResult
     from ..diagnose import Audit, Diagnosis, TypeNoise
 
 
@@ -116,7 +116,7 @@ NOISE_HEADS = {
 
 def print_type_noise(noise: "TypeNoise", path: Path) -> None:
     """Standard deviations with their range of one sigma, the units that told them, and those left out."""
-    from ..diagnose.whiten import Variances
+    from ..diagnose.noise.state_space import Variances
 
     console = _console()
     console.print(f"Noise of a type, from {len(noise.units)} units: {', '.join(noise.units)}")

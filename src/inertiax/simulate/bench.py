@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from .. import earth
 from .._typing import AnyArray
-from ..dwells import Dwells
-from ..model import distort_accel, distort_gyro
-from ..recordings import Recording
+from ..data.recording import Recording
+from ..physics import earth
+from ..physics.error_model import distort_accel, distort_gyro
+from ..reduction.dwells import Dwells
 from .chamber import first_order_lag
 from .motion import Motion, move, Turn
 from .plan import Plan

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import polars as pl
 
-from ..recordings import Recording
+from ..data.recording import Recording
 from .bench import simulate_recordings
 from .scenario import check_scenario, devices_of, noise_of, plan_of, readout_of, Scenario
 from .truth import truth_to_json

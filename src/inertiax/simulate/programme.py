@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .. import rotation
 from .._typing import AnyArray, Scalar, Vec3
+from ..physics import rotation
 
 
 class Table(eqx.Module):

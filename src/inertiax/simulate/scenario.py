@@ -14,7 +14,7 @@ import jax
 import msgspec
 import numpy as np
 
-from ..formats.columns import nearest
+from ..data.formats.columns import nearest
 from .bench import Readout
 from .chamber import Chamber, DRIFTS, PAPER_CHANGES, PAPER_TEMPERATURES
 from .motion import turns_about_three_axes

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._typing import AnyArray, Scalar
-from ..model import AccelerometerErrors, GyroErrors
-from ..temperature import Curve, Polynomial
+from ..physics.error_model import AccelerometerErrors, GyroErrors
+from ..physics.temperature import Curve, Polynomial
 
 
 TRUTH_RANGE = (-75.0, 80.0)  # °C, the truth's basis; wider than any plan's temperatures

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 
-from ..temperature import Curve, Polynomial
+from ..physics.temperature import Curve, Polynomial
 from .triad import (
     ACCEL_PARAMETERS,
     AccelerometerTriad,

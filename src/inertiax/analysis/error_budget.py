@@ -1,0 +1,355 @@
+"""How the answer depends on everything that went into it: rig, environment, noise, single dwells.
+
+A `Source` is an uncertainty of the rig or the device that disturbs what the dwells should have read:
+`table_angles`, `gravity`, `probe_noise`, … . `answer` is the calibration as one differentiable function of
+all of them, C(u), by the implicit function theorem through the least squares; `error_budget` takes its
+derivative at zero and gives what each source contributes to each coefficient,
+
+    Cov_s = (∂C/∂u_s) (∂C/∂u_s)ᵀ      with u_s in standard deviations.
+
+`influence` tells what a single dwell does to the answer.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._typing import AnyArray, Vec3
+from ..estimators import AbstractEstimator
+from ..physics.error_model import AccelerometerErrors, compensate_accel
+from ..physics.temperature import Curve
+from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
+from ..reduction.dwells import Dwells
+from .sources import Scene, Source
+
+
+def make_scene(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Scene:
+    """What the dwells felt: references where the plan gives them, else what the outputs say."""
+    return Scene(
+        force=_felt_force(estimator, curve, dwells),
+        rate=None if dwells.reference_gyro is None else jnp.asarray(dwells.reference_gyro),
+        heating=jnp.asarray(heating(dwells)),
+    )
+
+
+def _felt_force(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Array | None:
+    if dwells.reference_accel is not None:
+        return jnp.asarray(dwells.reference_accel)
+    if dwells.accel is None:
+        return None
+    if estimator.triad != "accel":
+        return jnp.asarray(dwells.accel)
+
+    def one(temperature: Array, output: Array) -> Array:
+        return compensate_accel(_errors(estimator, curve(temperature)), output)
+
+    return jax.vmap(one)(jnp.asarray(dwells.temperature), jnp.asarray(dwells.accel))
+
+
+def _errors(estimator: AbstractEstimator, vector: Array) -> AccelerometerErrors:
+    errors = estimator.unpack(vector)
+    assert isinstance(errors, AccelerometerErrors)
+    return errors
+
+
+def heating(dwells: Dwells) -> Float[np.ndarray, " dwells"]:
+    """dT/dt at each dwell, °C/s, by central differences within its experiment."""
+    time, temperature = np.asarray(dwells.time), np.asarray(dwells.temperature)
+    label, valid = np.asarray(dwells.experiment), np.asarray(dwells.valid)
+    rate = np.zeros(len(time))
+    for number in np.unique(label[valid]):
+        rows = np.flatnonzero(valid & (label == number))
+        rows = rows[np.argsort(time[rows], kind="stable")]
+        if len(rows) > 1:
+            rate[rows] = np.gradient(temperature[rows], time[rows])
+    return rate
+
+
+def _groups(source: Source, dwells: Dwells) -> Int[np.ndarray, " dwells"]:
+    """Which draw each dwell takes: its own, its experiment's or the campaign's."""
+    if source.per == "dwell":
+        return np.arange(dwells.num_dwells)
+    if source.per == "experiment":
+        return np.unique(np.asarray(dwells.experiment), return_inverse=True)[1]
+    return np.zeros(dwells.num_dwells, int)
+
+
+def no_draws(sources: Sequence[Source], dwells: Dwells) -> list[Float[Array, "_ _"]]:
+    """Zero disturbance of every source: the point at which derivatives are taken."""
+    return [jnp.zeros((int(_groups(s, dwells).max()) + 1, s.width)) for s in sources]
+
+
+def disturbed(
+    dwells: Dwells,
+    scene: Scene,
+    curve: Curve,
+    estimator: AbstractEstimator,
+    sources: Sequence[Source],
+    draws: Sequence[Float[AnyArray, "_ _"]],
+) -> Dwells:
+    """The dwells as they would have been, had each source been off by `draws` standard deviations.
+
+    What happens to the specific force or the rate goes through the device's own (E + Γ) and (E + Θ);
+    references and covariances stay what the station stated.
+    """
+    for source, own in zip(sources, draws, strict=True):
+        values = jnp.asarray(own)[_groups(source, dwells)]
+        dwells = _disturbed_by(source, values, dwells, scene, curve, estimator)
+    return dwells
+
+
+def _disturbed_by(
+    source: Source,
+    draws: Float[AnyArray, "dwells _"],
+    dwells: Dwells,
+    scene: Scene,
+    curve: Curve,
+    estimator: AbstractEstimator,
+) -> Dwells:
+    """One source alone, with the draw of each dwell."""
+    change = source.effect(jnp.asarray(source.size) * jnp.asarray(draws), scene, dwells)
+    dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
+    dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))
+    dwells = _add(dwells, "accel", change.accel)
+    dwells = _add(dwells, "gyro", change.gyro)
+    return _add(dwells, "temperature", change.temperature)
+
+
+def _through(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, triad: str, change: Array | None
+) -> Array | None:
+    """A change of what was felt, as the outputs show it; an ideal triad where it is not estimated."""
+    if change is None or estimator.triad != triad:
+        return change
+
+    def one(temperature: Array, felt: Array) -> Array:
+        return felt + jnp.asarray(estimator.unpack(curve(temperature)).matrix) @ felt
+
+    return jax.vmap(one)(jnp.asarray(dwells.temperature), change)
+
+
+def _add(dwells: Dwells, column: str, change: Array | None) -> Dwells:
+    value = getattr(dwells, column)
+    if change is None or value is None:
+        return dwells
+    return eqx.tree_at(lambda d: getattr(d, column), dwells, jnp.asarray(value) + change)
+
+
+def answer(
+    estimator: AbstractEstimator,
+    curve: Curve,
+    dwells: Dwells,
+    sources: Sequence[Source],
+    draws: Sequence[Float[AnyArray, "_ _"]],
+    scene: Scene | None = None,
+) -> Float[Array, "size parameters"]:
+    """Coefficients of the joint fit as a differentiable function of what went wrong.
+
+    **Arguments:** `curve` is the undisturbed answer (start and place of linearisation); `draws` holds one
+    array per source, in standard deviations, shaped as `no_draws` gives it. Differentiate it with
+    respect to `draws`, or, because everything is a pytree, to dwells, g or an estimator's fields.
+    """
+    scene = make_scene(estimator, curve, dwells) if scene is None else scene
+    moved = disturbed(dwells, scene, curve, estimator, sources, draws)
+    solution = joint_fit(estimator, curve.basis, moved, start=curve.coefficients)
+    return jnp.asarray(solution.curve.coefficients)
+
+
+class Budget(eqx.Module):
+    """What each source contributes to the coefficients, first order."""
+
+    sources: tuple[Source, ...]
+    curve: Curve
+    parameters: tuple[str, ...] = eqx.field(static=True)
+    derivatives: tuple[Float[np.ndarray, "unknowns _"], ...]  # per standard deviation
+
+    def covariance(self, number: int) -> Float[np.ndarray, "unknowns unknowns"]:
+        """Covariance of the coefficients, row-major (size, parameters), from one source."""
+        return self.derivatives[number] @ self.derivatives[number].T
+
+    def through(
+        self, gradient: Float[AnyArray, "outputs unknowns"]
+    ) -> Float[np.ndarray, "sources outputs"]:
+        """1 sigma from each source of anything whose derivative by the coefficients is `gradient`."""
+        rows = np.asarray(gradient)
+        return np.stack([np.sqrt(np.sum(np.square(rows @ d), axis=1)) for d in self.derivatives])
+
+    def at(self, temperature: float) -> Float[np.ndarray, "sources parameters"]:
+        """1 sigma of every parameter at one temperature (°C), from each source."""
+        phi = np.asarray(self.curve.basis(jnp.asarray(float(temperature))))
+        return self.through(np.kron(phi[None, :], np.eye(len(self.parameters))))
+
+
+def error_budget(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, sources: Sequence[Source]
+) -> Budget:
+    """Derivative of the answer by every source, at the answer (`curve`, a minimum of f = ½ ‖r‖²):
+
+        dC/du = −(∂²f/∂C²)⁻¹ ∂²f/∂C∂u
+
+    by the implicit function theorem, the same as the derivative of `answer` without solving again.
+
+    Raises `ValueError` where a source does not touch anything that the dwells hold.
+    """
+    scene = make_scene(estimator, curve, dwells)
+    for source in sources:
+        change = source.effect(jnp.zeros((dwells.num_dwells, source.width)), scene, dwells)
+        if not change.touches(dwells):
+            raise ValueError(
+                f"`error_budget(...)`: the source '{source.name}' changes nothing that these dwells "
+                f"hold; leave it out or give dwells with the column that it disturbs."
+            )
+    hessian, mixed = (np.asarray(x) for x in _second_derivatives(estimator, curve, dwells))
+    scale = 1.0 / np.sqrt(np.diagonal(hessian))
+    scaled = hessian * np.outer(scale, scale)
+
+    def derivative(source: Source) -> np.ndarray:
+        # A disturbance reaches its own dwell only: by chain rule dwell by dwell, summed over a draw's dwells.
+        felt = _column_slopes(source, dwells, scene, curve, estimator)
+        each = np.einsum("nuk,nkw->nuw", mixed, felt, optimize=True)
+        groups = _groups(source, dwells)
+        rows = np.zeros((int(groups.max()) + 1, *each.shape[1:]))
+        np.add.at(rows, groups, each)
+        flat = np.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
+        return -scale[:, None] * np.linalg.solve(scaled, scale[:, None] * flat)
+
+    return Budget(tuple(sources), curve, estimator.names, tuple(derivative(s) for s in sources))
+
+
+_Columns = dict[str, Array]
+
+
+def _columns(dwells: Dwells) -> _Columns:
+    """What sources disturb, of those columns that the dwells hold."""
+    names = ("accel", "gyro", "temperature")
+    return {n: jnp.asarray(v) for n in names if (v := getattr(dwells, n)) is not None}
+
+
+@eqx.filter_jit
+def _second_derivatives(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> tuple[Float[Array, "unknowns unknowns"], Float[Array, "dwells unknowns columns"]]:
+    """∂²f/∂C² of f = ½ ‖r‖², and what each dwell's columns x add: ∂²f/∂C∂x, x as in `_columns`."""
+
+    def one(dwell: Dwells) -> tuple[Array, Array, Array]:
+        def half_chi2(vector: Array, columns: _Columns) -> Array:
+            moved = eqx.tree_at(
+                lambda d: [getattr(d, n) for n in columns], dwell, [*columns.values()]
+            )
+            return 0.5 * jnp.sum(jnp.square(estimator.residual(vector, moved)))
+
+        def slope(columns: _Columns) -> Array:
+            # θ = φ(T) C, so that the temperature acts through the curve, too.
+            phi = curve.basis(columns["temperature"])
+            by_vector = jax.grad(half_chi2)(phi @ jnp.asarray(curve.coefficients), columns)
+            return jnp.outer(phi, by_vector).reshape(-1)
+
+        columns = _columns(dwell)
+        weight = jnp.asarray(dwell.valid, columns["temperature"].dtype)
+        by_columns = jax.jacfwd(slope)(columns)
+        mixed = jnp.concatenate([x.reshape(x.shape[0], -1) for x in by_columns.values()], axis=1)
+        vector = curve(dwell.temperature)
+        own = jax.jacfwd(jax.grad(half_chi2))(vector, columns)
+        return curve.basis(dwell.temperature), weight * own, weight * mixed
+
+    phis, hessians, mixed = jax.vmap(one)(dwells)
+    unknowns = jnp.size(curve.coefficients)
+    hessian = jnp.einsum("na,nb,nij->aibj", phis, phis, hessians).reshape(unknowns, unknowns)
+    return hessian, mixed
+
+
+def _column_slopes(
+    source: Source, dwells: Dwells, scene: Scene, curve: Curve, estimator: AbstractEstimator
+) -> Float[np.ndarray, "dwells columns width"]:
+    """Derivative of every dwell's columns (`_columns`) by its own draw of a source, at zero."""
+    zero = jnp.zeros((dwells.num_dwells, source.width))
+    moved = lambda draws: _columns(_disturbed_by(source, draws, dwells, scene, curve, estimator))
+
+    def along(direction: Array) -> Array:
+        # The same direction for all dwells at once: none feels another's.
+        slopes = jax.jvp(moved, (zero,), (jnp.tile(direction[None], (len(zero), 1)),))[1]
+        return jnp.concatenate([x.reshape(len(zero), -1) for x in slopes.values()], axis=1)
+
+    return np.asarray(jax.jit(jax.vmap(along, out_axes=2))(jnp.eye(source.width)))
+
+
+def magnitude_gradient(
+    estimator: AbstractEstimator, curve: Curve, temperature: float, direction: Vec3, gravity: float
+) -> Float[np.ndarray, "1 unknowns"]:
+    """∂(|a| − g)/∂C of a compensated rest: its specific force is g along `direction` (case frame)."""
+    t = jnp.asarray(float(temperature))
+    unit = jnp.asarray(direction) / jnp.linalg.norm(jnp.asarray(direction))
+    errors = _errors(estimator, curve(t))
+    output = gravity * (unit + jnp.asarray(errors.matrix) @ unit) + errors.bias
+
+    def magnitude(flat: Array) -> Array:
+        own = Curve(curve.basis, flat.reshape(jnp.shape(curve.coefficients)))
+        return jnp.linalg.norm(compensate_accel(_errors(estimator, own(t)), output))
+
+    return np.asarray(jax.grad(magnitude)(jnp.asarray(curve.coefficients).reshape(-1)))[None, :]
+
+
+# Single dwells -----------------------------------------------------------------------------------
+
+
+class Influence(eqx.Module):
+    """What single dwells do to the answer."""
+
+    leverage: Float[np.ndarray, " dwells"]  # trace of the dwell's block of the hat matrix
+    distance: Float[np.ndarray, " dwells"]  # Cook's: squared move in sigmas over the unknowns
+    shift: Float[np.ndarray, "dwells size parameters"]  # of the coefficients, were it left out
+
+
+def influence(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Influence:
+    """Leverage, Cook's distance and the move of the answer when a dwell is left out, for each dwell.
+
+    With J_i, r_i the dwell's whitened Jacobian and residual, P = (JᵀJ)⁻¹ and H_i = J_i P J_iᵀ,
+
+        leverage = tr H_i,   shift = P J_iᵀ (E − H_i)⁻¹ r_i,   distance = shiftᵀ P⁻¹ shift / p.
+
+    The sum of the leverages is the number of unknowns. A dwell without which the problem would be
+    singular has an infinite shift.
+
+    **Reference:** Cook and Weisberg, *Residuals and Influence in Regression*, 1982, ch. 3.
+    """
+    jacobian = np.asarray(_dwell_jacobians(estimator, curve, dwells))
+    residual = np.asarray(eqx.filter_jit(dwell_residuals)(estimator, curve, dwells))
+    normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))
+    scale = 1.0 / np.sqrt(np.diagonal(normal))
+    inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    gain = np.einsum("uv,nrv->nur", inverse, jacobian)
+    hat = np.einsum("nru,nus->nrs", jacobian, gain)
+    rows = residual.shape[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = np.eye(rows) - hat
+        singular = np.min(np.abs(np.linalg.eigvalsh(left)), axis=1) < 1e-9
+        freed = np.linalg.solve(
+            np.where(singular[:, None, None], np.eye(rows), left), residual[..., None]
+        )
+    shift = np.einsum("nur,nr->nu", gain, freed[..., 0])
+    shift[singular] = np.inf
+    distance = np.full(len(shift), np.inf)
+    moved = shift[~singular]
+    distance[~singular] = np.einsum("nu,uv,nv->n", moved, normal, moved) / normal.shape[0]
+    return Influence(
+        leverage=np.trace(hat, axis1=1, axis2=2),
+        distance=distance,
+        shift=shift.reshape(-1, *np.shape(curve.coefficients)),
+    )
+
+
+@eqx.filter_jit
+def _dwell_jacobians(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> Float[Array, "dwells rows unknowns"]:
+    def one(dwell: Dwells) -> Array:
+        phi = curve.basis(dwell.temperature)
+        jacobian = jax.jacfwd(estimator.residual)(curve(dwell.temperature), dwell)
+        whole = jnp.einsum("a,ri->rai", phi, jacobian).reshape(jacobian.shape[0], -1)
+        return jnp.asarray(dwell.valid, whole.dtype) * whole
+
+    return jax.vmap(one)(dwells)

@@ -1,0 +1,208 @@
+"""Uncertainties of rig, environment and device, as disturbances of what dwells should have read.
+
+Each function returns a `Source` of a stated 1-sigma size. Signs are "actual less stated": a gravity of
++1e-5 means that the real g is larger than the number in the campaign file.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray, Scalar
+from ..physics import rotation
+from ..reduction.dwells import Dwells
+
+
+class Scene(eqx.Module):
+    """What the dwells felt, row by row."""
+
+    force: Float[AnyArray, "dwells 3"] | None  # m/s²
+    rate: Float[AnyArray, "dwells 3"] | None  # rad/s
+    heating: Float[AnyArray, " dwells"]  # dT/dt, °C/s
+
+
+class Disturbance(eqx.Module):
+    """Change of what was felt (`force`, `rate`), of the outputs, or of the probe; `None`: none."""
+
+    force: Float[Array, "dwells 3"] | None = None
+    rate: Float[Array, "dwells 3"] | None = None
+    accel: Float[Array, "dwells 3"] | None = None
+    gyro: Float[Array, "dwells 3"] | None = None
+    temperature: Float[Array, " dwells"] | None = None
+
+    def touches(self, dwells: Dwells) -> bool:
+        """Whether anything that the dwells hold changes."""
+        accel = self.force is not None or self.accel is not None
+        gyro = self.rate is not None or self.gyro is not None
+        return (
+            (accel and dwells.accel is not None)
+            or (gyro and dwells.gyro is not None)
+            or self.temperature is not None
+        )
+
+
+Effect = Callable[[Float[Array, "dwells width"], Scene, Dwells], Disturbance]
+
+
+class Source(eqx.Module):
+    """One uncertainty: its size, how often it is drawn anew, and what it does.
+
+    `effect(values, scene, dwells)` works row by row: what a dwell's draw does, it does to that dwell.
+    """
+
+    name: str = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    size: Scalar | float  # 1 sigma, in `unit`
+    per: str = eqx.field(static=True)  # drawn for each "dwell", "experiment" or once a "campaign"
+    width: int = eqx.field(static=True)  # numbers in a draw
+    effect: Effect = eqx.field(static=True)
+
+
+def _rotated(vectors: AnyArray | None, angles: Array) -> Array | None:
+    """Change of a vector fixed in the room when the case turns by small rotation vectors."""
+    if vectors is None:
+        return None
+    turned = jax.vmap(lambda a, v: rotation.exp(-a) @ v)(angles, jnp.asarray(vectors))
+    return turned - jnp.asarray(vectors)
+
+
+def _turned(angles: Array, scene: Scene) -> Disturbance:
+    return Disturbance(force=_rotated(scene.force, angles), rate=_rotated(scene.rate, angles))
+
+
+def output_noise() -> Source:
+    """Noise of the dwell means, by their own covariances; `size` 1 is that noise."""
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        del scene
+        own = lambda c, v: None if c is None else jnp.einsum("nij,nj->ni", _roots(c), v)
+        return Disturbance(
+            accel=own(dwells.accel_covariance, values[:, :3]),
+            gyro=own(dwells.gyro_covariance, values[:, 3:]),
+        )
+
+    return Source("output noise", "1", 1.0, "dwell", 6, effect)
+
+
+def _roots(covariances: AnyArray) -> Float[np.ndarray, "dwells 3 3"]:
+    values, vectors = np.linalg.eigh(np.asarray(covariances))
+    return vectors * np.sqrt(np.clip(values, 0.0, None))[:, None, :]
+
+
+def repositioning(size: float, *, triad: str = "accel") -> Source:
+    """Bias that differs from dwell to dwell, each axis on its own: m/s² or rad/s."""
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        del scene, dwells
+        return Disturbance(accel=values) if triad == "accel" else Disturbance(gyro=values)
+
+    return Source("re-positioning", _unit(triad), size, "dwell", 3, effect)
+
+
+def day_to_day(size: float, *, triad: str = "accel") -> Source:
+    """Bias that differs from experiment to experiment, each axis on its own: m/s² or rad/s."""
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        del scene, dwells
+        return Disturbance(accel=values) if triad == "accel" else Disturbance(gyro=values)
+
+    return Source("experiment-to-experiment bias", _unit(triad), size, "experiment", 3, effect)
+
+
+def _unit(triad: str) -> str:
+    return "m/s^2" if triad == "accel" else "rad/s"
+
+
+def probe_noise(size: float) -> Source:
+    """Error of the probe that differs from dwell to dwell, °C."""
+    return _probe("probe, each dwell", size, "dwell")
+
+
+def probe_offset(size: float) -> Source:
+    """Constant offset of the probe, °C."""
+    return _probe("probe offset", size, "campaign")
+
+
+def _probe(name: str, size: float, per: str) -> Source:
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        del scene, dwells
+        return Disturbance(temperature=values[:, 0])
+
+    return Source(name, "degC", size, per, 1, effect)
+
+
+def timing(size: float) -> Source:
+    """Temperature stamped late by a constant time, s; to first order also a probe's lag."""
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        del dwells
+        return Disturbance(temperature=-values[:, 0] * scene.heating)
+
+    return Source("timing of the probe", "s", size, "campaign", 1, effect)
+
+
+def gravity(size: float) -> Source:
+    """Error of the reference g, m/s²."""
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        del dwells
+        assert scene.force is not None
+        magnitude = jnp.linalg.norm(jnp.asarray(scene.force), axis=1, keepdims=True)
+        return Disturbance(force=jnp.asarray(scene.force) / magnitude * values)
+
+    return Source("reference g", "m/s^2", size, "campaign", 1, effect)
+
+
+def table_angles(
+    size: float,
+    outer_axes: Float[AnyArray, "dwells 3"],
+    inner_axes: Float[AnyArray, "dwells 3"],
+) -> Source:
+    """Error of each axis of a two-axis table at each positioning, rad.
+
+    **Arguments:** unit vectors of both axes in the case frame at each dwell; `table_axes` computes
+    them from attitudes.
+    """
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        # A mean over whole revolutions does not know where the turn started.
+        rest = jnp.where(jnp.asarray(dwells.position) >= 0, 1.0, 0.0)[:, None]
+        about_outer = values[:, :1] * jnp.asarray(outer_axes)
+        return _turned(rest * (about_outer + values[:, 1:] * jnp.asarray(inner_axes)), scene)
+
+    return Source("table angles", "rad", size, "dwell", 2, effect)
+
+
+def positioning(size: float) -> Source:
+    """Error of attitude at each positioning about every axis, rad, where no table is described."""
+    return Source("positioning", "rad", size, "dwell", 3, lambda v, s, d: _turned(v, s))
+
+
+def mounting(size: float) -> Source:
+    """Constant rotation of the device on the table about every axis, rad."""
+    return Source("mounting", "rad", size, "campaign", 3, lambda v, s, d: _turned(v, s))
+
+
+def table_rate(size: float) -> Source:
+    """Relative error of the table's rate, or of the clock; of turns, not of rests."""
+
+    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+        turning = jnp.where(jnp.asarray(dwells.position) < 0, 1.0, 0.0)[:, None]
+        assert scene.rate is not None
+        return Disturbance(rate=values * turning * jnp.asarray(scene.rate))
+
+    return Source("table rate", "1", size, "campaign", 1, effect)
+
+
+def table_axes(
+    attitudes: Float[AnyArray, "dwells 3 3"], outer_axis: AnyArray, inner_axis: AnyArray
+) -> tuple[Float[np.ndarray, "dwells 3"], Float[np.ndarray, "dwells 3"]]:
+    """Both axes in the case frame, from case-to-level attitudes; the outer axis is fixed in the room,
+    the inner one in the case."""
+    rotations = np.asarray(attitudes)
+    outer = np.einsum("nij,i->nj", rotations, np.asarray(outer_axis))
+    return outer, np.tile(np.asarray(inner_axis), (len(rotations), 1))

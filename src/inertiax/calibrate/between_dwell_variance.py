@@ -1,0 +1,66 @@
+"""Scatter between dwells: what differs from one to the next beyond each one's own noise."""
+
+from typing import TypeAlias
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import chdtri
+
+from ..estimators import AbstractEstimator, NOMINAL_SIGMA
+from ..numerics.paule_mandel import excess_deviation
+from ..reduction.dwells import Dwells
+
+
+_Rows: TypeAlias = Float[np.ndarray, "dwells rows"]
+
+# m/s², rad/s or rad: rounding leaves less, every sensor more. A solve weighted by rounding could never
+# converge to a part of it.
+_EXACT = 1e-10
+
+
+def judged(dwells: Dwells) -> Bool[np.ndarray, " dwell"]:
+    """Dwells that have a misfit: all, or those that a motion led to."""
+    return np.asarray(dwells.valid if dwells.motion is None else dwells.motion.valid)
+
+
+def num_judged(estimator: AbstractEstimator, dwells: Dwells) -> int:
+    """Parameters that take degrees of freedom from the misfit.
+
+    With motions these are the matrix's alone: rests tell bias and g-sensitivity far better.
+    """
+    if dwells.motion is None:
+        return estimator.num_parameters
+    return sum(".matrix" in name for name in estimator.names)
+
+
+def with_provisional_scatter(estimator: AbstractEstimator, dwells: Dwells) -> AbstractEstimator:
+    """Equal weights for a start where some dwell has no noise figure of its own."""
+    covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
+    if np.all(np.trace(covariance, axis1=-2, axis2=-1) > _EXACT**2):
+        return estimator
+    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(NOMINAL_SIGMA))
+
+
+def with_scatter(
+    estimator: AbstractEstimator, misfit: _Rows, sigma: _Rows, unknowns: int
+) -> AbstractEstimator:
+    """Scatter between dwells by Paule and Mandel where χ² is beyond its 99 % point, else none."""
+    dof = misfit.size - unknowns
+    if np.all(sigma > _EXACT) and dof > 0:
+        total = float(np.sum(np.square(misfit / sigma)))
+        if total <= chdtri(dof, 0.01):
+            return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(0.0))
+    scatter = excess_deviation(misfit.ravel(), sigma.ravel(), unknowns)
+    if float(scatter) < _EXACT and not np.all(sigma > _EXACT):
+        return estimator  # exact data without a noise figure: keep the provisional weights
+    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(float(scatter)))
+
+
+def chi2_per_dof(misfit: _Rows, sigma: _Rows, unknowns: int) -> float:
+    """χ² of a misfit over its degrees of freedom; NaN where the noise is unknown or none are left."""
+    dof = misfit.size - unknowns
+    if dof <= 0 or not np.all(sigma > _EXACT):
+        return float("nan")
+    return float(np.sum(np.square(misfit / sigma)) / dof)

@@ -1,0 +1,352 @@
+"""Both triads in one least squares: curves of each, lever arms constant over temperature, one covariance.
+
+The unknowns are the coefficients of `JointImu`'s parameters in one basis, each triad up to its own degree and the
+lever arms at degree 0. Scatter between dwells is found for each triad from its own rows.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Bool, Float
+
+from .._typing import AnyArray
+from ..calibration.fitted_effects import FittedEffect
+from ..estimators import JointImu, ReferenceAccel
+from ..physics.alignment import Alignment, inter_triad
+from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
+from ..procedure.single_device import linear_step, Linearised, Problem
+from ..procedure.thermal_iterations import ThermalSolution
+from ..reduction.dwells import Dwells
+from .between_dwell_variance import (
+    chi2_per_dof,
+    judged,
+    num_judged,
+    with_provisional_scatter,
+    with_scatter,
+)
+from .observability import judge_normal, Observability
+from .results import TriadResult
+
+
+_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
+_MOST_STEPS = 50
+_MOST_PASSES = 3  # over the scatter between dwells, which changes weights, hardly the answer
+
+
+class Together(eqx.Module):
+    """The joint estimate. `covariance` is of all coefficients, row-major (size, parameters)."""
+
+    estimator: JointImu  # with the scatter that was found
+    curve: Curve
+    covariance: Float[AnyArray, "unknowns unknowns"]
+    accel: TriadResult  # curve and marginal covariance of the triad's own parameters
+    gyro: TriadResult
+    converged: bool = eqx.field(static=True)
+
+    @property
+    def lever_arms(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "9 9"]]:
+        """Lever arms by rows, m, with their covariance by rows, m². Zero where they were not estimated."""
+        count = len(self.estimator.names)
+        arms = np.asarray(self.estimator.arms(np.asarray(self.curve.coefficients)[0]))
+        own = np.arange(count - 9, count)
+        known = self.estimator.lever_arms
+        return arms, np.asarray(self.covariance)[np.ix_(own, own)] if known else np.zeros((9, 9))
+
+    def alignment(self, temperature: float) -> Alignment:
+        """The gyros' rotation against the accelerometers at one temperature, °C, by the joint covariance."""
+        estimator, names = self.estimator, self.estimator.names
+        phi = np.asarray(self.curve.basis(temperature))
+        blocks = np.asarray(self.covariance).reshape(phi.size, len(names), phi.size, len(names))
+        covariance = np.einsum("a,aibj,b->ij", phi, blocks, phi)
+        vector = np.asarray(self.curve(temperature))
+        theta = estimator.triad_map("gyro")[3:12]
+        gyro = (theta @ vector).reshape(3, 3)
+        if not isinstance(estimator.accel, ReferenceAccel):
+            return inter_triad(gyro, theta @ covariance @ theta.T)
+        gamma = estimator.triad_map("accel")[3:]
+        rows = np.vstack([theta, gamma])
+        return inter_triad(gyro, rows @ covariance @ rows.T, accel=(gamma @ vector).reshape(3, 3))
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """What the joint estimate says beyond the two triads', one line each."""
+        nodes = self.curve.basis.nodes
+        middle = sorted(nodes)[len(nodes) // 2]
+        rotation = self.alignment(middle)
+        sigma = np.sqrt(np.diagonal(np.asarray(rotation.covariance)))
+        lines = ["accelerometers and gyros: one least squares over both"]
+        if self.estimator.misalignment:
+            shown = _with_sigmas(1e3 * np.asarray(rotation.rotation), 1e3 * sigma)
+            lines.append(f"gyros against accelerometers: turned by {shown} mrad about x, y, z")
+        if self.estimator.lever_arms:
+            arms, covariance = self.lever_arms
+            sigmas = np.sqrt(np.diagonal(covariance)).reshape(3, 3)
+            for k, axis in enumerate("xyz"):
+                shown = _with_sigmas(1e3 * arms[k], 1e3 * sigmas[k])
+                lines.append(f"accelerometer {axis}: lever arm {shown} mm along x, y, z")
+        return tuple(lines)
+
+    def effects(self, greatest_force: float) -> tuple[FittedEffect, ...]:
+        """The lever arms as the catalogue's `size_effect`, one per accelerometer, for `Calibration.effects`.
+
+        `greatest_force` is the greatest specific force in the data, g.
+        """
+        if not self.estimator.lever_arms:
+            return ()
+        arms, covariance = self.lever_arms
+        basis = self.curve.basis
+        scale = (basis.low, basis.high) if isinstance(basis, Polynomial) else (0.0, 1.0)
+        return tuple(
+            FittedEffect(
+                "size_effect", "accel", (k,), (), arms[k],
+                covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3], "m",
+                None, None, greatest_force, basis.size - 1, scale,
+            )
+            for k in range(3)
+        )  # fmt: skip
+
+
+def fit_together(
+    estimator: JointImu,
+    dwells: Dwells,
+    *,
+    degrees: tuple[int, int] = (0, 0),
+    bounds: tuple[float, float] | None = None,
+) -> Together:
+    """One least squares over both triads' rows of the dwells.
+
+    **Arguments:** `dwells` hold raw outputs of both triads (with `GravityRotation`, as `turns.with_motions`
+    makes them of uncompensated dwells); `degrees` of the accelerometers' and gyros' polynomials over
+    temperature, scaled over `bounds` (°C; the dwells' own where absent).
+
+    Raises `ValueError` where a triad is missing or the dwells do not determine the unknowns.
+    """
+    for triad in ("accel", "gyro"):
+        if getattr(dwells, triad) is None:
+            raise ValueError(
+                f"`fit_together(dwells=...)`: both triads are needed; {triad} is absent."
+            )
+    basis = _basis(max(degrees), dwells, bounds)
+    free = _free(estimator, basis, degrees)
+    estimator = _with_provisional(estimator, dwells)
+    seen = _observable(Problem(estimator, basis, dwells), free)
+    fit = _fit(estimator, basis, dwells, free)
+    for _ in range(_MOST_PASSES - 1):
+        settled = _with_scatter(fit)
+        if settled is None:
+            break
+        fit = _fit(settled, basis, dwells, free)
+    covariance = _covariance(fit, free)
+    return Together(
+        fit.estimator,
+        Curve(basis, jnp.asarray(fit.coefficients)),
+        covariance,
+        _result(fit, "accel", basis, covariance, degrees[0], seen),
+        _result(fit, "gyro", basis, covariance, degrees[1], seen),
+        fit.converged,
+    )
+
+
+def _with_sigmas(values: Float[np.ndarray, "3"], sigmas: Float[np.ndarray, "3"]) -> str:
+    return ", ".join(f"{v:.3g} ± {s:.2g}" for v, s in zip(values, sigmas, strict=True))
+
+
+# Unknowns --------------------------------------------------------------------------------------------
+
+
+def _basis(degree: int, dwells: Dwells, bounds: tuple[float, float] | None) -> AbstractBasis:
+    if degree == 0:
+        return Constant()
+    probe = np.asarray(dwells.temperature)[np.asarray(dwells.valid)]
+    return Polynomial(degree, *(bounds or (float(probe.min()), float(probe.max()))))
+
+
+def _free(
+    estimator: JointImu, basis: AbstractBasis, degrees: tuple[int, int]
+) -> Bool[np.ndarray, "size parameter"]:
+    """Which coefficients are unknowns; the others stay zero."""
+    highest = [
+        0 if "lever_arm" in name else degrees[name.startswith("gyro")] for name in estimator.names
+    ]
+    return np.arange(basis.size)[:, None] <= np.array(highest)[None, :]
+
+
+def _observable(problem: Problem, free: Bool[np.ndarray, "size parameter"]) -> Observability:
+    names = problem.estimator.names
+    normal = problem.normal(problem.at(np.zeros(free.shape)).jacobian)
+    own = np.flatnonzero(free.ravel())
+    term = lambda k: f" (temperature term {k // len(names)})" if k >= len(names) else ""
+    labels = tuple(names[k % len(names)] + term(k) for k in own)
+    seen = judge_normal(normal[np.ix_(own, own)], labels, 1)
+    if seen.rank < seen.unknowns:
+        raise ValueError(
+            f"accel and gyro together: the dwells do not determine {seen.unknowns - seen.rank} of "
+            f"{seen.unknowns} unknowns: {'; '.join(seen.unseen[:3])}; lever arms need plateaus about axes "
+            f"inclined to the case axes, Θ turns about all three."
+        )
+    return seen
+
+
+# The solve -------------------------------------------------------------------------------------------
+
+
+class _Part(NamedTuple):
+    """The judged rows of one triad."""
+
+    misfit: Float[np.ndarray, "dwells rows"]
+    sigma: Float[np.ndarray, "dwells rows"]
+    dwells: Dwells
+    unknowns: int
+
+
+class _Fit(NamedTuple):
+    """A solve with given weights."""
+
+    estimator: JointImu
+    coefficients: Float[np.ndarray, "size parameter"]
+    normal: Float[np.ndarray, "unknowns unknowns"]
+    residual: Float[np.ndarray, "dwells rows"]
+    accel: _Part
+    gyro: _Part
+    num_steps: int
+    converged: bool
+
+
+def _fit(
+    estimator: JointImu,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    free: Bool[np.ndarray, "size parameter"],
+) -> _Fit:
+    problem = Problem(estimator, basis, dwells)
+    coefficients, steps, converged = _solve(problem, free)
+    now = problem.at(coefficients)
+    seen = _seen_by(estimator, problem.vectors(coefficients)[: dwells.num_dwells], dwells)
+    parts = _split(estimator, now, jax.tree.map(np.asarray, seen), free)
+    normal = problem.normal(now.jacobian)
+    return _Fit(estimator, coefficients, normal, now.residual, *parts, steps, converged)
+
+
+@eqx.filter_jit
+def _seen_by(estimator: JointImu, vectors: AnyArray, dwells: Dwells) -> tuple[Dwells, Dwells]:
+    return jax.vmap(estimator.seen_by)(jnp.asarray(vectors), dwells)
+
+
+def _solve(
+    problem: Problem, free: Bool[np.ndarray, "size parameter"]
+) -> tuple[Float[np.ndarray, "size parameter"], int, bool]:
+    """Gauss-Newton from the closed-form start: coefficients, steps taken, whether it converged."""
+    coefficients = np.where(free, problem.start(), 0.0)
+    for taken in range(1, _MOST_STEPS + 1):
+        now = problem.at(coefficients)
+        design = problem.design(now.jacobian)[:, free.ravel()]
+        step = linear_step(design, now.residual.reshape(-1))
+        coefficients = coefficients.copy()
+        coefficients[free] += step
+        if not np.all(np.isfinite(coefficients)):
+            return coefficients, taken, False
+        if np.max(np.abs(step) * np.linalg.norm(design, axis=0)) < _TOLERANCE:
+            return coefficients, taken, True
+    return coefficients, _MOST_STEPS, False
+
+
+def _covariance(
+    fit: _Fit, free: Bool[np.ndarray, "size parameter"]
+) -> Float[np.ndarray, "unknowns unknowns"]:
+    """(JᵀJ)⁻¹ of the unknowns, zero for coefficients that are held at zero."""
+    own = np.flatnonzero(free.ravel())
+    normal = fit.normal[np.ix_(own, own)]
+    scale = 1.0 / np.sqrt(np.diagonal(normal))
+    inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    result = np.zeros((free.size, free.size))
+    result[np.ix_(own, own)] = inverse
+    return result
+
+
+# Each triad's part -----------------------------------------------------------------------------------
+
+
+def _split(
+    estimator: JointImu,
+    now: Linearised,
+    seen: tuple[Dwells, Dwells],
+    free: Bool[np.ndarray, "size parameter"],
+) -> tuple[_Part, _Part]:
+    by_reference = isinstance(estimator.accel, ReferenceAccel)
+    resting = np.asarray(seen[0].position) >= 0
+    used = np.flatnonzero(np.asarray(seen[0].valid) & (resting | by_reference))
+    kept = np.flatnonzero(judged(seen[1]))
+    first = 3 if by_reference else 1
+    mine = np.array([n.startswith("accel") for n in estimator.names])
+    accel = eqx.tree_at(lambda d: d.motion, seen[0], None, is_leaf=lambda x: x is None)[used]
+    gyro = int(free[:, ~mine].any(axis=1).sum()) * num_judged(estimator.gyro, seen[1])
+    return (
+        _Part(now.misfit[used, :first], now.sigma[used, :first], accel, int(free[:, mine].sum())),
+        _Part(now.misfit[kept, first:], now.sigma[kept, first:], seen[1][kept], gyro),
+    )
+
+
+def _with_provisional(estimator: JointImu, dwells: Dwells) -> JointImu:
+    return eqx.tree_at(
+        lambda e: (e.accel, e.gyro),
+        estimator,
+        tuple(with_provisional_scatter(e, dwells) for e in (estimator.accel, estimator.gyro)),
+    )
+
+
+def _with_scatter(fit: _Fit) -> JointImu | None:
+    """The estimator with the scatter that the misfits show; `None` where that is what it had."""
+    old = fit.estimator.accel, fit.estimator.gyro
+    new = tuple(
+        with_scatter(own, part.misfit, part.sigma, part.unknowns)
+        for own, part in zip(old, (fit.accel, fit.gyro), strict=True)
+    )
+    if all(float(n.scatter) == float(o.scatter) for n, o in zip(new, old, strict=True)):
+        return None
+    return eqx.tree_at(lambda e: (e.accel, e.gyro), fit.estimator, new)
+
+
+def _result(
+    fit: _Fit,
+    triad: str,
+    basis: AbstractBasis,
+    covariance: Float[np.ndarray, "unknowns unknowns"],
+    degree: int,
+    seen: Observability,
+) -> TriadResult:
+    """Curve and marginal covariance in the triad's own parameters, up to its own degree."""
+    own = fit.estimator.triad_map(triad)
+    size = degree + 1
+    coefficients = jnp.asarray((fit.coefficients @ own.T)[:size])
+    spread = np.kron(np.eye(basis.size), own)[: size * len(own)]
+    if isinstance(basis, Polynomial):
+        basis = Polynomial(degree, basis.low, basis.high) if degree else Constant()
+    done = optx.RESULTS.successful if fit.converged else optx.RESULTS.nonlinear_max_steps_reached
+    part, estimator = (
+        (fit.accel, fit.estimator.accel) if triad == "accel" else (fit.gyro, fit.estimator.gyro)
+    )
+    solution = ThermalSolution(
+        curve=Curve(basis, coefficients),
+        covariance=jnp.asarray(spread @ covariance @ spread.T),
+        residuals=jnp.asarray(fit.residual),
+        result=done,
+        num_iterations=jnp.asarray(fit.num_steps),
+        history=coefficients[None],
+        step_sizes=jnp.full(1, jnp.nan),
+        method="together",
+    )
+    scatter = float(estimator.scatter)
+    return TriadResult(
+        estimator=estimator,
+        solution=solution,
+        dwells=part.dwells,
+        misfit=part.misfit,
+        sigma=np.sqrt(np.square(part.sigma) + scatter**2),
+        observability=seen,
+        scatter=scatter,
+        chi2_per_dof=chi2_per_dof(part.misfit, part.sigma, part.unknowns),
+    )

@@ -1,0 +1,399 @@
+"""From a campaign to calibrations: reduce, choose, estimate, judge; one device at a time."""
+
+import dataclasses
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._typing import AnyArray
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.fitted_effects import FittedEffect
+from ..data.recording import Campaign, Recording
+from ..estimators import (
+    AbstractEstimator,
+    GravityRotation,
+    Invariant,
+    JointImu,
+    ReferenceAccel,
+    ReferenceGyro,
+)
+from ..model_selection.select_model import (
+    build_estimators,
+    choose_degree,
+    choose_model,
+    ChosenModel,
+    polynomial_basis,
+    settle_gyro,
+)
+from ..physics.error_model import compensate_accel
+from ..physics.temperature import AbstractBasis, Curve
+from ..procedure.convergence import convergence_rate, rate_warning
+from ..procedure.single_device import iterate_one, joint_fit_one, Problem
+from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
+from ..reduction.dwells import Dwells
+from ..reduction.rotations_between_rests import Turns, with_motions
+from ..reduction.segments import reduce_to_dwells
+from .between_dwell_variance import (
+    chi2_per_dof,
+    judged,
+    num_judged,
+    with_provisional_scatter,
+    with_scatter,
+)
+from .joint_imu_fit import fit_together, Together
+from .observability import judge_normal, Observability
+from .results import (
+    DeviceFailure as DeviceFailure,
+    DeviceResult as DeviceResult,
+    TriadResult as TriadResult,
+)
+
+
+METHODS = ("gauss-newton", "joint", "paper")
+
+Progress = Callable[[str], None]
+
+
+def calibrate(
+    campaign: Campaign,
+    *,
+    method: str = "gauss-newton",
+    robust: float | None = None,
+    progress: Progress | None = None,
+) -> tuple[DeviceResult | DeviceFailure, ...]:
+    """Calibrate every device of a campaign. A bad device becomes a `DeviceFailure`, not an error.
+
+    **Arguments:** `method` is "gauss-newton" (the procedure as a Gauss-Newton method), "joint" or
+    "paper"; `robust` a pseudo-Huber threshold in standard deviations; `progress` is called with a
+    line of text at each stage.
+    """
+    if method not in METHODS:
+        raise ValueError(f"`calibrate(method={method!r})`: method must be one of {list(METHODS)}.")
+    tell = progress if progress is not None else lambda _: None
+    results: list[DeviceResult | DeviceFailure] = []
+    for device in campaign.devices:
+        name = f"device {device}" if device else "the device"
+        try:
+            result = calibrate_device(
+                campaign.of_device(device), method=method, robust=robust, progress=tell
+            )
+        except ValueError as error:
+            results.append(DeviceFailure(device, str(error)))
+            tell(f"{name}: failed")
+        else:
+            results.append(result)
+            tell(f"{name}: done")
+    return tuple(results)
+
+
+def calibrate_device(
+    campaign: Campaign, *, method: str, robust: float | None, progress: Progress
+) -> DeviceResult:
+    """Calibrate the one device of a campaign. Raises `ValueError` with the reason where the data do
+    not determine the model."""
+    chosen = choose_model(campaign, campaign.recordings)
+    progress("reducing recordings to dwells")
+    dwells = reduce_to_dwells(campaign.recordings)
+    accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
+    choices, warnings = list(chosen.reasons), list(campaign.notes)
+    accel_result, raw = None, dwells
+    if accel is not None:
+        used = _rows_for("accel", chosen, dwells)
+        accel_result = _estimate(accel, used, chosen, method, progress, choices, warnings)
+        dwells = _with_refined_force(accel_result, dwells)
+    gyro_result, chosen = _calibrate_gyro(
+        campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
+    )
+    effects: tuple[FittedEffect, ...] = ()
+    if chosen.together:
+        assert accel_result is not None and gyro_result is not None  # `choose_model` saw both
+        progress("estimating both triads together")
+        found = _together(campaign, chosen, raw, accel_result, gyro_result, robust)
+        accel_result, gyro_result = found.accel, found.gyro
+        choices.extend(found.statements)
+        force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
+        effects = found.effects(float(np.abs(force).max()))
+    calibration = Calibration(
+        gravity=campaign.site.gravity,
+        accel=_triad(accel_result, chosen.accel_estimator),
+        gyro=_triad(gyro_result, chosen.gyro_estimator),
+        device=campaign.devices[0],
+        temperature_range=_temperature_range(campaign, accel_result, gyro_result),
+        notes=tuple(choices),
+        effects=effects,
+    )
+    return DeviceResult(calibration, accel_result, gyro_result, tuple(choices), tuple(warnings))
+
+
+def _calibrate_gyro(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    accel: TriadResult | None,
+    dwells: Dwells,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> tuple[TriadResult | None, ChosenModel]:
+    """The gyros' estimate, and the model with the estimator that was used in the end.
+
+    Where the choice was left open and the rotation of gravity does not determine the model, the rests
+    still tell the bias; a warning says so.
+    """
+
+    def estimate(model: ChosenModel, used: Dwells) -> TriadResult:
+        _, gyro = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
+        assert gyro is not None
+        return _estimate(gyro, used, model, method, progress, choices, warnings)
+
+    if chosen.gyro_estimator is None:
+        return None, chosen
+    if chosen.gyro_estimator == "gravity":
+        assert accel is not None  # `choose_model` saw accelerometers
+        turns = _turns(campaign, accel, dwells, g_sensitivity=chosen.g_sensitivity)
+        name, reason = settle_gyro(campaign, turns)
+        choices.extend([] if reason is None else [reason])
+        try:
+            if name == "gravity":
+                return estimate(chosen, turns.dwells), chosen
+        except ValueError as error:
+            if campaign.model.gyro_estimator == "gravity":
+                raise
+            warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
+        chosen = dataclasses.replace(chosen, gyro_estimator="static")
+    return estimate(chosen, _rows_for("gyro", chosen, dwells)), chosen
+
+
+def _together(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    raw: Dwells,
+    accel: TriadResult,
+    gyro: TriadResult,
+    robust: float | None,
+) -> Together:
+    """Both triads in one least squares, each with the degree over temperature that it had alone."""
+    first, second = build_estimators(chosen, campaign.site.gravity, raw, robust=robust)
+    if not isinstance(first, Invariant | ReferenceAccel) or not isinstance(
+        second, ReferenceGyro | GravityRotation
+    ):
+        raise ValueError(
+            "accel and gyro together: the motions do not tell the gyros' matrix, only their bias; leave out "
+            "[model] together, or tilt the device between rests."
+        )
+    estimator = JointImu(
+        first, second, lever_arms=chosen.lever_arms, misalignment=chosen.misalignment
+    )
+    used = raw
+    if chosen.gyro_estimator == "gravity":
+        force = [r.accel for r in campaign.recordings if r.accel is not None]
+        by_force = chosen.g_sensitivity
+        used = with_motions(campaign.recordings, raw, force=force if by_force else None).dwells
+    degrees = accel.solution.curve.basis.size - 1, gyro.solution.curve.basis.size - 1
+    found = fit_together(estimator, jax.tree.map(np.asarray, used), degrees=degrees)
+    if not found.converged:
+        raise ValueError(
+            "accel and gyro together: the estimation did not converge; leave out [model] together to see "
+            "which triad is at fault."
+        )
+    return found
+
+
+def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitivity: bool) -> Turns:
+    """The rests with the motions between them, as the calibrated accelerometers saw both."""
+    _rests(dwells, "gyro")
+    # What the accelerometers' model leaves at a rest is an error of that rest's direction too.
+    left = accel.scatter**2 * np.eye(3)
+    dwells = eqx.tree_at(
+        lambda d: d.accel_covariance, dwells, np.asarray(dwells.accel_covariance) + left
+    )
+    force = [_force(accel, r) for r in campaign.recordings] if g_sensitivity else None
+    return with_motions(campaign.recordings, dwells, force=force)
+
+
+def _force(accel: TriadResult, recording: Recording) -> Float[np.ndarray, "time 3"]:
+    """Compensated specific force of every sample, m/s²."""
+    assert recording.accel is not None
+    probe = recording.temperature
+    temperature = np.zeros(recording.num_samples) if probe is None else probe[:, 0]
+    curve = accel.solution.curve
+    return np.asarray(_compensated_force(accel.estimator, curve, temperature, recording.accel))
+
+
+@eqx.filter_jit
+def _compensated_force(
+    estimator: AbstractEstimator, curve: Curve, temperature: AnyArray, accel: AnyArray
+) -> Float[Array, "time 3"]:
+    one = lambda t, a: compensate_accel(estimator.unpack(curve(t)), a)
+    return jax.vmap(one)(temperature, accel)
+
+
+def _rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:
+    """The dwells an estimator may use: at rest, unless it has a reference for the motion."""
+    by_reference = {"accel": chosen.accel_estimator, "gyro": chosen.gyro_estimator}
+    if by_reference[triad] == "reference":
+        return dwells
+    return dwells[_rests(dwells, triad)]
+
+
+def _rests(dwells: Dwells, triad: str) -> Int[np.ndarray, " rest"]:
+    rests = np.flatnonzero(np.asarray(dwells.position) >= 0)
+    if len(rests) == 0:
+        raise ValueError(
+            f"the {triad} columns: no rests were found; calibration at rest needs the device to stand "
+            f"still for several seconds in each position."
+        )
+    return rests
+
+
+def _estimate(
+    estimator: AbstractEstimator,
+    dwells: Dwells,
+    chosen: ChosenModel,
+    method: str,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> TriadResult:
+    estimator = with_provisional_scatter(estimator, dwells)
+    dwells = jax.tree.map(np.asarray, dwells)
+    if chosen.degree is None:
+        degree, reason = choose_degree(estimator, dwells)
+        choices.append(f"{estimator.triad}: {reason}")
+    else:
+        degree = chosen.degree
+    basis = polynomial_basis(degree, dwells)
+    seen = _check_observable(estimator, basis, dwells)
+    progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
+    kept = judged(dwells)
+    # Two passes settle the scatter between dwells: it changes the weights, hardly the answer.
+    unknowns = basis.size * num_judged(estimator, dwells)
+    solution = _solve(estimator, basis, dwells, method)
+    misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
+    own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
+    for _ in range(2):
+        settled = with_scatter(estimator, misfit, own_sigma, unknowns)
+        if float(settled.scatter) == float(estimator.scatter):
+            break
+        estimator = settled
+        solution = _solve(estimator, basis, dwells, method)
+        misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
+    if not bool(solution.succeeded):
+        raise ValueError(_failure(estimator, solution, dwells, method))
+    if method == "paper":
+        procedure = PaperIteration.plan(estimator, basis, dwells)
+        rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
+        warning = rate_warning(procedure, rate, dwells)
+        warnings.extend([] if warning is None else [warning])
+    if own_chi2 > 100.0:
+        warnings.append(
+            f"{estimator.triad}: the misfit is {np.sqrt(own_chi2):.0f} times what the dwells' own noise "
+            f"explains; the uncertainties allow for it, but `inertiax diagnose` may say what is missing"
+        )
+    scatter = float(estimator.scatter)
+    return TriadResult(
+        estimator=estimator,
+        solution=solution,
+        dwells=dwells[kept],
+        misfit=misfit,
+        sigma=np.sqrt(np.square(own_sigma) + scatter**2),
+        observability=seen,
+        scatter=scatter,
+        chi2_per_dof=own_chi2,
+    )
+
+
+def _solve(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, method: str
+) -> ThermalSolution:
+    if method == "joint":
+        return joint_fit_one(estimator, basis, dwells)
+    if method == "paper":
+        return iterate(PaperIteration.plan(estimator, basis, dwells), dwells)
+    return iterate_one(estimator, basis, dwells)
+
+
+def _misfits(
+    estimator: AbstractEstimator,
+    solution: ThermalSolution,
+    dwells: Dwells,
+    kept: Bool[np.ndarray, " dwell"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Misfit and its standard deviation by the dwells' own noise, of the dwells that are judged."""
+    now = Problem(estimator, solution.curve.basis, dwells).at(solution.curve.coefficients)
+    return now.misfit[kept], now.sigma[kept]
+
+
+def _check_observable(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+) -> Observability:
+    per_dwell = eqx.filter_eval_shape(
+        lambda d: estimator.misfit(jnp.zeros(estimator.num_parameters), d)[0], dwells[0]
+    )
+    rows = int(judged(dwells).sum()) * per_dwell.shape[0]
+    if dwells.motion is not None:
+        rows += 3 * dwells.num_dwells  # the rates at rest
+    unknowns = basis.size * estimator.num_parameters
+    temperature = (
+        "" if basis.size == 1 else f" ({estimator.num_parameters} at each of {basis.size} terms)"
+    )
+    if rows < unknowns:
+        raise ValueError(
+            f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "
+            f"for {unknowns} unknowns{temperature}; record more positions in different orientations."
+        )
+    problem = Problem(estimator, basis, dwells)
+    normal = problem.normal(problem.at(np.zeros((basis.size, estimator.num_parameters))).jacobian)
+    seen = judge_normal(normal, estimator.names, basis.size)
+    if seen.rank < seen.unknowns:
+        raise ValueError(
+            f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
+            f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; add positions in "
+            f"other orientations (or temperatures)."
+        )
+    return seen
+
+
+def _failure(
+    estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells, method: str
+) -> str:
+    text = (
+        f"{estimator.triad}: the '{method}' estimation did not converge "
+        f"({int(solution.num_iterations)} iterations)"
+    )
+    if method != "paper":
+        return text + "; look for wrong units, a saturated axis or rests that are not at rest."
+    procedure = PaperIteration.plan(estimator, solution.curve.basis, dwells)
+    exact = joint_fit_one(estimator, solution.curve.basis, dwells)
+    rate = convergence_rate(procedure, exact.curve.coefficients, dwells)
+    return f"{text}: {rate_warning(procedure, rate, dwells) or 'use the default method'}."
+
+
+def _with_refined_force(result: TriadResult, dwells: Dwells) -> Dwells:
+    """Dwells with compensated accelerometer outputs, for the gyros' D term."""
+    return Problem(result.estimator, result.solution.curve.basis, dwells).compensated(
+        result.solution.curve.coefficients
+    )
+
+
+def _triad(result: TriadResult | None, estimator: str | None) -> TriadCalibration | None:
+    if result is None or estimator is None:
+        return None
+    return TriadCalibration(
+        result.solution.curve, result.solution.covariance, result.estimator.names, estimator
+    )
+
+
+def _temperature_range(
+    campaign: Campaign, accel: TriadResult | None, gyro: TriadResult | None
+) -> tuple[float, float] | None:
+    if any(r.temperature is None for r in campaign.recordings):
+        return None
+    used = [np.asarray(t.dwells.temperature) for t in (accel, gyro) if t is not None]
+    together = np.concatenate(used)
+    return float(together.min()), float(together.max())

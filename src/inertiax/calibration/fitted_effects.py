@@ -1,0 +1,134 @@
+"""Named effects beside a calibration's own parameters: what is stored of each, and its JSON form."""
+
+import inspect
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import msgspec
+import numpy as np
+from jaxtyping import Float
+
+from .._typing import AnyArray
+from ..effects import CATALOGUE, Effect
+
+
+class FittedEffect(eqx.Module):
+    """One effect of the catalogue with its fitted coefficients.
+
+    It adds $\\sum_q c_q S_{iq}$ to the outputs of each of its channels i, with S the effect's `shape` under
+    these settings. Where a shape is scaled by the recordings it is fitted on, their extent is kept.
+    """
+
+    name: str = eqx.field(static=True)
+    triad: str = eqx.field(static=True)  # accel or gyro
+    channels: tuple[int, ...] = eqx.field(static=True)
+    settings: tuple[tuple[str, float | int | str], ...] = eqx.field(static=True)
+    coefficients: Float[AnyArray, " column"]  # in `unit`
+    covariance: Float[AnyArray, "column column"]
+    unit: str = eqx.field(static=True)
+    clock: tuple[float, float] | None = eqx.field(static=True, default=None)  # s, start and end
+    temperature: tuple[float, float] | None = eqx.field(static=True, default=None)  # °C
+    greatest_input: float = eqx.field(static=True, default=0.0)  # g or rad/s
+    # The model that it was fitted beside: its degree, and the temperatures (°C) at ±1 of its polynomials.
+    degree: int | None = eqx.field(static=True, default=None)
+    scale: tuple[float, float] | None = eqx.field(static=True, default=None)
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Such as `accel_y`."""
+        return tuple(f"{self.triad}_{'xyz'[c]}" for c in self.channels)
+
+
+class Extent(msgspec.Struct, forbid_unknown_fields=True):
+    """What the recordings covered that an effect was fitted on."""
+
+    clock: tuple[float, float] | None
+    temperature: tuple[float, float] | None
+    greatest_input: float
+    degree: int | None
+    scale: tuple[float, float] | None
+
+
+class EffectEntry(msgspec.Struct, forbid_unknown_fields=True):
+    """One entry of `effects` in calibration.json."""
+
+    name: str
+    channels: list[str]
+    settings: dict[str, float | int | str]
+    coefficients: list[float]
+    covariance: list[list[float]]
+    unit: str
+    fitted_on: Extent
+
+
+def to_entry(effect: FittedEffect) -> EffectEntry:
+    """The JSON form of a fitted effect."""
+    return EffectEntry(
+        name=effect.name,
+        channels=list(effect.channel_names),
+        settings=dict(effect.settings),
+        coefficients=np.asarray(effect.coefficients).tolist(),
+        covariance=np.asarray(effect.covariance).tolist(),
+        unit=effect.unit,
+        fitted_on=Extent(
+            effect.clock, effect.temperature, effect.greatest_input, effect.degree, effect.scale
+        ),
+    )
+
+
+def from_entry(
+    entry: EffectEntry, where: str, catalogue: Sequence[Effect] = CATALOGUE
+) -> FittedEffect:
+    """The fitted effect of a JSON entry.
+
+    Raises `ValueError`, one line beginning with `where`, for an effect that `catalogue` lacks or for
+    settings, channels, unit or shapes that are not that effect's.
+    """
+    where = f"{where}: effect {entry.name!r}"
+    effect = known_effect(entry.name, where, catalogue)
+    triad, channels = _channels(entry.channels, where)
+    if triad not in effect.triads:
+        raise ValueError(f"{where}: is one of {' and '.join(effect.triads)}, not of {triad}.")
+    if entry.unit != effect.units[triad]:
+        raise ValueError(f"{where}: unit is {entry.unit!r}; it must be {effect.units[triad]!r}.")
+    expected = list(inspect.signature(effect.shape).parameters)[1:]
+    if set(entry.settings) != set(expected):
+        raise ValueError(
+            f"{where}: settings are {sorted(entry.settings)} but must be {sorted(expected)}."
+        )
+    count = len(entry.coefficients)
+    if (
+        count == 0
+        or len(entry.covariance) != count
+        or any(len(r) != count for r in entry.covariance)
+    ):
+        raise ValueError(
+            f"{where}: {count} coefficients need a covariance of {count} rows of {count} numbers."
+        )
+    extent = entry.fitted_on
+    return FittedEffect(
+        entry.name, triad, channels, tuple(sorted(entry.settings.items())),
+        jnp.asarray(entry.coefficients, float), jnp.asarray(entry.covariance, float), entry.unit,
+        extent.clock, extent.temperature, extent.greatest_input, extent.degree, extent.scale,
+    )  # fmt: skip
+
+
+def known_effect(name: str, where: str, catalogue: Sequence[Effect] = CATALOGUE) -> Effect:
+    """The effect of that name. Raises `ValueError` naming those that the catalogue has."""
+    found = next((e for e in catalogue if e.name == name), None)
+    if found is None:
+        names = ", ".join(e.name for e in catalogue)
+        raise ValueError(f"{where}: is not in the catalogue; it has {names}.")
+    return found
+
+
+def _channels(names: Sequence[str], where: str) -> tuple[str, tuple[int, ...]]:
+    valid = {f"{t}_{a}": (t, i) for t in ("accel", "gyro") for i, a in enumerate("xyz")}
+    triads = {valid[n][0] for n in names if n in valid}
+    if any(n not in valid for n in names) or len(set(names)) != len(names) or len(triads) != 1:
+        raise ValueError(
+            f"{where}: channels are {list(names)} but must be different ones of one triad, such as "
+            f"'accel_x'."
+        )
+    return triads.pop(), tuple(valid[n][1] for n in names)

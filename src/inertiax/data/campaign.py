@@ -1,0 +1,227 @@
+"""`campaign.toml` and the recordings it names, to one `Campaign` in SI."""
+
+import math
+import re
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from .formats import Layout, read_recordings
+from .formats.columns import short
+from .formats.detect import is_recording
+from .plausibility.screening import check_model_columns, screen
+from .recording import Campaign, ModelChoice, Recording, Rig, Site
+from .settings import CampaignTable, ModelTable, read_table, RigTable, SiteTable
+
+
+ARCSEC = math.pi / 180 / 3600
+_WILD = re.compile(r"[*?\[]")
+
+
+def load_campaign(path: Path | str) -> Campaign:
+    """The campaign in a folder or `campaign.toml`, in SI, checked; `notes` says what looks odd.
+
+    **Arguments:** `path` is the folder that holds `campaign.toml`, or that file.
+
+    Raises `ValueError`, in one line with file, key or column, what was found and what would be right.
+    """
+    file = _campaign_file(Path(path))
+    table = read_table(file)
+    try:
+        recordings = _read_all(table, file)
+        check_model_columns(_model(table.model), recordings)
+        notes = screen(recordings, table.site.gravity)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    return Campaign(
+        recordings=recordings,
+        site=_site(table.site),
+        rig=_rig(table.rig),
+        model=_model(table.model),
+        grade=table.device.grade,
+        path=file,
+        notes=notes,
+    )
+
+
+def load_settings(path: Path | str) -> tuple[Campaign, CampaignTable]:
+    """`campaign.toml` alone: a `Campaign` without recordings, and the table, for those who read the
+    recordings in their own way. Raises `ValueError` as `load_campaign` does."""
+    file = _campaign_file(Path(path))
+    table = read_table(file)
+    campaign = Campaign(
+        recordings=(),
+        site=_site(table.site),
+        rig=_rig(table.rig),
+        model=_model(table.model),
+        grade=table.device.grade,
+        path=file,
+    )
+    return campaign, table
+
+
+def _site(table: SiteTable) -> Site:
+    latitude = None if table.latitude is None else math.radians(table.latitude)
+    return Site(gravity=table.gravity, latitude=latitude)
+
+
+def _rig(table: RigTable) -> Rig:
+    position, rate = table.position_uncertainty, table.rate_uncertainty
+    return Rig(
+        position_uncertainty=None if position is None else position * ARCSEC,
+        rate_uncertainty=None if rate is None else rate * 1e-6,
+        temperature_uncertainty=table.temperature_uncertainty,
+    )
+
+
+def _model(table: ModelTable) -> ModelChoice:
+    return ModelChoice(**msgspec.structs.asdict(table))
+
+
+def _campaign_file(path: Path) -> Path:
+    if path.is_dir():
+        if (path / "campaign.toml").is_file():
+            return path / "campaign.toml"
+        found = sorted(p.name for p in path.iterdir())[:8]
+        raise ValueError(f"{path}: no campaign.toml in this folder; found {found}.")
+    if not path.exists():
+        raise ValueError(
+            f"{path}: does not exist; a folder with campaign.toml, or that file, is needed."
+        )
+    if path.suffix.lower() != ".toml":
+        raise ValueError(
+            f"{path}: not a campaign.toml; write one that names this recording under [recordings] files."
+        )
+    return path
+
+
+def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> tuple[Path, ...]:
+    """Files that the patterns name, each once; a glob's matches in natural order (2 before 10).
+
+    A pattern with `*`, `?` or `[` stays inside the campaign's folder: it may not be absolute or
+    contain `..`, and a match that a link leads out of the folder is refused. A path written out
+    in full is the user's own choice and is taken wherever it points.
+    """
+    if not patterns:
+        raise ValueError(
+            f'[recordings] {key} is empty; list files or globs, for example ["*.csv"].'
+        )
+    files: dict[Path, None] = {}
+    for pattern in patterns:
+        matches = _match(folder, pattern, key) if _WILD.search(pattern) else [folder / pattern]
+        for match in matches:
+            if not is_recording(match):
+                raise ValueError(
+                    f"[recordings] {key}: '{pattern}' does not exist in {_listing(folder)}."
+                )
+            files[match] = None
+    return tuple(files)
+
+
+def campaign_beside(recording: Path) -> Path | None:
+    """The `campaign.toml` in a recording's folder that names it among its `files`, if there is one.
+
+    A campaign that cannot be read is nobody's: whoever meant it names it, and is told what is wrong.
+    """
+    file = recording.parent / "campaign.toml"
+    try:
+        named = find_files(file.parent, read_table(file).recordings.files)
+    except (ValueError, OSError):
+        return None
+    return file if recording.resolve() in {f.resolve() for f in named} else None
+
+
+def _match(folder: Path, pattern: str, key: str) -> list[Path]:
+    if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
+        raise ValueError(
+            f"[recordings] {key}: the glob '{pattern}' leaves the campaign's folder; use globs inside "
+            "it, or write each outside file out in full."
+        )
+    try:
+        found = [p for p in folder.glob(pattern) if is_recording(p) and not p.name.startswith(".")]
+    except (ValueError, NotImplementedError, RecursionError, OSError) as error:
+        raise ValueError(
+            f"[recordings] {key}: the glob '{short(pattern)}' cannot be used: {error}."
+        ) from None
+    found = [p for p in found if p.name != "campaign.toml"]
+    if not found:
+        raise ValueError(f"[recordings] {key}: '{pattern}' matches no file in {_listing(folder)}.")
+    home = folder.resolve()
+    for match in found:
+        if not match.resolve().is_relative_to(home):
+            raise ValueError(
+                f"[recordings] {key}: '{match.name}' is a link to a file outside the campaign's "
+                "folder; write its path out in full if it is meant."
+            )
+    return sorted(found, key=lambda p: [(not t.isdigit(), t.zfill(20)) for t in _split(str(p))])
+
+
+def _split(name: str) -> list[str]:
+    return [t for t in re.split(r"(\d+)", name) if t]
+
+
+def _listing(folder: Path) -> str:
+    names = sorted(p.name for p in folder.iterdir() if p.name != "campaign.toml")
+    return f"the campaign's folder, which has {names[:8]}" + (" and more" if len(names) > 8 else "")
+
+
+def _read_all(table: CampaignTable, file: Path) -> tuple[Recording, ...]:
+    said, folder = table.recordings, file.parent
+    special = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
+    layout = Layout(
+        names=said.names,
+        start_row=said.start_row,
+        gravity=table.site.gravity,
+        **{key: getattr(said, key) for key in special},
+    )
+    if said.gyro_files is None:
+        files = find_files(folder, said.files)
+        return tuple(
+            r for f in files for r in read_recordings(f, table.columns, layout, name=said.format)
+        )
+    accel_files = find_files(folder, said.files)
+    gyro_files = find_files(folder, said.gyro_files, "gyro_files")
+    if len(accel_files) != len(gyro_files):
+        raise ValueError(
+            f"[recordings] gyro_files names {len(gyro_files)} files but files names "
+            f"{len(accel_files)}; they are paired in order, so there must be as many."
+        )
+    recordings = []
+    for triad, files in (("accel", accel_files), ("gyro", gyro_files)):
+        one = msgspec.structs.replace(layout, triad=triad)
+        recordings.append(
+            [r for f in files for r in read_recordings(f, table.columns, one, name=said.format)]
+        )
+    return tuple(pair(a, g) for a, g in zip(*recordings, strict=True))
+
+
+def pair(accel: Recording, gyro: Recording) -> Recording:
+    """One recording from the two triads' files. Raises `ValueError` where their stamps differ."""
+    where = f"'{accel.name}' and '{gyro.name}'"
+    if accel.num_samples != gyro.num_samples:
+        raise ValueError(
+            f"{where}: {accel.num_samples} and {gyro.num_samples} rows; files of the two triads must "
+            "have the same rows."
+        )
+    step = np.median(np.diff(accel.time)) if accel.num_samples > 1 else 1.0
+    apart = np.abs(accel.time - gyro.time)
+    if apart.max() > 0.5 * step:
+        row = int(np.argmax(apart > 0.5 * step))
+        raise ValueError(
+            f"{where}: stamps differ in row {row} ({accel.time[row]:.6f} and {gyro.time[row]:.6f} s); "
+            "files of the two triads must have the same stamps."
+        )
+    return Recording(
+        time=accel.time,
+        accel=accel.accel,
+        gyro=gyro.gyro,
+        temperature=gyro.temperature if accel.temperature is None else accel.temperature,
+        experiment=gyro.experiment if accel.experiment is None else accel.experiment,
+        position=gyro.position if accel.position is None else accel.position,
+        reference_accel=accel.reference_accel,
+        reference_gyro=gyro.reference_gyro,
+        supply=gyro.supply if accel.supply is None else accel.supply,
+        device=accel.device or gyro.device,
+        name=f"{accel.name} + {gyro.name}",
+    )

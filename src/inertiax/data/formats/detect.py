@@ -1,0 +1,126 @@
+"""Which format a file is in: by its first bytes, else by its suffix."""
+
+from pathlib import Path
+from types import ModuleType
+
+from ..recording import Recording
+from . import csv, dataflash, euroc, hdf5, imu_tk, imucal, matlab, parquet, ros, ulog
+from .columns import AS_FOUND, CANONICAL, ColumnMap, Layout
+
+
+FORMATS: tuple[ModuleType, ...] = (
+    csv,
+    parquet,
+    imu_tk,
+    euroc,
+    imucal,
+    hdf5,
+    matlab,
+    ulog,
+    dataflash,
+    ros,
+)
+
+_SPECIAL_KEYS = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
+# First bytes that leave no doubt, with the format's name in words.
+_MAGIC: tuple[tuple[bytes, ModuleType, str], ...] = (
+    (parquet.MAGIC, parquet, "Parquet"),
+    (hdf5.MAGIC, hdf5, "HDF5"),
+    (b"MATLAB 5.0", matlab, "a MATLAB file"),
+    (b"MATLAB 7.3", matlab, "a MATLAB file"),
+    (ulog.MAGIC, ulog, "a ULog"),
+    (dataflash.MAGIC, dataflash, "a dataflash log"),
+    *((magic, ros, "a bag") for magic in ros.MAGICS),
+)
+
+
+def read_recordings(
+    path: Path,
+    columns: ColumnMap = CANONICAL,
+    layout: Layout = AS_FOUND,
+    *,
+    name: str | None = None,
+) -> tuple[Recording, ...]:
+    """Recordings in one file of any known format; several where the file tells devices apart.
+
+    **Arguments:** `name` is a format of `FORMATS`, where suffix and content do not tell.
+    Raises `ValueError` in one line for anything missing or wrong in the file.
+    """
+    if not is_recording(path):
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise ValueError(f"{path}: {what}; a recording file is needed.")
+    chosen = format_of(path, layout) if name is None else by_name(name)
+    if path.is_dir() and chosen not in (euroc, ros):
+        raise ValueError(f"{path}: is a folder; format {chosen.NAME} needs a file.")
+    for key in _SPECIAL_KEYS:
+        if getattr(layout, key) is not None and key not in chosen.KEYS:
+            known = ", ".join(m.NAME for m in FORMATS if key in m.KEYS)
+            raise ValueError(
+                f"{path.name}: [recordings] {key} is for {known}, but this file is {chosen.NAME}."
+            )
+    return chosen.read(path, columns, layout)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path can be read: any file, or a folder that is a bag or of EuRoC's layout."""
+    return path.is_file() or (path.is_dir() and (ros.is_bag(path) or _is_euroc(path)))
+
+
+def _is_euroc(folder: Path) -> bool:
+    return euroc.data_file(folder) is not None
+
+
+def format_of(path: Path, layout: Layout = AS_FOUND) -> ModuleType:
+    """The format that a file, or a folder that `is_recording`, is read in. Raises as `detect` does."""
+    if path.is_dir():
+        return ros if ros.is_bag(path) else euroc
+    if layout.sections is not None:
+        return imucal
+    chosen = detect(path)
+    if chosen is csv:
+        with path.open("rb") as file:
+            if euroc.is_euroc(file.read(512)):
+                return euroc
+    return chosen
+
+
+def by_name(name: str) -> ModuleType:
+    """The format of that name."""
+    for module in FORMATS:
+        if module.NAME == name:
+            return module
+    raise ValueError(f"format '{name}' is not known; one of {', '.join(m.NAME for m in FORMATS)}.")
+
+
+def detect(path: Path) -> ModuleType:
+    """The format of a file. Raises `ValueError` where suffix and content contradict each other."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    by_suffix = [m for m in FORMATS if path.suffix.lower() in m.SUFFIXES]
+    for magic, module, words in _MAGIC:
+        if head.startswith(magic):
+            if by_suffix and module not in by_suffix:
+                raise ValueError(_contradiction(path, by_suffix[0], module, words))
+            return module
+    if by_suffix:
+        # Parquet is told by its first bytes and no others.
+        if by_suffix[0] is parquet and head.strip():
+            raise ValueError(f"{path.name}: not a Parquet file: it does not begin with PAR1.")
+        return by_suffix[0]
+    if head.strip() and b"\0" not in head:
+        return csv
+    known = ", ".join(dict.fromkeys(s for m in FORMATS for s in m.SUFFIXES))
+    raise ValueError(
+        f"{path.name}: suffix '{path.suffix}' is not known and the content is "
+        f"{'binary' if head else 'empty'}; one of {known} is needed."
+    )
+
+
+def _contradiction(path: Path, by_suffix: ModuleType, found: ModuleType, words: str) -> str:
+    if by_suffix is parquet:
+        return f"{path.name}: not a Parquet file: it does not begin with PAR1."
+    suffix = found.SUFFIXES[0]
+    return (
+        f"{path.name}: the content is {words} but the suffix is '{path.suffix}'; rename it to "
+        f'{suffix} or write [recordings] format = "{found.NAME}".'
+    )

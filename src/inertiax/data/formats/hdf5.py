@@ -1,0 +1,110 @@
+"""HDF5 files, through h5py: datasets of one length, or one table of named fields.
+
+`[recordings] group` names the group (or table) to read where it is not the root. Links and virtual data
+that lead to other files are not followed, and only numbers and fixed text are read.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..recording import Recording
+from .arrays import choose_group, to_table
+from .columns import AS_FOUND, ColumnMap, Layout
+from .expansion import require_plausible
+from .optional import load
+from .table import to_recordings
+
+
+NAME = "hdf5"
+SUFFIXES = (".h5", ".hdf5", ".hdf")
+KEYS = ("group",)
+MAGIC = b"\x89HDF\r\n\x1a\n"
+
+
+def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
+    """Recordings in an HDF5 file, one per device. Raises `ValueError` naming file and dataset."""
+    arrays = read_arrays(path, layout.group)
+    return to_recordings(to_table(arrays, columns, path.name), columns, layout, name=path.name)
+
+
+def read_arrays(
+    path: Path, group: str | None = None, *, matlab: bool = False
+) -> dict[str, np.ndarray]:
+    """Arrays under a group by name; `matlab` undoes MATLAB's order of axes."""
+    h5py = load("h5py", "hdf5", path)
+    try:
+        with h5py.File(path, "r") as file:
+            start = file
+            if group is not None:
+                choose_group(_names(h5py, file), group.strip("/"), path.name)
+                start = file[group]
+            require_plausible(_claimed(h5py, start), path.stat().st_size, path.name)
+            if isinstance(start, h5py.Dataset):
+                return {group or "": _values(start, path, matlab)}
+            return _walk(h5py, start, "", path, matlab)
+    # All that h5py makes of HDF5's errors; UnicodeDecodeError (a name) is a ValueError.
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        if isinstance(error, ValueError) and str(error).startswith(f"{path.name}: "):
+            raise
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(
+            f"{path.name}: the HDF5 file is damaged or cut off: {reason[:200]}."
+        ) from None
+
+
+def _names(h5py, group, prefix: str = "") -> list[str]:
+    """Groups and tables in it that the campaign may name."""
+    names = []
+    for name, item in _inside(h5py, group):
+        full = f"{prefix}{name}"
+        if isinstance(item, h5py.Group):
+            names += [full, *_names(h5py, item, f"{full}/")]
+        elif item.dtype.names is not None:
+            names.append(full)
+    return names
+
+
+def _inside(h5py, group) -> list:
+    """Members that are in this file itself."""
+    items = []
+    for name in group:
+        if isinstance(group.get(name, getlink=True), h5py.HardLink) and not name.startswith("#"):
+            items.append((name, group[name]))
+    return items
+
+
+def _walk(h5py, group, prefix: str, path: Path, matlab: bool) -> dict[str, np.ndarray]:
+    arrays: dict[str, np.ndarray] = {}
+    for name, item in _inside(h5py, group):
+        if isinstance(item, h5py.Group):
+            arrays |= _walk(h5py, item, f"{prefix}{name}/", path, matlab)
+        elif isinstance(item, h5py.Dataset) and _readable(h5py, item):
+            arrays[f"{prefix}{name}"] = _values(item, path, matlab)
+    return arrays
+
+
+def _claimed(h5py, item) -> int:
+    """Bytes of everything that would be read: a few bytes of a file can claim any size."""
+    if isinstance(item, h5py.Dataset):
+        return int(item.nbytes) if _readable(h5py, item) else 0
+    return sum(_claimed(h5py, one) for _, one in _inside(h5py, item))
+
+
+def _readable(h5py, dataset) -> bool:
+    """Numbers, fixed text, or rows of those; MATLAB's text and references are neither."""
+    if dataset.attrs.get("MATLAB_class", b"double") in (b"char", b"cell", b"function_handle"):
+        return False
+    text = h5py.check_string_dtype(dataset.dtype) is not None
+    return (text or dataset.dtype.kind in "fiubV") and 1 <= dataset.ndim <= 2
+
+
+def _values(dataset, path: Path, matlab: bool) -> np.ndarray:
+    if dataset.is_virtual or dataset.external:
+        raise ValueError(
+            f"{path.name}: dataset '{dataset.name}' lies in another file; copy it into this one."
+        )
+    if dataset.dtype.kind == "O":  # text of any length
+        return np.char.encode(np.asarray(dataset.asstr()[()], str), "utf-8")
+    values = np.asarray(dataset[()])
+    return values.T if matlab else values

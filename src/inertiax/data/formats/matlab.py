@@ -1,0 +1,56 @@
+"""MATLAB files: v5 to v7, and v7.3 (which is HDF5) through h5py.
+
+Columns are the numeric variables, or with `[recordings] group` the fields of that struct. A matrix
+of n × 3 named `accel` is three columns. Only arrays of numbers are taken; MATLAB objects, cells and
+functions are left alone.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..recording import Recording
+from .arrays import choose_group, to_table
+from .columns import AS_FOUND, ColumnMap, Layout
+from .hdf5 import MAGIC, read_arrays
+from .matlab5 import Content, parse
+from .table import to_recordings
+
+
+NAME = "matlab"
+SUFFIXES = (".mat",)
+KEYS = ("group",)
+
+
+def is_matlab(head: bytes) -> bool:
+    """Whether a file's first bytes are those of a MATLAB v5 to v7.3 file."""
+    return head.startswith((b"MATLAB 5.0", b"MATLAB 7.3"))
+
+
+def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
+    """Recordings in a MATLAB file. Raises `ValueError` naming file and variable."""
+    with path.open("rb") as file:
+        head = file.read(520)
+    if MAGIC in head:
+        arrays = read_arrays(path, layout.group, matlab=True)
+    else:
+        arrays = _version_5(path, layout.group)
+    return to_recordings(to_table(arrays, columns, path.name), columns, layout, name=path.name)
+
+
+def _version_5(path: Path, group: str | None) -> dict[str, np.ndarray]:
+    content = parse(path.read_bytes(), path.name)
+    if group is not None:
+        choose_group([k for k, v in content.items() if isinstance(v, dict)], group, path.name)
+        inside = content[group]
+        return _flat(inside, "") if isinstance(inside, dict) else {}
+    return _flat(content, "")
+
+
+def _flat(content: Content, prefix: str) -> dict[str, np.ndarray]:
+    """Arrays by name, those of structs behind the struct's own."""
+    arrays: dict[str, np.ndarray] = {}
+    for name, value in content.items():
+        full = f"{prefix}{name}"
+        arrays |= _flat(value, f"{full}/") if isinstance(value, dict) else {full: value}
+    return arrays

@@ -1,0 +1,241 @@
+"""From a table of named columns to `Recording`s: units, checks, one recording per device."""
+
+import re
+from typing import Literal
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float, Int
+
+from ..recording import Recording
+from .columns import (
+    AXES,
+    ColumnMap,
+    Layout,
+    nearest,
+    ProbeColumns,
+    short,
+    shown,
+    supply_scale,
+    SupplyColumn,
+    temperature_to_celsius,
+    time_scale,
+    TimeColumn,
+    triad_factors,
+    TriadColumns,
+)
+
+
+def to_recordings(
+    table: pl.DataFrame, columns: ColumnMap, layout: Layout, *, name: str
+) -> tuple[Recording, ...]:
+    """One `Recording` per device in the table, in SI, in order of first appearance.
+
+    `layout.triad` restricts to one triad, for files that hold the triads separately.
+    Raises `ValueError` in one line that names the file, the column, the row (counted from 0 after
+    the header) and what was found.
+    """
+    if table.height <= layout.start_row:
+        raise ValueError(
+            f"{name}: no rows of data after start_row = {layout.start_row} (the file has "
+            f"{table.height}); at least one sample is needed."
+        )
+    table = table.slice(layout.start_row)
+    values = {
+        "time": _time(table, columns, name),
+        "accel": None if layout.triad == "gyro" else _triad(table, columns.accel, "accel", name),
+        "gyro": None if layout.triad == "accel" else _triad(table, columns.gyro, "gyro", name),
+        "temperature": _temperature(table, columns.temperature, name),
+        "experiment": _labels(table, columns.label("experiment"), "experiment", name),
+        "position": _labels(table, columns.label("position"), "position", name),
+        "reference_accel": _triad(table, columns.reference_accel, "reference_accel", name),
+        "reference_gyro": _triad(table, columns.reference_gyro, "reference_gyro", name),
+        "supply": _supply(table, columns.supply, name),
+    }
+    if values["accel"] is None and values["gyro"] is None:
+        raise ValueError(
+            f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
+            "them under [columns] accel or gyro."
+        )
+    parts = []
+    for device, rows in _devices(table, columns.label("device"), name):
+        mine = {k: v[rows] for k, v in values.items() if v is not None}
+        label = f"{name} (device {device})" if device else name
+        mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
+        parts.append(Recording(**mine, device=device, name=label))
+    return tuple(parts)
+
+
+def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:
+    """The column, or a `ValueError` that lists the columns there are."""
+    if column not in table.columns:
+        raise ValueError(
+            f"{where}: column '{column}' is missing; {nearest(column, table.columns)}the file has "
+            f"{shown(table.columns)}."
+        )
+    return table.get_column(column)
+
+
+def numbers(table: pl.DataFrame, column: str, where: str) -> Float[np.ndarray, " rows"]:
+    """A column as finite float64. Raises `ValueError` for text, gaps, NaN and infinities."""
+    series = require(table, column, where)
+    if series.dtype == pl.String:
+        text = series.str.strip_chars()
+        series = text.cast(pl.Float64, strict=False)
+        if series.null_count() > text.null_count():
+            bad = series.is_null() & text.is_not_null() & (text != "")
+            if bad.any():
+                row = int(bad.arg_true()[0])
+                raise ValueError(
+                    f"{where}: column '{column}' holds text in row {row}: '{short(text[row])}'; every row "
+                    "must be a number."
+                )
+    elif not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
+        raise ValueError(
+            f"{where}: column '{column}' is of type {series.dtype}; it must hold numbers."
+        )
+    values = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
+    finite = np.isfinite(values)
+    if not finite.all():
+        raise ValueError(
+            f"{where}: column '{column}' has no finite number in {int((~finite).sum())} of "
+            f"{len(values)} rows, first in row {int(np.argmin(finite))}; drop or repair them."
+        )
+    return values
+
+
+def _clock(
+    time: Float[np.ndarray, " rows"], column: TimeColumn | str | None, where: str
+) -> Float[np.ndarray, " rows"]:
+    """Stamps of one device, checked; or its own row count where the campaign gives only a rate."""
+    if isinstance(column, TimeColumn) and column.rate is not None:
+        return np.arange(len(time)) / column.rate
+    steps = np.diff(time)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0)) + 1
+        again, back = int((steps == 0).sum()), int((steps < 0).sum())
+        what = "repeats" if steps[row - 1] == 0 else "goes back from"
+        raise ValueError(
+            f"{where}: time must increase strictly, but row {row} ({time[row]:.6f} s) {what} the "
+            f"stamp of row {row - 1} ({time[row - 1]:.6f} s); {again} repeated and {back} backward "
+            "stamps in all. Repair them, or count rows with [columns] time = { rate = ... } in Hz."
+        )
+    return time
+
+
+def _time(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.ndarray, " rows"]:
+    said = columns.time
+    if isinstance(said, str):
+        said = TimeColumn(name=said)
+    column = said or TimeColumn()
+    scale = time_scale(column, "[columns]")
+    if column.rate is not None:
+        return np.arange(table.height) / column.rate
+    if column.name is None and "time" not in table.columns:
+        raise ValueError(
+            f"{where}: column 'time' is missing; the file has {shown(table.columns)}. Name it with "
+            '[columns] time = { name = "...", unit = "..." }, or count rows with '
+            "[columns] time = { rate = ... } in Hz."
+        )
+    name = column.name or "time"
+    series = require(table, name, where)
+    if isinstance(series.dtype, pl.Datetime | pl.Duration):
+        return series.to_physical().cast(pl.Float64).to_numpy() * _TICK[series.dtype.time_unit]
+    return numbers(table, name, where) * scale
+
+
+_TICK = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+TriadName = Literal["accel", "gyro", "reference_accel", "reference_gyro"]
+
+
+def _triad(
+    table: pl.DataFrame, said: TriadColumns | None, key: TriadName, where: str
+) -> Float[np.ndarray, "rows 3"] | None:
+    column = said or TriadColumns()
+    names = column.names or tuple(f"{key}_{axis}" for axis in AXES)
+    if said is None and not any(n in table.columns for n in names):
+        return None
+    if len(set(names)) < 3:
+        raise ValueError(
+            f"[columns] {key}: names must be three different columns; found {list(names)}."
+        )
+    kind = "accel" if key.endswith("accel") else "gyro"
+    offset, factor = triad_factors(column, kind, f"[columns] {key}")
+    values = np.empty((table.height, 3))
+    for axis, name in enumerate(names):
+        values[:, axis] = (numbers(table, name, where) - offset[axis]) * factor[axis]
+    return values
+
+
+def _temperature(
+    table: pl.DataFrame, said: ProbeColumns | str | None, where: str
+) -> Float[np.ndarray, "rows probes"] | None:
+    column = ProbeColumns(name=said) if isinstance(said, str) else said or ProbeColumns()
+    if column.name is not None and column.names is not None:
+        raise ValueError("[columns] temperature: give name or names, not both.")
+    if column.names is not None:
+        names = column.names
+    elif column.name is not None:
+        names = (column.name,)
+    else:
+        if said is None and "temperature" not in table.columns:
+            return None
+        further = [(int(n[12:]), n) for n in table.columns if _PROBE.fullmatch(n)]
+        names = ("temperature", *(n for _, n in sorted(further)))
+    scale, shift = temperature_to_celsius(column.unit, "[columns] temperature")
+    return np.stack([scale * (numbers(table, n, where) + shift) for n in names], axis=1)
+
+
+_PROBE = re.compile(r"temperature_\d{1,6}")
+
+
+def _supply(
+    table: pl.DataFrame, said: SupplyColumn | str | None, where: str
+) -> Float[np.ndarray, " rows"] | None:
+    """The supply voltage, V. A column of that name that nobody asked for and that holds no numbers is not it."""
+    column = SupplyColumn(name=said) if isinstance(said, str) else said or SupplyColumn()
+    name = column.name or "supply"
+    if said is None and not (name in table.columns and table.schema[name].is_numeric()):
+        return None
+    return numbers(table, name, where) * supply_scale(column.unit, "[columns] supply")
+
+
+def _labels(
+    table: pl.DataFrame, said: str | None, key: str, where: str
+) -> Int[np.ndarray, " rows"] | None:
+    if said is None and key not in table.columns:
+        return None
+    values = numbers(table, said or key, where)
+    whole = values == np.round(values)
+    if not whole.all():
+        row = int(np.argmin(whole))
+        raise ValueError(
+            f"{where}: column '{said or key}' must hold whole numbers ({key}); row {row} is "
+            f"{values[row]:g}."
+        )
+    if np.abs(values).max() > 2.0**53:
+        row = int(np.argmax(np.abs(values)))
+        raise ValueError(
+            f"{where}: column '{said or key}' is {values[row]:g} in row {row}; whole numbers up to 2^53 "
+            "are told apart."
+        )
+    return values.astype(np.int64)
+
+
+def _devices(
+    table: pl.DataFrame, said: str | None, where: str
+) -> list[tuple[str, slice | Int[np.ndarray, " chosen"]]]:
+    if said is None and "device" not in table.columns:
+        return [("", slice(None))]
+    serial = require(table, said or "device", where).cast(pl.String)
+    if serial.null_count():
+        row = int(serial.is_null().arg_true()[0])
+        raise ValueError(
+            f"{where}: column '{said or 'device'}' is empty in row {row}; every row needs the serial "
+            "number of its device."
+        )
+    names = serial.unique(maintain_order=True).to_list()
+    if len(names) == 1:
+        return [(names[0], slice(None))]
+    return [(n, (serial == n).arg_true().to_numpy().astype(np.int64)) for n in names]

@@ -1,0 +1,145 @@
+"""PX4's ULog, through pyulog: the raw `sensor_accel` and `sensor_gyro`, with their temperature.
+
+Each instance (IMU) of the log is a device of its own, named `imu0`, `imu1`, …; `[recordings] instance`
+reads one alone. The gyros are put onto the accelerometers' stamps by straight lines where their stamps
+differ. `[recordings] topic = "sensor_combined"` reads what PX4 has corrected instead.
+"""
+
+import contextlib
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import polars as pl
+
+from ..recording import Recording
+from .columns import AS_FOUND, AXES, ColumnMap, Layout, shown
+from .optional import load
+from .streams import onto, shared
+from .table import to_recordings
+
+
+NAME = "ulog"
+SUFFIXES = (".ulg", ".ulog")
+KEYS = ("topic", "instance")
+MAGIC = b"ULog\x01\x12\x35"
+_TOPICS = ("sensor_accel", "sensor_gyro", "sensor_combined")
+_COMBINED = {"gyro": "gyro_rad[{}]", "accel": "accelerometer_m_s2[{}]"}
+
+
+def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
+    """Recordings in a ULog, one per IMU. Raises `ValueError` naming file, topic and field."""
+    topic = layout.topic or "sensor_accel"
+    if topic not in _TOPICS:
+        raise ValueError(
+            f"{path.name}: topic '{topic}' is not read; one of {', '.join(_TOPICS)} is needed (a "
+            "sensor_accel comes with its sensor_gyro)."
+        )
+    data = _datasets(path)
+    names = ("sensor_combined",) if topic == "sensor_combined" else _TOPICS[:2]
+    instances = sorted({i for name, i in data if name in names})
+    if not instances:
+        raise ValueError(
+            f"{path.name}: no topic {' or '.join(names)} in the log; it has "
+            f"{sorted({name for name, _ in data}) or 'none of ' + str(_TOPICS)}. Log raw sensor "
+            "topics (SDLOG_PROFILE, sensor comparison)."
+        )
+    if layout.instance is not None:
+        if layout.instance not in instances:
+            raise ValueError(
+                f"{path.name}: instance {layout.instance} of {names[0]} is missing; the log has "
+                f"{instances}."
+            )
+        instances = [layout.instance]
+    recordings: list[Recording] = []
+    for i in instances:
+        label = f"{path.name} {names[0]}[{i}]"
+        table = _table({name: data.get((name, i)) for name in names}, label)
+        if len(instances) > 1 and columns.device is None:
+            table = table.with_columns(pl.lit(f"imu{i}").alias("device"))
+        recordings += to_recordings(table, columns, layout, name=label)
+    return tuple(recordings)
+
+
+def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
+    pyulog = load("pyulog", "px4", path)
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise ValueError(f"{path.name}: not a ULog: it does not begin with ULog's header.")
+    said = io.StringIO()  # pyulog prints what it meets
+    with path.open("rb") as file, contextlib.redirect_stdout(said):
+        try:
+            once = _Once(file, path.stat().st_size)
+            log = pyulog.ULog(once, message_name_filter_list=list(_TOPICS))
+        # pyulog meets a damaged file with whatever its parsing runs into (struct.error,
+        # TypeError, ValueError, IndexError, KeyError, UnicodeDecodeError), and promises none of it.
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__} {error}".split())[:200]
+            raise ValueError(f"{path.name}: the ULog is damaged: {reason}.") from None
+    if log.file_corruption:
+        raise ValueError(f"{path.name}: the ULog has corrupt parts; download it again.")
+    return {(d.name, d.multi_id): d.data for d in log.data_list}
+
+
+class _Once:
+    """A file that may be read about once: pyulog goes back in some damaged logs again and again."""
+
+    def __init__(self, file: BinaryIO, size: int):
+        self._file, self._left = file, 8 * size + 65536
+        self.seek, self.tell, self.close = file.seek, file.tell, file.close
+
+    def read(self, count: int) -> bytes:
+        """The next bytes. Raises `EOFError` where far more were read than there are."""
+        self._left -= count + 1
+        if self._left < 0:
+            raise EOFError("its parts point back at each other")
+        return self._file.read(count)
+
+
+def _table(data: dict[str, dict[str, np.ndarray] | None], where: str) -> pl.DataFrame:
+    triads: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    temperature = None
+    for topic, fields in data.items():
+        if fields is None:
+            continue
+        combined = topic == "sensor_combined"
+        stamp = fields.get("timestamp_sample", fields.get("timestamp"))
+        if combined or stamp is None or not np.any(stamp):
+            stamp = _field(fields, "timestamp", where)
+        time = stamp.astype(float) * 1e-6
+        for key in ("gyro", "accel") if combined else (topic.removeprefix("sensor_"),):
+            pattern = _COMBINED[key] if combined else "{}"
+            columns = range(3) if combined else AXES
+            values = [_field(fields, pattern.format(c), where) for c in columns]
+            triads[key] = time, np.stack(values, axis=1).astype(float)
+        if "temperature" in fields and not np.isnan(fields["temperature"]).all():
+            # The accelerometers come first and their probe is the device's.
+            temperature = temperature or (time, fields["temperature"].astype(float)[:, None])
+    return _joined(triads, temperature, where)
+
+
+def _joined(
+    triads: dict[str, tuple[np.ndarray, np.ndarray]],
+    temperature: tuple[np.ndarray, np.ndarray] | None,
+    where: str,
+) -> pl.DataFrame:
+    time = next(iter(triads.values()))[0]
+    kept = slice(None)
+    for other, _ in list(triads.values())[1:]:
+        kept = shared(time, other, where)
+    columns = {"time": time[kept]}
+    streams = triads | ({"temperature": temperature} if temperature is not None else {})
+    for key, (stamps, values) in streams.items():
+        put = values[kept] if stamps is time else onto(time[kept], stamps, values, where)
+        names = [key] if key == "temperature" else [f"{key}_{a}" for a in AXES]
+        columns |= {n: put[:, k] for k, n in enumerate(names)}
+    return pl.DataFrame(columns)
+
+
+def _field(fields: dict[str, np.ndarray], name: str, where: str) -> np.ndarray:
+    if name not in fields:
+        raise ValueError(
+            f"{where}: field '{name}' is missing; the topic has {shown(sorted(fields))}."
+        )
+    return fields[name]

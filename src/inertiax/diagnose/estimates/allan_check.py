@@ -1,0 +1,83 @@
+"""The fitted noise beside the Allan deviation of the rows, where rests are long enough for one."""
+
+import equinox as eqx
+import numpy as np
+
+from ...allan import deviations
+from ..candidates.signatures import Term
+from ..noise.draws import draw
+from ..noise.observation_series import NoiseFit, variances
+from ..problem import Prepared
+from ..selection.blocked_cross_validation import columns_of
+
+
+ENOUGH = 48  # blocks in one rest
+DRAWS = 200
+LEVEL = 0.99  # of the interval that the fitted noise gives
+
+
+class AllanCheck(eqx.Module):
+    """Allan deviation of one chain's rows in its longest rest against that of the fitted noise."""
+
+    channel: str = eqx.field(static=True)
+    tau: float = eqx.field(static=True)  # s
+    measured: float = eqx.field(static=True)  # m/s² or rad/s
+    expected: float = eqx.field(static=True)  # median over draws of the fitted noise
+    low: float = eqx.field(static=True)
+    high: float = eqx.field(static=True)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the measured value lies within the interval."""
+        return self.low <= self.measured <= self.high
+
+    def line(self) -> str:
+        """The comparison in words."""
+        unit = "rad/s" if self.channel.startswith("gyro") else "m/s^2"
+        verdict = "agrees with" if self.agrees else "does NOT agree with"
+        return (
+            f"{self.channel}: the Allan deviation {self.measured:.3g} {unit} at {self.tau:.3g} s {verdict} the "
+            f"fitted noise ({self.low:.3g} to {self.high:.3g})"
+        )
+
+
+def allan_checks(prepared: Prepared, noise: NoiseFit, chosen: list[Term]) -> tuple[AllanCheck, ...]:
+    """Compare at one block, and at an eighth of the longest rest; nothing where no rest has enough blocks.
+
+    Rows have the baseline and the chosen terms taken away by least squares, and so have the draws of the noise.
+    """
+    blocks, system = prepared.blocks, prepared.system
+    numbers, counts = np.unique(blocks.dwell[~blocks.moving], return_counts=True)
+    if not len(numbers) or counts.max() < ENOUGH:
+        return ()
+    rest = np.flatnonzero(blocks.dwell == numbers[int(np.argmax(counts))])
+    step = float(np.median(np.diff(blocks.time[rest])))
+    factors = np.array([1, len(rest) // 8])
+    made = []
+    for c, chain in enumerate(system.chains):
+        y = system.base.observed[c][:, None]
+        rng = np.random.default_rng([17, c])
+        both = np.concatenate([y, draw(chain, variances(system, noise)[c], DRAWS, rng)], axis=1)
+        extra = columns_of(chosen, c)
+        x = system.frames[c] if extra is None else np.concatenate([system.frames[c], extra], axis=1)
+        weight = 1.0 / np.sqrt(chain.white)[:, None]
+        frame = np.linalg.qr(x / (np.linalg.norm(x, axis=0) + 1e-300) * weight)[0]
+        left = (both * weight - frame @ (frame.T @ (both * weight))) / weight
+        found = np.array(
+            [
+                deviations(row, rate=1.0 / step, factors=factors).deviation
+                for row in np.ascontiguousarray(left[rest].T)
+            ]
+        )
+        name = f"{prepared.form.triad}_{'xyz'[c]}" if len(system.chains) == 3 else "|accel|"
+        low, middle, high = np.quantile(
+            found[1:], [0.5 - 0.5 * LEVEL, 0.5, 0.5 + 0.5 * LEVEL], axis=0
+        )
+        for k, factor in enumerate(factors):
+            made.append(
+                AllanCheck(
+                    name, float(step * factor), float(found[0, k]), float(middle[k]), float(low[k]),
+                    float(high[k]),
+                )
+            )  # fmt: skip
+    return tuple(made)

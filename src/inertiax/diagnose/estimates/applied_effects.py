@@ -1,0 +1,365 @@
+"""The augmented model at work: named effects taken away from a recording, or put on ideal inputs.
+
+An effect e acts on the outputs and depends on what the device goes through, a' = (E + Γ) a + a⁰ + e(a, …), so
+compensation is the fixed point
+
+    a ← (E + Γ)⁻¹ (a' − a⁰ − e(a, …)),
+
+which contracts by the size of ∂e/∂a: a thousandth or less for every effect of a usable sensor.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._typing import AnyArray
+from ...calibration.calibration import Calibration, TriadCalibration
+from ...calibration.fitted_effects import FittedEffect, known_effect
+from ...data.recording import Campaign, Recording
+from ...effects import addition, CATALOGUE, Effect, Signal, Variant
+from ...physics.error_model import distort_accel, distort_gyro
+from ...physics.temperature import Constant, Polynomial
+from ..candidates.signatures import Term
+from ..noise.observation_series import NoiseFit
+from ..observations.blocks import cut, join, Log
+from ..observations.signals import (
+    _moves as moves,
+    _vibration as rest_vibration,
+    room_axes,
+    since,
+    smooth_temperature,
+)
+from ..problem import Prepared
+from ..selection.score_test import whiten_system
+
+
+CLOCKED = ("drift", "bias_step")  # depend on the moment, not on what the device goes through
+WANTS_RESTS = ("settling", "vibration_rectification", "time_delay")
+LOST = {
+    "quantization": "rounding cannot be undone",
+    "interference": "its phase is known in the diagnosed recordings only",
+}
+ITERATIONS = 12
+SETTLED = 1e-10  # change of the additions, relative to the largest output, at which iteration stops
+
+
+class Outputs(eqx.Module):
+    """Both triads along a recording, and the effects that could not be computed for it, with reasons."""
+
+    accel: Float[np.ndarray, "time 3"] | None  # m/s²
+    gyro: Float[np.ndarray, "time 3"] | None  # rad/s
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
+
+
+class OutputsAt(eqx.Module):
+    """What a calibrated triad would put out along known inputs at other temperatures."""
+
+    calibration: Calibration
+    triad: str = eqx.field(static=True)
+    force: Float[AnyArray, "time 3"]  # m/s²
+    rate: Float[AnyArray, "time 3"]  # rad/s
+
+    def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
+        accel, gyro = distorted(self.calibration, self.force, self.rate, temperature)
+        return accel if self.triad == "accel" else gyro
+
+
+@jax.jit
+def distorted(
+    calibration: Calibration,
+    force: Float[AnyArray, "time 3"],
+    rate: Float[AnyArray, "time 3"],
+    temperature: Float[AnyArray, " time"],
+) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:
+    """Equation (1): outputs in m/s² and rad/s of ideal inputs, without the named effects."""
+
+    def one(a, w, t):
+        accel = distort_accel(calibration.accel_errors(t), a)
+        return accel, distort_gyro(calibration.gyro_errors(t), w, a, calibration.gravity)
+
+    return jax.vmap(one)(jnp.asarray(force), jnp.asarray(rate), jnp.asarray(temperature))
+
+
+@jax.jit
+def _compensated(calibration, accel, gyro, temperature):
+    return jax.vmap(calibration)(accel, gyro, temperature)
+
+
+def compensate(
+    calibration: Calibration, recording: Recording, *, effects: Sequence[Effect] = CATALOGUE
+) -> Outputs:
+    """Specific force (m/s²) and rate (rad/s) of a recording with the named effects taken away too.
+
+    **Arguments:** `effects` is the catalogue in which `calibration.effects` are looked up by name.
+    **Returns** `Outputs`; its `notes` name each effect that the recording does not let compute.
+    Raises `ValueError` for an effect that the catalogue lacks.
+    """
+    log, usable, notes = _setting(calibration, recording, effects)
+    zeros = np.zeros((len(log.time), 3))
+    accel = zeros if log.accel is None else log.accel
+    gyro = zeros if log.gyro is None else log.gyro
+    temperature = np.zeros(len(zeros)) if log.temperature is None else log.temperature
+    added = np.zeros_like(zeros), np.zeros_like(zeros)
+    force, rate = map(np.asarray, _compensated(calibration, accel, gyro, temperature))
+    course = Course(calibration, log)
+    for _ in range(ITERATIONS if usable else 0):
+        now = course.additions(usable, force, rate)
+        change = [np.abs(n - b).max() for n, b in zip(now, added)]
+        added = now
+        force, rate = map(
+            np.asarray,
+            _compensated(calibration, accel - added[0], gyro - added[1], temperature),
+        )
+        largest = np.abs(accel).max(), np.abs(gyro).max()
+        if all(c <= SETTLED * m for c, m in zip(change, largest)):
+            break
+    return Outputs(None if log.accel is None else force, None if log.gyro is None else rate, notes)
+
+
+def simulate(
+    calibration: Calibration, inputs: Recording, *, effects: Sequence[Effect] = CATALOGUE
+) -> Outputs:
+    """What the device would put out, named effects included, for ideal inputs.
+
+    **Arguments:** `inputs` holds the specific force (m/s²) in `accel` and the absolute rate (rad/s) in `gyro`,
+    with temperature and positions as they would be recorded. **Returns** `Outputs`, the inverse of
+    `compensate` but for noise. Raises `ValueError` for an effect that the catalogue lacks.
+    """
+    log, usable, notes = _setting(calibration, inputs, effects)
+    zeros = np.zeros((len(log.time), 3))
+    force = zeros if log.accel is None else log.accel
+    rate = zeros if log.gyro is None else log.gyro
+    temperature = np.zeros(len(zeros)) if log.temperature is None else log.temperature
+    accel, gyro = map(np.asarray, distorted(calibration, force, rate, temperature))
+    added = Course(calibration, log).additions(usable, force, rate)
+    return Outputs(
+        None if log.accel is None else accel + added[0],
+        None if log.gyro is None else gyro + added[1],
+        notes,
+    )
+
+
+Usable = list[tuple[FittedEffect, Effect]]
+
+
+def _setting(
+    calibration: Calibration, recording: Recording, catalogue: Sequence[Effect]
+) -> tuple[Log, Usable, tuple[str, ...]]:
+    """The recording as a log, the effects that it lets compute, and a line for each other."""
+    log = _log(recording, any(e.name in WANTS_RESTS for e in calibration.effects))
+    course = Course(calibration, log)
+    usable, notes = [], []
+    for fitted in calibration.effects:
+        effect = known_effect(fitted.name, f"calibration: effect {fitted.name!r}", catalogue)
+        why = course.obstacle(fitted, effect)
+        channels = ", ".join(fitted.channel_names)
+        if why:
+            notes.append(f"{fitted.name} on {channels} is not taken into account: {why}")
+            continue
+        usable.append((fitted, effect))
+        if fitted.name in CLOCKED and course.outside(fitted):
+            notes.append(
+                f"{fitted.name} on {channels}: the recording's clock is outside that of the diagnosed "
+                f"ones, so its value at their nearer end is taken"
+            )
+    return log, usable, tuple(notes)
+
+
+def _log(recording: Recording, rests: bool) -> Log:
+    """The recording as the diagnosis reads it; rests are only looked for where an effect wants them."""
+    if not rests and recording.position is None:
+        recording = eqx.tree_at(
+            lambda r: r.position, recording, np.zeros(recording.num_samples, int),
+            is_leaf=lambda x: x is None,
+        )  # fmt: skip
+    return join(Campaign((recording,)))
+
+
+class Course(eqx.Module):
+    """A recording's circumstances, from which the signal of either triad is made."""
+
+    calibration: Calibration
+    log: Log
+
+    def obstacle(self, fitted: FittedEffect, effect: Effect) -> str:
+        """Why the effect cannot be computed for this recording, or an empty text."""
+        if effect.common:
+            return "it belongs to the test station, not to the device"
+        if fitted.name in LOST:
+            return LOST[fitted.name]
+        if fitted.name in CLOCKED and fitted.clock is None:
+            return "the diagnosed recordings have no common clock"
+        if getattr(self.log, fitted.triad) is None:
+            return f"the recording has no {fitted.triad} columns"
+        if fitted.name in WANTS_RESTS and not (self.log.position >= 0).any():
+            return "the recording has no rest"
+        signal = self.signal(fitted.triad, *(np.zeros((len(self.log.time), 3)),) * 2)
+        lacking = [k for k in effect.requires if getattr(signal, k) is None]
+        if lacking:
+            return f"the recording does not tell {', '.join(lacking)}"
+        if "room" in effect.requires and not signal.oriented:
+            return "the recording does not tell north and up"
+        return ""
+
+    def outside(self, fitted: FittedEffect) -> bool:
+        """Whether the recording's clock leaves that of the recordings that the effect was fitted on."""
+        if fitted.clock is None:
+            return True
+        return bool(self.log.clock[0] < fitted.clock[0] or self.log.clock[-1] > fitted.clock[1])
+
+    def additions(
+        self, usable: Usable, force: np.ndarray, rate: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the effects add to the accelerometers' and the gyros' outputs at these inputs."""
+        added = {"accel": np.zeros_like(force), "gyro": np.zeros_like(rate)}
+        for triad in ("accel", "gyro"):
+            mine = [u for u in usable if u[0].triad == triad]
+            if not mine:
+                continue
+            signal = self.signal(triad, force, rate)
+            for fitted, effect in mine:
+                own = within(signal, fitted, float(self.log.clock[0]))
+                count = len(np.asarray(fitted.coefficients))
+                coefficients = np.zeros((3, count))
+                coefficients[list(fitted.channels)] = np.asarray(fitted.coefficients)
+                variant = Variant("", dict(fitted.settings))
+                added[triad] += np.asarray(addition(effect, coefficients, variant, own))[1:-3]
+        return added["accel"], added["gyro"]
+
+    def signal(self, triad: str, force: np.ndarray, rate: np.ndarray) -> Signal:
+        """The signal of one triad for given specific force (m/s²) and rate (rad/s)."""
+        log, calibration = self.log, self.calibration
+        gravity = float(calibration.gravity)
+        known = calibration.accel if triad == "accel" else calibration.gyro
+        given = force / gravity if triad == "accel" else rate
+        value = slope = None
+        if log.temperature is not None:
+            value, slope = smooth_temperature(log)
+        low, high, degree = _scale(known, calibration.temperature_range)
+        names = {e.name for e in calibration.effects}
+        felt = None if log.accel is None else force / gravity
+        settled, move, vibration = self._rests(given, names)
+        room, upright, oriented = None, False, False
+        if "magnetic" in names and felt is not None:
+            room, upright, oriented = room_axes(log, felt)
+        return Signal(
+            triad=triad, time=log.time, input=given, output=getattr(log, triad), since_power=log.time,
+            since_start=log.time, since_move=settled, move=move, at_rest=log.position >= 0,
+            temperature=value, temperature_rate=slope, force=felt,
+            rate=None if log.gyro is None else rate, room=room, upright=upright, oriented=oriented, vibration=vibration,
+            at_temperature=None if degree == 0 else OutputsAt(calibration, triad, force, rate),
+            degree=degree, low=low, high=high, supply=log.supply,
+        )  # fmt: skip
+
+    def _rests(
+        self, given: np.ndarray, names: set[str]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Time since the last move (s), the move itself, and the vibration at rest (g²)."""
+        log = self.log
+        if not names & {"settling", "vibration_rectification"} or not (log.position >= 0).any():
+            return log.time, np.zeros_like(given), None
+        blocks = cut(log)
+        return (
+            since(log, blocks)[2],
+            moves(given, blocks, len(log.time)),
+            rest_vibration(log, blocks, float(self.calibration.gravity)),
+        )
+
+
+def _scale(
+    triad: TriadCalibration | None, covered: tuple[float, float] | None
+) -> tuple[float, float, int]:
+    """Temperatures (°C) that the model's polynomials map to −1 and +1, and their degree."""
+    low, high = (0.0, 1.0) if covered is None else covered
+    if triad is None or isinstance(triad.curve.basis, Constant):
+        return low, high, 0
+    if isinstance(triad.curve.basis, Polynomial):
+        basis = triad.curve.basis
+        return float(basis.low), float(basis.high), basis.degree
+    return low, high, triad.curve.basis.size - 1
+
+
+def within(signal: Signal, fitted: FittedEffect, start: float) -> Signal:
+    """The signal with one row before and three rows after it that carry the extent of the fit.
+
+    Shapes are scaled by the span of time, the range of temperature and the greatest input of the
+    recordings that they were fitted on; a row at each end of those makes them the same here. An effect of the
+    moment is held at the ends of its clock, one of the temperature's branch within its range. `start` is
+    the recorded clock (s) at the signal's first row.
+    """
+    time, size = np.asarray(signal.time), len(signal.time)
+    rows = np.r_[0, np.arange(size), [size - 1] * 3]
+
+    def longer(x):
+        if isinstance(x, (np.ndarray, jax.Array)) and x.ndim and x.shape[0] == size:
+            return np.asarray(x)[rows]
+        return x
+
+    at = signal.at_temperature
+    made = jax.tree.map(
+        longer, eqx.tree_at(lambda s: s.at_temperature, signal, None, is_leaf=_none)
+    )
+    if isinstance(at, OutputsAt):
+        at = OutputsAt(
+            at.calibration, at.triad, np.asarray(at.force)[rows], np.asarray(at.rate)[rows]
+        )
+        made = eqx.tree_at(lambda s: s.at_temperature, made, at, is_leaf=_none)
+    time = time[rows]
+    if fitted.name in CLOCKED and fitted.clock is not None:
+        span = fitted.clock[1] - fitted.clock[0]
+        time = np.clip(time + (start - fitted.clock[0]), 0.0, span)
+        time[0], time[-3:] = 0.0, span
+    given = np.array(made.input)
+    given[-1] = np.where(given[-1] < 0.0, -1.0, 1.0) * max(
+        fitted.greatest_input, float(np.abs(given[-1]).max())
+    )
+    made = eqx.tree_at(lambda s: (s.time, s.input), made, (time, given))
+    if fitted.degree is not None and fitted.scale is not None:
+        low, high = fitted.scale
+        made = replace(made, degree=fitted.degree, low=low, high=high)
+    if fitted.temperature is None or made.temperature is None:
+        return made
+    low, high = fitted.temperature
+    temperature = np.array(made.temperature)
+    if fitted.name == "thermal_hysteresis":
+        temperature = np.clip(temperature, low, high)
+        temperature[-2], temperature[-1] = low, high
+    return eqx.tree_at(lambda s: s.temperature, made, temperature)
+
+
+def _none(x: object) -> bool:
+    return x is None
+
+
+def fitted_effects(
+    prepared: Prepared, noise: NoiseFit, terms: Sequence[Term]
+) -> tuple[FittedEffect, ...]:
+    """The terms of a triad's augmented fit as they are stored, with coefficients of the joint fit."""
+    signal, clock = prepared.signal, prepared.clock
+    temperature = None
+    if signal.temperature is not None:
+        values = np.asarray(signal.temperature)
+        temperature = (float(values.min()), float(values.max()))
+    one_clock = bool(np.all(np.diff(clock) > 0))
+    made = []
+    for k, term in enumerate(terms):
+        others = [*terms[:k], *terms[k + 1 :]]
+        found = whiten_system(prepared.system, noise, [term], others).scores
+        if not found:
+            continue
+        made.append(
+            FittedEffect(
+                term.name, term.triad, term.channels, tuple(sorted(term.variant.settings.items())),
+                np.asarray(found[0].coefficients), np.asarray(found[0].covariance),
+                term.known.units[term.triad],
+                (float(clock[0]), float(clock[-1])) if one_clock else None, temperature,
+                float(np.abs(np.asarray(signal.input)).max()),
+                prepared.form.degree, (prepared.form.low, prepared.form.high),
+            )
+        )  # fmt: skip
+    return tuple(made)

@@ -1,0 +1,94 @@
+"""One triad's rows with the structure of their noise."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..candidates.columns import lengthen, span
+from ..observations.blocks import Blocks
+from ..observations.model_rows import Baseline
+from .common_mode import MOST, SharedErrors, signatures
+from .state_space import Chain, Known, unpack, Variances
+
+
+START = np.array([0.0, -1.0, -4.0, -2.0, -3.0, -1.5, -0.5])
+# The likelihood of flicker and walk together has more than one maximum.
+STARTS = (START, np.array([0.0, -6.0, 1.0, -2.0, -3.0, -1.5, -0.5]))
+# Neither a probe nor a rig is worse than stated; how much better it is, the rows say.
+BOUNDS = [(-1.0, 4.0), *4 * [(-9.0, 12.0)], (-6.0, 0.0), (-3.0, 0.0)]
+
+
+class System(eqx.Module):
+    """Rows of one triad: chains with noise structure, residuals, and the baseline's columns."""
+
+    base: Baseline
+    chains: tuple[Chain, ...]
+    scales: tuple[np.ndarray, ...]
+    frames: tuple[np.ndarray, ...]  # orthonormal basis of the baseline's columns, chain by chain
+    longer: tuple[Chain, ...]  # the chains with rows of padding, for compiled programs
+    known: tuple[Known, ...]  # what other units tell of each chain's variances
+    shared: SharedErrors | None = None  # errors of the rig that couple the chains
+
+    @property
+    def num_rows(self) -> int:
+        """Observations over all chains."""
+        return sum(len(y) for y in self.base.observed)
+
+
+def make(
+    base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray], heated: Sequence[np.ndarray]
+) -> System:
+    """Chains of a fitted baseline; `rig` gives each chain's positioning variance per block, `heated` the change by
+    one standard deviation of the probe's error, `(block, 1)` or `(block, 0)`."""
+    white = getattr(blocks, f"{base.form.triad}_white")
+    gap = np.r_[0.0, np.maximum(np.diff(blocks.time), 0.0)]
+    fresh = np.r_[1.0, (np.diff(blocks.dwell) != 0).astype(float)]
+    cycle = np.r_[1.0, (np.diff(blocks.cycle) != 0).astype(float)]
+    chains, scales = [], []
+    for c, _ in enumerate(base.observed):
+        if len(base.observed) == 1:
+            level = (white * base.loads[0] ** 2).sum(axis=1)
+        else:
+            level = white[:, c]
+        chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c], heated[c]))
+        mean = float(np.mean(level))
+        scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5, 1.0]))
+    frames = tuple(span(x / np.linalg.norm(x, axis=0)) for x in base.columns)
+    longer = tuple(jax.tree.map(lengthen, chain) for chain in chains)
+    nothing = tuple(Known.nothing() for _ in chains)
+    return System(base, tuple(chains), tuple(scales), frames, longer, nothing)
+
+
+def share(system: System, blocks: Blocks, reading: np.ndarray, angle: float, rate: float) -> System:
+    """The system with the rig's errors shared between the chains, where there are such and not too many."""
+    white = np.stack([chain.white for chain in system.chains], axis=1)
+    errors, here = signatures(reading, blocks.dwell, white, angle, rate)
+    if not 0 < errors.shape[2] <= MOST:
+        return system
+    free = [eqx.tree_at(lambda c: c.rig, c, np.where(here, 0.0, c.rig)) for c in system.chains]
+    longer = tuple(jax.tree.map(lengthen, chain) for chain in free)
+    columns = tuple(errors[:, c] for c in range(3))
+    return eqx.tree_at(
+        lambda s: s.shared, system, SharedErrors(columns, longer), is_leaf=lambda x: x is None
+    )
+
+
+class NoiseFit(eqx.Module):
+    """Fitted variances of every chain, and minus the log likelihood reached."""
+
+    theta: tuple[np.ndarray, ...]
+    value: tuple[float, ...]
+    # Log variances of each chain where the rig's errors couple the chains: dwell and rig fitted to all together.
+    coupled: tuple[np.ndarray, ...] | None = None
+
+    @property
+    def total(self) -> float:
+        """Minus the restricted log likelihood over all chains."""
+        return float(sum(self.value))
+
+
+def variances(system: System, noise: NoiseFit) -> list[Variances]:
+    """Variance components in SI units squared, chain by chain."""
+    return [jax.tree.map(float, unpack(t, s)) for t, s in zip(noise.theta, system.scales)]

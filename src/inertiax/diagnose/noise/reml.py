@@ -1,0 +1,122 @@
+"""Variance components of one triad's rows by restricted maximum likelihood."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.optimize
+
+from ..candidates.columns import lengthen, span
+from ..candidates.signatures import Term
+from .common_mode_fit import couple, recoupled
+from .observation_series import BOUNDS, NoiseFit, STARTS, System
+from .state_space import Known, NUM_VARIANCES, value_and_gradient
+
+
+COLUMNS = 10  # the baseline's columns are padded to a multiple
+LEARNED = [1, 2, 3, 4]  # flicker, walk, dwells and power cycles, which nothing but the rows tells
+LEAN = 0.5  # log density of a log variance whose standard deviation has a flat one, for each e-fold
+EXTRA = 16  # columns of effects that a fit of variances has room for
+
+
+def likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[np.ndarray, ...]:
+    """Residual, scaled baseline columns and padded columns of the chosen terms of one chain."""
+    y = system.base.observed[c]
+    unit = float(np.sqrt(system.scales[c][1])) * np.sqrt(len(y))
+    extra = np.zeros((len(y), EXTRA))
+    mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
+    if mine:
+        found = span(np.concatenate(mine, axis=1))[:, :EXTRA]
+        extra[:, : found.shape[1]] = found * unit
+    frame = system.frames[c] * unit
+    wide = -(-frame.shape[1] // COLUMNS) * COLUMNS
+    return lengthen(y), lengthen(frame, wide), lengthen(extra)
+
+
+def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term], chain: int) -> float:
+    """Minus the restricted log likelihood of the chosen terms on one chain under given variances."""
+    inputs = likelihood_inputs(system, chain, chosen)
+    theta, scale = noise.theta[chain], system.scales[chain]
+    return float(
+        value_and_gradient(theta, scale, system.longer[chain], *inputs, system.known[chain])[0]
+    )
+
+
+def fit_noise(
+    system: System,
+    chosen: Sequence[Term] = (),
+    start: NoiseFit | None = None,
+    only: Sequence[int] | None = None,
+    lean: float = 0.0,
+) -> NoiseFit:
+    """Restricted maximum likelihood of the variance components with the chosen terms in the mean.
+
+    `only` limits the fit to some chains; the others are taken over from `start`. `lean` is added to the log
+    likelihood for each e-fold of a learned variance (`interval_noise` says why).
+    """
+    thetas, values = [], []
+    for c in range(len(system.chains)):
+        if start is not None and only is not None and c not in only:
+            thetas.append(start.theta[c])
+            values.append(start.value[c])
+            continue
+        first = _starts(system.known[c]) if start is None else (start.theta[c],)
+        theta, value = _maximise(system, c, chosen, first, lean)
+        thetas.append(theta)
+        values.append(value)
+    made = NoiseFit(tuple(thetas), tuple(values))
+    if system.shared is None:
+        return made
+    if only is not None and start is not None and start.coupled is not None:
+        return replace(made, coupled=recoupled(made.theta, start.coupled))
+    return replace(made, coupled=couple(system, made.theta, chosen, lean))
+
+
+def interval_noise(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> NoiseFit:
+    """Variances that standard deviations are stated with, from those of the search.
+
+    A variance that the rows hardly tell has its restricted likelihood at a maximum near zero and a long tail above,
+    and an interval made at the maximum is too short. Here the maximum is that of the density of the log variances
+    where every standard deviation was as likely as any other beforehand: half is added to the log likelihood for
+    each e-fold of the flicker's, walk's, dwells' and power cycles' variance. Where other units tell of a chain's
+    noise, nothing is added.
+
+    **Reference:** Gelman, Bayesian Analysis 1 (2006) 515, for the density flat in the standard deviation; Chung et
+    al., Psychometrika 78 (2013) 685, for its maximum, which keeps off zero.
+    """
+    return fit_noise(system, chosen, noise, lean=LEAN)
+
+
+def _starts(known: Known) -> tuple[np.ndarray, ...]:
+    if not known.precision.any():
+        return STARTS
+    low, high = np.transpose(BOUNDS)
+    return (*STARTS, np.clip(known.center, low, high))
+
+
+def _maximise(
+    system: System, c: int, chosen: Sequence[Term], starts: Sequence[np.ndarray], lean: float
+) -> tuple[np.ndarray, float]:
+    inputs = likelihood_inputs(system, c, chosen)
+    slant = np.zeros(NUM_VARIANCES)
+    if not system.known[c].precision.any():
+        slant[LEARNED] = lean
+
+    def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = value_and_gradient(
+            theta, system.scales[c], system.longer[c], *inputs, system.known[c]
+        )
+        value = float(value) - float(slant @ theta)
+        if not np.isfinite(value):
+            return 1e12, np.zeros(len(theta))
+        return value, np.asarray(slope) - slant
+
+    options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 40}
+    found = [
+        scipy.optimize.minimize(
+            objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
+        )
+        for s in starts
+    ]
+    best = min(found, key=lambda f: f.fun)
+    return best.x, float(best.fun)

@@ -1,0 +1,286 @@
+"""Recordings reduced to blocks: short means over rests and constant-rate plateaus.
+
+A block is short against everything that a diagnosis looks for (a few seconds), and several blocks
+make a dwell, so that what happens within a positioning stays visible. The scatter inside blocks
+tells the white noise.
+"""
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from ...data.recording import Campaign, Recording
+from ...reduction.handling import knocked
+from ...reduction.segments import rests_are_searched, segment
+
+
+EARTH_RATE = 7.292115e-5  # rad/s
+MOST_BLOCKS = 1600
+PER_DWELL = 6  # blocks wanted in a dwell
+FEWEST_SAMPLES = 4  # in a block
+SLOWEST = 4.0  # Earth rates; a plateau is faster
+FAST = 20.0  # Earth rates, from which one sample's change in the Earth's direction is small
+STEADY = 0.05  # change of a slower rate from sample to sample that is still constant
+
+
+class Log(eqx.Module):
+    """All recordings of one device in one row order, with a common clock."""
+
+    time: Float[np.ndarray, " time"]  # s since the first sample, increasing across recordings
+    clock: Float[np.ndarray, " time"]  # s, as recorded
+    recording: Int[np.ndarray, " time"]
+    experiment: Int[np.ndarray, " time"]
+    position: Int[np.ndarray, " time"]
+    temperature: Float[np.ndarray, " time"] | None
+    accel: Float[np.ndarray, "time 3"] | None
+    gyro: Float[np.ndarray, "time 3"] | None
+    reference_accel: Float[np.ndarray, "time 3"] | None
+    reference_gyro: Float[np.ndarray, "time 3"] | None
+    latitude: float | None = None  # rad
+    supply: Float[np.ndarray, " time"] | None = None  # V
+    searched: Bool[np.ndarray, " time"] | None = None  # rows whose rests were found in the data
+
+    @property
+    def cycle(self) -> Int[np.ndarray, " time"]:
+        """Number of the power cycle: a new recording after a pause of 30 s or more."""
+        late = np.r_[False, (np.diff(self.recording) != 0) & (np.diff(self.time) > 30.0)]
+        return np.cumsum(late)
+
+    @property
+    def step(self) -> float:
+        """Typical sampling interval, s."""
+        return float(np.median(np.diff(self.time)))
+
+
+class Blocks(eqx.Module):
+    """Means over blocks; rows are in time order."""
+
+    start: Int[np.ndarray, " block"]  # first row of the log
+    stop: Int[np.ndarray, " block"]  # one past the last
+    dwell: Int[np.ndarray, " block"]
+    moving: Bool[np.ndarray, " block"]  # on a constant-rate plateau
+    time: Float[np.ndarray, " block"]  # s, middle
+    experiment: Int[np.ndarray, " block"]
+    position: Int[np.ndarray, " block"]
+    cycle: Int[np.ndarray, " block"]
+    temperature: Float[np.ndarray, " block"] | None
+    accel: Float[np.ndarray, "block 3"] | None
+    gyro: Float[np.ndarray, "block 3"] | None
+    reference_accel: Float[np.ndarray, "block 3"] | None
+    reference_gyro: Float[np.ndarray, "block 3"] | None
+    accel_white: (
+        Float[np.ndarray, "block 3"] | None
+    )  # variance of the mean by scatter inside blocks
+    gyro_white: Float[np.ndarray, "block 3"] | None
+    moved: Bool[np.ndarray, " block"]  # though at rest, as the gyros say; see `knocks`
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.start)
+
+    @property
+    def count(self) -> Int[np.ndarray, " block"]:
+        """Samples in each block."""
+        return self.stop - self.start
+
+    def mean(self, values: Shaped[np.ndarray, "time ..."]) -> Float[np.ndarray, "block ..."]:
+        """Means over the blocks of anything sampled as the log is."""
+        return block_mean(np.asarray(values, float), self.start, self.stop)
+
+    def __getitem__(self, rows: np.ndarray) -> "Blocks":
+        """The same columns, only those blocks."""
+        return jax.tree.map(lambda column: column[rows], self)
+
+
+def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """Means of `values[start:stop]` along the first axis, by differences of a running sum."""
+    offset = values.mean(axis=0)
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values - offset, axis=0)])
+    shape = (-1,) + (1,) * (values.ndim - 1)
+    return (total[stop] - total[start]) / (stop - start).reshape(shape) + offset
+
+
+def join(campaign: Campaign) -> Log:
+    """Put the recordings of a one-device campaign behind each other.
+
+    A recording whose clock starts again is set 60 s after the one before. Raises `ValueError`
+    where recordings of several devices come together, or where only some carry a column.
+    """
+    if len(campaign.devices) != 1:
+        raise ValueError(
+            f"`diagnose(campaign)`: one device at a time; found {list(campaign.devices)}, so take "
+            "`campaign.of_device(...)`."
+        )
+    recordings = sorted(campaign.recordings, key=lambda r: float(r.time[0]))
+    times, end = [], None
+    for recording in recordings:
+        shift = 0.0 if end is None or recording.time[0] > end else end + 60.0 - recording.time[0]
+        times.append(recording.time + shift)
+        end = times[-1][-1]
+    time = np.concatenate(times)
+    experiment = [
+        np.full(r.num_samples, k) if r.experiment is None else r.experiment
+        for k, r in enumerate(recordings)
+    ]
+    probe = _column(recordings, "temperature")
+    return Log(
+        time=time - time[0],
+        clock=np.concatenate([r.time for r in recordings]),
+        recording=np.repeat(np.arange(len(recordings)), [r.num_samples for r in recordings]),
+        experiment=np.concatenate(experiment),
+        position=np.concatenate([_positions(r) for r in recordings]),
+        temperature=None if probe is None else probe[:, 0],
+        **{
+            k: _column(recordings, k)
+            for k in ("accel", "gyro", "reference_accel", "reference_gyro")
+        },
+        latitude=campaign.site.latitude,
+        # Optional even where some files have it: what only some tell is not tested.
+        supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
+        searched=np.concatenate(
+            [np.full(r.num_samples, rests_are_searched(r)) for r in recordings]
+        ),
+    )
+
+
+def _column(recordings: list[Recording], label: str) -> np.ndarray | None:
+    values = [getattr(r, label) for r in recordings]
+    if all(v is None for v in values):
+        return None
+    if any(v is None for v in values):
+        lacking = [r.name or str(k) for k, r in enumerate(recordings) if getattr(r, label) is None]
+        raise ValueError(
+            f"`diagnose(campaign)`: '{label}' is in some recordings but not in {lacking}; "
+            "diagnose recordings with the same columns together."
+        )
+    return np.concatenate([v if label != "temperature" else v[:, :1] for v in values])
+
+
+def _positions(recording: Recording) -> np.ndarray:
+    """Positions as recorded, or numbered static intervals where none are."""
+    if recording.position is not None:
+        return recording.position
+    position = np.full(recording.num_samples, -1)
+    found = segment(recording)
+    for start, stop, number in zip(found.start, found.stop, found.position):
+        position[start:stop] = number
+    return position
+
+
+def _plateaus(log: Log) -> np.ndarray:
+    """True where the table turns at a constant rate: above a few Earth rates, by its reference."""
+    if log.reference_gyro is None:
+        return np.zeros(len(log.time), bool)
+    rate = log.reference_gyro
+    speed = np.linalg.norm(rate, axis=1)
+    # Earth's rate turns in the device's frame while the table turns: it may change by twice itself.
+    change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
+    calm = change <= 3.0 * EARTH_RATE + 1e-4 * speed[1:]
+    # A slow rate would pass for constant while it still grows.
+    calm &= (speed[1:] > FAST * EARTH_RATE) | (change <= STEADY * speed[1:])
+    turning = speed > SLOWEST * EARTH_RATE
+    return (log.position < 0) & turning & np.r_[False, calm] & np.r_[calm, False]
+
+
+def cut(log: Log) -> Blocks:
+    """Cut a log into blocks of rests (`position` ≥ 0) and of constant-rate plateaus.
+
+    Raises `ValueError` where the log has neither.
+    """
+    plateau = _plateaus(log)
+    label = np.where(log.position >= 0, log.position, np.where(plateau, -2, -1))
+    change = (np.diff(label) != 0) | (np.diff(log.experiment) != 0) | (np.diff(log.recording) != 0)
+    if log.reference_gyro is not None:
+        turn = np.linalg.norm(np.diff(log.reference_gyro, axis=0), axis=1)
+        change |= (
+            plateau[1:]
+            & plateau[:-1]
+            & (turn > 4.0 * EARTH_RATE + 1e-3 * np.abs(log.reference_gyro[1:]).max(axis=1))
+        )
+    edge = np.r_[0, np.flatnonzero(change) + 1, len(label)]
+    runs = [
+        (a, b) for a, b in zip(edge[:-1], edge[1:]) if label[a] != -1 and b - a >= FEWEST_SAMPLES
+    ]
+    if not runs:
+        raise ValueError(
+            "`diagnose(campaign)`: no rest of at least "
+            f"{FEWEST_SAMPLES} samples (position >= 0) and no constant-rate plateau was found."
+        )
+    total = sum(b - a for a, b in runs)
+    coarsest = max(FEWEST_SAMPLES, -(-total // MOST_BLOCKS))
+    start, stop, dwell = [], [], []
+    for number, (a, b) in enumerate(runs):
+        pieces = max(
+            1,
+            min(
+                (b - a) // coarsest,
+                max(PER_DWELL, (b - a) // (4 * coarsest) + 1, round((b - a) * MOST_BLOCKS / total)),
+            ),
+        )
+        cuts = np.linspace(a, b, pieces + 1).round().astype(int)
+        start.extend(cuts[:-1])
+        stop.extend(cuts[1:])
+        dwell.extend([number] * pieces)
+    return _summarise(log, np.array(start), np.array(stop), np.array(dwell), label)
+
+
+def _summarise(
+    log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray, label: np.ndarray
+) -> Blocks:
+    def mean(values):
+        return None if values is None else block_mean(values, start, stop)
+
+    moving = label[start] == -2
+    time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
+    moved = np.zeros(len(start), bool)
+    if log.searched is not None and gyro is not None:
+        asked = ~moving & log.searched[start]
+        if asked.any():
+            moved[asked] = knocked(gyro[asked], time[asked], dwell[asked])
+    return Blocks(
+        start=start,
+        stop=stop,
+        dwell=dwell,
+        moving=moving,
+        time=time,
+        experiment=log.experiment[start],
+        position=np.where(moving, -1, label[start]),
+        cycle=log.cycle[start],
+        temperature=mean(log.temperature),
+        accel=mean(log.accel),
+        gyro=gyro,
+        reference_accel=mean(log.reference_accel),
+        reference_gyro=mean(log.reference_gyro),
+        accel_white=_white(log.accel, log.reference_accel, start, stop, moving),
+        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, moving),
+        moved=moved,
+    )
+
+
+def _white(
+    values: np.ndarray | None,
+    reference: np.ndarray | None,
+    start: np.ndarray,
+    stop: np.ndarray,
+    moving: np.ndarray,
+) -> np.ndarray | None:
+    """Variance of each block's mean: scatter about the block's mean, pooled over rests and over plateaus."""
+    if values is None:
+        return None
+    values = values if reference is None else values - reference
+    count = stop - start
+    mean = block_mean(values, start, stop)
+    square = block_mean((values - values.mean(axis=0)) ** 2, start, stop)
+    scatter = (
+        np.maximum(square - (mean - values.mean(axis=0)) ** 2, 0.0)
+        * (count / np.maximum(count - 1, 1))[:, None]
+    )
+    pooled = np.empty_like(scatter)
+    for group in (moving, ~moving):
+        if group.any():
+            weight = (count[group] - 1)[:, None]
+            pooled[group] = (scatter[group] * weight).sum(axis=0) / max(weight.sum(), 1)
+    floor = 1e-30 + 1e-12 * pooled.max()
+    return np.maximum(pooled, floor) / count[:, None]

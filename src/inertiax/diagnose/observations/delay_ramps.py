@@ -1,0 +1,193 @@
+"""A delay of the outputs against the reference, from the ramps between plateaus.
+
+A delay shows while the input changes: $y(t) = u(t - d) \\approx u - d\\,\\dot u$. Rests and plateaus are what a
+calibration is fitted on, so it is looked for in the rows that they leave out. Each ramp is seen together with as
+much of its surroundings as it lasts, and keeps a constant of its own: then what changes the output at the plateaus
+themselves, such as a nonlinearity, acts alike while the table speeds up and slows down, and a delay does not. How
+far the ramps agree with each other tells how sure it is, whatever noise there is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import numpy as np
+import scipy.stats
+from jaxtyping import Float
+
+from ..._typing import AnyArray
+from .blocks import Log
+from .model_rows import Baseline
+from .signals import at_temperature
+
+
+SLOWEST = 0.05  # s; rows farther apart do not follow a ramp
+LONGEST = 2.0  # s; a longer change is cut into pieces of that
+FEWEST = 5.0  # ramps, counted by what each of them tells
+CHANGING = 0.05  # part of the steepest slope from which the input changes
+LEVEL = 1e-4  # family-wise false alarms of one triad
+SHARE = 0.5  # of what the ramps show beyond white noise: what a delay must explain to be called one
+
+
+class Ramp(eqx.Module):
+    """Rows `start` to `stop` of a log, a stretch of changing input with its surroundings."""
+
+    start: int = eqx.field(static=True)
+    stop: int = eqx.field(static=True)
+
+
+class Delay(eqx.Module):
+    """Delays of one triad's channels, s, and whether they are there."""
+
+    triad: str = eqx.field(static=True)
+    value: Float[AnyArray, "3"]
+    std: Float[AnyArray, "3"]
+    freedom: Float[AnyArray, "3"]  # degrees of freedom: ramps, less one
+    p_value: Float[AnyArray, "3"]
+    gain: Float[AnyArray, "3"]  # 1 - rms with it / rms without, on every other ramp
+    size: Float[AnyArray, "3"]  # rms of what it explains, m/s² or rad/s
+    ramps: tuple[Ramp, ...]
+    found: tuple[int, ...] = eqx.field(static=True)  # channels that have one
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What each ramp shows: residuals and their change per second of delay, both without the ramp's mean."""
+
+    left: list[np.ndarray]  # (row, 3), m/s² or rad/s
+    change: list[np.ndarray]  # (row, 3), the same per second
+
+    @property
+    def freedom(self) -> int:
+        """Rows, less a mean for each ramp."""
+        return sum(len(r) - 1 for r in self.left)
+
+    def square(self, value: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        """Sum of squares that such delays leave."""
+        return np.sum(
+            [np.sum((r - value * s) ** 2, axis=0) for r, s in zip(self.left, self.change)], axis=0
+        )
+
+
+def find_delay(log: Log, base: Baseline) -> Delay | None:
+    """The delay of a triad that has a reference; `None` where the log holds too few ramps or too coarse ones."""
+    triad = base.form.triad
+    given, output = getattr(log, f"reference_{triad}"), getattr(log, triad)
+    if base.form.estimator != "reference" or given is None or log.step > SLOWEST:
+        return None
+    ramps = _ramps(log, given)
+    if len(ramps) < FEWEST:
+        return None
+    seen = _seen(log, base, ramps)
+    value, std, number = _agreed(seen)
+    freedom = np.maximum(number - 1.0, 1.0)
+    p_value = np.minimum(6.0 * scipy.stats.t.sf(np.abs(value) / std, freedom), 1.0)
+    before, after = seen.square(np.zeros(3)), seen.square(value)
+    white = _white(log, output) * seen.freedom
+    share = (before - after) / np.maximum(before - white, 1e-300)
+    known = number >= FEWEST
+    found = known & (p_value < LEVEL) & (share > SHARE)
+    size = np.sqrt(np.maximum(before - after, 0.0) / max(seen.freedom, 1))
+    channels = tuple(int(c) for c in np.flatnonzero(found))
+    std = np.where(known, std, np.inf)
+    return Delay(triad, value, std, freedom, p_value, _gain(seen), size, tuple(ramps), channels)
+
+
+def _seen(log: Log, base: Baseline, ramps: Sequence[Ramp]) -> _Seen:
+    """The ramps of a log under a fitted baseline."""
+    triad = base.form.triad
+    expected = _expected(log, base)
+    change, left = -_slope(log, expected), getattr(log, triad) - expected
+    pieces = [slice(ramp.start, ramp.stop) for ramp in ramps]
+    centred = lambda x: [x[rows] - x[rows].mean(axis=0) for rows in pieces]
+    return _Seen(centred(left), centred(change))
+
+
+def _agreed(seen: _Seen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least-squares delay of all ramps, its standard deviation by their scatter, and how many ramps count."""
+    weight = np.array([np.sum(s**2, axis=0) for s in seen.change])
+    moment = np.array([np.sum(s * r, axis=0) for s, r in zip(seen.change, seen.left)])
+    total = np.maximum(weight.sum(axis=0), 1e-300)
+    number = total**2 / np.maximum((weight**2).sum(axis=0), 1e-300)
+    value = moment.sum(axis=0) / total
+    spread = np.sum((moment - value * weight) ** 2, axis=0) * len(weight) / (len(weight) - 1)
+    return value, np.maximum(np.sqrt(spread) / total, 1e-300), number
+
+
+def _expected(log: Log, base: Baseline) -> np.ndarray:
+    """Outputs of the fitted baseline at the reference of every row."""
+    temperature = np.zeros(len(log.time)) if log.temperature is None else log.temperature
+    given = getattr(log, f"reference_{base.form.triad}")
+    return np.asarray(at_temperature(base, given)(temperature))
+
+
+def without_delay(log: Log, delay: Delay, base: Baseline) -> Log:
+    """The log with the outputs that a triad without those delays would have given."""
+    expected = _expected(log, base)
+    moved, near = getattr(log, delay.triad).copy(), np.zeros(len(log.time), bool)
+    for ramp in delay.ramps:
+        near[ramp.start : ramp.stop] = (
+            True  # elsewhere a measured reference would only bring its noise
+        )
+    for number in np.unique(log.recording):
+        rows = np.flatnonzero(log.recording == number)
+        turning = rows[near[rows]]
+        for c in delay.found:
+            late = log.time[turning] - float(delay.value[c])
+            before = np.interp(late, log.time[rows], expected[rows, c])
+            moved[turning, c] += expected[turning, c] - before
+    return eqx.tree_at(lambda x: getattr(x, delay.triad), log, moved)
+
+
+def _slope(log: Log, values: np.ndarray) -> np.ndarray:
+    """Derivative by time, recording by recording."""
+    made = np.zeros_like(values)
+    for number in np.unique(log.recording):
+        rows = np.flatnonzero(log.recording == number)
+        if len(rows) > 2:
+            made[rows] = np.gradient(values[rows], log.time[rows], axis=0)
+    return made
+
+
+def _ramps(log: Log, given: np.ndarray) -> list[Ramp]:
+    """Stretches of changing input off the rests, each with its surroundings."""
+    slope = np.linalg.norm(_slope(log, given), axis=1)
+    steepest = np.quantile(slope, 0.995)
+    changing = (log.position < 0) & (slope > max(CHANGING * steepest, 1e-12))
+    most = max(int(LONGEST / log.step), 2)
+    made: list[Ramp] = []
+    for number in np.unique(log.recording):
+        rows = np.flatnonzero(log.recording == number)
+        first, last = int(rows[0]), int(rows[-1]) + 1
+        edges = np.flatnonzero(np.diff(np.r_[0, changing[first:last].astype(int), 0])) + first
+        runs = list(zip(edges[::2], edges[1::2]))
+        for k, (a, b) in enumerate(runs):
+            if b - a < 3:
+                continue
+            before = runs[k - 1][1] if k else first
+            after = runs[k + 1][0] if k + 1 < len(runs) else last
+            around = min(b - a, most)
+            start = max(a - around, (a + before + 1) // 2)
+            stop = min(b + around, (b + after) // 2)
+            pieces = max(1, -(-(b - a) // most))
+            cuts = np.linspace(start, stop, pieces + 1).round().astype(int)
+            made += [Ramp(int(s), int(e)) for s, e in zip(cuts[:-1], cuts[1:]) if e - s > 5]
+    return made
+
+
+def _white(log: Log, output: np.ndarray) -> np.ndarray:
+    """Variance of one sample's noise, from differences of neighbours at rest; zero where nothing rests."""
+    rest = (log.position[1:] >= 0) & (log.position[1:] == log.position[:-1])
+    steps = np.diff(output, axis=0)[rest & (np.diff(log.recording) == 0)]
+    return 0.5 * np.mean(steps**2, axis=0) if len(steps) else np.zeros(3)
+
+
+def _gain(seen: _Seen) -> np.ndarray:
+    """What the delay of the even ramps takes from the rms of the odd ones, and the other way round."""
+    before, after = np.zeros(3), np.zeros(3)
+    for first in (0, 1):
+        fitted = _Seen(seen.left[first::2], seen.change[first::2])
+        kept = _Seen(seen.left[1 - first :: 2], seen.change[1 - first :: 2])
+        before += kept.square(np.zeros(3))
+        after += kept.square(_agreed(fitted)[0])
+    return 1.0 - np.sqrt(after / np.maximum(before, 1e-300))

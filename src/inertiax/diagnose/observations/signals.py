@@ -1,0 +1,224 @@
+"""What each triad went through, from the log and the fitted models: the `Signal` that effects act on."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._typing import AnyArray, Scalar
+from ...effects import Signal
+from ...effects.effect import chebyshev
+from .attitude import attitude
+from .blocks import block_mean, Blocks, EARTH_RATE, Log
+from .model_rows import Baseline, compensated
+from .vertical import upright_axis
+
+
+class AtTemperature(eqx.Module):
+    """The fitted model's outputs along the signal if the element had another temperature."""
+
+    bias: Float[AnyArray, "3 size"]
+    matrix: Float[AnyArray, "3 3 size"]  # E + Γ in its constant term
+    input: Float[AnyArray, "time 3"]  # m/s² or rad/s
+    low: Scalar | float
+    high: Scalar | float
+
+    def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
+        size = self.bias.shape[1]
+        terms = [chebyshev(temperature, k, self.low, self.high) for k in range(size)]
+        basis = jnp.stack(terms, axis=-1)
+        by_matrix = jnp.einsum(
+            "ijk,tk,tj->ti", jnp.asarray(self.matrix), basis, jnp.asarray(self.input)
+        )
+        return basis @ jnp.asarray(self.bias).T + by_matrix
+
+    def with_parameters(
+        self, base: Baseline, coefficients: Float[np.ndarray, "parameter size"]
+    ) -> "AtTemperature":
+        """The same for other coefficients of the fitted model."""
+        changed = eqx.tree_at(lambda b: b.coefficients, base, coefficients)
+        return at_temperature(changed, np.asarray(self.input))
+
+
+def at_temperature(base: Baseline, given: np.ndarray) -> AtTemperature:
+    """The fitted model as a function of the element's temperature."""
+    form, size = base.form, base.coefficients.shape[1]
+    matrix = np.zeros((3, 3, size))
+    matrix[:, :, 0] = np.eye(3)
+    for k, (i, j) in enumerate(form.matrix):
+        matrix[i, j] += base.coefficients[3 + k]
+    return AtTemperature(base.coefficients[:3], matrix, given, form.low, form.high)
+
+
+def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
+    """Probe temperature and its rate by local parabolas over about `span` seconds, recording by recording."""
+    from scipy.signal import savgol_filter
+
+    assert log.temperature is not None
+    value, rate = np.empty_like(log.temperature), np.empty_like(log.temperature)
+    for number in np.unique(log.recording):
+        rows = log.recording == number
+        t, count = log.temperature[rows], int(rows.sum())
+        step = float(np.median(np.diff(log.time[rows]))) if count > 1 else 1.0
+        width = min(int(span / step) // 2 * 2 + 1, (count - 1) // 2 * 2 + 1)
+        if width < 5:
+            value[rows] = t
+            rate[rows] = np.gradient(t, log.time[rows]) if count > 1 else 0.0
+            continue
+        value[rows] = savgol_filter(t, width, 2)
+        wide = min(3 * width // 2 * 2 + 1, (count - 1) // 2 * 2 + 1)
+        rate[rows] = savgol_filter(t, wide, 2, deriv=1, delta=step)
+    return value, rate
+
+
+def specific_force(log: Log, blocks: Blocks, accel: Baseline | None) -> np.ndarray | None:
+    """Specific force in g, one row per sample: reference, or compensated outputs averaged over each rest.
+
+    Without accelerometers the upright axis of a rate table tells it, where there is one.
+    """
+    if log.reference_accel is not None:
+        return log.reference_accel / np.linalg.norm(log.reference_accel, axis=1).mean()
+    if log.accel is None:
+        return upright_axis(log)
+    if accel is not None and accel.form.estimator == "invariant":
+        basis = accel.form.basis(log.temperature, len(log.time))
+        force = compensated(accel.form, accel.coefficients, basis, log.accel) / accel.form.gravity
+    else:
+        force = log.accel / np.median(np.linalg.norm(log.accel[blocks.start], axis=1))
+    unit = accel is not None and accel.form.estimator == "invariant"
+    return _steady(force, blocks, unit)
+
+
+def _steady(values: np.ndarray, blocks: Blocks, unit: bool) -> np.ndarray:
+    """Replace samples of each rest by the rest's mean, so that noise does not enter as a regressor.
+
+    With `unit` its size is set to 1 g: the residual of the invariant estimator must not enter either.
+    """
+    values = values.copy()
+    rest = ~blocks.moving
+    for number in np.unique(blocks.dwell[rest]):
+        mine = np.flatnonzero(blocks.dwell == number)
+        a, b = blocks.start[mine[0]], blocks.stop[mine[-1]]
+        mean = values[a:b].mean(axis=0)
+        values[a:b] = mean / np.linalg.norm(mean) if unit else mean
+    return values
+
+
+def room_axes(log: Log, force: np.ndarray | None) -> tuple[np.ndarray | None, bool, bool]:
+    """North, west and up seen by the device, `(time, 3, 3)` in columns; whether up is right, and whether all are.
+
+    Up needs the specific force, north the Earth rate in the reference; without them the columns are
+    some fixed axes of the room.
+    """
+    device = attitude(log, force)
+    if device is None or log.reference_gyro is None:
+        return None, False, False
+    rest = log.position >= 0
+    earth = np.einsum("tij,ti->tj", device[rest], log.reference_gyro[rest]).mean(axis=0)
+    if force is None:
+        return device, False, False
+    up = np.einsum("tij,ti->tj", device[rest], force[rest]).mean(axis=0)
+    if np.linalg.norm(up) < 0.98:
+        return device, False, False  # the force does not stay in one direction of the room
+    up = up / np.linalg.norm(up)
+    north = earth - (earth @ up) * up
+    told = np.linalg.norm(earth) >= 0.5 * EARTH_RATE  # the rests hold the Earth rate
+    oriented = bool(told and np.linalg.norm(north) >= 0.1 * EARTH_RATE)
+    if not oriented:  # any horizontal direction
+        north = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    north = north / np.linalg.norm(north)
+    return device @ np.stack([north, np.cross(up, north), up], axis=1), True, oriented
+
+
+def since(log: Log, blocks: Blocks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seconds since power-on, since the first power-on and since the last re-positioning."""
+    cycle = log.cycle
+    begin = np.array([log.time[cycle == k][0] for k in range(cycle[-1] + 1)])
+    first = np.flatnonzero(np.r_[True, np.diff(blocks.dwell) != 0])
+    start = log.time[blocks.start[first]]
+    # An experiment's boundary inside one pose is no re-positioning.
+    moved = np.ones(len(first), bool)
+    for k in range(1, len(first)):
+        a, b = blocks.stop[first[k] - 1], blocks.start[first[k]]
+        moved[k] = (
+            bool((log.position[a:b] < 0).any())
+            or blocks.position[first[k]] != blocks.position[first[k] - 1]
+            or log.recording[a - 1] != log.recording[b]
+        )
+    start = start[moved]
+    last = np.searchsorted(start, log.time, side="right") - 1
+    settled = np.where(last >= 0, log.time - start[np.maximum(last, 0)], 0.0)
+    return log.time - begin[cycle], log.time - log.time[0], settled
+
+
+def _moves(given: np.ndarray, blocks: Blocks, rows: int) -> np.ndarray:
+    """Change of the input from the rest before, one row per sample."""
+    mean = block_mean(given, blocks.start, blocks.stop)
+    move = np.zeros((rows, 3))
+    edges = np.flatnonzero(np.r_[True, np.diff(blocks.dwell) != 0, True])
+    for a, b, c in zip(edges[:-2], edges[1:-1], edges[2:]):
+        move[blocks.start[b] : blocks.stop[c - 1]] = mean[b] - mean[a]
+    return move
+
+
+def _resolution(values: np.ndarray) -> np.ndarray:
+    """Least step between different values of each output; 0 where there is no grid."""
+    steps = []
+    for column in values.T:
+        levels = np.unique(column)
+        gaps = np.diff(levels)
+        step = gaps.min() if len(gaps) else 0.0
+        on_grid = step > 0 and np.allclose(
+            (levels - levels[0]) / step, np.round((levels - levels[0]) / step), atol=0.05
+        )
+        steps.append(step if on_grid and len(levels) < 0.5 * len(column) else 1e-12)
+    return np.array(steps)
+
+
+def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) -> Signal:
+    """The signal of one triad, sampled like the log."""
+    triad, form = base.form.triad, base.form
+    output = getattr(log, triad)
+    rate = log.reference_gyro
+    if triad == "accel":
+        given = force if force is not None else np.zeros_like(output)
+        physical = given * form.gravity
+    else:
+        given = rate if rate is not None else np.zeros_like(output)
+        physical = given
+    temperature = rate_t = None
+    if log.temperature is not None:
+        temperature, rate_t = smooth_temperature(log)
+    since_power, since_start, since_move = since(log, blocks)
+    white = getattr(blocks, f"{triad}_white") * blocks.count[:, None]
+    room, upright, oriented = room_axes(log, force)
+    if room is None and len(np.unique(blocks.position)) == 1 and not blocks.moving.any():
+        room, oriented = np.broadcast_to(np.eye(3), (len(log.time), 3, 3)), False
+    model = at_temperature(base, physical)
+    return Signal(
+        triad=triad, time=log.time, input=given, output=output, since_power=since_power, since_start=since_start,
+        since_move=since_move, move=_moves(given, blocks, len(log.time)), at_rest=log.position >= 0,
+        temperature=temperature, temperature_rate=rate_t, force=force, rate=rate, room=room, supply=log.supply,
+        vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
+        scatter=np.sqrt(white.mean(axis=0)),
+        at_temperature=None if temperature is None or form.degree == 0 else model,
+        expected=np.asarray(model(np.zeros(len(log.time)) if temperature is None else temperature)),
+        degree=form.degree, low=form.low, high=form.high, upright=upright, oriented=oriented,
+    )  # fmt: skip
+
+
+def _vibration(log: Log, blocks: Blocks, gravity: float) -> np.ndarray | None:
+    """Mean square of the specific force about each block's mean, g²; `None` where it hardly varies."""
+    if log.accel is None:
+        return None
+    mean = block_mean(log.accel, blocks.start, blocks.stop)
+    square = block_mean(log.accel**2, blocks.start, blocks.stop)
+    size = np.maximum(square - mean**2, 0.0).sum(axis=1) / gravity**2
+    rest = ~blocks.moving
+    by_dwell = np.array([size[blocks.dwell == k].mean() for k in np.unique(blocks.dwell[rest])])
+    if len(by_dwell) < 3 or by_dwell.max() < 4.0 * np.median(by_dwell):
+        return None
+    full = np.zeros(len(log.time))
+    for a, b, k in zip(blocks.start, blocks.stop, blocks.dwell):
+        full[a:b] = size[blocks.dwell == k].mean()
+    return full

@@ -1,0 +1,374 @@
+"""The whole diagnosis of a campaign: gate, locate, name, check, quantify, prove, say."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray
+from ..calibration.calibration import (
+    Calibration,
+    read_calibration,
+    TriadCalibration,
+    write_calibration,
+)
+from ..calibration.fitted_effects import FittedEffect
+from ..data.campaign import load_campaign
+from ..data.recording import Campaign, Recording, Site
+from ..effects import CATALOGUE, Effect, Signal
+from ..physics.temperature import Constant, Curve, Polynomial
+from .candidates.empirical import PREFIX
+from .candidates.signatures import Term
+from .custom_model import Parameters, prepare_model
+from .estimates.allan_check import allan_checks
+from .estimates.applied_effects import fitted_effects
+from .estimates.calibration_chain import succeeding, taken_away
+from .estimates.cross_validation import held_out_rms, in_sample
+from .estimates.localisation import locate, tidy
+from .estimates.parameters import corrected, moved
+from .estimates.separable import refined, renewed
+from .estimates.transients import Burst, burst_places, find_bursts, swallows
+from .noise.observation_series import NoiseFit
+from .noise.pooled_channels import TOLD
+from .noise.reml import interval_noise
+from .noise.type_noise import TypeNoise
+from .observations.delay_ramps import Delay
+from .plan.detectability import Audited, conclude
+from .plan.limits import Audit
+from .problem import between_all, finer, prepare, Prepared
+from .residuals import residuals
+from .result import Detectable, Diagnosis, Explanation, Quality
+from .selection.evidence import Candidate
+from .selection.score_test import Score, whiten_system
+from .selection.verdict import Answer, identify, Named
+from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
+from .wording.explain import explain, formula
+from .wording.sentences import summary
+
+
+Progress = Callable[[str], None]
+DEFAULT_SITE = Site()
+
+
+def silent(text: str) -> None:
+    """No progress wanted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One triad with its answer."""
+
+    prepared: Prepared
+    answer: Answer
+    scores: tuple[Score, ...]  # of the catalogue under the null noise
+    bursts: tuple[Burst, ...]  # where nothing smooth explains the triad's rows
+
+    @property
+    def verdict(self) -> str:
+        """Of the triad: a short disturbance alone is something that no catalogued effect explains."""
+        consistent = self.answer.verdict == "consistent"
+        if consistent and self.bursts:
+            return "unexplained"
+        return "missing-physics" if consistent and self.delay is not None else self.answer.verdict
+
+    @property
+    def delay(self) -> Delay | None:
+        """The delay that the ramps between plateaus show, if there is one."""
+        delay = self.prepared.delay
+        return delay if delay is not None and delay.found else None
+
+
+def diagnose_campaign(
+    campaign: Campaign,
+    *,
+    calibration: Calibration | None = None,
+    effects: Sequence[Effect] = CATALOGUE,
+    noise: TypeNoise | None = None,
+    progress: Progress = silent,
+) -> tuple[Diagnosis, Calibration]:
+    """`diagnose` together with the calibration of the augmented model."""
+    # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
+    with jax.enable_x64(True):
+        seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
+        _, triads = prepare(seen, effects, noise=noise)
+        progress("blocks, models and signatures made")
+        findings = find_all(triads, campaign.grade, progress)
+        found, second = conclude_findings(seen, findings, effects, progress)
+        if noise is not None:
+            found = replace(found, noise=(noise.origin(), *found.noise))
+        return found, second if calibration is None else succeeding(calibration, second)
+
+
+def diagnose(
+    campaign: Campaign,
+    *,
+    calibration: Calibration | None = None,
+    effects: Sequence[Effect] = CATALOGUE,
+    noise: TypeNoise | None = None,
+    progress: Progress = silent,
+) -> Diagnosis:
+    """Say what a one-device campaign holds beyond its model, or that nothing is missing.
+
+    **Arguments:** `campaign` with `[model]` (or the tool's choice) as the model meant; `calibration` takes
+    known parameters away first, so that only what it leaves is judged; `effects` is the catalogue; `noise` is
+    what other units of the type told of the noise (`learn_noise`).
+    **Returns** a `Diagnosis`. Raises `ValueError` for several devices, for a campaign without rests
+    and plateaus, or for a noise of other rows or another rig.
+    """
+    return diagnose_campaign(
+        campaign, calibration=calibration, effects=effects, noise=noise, progress=progress
+    )[0]
+
+
+def diagnose_model(
+    predict: Callable[[Parameters, Signal], Float[Array, "time 3"]],
+    parameters: Parameters,
+    recording: Recording,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    *,
+    triad: str,
+    inputs: Float[AnyArray, "time 3"] | None = None,
+    site: Site = DEFAULT_SITE,
+    grade: str | None = None,
+    progress: Progress = silent,
+) -> Diagnosis:
+    """Diagnose any differentiable model of one triad's outputs.
+
+    **Arguments:** `predict(parameters, signal)` gives the expected outputs, `(time, 3)` in m/s² or rad/s, from a
+    `Signal` (times, temperature, inputs...); `parameters` is a pytree fitted beforehand, and what its Jacobian
+    spans counts as absorbed by a refit; `inputs` is what an ideal triad reads, m/s² or rad/s, where
+    the recording has no reference columns.
+    **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number.
+    Raises `ValueError` where the recording lacks the triad.
+    """
+    with jax.enable_x64(True):
+        campaign = Campaign((recording,), site, grade=grade)
+        prepared = prepare_model(
+            predict, parameters, campaign, catalogue, triad=triad, inputs=inputs
+        )
+        return conclude_findings(campaign, [find(prepared, grade, progress)], catalogue, progress)[
+            0
+        ]
+
+
+def run_diagnosis(
+    campaign_path: str | Path,
+    output_folder: str | Path,
+    calibration_path: str | Path | None = None,
+    progress: Progress = silent,
+) -> Diagnosis:
+    """Diagnose the campaign at a path and write `diagnosis.json` and the augmented `calibration.json`."""
+    campaign = load_campaign(Path(campaign_path))
+    known = None if calibration_path is None else read_calibration(Path(calibration_path))
+    progress("campaign read")
+    diagnosis, augmented = diagnose_campaign(campaign, calibration=known, progress=progress)
+    folder = Path(output_folder)
+    diagnosis.save(folder / "diagnosis.json")
+    write_calibration(augmented, folder / "calibration.json")
+    return diagnosis
+
+
+def find_all(triads: Sequence[Prepared], grade: str | None, progress: Progress) -> list[Finding]:
+    """Every triad's finding; what one remembers of temperature is looked for on the next."""
+    made: list[Finding] = []
+    for prepared in triads:
+        hint = made[-1].answer.remembered if made else None
+        made.append(find(prepared, grade, progress, hint))
+    return made
+
+
+def find(
+    prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
+) -> Finding:
+    """Gate, locate and name for one triad; `hint` is a thermal effect that another triad has shown."""
+    triad = prepared.form.triad
+    listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
+    unlisted = [t for t in prepared.candidates if t.name.startswith(PREFIX)]
+    answer = identify(
+        prepared.system,
+        listed,
+        unlisted,
+        prepared.flexible,
+        grade=grade,
+        hint=hint,
+        finer=lambda term: finer(prepared, term),
+        between_all=lambda term: between_all(prepared, term),
+        renew=lambda noise, terms: renewed(prepared, noise, terms),
+        say=lambda text: progress(f"{triad}: {text}"),
+    )
+    outputs = np.asarray(prepared.signal.output)
+    chosen = [n.candidate.term for n in answer.named]
+    bursts: list[Burst] = []
+    if answer.verdict != "unexplained":
+        bursts = find_bursts(prepared, outputs, answer.noise, chosen)
+    if answer.verdict == "missing-physics":
+        bursts = [b for b in bursts if any(swallows(prepared, b, t) for t in chosen)]
+        kept = tuple(
+            n
+            for n in answer.named
+            if not any(swallows(prepared, b, n.candidate.term) for b in bursts)
+        )
+        answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
+    return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1]))
+
+
+def conclude_findings(
+    campaign: Campaign, findings: list[Finding], effects: Sequence[Effect], progress: Progress
+) -> tuple[Diagnosis, Calibration]:
+    """Quantify, prove and say: the diagnosis of all triads and the augmented calibration."""
+    verdicts = [f.verdict for f in findings]
+    verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
+    explanations, where, shifted, empirical = [], [], [], []
+    triads, qualities, added, rows, noise = [], [], [], [], []
+    for finding in findings:
+        prepared, answer = finding.prepared, finding.answer
+        found = [n.candidate.term for n in answer.named]
+        stated = interval_noise(prepared.system, answer.noise, _everything(answer, found))
+        prepared, named_terms = tuned(prepared, answer, stated)
+        terms = [t for _, t, _ in named_terms]
+        if answer.named and answer.verdict != "unexplained":
+            explanations.extend(explain(prepared, answer, named_terms, stated))
+            shifted.extend(moved(prepared.system, stated, terms))
+        if finding.delay is not None and finding.verdict != "unexplained":
+            assert prepared.log is not None
+            explanations.append(explain_delay(finding.delay))
+            where.extend(ramp_places(finding.delay, prepared.log))
+            added.extend(stored(finding.delay, prepared.log, prepared.system.base))
+        for named, _, _ in named_terms:
+            where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
+        if answer.unlisted is not None and answer.verdict == "unexplained":
+            where.extend(locate(prepared, answer.unlisted, 0.0, answer.unlisted_p))
+            empirical.append(formula(answer.unlisted))
+        for burst in finding.bursts:
+            places = burst_places(prepared, burst)
+            where.extend(places)
+            empirical.append(burst.formula(places[0].start, places[-1].end))
+        qualities.append((finding, *_quality(prepared, answer, terms)))
+        triads.append(_calibrated(prepared, stated, terms))
+        added.extend(fitted_effects(prepared, stated, terms))
+        rows.append(residuals(prepared, _everything(answer, terms)))
+        if answer.alike:
+            noise.append(TOLD.format(triad=prepared.form.triad))
+        checks = allan_checks(prepared, answer.noise, _everything(answer, terms))
+        noise.extend(check.line() for check in checks)
+        progress(f"{prepared.form.triad}: proved on held-out data")
+    explanations.sort(key=lambda e: -e.evidence.delta_bic)
+    chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
+    plan = conclude([_audited(f) for f in findings], effects)
+    plan = with_delays(plan, [f.prepared.delay for f in findings if f.prepared.delay is not None])
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        summary=summary(
+            verdict, explanations, where, empirical, [f.prepared.form for f in findings]
+        ),
+        where=tidy(where),
+        effects=tuple(explanations),
+        baseline=chosen[1],
+        augmented=chosen[2],
+        not_testable=tuple(name for name, _ in plan.not_testable),
+        parameters_moved=tuple(shifted),
+        detectable=_smallest(plan) if verdict == "consistent" else (),
+        empirical="; ".join(empirical) or None,
+        notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
+        left_out=tuple(_left_out(f.prepared) for f in findings if f.prepared.moved > 0.0),
+        noise=tuple(noise),
+        audit=plan,
+        residuals=tuple(rows),
+    )
+    return diagnosis, _calibration(campaign, findings, triads, explanations, tuple(added))
+
+
+def tuned(
+    prepared: Prepared, answer: Answer, noise: NoiseFit
+) -> tuple[Prepared, list[tuple[Named, Term, float | None]]]:
+    """Named terms with their nuisance settings refined under the noise of the intervals, and the triad about them."""
+    about, terms, spread = refined(prepared, noise, [n.candidate.term for n in answer.named])
+    made = []
+    for k, (named, term, std) in enumerate(zip(answer.named, terms, spread)):
+        others = terms[:k] + terms[k + 1 :]
+        found = whiten_system(about.system, answer.noise, [term], others).scores
+        if found:
+            candidate = Candidate(term, found[0], named.candidate.ratio, named.candidate.evidence)
+            named = Named(candidate, named.p_value, named.rivals)
+        made.append((named, term, std))
+    return about, made
+
+
+def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, Quality]:
+    extra = _everything(answer, terms)
+    made = []
+    for chosen in ([], extra):
+        rms, chi2 = in_sample(prepared, answer.noise, chosen)
+        made.append(Quality(rms, chi2, held_out_rms(prepared, chosen)))
+    return made[0], made[1]
+
+
+def _left_out(prepared: Prepared) -> str:
+    """What of a triad's rests was not judged, in a sentence."""
+    rows = prepared.blocks
+    kept = float(rows.count.sum()) * (0.0 if prepared.log is None else prepared.log.step)
+    return (
+        f"{prepared.form.triad}: {prepared.moved:.3g} s of rest are left out and {kept:.3g} s judged: the rests were "
+        "found in the data, and in these stretches the gyros read what a knock or a hand makes them read. A column "
+        "`position` that says which rows rest has all of them judged."
+    )
+
+
+def _everything(answer: Answer, terms: list) -> list:
+    """The named terms, and the best unlisted one where something is unexplained."""
+    if answer.verdict == "unexplained" and answer.unlisted is not None:
+        return [*terms, answer.unlisted.term]
+    return list(terms)
+
+
+def _audited(finding: Finding) -> Audited:
+    """The catalogue under the noise that is left beside what was found."""
+    prepared, answer = finding.prepared, finding.answer
+    scores = finding.scores
+    if answer.named:
+        listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
+        scores = whiten_system(prepared.system, answer.noise, listed).scores
+    return Audited(prepared, scores, answer.tests, answer.noise)
+
+
+def _smallest(plan: Audit) -> tuple[Detectable, ...]:
+    """For each effect and triad the channel on which the least of it would have shown."""
+    best: dict[tuple[str, str], Detectable] = {}
+    for d in plan.detectable:
+        key = d.name, d.channels[0].partition("_")[0]
+        if key not in best or d.size < best[key].size:
+            best[key] = d
+    return tuple(best.values())
+
+
+def _calibrated(prepared: Prepared, noise: NoiseFit, terms: list) -> TriadCalibration:
+    """The triad's calibration from the augmented fit."""
+    form = prepared.form
+    values, spread = corrected(prepared.system, noise, terms)
+    basis = Constant() if form.degree == 0 else Polynomial(form.degree, form.low, form.high)
+    covariance = np.diag(np.square(spread.T).reshape(-1))
+    return TriadCalibration(Curve(basis, values.T), covariance, form.names, form.estimator)
+
+
+def _calibration(
+    campaign: Campaign,
+    findings: list[Finding],
+    triads: list,
+    explanations: list[Explanation],
+    effects: tuple[FittedEffect, ...],
+) -> Calibration:
+    by_name = {f.prepared.form.triad: t for f, t in zip(findings, triads)}
+    forms = [f.prepared.form for f in findings]
+    temperature = None
+    if findings[0].prepared.blocks.temperature is not None:
+        temperature = (forms[0].low, forms[0].high)
+    notes = tuple(
+        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.statement}" for e in explanations
+    )
+    return Calibration(
+        campaign.site.gravity, by_name.get("accel"), by_name.get("gyro"),
+        device=campaign.devices[0], temperature_range=temperature, notes=notes, effects=effects,
+    )  # fmt: skip

@@ -1,0 +1,275 @@
+"""Plan audit: what a campaign could show, before any of its outputs is explained.
+
+Only the plan enters: inputs, temperatures, times and the noise. A signature that the calibration absorbs
+is not testable; signatures that overlap after the calibration is projected out cannot be told apart in
+this plan, whatever the noise; what remains is as large as its whitened length says.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import numpy as np
+import scipy.linalg
+import scipy.special
+import scipy.stats
+
+from ...data.recording import Campaign
+from ...effects import CATALOGUE, Effect
+from ..candidates.empirical import PREFIX
+from ..candidates.signatures import Term
+from ..noise.observation_series import NoiseFit, START, System
+from ..noise.reml import fit_noise
+from ..problem import prepare, Prepared
+from ..selection.evidence import count_forms, observations
+from ..selection.forward import GATE
+from ..selection.multiple_testing import Family, family
+from ..selection.score_test import Score, whiten_system
+from .aliasing import alias_sets, aliases
+from .limits import Absorbed, Audit, Detectable, POWER
+
+
+UNEXCITED = (
+    1e-4  # part of the largest square below which a combination of parameters is not excited
+)
+BEYOND = 30.0  # times the usual size from which an effect counts as out of reach
+
+
+@dataclass(frozen=True, eq=False)
+class Audited:
+    """One triad's catalogue under given noise."""
+
+    prepared: Prepared
+    scores: tuple[Score, ...]  # of the catalogue's terms that the calibration does not absorb
+    tests: Family  # effective numbers of independent tests
+    noise: NoiseFit
+
+    @property
+    def each_alone(self) -> tuple[Score, ...]:
+        """The scores of each on its own rows, where the rig's errors couple the chains of some."""
+        system = self.prepared.system
+        if system.shared is None:
+            return self.scores
+        alone = eqx.tree_at(lambda s: s.shared, system, None)
+        return whiten_system(alone, self.noise, [s.term for s in self.scores]).scores
+
+
+def audit(
+    campaign: Campaign, *, effects: Sequence[Effect] = CATALOGUE, estimate_noise: bool = False
+) -> Audit:
+    """Audit the plan of a one-device campaign.
+
+    **Arguments:** `campaign` may be simulated: its outputs serve only to know the specific force and the noise
+    inside blocks. With `estimate_noise` the variance components are fitted to the outputs, else a
+    moderate flicker beside the white noise is assumed. **Returns** an `Audit`.
+    """
+    with jax.enable_x64(True):
+        _, triads = prepare(campaign, effects)
+        return conclude([_audited(p, estimate_noise) for p in triads], effects)
+
+
+def _audited(prepared: Prepared, estimate_noise: bool) -> Audited:
+    system = prepared.system
+    noise = fit_noise(system) if estimate_noise else assumed_noise(system)
+    scores = whiten_system(system, noise, prepared.candidates).scores
+    tests = family(scores, [len(y) for y in system.base.observed])
+    listed = tuple(s for s in scores if not s.term.name.startswith(PREFIX))
+    return Audited(prepared, listed, tests, noise)
+
+
+def assumed_noise(system: System) -> NoiseFit:
+    """White noise by the scatter inside blocks, and beside it a flicker of about the same size."""
+    return NoiseFit(tuple(START for _ in system.chains), tuple(0.0 for _ in system.chains))
+
+
+def conclude(triads: Sequence[Audited], effects: Sequence[Effect]) -> Audit:
+    """The audit of all triads together."""
+    sizes, pairs, absorbed, lines = [], [], [], []
+    for one in triads:
+        sizes.extend(detectable_sizes(one))
+        pairs.extend(aliases(one.each_alone))
+        absorbed.extend(_absorbed(one))
+        lines.extend(_unobservable(one.prepared.system))
+    seen = {d.name for d in sizes}
+    shown = {s.term.name for t in triads for s in t.scores}
+    taken = {a.name for a in absorbed} - shown
+    absent = []
+    for effect in effects:
+        if effect.name in seen:
+            continue
+        why = [t.prepared.missing[effect.name] for t in triads if effect.name in t.prepared.missing]
+        reason = why[0] if why else f"it needs {effect.needs}"
+        if effect.name in taken:
+            reason = "the calibration itself absorbs it in this plan"
+        elif not why and not any(t.prepared.form.triad in effect.triads for t in triads):
+            reason = (
+                f"it is an effect of the {'gyros' if 'gyro' in effect.triads else 'accelerometers'}"
+            )
+        elif effect.name in shown:
+            reason = f"not even {BEYOND:g} times its usual size would show; it needs {effect.needs}"
+        absent.append((effect.name, reason))
+    return Audit(
+        tuple(absent), tuple(sizes), tuple(pairs), tuple(absorbed), tuple(lines),
+        tuple(alias_sets(pairs, effects)),
+    )  # fmt: skip
+
+
+def needed(size: int, rows: int, forms: int, tests: float) -> float:
+    """Standard deviations at which an effect passes the diagnosis with probability `POWER`.
+
+    A term of `size` coefficients must exceed the family's threshold, $\\chi^2$ at $1 - (1 - \\alpha)^{1/N}$, and
+    pay the price of its columns and of its forms; $z = \\sqrt{\\text{threshold}} + \\Phi^{-1}(0.9)$.
+    """
+    single = -np.expm1(np.log1p(-GATE) / max(tests, 1.0))
+    gate = float(scipy.stats.chi2.isf(single, size))
+    price = size * np.log(max(rows, 2)) + 2.0 * np.log(max(forms, 1))
+    return float(np.sqrt(max(gate, price)) + scipy.stats.norm.ppf(POWER))
+
+
+def at_the_gate(tests: Family, score: Score) -> float:
+    """Tests that a term pays for at the likelihood ratio which just passes the gate."""
+    number = tests.tests(score.term)
+    for _ in range(3):  # it grows with a power of the ratio, and the ratio with its logarithm
+        single = -np.expm1(np.log1p(-GATE) / max(number, 1.0))
+        number = tests.tests(score.term, float(scipy.special.chdtri(score.size, single)))
+    return number
+
+
+def detectable_sizes(one: Audited) -> list[Detectable]:
+    """For each effect and channel the smallest coefficient that the diagnosis would detect.
+
+    Where theory fixes the coefficient at one, the smallest nuisance setting (a time constant, a width).
+    """
+    forms = count_forms(one.prepared.candidates)
+    system = one.prepared.system
+    found: dict[tuple[str, tuple[str, ...]], list[tuple[Score, float]]] = {}
+    for score in one.scores:
+        term = score.term
+        z = needed(
+            score.size,
+            observations(system, term),
+            forms[term.name, term.channels],
+            at_the_gate(one.tests, score),
+        )
+        found.setdefault((term.name, term.channel_names), []).append((score, z))
+    made = []
+    for (name, channels), members in found.items():
+        effect = members[0][0].term.known
+        if effect.unit_amplitude and effect.nuisance:
+            size, unit = smallest_setting(members), effect.nuisance_unit
+        else:
+            size, unit = (
+                min(z * sigma(s) for s, z in members),
+                effect.units[one.prepared.form.triad],
+            )
+            usual = effect.usual(one.prepared.form.triad, None)
+            size = np.inf if usual and size > BEYOND * usual[1] else size
+        if np.isfinite(size):
+            made.append(Detectable(name, channels, float(size), unit))
+    return made
+
+
+def sigma(score: Score) -> float:
+    """Standard deviation of the best-seen coefficient with the term's others at zero, SI."""
+    lengths = np.sqrt(sum(np.square(w).sum(axis=0) for w in score.white))
+    return 1.0 / float(lengths.max()) if lengths.max() > 0.0 else np.inf
+
+
+def smallest_setting(members: Sequence[tuple[Score, float]]) -> float:
+    """Smallest nuisance setting at which a coefficient of one is detected; between grid points the length
+    of the signature goes by a power of the setting."""
+    term = members[0][0].term
+    groups: dict[tuple, list[tuple[float, float]]] = {}
+    for score, z in members:
+        settings = dict(score.term.variant.settings)
+        value = float(settings.pop(term.known.nuisance))
+        strength = 1.0 / (z * sigma(score))
+        groups.setdefault(tuple(sorted(settings.items())), []).append((value, strength))
+    best = np.inf
+    for points in groups.values():
+        value, strength = np.array(sorted(points)).T
+        above = np.flatnonzero(strength >= 1.0)
+        if not len(above):
+            continue
+        k = int(above[0])
+        if k == 0:
+            best = min(best, value[0])
+            continue
+        slope = np.log(value[k] / value[k - 1]) / np.log(strength[k] / strength[k - 1])
+        best = min(best, value[k] * strength[k] ** -slope)
+    return float(best)
+
+
+def _absorbed(one: Audited) -> list[Absorbed]:
+    """Effects of which no form survives beside the calibration, by triad."""
+    seen = {(s.term.name, s.term.channels) for s in one.scores}
+    gone: dict[str, list[Term]] = {}
+    for term in one.prepared.candidates:
+        if (
+            term.effect is not None
+            and (term.name, term.channels) not in seen
+            and _felt(one.prepared.system, term)
+        ):
+            gone.setdefault(term.name, []).append(term)
+    made = []
+    for name, members in gone.items():
+        channels = dict.fromkeys(n for t in members for n in t.channel_names)
+        by = dict.fromkeys(p for t in members for p in takers(one.prepared.system, t))
+        made.append(Absorbed(name, tuple(channels), tuple(by)[:4]))
+    return made
+
+
+def _felt(system: System, term: Term) -> bool:
+    """Whether the effect at its largest usual size would reach the rows at all."""
+    usual = term.known.usual(term.triad, None)
+    size = usual[1] if usual else 1.0
+    return any(
+        size * float(np.abs(c).max(initial=0.0)) > 1e-3 * float(system.scales[k][1]) ** 0.5
+        for k, c in zip(term.chains, term.columns)
+    )
+
+
+def takers(system: System, term: Term) -> tuple[str, ...]:
+    """The calibration's parameters that take most of a term's columns up."""
+    base, found = system.base, []
+    for chain, columns in zip(term.chains, term.columns):
+        x = base.columns[chain]
+        norm = np.linalg.norm(x, axis=0) + 1e-300
+        share = np.abs(np.linalg.lstsq(x / norm, columns[:, :1], rcond=1e-8)[0][:, 0])
+        strongest = np.flatnonzero(share > 0.3 * share.max())
+        found += [_parameter(system, int(base.index[chain][k])) for k in strongest]
+    return tuple(dict.fromkeys(found))
+
+
+def _parameter(system: System, flat: int) -> str:
+    names = system.base.form.names
+    number = flat // system.base.coefficients.shape[1]
+    # A user's own model has parameters by their place in the flattened pytree.
+    return names[number] if len(names) == len(system.base.coefficients) else f"parameters[{number}]"
+
+
+def _unobservable(system: System) -> list[str]:
+    """Combinations of the calibration's own parameters that the plan does not excite.
+
+    Columns of one kind of parameter are compared in the same unit, so that one which only feels what a
+    misalignment lets through counts as unexcited.
+    """
+    lines = []
+    for chain, x in enumerate(system.base.columns):
+        names = np.array([_parameter(system, int(k)) for k in system.base.index[chain]])
+        kinds = np.array([n.partition("[")[0] for n in names])
+        norm = np.linalg.norm(x, axis=0)
+        largest = np.array([norm[kinds == k].max() for k in kinds])
+        value, vector = np.linalg.eigh((x / largest).T @ (x / largest))
+        unseen = vector[:, value < UNEXCITED * value[-1]]
+        if not unseen.shape[1]:
+            continue
+        # Each combination gets a parameter of its own, so that single parameters stand alone where they can.
+        order = np.asarray(scipy.linalg.lu(unseen)[0])
+        own = np.argmax(order, axis=0)[: unseen.shape[1]]
+        for part in np.abs(unseen @ np.linalg.inv(unseen[own])).T:
+            mixed = list(dict.fromkeys(names[part > 0.3 * part.max()].tolist()))
+            line = mixed[0] if len(mixed) == 1 else f"a combination of {', '.join(mixed)}"
+            lines.append(line)
+    return list(dict.fromkeys(lines))

@@ -1,0 +1,55 @@
+"""What may stand beside effects that were chosen already."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from .evidence import Candidate
+
+
+MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
+
+
+def full(chosen: Sequence[Candidate], new: Candidate) -> bool:
+    """Whether the rows that a candidate acts on have their number of effects already.
+
+    One effect on several channels, such as a lag behind their common probe, is one.
+    """
+    after = [*(old.key for old in chosen), new.key]
+    chains = [*(old.term.chains for old in chosen), new.term.chains]
+    mine = [[key for key, on in zip(after, chains) if c in on] for c in new.term.chains]
+    return any(causes(keys) > MOST_EFFECTS for keys in mine)
+
+
+def causes(keys: Sequence[tuple[str, tuple[int, ...]]]) -> int:
+    """Number of different effects; one that a channel has twice counts twice."""
+    times: dict[str, int] = {}
+    for (name, _), count in Counter(keys).items():
+        times[name] = max(times.get(name, 0), count)
+    return sum(times.values())
+
+
+def twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
+    """Whether a channel would get a second one of an effect that it can only have once."""
+    effect = new.term.effect
+    if effect is None or not effect.once:
+        return False
+    mine = set(new.term.channels)
+    return any(old.term.name == effect.name and mine & {*old.term.channels} for old in chosen)
+
+
+def among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
+    """Whether one of the chosen effects acts on these rows."""
+    return any(not set(c.term.chains).isdisjoint(chains) for c in chosen)
+
+
+def explained_beside(chosen: Sequence[Candidate], new: Candidate, forms: dict) -> float:
+    """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on.
+
+    Without those of the rig and the reference that geometry gives one form: they leave nothing behind.
+    """
+    inexact = [
+        c
+        for c in chosen
+        if c.term.effect is None or not c.term.effect.common or forms.get(c.key) != 1
+    ]
+    return float(sum(c.score.gain for c in inexact if among([c], new.term.chains)))

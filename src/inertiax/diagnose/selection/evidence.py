@@ -1,0 +1,202 @@
+"""Naming: which few terms explain the rows, under noise that is estimated anew beside each of them.
+
+A candidate is judged by the profile likelihood: the drop of minus twice the log likelihood when its
+columns enter the mean *and* the variance components are free. That way neither a slow effect is
+swallowed by a random walk nor a random walk taken for an effect without a fair contest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...effects import Effect
+from ..candidates.empirical import PREFIX
+from ..candidates.signatures import Term
+from ..noise.common_mode_fit import recoupled
+from ..noise.observation_series import NoiseFit, System
+from ..noise.reml import fit_noise, likelihood
+from .score_test import Score, whiten_system
+
+
+ROOM = 0.35  # standard deviation of the logarithm of a coefficient that theory fixes at 1
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A term with what it gains over the terms chosen so far."""
+
+    term: Term
+    score: Score  # under the variances that suit it best
+    ratio: float  # twice the gain of log likelihood
+    evidence: float  # log odds after the price of its columns and forms
+
+    @property
+    def key(self) -> tuple[str, tuple[int, ...]]:
+        """Name and channels."""
+        return self.term.name, self.term.channels
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What theory and experience say of an effect's coefficient, by a triad and grade."""
+
+    fixed: bool  # the coefficient is 1 by theory
+    largest: float | None  # usual size, SI
+
+    @classmethod
+    def of(cls, effect: Effect, triad: str, grade: str | None) -> "Usual":
+        """Of a catalogued effect."""
+        usual = effect.usual(triad, grade)
+        return cls(effect.unit_amplitude, None if usual is None else float(usual[1]))
+
+
+def plausibility(score: Score, usual: Usual | None) -> float:
+    """Log prior of the coefficients' size: flat over ten times the usual range, falling beyond it."""
+    if usual is None:
+        return 0.0
+    if usual.fixed:
+        return _near_one(float(score.coefficients[0]), float(np.sqrt(score.covariance[0, 0])))
+    if usual.largest is None:
+        return 0.0
+    size = float(np.abs(score.coefficients).max())
+    excess = max(0.0, np.log10(max(size, 1e-300) / usual.largest) - 1.0)
+    return float(-4.0 * excess**2)
+
+
+def _near_one(value: float, spread: float) -> float:
+    """Log prior of a coefficient that is 1 by theory: its logarithm is near 0.
+
+    The grid of the setting and its shape leave some room; a negative coefficient has no meaning.
+    """
+    if value > 0.0:
+        return -0.5 * (np.log(value) / np.hypot(ROOM, spread / value)) ** 2
+    return -0.5 * (((value - 1.0) / np.hypot(ROOM, spread)) ** 2 + (value / spread) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Variances tried, each with minus the log likelihood of the chosen terms on every chain."""
+
+    fits: tuple[NoiseFit, ...]
+    values: tuple[tuple[float, ...], ...]  # by fit, then by chain
+
+    @property
+    def best(self) -> tuple[float, ...]:
+        """The least value of each chain."""
+        return tuple(min(column) for column in zip(*self.values))
+
+    @property
+    def leader(self) -> NoiseFit:
+        """The best of each chain's variances together."""
+        places = [int(np.argmin(column)) for column in zip(*self.values)]
+        theta = tuple(self.fits[k].theta[c] for c, k in enumerate(places))
+        values = tuple(self.values[k][c] for c, k in enumerate(places))
+        return NoiseFit(theta, values, recoupled(theta, self.fits[0].coupled))
+
+
+def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Bank:
+    """Evaluate the chosen terms under each set of variances."""
+    known: dict[tuple[int, bytes], float] = {}
+    values = []
+    for fit in fits:
+        for c, theta in enumerate(fit.theta):
+            if (c, theta.tobytes()) not in known:
+                known[c, theta.tobytes()] = likelihood(system, fit, chosen, c)
+        values.append(tuple(known[c, theta.tobytes()] for c, theta in enumerate(fit.theta)))
+    return Bank(tuple(fits), tuple(values))
+
+
+def observations(system: System, term: Term) -> int:
+    """Number of observations that tell a term's coefficients, of which each is priced with half its logarithm.
+
+    What follows the input is one value a dwell, however many blocks the dwell is cut into: flicker and positioning
+    errors are shared by them.
+
+    **Reference:** Berger, Bayarri and Pericchi, Econometric Reviews 33 (2014) 197, for effective sample sizes in the
+    Bayesian information criterion.
+    """
+    dwells = [np.count_nonzero(system.chains[c].new_dwell) for c in term.chains]
+    rows = [len(system.base.observed[c]) for c in term.chains]
+    return max(int(sum(dwells if term.follows_input else rows)), 2)
+
+
+def judge(
+    system: System,
+    bank: Bank,
+    candidates: Sequence[Term],
+    chosen: Sequence[Term],
+    forms: dict,
+    grade: str | None,
+) -> list[Candidate]:
+    """Candidates with their profile likelihood ratios over the bank, best evidence first.
+
+    Chains are independent: a candidate is judged by the variances of its own chains.
+    """
+    best: dict[int, tuple[float, Score]] = {}
+    done: set[tuple[int, bytes]] = set()
+    least = bank.best
+    for fit, value in zip(bank.fits, bank.values):
+        keys = {(c, theta.tobytes()) for c, theta in enumerate(fit.theta)}
+        fresh = {c for c, _ in keys - done}
+        done |= keys
+        some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
+        for score in whiten_system(system, fit, some, chosen).scores if some else ():
+            loss = sum(value[c] - least[c] for c in score.term.chains)
+            ratio = score.gain - 2.0 * loss
+            if id(score.term) not in best or ratio > best[id(score.term)][0]:
+                best[id(score.term)] = (ratio, score)
+    made, usual = [], {}
+    for ratio, score in best.values():
+        effect, triad = score.term.effect, score.term.triad
+        if effect is not None and (id(effect), triad) not in usual:
+            usual[id(effect), triad] = Usual.of(effect, triad, grade)
+        cost = 0.5 * score.size * np.log(observations(system, score.term))
+        cost += np.log(forms.get((score.term.name, score.term.channels), 1))
+        if score.term.name.startswith(PREFIX):
+            cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
+        evidence = 0.5 * ratio - cost + plausibility(score, usual.get((id(effect), triad)))
+        made.append(Candidate(score.term, score, float(ratio), float(evidence)))
+    return sorted(made, key=lambda c: -c.evidence)
+
+
+def count_forms(candidates: Sequence[Term]) -> dict[tuple[str, tuple[int, ...]], int]:
+    """Number of forms of each effect on each set of channels."""
+    forms: dict[tuple[str, tuple[int, ...]], int] = {}
+    for term in candidates:
+        forms[term.name, term.channels] = forms.get((term.name, term.channels), 0) + 1
+    return forms
+
+
+def shortlist(ranked: Sequence[Candidate], *, per_key: int = 5, most: int = 260) -> list[Term]:
+    """The best few forms of each effect and channel."""
+    seen: dict = {}
+    kept = []
+    for candidate in ranked:
+        if seen.get(candidate.key, 0) < per_key:
+            seen[candidate.key] = seen.get(candidate.key, 0) + 1
+            kept.append(candidate.term)
+        if len(kept) >= most:
+            break
+    return kept
+
+
+def refine(
+    system: System,
+    start: Bank,
+    ranked: Sequence[Candidate],
+    chosen: Sequence[Term],
+    *,
+    most: int = 6,
+) -> Bank:
+    """Add to the bank the variances refitted beside each chain's leading candidates."""
+    fits, done = list(start.fits), set()
+    count: dict[tuple[int, ...], int] = {}
+    for candidate in ranked:
+        chains = candidate.term.chains
+        if id(candidate.term) in done or count.get(chains, 0) >= most:
+            continue
+        done.add(id(candidate.term))
+        count[chains] = count.get(chains, 0) + 1
+        fits.append(fit_noise(system, [*chosen, candidate.term], start.leader, chains))
+    return bank(system, fits, chosen)

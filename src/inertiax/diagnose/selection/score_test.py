@@ -1,0 +1,226 @@
+"""Whitening of rows, and scores of candidate terms."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..candidates.columns import lengthen, span, unit
+from ..candidates.signatures import Term
+from ..noise.common_mode import root
+from ..noise.common_mode_fit import coupled_theta, RIG
+from ..noise.observation_series import NoiseFit, System
+from ..noise.state_space import unpack, whiten_jit
+
+
+CHUNK = 384  # columns whitened at once, so that one compiled program serves all
+ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
+TOLD = 0.999  # square of a coefficient's own direction in those that the rows tell, from which it is told
+REMEMBERED = 60  # whitened sets of shared errors
+
+
+def whiten_columns(
+    system: System, noise: NoiseFit, chain: int, columns: np.ndarray, *, apart: bool = False
+) -> np.ndarray:
+    """Columns of one chain, whitened, in chunks of equal width; `apart` from the errors that chains share."""
+    theta, rows = noise.theta[chain], system.longer[chain]
+    if apart and system.shared is not None:
+        theta, rows = coupled_theta(noise)[chain], system.shared.chains[chain]
+    v = unpack(theta, system.scales[chain])
+    pieces = []
+    for a in range(0, columns.shape[1], CHUNK):
+        piece = columns[:, a : a + CHUNK]
+        done = whiten_jit(v, rows, lengthen(piece, CHUNK))[0]
+        pieces.append(np.asarray(done)[: len(columns), : piece.shape[1]])
+    return np.concatenate(pieces, axis=1) if pieces else columns
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """A system under one set of variances, with the baseline (and chosen terms) projected out."""
+
+    residual: tuple[np.ndarray, ...]
+    fitted: int  # directions that were projected out
+    scores: tuple["Score", ...]
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residuals."""
+        return float(sum(r @ r for r in self.residual))
+
+    @property
+    def dof(self) -> int:
+        """Rows less what was fitted."""
+        return sum(map(len, self.residual)) - self.fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """A term under one set of variances: its whitened columns beside the baseline, and its gain."""
+
+    term: Term
+    chains: tuple[
+        int, ...
+    ]  # on which it shows: the term's, or all where the rig's errors couple them
+    white: tuple[np.ndarray, ...]  # whitened columns with the baseline projected out, per chain
+    turn: np.ndarray  # white @ turn is orthonormal
+    part: np.ndarray  # coordinates of the residual in those directions
+    gain: float  # drop of the sum of squares
+
+    @property
+    def size(self) -> int:
+        """Testable directions."""
+        return self.turn.shape[1]
+
+    @property
+    def directions(self) -> tuple[np.ndarray, ...]:
+        """Orthonormal columns, per chain."""
+        return tuple(w @ self.turn for w in self.white)
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Least-squares coefficients of the term's columns."""
+        return self.turn @ self.part
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the coefficients, of those that are told."""
+        return self.turn @ self.turn.T
+
+    @property
+    def told(self) -> np.ndarray:
+        """Which coefficients the rows tell; of the others they tell nothing, or a sum with others alone."""
+        scaled = self.turn * np.sqrt(sum(np.square(w).sum(axis=0) for w in self.white))[:, None]
+        return np.square(np.linalg.qr(scaled)[0]).sum(axis=1) > TOLD
+
+
+def whiten_system(
+    system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term] = ()
+) -> Whitened:
+    """Whiten the rows, project the baseline and the chosen terms out, and score every candidate.
+
+    Where the rig's errors couple the chains, candidates that follow the input are scored on all chains together. What
+    is slow stays with its own chain, for slow noise is fitted chain by chain beside the whole of the rig's errors.
+    """
+    residual, fitted = [], 0
+    coupled = system.shared is not None
+    together = [t for t in candidates if coupled and t.follows_input]
+    alone = [t for t in candidates if not (coupled and t.follows_input)]
+    white: list[dict[int, np.ndarray]] = [{} for _ in alone]
+    raw: list[np.ndarray] = [np.zeros(t.size) for t in alone]
+    for c in range(len(system.chains)):
+        y, fixed, rest, places = _white_rows(system, noise, c, alone, chosen)
+        q = span(fixed)
+        before = np.square(rest).sum(axis=0)
+        # Column by column in memory, as candidates take it.
+        rest = np.asfortranarray(rest - q @ (q.T @ rest))
+        for k, here in places:
+            white[k][c] = rest[:, here]
+            raw[k] = raw[k] + before[here]
+        residual.append(y - q @ (q.T @ y))
+        fitted += q.shape[1]
+    scores = [_score(t, w, r, residual) for t, w, r in zip(alone, white, raw)]
+    if together:
+        scores += _scored_together(system, noise, together, chosen)
+        place = {id(t): k for k, t in enumerate(candidates)}
+        scores.sort(key=lambda s: -1 if s is None else place[id(s.term)])
+    return Whitened(tuple(residual), fitted, tuple(s for s in scores if s is not None))
+
+
+def _white_rows(
+    system: System,
+    noise: NoiseFit,
+    c: int,
+    candidates: Sequence[Term],
+    chosen: Sequence[Term],
+    *,
+    apart: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[int, slice]]]:
+    """Whitened residual, columns that are fitted, and candidates' columns of one chain with their places."""
+    level = system.scales[c][1] ** 0.5
+    mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
+    fixed = np.concatenate([system.frames[c], *map(unit, mine)], axis=1)
+    owners = [(k, t.columns[t.chains.index(c)]) for k, t in enumerate(candidates) if c in t.chains]
+    edges = np.cumsum([0, *(m.shape[1] for _, m in owners)])
+    y = system.base.observed[c]
+    rest = np.concatenate([m for _, m in owners], axis=1) if owners else np.zeros((len(y), 0))
+    size = np.linalg.norm(rest, axis=0) + 1e-300
+    columns = np.concatenate([y[:, None] / level, fixed, rest / size], axis=1)
+    done = whiten_columns(system, noise, c, columns, apart=apart)
+    split = 1 + fixed.shape[1]
+    places = [(k, slice(a, b)) for (k, _), a, b in zip(owners, edges[:-1], edges[1:])]
+    return done[:, 0] * level, done[:, 1:split], done[:, split:] * size, places
+
+
+def _scored_together(
+    system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term]
+) -> list[Score | None]:
+    """Scores on the rows of all chains, where the rig's errors make one problem of them."""
+    edges = np.cumsum([0, *map(len, system.base.observed)])
+    rows = [slice(a, b) for a, b in zip(edges[:-1], edges[1:])]
+    widths = np.cumsum([0, *(t.size for t in candidates)])
+    y, fixed = np.zeros(edges[-1]), []
+    rest = np.zeros((edges[-1], widths[-1]))
+    for c, here in enumerate(rows):
+        mine, base, columns, places = _white_rows(system, noise, c, candidates, chosen, apart=True)
+        y[here] = mine
+        fixed.append(np.zeros((edges[-1], base.shape[1])))
+        fixed[-1][here] = base
+        for k, place in places:
+            rest[here, widths[k] : widths[k + 1]] = columns[:, place]
+    f = _shared_root(system, noise)
+    y = y - f @ (f.T @ y)
+    wide = np.concatenate(fixed, axis=1)
+    q = span(wide - f @ (f.T @ wide))
+    rest -= f @ (f.T @ rest)
+    before = np.square(rest).sum(axis=0)
+    y = y - q @ (q.T @ y)
+    rest -= q @ (q.T @ rest)
+    residual = [y[here] for here in rows]
+    scores = []
+    for k, term in enumerate(candidates):
+        place = slice(widths[k], widths[k + 1])
+        white = {c: rest[here, place] for c, here in enumerate(rows)}
+        scores.append(_score(term, white, before[place], residual))
+    return scores
+
+
+def _shared_root(system: System, noise: NoiseFit) -> np.ndarray:
+    """The inverse root of what the shared errors add to the whitened rows of all chains."""
+    shared = system.shared
+    assert shared is not None
+    theta = coupled_theta(noise)
+    key = tuple(t.tobytes() for t in theta)
+    if key not in shared.known:
+        if len(shared.known) > REMEMBERED:
+            shared.known.clear()
+        white = []
+        for c, own in enumerate(key):
+            if (c, own) not in shared.known:
+                columns = shared.columns[c]
+                size = np.linalg.norm(columns, axis=0) + 1e-300
+                done = whiten_columns(system, noise, c, columns / size, apart=True) * size
+                shared.known[c, own] = done
+            white.append(shared.known[c, own])
+        part = np.mean([np.exp(t[RIG]) * s[RIG] for t, s in zip(theta, system.scales)])
+        shared.known[key] = root(np.sqrt(part) * np.concatenate(white))
+    return shared.known[key]
+
+
+def _score(
+    term: Term, white: dict[int, np.ndarray], before: np.ndarray, residual: list[np.ndarray]
+) -> Score | None:
+    gram = sum(w.T @ w for w in white.values())
+    after = np.diag(gram)
+    shown = after > ABSORBED * np.maximum(before, 1e-300)
+    if not np.any(shown):
+        return None
+    norm = np.where(shown, np.sqrt(np.maximum(after, 1e-300)), np.inf)
+    if len(norm) == 1:
+        turn = 1.0 / norm[None, :]
+    else:
+        value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
+        good = value > 1e-7 * value[-1]
+        turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
+    part = turn.T @ sum(w.T @ residual[c] for c, w in white.items())
+    return Score(term, tuple(white), tuple(white.values()), turn, part, float(part @ part))

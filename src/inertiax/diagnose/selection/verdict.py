@@ -1,0 +1,202 @@
+"""From candidates to an answer for one triad: gate, name, open-set check."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from ..candidates.empirical import PREFIX
+from ..candidates.signatures import Term
+from ..noise.observation_series import NoiseFit, System
+from ..noise.pooled_channels import alike
+from ..noise.reml import fit_noise
+from .candidate_screening import finer_forms, leaders, rank, screen, sharpen
+from .evidence import bank, Candidate, count_forms, judge
+from .forward import Asked, Found, STILL
+from .lack_of_fit import left_over, LeftOver
+from .multiple_testing import Family, family
+from .score_test import Score
+from .thermal import remember, Remembered
+
+
+SAME = 6.0  # difference of BIC within which names stay in the set
+OWN = 8  # forms of a chosen effect among which the likeliest rare one is sought at the end
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A chosen term, its significance, and the rivals that the data cannot exclude."""
+
+    candidate: Candidate
+    p_value: float
+    rivals: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the rows of one triad say."""
+
+    verdict: str
+    named: tuple[Named, ...]
+    unlisted: Candidate | None
+    unlisted_p: float
+    noise: NoiseFit  # with the chosen terms in the mean
+    null_noise: NoiseFit
+    p_value: float  # of the gate
+    tests: Family  # effective numbers of independent tests
+    candidates: tuple[Term, ...]  # a short list
+    ranked: tuple[Candidate, ...]  # of the first step
+    listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
+    remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
+    alike: bool  # whether the channels told each other's noise when the last effect was looked for
+
+
+def identify(
+    system: System,
+    catalogue: Sequence[Term],
+    alternatives: Sequence[Term],
+    flexible: Sequence[Term] = (),
+    *,
+    grade: str | None,
+    hint: str | None = None,
+    finer: Callable[[Term], list[Term]] = lambda term: [],
+    between_all: Callable[[Term], list[Term]] = lambda term: [],
+    renew: Callable[[NoiseFit, list[Term]], list[Term]] = lambda noise, chosen: chosen,
+    say: Callable[[str], None] = lambda text: None,
+) -> Answer:
+    """Gate, name and check one triad's rows.
+
+    **Arguments:** `finer` gives the forms beside one that was taken from a grid, `between_all` those between all points
+    of that grid. `renew` makes signatures of chosen terms anew where they hold the model's own parameters.
+    """
+    everything = [*catalogue, *alternatives]
+    forms = count_forms(everything)
+    alone, own = system, fit_noise(system)
+    system = alike(alone, own)
+    null = own if system is alone else fit_noise(system)
+    say("noise fitted")
+    start, ranked, slow, short = screen(system, null, everything, forms, grade)
+    short = [*short, *finer_forms(ranked, slow, finer)]
+    scores = [c.score for c in ranked]
+    tests = family(scores, [len(y) for y in system.base.observed])
+    say(f"{len(everything)} candidates screened, {tests.total:.0f} independent tests")
+    hidden = leaders(slow, 3, 1)
+    fuller, ranked = rank(system, [null], short, [], forms, grade, hidden)
+    nearer = sharpen(system, fuller, ranked, everything, finer, forms, grade)
+    if nearer:
+        short = [*short, *nearer]
+        fuller, ranked = rank(system, fuller.fits, short, [], forms, grade)
+    first = ranked
+    ask = Asked(
+        alone,
+        system,
+        tuple(everything),
+        list(short),
+        forms,
+        grade,
+        tests,
+        null,
+        between_all,
+        renew,
+        say,
+    )
+    gate = ask.chance(min(ranked[:10], key=tests.p_value))
+    found = ask.search([], fuller, ranked, None)
+    # What all channels of a package do together is no noise that they tell each other of.
+    memory = remember(alone, own, catalogue, [c.term for c in found.chosen], hint)
+    if memory is not None:
+        say(f"{memory.chosen[0].term.name} predicts stretches left out")
+        terms = [c.term for c in memory.chosen]
+        noise = fit_noise(system, terms)
+        noise = ask.relearn(noise, terms)
+        ask.look_again(noise, terms)
+        fuller, ranked = ask.rank_on(fuller, noise, terms, memory.chosen)
+        found = ask.search(list(memory.chosen), fuller, ranked, memory)
+    left = None
+    if memory is None and found.unlisted is None:
+        noise = null if found.noise is None else found.noise
+        left = left_over(ask.system, found.chosen, noise, flexible, grade=grade, say=say)
+    return _conclude(ask, found, left, memory, null, gate, first, scores)
+
+
+def _conclude(
+    ask: Asked,
+    found: Found,
+    left: LeftOver | None,
+    memory: Remembered | None,
+    null: NoiseFit,
+    gate: float,
+    first: Sequence[Candidate],
+    scores: Sequence[Score],
+) -> Answer:
+    chosen, noise = found.chosen, found.noise
+    named = []
+    if memory is not None:
+        for mine, others in zip(memory.chosen, memory.rivals):
+            named.append(Named(mine, memory.p_value, tuple(replace(mine, term=t) for t in others)))
+    for k, mine in enumerate(chosen[len(named) :], start=len(named)):
+        assert noise is not None  # fitted beside each effect chosen
+        others = [c.term for j, c in enumerate(chosen) if j != k]
+        # Under the variances that its presence left alone every effect would be certain. Where these leave no room
+        # for slow noise, a fit that starts from them finds none either.
+        chains = mine.term.chains
+        starts = (noise, null) if others else ()
+        without = [fit_noise(ask.system, others, start, chains) for start in starts] or [null]
+        again = _again(ask, mine, others, [noise, *without])
+        if again.p_value < STILL:
+            named.append(again)
+    noise = noise if named else None
+    best_open, open_p = found.unlisted, found.unlisted_p
+    if best_open is None and left is not None:
+        best_open, open_p = left.candidate, left.p_value
+    if best_open is not None and (
+        left is not None
+        or not named
+        or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)
+    ):
+        verdict = "unexplained"
+    elif named:
+        verdict = "missing-physics"
+    else:
+        verdict = "consistent"
+    return Answer(
+        verdict,
+        tuple(named),
+        best_open,
+        open_p,
+        null if noise is None else noise,
+        null,
+        gate,
+        ask.tests,
+        tuple(ask.short),
+        tuple(first[:40]),
+        tuple(s for s in scores if s.term.effect is not None),
+        None if memory is None else memory.chosen[0].term.name,
+        ask.system is not ask.alone,
+    )
+
+
+def _again(ask: Asked, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:
+    """A chosen effect compared once more with all rivals beside the other chosen ones."""
+    mine_only = set(mine.term.chains)
+    catalogue = [
+        t for t in ask.short if not t.name.startswith(PREFIX) and not mine_only.isdisjoint(t.chains)
+    ]
+    shared = bank(ask.system, noises, others)
+    ranked = judge(ask.system, shared, catalogue, others, ask.forms, ask.grade)
+    names: dict[str, Candidate] = {}
+    for c in ranked:
+        names.setdefault(c.term.name, c)
+    # What noise makes often is a rival and no name, as at the gate.
+    named = [c for c in ranked if c.term.name == mine.term.name]
+    own = next((c for c in named[:OWN] if ask.chance(c) < STILL), (named or [mine])[0])
+    rare = [c for c in names.values() if c.evidence > own.evidence and ask.chance(c) < STILL]
+    top: Candidate = max([own, *rare], key=lambda c: c.evidence)
+    lead = own if own.evidence > top.evidence - 1e-9 else top
+    # One cause instead of two, where the data cannot tell: a further form of an effect found already.
+    known = {(t.name, t.channels) for t in others}
+    same = [c for c in ranked if c.key in known and 2.0 * (lead.evidence - c.evidence) < SAME]
+    lead = same[0] if same else lead
+    rivals = tuple(
+        c for c in sorted(names.values(), key=lambda c: -c.evidence)
+        if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
+    )  # fmt: skip
+    return Named(lead, ask.chance(lead), rivals)

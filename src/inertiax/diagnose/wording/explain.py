@@ -1,0 +1,112 @@
+"""What is said of each named effect: size, odds, gain on data left out, and the sentence."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...effects import Effect
+from ..candidates.signatures import Term
+from ..estimates.cross_validation import held_out_rms
+from ..estimates.parameters import parameters
+from ..noise.observation_series import NoiseFit
+from ..problem import Prepared
+from ..result import Evidence, Explanation, Parameter
+from ..selection.evidence import Candidate
+from ..selection.verdict import Answer, Named
+from .sentences import sentence
+
+
+def explain(
+    prepared: Prepared,
+    answer: Answer,
+    tuned: Sequence[tuple[Named, Term, float | None]],
+    stated: NoiseFit,
+) -> list[Explanation]:
+    """One entry for each named effect of a triad; `tuned` holds each with its refined term and the setting's
+    standard deviation, and `stated` is the noise that standard deviations are stated with."""
+    made = []
+    terms = [t for _, t, _ in tuned]
+    full = held_out_rms(prepared, terms)
+    for k, (named, term, std) in enumerate(tuned):
+        others = terms[:k] + terms[k + 1 :]
+        without = held_out_rms(prepared, others)
+        candidate, effect = named.candidate, term.known
+        members = [
+            (term.name, candidate.evidence),
+            *((r.term.name, r.evidence) for r in named.rivals),
+        ]
+        weights = np.exp(np.array([e for _, e in members]) - max(e for _, e in members))
+        odds = tuple((n, float(w)) for (n, _), w in zip(members, weights / weights.sum()))
+        rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
+        bic = delta_bic(candidate.ratio, candidate.score.size, effect, rows)
+        values = parameters(prepared, stated, term, others, std)
+        made.append(
+            Explanation(
+                name=term.name,
+                channels=term.channel_names,
+                form=term.variant.label,
+                alternatives=tuple(r.term.name for r in named.rivals),
+                odds=odds,
+                parameters=values,
+                evidence=Evidence(bic, named.p_value, 1.0 - full / without),
+                statement=sentence(effect, term.channel_names, values, odds),
+                separating_experiment=effect.separating,
+            )
+        )
+    return _merge(made)
+
+
+def delta_bic(ratio: float, size: int, effect: Effect, rows: float) -> float:
+    """Drop of the Bayesian information criterion by an effect: $\\Lambda - p \\ln n$.
+
+    **Arguments:** `ratio` is the likelihood ratio $\\Lambda$, `size` the number of coefficients and `rows` n. A setting
+    that is fitted, such as the moment of a jump, is one more parameter in p, unless it stands for the coefficient.
+    """
+    fitted = size + (effect.nuisance != "" and not effect.unit_amplitude)
+    return float(ratio - fitted * np.log(rows))
+
+
+def _merge(explanations: list[Explanation]) -> list[Explanation]:
+    """One entry for an effect found on several channels in one form."""
+    groups: dict[str, list[Explanation]] = {}
+    for e in explanations:
+        groups.setdefault(e.name, []).append(e)
+    made = []
+    for members in groups.values():
+        lead = max(members, key=lambda e: e.evidence.delta_bic)
+        if len(members) == 1:
+            made.append(lead)
+            continue
+        channels = tuple(dict.fromkeys(c for e in members for c in e.channels))
+        values: dict[str, Parameter] = {}
+        for e in members:
+            for name, value in e.parameters:
+                label = f"{name} ({', '.join(e.channels)})"
+                again = sum(key.startswith(label) for key in values)
+                values[label if not again else f"{label}, {again + 1}"] = value
+        made.append(
+            Explanation(
+                name=lead.name,
+                channels=channels,
+                form=lead.form,
+                alternatives=lead.alternatives,
+                odds=lead.odds,
+                parameters=tuple(values.items()),
+                evidence=lead.evidence,
+                statement=" ".join(e.statement for e in members),
+                separating_experiment=lead.separating_experiment,
+            )
+        )
+    return made
+
+
+def formula(candidate: Candidate) -> str:
+    """The best-found dependence with its coefficients, in SI units."""
+    numbers = " , ".join(
+        f"{v:.3g} ± {s:.1g}"
+        for v, s in zip(
+            candidate.score.coefficients[:3], np.sqrt(np.diag(candidate.score.covariance))
+        )
+    )
+    unit = "m/s^2" if candidate.term.triad == "accel" else "rad/s"
+    return f"{', '.join(candidate.term.channel_names)} += ({numbers}) {unit} · {candidate.term.variant.label}"

@@ -1,0 +1,73 @@
+"""A diagnosis in words that a test engineer understands."""
+
+from collections.abc import Sequence
+
+from ...effects import Effect
+from ..observations.model_rows import ModelForm
+from ..result import Explanation, Parameter, Where
+
+
+def _number(parameter: Parameter) -> str:
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    if parameter.std is None and parameter.value == 0.0:
+        return "not determined by this data"
+    if parameter.std is None:
+        return f"about {parameter.value:.3g}{unit} (not determined by this data)"
+    return f"{parameter.value:.3g} ± {parameter.std:.1g}{unit}"
+
+
+def sentence(
+    effect: Effect,
+    channels: Sequence[str],
+    values: Sequence[tuple[str, Parameter]],
+    odds: Sequence[tuple[str, float]],
+) -> str:
+    """What the effect is, how large, and which rivals remain."""
+    text = effect.sentence.format(channels=", ".join(channels)) + f" Model: {effect.equation}; "
+    text += ", ".join(f"{name} {_number(value)}" for name, value in values) + "."
+    if len(odds) > 1:
+        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in odds)
+        text += f" This data cannot decide between: {shares}."
+    return text
+
+
+def gain_on_left_out(gain: float, what: str) -> str:
+    """What an effect does to the rms of data left out: `gain` is 1 − rms with it / rms without."""
+    percent = round(100.0 * gain)
+    if percent == 0:
+        return f"leaves {what} as it is within half a percent"
+    return f"{'lowers' if percent > 0 else 'raises'} {what} by {abs(percent)} %"
+
+
+def summary(
+    verdict: str,
+    explanations: Sequence[Explanation],
+    where: Sequence[Where],
+    empirical: Sequence[str],
+    forms: Sequence[ModelForm],
+) -> str:
+    """One paragraph."""
+    models = " and ".join(
+        f"the {f.estimator} model of the {'accelerometers' if f.triad == 'accel' else 'gyros'}"
+        + (f" (degree {f.degree} in temperature)" if f.degree else "")
+        for f in forms
+    )
+    if verdict == "consistent":
+        return (
+            f"The recordings agree with {models} within noise and the rig's stated uncertainty; no "
+            "catalogued effect and no structured remainder stands out. The list of detectable sizes says "
+            "what this campaign could not have missed."
+        )
+    if verdict == "missing-physics":
+        parts = " ".join(e.statement for e in explanations)
+        proof = "; ".join(
+            f"{e.name} {gain_on_left_out(e.evidence.held_out_gain, 'the rms')}"
+            for e in explanations
+        )
+        return f"The recordings do not agree with {models}. {parts} On data left out of the fit, {proof}."
+    channels = ", ".join(sorted({w.channel for w in where}))
+    return (
+        f"The recordings do not agree with {models}: something acts on {channels} that no catalogued effect "
+        f"explains. The best-found dependence is {'; '.join(empirical)}. It describes the data and "
+        "is not the name of a cause."
+    )

@@ -1,0 +1,300 @@
+"""A calibration applied to a recording file: the same table with compensated columns."""
+
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import msgspec
+import numpy as np
+import polars as pl
+from jaxtyping import Array, Bool, Float
+
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..data.campaign import pair
+from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
+from ..data.formats.columns import AXES
+from ..data.recording import Recording
+from ..data.settings import read_toml
+from ..physics.temperature import Constant
+
+
+_CHUNK = 65536  # samples compensated at a time: one compilation, little memory
+
+
+class Compensated(NamedTuple):
+    """A compensated table and what to know about it."""
+
+    table: pl.DataFrame
+    num_extrapolated: int
+    notes: tuple[str, ...]
+
+
+def compensate_file(
+    calibration: Calibration,
+    path: Path,
+    *,
+    gyro_file: Path | None = None,
+    campaign: Path | None = None,
+    any_device: bool = False,
+) -> Compensated:
+    """The table of a recording with its outputs compensated, equation (3), named effects included.
+
+    Columns accel_x/y/z (m/s²) and gyro_x/y/z (rad/s) hold the result, and `extrapolated` says
+    where the temperature is outside `calibration.temperature_range`. Of CSV and Parquet all other columns are
+    kept as they are; any other format that `formats` reads gives its canonical columns in SI, and a column
+    `recording` where the file holds several of the device. `gyro_file` holds the gyros where triads are
+    logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
+
+    Raises `ValueError` where a column that the calibration needs is missing, or where the recording
+    says that it is of another device.
+    """
+    columns, layout, format_name = _mapping(campaign)
+    if not detect.is_recording(path):
+        raise ValueError(f"{path}: a recording file is needed, or a bag's or EuRoC's folder.")
+    chosen = detect.format_of(path, layout) if format_name is None else detect.by_name(format_name)
+    if chosen in (csv, parquet) and gyro_file is None:
+        table = _read(path, chosen, layout)
+        found = tables.to_recordings(table, columns, layout, name=path.name)
+        (recording,) = _of_device(found, path.name)
+        return _compensated_table(
+            calibration, recording, table.slice(layout.start_row), path.name, any_device
+        )
+    read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
+    found = read(path, layout)
+    if gyro_file is not None:
+        alone = [msgspec.structs.replace(layout, triad=t) for t in ("accel", "gyro")]
+        (accel,), (gyro,) = read(path, alone[0]), read(gyro_file, alone[1])
+        found = (pair(accel, gyro),)
+    parts = [
+        _compensated_table(calibration, recording, _table_of(recording), path.name, any_device)
+        for recording in _of_device(found, path.name)
+    ]
+    if len(parts) > 1:
+        names = (r.name for r in found)
+        parts = [
+            part._replace(table=part.table.with_columns(recording=pl.lit(name)))
+            for part, name in zip(parts, names, strict=True)
+        ]
+    return Compensated(
+        pl.concat([p.table for p in parts]),
+        sum(p.num_extrapolated for p in parts),
+        tuple(dict.fromkeys(note for p in parts for note in p.notes)),
+    )
+
+
+def _compensated_table(
+    calibration: Calibration, recording: Recording, table: pl.DataFrame, name: str, any_device: bool
+) -> Compensated:
+    """A recording's table with the columns that compensation makes."""
+    _check_device(calibration, recording, name, any_device)
+    _check_columns(calibration, recording, name)
+    force, rate, outside, left_out = _compensate(calibration, recording)
+    notes = _notes(calibration, recording, outside, name)
+    notes += tuple(f"{name}: {line}" for line in left_out)
+    new = {"extrapolated": outside}
+    for triad, values in (("accel", force), ("gyro", rate)):
+        if values is not None:
+            new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
+    return Compensated(table.with_columns(**new), int(outside.sum()), notes)
+
+
+def _table_of(recording: Recording) -> pl.DataFrame:
+    """A recording as canonical columns, SI."""
+    columns: dict[str, np.ndarray] = {"time": recording.time}
+    for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
+        values = getattr(recording, triad)
+        if values is not None:
+            columns |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
+    if recording.temperature is not None:
+        probes = recording.temperature.T
+        columns |= {f"temperature{f'_{k + 1}' if k else ''}": v for k, v in enumerate(probes)}
+    for label in ("experiment", "position", "supply"):
+        if getattr(recording, label) is not None:
+            columns[label] = getattr(recording, label)
+    table = pl.DataFrame(columns)
+    return table.with_columns(device=pl.lit(recording.device)) if recording.device else table
+
+
+def compensate_recording(
+    calibration: Calibration, recording: Recording
+) -> tuple[
+    Float[np.ndarray, "time 3"] | None,
+    Float[np.ndarray, "time 3"] | None,
+    Bool[np.ndarray, " time"],
+]:
+    """Specific force (m/s²), rate (rad/s), and where the temperature is outside the calibration's.
+
+    A triad that was not recorded is `None`; one that was not calibrated is returned as it is. Named
+    effects of the calibration are taken away too, where the recording lets compute them.
+    """
+    return _compensate(calibration, recording)[:3]
+
+
+def _compensate(
+    calibration: Calibration, recording: Recording
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray, tuple[str, ...]]:
+    """`compensate_recording` and a line for each effect that is not taken away."""
+    force, rate, outside = _by_parameters(calibration, recording)
+    notes: tuple[str, ...] = ()
+    if calibration.effects:
+        from ..diagnose.estimates import applied_effects as augmented
+
+        made = augmented.compensate(calibration, recording)
+        force, rate, notes = made.accel, made.gyro, made.notes
+    return force, rate, outside, notes
+
+
+def _by_parameters(
+    calibration: Calibration, recording: Recording
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray]:
+    """Sample by sample, in chunks."""
+    count = recording.num_samples
+    zeros = np.zeros((count, 3))
+    accel = zeros if recording.accel is None else recording.accel
+    gyro = zeros if recording.gyro is None else recording.gyro
+    temperature = np.zeros(count) if recording.temperature is None else recording.temperature[:, 0]
+    parts = []
+    for start in range(0, count, _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        length = len(accel[rows])
+        # The last chunk is padded, so that it needs no compilation of its own.
+        size = _CHUNK if count > _CHUNK else count
+        pad = ((0, size - length), (0, 0))
+        out = _compensate_chunk(
+            calibration,
+            np.pad(accel[rows], pad),
+            np.pad(gyro[rows], pad),
+            np.pad(temperature[rows], pad[0]),
+        )
+        parts.append([np.asarray(x)[:length] for x in out])
+    force, rate, outside = (np.concatenate(x) for x in zip(*parts, strict=True))
+    if recording.temperature is None:
+        outside = np.zeros(count, bool)
+    return (
+        None if recording.accel is None else force,
+        None if recording.gyro is None else rate,
+        outside,
+    )
+
+
+@eqx.filter_jit
+def _compensate_chunk(
+    calibration: Calibration,
+    accel: Float[np.ndarray | Array, "time 3"],
+    gyro: Float[np.ndarray | Array, "time 3"],
+    temperature: Float[np.ndarray | Array, " time"],
+) -> tuple[Array, Array, Array]:
+    force, rate = jax.vmap(calibration)(
+        jnp.asarray(accel), jnp.asarray(gyro), jnp.asarray(temperature)
+    )
+    return force, rate, jax.vmap(calibration.extrapolates)(jnp.asarray(temperature))
+
+
+def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
+    """`[columns]`, and the layout and format under `[recordings]`, of a campaign."""
+    if campaign is None:
+        return ColumnMap(), Layout(), None
+    file = campaign / "campaign.toml" if campaign.is_dir() else campaign
+    try:
+        raw = read_toml(file)
+        columns = msgspec.convert(raw.get("columns", {}), ColumnMap)
+        said = dict(raw.get("recordings", {}))
+        name = said.pop("format", None)
+        for key in ("files", "gyro_files"):
+            said.pop(key, None)
+        layout = msgspec.convert({**said, "gravity": raw.get("site", {}).get("gravity")}, Layout)
+        return columns, layout, msgspec.convert(name, str | None)
+    except (msgspec.ValidationError, AttributeError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise ValueError(f"{file}: [columns] or [recordings]: {reason}.") from None
+
+
+def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
+    if chosen is csv:
+        return _typed(csv.read_table(path, layout.names))
+    return parquet.decode(path)
+
+
+def _typed(table: pl.DataFrame) -> pl.DataFrame:
+    """Columns of text as whole numbers or numbers where every field is one."""
+    columns = []
+    for column in table.get_columns():
+        for kind in (pl.Int64, pl.Float64):
+            number = column.str.strip_chars().cast(kind, strict=False)
+            if number.null_count() == column.null_count() and not column.is_null().all():
+                column = number
+                break
+        columns.append(column)
+    return pl.DataFrame(columns)
+
+
+def _of_device(recordings: tuple[Recording, ...], name: str) -> tuple[Recording, ...]:
+    """The recordings, which must be of one device."""
+    devices = tuple(dict.fromkeys(r.device for r in recordings))
+    if len(devices) == 1:
+        return recordings
+    shown = ", ".join([*devices[:5], *["…"] * (len(devices) > 5)])
+    raise ValueError(
+        f"{name}: holds {len(devices)} devices ({shown}), but a "
+        f"calibration is of one; write each device's rows to a file of its own, or name one IMU of a flight "
+        f"log with [recordings] instance."
+    )
+
+
+def _check_device(
+    calibration: Calibration, recording: Recording, name: str, any_device: bool
+) -> None:
+    ours, theirs = calibration.device, recording.device
+    if ours and theirs and ours != theirs and not any_device:
+        raise ValueError(
+            f"{name}: recorded by device '{theirs}', but the calibration is of '{ours}'; give the "
+            f"calibration of '{theirs}', or --any-device to apply it all the same."
+        )
+
+
+def _check_columns(calibration: Calibration, recording: Recording, name: str) -> None:
+    triads = [t for t in (calibration.accel, calibration.gyro) if t is not None]
+    by_temperature = any(not isinstance(t.curve.basis, Constant) for t in triads)
+    if by_temperature and recording.temperature is None:
+        raise ValueError(
+            f"{name}: no temperature column, but the calibration depends on temperature; record it, "
+            f"or map it with --campaign."
+        )
+    gyro = calibration.gyro
+    by_force = gyro is not None and any("g_sensitivity" in n for n in gyro.names)
+    if by_force and recording.gyro is not None and recording.accel is None:
+        raise ValueError(
+            f"{name}: no accelerometer columns, but the gyros' g-sensitivity was calibrated and needs "
+            f"them to be compensated."
+        )
+    usable = (calibration.accel, recording.accel), (calibration.gyro, recording.gyro)
+    if not any(c is not None and r is not None for c, r in usable):
+        raise ValueError(
+            f"{name}: the calibration is of the {_named(calibration.accel)}, which it does not hold."
+        )
+
+
+def _named(accel: TriadCalibration | None) -> str:
+    return "gyros" if accel is None else "accelerometers"
+
+
+def _notes(
+    calibration: Calibration, recording: Recording, outside: np.ndarray, name: str
+) -> tuple[str, ...]:
+    notes = []
+    for triad, label in (("accel", "accelerometers"), ("gyro", "gyros")):
+        if getattr(recording, triad) is not None and getattr(calibration, triad) is None:
+            notes.append(f"{name}: the {label} were not calibrated and are left as recorded")
+    if outside.any() and calibration.temperature_range is not None:
+        low, high = calibration.temperature_range
+        assert recording.temperature is not None
+        probe = recording.temperature[:, 0]
+        notes.append(
+            f"{name}: {int(outside.sum())} of {len(outside)} rows at {probe.min():.1f}…"
+            f"{probe.max():.1f} °C are outside the calibrated {low:.1f}…{high:.1f} °C; see the column "
+            f"'extrapolated'"
+        )
+    return tuple(notes)

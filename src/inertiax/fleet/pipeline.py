@@ -1,0 +1,255 @@
+"""A fleet from its recordings to a table of calibrations, task by task, resumable."""
+
+import functools
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed, ThreadPoolExecutor
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import msgspec
+
+from ..calibration.calibration import write_atomically
+from ..data.campaign import load_settings
+from ..data.formats import ColumnMap
+from ..data.recording import Campaign
+from .cluster import on_dask
+from .effects.explain import choose_line_forms, write_line
+from .population.populate import population_of
+from .population.population import as_prior, Population, write_population
+from .reduce.campaign_folders import (
+    common_settings,
+    find_campaigns,
+    read_campaigns,
+    split_campaigns,
+)
+from .reduce.locations import find_sources, local_state
+from .reduce.many_dwells import Reduction
+from .reduce.raw_rows import read
+from .reduce.tasks import split, Task
+from .results import FleetSummary, summarise
+from .rows import calibrate_reduced
+from .solve.batch import Precision
+from .solve.model_choice import choose_line_model, Reader
+from .solve.triad_model import TriadModel
+from .store import fingerprint, is_done, Manifest, read_manifest, SCHEMA, write_manifest, write_part
+
+
+# Devices that compile ahead: as many as fill the smallest shape of the programs over temperature.
+AHEAD = 16
+
+Report = Callable[[int, int], None]  # tasks done, tasks in all
+
+
+def run_fleet(
+    campaign: Path | str,
+    folder: Path | str,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    prior: Population | None = None,
+    explain: bool = False,
+    precision: Precision = "float64",
+    progress: Report | None = None,
+) -> FleetSummary:
+    """Calibrate every device of a line, or go on with a run that was broken off.
+
+    **Arguments:** `campaign` is a folder with a `campaign.toml` over Parquet files, or that file, or a folder
+    with a sub-folder for each campaign, in any format; `folder` takes the results;
+    `workers` tasks run side by side (default: one for each core); `scheduler` is the address of a running
+    Dask scheduler ("tcp://…"), or "local" to start Dask workers here; `prior` is what is known of the line
+    before its devices are measured (see `read_population`), and gives the model; with `explain` every device
+    is also scored for the catalogue's effects, and `line.json` tells those of the line from those of
+    single devices; `precision` "float32" solves the invariant accelerometer problem in single precision, see
+    `fit_fleet`; `progress` is called with the number of tasks done and of all.
+
+    A device that cannot be calibrated gets a row with the reason. Raises `ValueError` for what is wrong
+    with the campaign, where `folder` holds a run over other files, with another prior or in another precision, or
+    where "float32" is asked of a line without that problem.
+    """
+    folder = Path(folder)
+    prior = None if prior is None else as_prior(prior)
+    manifest, columns = _plan(Path(campaign), folder, _Asked(prior, explain, precision))
+    left = [t for t in manifest.tasks if not is_done(folder, t.number)]
+    before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
+    tell = progress if progress is not None else lambda done, of: None
+    tell(before, total)
+    # Not all tasks go with each: of a large fleet they are megabytes.
+    context = Context(msgspec.structs.replace(manifest, tasks=()), columns, str(folder))
+    for number, _ in enumerate(_each(left, context, workers, scheduler)):
+        tell(before + number + 1, total)
+    summary = summarise(folder, before)
+    write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
+    _write_population(folder, manifest)
+    if manifest.forms is not None:
+        write_line(folder, manifest, _reader(manifest.campaigns, columns))
+    return summary
+
+
+def _reader(campaigns: bool, columns: ColumnMap) -> Reader:
+    """What turns a task into dwells."""
+    return read_campaigns if campaigns else lambda task: read(task, columns)
+
+
+def _write_population(folder: Path, manifest: Manifest) -> None:
+    # Estimates with a prior are drawn towards it: their spread is not the line's, and it stays as it was.
+    found = manifest.prior if manifest.prior is not None else population_of(folder)
+    if found is None:
+        (folder / "population.json").unlink(missing_ok=True)
+    else:
+        write_population(found, folder / "population.json")
+
+
+class Context(eqx.Module):
+    """What every task needs beside its own rows."""
+
+    manifest: Manifest = eqx.field(static=True)
+    columns: ColumnMap = eqx.field(static=True)
+    folder: str = eqx.field(static=True)
+
+
+def run_task(task: Task, context: Context) -> int:
+    """Read, reduce, solve and store one task; returns its number. Runs wherever a worker is."""
+    # A worker process has JAX's defaults; the precision is local to this call.
+    with jax.enable_x64(True):
+        reduced = _reader(context.manifest.campaigns, context.columns)(task)
+        write_part(Path(context.folder), task.number, calibrate_reduced(reduced, context.manifest))
+    return task.number
+
+
+def _some_dwells(tasks: Sequence[Task], context: Context) -> Reduction:
+    """A few devices of the first task."""
+    task = msgspec.structs.replace(tasks[0], devices=tasks[0].devices[:AHEAD])
+    with jax.enable_x64(True):
+        return _reader(context.manifest.campaigns, context.columns)(task)
+
+
+def _compile(some: Reduction, context: Context) -> None:
+    """Calibrate some devices for nothing, which compiles the programs. What goes wrong here goes wrong in the
+    task, too, which tells."""
+    with jax.enable_x64(True):
+        calibrate_reduced(some, context.manifest)
+
+
+def _each(
+    tasks: Sequence[Task], context: Context, workers: int | None, scheduler: str | None
+) -> Iterator[int]:
+    if scheduler is not None:
+        yield from on_dask(functools.partial(run_task, context=context), tasks, scheduler, workers)
+        return
+    with ThreadPoolExecutor(1) as ahead, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        # Programs are compiled while the first tasks are read; campaigns take longer to be read twice.
+        if tasks and not context.manifest.campaigns:
+            ahead.submit(_compile, _some_dwells(tasks, context), context)
+        futures = [pool.submit(run_task, t, context) for t in tasks]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+# --- the plan ------------------------------------------------------------------------------------
+
+
+class _Asked(msgspec.Struct, frozen=True):
+    """What the caller wants of a run beside the calibrations; a run goes on only with the same."""
+
+    prior: Population | None
+    explain: bool
+    precision: Precision
+
+
+def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]:
+    if path.is_dir() and not (path / "campaign.toml").exists() and (files := find_campaigns(path)):
+        return _plan_campaigns(path, files, folder, asked), ColumnMap()
+    campaign, table = load_settings(path)
+    file = campaign.path
+    assert file is not None
+    columns = table.columns
+    try:
+        sources = find_sources(file.parent, table.recordings.files)
+        other = [s.address for s in sources if not s.address.lower().endswith((".parquet", ".pq"))]
+        if other:
+            raise ValueError(
+                f"[recordings] files: '{Path(other[0]).name}' is no Parquet file; many devices are read from "
+                "Parquet, or from a folder that has a sub-folder with campaign.toml for each."
+            )
+        mark = fingerprint([local_state(file), *(s.state for s in sources)])
+        known = _known(folder, mark, asked)
+        if known is not None:
+            return known, columns
+        tasks = split([s.address for s in sources], columns)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    reader = _reader(False, columns)
+    return _settled(campaign, tasks, reader, mark, folder, asked, campaigns=False), columns
+
+
+def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _Asked) -> Manifest:
+    campaign, used = common_settings(path, files)
+    mark = fingerprint([f"{f.parent.name}/{local_state(f)}" for f in used])
+    known = _known(folder, mark, asked)
+    if known is not None:
+        return known
+    tasks = split_campaigns(files)
+    return _settled(campaign, tasks, read_campaigns, mark, folder, asked, campaigns=True)
+
+
+def _settled(
+    campaign: Campaign,
+    tasks: tuple[Task, ...],
+    reader: Reader,
+    mark: str,
+    folder: Path,
+    asked: _Asked,
+    *,
+    campaigns: bool,
+) -> Manifest:
+    """The plan of a new run, stored."""
+    model = choose_line_model(campaign, tasks, reader, asked.prior)
+    if asked.precision == "float32":
+        _require_single(model.accel, asked.prior)
+    manifest = Manifest(
+        SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
+        model.reasons, tasks, asked.prior, campaigns, precision=asked.precision,
+    )  # fmt: skip
+    if asked.explain:
+        forms = choose_line_forms(manifest, reader)
+        manifest = msgspec.structs.replace(manifest, forms=forms)
+    write_manifest(manifest, folder)
+    return manifest
+
+
+def _require_single(accel: TriadModel | None, prior: Population | None) -> None:
+    found = "none is calibrated" if accel is None else f"they are calibrated by '{accel.estimator}'"
+    if accel is None or accel.estimator != "invariant":
+        raise ValueError(
+            f"precision 'float32' is for accelerometers calibrated by 'invariant'; here {found}. Leave it out."
+        )
+    if prior is not None:
+        raise ValueError("precision 'float32' does not go with a prior; leave one of them out.")
+
+
+def _known(folder: Path, mark: str, asked: _Asked) -> Manifest | None:
+    """The plan of the run that goes on in a folder."""
+    known, prior = read_manifest(folder), asked.prior
+    if known is None:
+        return None
+    if known.inputs != mark:
+        raise ValueError(
+            f"{folder} holds a run over other files or settings; choose another output folder."
+        )
+    if known.prior != prior:
+        had = "without a prior" if known.prior is None else "with another prior"
+        had = "with a prior" if prior is None else had
+        raise ValueError(f"{folder} holds a run {had}; choose another output folder.")
+    if asked.explain and known.forms is None:
+        raise ValueError(f"{folder} holds a run without --explain; choose another output folder.")
+    if known.precision != asked.precision:
+        raise ValueError(
+            f"{folder} holds a run in {known.precision}; choose another output folder for {asked.precision}."
+        )
+    return known

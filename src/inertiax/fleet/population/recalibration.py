@@ -1,0 +1,115 @@
+"""What changed between two calibrations of the same serial numbers."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from ..solve.triad_model import curve_covariance, curves, TriadModel
+from ..store import each_part, matrix_of, read_manifest
+from .populate import full_covariances
+
+
+FAR = 3.0  # standard deviations of a difference
+
+
+class Drift(eqx.Module):
+    """Later less earlier curves of the devices that both runs calibrated."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    devices: tuple[str, ...] = eqx.field(static=True)
+    temperatures: Float[np.ndarray, " grid"]  # °C
+    change: Float[np.ndarray, "devices grid parameters"]
+    sigma: Float[
+        np.ndarray, "devices grid parameters"
+    ]  # of the change: both uncertainties together
+
+    @property
+    def sigmas(self) -> Float[np.ndarray, "devices grid parameters"]:
+        """The changes in standard deviations."""
+        return self.change / self.sigma
+
+
+def drift_between(
+    folder: Path | str,
+    earlier: Path | str,
+    triad: str,
+    *,
+    temperatures: Sequence[float] | None = None,
+) -> Drift | None:
+    """Changes of one triad's parameters from an earlier run to a later one.
+
+    **Arguments:** `temperatures` in °C; default: the lowest, middle and highest that both runs cover.
+
+    `None` where one of the runs has no such triad, or no device is in both. Raises `ValueError` where the
+    runs estimate different parameters or cover no common temperature.
+    """
+    models = [_model(Path(f), triad) for f in (earlier, folder)]
+    if models[0] is None or models[1] is None:
+        return None
+    before, after = models[0], models[1]
+    if before.names != after.names:
+        raise ValueError(
+            f"{earlier} and {folder} hold different parameters of {triad} ('{before.estimator}' and "
+            f"'{after.estimator}'); drift needs the same estimator in both."
+        )
+    grid = _temperatures(before, after, temperatures, f"{earlier} and {folder}")
+    old = set(_names(Path(earlier)))
+    new = [name for name in _names(Path(folder)) if name in old]
+    if not new:
+        return None
+    first = _at(Path(earlier), triad, before, grid, new)
+    second = _at(Path(folder), triad, after, grid, new)
+    return Drift(
+        after.names,
+        tuple(new),
+        grid,
+        second[0] - first[0],
+        np.sqrt(first[1] + second[1]),
+    )
+
+
+def _model(folder: Path, triad: str) -> TriadModel | None:
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise ValueError(f"{folder}: no manifest.json; it is not the output of a fleet run.")
+    return getattr(manifest, triad)
+
+
+def _temperatures(
+    before: TriadModel, after: TriadModel, wanted: Sequence[float] | None, where: str
+) -> Float[np.ndarray, " grid"]:
+    if wanted is not None:
+        return np.array(wanted, float)
+    ranges = [(m.low, m.high) for m in (before, after) if m.degree]
+    if not ranges:
+        return np.array([0.5 * (after.low + after.high)])
+    low, high = max(r[0] for r in ranges), min(r[1] for r in ranges)
+    if low > high:
+        raise ValueError(f"{where}: the runs cover no common temperature; say at which to compare.")
+    return np.array([low, 0.5 * (low + high), high]) if low < high else np.array([low])
+
+
+def _names(folder: Path) -> list[str]:
+    return [d for table in each_part(folder, ["device"]) for d in table.get_column("device")]
+
+
+def _at(
+    folder: Path, triad: str, model: TriadModel, grid: np.ndarray, wanted: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Curves and their variances at the temperatures, in the order of `wanted`."""
+    place = {name: k for k, name in enumerate(wanted)}
+    shape = (len(wanted), len(grid), len(model.names))
+    values, variances = np.empty(shape), np.empty(shape)
+    keys = [f"{triad}_parameters", f"{triad}_covariance"]
+    for table in each_part(folder, ["device", *keys]):
+        mine = table.filter(pl.col("device").is_in(wanted))
+        if mine.height:
+            rows = [place[d] for d in mine.get_column("device")]
+            values[rows] = curves(model, matrix_of(mine.get_column(keys[0])), grid)
+            covariances = full_covariances(mine.get_column(keys[1]))
+            variances[rows] = curve_covariance(model, covariances, grid)
+    return values, variances

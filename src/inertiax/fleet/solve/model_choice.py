@@ -1,0 +1,170 @@
+"""One model for all devices of a run, from the columns and the first devices that can be read."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ...data.recording import Campaign, Recording
+from ...estimators import AbstractEstimator
+from ...model_selection.select_model import (
+    build_estimators,
+    choose_degree,
+    choose_model,
+    ChosenModel,
+)
+from ...reduction.dwells import Dwells
+from ..population.population import Population, TriadPopulation
+from ..reduce.many_dwells import Reduction
+from ..reduce.tasks import Task
+from .triad_model import TriadModel
+
+
+TRIALS = 5  # devices that choose the temperature model
+
+Reader = Callable[[Task], Reduction]
+
+
+class LineModel(eqx.Module):
+    """What is estimated of every device, and why."""
+
+    accel: TriadModel | None = eqx.field(static=True)
+    gyro: TriadModel | None = eqx.field(static=True)
+    g_sensitivity: bool = eqx.field(static=True)
+    reasons: tuple[str, ...] = eqx.field(static=True)
+
+
+def choose_line_model(
+    campaign: Campaign, tasks: Sequence[Task], read: Reader, prior: Population | None = None
+) -> LineModel:
+    """One model for all devices, from the columns and the first devices that can be read.
+
+    **Arguments:** `read` gives a task's dwells; where there is a `prior` its model is taken.
+
+    Raises `ValueError` where no device can be read, or the campaign asks for another model than the prior's.
+    """
+    trial = _trial(campaign, tasks, read)
+    recording = _columns_of(trial[0])
+    asked = campaign if prior is None else _as_prior(campaign, prior, recording)
+    chosen = _static_for_gravity(campaign, choose_model(asked, [recording]))
+    reasons = list(chosen.reasons)
+    temperatures = np.concatenate([np.asarray(d.temperature) for d in trial])
+    low, high = float(np.floor(temperatures.min())), float(np.ceil(temperatures.max()))
+    models: dict[str, TriadModel | None] = {"accel": None, "gyro": None}
+    with jax.enable_x64(True):
+        for estimator in _estimators(chosen, campaign.site.gravity, trial[0]):
+            known = None if prior is None else getattr(prior, estimator.triad)
+            if known is not None:
+                models[estimator.triad] = known.model
+                reasons.append(f"{estimator.triad}: the model of the prior")
+                continue
+            degree = chosen.degree if prior is None else campaign.model.temperature_degree
+            if degree is None:
+                picked = [choose_degree(estimator, _for(estimator, chosen, d))[0] for d in trial]
+                degree = max(picked)
+                reasons.append(
+                    f"{estimator.triad}: temperature degree {degree}, the highest that BIC chose for "
+                    f"{len(trial)} devices"
+                )
+            name = getattr(chosen, f"{estimator.triad}_estimator")
+            models[estimator.triad] = TriadModel(name, estimator.names, degree, low, high)
+    return LineModel(models["accel"], models["gyro"], chosen.g_sensitivity, tuple(reasons))
+
+
+def _trial(campaign: Campaign, tasks: Sequence[Task], read: Reader) -> list[Dwells]:
+    trial: list[Dwells] = []
+    failed: list[str] = []
+    for task in tasks:
+        with jax.enable_x64(True):
+            tried = read(Task(task.number, task.devices[: 4 * TRIALS]))
+        trial.extend(r.dwells for r in tried if r.dwells is not None)
+        failed.extend(f"device '{r.device}': {r.reason}" for r in tried if r.dwells is None)
+        if len(trial) >= TRIALS:
+            break
+    if not trial:
+        first = failed[0].rstrip(".") if failed else "there is none"
+        raise ValueError(
+            f"{campaign.path}: no device can be used, the first because of this: {first}."
+        )
+    return trial[:TRIALS]
+
+
+def _as_prior(campaign: Campaign, prior: Population, recording: Recording) -> Campaign:
+    """The campaign asking for the prior's model of the triads that it recorded."""
+    asked = campaign.model
+    wanted: dict[str, str | int | bool] = {"g_sensitivity": prior.g_sensitivity}
+    degrees = []
+    for triad in ("accel", "gyro"):
+        known: TriadPopulation | None = getattr(prior, triad)
+        if known is not None and getattr(recording, triad) is not None:
+            wanted[f"{triad}_estimator"] = known.model.estimator
+            degrees.append(known.model.degree)
+    if recording.gyro is None:
+        del wanted["g_sensitivity"]
+    if degrees:
+        wanted["temperature_degree"] = max(degrees)
+    for key, value in wanted.items():
+        said = getattr(asked, key)
+        if said is not None and said != value:
+            raise ValueError(
+                f"{campaign.path}: [model] {key} = {said!r}, but the prior's devices were calibrated with "
+                f"{value!r}; leave it out, or use a prior of that model."
+            )
+    return dataclasses.replace(campaign, model=dataclasses.replace(asked, **wanted))
+
+
+def _static_for_gravity(campaign: Campaign, chosen: ChosenModel) -> ChosenModel:
+    """Gyros without a reference, where the campaign leaves the choice: their bias at rest."""
+    if chosen.gyro_estimator != "gravity" or campaign.model.gyro_estimator is not None:
+        return chosen
+    reason = "gyros: 'static' because there is no reference_gyro, and a fleet keeps no motions"
+    return dataclasses.replace(chosen, gyro_estimator="static", reasons=(*chosen.reasons, reason))
+
+
+def _columns_of(dwells: Dwells) -> Recording:
+    """A recording with the columns that these dwells have, for `choose_model`."""
+
+    def column(name: str) -> np.ndarray | None:
+        values = getattr(dwells, name)
+        return None if values is None else np.asarray(values)
+
+    temperature = np.asarray(dwells.temperature)
+    return Recording(
+        time=np.asarray(dwells.time),
+        accel=column("accel"),
+        gyro=column("gyro"),
+        temperature=temperature[:, None] if np.any(temperature != 0.0) else None,
+        position=np.asarray(dwells.position),
+        reference_accel=column("reference_accel"),
+        reference_gyro=column("reference_gyro"),
+    )
+
+
+def _estimators(chosen: ChosenModel, gravity: float, dwells: Dwells) -> list[AbstractEstimator]:
+    if chosen.together:
+        raise ValueError(
+            "[model] together, lever_arms and misalignment = false are for one device at a time."
+        )
+    for triad, name in (("accel", chosen.accel_estimator), ("gyro", chosen.gyro_estimator)):
+        if name == "gravity":
+            raise ValueError(
+                "[model] gyro_estimator: 'gravity' needs the motion between rests, which a fleet's dwell "
+                "means do not hold; use 'reference' or 'static', or calibrate the devices one by one."
+            )
+        if triad == "accel" and name == "static":
+            raise ValueError("[model] accel_estimator: 'static' is for one device at a time.")
+    return [e for e in build_estimators(chosen, gravity, dwells, robust=None) if e is not None]
+
+
+def _for(estimator: AbstractEstimator, chosen: ChosenModel, dwells: Dwells) -> Dwells:
+    """The columns that an estimator of dwells at rest uses."""
+    if chosen.g_sensitivity and estimator.triad == "gyro" and dwells.accel is None:
+        return eqx.tree_at(
+            lambda d: (d.accel, d.accel_covariance),
+            dwells,
+            (dwells.reference_accel, np.zeros((dwells.num_dwells, 3, 3))),
+            is_leaf=lambda x: x is None,
+        )
+    return dwells

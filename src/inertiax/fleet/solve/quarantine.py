@@ -1,0 +1,93 @@
+"""Which devices of a fleet are set aside, and why, in one line each."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ...estimators import AbstractEstimator
+from ...physics.temperature import AbstractBasis
+from ..reduce.blocks import means_of_runs
+from .batch import FleetFit
+
+
+# Beyond these a calibration is worse than none: 1 sigma of a curve's coefficient, and the misfit at rest.
+LARGEST_SIGMA = {
+    "accel.bias": 0.1,  # m/s²
+    "accel.matrix": 1e-2,
+    "gyro.bias": 1e-2,  # rad/s
+    "gyro.matrix": 1e-2,
+    "gyro.g_sensitivity": 1e-2,  # rad/s per g
+}
+LARGEST_MISFIT = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
+
+
+def judge(
+    estimator: AbstractEstimator, basis: AbstractBasis, fit: FleetFit, *, alone: bool = True
+) -> tuple[str | None, ...]:
+    """For each device `None`, or the reason why its estimate cannot be used.
+
+    `alone`: the device's own rows must determine all unknowns, for want of a prior.
+    """
+    sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
+    worst = sigma.reshape(len(sigma), basis.size, -1).max(axis=1)
+    limits = np.array([_limit(name) for name in estimator.names])
+    rows = fit.valid.sum(axis=1) * fit.misfit.shape[2]
+    rms = rms_misfit(fit)
+    # Comparisons with NaN are false.
+    good = fit.converged & np.all(worst <= limits[None], axis=1)
+    good &= rms <= LARGEST_MISFIT[estimator.triad]
+    if alone:
+        good &= rows >= basis.size * estimator.num_parameters
+    reasons: list[str | None] = [None] * len(good)
+    for k in np.flatnonzero(~good):
+        reasons[k] = _reason(estimator, basis, fit, worst[k], float(rms[k]), int(k), alone)
+    return tuple(reasons)
+
+
+def rms_misfit(fit: FleetFit) -> Float[np.ndarray, " devices"]:
+    """Root mean square of each device's misfit, without padding, SI; NaN for a device without dwells."""
+    kept = np.broadcast_to(fit.valid[:, :, None], fit.misfit.shape)
+    counts = kept.sum(axis=(1, 2))
+    return np.sqrt(means_of_runs(np.square(fit.misfit[kept]), counts))
+
+
+def _limit(name: str) -> float:
+    return LARGEST_SIGMA[name.partition("[")[0]]
+
+
+def _reason(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    fit: FleetFit,
+    sigma: Float[np.ndarray, " parameters"],
+    rms: float,
+    k: int,
+    alone: bool,
+) -> str | None:
+    triad, dwells = estimator.triad, int(fit.valid[k].sum())
+    unknowns = basis.size * estimator.num_parameters
+    rows = dwells * fit.misfit.shape[2]
+    if alone and rows < unknowns:
+        return f"{triad}: too few positions: {dwells} dwells give {rows} equations for {unknowns} unknowns"
+    if not np.all(np.isfinite(sigma)):
+        return (
+            f"{triad}: the positions of {dwells} dwells do not determine all {unknowns} parameters; "
+            "record more positions in different orientations"
+        )
+    if not fit.converged[k]:
+        return (
+            f"{triad}: no convergence after {int(fit.num_steps[k])} steps; look for wrong units, a "
+            "saturated axis or rests that are not at rest"
+        )
+    if rms > LARGEST_MISFIT[triad]:
+        unit = "m/s²" if triad == "accel" else "rad/s"
+        return (
+            f"{triad}: the misfit is {rms:.2g} {unit} rms (limit {LARGEST_MISFIT[triad]:g}); look for wrong "
+            "units, a saturated axis or rests that are not at rest"
+        )
+    for name, worst in zip(estimator.names, sigma.tolist(), strict=True):
+        if worst > _limit(name):
+            return (
+                f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {_limit(name):g}): "
+                "record more positions"
+            )
+    return None

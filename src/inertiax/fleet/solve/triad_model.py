@@ -1,0 +1,62 @@
+"""What is estimated of one triad, the same for all devices of a run."""
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+
+from ...physics.temperature import AbstractBasis, Constant, Polynomial
+
+
+class TriadModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Estimator, its parameters and their basis over temperature."""
+
+    estimator: str
+    names: tuple[str, ...]
+    degree: int
+    low: float  # °C, mapped to -1
+    high: float  # °C, mapped to +1
+
+    @property
+    def unknowns(self) -> int:
+        """Coefficients of one device, row-major (degree + 1, parameters)."""
+        return (self.degree + 1) * len(self.names)
+
+
+def basis_of(model: TriadModel) -> AbstractBasis:
+    """The temperature basis of a triad's model."""
+    return Constant() if model.degree == 0 else Polynomial(model.degree, model.low, model.high)
+
+
+def basis_values(
+    model: TriadModel, temperatures: Float[np.ndarray, " grid"]
+) -> Float[np.ndarray, "grid size"]:
+    """`basis_of(model)` at many temperatures (°C), in NumPy: Chebyshev polynomials."""
+    if model.degree == 0:
+        return np.ones((len(temperatures), 1))
+    x = (2.0 * temperatures - (model.low + model.high)) / (model.high - model.low)
+    return np.polynomial.chebyshev.chebvander(x, model.degree)
+
+
+def curve_covariance(
+    model: TriadModel,
+    covariance: Float[np.ndarray, "*devices unknowns unknowns"],
+    temperatures: Float[np.ndarray, " grid"],
+) -> Float[np.ndarray, "*devices grid parameters"]:
+    """Variance of every parameter's curve, φ(T) C φ(T)ᵀ, from the covariance of the coefficients."""
+    phi = basis_values(model, temperatures)
+    size, count = model.degree + 1, len(model.names)
+    blocks = covariance.reshape(*covariance.shape[:-2], size, count, size, count)
+    own = np.einsum("...aibi->...abi", blocks)
+    return np.einsum("ta,...abi,tb->...ti", phi, own, phi)
+
+
+def curves(
+    model: TriadModel,
+    coefficients: Float[np.ndarray, "*devices unknowns"],
+    temperatures: Float[np.ndarray, " grid"],
+) -> Float[np.ndarray, "*devices grid parameters"]:
+    """Every parameter over temperature."""
+    shape = (*coefficients.shape[:-1], model.degree + 1, len(model.names))
+    return np.einsum(
+        "ta,...ai->...ti", basis_values(model, temperatures), coefficients.reshape(shape)
+    )

@@ -1,0 +1,263 @@
+"""Which model to fit, from what the user asked for and which columns there are; said in words."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ..data.recording import Campaign, Recording
+from ..estimators import AbstractEstimator, ESTIMATORS
+from ..physics.temperature import AbstractBasis, Constant, Polynomial
+from ..procedure.single_device import Problem
+from ..reduction.dwells import Dwells
+from ..reduction.rotations_between_rests import shortfall, Turns
+
+
+HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
+
+
+class ChosenModel(eqx.Module):
+    """What is fitted, and why. `None` for a triad that is not recorded."""
+
+    accel_estimator: str | None = eqx.field(static=True)
+    gyro_estimator: str | None = eqx.field(static=True)
+    g_sensitivity: bool = eqx.field(static=True)
+    degree: int | None = eqx.field(static=True)  # None: chosen from the data, see `choose_degree`
+    reasons: tuple[str, ...] = eqx.field(static=True)
+    together: bool = eqx.field(static=True, default=False)  # both triads in one least squares
+    lever_arms: bool = eqx.field(static=True, default=False)
+    misalignment: bool = eqx.field(
+        static=True, default=True
+    )  # of the triads; False holds it at zero
+
+
+def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenModel:
+    """Estimators for one device's recordings.
+
+    Raises `ValueError` where the campaign asks for a model that its columns cannot support.
+    """
+    has = lambda column: all(getattr(r, column) is not None for r in recordings)
+    where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
+    reasons: list[str] = []
+    accel = _accel_estimator(campaign, has, where, reasons)
+    gyro = _gyro_estimator(campaign, has, accel, where, reasons)
+    g_sensitivity = bool(campaign.model.g_sensitivity)
+    if g_sensitivity and gyro is None:
+        raise ValueError(f"{where} g_sensitivity = true, but no gyro columns were recorded.")
+    if g_sensitivity and not (has("accel") or has("reference_accel")):
+        raise ValueError(
+            f"{where} g_sensitivity = true needs the specific force, but there are neither accel "
+            f"nor reference_accel columns."
+        )
+    degree = campaign.model.temperature_degree
+    if not has("temperature"):
+        if degree:
+            raise ValueError(
+                f"{where} temperature_degree = {degree}, but no temperature column was recorded; "
+                f"use 0 or add the column."
+            )
+        if degree is None:
+            reasons.append("no temperature was recorded, so the parameters are constants")
+        degree = 0
+    together = _together(campaign, accel, gyro, where)
+    return ChosenModel(
+        accel,
+        gyro,
+        g_sensitivity,
+        degree,
+        tuple(reasons),
+        together,
+        bool(campaign.model.lever_arms),
+        campaign.model.misalignment is not False,
+    )
+
+
+def _together(campaign: Campaign, accel: str | None, gyro: str | None, where: str) -> bool:
+    """Whether both triads go into one least squares, which lever arms and aligned triads ask for too."""
+    model = campaign.model
+    asks = {
+        "together = true": model.together,
+        "lever_arms = true": model.lever_arms,
+        "misalignment = false": model.misalignment is False,
+    }
+    asked = [key for key, value in asks.items() if value]
+    if not asked:
+        return False
+    if model.together is False:
+        raise ValueError(f"{where} {asked[0]} means both triads together, but together = false.")
+    if accel not in ("invariant", "reference") or gyro not in ("reference", "gravity"):
+        raise ValueError(
+            f"{where} {asked[0]} needs accel_estimator 'invariant' or 'reference' and gyro_estimator "
+            f"'reference' or 'gravity'; here they are {accel!r} and {gyro!r}."
+        )
+    if model.lever_arms and (accel, gyro) != ("reference", "reference"):
+        raise ValueError(
+            f"{where} lever_arms = true needs the columns reference_accel_x/y/z and "
+            f"reference_gyro_x/y/z, and the estimators 'reference' for both triads."
+        )
+    return True
+
+
+def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | None:
+    asked = campaign.model.accel_estimator
+    if not has("accel"):
+        if asked is not None:
+            raise ValueError(
+                f"{where} accel_estimator = {asked!r}, but no accelerometer columns were recorded."
+            )
+        return None
+    if asked is None:
+        asked = "reference" if has("reference_accel") else "invariant"
+        because = "there is" if asked == "reference" else "there is no"
+        reasons.append(f"accelerometers: '{asked}' because {because} reference_accel")
+    if asked not in ESTIMATORS["accel"]:
+        raise ValueError(
+            f"{where} accel_estimator = {asked!r} is not one of {sorted(ESTIMATORS['accel'])}."
+        )
+    if asked == "reference" and not has("reference_accel"):
+        raise ValueError(
+            f"{where} accel_estimator = 'reference' needs the columns reference_accel_x/y/z; "
+            f"without them use 'invariant'."
+        )
+    return asked
+
+
+def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[str]) -> str | None:
+    asked = campaign.model.gyro_estimator
+    if not has("gyro"):
+        if asked is not None:
+            raise ValueError(
+                f"{where} gyro_estimator = {asked!r}, but no gyro columns were recorded."
+            )
+        return None
+    if asked is None:
+        if has("reference_gyro"):
+            reasons.append("gyros: 'reference' because there is reference_gyro")
+            return "reference"
+        if accel in ("invariant", "reference"):
+            return "gravity"  # if the motions allow it: `settle_gyro` decides and gives the reason
+        reasons.append(
+            "gyros: 'static' because there are neither reference_gyro nor calibrated accel"
+        )
+        return "static"
+    if asked not in ESTIMATORS["gyro"]:
+        raise ValueError(
+            f"{where} gyro_estimator = {asked!r} is not one of {sorted(ESTIMATORS['gyro'])}."
+        )
+    if asked == "reference" and not has("reference_gyro"):
+        raise ValueError(
+            f"{where} gyro_estimator = 'reference' needs the columns reference_gyro_x/y/z; "
+            f"without them use 'gravity' or 'static'."
+        )
+    if asked == "gravity" and accel is None:
+        raise ValueError(
+            f"{where} gyro_estimator = 'gravity' needs accelerometer columns; without them use "
+            f"'static'."
+        )
+    return asked
+
+
+def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:
+    """ "gravity" or "static" for gyros without a reference, now that the motions are known, and the
+    reason in words (none where the campaign asked for it).
+
+    Raises `ValueError` where the campaign asks for "gravity" and its motions cannot support it.
+    """
+    lacking = shortfall(turns)
+    if campaign.model.gyro_estimator == "gravity":
+        if lacking is not None:
+            where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
+            raise ValueError(
+                f"{where} gyro_estimator = 'gravity', but {lacking} ({turns.statement}); use 'static' "
+                f"or record more motions."
+            )
+        return "gravity", None
+    if lacking is not None:
+        return "static", f"gyros: 'static' because there is no reference_gyro and {lacking}"
+    return "gravity", (
+        f"gyros: 'gravity' because there is no reference_gyro but the device was tilted between "
+        f"rests ({turns.statement})"
+    )
+
+
+def polynomial_basis(degree: int, dwells: Dwells) -> AbstractBasis:
+    """The basis of that degree over the temperatures that the dwells cover."""
+    if degree == 0:
+        return Constant()
+    temperature = np.asarray(dwells.temperature)[np.asarray(dwells.valid)]
+    low, high = float(temperature.min()), float(temperature.max())
+    if not low < high:
+        raise ValueError(
+            f"temperature_degree = {degree}, but the temperature is {low:g} °C in every dwell; "
+            f"use 0."
+        )
+    return Polynomial(degree, low, high)
+
+
+def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, str]:
+    """Degree of the temperature polynomials by the Bayesian information criterion.
+
+    The problem is linearised once at the closed-form start, where the design of every degree is the
+    Kronecker product of Chebyshev values and the dwells' Jacobians; BIC = n ln(RSS/n) + k ln n.
+    No degree is considered that the number of different temperatures cannot carry.
+    **Returns** the degree and the reason in words.
+    """
+    temperature = np.asarray(dwells.temperature)
+    span = float(np.ptp(temperature))
+    if span < 1.0:
+        return 0, f"the temperature moves by only {span:.2f} °C, so the parameters are constants"
+    problem = Problem(estimator, Constant(), dwells)
+    now = problem.at(problem.start())
+    rows, parameters = now.residual.reshape(-1), now.jacobian
+    num_dwells, per_dwell, count = parameters.shape
+    levels = _temperature_levels(temperature)
+    x = 2.0 * (temperature - temperature.min()) / span - 1.0
+    scores: dict[int, float] = {}
+    for degree in range(min(HIGHEST_DEGREE, levels - 1) + 1):
+        unknowns = (degree + 1) * count
+        if num_dwells * per_dwell < unknowns + 3:
+            break
+        phi = np.polynomial.chebyshev.chebvander(x, degree)
+        design = np.einsum("na,nri->nrai", phi, parameters).reshape(-1, unknowns)
+        solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)
+        rss = float(np.sum((rows - design @ solution) ** 2))
+        n = len(rows)
+        scores[degree] = n * np.log(max(rss, 1e-300) / n) + unknowns * np.log(n)
+    if not scores:
+        return 0, "too few dwells for a dependence on temperature, so the parameters are constants"
+    best = min(scores, key=lambda d: scores[d])
+    return best, f"temperature degree {best} by BIC among 0…{max(scores)}"
+
+
+def _temperature_levels(temperature: np.ndarray) -> int:
+    """How many temperatures there are at least 1/12 of the whole span apart, which is what a
+    polynomial of degree 6 can tell apart near its middle."""
+    ordered = np.sort(temperature)
+    apart = (ordered[-1] - ordered[0]) / (2 * HIGHEST_DEGREE)
+    count, last = 1, ordered[0]
+    for value in ordered:
+        if value - last >= apart:
+            count, last = count + 1, value
+    return count
+
+
+def build_estimators(
+    chosen: ChosenModel, gravity: float, dwells: Dwells, *, robust: float | None
+) -> tuple[AbstractEstimator | None, AbstractEstimator | None]:
+    """The estimators of the chosen model, for accelerometers and gyros."""
+    accel: AbstractEstimator | None = None
+    gyro: AbstractEstimator | None = None
+    if chosen.accel_estimator is not None:
+        cls = ESTIMATORS["accel"][chosen.accel_estimator]
+        if chosen.accel_estimator == "invariant":
+            accel = cls(gravity=gravity, robust=robust)
+        elif chosen.accel_estimator == "static":
+            mean = np.mean(np.asarray(dwells.accel), axis=0)
+            accel = cls(nominal=jnp.asarray(mean), robust=robust)
+        else:
+            accel = cls(robust=robust)
+    if chosen.gyro_estimator is not None:
+        cls = ESTIMATORS["gyro"][chosen.gyro_estimator]
+        gyro = cls(gravity=gravity, g_sensitivity=chosen.g_sensitivity, robust=robust)
+    return accel, gyro

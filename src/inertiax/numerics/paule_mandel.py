@@ -1,0 +1,60 @@
+"""Excess variance by the method of Paule and Mandel: what scatters beyond the stated standard deviations.
+
+    Σ r² / (s² + τ²) = n − p,    τ ≥ 0
+
+with residuals r, their own standard deviations s and p fitted parameters. The sum falls with τ², so that
+there is one root or, where the stated noise explains the residuals already, none (τ = 0).
+
+**Reference:** Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87: 377.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+
+from .._typing import AnyArray
+
+
+def excess_deviation(
+    residuals: Float[AnyArray, " rows"], sigmas: Float[AnyArray, " rows"], num_parameters: int
+) -> float:
+    """τ of one set of rows, in the unit of the residuals; by SciPy's `brentq`."""
+    r2, s2 = np.square(np.asarray(residuals)), np.square(np.asarray(sigmas))
+    freedom = len(r2) - num_parameters
+    if freedom <= 0 or not np.any(r2):
+        return 0.0
+    excess = lambda variance: float(np.sum(r2 / (s2 + variance)) - freedom)
+    if np.all(s2 > 0) and excess(0.0) <= 0:
+        return 0.0
+    # Without any s the root is Σ r² / (n − p); with it, it lies below.
+    high = float(np.sum(r2) / freedom)
+    low = 0.0 if np.all(s2 > 0) else high * np.finfo(float).tiny ** 0.5
+    if excess(high) >= 0:
+        return float(np.sqrt(high))
+    return float(np.sqrt(brentq(excess, low, high, xtol=1e-14 * high, rtol=1e-14)))
+
+
+def batched_excess_deviation(
+    r2: Float[np.ndarray, "sets rows"],
+    s2: Float[np.ndarray, "sets rows"],
+    freedom: Float[np.ndarray, " sets"],
+) -> Float[np.ndarray, " sets"]:
+    """τ of many sets of rows whose χ² exceeds its expectation. A padded row has r = s = 0.
+
+    By Newton's method from below, where it never oversteps: the sum is convex in τ².
+    """
+    wanted, most = freedom[:, None], s2.max(axis=1)
+    # No single term may exceed the sum, and no variance its largest.
+    single = (r2 / wanted - s2).max(axis=1)
+    excess = np.maximum(np.maximum(r2.sum(axis=1) / freedom - most, single), 0.0)
+    for _ in range(60):
+        total = s2 + excess[:, None]
+        inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+        terms = r2 * inverse
+        slope = (terms * inverse).sum(axis=1)
+        rise = terms.sum(axis=1) - freedom
+        change = np.divide(rise, slope, out=np.zeros_like(slope), where=(slope > 0) & (rise > 0))
+        excess = excess + change
+        if not np.any(change > 1e-13 * excess):
+            break
+    return np.sqrt(excess)

@@ -1,0 +1,107 @@
+"""The error model, equation (1), and its compensation, equation (3), for one sample.
+
+    a' = (E + Γ) a + a⁰                      accelerometers
+    ω' = (E + Θ) ω + ν⁰ + D a / g            gyros
+
+`distort` turns what an ideal triad would read into what the real one reads; `compensate` is its
+exact inverse. In the paper's (3) the g-sensitivity term is printed with the *raw* accelerometer
+output a' although (1) has the true a; the exact form is the default here, and the printed one is
+kept under its own name for study (it leaves an error D (Γ a + a⁰) / g).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._typing import Mat3, Scalar, Vec3
+
+
+class AccelerometerErrors(eqx.Module):
+    """Parameters of an accelerometer triad at one temperature."""
+
+    bias: Vec3  # a⁰, m/s²
+    matrix: Mat3  # Γ: scale-factor errors on the diagonal, misalignments (rad) off it
+
+    @staticmethod
+    def zero() -> "AccelerometerErrors":
+        """An ideal triad."""
+        return AccelerometerErrors(jnp.zeros(3), jnp.zeros((3, 3)))
+
+
+class GyroErrors(eqx.Module):
+    """Parameters of a gyro triad at one temperature."""
+
+    bias: Vec3  # ν⁰, rad/s
+    matrix: Mat3  # Θ: scale-factor errors on the diagonal, misalignments (rad) off it
+    g_sensitivity: Mat3  # D, rad/s per g of specific force
+
+    @staticmethod
+    def zero() -> "GyroErrors":
+        """An ideal triad."""
+        return GyroErrors(jnp.zeros(3), jnp.zeros((3, 3)), jnp.zeros((3, 3)))
+
+
+def solve3(matrix: Float[Array, "3 3"], vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Solve a 3 × 3 system by Cramer's rule.
+
+    Written out in scalars: no LAPACK call, so it is quick under `vmap` and cannot take part in the
+    thread-pool deadlock of some jaxlib versions; E + Γ is within a few percent of the identity (or
+    a few times it, for raw counts), where Cramer's rule loses nothing.
+    """
+    c0, c1, c2 = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    c12 = jnp.cross(c1, c2)
+    determinant = jnp.vdot(c0, c12)
+    x = jnp.stack(
+        [
+            jnp.vdot(vector, c12),
+            jnp.vdot(c0, jnp.cross(vector, c2)),
+            jnp.vdot(c0, jnp.cross(c1, vector)),
+        ]
+    )
+    return x / determinant
+
+
+def _identity_plus(matrix: Mat3) -> Float[Array, "3 3"]:
+    matrix = jnp.asarray(matrix)
+    return jnp.eye(3, dtype=matrix.dtype) + matrix
+
+
+def distort_accel(errors: AccelerometerErrors, force: Vec3) -> Float[Array, "3"]:
+    """Equation (1): accelerometer outputs a' = (E + Γ) a + a⁰, m/s², of a specific force a, m/s²."""
+    return _identity_plus(errors.matrix) @ jnp.asarray(force) + errors.bias
+
+
+def compensate_accel(errors: AccelerometerErrors, output: Vec3) -> Float[Array, "3"]:
+    """Equation (3): specific force a = (E + Γ)⁻¹ (a' − a⁰), m/s², from the outputs a', m/s²."""
+    return solve3(_identity_plus(errors.matrix), jnp.asarray(output) - errors.bias)
+
+
+def distort_gyro(
+    errors: GyroErrors, rate: Vec3, force: Vec3, gravity: Scalar | float
+) -> Float[Array, "3"]:
+    """Equation (1): gyro outputs ω' = (E + Θ) ω + ν⁰ + D a / g, rad/s.
+
+    `rate` is the absolute angular rate ω (rad/s), `force` the true specific force a (m/s²) and
+    `gravity` the reference g (m/s²) that makes a / g dimensionless.
+    """
+    by_force = jnp.asarray(errors.g_sensitivity) @ (jnp.asarray(force) / gravity)
+    return _identity_plus(errors.matrix) @ jnp.asarray(rate) + errors.bias + by_force
+
+
+def compensate_gyro(
+    errors: GyroErrors, output: Vec3, force: Vec3, gravity: Scalar | float
+) -> Float[Array, "3"]:
+    """Equation (3), exact: ω = (E + Θ)⁻¹ (ω' − ν⁰ − D a / g), rad/s.
+
+    `force` is the *compensated* specific force a (m/s²), which makes this the inverse of (1).
+    """
+    by_force = jnp.asarray(errors.g_sensitivity) @ (jnp.asarray(force) / gravity)
+    return solve3(_identity_plus(errors.matrix), jnp.asarray(output) - errors.bias - by_force)
+
+
+def compensate_gyro_as_printed(
+    errors: GyroErrors, output: Vec3, accel_output: Vec3, gravity: Scalar | float
+) -> Float[Array, "3"]:
+    """Equation (3) as printed, with the raw accelerometer output a' in the D term. For study only:
+    it leaves an error of (E + Θ)⁻¹ D (Γ a + a⁰) / g, rad/s."""
+    return compensate_gyro(errors, output, accel_output, gravity)

@@ -1,0 +1,219 @@
+"""Parameters that depend on temperature: a basis of functions times coefficients.
+
+Every temperature model here is linear in its coefficients,
+
+$$p(T) = \\sum_k c_k\\, \\phi_k(T),$$
+
+so a model is a *basis* (`Constant`, `Polynomial`, `CubicSpline`) and a `Curve` is a basis with its
+coefficients. Temperatures are in °C and are scaled to $[-1, 1]$ inside a basis, which keeps a
+polynomial of degree 6 well conditioned; powers of T appear only on export.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray, Scalar
+
+
+class AbstractBasis(eqx.Module):
+    """A family of functions of temperature, evaluated at one temperature."""
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """Number of basis functions."""
+
+    @property
+    @abc.abstractmethod
+    def nodes(self) -> tuple[float, ...]:
+        """As many temperatures, °C, at which values determine the coefficients."""
+
+    @abc.abstractmethod
+    def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
+        """Values $\\phi_k(T)$ of all basis functions at one temperature, °C."""
+
+
+class Constant(AbstractBasis):
+    """No temperature dependence: $\\phi_0 = 1$."""
+
+    @property
+    def size(self) -> int:
+        return 1
+
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        return (0.0,)
+
+    def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
+        # Built from the temperature so that the dtype follows it; never looks at its value, so a
+        # recording without a probe may carry anything here.
+        return jnp.ones((1,), jnp.asarray(temperature).dtype)
+
+
+class Polynomial(AbstractBasis):
+    """Chebyshev polynomials $\\phi_k(T) = T_k(x)$, $x = (2T - T_{lo} - T_{hi})/(T_{hi} - T_{lo})$.
+
+    Same functions as an ordinary polynomial of that degree, but with a condition number of about 1
+    instead of $10^8$ at degree 6. Outside `[low, high]` the polynomial is simply continued, and
+    grows fast: see `Calibration.extrapolates`.
+
+    **Reference:** Trefethen, *Approximation Theory and Approximation Practice*, SIAM 2013, ch. 3.
+    """
+
+    degree: int = eqx.field(static=True)
+    low: float = eqx.field(static=True)  # °C, maps to x = -1
+    high: float = eqx.field(static=True)  # °C, maps to x = +1
+
+    def __check_init__(self):
+        if self.degree < 0:
+            raise ValueError(f"`Polynomial(degree=...)` must be 0 or more; got {self.degree}.")
+        if not self.low < self.high:
+            raise ValueError(
+                f"`Polynomial(low=..., high=...)` needs low < high in °C; "
+                f"got low={self.low}, high={self.high}."
+            )
+
+    @property
+    def size(self) -> int:
+        return self.degree + 1
+
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        # Zeros of T_{degree+1}: interpolation there is as well conditioned as the basis.
+        x = np.cos(np.pi * (np.arange(self.size) + 0.5) / self.size)
+        return tuple(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * x)
+
+    def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
+        x = (2.0 * jnp.asarray(temperature) - (self.low + self.high)) / (self.high - self.low)
+        values = [jnp.ones_like(x), x]
+        for _ in range(2, self.size):
+            values.append(2.0 * x * values[-1] - values[-2])  # T_k = 2 x T_{k-1} - T_{k-2}
+        return jnp.stack(values[: self.size])
+
+
+class CubicSpline(AbstractBasis):
+    """Natural cubic spline in its cardinal basis: $\\phi_k$ is 1 at knot $k$, 0 at the others.
+
+    The coefficients are therefore the parameter's values at the knots. Outside the knots the
+    natural spline goes on as a straight line, so it extrapolates far more calmly than a polynomial.
+
+    **Reference:** de Boor, *A Practical Guide to Splines*, Springer 2001, ch. IV.
+    """
+
+    # °C, increasing; plain numbers, so that they may be static
+    knots: tuple[float, ...] = eqx.field(
+        static=True, converter=lambda k: tuple(float(t) for t in k)
+    )
+
+    def __check_init__(self):
+        if len(self.knots) < 2 or np.any(np.diff(self.knots) <= 0):
+            raise ValueError(
+                f"`CubicSpline(knots=...)` needs at least 2 increasing temperatures in °C; "
+                f"got {self.knots}."
+            )
+
+    @property
+    def size(self) -> int:
+        return len(self.knots)
+
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        return self.knots
+
+    def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
+        knots = np.asarray(self.knots)
+        curvature = _natural_spline_curvature(knots)  # [size, size]: values at knots -> 2nd derivs
+        t = jnp.asarray(temperature)
+        inside = jnp.clip(t, knots[0], knots[-1])
+        i = jnp.clip(
+            jnp.searchsorted(jnp.asarray(knots), inside, side="right") - 1, 0, len(knots) - 2
+        )
+        h = jnp.asarray(np.diff(knots))[i]
+        b = (inside - jnp.asarray(knots)[i]) / h
+        a = 1.0 - b
+        identity = jnp.eye(len(knots), dtype=b.dtype)
+        second = jnp.asarray(curvature, b.dtype)
+        value = a * identity[i] + b * identity[i + 1]
+        value += ((a**3 - a) * second[i] + (b**3 - b) * second[i + 1]) * h**2 / 6.0
+        # Straight-line continuation outside the knots, with the end slope.
+        slope = (identity[i + 1] - identity[i]) / h
+        slope += ((1.0 - 3.0 * a**2) * second[i] + (3.0 * b**2 - 1.0) * second[i + 1]) * h / 6.0
+        return value + slope * (t - inside)
+
+
+def _natural_spline_curvature(knots: np.ndarray) -> np.ndarray:
+    """Matrix from values at the knots to second derivatives there (zero at both ends)."""
+    n = len(knots)
+    h = np.diff(knots)
+    second = np.zeros((n, n))
+    if n == 2:
+        return second
+    system = (
+        np.diag((h[:-1] + h[1:]) / 3.0) + np.diag(h[1:-1] / 6.0, 1) + np.diag(h[1:-1] / 6.0, -1)
+    )
+    right = np.zeros((n - 2, n))
+    for row in range(n - 2):
+        right[row, row] = 1.0 / h[row]
+        right[row, row + 1] = -1.0 / h[row] - 1.0 / h[row + 1]
+        right[row, row + 2] = 1.0 / h[row + 1]
+    second[1:-1] = np.linalg.solve(system, right)
+    return second
+
+
+class Curve(eqx.Module):
+    """A vector of parameters as a function of temperature, $p(T) = \\phi(T)\\, C$."""
+
+    basis: AbstractBasis
+    coefficients: Float[AnyArray, "*batch size parameters"]
+
+    def __check_init__(self):
+        if getattr(self.coefficients, "ndim", 2) == 2 and hasattr(self.coefficients, "shape"):
+            if self.coefficients.shape[0] != self.basis.size:
+                raise ValueError(
+                    f"`Curve(basis, coefficients)`: the basis has {self.basis.size} functions but "
+                    f"the coefficients have {self.coefficients.shape[0]} rows."
+                )
+
+    def __call__(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
+        """The parameters at one temperature (°C), shape `(parameters,)`, in their own units."""
+        return self.basis(temperature) @ self.coefficients
+
+
+def interpolate(
+    basis: AbstractBasis, values: Float[AnyArray, "size parameters"]
+) -> Float[Array, "size parameters"]:
+    """Coefficients of the curve that takes the given values at `basis.nodes`."""
+    # The nodes are static, so the matrix and its inverse are constants also inside `jit`.
+    with jax.ensure_compile_time_eval():
+        at_nodes = np.asarray(jax.vmap(basis)(jnp.asarray(basis.nodes)))
+    values = jnp.asarray(values)
+    return jnp.asarray(np.linalg.inv(at_nodes), values.dtype) @ values
+
+
+def to_powers(
+    basis: Polynomial, coefficients: Float[AnyArray, "size parameters"], reference: float
+) -> Float[np.ndarray, "size parameters"]:
+    """Coefficients $a_j$ of $\\sum_j a_j (T - T_{ref})^j$ equal to the Chebyshev series; for export.
+
+    **Arguments:** `reference` is $T_{ref}$ in °C. **Returns** row $j$ in parameter unit per °C^j.
+    """
+    from numpy.polynomial import chebyshev, polynomial
+
+    scale = 2.0 / (basis.high - basis.low)
+    offset = scale * (reference - 0.5 * (basis.low + basis.high))
+    columns = []
+    for series in np.asarray(coefficients, float).T:
+        in_x = np.atleast_1d(chebyshev.cheb2poly(series))
+        # Substitute x = offset + scale (T - reference) by Horner's rule on polynomials.
+        shifted = np.zeros(1)
+        for coefficient in in_x[::-1]:
+            shifted = polynomial.polyadd(
+                polynomial.polymul(shifted, [offset, scale]), [coefficient]
+            )
+        columns.append(np.pad(shifted, (0, basis.size))[: basis.size])
+    return np.stack(columns, axis=1)

@@ -1,0 +1,296 @@
+"""The procedures for one device at a time, driven from the host.
+
+`procedure.iterate` and `joint_fit` compile the whole loop into one program, which pays for fleets and for
+derivatives of the answer, but takes ten seconds and more to compile. The same passes run here one by one:
+a compiled function linearises all dwells, and the least squares of the linearised rows goes through
+`solve.least_squares` as everything does. Dwells are padded to a few lengths, so that recordings of about the
+same size share those programs (and the cache of compiled code).
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray
+from ..estimators import AbstractEstimator
+from ..numerics.least_squares import least_squares, singular_pivot, Solution
+from ..physics.temperature import AbstractBasis, Curve
+from ..reduction.dwells import Dwells
+from .thermal_iterations import GaussNewtonIteration, ThermalSolution
+
+
+_INNER_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
+_INNER_STEPS = 50
+
+
+class Linearised(NamedTuple):
+    """Every dwell at its own parameters; rows of padding are zero."""
+
+    residual: Float[np.ndarray, "dwell row"]  # whitened
+    jacobian: Float[np.ndarray, "dwell row parameter"]  # of it
+    misfit: Float[np.ndarray, "dwell misfit"]  # SI units
+    sigma: Float[np.ndarray, "dwell misfit"]  # of it, by the dwells' own noise
+
+
+class Problem:
+    """One device's dwells with their estimator and basis, ready to be linearised again and again."""
+
+    def __init__(self, estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells):
+        self.estimator = estimator
+        self.basis = basis
+        self.num_dwells = dwells.num_dwells
+        self.dwells = padded(dwells)
+        self.phi = np.asarray(_basis_values(basis, self.dwells.temperature))
+        self.at_nodes = np.asarray(_basis_values(basis, np.asarray(basis.nodes)))
+
+    def vectors(self, coefficients: AnyArray) -> Float[np.ndarray, "dwell parameter"]:
+        """Each dwell's parameters, θ(T) = φ(T) C."""
+        return self.phi @ np.asarray(coefficients)
+
+    def at(self, coefficients: AnyArray, dwells: Dwells | None = None) -> Linearised:
+        """Linearised at a curve's coefficients; `dwells` may stand in for the problem's own."""
+        dwells = self.dwells if dwells is None else dwells
+        parts = linearise(self.estimator, self.vectors(coefficients), dwells)
+        return Linearised(*(np.asarray(part)[: self.num_dwells] for part in parts))
+
+    def start(self) -> Float[np.ndarray, "size parameter"]:
+        """Block 2: a curve constant over temperature at the closed-form start."""
+        vector = np.asarray(_start_vector(self.estimator, self.dwells))
+        return self.interpolated(np.tile(vector, (self.basis.size, 1)))
+
+    def interpolated(
+        self, values: Float[np.ndarray, "size parameter"]
+    ) -> Float[np.ndarray, "size parameter"]:
+        """Coefficients of the curve with these values at the basis' nodes: `temperature.interpolate`
+        on the host, without a program for each of its steps."""
+        return np.linalg.solve(self.at_nodes, values)
+
+    def compensated(self, coefficients: AnyArray) -> Dwells:
+        """The dwells (without padding) refined with a curve's coefficients, block 3."""
+        refined = _compensate(self.estimator, self.vectors(coefficients), self.dwells)
+        return jax.tree.map(lambda x: np.asarray(x)[: self.num_dwells], refined)
+
+    def normal(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
+        """JᵀJ with respect to the coefficients, row-major (size, parameters)."""
+        phi, unknowns = self.phi[: self.num_dwells], self.basis.size * jacobian.shape[2]
+        products = np.einsum("nri,nrj->nij", jacobian, jacobian)
+        return np.einsum("na,nb,nij->aibj", phi, phi, products, optimize=True).reshape(
+            unknowns, unknowns
+        )
+
+    def design(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
+        """Rows of the residual's Jacobian with respect to the coefficients, padding included."""
+        full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], jacobian)
+        rows = full.reshape(-1, self.basis.size * jacobian.shape[2])
+        return np.pad(rows, ((0, len(self.phi) * jacobian.shape[1] - len(rows)), (0, 0)))
+
+
+def iterate_one(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    *,
+    max_iterations: int = 20,
+    tolerance: float = 1e-6,
+) -> ThermalSolution:
+    """`iterate(GaussNewtonIteration(estimator, basis), dwells)`, but compiled in a second or two.
+
+    Passes, convergence tests and result are the same to rounding; there are no derivatives of it.
+    """
+    problem = Problem(estimator, basis, dwells)
+    coefficients = problem.start()
+    covariance = _inverse(problem.normal(problem.at(coefficients).jacobian))
+    sigma = np.sqrt(np.diagonal(covariance)).reshape(coefficients.shape)
+    sigma = np.where(np.isfinite(sigma), sigma, 1.0)
+    history, steps = [coefficients], [np.nan]
+    while len(history) <= max_iterations and not steps[-1] < tolerance:
+        refined = _compensate(estimator, problem.vectors(coefficients), problem.dwells)
+        correction, _, _ = _gauss_newton(problem, np.zeros_like(coefficients), refined)
+        new = _composed(problem, coefficients, correction)
+        steps.append(float(np.max(np.abs(new - coefficients) / sigma)))
+        history.append(new)
+        coefficients = new
+    return _solution(
+        problem,
+        coefficients,
+        converged=steps[-1] < tolerance,
+        history=_filled(history, max_iterations + 1),
+        steps=_filled(steps, max_iterations + 1),
+        num_iterations=len(history) - 1,
+        method=GaussNewtonIteration.method,
+    )
+
+
+def joint_fit_one(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+) -> ThermalSolution:
+    """`joint_fit(estimator, basis, dwells)`, compiled in a second or two; no derivatives of it."""
+    problem = Problem(estimator, basis, dwells)
+    first = problem.start()
+    coefficients, num_steps, converged = _gauss_newton(problem, first, problem.dwells)
+    return _solution(
+        problem,
+        coefficients,
+        converged=converged,
+        history=np.stack([first, coefficients]),
+        steps=np.full(2, np.nan),
+        num_iterations=num_steps,
+        method="joint",
+    )
+
+
+def padded(dwells: Dwells) -> Dwells:
+    """The dwells, padded by its last with `valid` False to the next of 8, 10, 12, 14, 16, 20, …"""
+    count = dwells.num_dwells
+    grain = max(2 ** ((count - 1).bit_length() - 3), 2)
+    length = max(-(-count // grain) * grain, 8)
+    rows = np.minimum(np.arange(length), count - 1)
+    result = jax.tree.map(lambda x: np.asarray(x)[rows], dwells)
+    valid = result.valid & (np.arange(length) < count)
+    return eqx.tree_at(lambda d: d.valid, result, valid)
+
+
+@eqx.filter_jit
+def _basis_values(basis: AbstractBasis, temperature: Float[AnyArray, " node"]) -> Array:
+    return jax.vmap(basis)(temperature)
+
+
+@eqx.filter_jit
+def linearise(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -> tuple[Array, ...]:
+    """Residuals, their Jacobians, misfits and sigmas of dwells, each at its own parameters (dwell, parameter);
+    see `Linearised`."""
+
+    def one(vector: Array, dwell: Dwells) -> tuple[Array, ...]:
+        def rows(v: Array) -> tuple[Array, tuple[Array, ...]]:
+            residual = estimator.residual(v, dwell)
+            return residual, (residual, *estimator.misfit(v, dwell))
+
+        jacobian, (residual, misfit, sigma) = jax.jacfwd(rows, has_aux=True)(vector)
+        kept = lambda x: jnp.where(dwell.valid, x, jnp.zeros_like(x))
+        return kept(residual), kept(jacobian), misfit, sigma
+
+    return jax.vmap(one)(jnp.asarray(vectors), dwells)
+
+
+@eqx.filter_jit
+def _compensate(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -> Dwells:
+    return jax.vmap(estimator.compensate)(vectors, dwells)
+
+
+@eqx.filter_jit
+def _compose(estimator: AbstractEstimator, first: AnyArray, second: AnyArray) -> Array:
+    return jax.vmap(estimator.compose)(first, second)
+
+
+@eqx.filter_jit
+def _start_vector(estimator: AbstractEstimator, dwells: Dwells) -> Array:
+    return estimator.start(dwells)
+
+
+def _composed(
+    problem: Problem, first: np.ndarray, second: np.ndarray
+) -> Float[np.ndarray, "size parameter"]:
+    """Equation (6) at the basis' nodes."""
+    at_nodes = problem.at_nodes
+    composed = _compose(problem.estimator, at_nodes @ first, at_nodes @ second)
+    return problem.interpolated(np.asarray(composed))
+
+
+def _gauss_newton(
+    problem: Problem, start: Float[np.ndarray, "size parameter"], dwells: Dwells
+) -> tuple[Float[np.ndarray, "size parameter"], int, bool]:
+    """Least squares over all dwells from `start`: the coefficients, steps taken, whether it converged.
+
+    Converged means that the last step of every unknown was below the tolerance in units of
+    1/‖J column‖ at the start.
+    """
+    now = problem.at(start, dwells)
+    columns = np.sqrt(np.diagonal(problem.normal(now.jacobian)))
+    scale = np.where(columns > 0, columns, 1.0)
+    flat, taken = start.reshape(-1), 0
+    for taken in range(1, _INNER_STEPS + 1):
+        step = linear_step(problem.design(now.jacobian), now.residual.reshape(-1))
+        flat = flat + step
+        if not np.all(np.isfinite(flat)):
+            break
+        if np.max(np.abs(step * scale)) < _INNER_TOLERANCE:
+            return flat.reshape(start.shape), taken, True
+        now = problem.at(flat.reshape(start.shape), dwells)
+    return flat.reshape(start.shape), taken, False
+
+
+def linear_step(
+    design: Float[np.ndarray, "row unknown"], residual: Float[np.ndarray, " measured"]
+) -> Float[np.ndarray, " unknown"]:
+    """−J⁺ r, the least squares of linearised rows; NaN where they do not determine the unknowns.
+
+    `design` may have rows of zeros behind those of `residual`.
+    """
+    if len(residual) < design.shape[1]:
+        return np.full(design.shape[1], np.nan)
+    right = np.pad(residual, (0, len(design) - len(residual)))
+    solution = _solve_linear(design, right)
+    return np.where(bool(solution.succeeded), np.asarray(solution.parameters), np.nan)
+
+
+@eqx.filter_jit
+def _solve_linear(design: AnyArray, right: AnyArray) -> Solution:
+    start = jnp.zeros(design.shape[1], design.dtype)
+    return least_squares(_linear_rows, start, (design, right))
+
+
+def _linear_rows(step: Array, rows: tuple[Array, Array]) -> Array:
+    design, right = rows
+    return design @ step + right
+
+
+def _inverse(normal: np.ndarray) -> np.ndarray:
+    """Inverse of a normal matrix, scaled to unit diagonal first; NaN where it is singular."""
+    diagonal = np.diagonal(normal)
+    if not (np.all(np.isfinite(normal)) and np.all(diagonal > 0)):
+        return np.full_like(normal, np.nan)
+    scale = 1.0 / np.sqrt(diagonal)
+    try:
+        lower = np.linalg.cholesky(normal * np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        return np.full_like(normal, np.nan)
+    if np.min(np.diagonal(lower)) ** 2 <= singular_pivot(normal.dtype):
+        return np.full_like(normal, np.nan)
+    root = np.linalg.solve(lower, np.diag(scale))
+    return root.T @ root
+
+
+def _solution(
+    problem: Problem,
+    coefficients: np.ndarray,
+    *,
+    converged: bool,
+    history: np.ndarray,
+    steps: np.ndarray,
+    num_iterations: int,
+    method: str,
+) -> ThermalSolution:
+    now = problem.at(coefficients)
+    done = optx.RESULTS.successful if converged else optx.RESULTS.nonlinear_max_steps_reached
+    return ThermalSolution(
+        curve=Curve(problem.basis, jnp.asarray(coefficients)),
+        covariance=jnp.asarray(_inverse(problem.normal(now.jacobian))),
+        residuals=jnp.asarray(now.residual),
+        result=done,
+        num_iterations=jnp.asarray(num_iterations),
+        history=jnp.asarray(history),
+        step_sizes=jnp.asarray(steps),
+        method=method,
+    )
+
+
+def _filled(values: list, length: int) -> np.ndarray:
+    stacked = np.asarray(values)
+    result = np.full((length, *stacked.shape[1:]), np.nan)
+    result[: len(stacked)] = stacked
+    return result

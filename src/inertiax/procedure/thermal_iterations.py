@@ -1,0 +1,353 @@
+"""The calibration procedures over temperature: figure 1 of the paper, and what it grew into.
+
+All of them estimate curves θ(T) = φ(T) C of one triad's parameters from the dwells of several
+experiments in which the temperature need not be held.
+
+* `PaperIteration`: refine every dwell with the curve at its own temperature (block 3), estimate
+  each experiment as if its remaining parameters were constant (block 4), attribute the result to the
+  experiment's mean temperature, compose by equation (6) (block 5), refit the curves. Faithful, but on
+  some plans it crawls, stalls or diverges while the curves look harmless.
+* `GaussNewtonIteration` (default): the same, except that block 4 estimates the *curves'* correction
+  from all experiments at once, which makes the procedure a Gauss-Newton method.
+* `joint_fit`: one least squares with the coefficients C as unknowns.
+
+`iterate` runs the first two as an optimistix fixed-point solve (init / step / terminate), so that
+derivatives of the answer come from the implicit function theorem.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+from .._typing import AnyArray
+from ..estimators import AbstractEstimator
+from ..numerics.least_squares import DenseNormal, least_squares, spd_inverse
+from ..physics.temperature import AbstractBasis, Curve, interpolate
+from ..reduction.dwells import by_experiment, Dwells, experiment_rows
+
+
+class ThermalSolution(eqx.Module):
+    """Curves with their covariance, and how they were reached."""
+
+    curve: Curve
+    covariance: Float[
+        AnyArray, "unknowns unknowns"
+    ]  # of coefficients, row-major (size, parameters)
+    residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell is padding
+    result: optx.RESULTS  # outcome as data
+    num_iterations: Int[AnyArray, " *batch"]
+    history: Float[AnyArray, "*batch iterations size parameters"]  # NaN beyond `num_iterations`
+    step_sizes: Float[AnyArray, "*batch iterations"]  # largest change, in standard deviations
+    method: str = eqx.field(static=True)
+
+    @property
+    def succeeded(self) -> Bool[AnyArray, " *batch"]:
+        """Whether it converged with finite numbers and a full-rank Jacobian."""
+        regular = jnp.all(jnp.isfinite(jnp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
+        return (self.result == optx.RESULTS.successful) & regular
+
+
+def dwell_residuals(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> Float[Array, "dwells rows"]:
+    """Whitened residuals of all dwells at the curve's parameters; padding gives zeros."""
+
+    def one(dwell: Dwells) -> Array:
+        return estimator.residual(curve(dwell.temperature), dwell)
+
+    rows = jax.vmap(one)(dwells)
+    return jnp.where(jnp.asarray(dwells.valid)[:, None], rows, jnp.zeros_like(rows))
+
+
+def _flat_residual(coefficients: Array, args: tuple) -> Array:
+    estimator, basis, dwells = args
+    curve = Curve(basis, coefficients.reshape(basis.size, -1))
+    return dwell_residuals(estimator, curve, dwells).reshape(-1)
+
+
+def normal_matrix(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> Float[Array, "unknowns unknowns"]:
+    """JᵀJ of the whitened residuals with respect to the coefficients, row-major (size, parameters).
+
+    A dwell's Jacobian is the Kronecker product of φ(T) and its parameter Jacobian, so the normal
+    matrix is a sum of Kronecker products and the tall Jacobian is never built.
+    """
+
+    def one(dwell: Dwells) -> tuple[Array, Array]:
+        phi = curve.basis(dwell.temperature)
+        jacobian = jax.jacfwd(estimator.residual)(curve(dwell.temperature), dwell)
+        weight = jnp.asarray(dwell.valid, phi.dtype)
+        return phi, weight * (jacobian.T @ jacobian)
+
+    phis, normals = jax.vmap(one)(dwells)
+    unknowns = curve.basis.size * estimator.num_parameters
+    normal = jnp.einsum("na,nb,nij->aibj", phis, phis, normals)
+    return normal.reshape(unknowns, unknowns)
+
+
+def curve_covariance(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells
+) -> Float[Array, "unknowns unknowns"]:
+    """(JᵀJ)⁻¹ of the coefficients, row-major (size, parameters); NaN where singular."""
+    return spd_inverse(normal_matrix(estimator, curve, dwells))
+
+
+class AbstractIteration(eqx.Module):
+    """One pass of a procedure: coefficients to refined coefficients."""
+
+    method: eqx.AbstractClassVar[str]
+    estimator: eqx.AbstractVar[AbstractEstimator]
+    basis: eqx.AbstractVar[AbstractBasis]
+
+    @abc.abstractmethod
+    def refine(
+        self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
+    ) -> Float[Array, "size parameters"]:
+        """Blocks 3 to 6 of figure 1: the next coefficients. A pure function."""
+
+
+def _compensated(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Dwells:
+    """Block 3: refine every dwell with the parameters at its own temperature."""
+    return jax.vmap(lambda d: estimator.compensate(curve(d.temperature), d))(dwells)
+
+
+def _constant_residual(vector: Array, args: tuple) -> Array:
+    estimator, dwells = args
+    rows = jax.vmap(lambda d: estimator.residual(vector, d))(dwells)
+    kept = jnp.asarray(dwells.valid)[:, None]
+    return jnp.where(kept, rows, jnp.zeros_like(rows)).reshape(-1)
+
+
+class PaperIteration(AbstractIteration):
+    """The paper's iteration, with its attribution of each experiment to one temperature.
+
+    `rows` and `kept` list each experiment's dwells, as `experiment_rows` gives them.
+    """
+
+    method: ClassVar[str] = "paper"
+
+    estimator: AbstractEstimator
+    basis: AbstractBasis
+    rows: Int[AnyArray, "experiments longest"]
+    kept: Bool[AnyArray, "experiments longest"]
+
+    @classmethod
+    def plan(
+        cls, estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+    ) -> "PaperIteration":
+        """Group the dwells by experiment. Raises `ValueError` with fewer experiments than basis
+        functions, because the refit of the curves would have no unique answer."""
+        rows, kept = experiment_rows(dwells)
+        if len(rows) < basis.size:
+            raise ValueError(
+                f"`PaperIteration.plan(...)`: {len(rows)} experiments cannot determine curves with "
+                f"{basis.size} coefficients; lower the temperature degree to {len(rows) - 1} or "
+                f"record more experiments."
+            )
+        return cls(estimator, basis, rows, kept)
+
+    def refine(
+        self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
+    ) -> Float[Array, "size parameters"]:
+        temperature, composed = self.experiments(coefficients, dwells)
+        return _linear_fit(jax.vmap(self.basis)(temperature), composed)
+
+    def experiments(
+        self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
+    ) -> tuple[Float[Array, " experiments"], Float[Array, "experiments parameters"]]:
+        """Blocks 3 to 5: each experiment's mean temperature (°C) and its refined parameters."""
+        curve = Curve(self.basis, jnp.asarray(coefficients))
+        stacked = by_experiment(_compensated(self.estimator, curve, dwells), self.rows, self.kept)
+        zero = jnp.zeros(self.estimator.num_parameters, curve.coefficients.dtype)
+
+        def block4(experiment: Dwells) -> Array:
+            solution = least_squares(_constant_residual, zero, (self.estimator, experiment))
+            return jnp.asarray(solution.parameters)
+
+        weights = jnp.asarray(stacked.valid, zero.dtype)
+        temperature = jnp.sum(weights * stacked.temperature, axis=1) / jnp.sum(weights, axis=1)
+        corrections = jax.vmap(block4)(stacked)
+        composed = jax.vmap(lambda t, c: self.estimator.compose(curve(t), c))(
+            temperature, corrections
+        )
+        return temperature, composed
+
+
+def _linear_fit(design: Array, values: Array) -> Array:
+    """Least-squares coefficients of every column of `values`."""
+    operator = lx.MatrixLinearOperator(design)
+    solve = lambda column: lx.linear_solve(operator, column, DenseNormal(), throw=False).value
+    return jax.vmap(solve, in_axes=1, out_axes=1)(values)
+
+
+class GaussNewtonIteration(AbstractIteration):
+    """The procedure with block 4 estimating the curves' corrections from all experiments at once.
+
+    The correction curves are composed with the present ones by equation (6) at the basis' nodes;
+    the composition of two curves has a higher degree, but as the corrections vanish nothing is lost.
+    """
+
+    method: ClassVar[str] = "gauss-newton"
+
+    estimator: AbstractEstimator
+    basis: AbstractBasis
+
+    def refine(
+        self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
+    ) -> Float[Array, "size parameters"]:
+        curve = Curve(self.basis, jnp.asarray(coefficients))
+        refined = _compensated(self.estimator, curve, dwells)
+        zero = jnp.zeros(curve.coefficients.size, curve.coefficients.dtype)
+        solution = least_squares(_flat_residual, zero, (self.estimator, self.basis, refined))
+        correction = Curve(self.basis, solution.parameters.reshape(curve.coefficients.shape))
+        nodes = jnp.asarray(self.basis.nodes, zero.dtype)
+        composed = jax.vmap(lambda t: self.estimator.compose(curve(t), correction(t)))(nodes)
+        return interpolate(self.basis, composed)
+
+
+class _RecordState(eqx.Module):
+    index: Int[Array, ""]
+    step_size: Float[Array, ""]
+    history: Float[Array, "iterations unknowns"]
+    step_sizes: Float[Array, " iterations"]
+
+
+class _RecordedIteration(optx.AbstractFixedPointSolver):
+    """Plain fixed-point iteration that keeps every iterate and tests the step in sigmas."""
+
+    atol: float = eqx.field(static=True)  # standard deviations
+    max_iterations: int = eqx.field(static=True)
+    rtol: float = eqx.field(static=True, default=0.0)
+    norm: Callable = eqx.field(static=True, default=optx.max_norm)
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _RecordState:
+        del fn, args, options, f_struct, aux_struct, tags
+        history = jnp.full((self.max_iterations + 1, *y.shape), jnp.nan, y.dtype)
+        return _RecordState(
+            index=jnp.array(0),
+            step_size=jnp.array(jnp.inf, y.dtype),
+            history=history.at[0].set(y),
+            step_sizes=jnp.full(self.max_iterations + 1, jnp.nan, y.dtype),
+        )
+
+    def step(self, fn, y, args, options, state, tags):
+        del options, tags
+        new, aux = fn(y, args)
+        step_size = self.norm((new - y) / args[2])
+        index = state.index + 1
+        return (
+            new,
+            _RecordState(
+                index,
+                step_size,
+                state.history.at[index].set(new),
+                state.step_sizes.at[index].set(step_size),
+            ),
+            aux,
+        )
+
+    def terminate(self, fn, y, args, options, state, tags):
+        del fn, y, args, options, tags
+        return state.step_size < self.atol, optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        del fn, args, options, tags, result
+        return y, aux, {"history": state.history, "step_sizes": state.step_sizes}
+
+
+def start_curve(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+) -> Float[Array, "size parameters"]:
+    """Block 2: coefficients of a curve constant over temperature at the closed-form start."""
+    vector = estimator.start(dwells)
+    return interpolate(basis, jnp.tile(vector[None, :], (basis.size, 1)))
+
+
+def _refine_flat(coefficients: Array, args: tuple) -> Array:
+    procedure, dwells, _ = args
+    shape = (procedure.basis.size, -1)
+    return procedure.refine(coefficients.reshape(shape), dwells).reshape(-1)
+
+
+@eqx.filter_jit
+def iterate(
+    procedure: AbstractIteration,
+    dwells: Dwells,
+    *,
+    start: Float[AnyArray, "size parameters"] | None = None,
+    max_iterations: int = 20,
+    tolerance: float = 1e-6,
+) -> ThermalSolution:
+    """Run a procedure until the largest change is below `tolerance` standard deviations.
+
+    For `PaperIteration` the first pass, from a curve constant over temperature, is the traditional
+    thermostatted calibration; `history[1]` holds it, `history[3]` the paper's two iterations.
+    Never raises for numerical reasons: see `result`. Derivatives of the curve's coefficients with
+    respect to dwells and estimator fields are those of the fixed point.
+    """
+    estimator, basis = procedure.estimator, procedure.basis
+    first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
+    first = jax.lax.stop_gradient(first)
+    variance = jnp.diagonal(curve_covariance(estimator, Curve(basis, first), dwells))
+    sigma = jax.lax.stop_gradient(jnp.sqrt(variance)).reshape(first.shape)
+    # A singular plan has NaN there; measure steps absolutely then and let the outcome tell.
+    sigma = jnp.where(jnp.isfinite(sigma), sigma, jnp.ones_like(sigma))
+    solution = optx.fixed_point(
+        _refine_flat,
+        _RecordedIteration(atol=tolerance, max_iterations=max_iterations),
+        first.reshape(-1),
+        (procedure, dwells, sigma.reshape(-1)),
+        max_steps=max_iterations,
+        adjoint=optx.ImplicitAdjoint(linear_solver=DenseNormal()),
+        throw=False,
+    )
+    curve = Curve(basis, solution.value.reshape(first.shape))
+    return ThermalSolution(
+        curve=curve,
+        covariance=curve_covariance(estimator, curve, dwells),
+        residuals=dwell_residuals(estimator, curve, dwells),
+        result=solution.result,
+        num_iterations=solution.stats["num_steps"],
+        history=solution.stats["history"].reshape(-1, *first.shape),
+        step_sizes=solution.stats["step_sizes"],
+        method=procedure.method,
+    )
+
+
+@eqx.filter_jit
+def joint_fit(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    *,
+    start: Float[AnyArray, "size parameters"] | None = None,
+    solver: optx.AbstractLeastSquaresSolver | None = None,
+) -> ThermalSolution:
+    """Least squares over all dwells with the curves' coefficients as the unknowns.
+
+    Never raises for numerical reasons: see `result`. Derivatives of the coefficients with respect to
+    the dwells and the estimator's fields follow from the implicit function theorem.
+    """
+    first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
+    solution = least_squares(
+        _flat_residual, first.reshape(-1), (estimator, basis, dwells), solver=solver
+    )
+    curve = Curve(basis, solution.parameters.reshape(first.shape))
+    return ThermalSolution(
+        curve=curve,
+        covariance=solution.covariance,
+        residuals=dwell_residuals(estimator, curve, dwells),
+        result=solution.result,
+        num_iterations=solution.num_steps,
+        history=jnp.stack([first, curve.coefficients]),
+        step_sizes=jnp.full(2, jnp.nan, first.dtype),
+        method="joint",
+    )

@@ -1,0 +1,139 @@
+"""Covariances of dwell means, from the scatter within dwells."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .mean_noise import fit_noise_shape, NoiseShape, prior_freedom, quantisation_floor
+
+
+_SAMPLES_FOR_SHAPE = 1 << 18
+
+
+class Scatter(eqx.Module):
+    """Samples of one triad, dwell after dwell, as deviations from what each dwell should read."""
+
+    deviations: Float[np.ndarray, "sample 3"]
+    starts: Int[np.ndarray, " dwell"]  # first sample of each dwell
+    sloping: Bool[np.ndarray, " dwell"]  # deviations are from a straight line, not only the mean
+    step: Float[np.ndarray, "dwell 3"]  # LSB of the converter, 0 where it does not show
+
+    @property
+    def counts(self) -> Int[np.ndarray, " dwell"]:
+        """Samples in each dwell."""
+        return np.diff(np.append(self.starts, len(self.deviations)))
+
+
+def covariances_of_means(
+    scatter: Scatter, pool: Bool[np.ndarray, " dwell"]
+) -> Float[np.ndarray, "dwell 3 3"]:
+    """Covariance of each dwell's mean, unit²; rests (`pool` true) and plateaus are pooled apart.
+
+    For channel c of dwell k with n samples
+
+        Var = s²_kc τ_c(n) / n + quantisation floor,
+
+    where τ follows from how the samples resemble their neighbours, pooled over dwells
+    (`noise.NoiseShape`), and s² is the dwell's own variance drawn towards all dwells' by their
+    degrees of freedom (`noise.prior_freedom`), so that no dwell gets a great weight for having
+    been quiet by chance. Channels of a triad correlate as they do in all dwells together. A dwell
+    of one sample has the pooled variance; where no dwell has two samples nothing is known, and
+    the covariances are zero: an estimator then weights the dwells equally and takes the scale
+    from its residuals.
+    """
+    result = np.zeros((len(scatter.starts), 3, 3))
+    for group in (pool, ~pool):
+        if group.any():
+            result[group] = _pooled(_select(scatter, group))
+    return result
+
+
+def _select(scatter: Scatter, dwells: Bool[np.ndarray, " dwell"]) -> Scatter:
+    if dwells.all():
+        return scatter
+    rows = np.repeat(dwells, scatter.counts)
+    counts = scatter.counts[dwells]
+    starts = np.cumsum(counts) - counts
+    return Scatter(scatter.deviations[rows], starts, scatter.sloping[dwells], scatter.step[dwells])
+
+
+def _pooled(scatter: Scatter) -> Float[np.ndarray, "dwell 3 3"]:
+    counts = scatter.counts.astype(float)
+    squares = np.add.reduceat(scatter.deviations**2, scatter.starts, axis=0)
+    factor, left, freedom = (np.ones((len(counts), 3)) for _ in range(3))
+    for axis in range(3):
+        shape = _shape(scatter, squares[:, axis], axis)
+        factor[:, axis] = shape.mean_factor(counts)
+        left[:, axis] = _samples_left(shape, scatter)
+        freedom[:, axis] = left[:, axis] / shape.squared_sum
+    own = np.all(left > 0.5, axis=1)
+    if not own.any() or not squares[own].any():
+        return _diagonal(quantisation_floor(scatter.step, np.zeros_like(scatter.step)))
+    variance = _shrunk(squares, left, freedom, scatter.step, own)
+    of_mean = variance * factor / counts[:, None] + quantisation_floor(scatter.step, variance)
+    deviation = np.sqrt(of_mean)
+    return deviation[:, :, None] * deviation[:, None, :] * _between_channels(scatter, variance)
+
+
+def _shape(scatter: Scatter, squares: Float[np.ndarray, " dwell"], axis: int) -> NoiseShape:
+    """Pooled over dwells; over a part of them where there are many."""
+    counts = scatter.counts
+    chosen = np.flatnonzero((counts >= 3) & (squares > 0))
+    if not len(chosen):
+        return NoiseShape()
+    stride = int(np.ceil(counts[chosen].sum() / _SAMPLES_FOR_SHAPE))
+    chosen = chosen[:: max(1, min(stride, len(chosen) // 16))]
+    kept = np.minimum(counts[chosen], max(_SAMPLES_FOR_SHAPE // len(chosen), 3))
+    starts = np.cumsum(kept) - kept
+    rows = np.arange(kept.sum()) + np.repeat(scatter.starts[chosen] - starts, kept)
+    scale = np.sqrt(squares[chosen] / counts[chosen])
+    # A dwell far noisier than the others must not speak for them all. Below that each keeps its own
+    # level: dividing by it would hide the slow part of the noise, which is much of that level.
+    usual = np.median(scale)
+    scale = np.where(scale > 3.0 * usual, scale / usual, 1.0)
+    return fit_noise_shape(scatter.deviations[rows, axis] / np.repeat(scale, kept), starts)
+
+
+def _samples_left(shape: NoiseShape, scatter: Scatter) -> Float[np.ndarray, " dwell"]:
+    """Σ r² over σ² to be expected: n less what the mean (and the slope) took with it."""
+    distinct, which = np.unique(scatter.counts, return_inverse=True)
+    by_mean = shape.mean_factor(distinct)
+    by_slope = np.array([shape.slope_variance(int(n)) if n > 1 else 0.0 for n in distinct])
+    left = scatter.counts - by_mean[which] - scatter.sloping * by_slope[which]
+    return np.maximum(left, 0.0)
+
+
+def _shrunk(
+    squares: Float[np.ndarray, "dwell 3"],
+    left: Float[np.ndarray, "dwell 3"],
+    freedom: Float[np.ndarray, "dwell 3"],
+    step: Float[np.ndarray, "dwell 3"],
+    own: Bool[np.ndarray, " dwell"],
+) -> Float[np.ndarray, "dwell 3"]:
+    """Variance of a sample: each dwell's own, weighted with the pooled one."""
+    variance = np.maximum(squares / np.maximum(left, 0.5), step**2 / 12.0)
+    pooled = (freedom * variance)[own].sum(axis=0) / freedom[own].sum(axis=0)
+    variance = np.maximum(variance, 1e-6 * np.where(pooled > 0, pooled, 1.0))
+    prior, centre = prior_freedom(np.log(variance[own]), freedom[own])
+    if np.isfinite(prior):
+        pooled = np.where(pooled > 0, centre, 0.0)
+        mixed = (prior * pooled + freedom * variance) / (prior + freedom)
+    else:
+        mixed = np.broadcast_to(pooled, variance.shape)
+    return np.where(own[:, None], mixed, pooled)
+
+
+def _between_channels(
+    scatter: Scatter, variance: Float[np.ndarray, "dwell 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Correlation of the three channels at one instant, over all dwells."""
+    unit = scatter.deviations / np.sqrt(
+        np.repeat(np.maximum(variance, 1e-300), scatter.counts, axis=0)
+    )
+    products = unit.T @ unit
+    scale = np.sqrt(np.maximum(np.diag(products), 1e-300))
+    return np.where(np.eye(3) > 0, 1.0, products / np.outer(scale, scale))
+
+
+def _diagonal(variances: Float[np.ndarray, "dwell 3"]) -> Float[np.ndarray, "dwell 3 3"]:
+    return variances[:, :, None] * np.eye(3)

@@ -1,0 +1,183 @@
+"""Where a device rests, found in its own data: no labels, no thresholds to set.
+
+A rest is where accelerometers and gyros move little, compared with the quietest stretches of the same
+recording; how little is read off the data too.
+"""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._typing import Mask
+from ..data.recording import Recording
+
+
+PAUSE = 20  # usual steps; a longer pause in the stamps ends an interval
+_BIAS_SPAN = 150.0  # s; three of these at a time give the gyros' bias at rest
+_RESTING_RATE = 5e-3  # rad/s; see `_motion`
+_SCAN = np.geomspace(2.0, 1000.0, 64)
+
+
+class Rests(eqx.Module):
+    """Ranges `[start, stop)` of rows at rest, and how they were found."""
+
+    start: Int[np.ndarray, " rest"]
+    stop: Int[np.ndarray, " rest"]
+    threshold: float | None = eqx.field(static=True, default=None)  # times the quietest level
+    statement: str = eqx.field(static=True, default="")
+
+
+def usual_step(recording: Recording) -> float:
+    """Median time from sample to sample, s; 0 for a single sample."""
+    return float(np.median(np.diff(recording.time))) if recording.num_samples > 1 else 0.0
+
+
+def find_rests(recording: Recording, *, window: float) -> Rests:
+    """Rests found in the data, with the threshold that the data chose.
+
+    Motion is judged over a sliding window against the quietest windows of the same recording
+    (`_motion`), and a rest is where it stays below a multiple m of that. The data choose m: the
+    number of rests, counted over m from 2 to 1000, stays the same over a wide range of m when rest
+    and motion are well apart, since no window lies between them. m is taken from the widest such
+    range (in log m), a quarter of the way up: clear of noise below, with little motion let in.
+
+    **Reference:** Tedaldi, Pretto, Menegatti, ICRA 2014, section IV (who try m over a range and
+    keep the calibration with the least residual).
+    """
+    step = usual_step(recording)
+    width = max(int(round(window / step)) if step > 0 else 1, 16)
+    if recording.num_samples < 2 * width:
+        whole = np.array([0]), np.array([recording.num_samples])
+        return Rests(*whole, statement="one rest: too short to search for motion")
+    motion = _motion(recording, width)
+    pauses = np.append(np.diff(recording.time) > PAUSE * step, False)
+    highest = float(np.quantile(motion, 0.999))
+    if highest <= 16.0:  # a factor of 4 in standard deviation: no motion to tell from noise
+        start, stop = _runs(np.ones(len(motion), bool), pauses, width)
+        return Rests(start, stop, statement="one rest: no motion found")
+    scan = _SCAN[_SCAN <= max(highest, 4.0)]
+    counts = [len(_runs(motion <= m, pauses, width)[0]) for m in scan]
+    threshold, low, high = _stable(scan, np.array(counts))
+    start, stop = _runs(motion <= threshold, pauses, width)
+    trimmed = [_trim(recording, int(a), int(b), width) for a, b in zip(start, stop, strict=True)]
+    edges = np.array(trimmed, dtype=np.int64).reshape(-1, 2)
+    statement = (
+        f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
+        f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
+    )
+    return Rests(edges[:, 0], edges[:, 1], threshold=threshold, statement=statement)
+
+
+def _motion(recording: Recording, width: int) -> Float[np.ndarray, " time"]:
+    """How much moves around each sample, in multiples of the quietest windows; 1 at best.
+
+    For the accelerometers the variance within the window, summed over axes. For the gyros the
+    mean square of the rate about its value at rest, so that a slow steady turn counts too; its
+    quietest level is at least (5 mrad/s)² (0.3 deg/s), since a bias that depends on the pose (g-
+    sensitivity) is no motion; nor is one that drifts over minutes (`_rate_at_rest`). The greater
+    of the two decides.
+    """
+    accel = gyro = None
+    if recording.accel is not None:
+        _, spread = _window_moments(recording.accel, width)
+        accel = spread / _quietest(spread)
+    if recording.gyro is not None:
+        mean, spread = _window_moments(recording.gyro, width)
+        judge = spread if accel is None else accel
+        quiet = judge <= max(np.quantile(judge, 0.3), 4.0 * _quietest(judge))
+        turning = spread + ((mean - _rate_at_rest(recording.time, mean, quiet)) ** 2).sum(axis=1)
+        gyro = turning / max(_quietest(spread), _RESTING_RATE**2)
+    both = [m for m in (accel, gyro) if m is not None]
+    return np.max(both, axis=0)
+
+
+def _rate_at_rest(
+    time: Float[np.ndarray, " time"], rate: Float[np.ndarray, "time 3"], quiet: Mask
+) -> Float[np.ndarray, "time 3"]:
+    """What the gyros read at rest: medians of the quiet samples over some minutes, so that a bias
+    drifting with temperature is followed, but never more than 0.1 rad/s from the median of all."""
+    overall = np.median(rate[quiet], axis=0)
+    edges = np.arange(time[0], time[-1] + _BIAS_SPAN, _BIAS_SPAN)
+    if len(edges) < 3:
+        return np.broadcast_to(overall, rate.shape)
+    rows = np.flatnonzero(quiet)
+    bounds = rows.searchsorted(np.searchsorted(time, edges))
+    spans = [
+        rows[bounds[max(k - 1, 0)] : bounds[min(k + 2, len(bounds) - 1)]]
+        for k in range(len(edges) - 1)
+    ]
+    filled = [k for k, span in enumerate(spans) if len(span)]
+    medians = np.array([np.median(rate[spans[k]], axis=0) for k in filled])
+    centres = 0.5 * (edges[:-1] + edges[1:])[filled]
+    followed = np.stack([np.interp(time, centres, m) for m in medians.T], axis=1)
+    return overall + np.clip(followed - overall, -0.1, 0.1)
+
+
+def _window_moments(
+    x: Float[np.ndarray, "time 3"], width: int
+) -> tuple[Float[np.ndarray, "time 3"], Float[np.ndarray, " time"]]:
+    """Mean and variance (summed over axes) in the window centred on each sample."""
+    centre = np.median(x, axis=0)
+    sums = np.cumsum(np.pad(x - centre, ((1, 0), (0, 0))), axis=0)
+    squares = np.cumsum(np.pad((x - centre) ** 2, ((1, 0), (0, 0))), axis=0)
+    mean = (sums[width:] - sums[:-width]) / width
+    spread = ((squares[width:] - squares[:-width]) / width - mean**2).sum(axis=1)
+    before = width // 2
+    after = len(x) - len(mean) - before
+    mean = np.pad(mean + centre, ((before, after), (0, 0)), mode="edge")
+    return mean, np.pad(np.maximum(spread, 0.0), (before, after), mode="edge")
+
+
+def _quietest(spread: Float[np.ndarray, " time"]) -> float:
+    """The level of the quietest twentieth of the windows; of those that vary at all, where a
+    coarse converter gives windows without any change."""
+    varying = spread[spread > 1e-12 * spread.max()] if spread.max() > 0 else np.ones(1)
+    return float(np.quantile(varying, 0.05))
+
+
+def _runs(
+    still: Mask, pauses: Mask, shortest: int
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """Runs of still samples without a pause in the stamps, at least `shortest` samples long."""
+    fresh = np.concatenate([[True], pauses[:-1] | (still[1:] != still[:-1])])
+    start = np.flatnonzero(fresh)
+    stop = np.append(start[1:], len(still))
+    kept = still[start] & (stop - start >= shortest)
+    return start[kept], stop[kept]
+
+
+def _stable(
+    scan: Float[np.ndarray, " scan"], counts: Int[np.ndarray, " scan"]
+) -> tuple[float, float, float]:
+    """A threshold inside the widest range of equal counts, and that range."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(counts)) + 1, [len(counts)]])
+    ranges = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if counts[a] > 0]
+    if not ranges:
+        return float(scan[0]), float(scan[0]), float(scan[0])
+    a, b = max(ranges, key=lambda r: r[1] - r[0])
+    low, high = float(scan[a]), float(scan[b - 1])
+    return low * (high / low) ** 0.25, low, high
+
+
+def _trim(recording: Recording, start: int, stop: int, width: int) -> tuple[int, int]:
+    """Cut transients off both ends: short blocks whose mean is not the inner half's.
+
+    At most two windows and a quarter of the rest on each side, so that a slow drift over a long
+    rest is not taken for a transient.
+    """
+    block = max(width // 4, 4)
+    num = (stop - start) // block
+    if num < 8:
+        return start, stop
+    triads = [x for x in (recording.accel, recording.gyro) if x is not None]
+    x = np.concatenate([t[start : start + num * block] for t in triads], axis=1)
+    means = x.reshape(num, block, -1).mean(axis=1)
+    inner = means[num // 4 : num - num // 4]
+    centre = np.median(inner, axis=0)
+    scale = 1.4826 * np.median(np.abs(inner - centre), axis=0)
+    scale = np.maximum(scale, x.std(axis=0) / np.sqrt(block) * 0.5)
+    strange = np.any(np.abs(means - centre) > 5.0 * np.maximum(scale, 1e-12), axis=1)
+    most = min(num // 4, 2 * width // block)
+    head = next((k for k in range(most) if not strange[k]), most)
+    tail = next((k for k in range(most) if not strange[num - 1 - k]), most)
+    return start + head * block, stop - tail * block

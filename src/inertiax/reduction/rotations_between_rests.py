@@ -1,0 +1,255 @@
+"""The turns between rests, gathered from recordings for the gyro estimator by gravity rotation."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..data.recording import Recording
+from ..numerics.paule_mandel import excess_deviation
+from .dwells import Dwells
+from .motions import Motions
+from .rests import PAUSE, usual_step
+from .segments import segment
+
+
+_LONGEST = 60.0  # s; by then a consumer gyro's bias has wandered off by degrees
+_LARGEST_STEP = 0.5  # rad; beyond, samples are too sparse to follow the motion
+_FEWEST_SAMPLES = 4
+_SHORTEST_ARRAY = 64  # samples; lengths are rounded up, since each one compiles anew
+_LEAST_SIGMA = 1e-8  # rad/s, 2e-3 °/h: a floor where a recording is free of noise
+_DIFFERENT_TILT = np.deg2rad(10.0)
+
+
+class _Rest(eqx.Module):
+    """Rows `[start, stop)` of one recording that a dwell is the mean of."""
+
+    recording: int = eqx.field(static=True)
+    start: int = eqx.field(static=True)
+    stop: int = eqx.field(static=True)
+
+
+class Turns(eqx.Module):
+    """Rests with the motions between them, and what became of those."""
+
+    dwells: Dwells  # the rests, each with its `motion`
+    statement: str = eqx.field(static=True)  # how many motions are used and why others are not
+
+    @property
+    def num_motions(self) -> int:
+        """Motions that are used."""
+        return int(np.sum(np.asarray(_motions(self.dwells).valid)))
+
+
+def with_motions(
+    recordings: Sequence[Recording],
+    dwells: Dwells,
+    *,
+    force: Sequence[Float[np.ndarray, "time 3"]] | None = None,
+    window: float = 1.0,
+) -> Turns:
+    """The rests among `dwells`, each with the motion that led to it from the rest before.
+
+    **Arguments:**
+
+    - `dwells`: all that `reduce_to_dwells(recordings, window=window)` gave, in its order, with
+      accelerometer means that have been compensated (and covariances that say how well).
+    - `force`: compensated specific force of every sample, m/s², for each recording; needed for
+      g-sensitivity alone.
+
+    A motion is left out where time pauses, where it is longer than a minute, where samples are
+    more than half a radian apart, and where there are fewer than four of them. The variance of the
+    integrated rate about each axis is N² T + τ² T²: N² is the angle random walk that the rests'
+    covariances imply, τ the scatter of the bias between rests (see `bias_scatter`), T the
+    motion's duration; τ² is added to the covariance of the rests' mean rates too.
+
+    Raises `ValueError` where a triad is missing or `dwells` are of other recordings.
+    """
+    if dwells.accel is None or dwells.gyro is None:
+        absent = "accel" if dwells.accel is None else "gyro"
+        raise ValueError(
+            f"`with_motions(recordings, dwells)`: gravity's rotation needs both triads, but there are "
+            f"no {absent} columns; use the gyro estimator 'static'."
+        )
+    found = _rows_of(recordings, dwells, window)
+    resting = np.flatnonzero(np.asarray(dwells.position) >= 0)
+    rests = [found[k] for k in resting]
+    dwells = dwells[resting]
+    wander = bias_scatter(dwells, g_sensitivity=force is not None)
+    extra = max(wander, _LEAST_SIGMA) ** 2 * np.eye(3)
+    walk = _angle_random_walk(dwells)
+    dwells = eqx.tree_at(
+        lambda d: d.gyro_covariance, dwells, np.asarray(dwells.gyro_covariance) + extra
+    )
+    pairs, dropped = _pairs(recordings, rests, np.asarray(dwells.gyro))
+    motion = _gather(recordings, rests, pairs, dwells, walk, wander, force)
+    statement = f"{int(pairs.sum())} motions between {len(rests)} rests"
+    if dropped:
+        statement += f"; left out: {', '.join(f'{n} {why}' for why, n in dropped.items())}"
+    dwells = eqx.tree_at(lambda d: d.motion, dwells, motion, is_leaf=lambda x: x is None)
+    return Turns(dwells, statement)
+
+
+def bias_scatter(dwells: Dwells, *, g_sensitivity: bool = False) -> float:
+    """Scatter of the gyros' mean outputs from rest to rest beyond their own noise, rad/s.
+
+    What is left of a line in temperature (and of D a, with `g_sensitivity`) by Paule and Mandel. It
+    holds bias wander, Earth rate in changing attitudes and, where D is not estimated, D too.
+    """
+    gyro, covariance = np.asarray(dwells.gyro), np.asarray(dwells.gyro_covariance)
+    temperature = np.asarray(dwells.temperature)
+    columns = [np.ones(len(gyro))]
+    if np.ptp(temperature) >= 1.0:
+        columns.append((temperature - temperature.mean()) / np.ptp(temperature))
+    if g_sensitivity:
+        force = np.asarray(dwells.accel)
+        columns += list(force.T / np.linalg.norm(force, axis=1).mean())
+    design = np.stack(columns, axis=1)
+    if len(gyro) <= design.shape[1]:
+        design = design[:, :1]
+    misfit = gyro - design @ np.linalg.lstsq(design, gyro, rcond=None)[0]
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return float(excess_deviation(misfit.ravel(), sigma.ravel(), 3 * design.shape[1]))
+
+
+def shortfall(turns: Turns) -> str | None:
+    """Why the motions cannot tell scale factors and misalignments, in words; `None` where they may.
+
+    Asked for are five motions (two equations each for nine unknowns) from one rest's direction to
+    another, 10° or more away, about axes that do not lie in a plane.
+    """
+    motion = _motions(turns.dwells)
+    used = np.asarray(motion.valid)
+    before, after = _unit(motion.start_force)[used], _unit(turns.dwells.accel)[used]
+    axes = np.cross(before, after)
+    sine, cosine = np.linalg.norm(axes, axis=1), np.sum(before * after, axis=1)
+    tilted = np.arctan2(sine, cosine) > _DIFFERENT_TILT
+    if tilted.sum() < 5:
+        return f"{int(tilted.sum())} motions tilt the device by 10° or more; at least 5 are needed"
+    spread = np.linalg.svd(axes[tilted], compute_uv=False)
+    if spread[-1] < 0.1 * spread[0]:
+        return (
+            "the motions between rests turn about axes in one plane; tilts about a third are needed"
+        )
+    return None
+
+
+def _unit(force) -> Float[np.ndarray, "dwell 3"]:
+    force = np.asarray(force)
+    return force / np.linalg.norm(force, axis=1, keepdims=True)
+
+
+def _motions(dwells: Dwells) -> Motions:
+    assert dwells.motion is not None
+    return dwells.motion
+
+
+def _rows_of(recordings: Sequence[Recording], dwells: Dwells, window: float) -> list[_Rest]:
+    """The rows that each dwell was reduced from: dwells come in the segments' order, cut in blocks."""
+    counts = np.asarray(dwells.count).round().astype(np.int64)
+    rests: list[_Rest] = []
+    for number, recording in enumerate(recordings):
+        found = segment(recording, window=window)
+        for start, stop in zip(found.start, found.stop, strict=True):
+            at = int(start)
+            while at < stop and len(rests) < len(counts):
+                rests.append(_Rest(number, at, at + int(counts[len(rests)])))
+                at = rests[-1].stop
+            if at != stop:
+                _refuse_dwells()
+    if len(rests) != len(counts):
+        _refuse_dwells()
+    return rests
+
+
+def _refuse_dwells() -> None:
+    raise ValueError(
+        "`with_motions(recordings, dwells)`: the dwells are not those of these recordings; give what "
+        "`reduce_to_dwells(recordings, window=...)` returned, all of it and in its order."
+    )
+
+
+def _angle_random_walk(dwells: Dwells) -> Float[np.ndarray, " dwell"]:
+    """N², rad²/s: variance of the mean rate times the duration, mean over the axes."""
+    covariance = np.asarray(dwells.gyro_covariance)
+    return np.trace(covariance, axis1=1, axis2=2) / 3.0 * np.asarray(dwells.duration)
+
+
+def _pairs(
+    recordings: Sequence[Recording], rests: list[_Rest], bias: Float[np.ndarray, "dwell 3"]
+) -> tuple[Bool[np.ndarray, " dwell"], dict[str, int]]:
+    """Which rests a usable motion led to, and how many were left out for what."""
+    kept = np.zeros(len(rests), bool)
+    dropped: dict[str, int] = {}
+    for k in range(1, len(rests)):
+        before, after = rests[k - 1], rests[k]
+        if before.recording != after.recording or before.stop == after.start:
+            continue  # no motion: the same rest cut in blocks, or another recording
+        why = _flaw(recordings[after.recording], before.stop - 1, after.start, bias[k])
+        kept[k] = why is None
+        if why is not None:
+            dropped[why] = dropped.get(why, 0) + 1
+    return kept, dropped
+
+
+def _flaw(recording: Recording, first: int, last: int, bias: Float[np.ndarray, "3"]) -> str | None:
+    """Why the motion over the rows `first` to `last` cannot be integrated."""
+    assert recording.gyro is not None
+    steps = np.diff(recording.time[first : last + 1])
+    if last - first < _FEWEST_SAMPLES:
+        return f"with fewer than {_FEWEST_SAMPLES} samples"
+    if np.any(steps > PAUSE * usual_step(recording)):
+        return "with a pause in the time stamps"
+    if recording.time[last] - recording.time[first] > _LONGEST:
+        return f"longer than {_LONGEST:g} s"
+    rate = np.linalg.norm(recording.gyro[first : last + 1] - bias, axis=1)
+    if np.any(np.maximum(rate[1:], rate[:-1]) * steps > _LARGEST_STEP):
+        return "too fast for the sampling rate"
+    return None
+
+
+def _gather(
+    recordings: Sequence[Recording],
+    rests: list[_Rest],
+    pairs: Bool[np.ndarray, " dwell"],
+    dwells: Dwells,
+    walk: Float[np.ndarray, " dwell"],
+    wander: float,
+    force: Sequence[Float[np.ndarray, "time 3"]] | None,
+) -> Motions:
+    """All motions at one padded length; a rest without one stands still at its own mean."""
+    before = np.maximum(np.arange(len(rests)) - 1, 0)
+    before = np.where(pairs, before, np.arange(len(rests)))
+    rows = [
+        (rests[b].stop - 1, rests[k].start) if pairs[k] else (rests[k].start, rests[k].start)
+        for k, b in enumerate(before)
+    ]
+    index = _padded_rows(rows, _array_length(max((b - a + 1 for a, b in rows), default=1)))
+    pick = lambda columns: np.stack(
+        [columns[rest.recording][i] for rest, i in zip(rests, index, strict=True)]
+    )
+    step = np.diff(pick([r.time for r in recordings]), axis=1)
+    duration = step.sum(axis=1)
+    accel, covariance = np.asarray(dwells.accel), np.asarray(dwells.accel_covariance)
+    return Motions(
+        gyro=pick([r.gyro for r in recordings]),
+        step=step,
+        start_force=accel[before],
+        start_covariance=covariance[before],
+        noise=0.5 * (walk + walk[before]) * duration + (wander * duration) ** 2,
+        valid=pairs,
+        force=None if force is None else pick(force),
+    )
+
+
+def _array_length(samples: int) -> int:
+    """The next of 64, 80, 96, 112, 128, 160, …: four lengths from each power of two to the next."""
+    grain = max(2 ** ((samples - 1).bit_length() - 3), _SHORTEST_ARRAY // 4)
+    return max(-(-samples // grain) * grain, _SHORTEST_ARRAY)
+
+
+def _padded_rows(rows: list[tuple[int, int]], length: int) -> Int[np.ndarray, "dwell sample"]:
+    """Each range's rows, both ends included, the last repeated up to `length`."""
+    first, last = np.array(rows, dtype=np.int64).T
+    return np.minimum(first[:, None] + np.arange(length), last[:, None])
