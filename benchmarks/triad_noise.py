@@ -3,11 +3,12 @@
     INERTIAX_RECORDINGS=… python benchmarks/triad_noise.py
 
 The diagnosis expects of one channel of a triad the noise that the two others show
-(`inertiax.diagnose.noise.pooled_channels`), for a weak effect is then seen better (`blind/learned.py`, with and without `--alone`). Is that so of real sensors? Gyros at
-rest of three MPU-9150 logs and of an Xsens MTi, with a bias as the model and, on the Xsens, its g-sensitivity taken
-out. Each channel's own variances by restricted maximum likelihood stand beside one set for all three; twice the
-difference in log likelihood is the evidence against it, with one degree of freedom for each component that two more
-channels have of their own (flicker, walk, dwells: six; the white noise stays each channel's own).
+(`inertiax.diagnose.noise.pooled_channels`), for a weak effect is then seen better (`blind/learned.py`, with and
+without `--alone`). Is that so of real sensors? Gyros at rest of three MPU-9150 logs and of an Xsens MTi, with a bias
+as the model and, on the Xsens, its g-sensitivity taken out. Each channel's own variances by restricted maximum
+likelihood stand beside one set for all three; twice the difference in log likelihood is the evidence against it, with
+one degree of freedom for each component that two more channels have of their own (flicker, walk, dwells: six; the
+white noise stays each channel's own).
 """
 
 import jax

@@ -8,12 +8,12 @@ import pytest
 
 from inertiax.estimators import Invariant, ReferenceGyro
 from inertiax.physics.temperature import CubicSpline, Curve, Polynomial
+from inertiax.procedure import thermal_iterations
 from inertiax.procedure.convergence import convergence_rate, rate_warning
 from inertiax.procedure.thermal_iterations import (
     dwell_residuals,
     GaussNewtonIteration,
     PaperIteration,
-    thermal_iterations as procedures,
 )
 from inertiax.reduction.dwells import experiment_rows
 from inertiax.simulate.bench import simulate_dwells
@@ -25,8 +25,8 @@ from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros
 # Each program runs a few times for milliseconds, so compiling is all that it costs; LLVM's optimiser changes
 # the speed of the same formulas and nothing else.
 QUICK = {"xla_backend_optimization_level": 0}
-iterate = eqx.filter_jit(procedures.iterate, compiler_options=QUICK)
-joint_fit = eqx.filter_jit(procedures.joint_fit, compiler_options=QUICK)
+iterate = eqx.filter_jit(thermal_iterations.iterate, compiler_options=QUICK)
+joint_fit = eqx.filter_jit(thermal_iterations.joint_fit, compiler_options=QUICK)
 
 ESTIMATOR = Invariant(gravity=PAPER_GRAVITY)
 # One range for all plans of this file, so that every test uses the same compiled programs.
@@ -188,8 +188,8 @@ def test_whitened_residuals_have_unit_variance(device):
 
 def _answer(method, estimator, dwells):
     if method == "joint":
-        return procedures.joint_fit(estimator, BASIS, dwells).curve.coefficients
-    return procedures.iterate(
+        return thermal_iterations.joint_fit(estimator, BASIS, dwells).curve.coefficients
+    return thermal_iterations.iterate(
         GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9
     ).curve.coefficients
 
@@ -231,7 +231,7 @@ def test_derivatives_work_in_reverse_and_under_vmap(device):
 
     def one(shift):
         estimator = eqx.tree_at(lambda e: e.gravity, ESTIMATOR, ESTIMATOR.gravity + shift)
-        return procedures.joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
+        return thermal_iterations.joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
 
     shifts = jnp.array([0.0, 1e-3, -1e-3])
     gradients = jax.jit(jax.vmap(jax.grad(one)), compiler_options=QUICK)(shifts)

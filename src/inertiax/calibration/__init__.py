@@ -1,0 +1,1 @@
+"""The result of a calibration: one pytree, callable on raw outputs, with its JSON form."""

@@ -1,0 +1,1 @@
+"""Navigation with the calibration inside."""

@@ -1,0 +1,1 @@
+"""Mathematics that knows nothing of sensors: least squares, small dense solvers, excess variance."""

@@ -1,0 +1,1 @@
+"""Geometry, the error model and its composition, for one sample; no data and no estimation."""

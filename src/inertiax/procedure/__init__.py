@@ -1,0 +1,1 @@
+"""The iterative calibration procedure over temperature, and its least-squares forms."""

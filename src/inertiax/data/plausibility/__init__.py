@@ -1,0 +1,1 @@
+"""What in a recording looks wrong before any fit."""

@@ -1,0 +1,1 @@
+"""What each candidate effect would do to the rows."""

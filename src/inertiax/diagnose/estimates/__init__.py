@@ -1,0 +1,1 @@
+"""How large, where, and how well it predicts data left out."""

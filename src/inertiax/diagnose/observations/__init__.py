@@ -1,0 +1,1 @@
+"""The rows that a diagnosis judges, and what the device went through."""

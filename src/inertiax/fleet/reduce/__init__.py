@@ -1,0 +1,1 @@
+"""Raw rows of many devices to dwell means."""

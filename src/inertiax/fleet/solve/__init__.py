@@ -1,0 +1,1 @@
+"""Dwell means of many devices to parameters, in one program."""
