@@ -14,9 +14,9 @@ from fleet_data import write_line
 from inertiax.cli.app import app
 from inertiax.cli.outputs import folder_names
 from inertiax.fleet import population_of, write_population
+from inertiax.fleet.overview.recalibration import drift_between
+from inertiax.fleet.overview.view import unlike_devices
 from inertiax.fleet.population.population import lower_triangle
-from inertiax.fleet.population.recalibration import drift_between
-from inertiax.fleet.population.view import unlike_devices
 from inertiax.fleet.solve.triad_model import curve_covariance, curves, TriadModel
 from inertiax.fleet.store import Manifest, SCHEMA, write_manifest, write_part
 from inertiax.physics.temperature import Curve, Polynomial

@@ -7,15 +7,16 @@ them over accelerators. `population_of` and `between_devices` tell how devices o
 `read_line` what their model leaves out.
 """
 
-from .effects.explain import read_line_file
 from .effects.population_effects import LineMismatch, read_line
 from .effects.score_statistics import FleetScores, score
+from .overview.explain import read_line_file
+from .overview.populate import population_of
 from .pipeline import run_fleet
-from .population.populate import population_of
 from .population.population import Population, read_population, TriadPopulation, write_population
 from .population.unit_covariance import Between, between_devices
+from .reduce.stacked_dwells import stack_dwells
 from .results import fleet_calibration, FleetSummary
-from .solve.batch import fit_fleet, FleetFit, stack_dwells
+from .solve.batch import fit_fleet, FleetFit
 from .solve.invariant import BatchFit, fit_invariant
 from .solve.linear import fit_linear
 from .solve.sharding import fit_sharded

@@ -15,8 +15,9 @@ from ..data.campaign import load_settings
 from ..data.formats import ColumnMap
 from ..data.recording import Campaign
 from .cluster import on_dask
-from .effects.explain import choose_line_forms, write_line
-from .population.populate import population_of
+from .model_choice import choose_line_model, Reader
+from .overview.explain import choose_line_forms, write_line
+from .overview.populate import population_of
 from .population.population import as_prior, Population, write_population
 from .reduce.campaign_folders import (
     common_settings,
@@ -31,7 +32,6 @@ from .reduce.tasks import split, Task
 from .results import FleetSummary, summarise
 from .rows import calibrate_reduced
 from .solve.batch import Precision
-from .solve.model_choice import choose_line_model, Reader
 from .solve.triad_model import TriadModel
 from .store import fingerprint, is_done, Manifest, read_manifest, SCHEMA, write_manifest, write_part
 

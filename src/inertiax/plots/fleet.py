@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import label
+from ..fleet.overview.recalibration import Drift, FAR
+from ..fleet.overview.view import TriadView
 from ..fleet.population.population import TriadPopulation
-from ..fleet.population.recalibration import Drift, FAR
-from ..fleet.population.view import TriadView
 from .style import COLOURS, INK, new_figure, QUIET
 
 

@@ -9,12 +9,12 @@ import polars as pl
 
 from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.quantities import label, rms_text, with_sigma
-from ..fleet.effects.explain import read_line_file
 from ..fleet.effects.population_effects import LineMismatch
 from ..fleet.effects.score_statistics import Term
+from ..fleet.overview.explain import read_line_file
+from ..fleet.overview.recalibration import Drift, drift_between
+from ..fleet.overview.view import triad_view, TriadView, Unlike, unlike_devices
 from ..fleet.population.population import Population, read_population
-from ..fleet.population.recalibration import Drift, drift_between
-from ..fleet.population.view import triad_view, TriadView, Unlike, unlike_devices
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
 from ..plots import fleet as plots

@@ -9,8 +9,8 @@ import polars as pl
 from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
+from ..fleet.overview.view import reference_temperature, Unlike
 from ..fleet.population.population import Population, TriadPopulation
-from ..fleet.population.view import reference_temperature, Unlike
 from ..fleet.results import calibration_of
 from ..fleet.solve.triad_model import basis_of, curve_covariance, TriadModel
 from ..fleet.store import Manifest, read_parts

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.quantities import label, with_sigma
-from ..fleet.population.recalibration import Drift, FAR
-from ..fleet.population.view import TriadView
+from ..fleet.overview.recalibration import Drift, FAR
+from ..fleet.overview.view import TriadView
 from ..plots import fleet as plots
 from ..plots.style import drawing
 from .fleet_device import line_units, signed

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ...reduction.dwells import Dwells
-from ..solve.batch import shared_length, stack_dwells
+from .stacked_dwells import shared_length, stack_dwells
 
 
 class Reduced(eqx.Module):

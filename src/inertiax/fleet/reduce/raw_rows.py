@@ -23,7 +23,6 @@ from ...data.formats.columns import (
     TriadColumns,
 )
 from ...reduction.dwells import Dwells
-from ..solve.batch import shared_length
 from .blocks import Blocks
 from .columns import (
     experiment_name,
@@ -36,6 +35,7 @@ from .columns import (
 )
 from .locations import scan
 from .many_dwells import Reduction, Stack
+from .stacked_dwells import shared_length
 from .tasks import Stretch, Task
 
 

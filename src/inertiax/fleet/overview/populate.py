@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from ..population.population import lower_triangle, Outlier, Population, TriadPopulation
+from ..population.unit_covariance import Between, between_devices, deviation, FEWEST
 from ..solve.triad_model import TriadModel
 from ..store import each_part, matrix_of, read_manifest
-from .population import lower_triangle, Outlier, Population, TriadPopulation
-from .unit_covariance import Between, between_devices, deviation, FEWEST
 
 
 # As many devices tell the spread to 3 %; the others are judged by it.

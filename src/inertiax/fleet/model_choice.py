@@ -7,19 +7,19 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ...data.recording import Campaign, Recording
-from ...estimators import AbstractEstimator
-from ...model_selection.select_model import (
+from ..data.recording import Campaign, Recording
+from ..estimators import AbstractEstimator
+from ..model_selection.select_model import (
     build_estimators,
     choose_degree,
     choose_model,
     ChosenModel,
 )
-from ...reduction.dwells import Dwells
-from ..population.population import Population, TriadPopulation
-from ..reduce.many_dwells import Reduction
-from ..reduce.tasks import Task
-from .triad_model import TriadModel
+from ..reduction.dwells import Dwells
+from .population.population import Population, TriadPopulation
+from .reduce.many_dwells import Reduction
+from .reduce.tasks import Task
+from .solve.triad_model import TriadModel
 
 
 TRIALS = 5  # devices that choose the temperature model

@@ -13,13 +13,13 @@ import polars as pl
 
 from ...calibration.calibration import write_atomically
 from ...data.json_documents import decode
+from ..effects.population_effects import FEWEST, LineMismatch, read_line
+from ..effects.score_statistics import choose_forms, FleetScores, Form, terms_of
 from ..reduce.many_dwells import Reduced, Reduction
 from ..reduce.tasks import Task
 from ..rows import calibrate_reduced, estimators_of
 from ..solve.triad_model import basis_of
 from ..store import Manifest, matrix_of, read_parts
-from .population_effects import FEWEST, LineMismatch, read_line
-from .score_statistics import choose_forms, FleetScores, Form, terms_of
 
 
 SCHEMA = "inertiax.fleet-line/1"

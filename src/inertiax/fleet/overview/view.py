@@ -7,11 +7,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ..population.population import Population, TriadPopulation
+from ..population.unit_covariance import CHANCE
 from ..solve.triad_model import curve_covariance, curves, TriadModel
 from ..store import each_part, Manifest, matrix_of
 from .populate import full_covariances
-from .population import Population, TriadPopulation
-from .unit_covariance import CHANCE
 
 
 ROOM = 25.0  # °C; where parameters are compared, if the model covers it
