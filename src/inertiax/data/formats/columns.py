@@ -59,11 +59,18 @@ class TriadColumns(_Strict, frozen=True):
 
 
 class ProbeColumns(_Strict, frozen=True):
-    """One temperature column (`name`) or several (`names`); the first is the device's own probe."""
+    """One temperature column (`name`) or several (`names`); the first is the device's own probe.
+
+    `unit = "count"` is for raw converter readings, as for a triad: °C = (count − `offset`) · `scale`, with
+    `scale_unit` "degC per count" or "count per degC".
+    """
 
     name: str | None = None
     names: tuple[str, ...] | None = None
     unit: str = "degC"
+    scale: float | None = None
+    scale_unit: str | None = None
+    offset: float | None = None
 
 
 class SupplyColumn(_Strict, frozen=True):
@@ -140,12 +147,7 @@ def triad_factors(
     units = ACCEL_UNITS if kind == "accel" else GYRO_UNITS
     unit = column.unit or next(iter(units))
     if unit != "count":
-        for key in ("scale", "scale_unit", "offset"):
-            if getattr(column, key) is not None:
-                raise ValueError(
-                    f"{where}: {key} belongs to raw counts, but unit is '{unit}'; "
-                    'write unit = "count" or leave it out.'
-                )
+        _refuse_count_keys(column, unit, where)
         return np.zeros(3), np.full(3, units[_known(unit, units, where)])
     if column.scale is None:
         raise ValueError(
@@ -158,6 +160,15 @@ def triad_factors(
     offset = 0.0 if column.offset is None else column.offset
     offset = np.broadcast_to(np.asarray(offset, float), (3,))
     return offset, _scale_to_si(scale, column.scale_unit, units, where)
+
+
+def _refuse_count_keys(column: TriadColumns | ProbeColumns, unit: str, where: str) -> None:
+    for key in ("scale", "scale_unit", "offset"):
+        if getattr(column, key) is not None:
+            raise ValueError(
+                f"{where}: {key} belongs to raw counts, but unit is '{unit}'; "
+                'write unit = "count" or leave it out.'
+            )
 
 
 def _scale_to_si(
@@ -177,9 +188,22 @@ def _scale_to_si(
     )
 
 
-def temperature_to_celsius(unit: str, where: str) -> tuple[float, float]:
-    """Scale and shift, °C = scale · (value + shift)."""
-    return TEMPERATURE_UNITS[_known(unit, TEMPERATURE_UNITS, where)]
+def temperature_factors(column: ProbeColumns, where: str) -> tuple[float, float]:
+    """Scale and shift, °C = scale · (value + shift).
+
+    Raises `ValueError` for an unknown unit and for scale, scale_unit or offset without raw counts.
+    """
+    if column.unit != "count":
+        _refuse_count_keys(column, column.unit, where)
+        known = {**TEMPERATURE_UNITS, "count": (1.0, 0.0)}  # for the message
+        return known[_known(column.unit, known, where)]
+    if column.scale is None or not math.isfinite(column.scale) or column.scale == 0:
+        raise ValueError(
+            f'{where}: unit = "count" needs scale (and offset), finite and not zero, of the data sheet: '
+            f"°C = (count − offset) · scale; found {column.scale}."
+        )
+    scale = _scale_to_si(np.full(3, column.scale), column.scale_unit, {"degC": 1.0}, where)
+    return float(scale[0]), -(column.offset or 0.0)
 
 
 def supply_scale(unit: str, where: str) -> float:

@@ -18,7 +18,7 @@ from .columns import (
     shown,
     supply_scale,
     SupplyColumn,
-    temperature_to_celsius,
+    temperature_factors,
     time_scale,
     TimeColumn,
     triad_factors,
@@ -183,7 +183,7 @@ def _temperature(
             return None
         further = [(int(n[12:]), n) for n in table.columns if _PROBE.fullmatch(n)]
         names = ("temperature", *(n for _, n in sorted(further)))
-    scale, shift = temperature_to_celsius(column.unit, "[columns] temperature")
+    scale, shift = temperature_factors(column, "[columns] temperature")
     return np.stack([scale * (numbers(table, n, where) + shift) for n in names], axis=1)
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from ...data.formats import ColumnMap
 from ...data.formats.columns import (
     ProbeColumns,
-    temperature_to_celsius,
+    temperature_factors,
     time_scale,
     TimeColumn,
     triad_factors,
@@ -150,8 +150,9 @@ def _means(
     temperature = np.zeros(len(pieces))
     probe = temperature_name(columns)
     if probe in values:
-        unit = columns.temperature.unit if isinstance(columns.temperature, ProbeColumns) else "degC"
-        factor, shift = temperature_to_celsius(unit, "[columns] temperature")
+        said = columns.temperature
+        column = said if isinstance(said, ProbeColumns) else ProbeColumns()
+        factor, shift = temperature_factors(column, "[columns] temperature")
         temperature = factor * (blocks.over_dwells(values[probe]) + shift)
     dwells = Dwells(
         time=blocks.over_dwells(values[clock]) * scale,
