@@ -175,9 +175,9 @@ TOML = {
         "[recordings] start_row = -1 must be 0 or more rows.",
     ),
     "names for a file with a header": (
-        GOOD + 'names = ["time", "accel_x", "accel_y", "accel_z"]\n',
+        GOOD + 'names = ["t", "accel_x", "accel_y", "accel_z"]\n',
         "a.csv: [recordings] names is for files without a header line, but this one has "
-        f"{THERE}; map those under [columns].",
+        f"{THERE} in line 1; map those under [columns].",
     ),
     "column that is not there": (
         ACCEL + '{ names = ["ax", "ay", "az"] }',
@@ -290,7 +290,7 @@ CONTENT = {
     ),
     "no header": (
         HEADLESS,
-        "a.csv: no header line, the first line holds only numbers; give the 4 column names as "
+        "a.csv: no header line, the first line of data holds values, not names; give the 4 column names as "
         "[recordings] names = [...].",
     ),
     "name twice": (
@@ -298,7 +298,10 @@ CONTENT = {
         "a.csv: column name 'accel_x' stands twice in the header "
         "['time', 'accel_x', 'accel_x', 'accel_z'].",
     ),
-    "binary": (b"\0\1" * 100, "a.csv: the content is binary, not delimited text."),
+    "binary": (
+        b"\0\1" * 100,
+        "a.csv: the content is binary, not delimited text: byte 2 (line 1) is zero.",
+    ),
     "UTF-16": (PLAIN.encode("utf-16"), "a.csv: the text is UTF-16; save it as UTF-8."),
     "broken position": (
         table("time,accel_x,accel_y,accel_z,position", "{t:.1f},0,0,9.8{k},{i}.5"),
@@ -366,7 +369,7 @@ OTHER_FILES = {
         "a.xlsx",
         b"PK\3\4\0\0",
         "a.xlsx: suffix '.xlsx' is not known and the content is binary; one of .csv, .tsv, .txt, "
-        ".log, .dat, .parquet, .pq, .mat, .h5, .hdf5, .hdf, .ulg, .ulog, .bin, .bag, .mcap, .db3 is "
+        ".log, .dat, .gcsv, .parquet, .pq, .mat, .h5, .hdf5, .hdf, .ulg, .ulog, .bin, .bag, .mcap, .db3 is "
         "needed.",
     ),
     "imu_tk text with a column missing": (
@@ -423,19 +426,19 @@ def test_damage_inside_a_parquet_file_is_one_line(tmp_path):
 def test_triads_in_separate_files_must_match(tmp_path):
     gyro = PLAIN.replace("accel", "gyro")
     both = GOOD + 'gyro_files = ["b.csv"]\n'
-    cases = (
-        (
-            gyro.rsplit("\n", 2)[0] + "\n",
-            "'a.csv' and 'b.csv': 40 and 39 rows; files of the two triads must have the same rows.",
-        ),
-        (
-            gyro.replace("\n3.9,", "\n4.5,"),
-            "'a.csv' and 'b.csv': stamps differ in row 39 (3.900000 and 4.500000 s); files of the "
-            "two triads must have the same stamps.",
-        ),
+    later = gyro.splitlines()
+    later = "\n".join(
+        [later[0], *(f"{100 + float(x.split(',')[0])},{x.split(',', 1)[1]}" for x in later[1:])]
     )
-    for content, message in cases:
-        assert refusal(write(tmp_path, both, {"a.csv": PLAIN, "b.csv": content})) == message
+    assert refusal(write(tmp_path, both, {"a.csv": PLAIN, "b.csv": later})) == (
+        "'a.csv' and 'b.csv': the two triads were not logged at the same time (0.000 to 3.900 s and 100.000 to "
+        "103.900 s); files of one log are needed, with stamps of one clock and one unit."
+    )
+    counted = both + "[columns]\ntime = { rate = 10.0 }\n"
+    shorter = gyro.rsplit("\n", 2)[0] + "\n"
+    assert refusal(write(tmp_path, counted, {"a.csv": PLAIN, "b.csv": shorter})) == (
+        "'a.csv' and 'b.csv': 40 and 39 rows; files of the two triads without stamps must have the same rows."
+    )
     more = GOOD + 'gyro_files = ["b.csv", "c.csv"]\n'
     files = {"a.csv": PLAIN, "b.csv": gyro, "c.csv": gyro}
     assert refusal(write(tmp_path, more, files)) == (

@@ -18,9 +18,9 @@ calibrate simulate analysis navigation design diagnose exports fleet plots repor
 STAGES = {
     "diagnose": """observations candidates noise problem selection plan residuals result estimates custom_model
 wording pipeline held_out_stretch learn_type_noise __init__""".split(),
-    "data": """recording formats plausibility settings json_documents campaign""".split(),
     "fleet": """reduce solve effects population model_choice store rows overview results cluster pipeline
 __init__""".split(),
+    "data": """recording formats pairing plausibility settings json_documents campaign""".split(),
 }
 
 

@@ -173,14 +173,14 @@ COLUMNS = ("TimeUS", "I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T")
 
 def dataflash_format(number, name, layout, columns):
     """A FMT message: type, length, name[4], format[16], columns[64]."""
-    sizes = {"Q": 8, "B": 1, "f": 4}
+    sizes = {"Q": 8, "I": 4, "B": 1, "f": 4}
     length = 3 + sum(sizes[c] for c in layout.decode())
     body = struct.pack("<BB4s16s64s", number, length, name, layout, ",".join(columns).encode())
     return HEAD + b"\x80" + body
 
 
 def dataflash(path, data, instances=(0,), columns=COLUMNS):
-    layout = "".join({"TimeUS": "Q", "I": "B"}.get(c, "f") for c in columns)
+    layout = "".join({"TimeUS": "Q", "TimeMS": "I", "I": "B"}.get(c, "f") for c in columns)
     content = (
         HEAD
         + b"\x80"
@@ -191,7 +191,7 @@ def dataflash(path, data, instances=(0,), columns=COLUMNS):
     for k, stamp in enumerate(stamps):
         for i in instances:
             row = dict(zip(COLUMNS[2:8], [*data["gyro"][k], *data["accel"][k]], strict=True))
-            row |= {"TimeUS": stamp, "I": i, "T": data["temperature"][k]}
+            row |= {"TimeUS": stamp, "TimeMS": stamp // 1000, "I": i, "T": data["temperature"][k]}
             content += HEAD + b"\x81" + struct.pack("<" + layout, *(row[c] for c in columns))
     path.write_bytes(content)
 
@@ -220,6 +220,13 @@ def test_older_logs_without_probe_or_instance_are_read(tmp_path):
     data = made_up()
     columns = tuple(c for c in COLUMNS if c not in ("I", "T"))
     dataflash(tmp_path / "a.bin", data, columns=columns)
+    (recording,) = read_recordings(tmp_path / "a.bin")
+    check(recording, data | {"temperature": None}, rtol=SINGLE)
+
+
+def test_stamps_in_milliseconds_of_old_logs_are_read(tmp_path):
+    data = made_up() | {"time": 0.02 * np.arange(400)}
+    dataflash(tmp_path / "a.bin", data, columns=("TimeMS", *COLUMNS[2:8]))
     (recording,) = read_recordings(tmp_path / "a.bin")
     check(recording, data | {"temperature": None}, rtol=SINGLE)
 

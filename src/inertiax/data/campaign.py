@@ -5,11 +5,11 @@ import re
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from .formats import Layout, read_recordings
-from .formats.columns import short
+from .formats.columns import short, TimeColumn
 from .formats.detect import is_recording
+from .pairing import pair
 from .plausibility.screening import check_model_columns, screen
 from .recording import Campaign, ModelChoice, Recording, Rig, Site
 from .settings import CampaignTable, ModelTable, read_table, RigTable, SiteTable
@@ -29,9 +29,9 @@ def load_campaign(path: Path | str) -> Campaign:
     file = _campaign_file(Path(path))
     table = read_table(file)
     try:
-        recordings = _read_all(table, file)
+        recordings, notes = _read_all(table, file)
         check_model_columns(_model(table.model), recordings)
-        notes = screen(recordings, table.site.gravity)
+        notes += screen(recordings, table.site.gravity)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return Campaign(
@@ -166,11 +166,14 @@ def _listing(folder: Path) -> str:
     return f"the campaign's folder, which has {names[:8]}" + (" and more" if len(names) > 8 else "")
 
 
-def _read_all(table: CampaignTable, file: Path) -> tuple[Recording, ...]:
+def _read_all(table: CampaignTable, file: Path) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
+    """The recordings, and notes on how they were put together."""
     said, folder = table.recordings, file.parent
     special = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
+    special += ("header_line",)
     layout = Layout(
         names=said.names,
+        gyro_names=said.gyro_names,
         start_row=said.start_row,
         gravity=table.site.gravity,
         **{key: getattr(said, key) for key in special},
@@ -179,7 +182,7 @@ def _read_all(table: CampaignTable, file: Path) -> tuple[Recording, ...]:
         files = find_files(folder, said.files)
         return tuple(
             r for f in files for r in read_recordings(f, table.columns, layout, name=said.format)
-        )
+        ), ()
     accel_files = find_files(folder, said.files)
     gyro_files = find_files(folder, said.gyro_files, "gyro_files")
     if len(accel_files) != len(gyro_files):
@@ -187,41 +190,14 @@ def _read_all(table: CampaignTable, file: Path) -> tuple[Recording, ...]:
             f"[recordings] gyro_files names {len(gyro_files)} files but files names "
             f"{len(accel_files)}; they are paired in order, so there must be as many."
         )
-    recordings = []
+    triads = []
     for triad, files in (("accel", accel_files), ("gyro", gyro_files)):
         one = msgspec.structs.replace(layout, triad=triad)
-        recordings.append(
+        triads.append(
             [r for f in files for r in read_recordings(f, table.columns, one, name=said.format)]
         )
-    return tuple(pair(a, g) for a, g in zip(*recordings, strict=True))
-
-
-def pair(accel: Recording, gyro: Recording) -> Recording:
-    """One recording from the two triads' files. Raises `ValueError` where their stamps differ."""
-    where = f"'{accel.name}' and '{gyro.name}'"
-    if accel.num_samples != gyro.num_samples:
-        raise ValueError(
-            f"{where}: {accel.num_samples} and {gyro.num_samples} rows; files of the two triads must "
-            "have the same rows."
-        )
-    step = np.median(np.diff(accel.time)) if accel.num_samples > 1 else 1.0
-    apart = np.abs(accel.time - gyro.time)
-    if apart.max() > 0.5 * step:
-        row = int(np.argmax(apart > 0.5 * step))
-        raise ValueError(
-            f"{where}: stamps differ in row {row} ({accel.time[row]:.6f} and {gyro.time[row]:.6f} s); "
-            "files of the two triads must have the same stamps."
-        )
-    return Recording(
-        time=accel.time,
-        accel=accel.accel,
-        gyro=gyro.gyro,
-        temperature=gyro.temperature if accel.temperature is None else accel.temperature,
-        experiment=gyro.experiment if accel.experiment is None else accel.experiment,
-        position=gyro.position if accel.position is None else accel.position,
-        reference_accel=accel.reference_accel,
-        reference_gyro=gyro.reference_gyro,
-        supply=gyro.supply if accel.supply is None else accel.supply,
-        device=accel.device or gyro.device,
-        name=f"{accel.name} + {gyro.name}",
-    )
+    time = table.columns.time
+    counted = isinstance(time, TimeColumn) and time.rate is not None
+    paired = [pair(a, g, counted=counted) for a, g in zip(*triads, strict=True)]
+    notes = tuple(p.note for p in paired if p.note is not None)
+    return tuple(p.recording for p in paired), notes

@@ -36,6 +36,8 @@ class RecordingsTable(_Strict, frozen=True):
     gyro_files: tuple[str, ...] | None = None  # the gyros' files, where triads are logged apart
     format: str | None = None
     names: tuple[str, ...] | None = None  # columns of text without a header line
+    gyro_names: tuple[str, ...] | None = None  # the same of `gyro_files`, where they differ
+    header_line: int | None = None  # line of a text that holds the column names, counted from 1
     start_row: int = 0  # data rows left out at the start of each file
     group: str | None = None  # HDF5 group or table, MATLAB struct
     topic: str | None = None  # ROS or ULog topic
@@ -200,6 +202,15 @@ def _check_values(table: CampaignTable, file: Path) -> None:
     if table.recordings.start_row < 0:
         raise ValueError(
             f"{file}: [recordings] start_row = {table.recordings.start_row} must be 0 or more rows."
+        )
+    line = table.recordings.header_line
+    if line is not None and line < 1:
+        raise ValueError(
+            f"{file}: [recordings] header_line = {line} must be 1 or more; lines are counted from 1."
+        )
+    if table.recordings.gyro_names is not None and table.recordings.gyro_files is None:
+        raise ValueError(
+            f"{file}: [recordings] gyro_names is for gyro_files, which are not given; use names."
         )
     name = table.recordings.format
     formats = [f.NAME for f in FORMATS]

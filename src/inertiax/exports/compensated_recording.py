@@ -13,9 +13,9 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from ..calibration.calibration import Calibration, TriadCalibration
-from ..data.campaign import pair
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
-from ..data.formats.columns import AXES
+from ..data.formats.columns import AXES, TimeColumn
+from ..data.pairing import pair
 from ..data.recording import Recording
 from ..data.settings import read_toml
 from ..physics.temperature import Constant
@@ -63,11 +63,13 @@ def compensate_file(
             calibration, recording, table.slice(layout.start_row), path.name, any_device
         )
     read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
-    found = read(path, layout)
+    found, notes = read(path, layout), ()
     if gyro_file is not None:
         alone = [msgspec.structs.replace(layout, triad=t) for t in ("accel", "gyro")]
         (accel,), (gyro,) = read(path, alone[0]), read(gyro_file, alone[1])
-        found = (pair(accel, gyro),)
+        counted = isinstance(columns.time, TimeColumn) and columns.time.rate is not None
+        paired = pair(accel, gyro, counted=counted)
+        found, notes = (paired.recording,), tuple(n for n in (paired.note,) if n is not None)
     parts = [
         _compensated_table(calibration, recording, _table_of(recording), path.name, any_device)
         for recording in _of_device(found, path.name)
@@ -81,7 +83,7 @@ def compensate_file(
     return Compensated(
         pl.concat([p.table for p in parts]),
         sum(p.num_extrapolated for p in parts),
-        tuple(dict.fromkeys(note for p in parts for note in p.notes)),
+        tuple(dict.fromkeys((*notes, *(note for p in parts for note in p.notes)))),
     )
 
 
@@ -214,7 +216,7 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
 
 def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
     if chosen is csv:
-        return _typed(csv.read_table(path, layout.names))
+        return _typed(csv.read_table(path, layout.names, header_line=layout.header_line))
     return parquet.decode(path)
 
 

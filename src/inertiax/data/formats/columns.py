@@ -86,6 +86,13 @@ class LabelColumn(_Strict, frozen=True):
     name: str
 
 
+class PositionColumn(_Strict, frozen=True):
+    """A column of positions by `name`; or `row_index = true` where each row is the mean of one pose."""
+
+    name: str | None = None
+    row_index: bool = False
+
+
 class ColumnMap(_Strict, frozen=True):
     """What the `[columns]` table says. A key that is absent means canonical names and SI units."""
 
@@ -97,20 +104,38 @@ class ColumnMap(_Strict, frozen=True):
     reference_gyro: TriadColumns | None = None
     device: LabelColumn | str | None = None
     experiment: LabelColumn | str | None = None
-    position: LabelColumn | str | None = None
+    position: PositionColumn | str | None = None
     supply: SupplyColumn | str | None = None
 
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
         said = getattr(self, key)
-        return said.name if isinstance(said, LabelColumn) else said
+        return said.name if isinstance(said, LabelColumn | PositionColumn) else said
+
+    @property
+    def each_row_is_a_pose(self) -> bool:
+        """Whether the campaign says that each row is the mean of one pose.
+
+        Raises `ValueError` where it names a column of positions as well.
+        """
+        said = self.position
+        if not isinstance(said, PositionColumn) or not said.row_index:
+            return False
+        if said.name is not None:
+            raise ValueError(
+                f"[columns] position: both name = '{said.name}' and row_index are given; name the column of "
+                "positions, or write row_index = true where each row is the mean of one pose."
+            )
+        return True
 
 
 class Layout(_Strict, frozen=True):
     """How rows lie in a file, beyond what it shows itself; a format lists the keys it knows in `KEYS`."""
 
     names: tuple[str, ...] | None = None  # column names of a file without a header line
+    gyro_names: tuple[str, ...] | None = None  # the same of the gyros' files, where they differ
     start_row: int = 0  # data rows to leave out at the start
+    header_line: int | None = None  # the line of a text that holds the names, counted from 1
     triad: Literal["accel", "gyro"] | None = None  # the only triad a single-triad file holds
     group: str | None = None  # HDF5 group or table, MATLAB struct
     topic: str | None = None  # ROS or ULog topic
@@ -119,6 +144,11 @@ class Layout(_Strict, frozen=True):
     sections: str | None = None  # imucal's list of sections, beside the session
     turn_angle: float | None = None  # deg, of imucal's turns
     gravity: float | None = None  # m/s², for references that a format makes
+
+    @property
+    def said_names(self) -> tuple[str, ...] | None:
+        """The column names that the campaign gives for the file that is read."""
+        return self.gyro_names if self.triad == "gyro" and self.gyro_names else self.names
 
 
 def time_scale(column: TimeColumn, where: str) -> float:

@@ -1,13 +1,10 @@
 """Delimited text: CSV and its relatives, with comma, semicolon, tab or blanks between fields.
 
-The first lines decide: comment lines start with `#`, `%` or `//`; a comment with as many fields as the
-data is the header (EuRoC's `#timestamp [ns],...`); a line with a field that is no number is the header.
-A file without one takes its names from `[recordings] names`. Decimal commas are read where fields
-are separated by semicolons.
+Where the names stand, which lines come before them and what separates fields is told by the first lines
+(`text_layout`), or by `[recordings] header_line` and `names`. Decimal commas are read where fields are not
+separated by commas.
 """
 
-import csv
-import statistics
 from pathlib import Path
 from typing import NoReturn
 
@@ -16,114 +13,73 @@ import polars as pl
 from ..recording import Recording
 from .columns import AS_FOUND, ColumnMap, Layout, short, shown
 from .table import to_recordings
+from .text_layout import fields, find_layout, TextLayout
 
 
 NAME = "csv"
-SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat")
-KEYS = ()  # of `Layout`, beyond those that all formats know
-_COMMENTS = ("#", "%", "//")
-_DELIMITERS = ("\t", ";", ",", " ")
+SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv")
+KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
 
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
     """Recordings in a text file, one per device. Raises `ValueError` naming file, row and column."""
-    table = read_table(path, layout.names)
+    table = read_table(path, layout.said_names, header_line=layout.header_line)
     return to_recordings(table, columns, layout, name=path.name)
 
 
-def read_table(path: Path, names: tuple[str, ...] | None = None) -> pl.DataFrame:
-    """All fields as text, under their column names."""
-    data = _text_bytes(path)
-    lines, offset = _first_lines(data)
-    body = [line for line in lines if not line.startswith(_COMMENTS)]
-    if not body:
-        raise ValueError(f"{path.name}: the file has no rows of data, only comments.")
-    delimiter = sniff_delimiter(body)
-    header, skipped = _header(lines, body, delimiter)
-    if header is None and names is None:
-        raise ValueError(
-            f"{path.name}: no header line, the first line holds only numbers; give the "
-            f"{len(_fields(body[0], delimiter))} column names as [recordings] names = [...]."
-        )
-    if header is not None and names is not None:
-        raise ValueError(
-            f"{path.name}: [recordings] names is for files without a header line, but this one has "
-            f"{shown(header)}; map those under [columns]."
-        )
-    start = offset[skipped]
-    return _parse(data[start:], delimiter, list(header or names or ()), path.name)
+def read_table(
+    path: Path, names: tuple[str, ...] | None = None, *, header_line: int | None = None
+) -> pl.DataFrame:
+    """All fields as text, under their column names.
+
+    **Arguments:** `names` are those of a file without a header line; `header_line` is the line that holds them,
+    counted from 1, where the first lines do not tell.
+    """
+    data = text_of(path)
+    layout = find_layout(data, path.name, header_line)
+    return _parse(data[layout.start :], layout, _column_names(layout, names, path.name), path.name)
 
 
-def sniff_delimiter(lines: list[str]) -> str:
-    """The first of tab, semicolon, comma and blank that splits most lines into equally many fields."""
-    for delimiter in _DELIMITERS:
-        counts = [len(_fields(line, delimiter)) for line in lines[:20]]
-        usual = statistics.mode(counts)
-        if usual > 1 and 2 * counts.count(usual) > len(counts):
-            return delimiter
-    return ","
+def text_of(path: Path) -> bytes:
+    """A file's text with line feeds at its lines' ends. Raises `ValueError` where it is empty or binary.
 
-
-def _text_bytes(path: Path) -> bytes:
+    Bytes of zero at the start and at the end, which an interrupted or a preallocating logger leaves, are no text and
+    are left out; anywhere else they are refused.
+    """
     data = path.read_bytes()
-    if not data.strip():
-        raise ValueError(f"{path.name}: the file is empty; at least one sample is needed.")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise ValueError(f"{path.name}: the text is UTF-16; save it as UTF-8.")
-    if b"\0" in data[:65536]:
-        raise ValueError(f"{path.name}: the content is binary, not delimited text.")
-    return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    text = data.strip(b"\0") if data[:1] == b"\0" or data[-1:] == b"\0" else data
+    if not text.strip():
+        raise ValueError(f"{path.name}: the file is empty; at least one sample is needed.")
+    zero = text.find(b"\0")
+    if zero >= 0:
+        line = text.count(b"\n", 0, zero) + 1
+        before = data.find(text[:1])
+        raise ValueError(
+            f"{path.name}: the content is binary, not delimited text: byte {before + zero} (line {line}) is zero."
+        )
+    text = text.removeprefix(b"\xef\xbb\xbf")
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 
-def _first_lines(data: bytes) -> tuple[list[str], list[int]]:
-    """The first lines that are not blank, and where in `data` each starts."""
-    lines, starts, position = [], [], 0
-    while position < len(data) and len(lines) < 100:
-        end = data.find(b"\n", position)
-        end = len(data) if end < 0 else end
-        line = data[position:end].decode("utf-8", "replace").strip()
-        if line:
-            lines.append(line)
-            starts.append(position)
-        position = end + 1
-    return lines, [*starts, position]
+def _column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) -> tuple[str, ...]:
+    if layout.names is None and names is None:
+        raise ValueError(
+            f"{where}: no header line, the first line of data holds values, not names; give the "
+            f"{layout.width} column names as [recordings] names = [...]."
+        )
+    if layout.names is None or names is None or names == layout.names:
+        found = layout.names or names or ()
+        return tuple(n or f"column {k}" for k, n in enumerate(found, start=1))
+    raise ValueError(
+        f"{where}: [recordings] names is for files without a header line, but this one has "
+        f"{shown(layout.names)} in line {layout.header_line}; map those under [columns]."
+    )
 
 
-def _fields(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    return [f.strip() for f in next(csv.reader([line], delimiter=delimiter))]
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field.replace(",", "."))
-    except ValueError:
-        return not field
-    return True
-
-
-def _header(
-    lines: list[str], body: list[str], delimiter: str
-) -> tuple[tuple[str, ...] | None, int]:
-    """Column names, `None` where there are none, and how many of `lines` come before the data."""
-    first = lines.index(body[0])
-    fields = _fields(body[0], delimiter)
-    if not all(map(_is_number, fields)):
-        return _named(fields), first + 1
-    if first > 0:
-        comment = lines[first - 1].lstrip("#%/ ")
-        named = _fields(comment, delimiter)
-        if len(named) == len(fields) and not all(map(_is_number, named)):
-            return _named(named), first
-    return None, first
-
-
-def _named(fields: list[str]) -> tuple[str, ...]:
-    return tuple(f.strip().strip('"') for f in fields)
-
-
-def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.DataFrame:
+def _parse(data: bytes, layout: TextLayout, names: tuple[str, ...], where: str) -> pl.DataFrame:
+    delimiter = layout.delimiter
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
         raise ValueError(
@@ -134,19 +90,24 @@ def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.Data
             f"{where}: no rows of data under the header; at least one sample is needed."
         )
     if delimiter == " ":
-        data = b"\n".join(b",".join(line.split()) for line in data.splitlines())
-        delimiter = ","
+        data, delimiter = _single_commas(data), ","
     try:
         table = pl.read_csv(
             data, separator=delimiter, has_header=False, infer_schema=False, comment_prefix="#"
         )
     except pl.exceptions.PolarsError as error:
         _raise_ragged(data, delimiter, len(names), where, str(error).splitlines()[0])
+    table = _without_empty_ends(table, len(names))
     if table.width != len(names):
-        raise ValueError(
-            f"{where}: {len(names)} column names {shown(names)} but {table.width} columns of data."
+        elsewhere = (
+            "; if they stand in another line, say so: [recordings] header_line = ... (counted from 1)"
+            if layout.header_line is not None
+            else ""
         )
-    table.columns = names
+        raise ValueError(
+            f"{where}: {len(names)} column names {shown(names)} but {table.width} columns of data{elsewhere}."
+        )
+    table.columns = list(names)
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # blank lines
     if not table.height:
         raise ValueError(
@@ -158,12 +119,27 @@ def _parse(data: bytes, delimiter: str, names: list[str], where: str) -> pl.Data
         raise ValueError(
             f"{where}: the last row has {found} of {len(names)} fields; the file seems cut off."
         )
-    return _decimal_points(table) if delimiter == ";" else table
+    return table if layout.delimiter == "," else _decimal_points(table)
+
+
+def _single_commas(data: bytes) -> bytes:
+    """Text with one comma for every run of blanks, and none at a line's ends."""
+    data = data.replace(b"\t", b" ")
+    while b"  " in data:  # each pass halves the longest run
+        data = data.replace(b"  ", b" ")
+    return data.replace(b" \n", b"\n").replace(b"\n ", b"\n").strip(b" ").replace(b" ", b",")
+
+
+def _without_empty_ends(table: pl.DataFrame, width: int) -> pl.DataFrame:
+    """Rows that end with a delimiter have an empty last field, which is no column."""
+    while table.width > width and table.to_series(-1).null_count() == table.height:
+        table = table[:, :-1]
+    return table
 
 
 def _raise_ragged(data: bytes, delimiter: str, width: int, where: str, error: str) -> NoReturn:
     for row, line in enumerate(data.decode("utf-8", "replace").splitlines()):
-        found = len(_fields(line, delimiter))
+        found = len(fields(line, delimiter))
         if found > width:
             raise ValueError(
                 f"{where}: row {row} has {found} fields but there are {width} columns."

@@ -24,6 +24,7 @@ _FIELDS = tuple(f"Acc{a.upper()}" for a in AXES) + tuple(f"Gyr{a.upper()}" for a
 _COLUMNS = tuple(f"{triad}_{a}" for triad in ("accel", "gyro") for a in AXES)
 _NAMES = ("IMU", "IMU2", "IMU3")  # older logs number the message instead of a field `I`
 _PROBES = ("T", "Temp")
+_STAMPS = {"TimeUS": 1e-6, "TimeMS": 1e-3}  # s; milliseconds before ArduPilot 3.3 (2015)
 
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
@@ -72,15 +73,16 @@ def _tables(path: Path) -> dict[int, pl.DataFrame]:
 
 def _by_instance(name: str, fields: dict[str, np.ndarray], where: str) -> dict[int, pl.DataFrame]:
     probe = [p for p in _PROBES if p in fields][:1]
-    for field in ("TimeUS", *_FIELDS):
+    stamp = next((t for t in _STAMPS if t in fields), "TimeUS")
+    for field in (stamp, *_FIELDS):
         if field not in fields:
             raise ValueError(
                 f"{where}: field '{field}' is missing in {name}; it has {shown(fields)}."
             )
-    for field in ("TimeUS", *_FIELDS, *probe, *(["I"] if "I" in fields else [])):
+    for field in (stamp, *_FIELDS, *probe, *(["I"] if "I" in fields else [])):
         if fields[field].dtype.kind not in "fiu":
             raise ValueError(f"{where}: field '{field}' of {name} holds no numbers.")
-    columns = {"time": 1e-6 * fields["TimeUS"]}
+    columns = {"time": _STAMPS[stamp] * fields[stamp]}
     columns |= {c: fields[f].astype(float) for c, f in zip(_COLUMNS, _FIELDS, strict=True)}
     if probe:
         columns["temperature"] = fields[probe[0]].astype(float)

@@ -21,7 +21,10 @@ FORMATS: tuple[ModuleType, ...] = (
     ros,
 )
 
-_SPECIAL_KEYS = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
+_SPECIAL_KEYS = (
+    *("group", "topic", "temperature_topic", "instance", "sections", "turn_angle"),
+    "header_line",
+)
 # First bytes that leave no doubt, with the format's name in words.
 _MAGIC: tuple[tuple[bytes, ModuleType, str], ...] = (
     (parquet.MAGIC, parquet, "Parquet"),
@@ -107,13 +110,22 @@ def detect(path: Path) -> ModuleType:
         if by_suffix[0] is parquet and head.strip():
             raise ValueError(f"{path.name}: not a Parquet file: it does not begin with PAR1.")
         return by_suffix[0]
-    if head.strip() and b"\0" not in head:
+    if _is_text(head):
         return csv
     known = ", ".join(dict.fromkeys(s for m in FORMATS for s in m.SUFFIXES))
     raise ValueError(
         f"{path.name}: suffix '{path.suffix}' is not known and the content is "
         f"{'binary' if head else 'empty'}; one of {known} is needed."
     )
+
+
+def _is_text(head: bytes) -> bool:
+    """Whether first bytes are text, zeros before it aside (see `csv.text_of`)."""
+    text = head.strip(b"\0")
+    return bool(text.strip()) and not (_CONTROLS & set(text))
+
+
+_CONTROLS = frozenset(range(32)) - set(b"\t\n\r\f\x1b")
 
 
 def _contradiction(path: Path, by_suffix: ModuleType, found: ModuleType, words: str) -> str:

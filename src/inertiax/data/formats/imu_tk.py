@@ -30,6 +30,6 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     if said.names is None:
         said = msgspec.structs.replace(said, names=_COLUMNS[1:])
     mapped = msgspec.structs.replace(columns, **{key: said})
-    table = read_table(path, layout.names or _COLUMNS)
+    table = read_table(path, layout.said_names or _COLUMNS)
     layout = msgspec.structs.replace(layout, triad=key)
     return to_recordings(table, mapped, layout, name=path.name)

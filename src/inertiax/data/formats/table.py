@@ -24,6 +24,7 @@ from .columns import (
     triad_factors,
     TriadColumns,
 )
+from .time_stamps import seconds_of
 
 
 def to_recordings(
@@ -47,7 +48,7 @@ def to_recordings(
         "gyro": None if layout.triad == "accel" else _triad(table, columns.gyro, "gyro", name),
         "temperature": _temperature(table, columns.temperature, name),
         "experiment": _labels(table, columns.label("experiment"), "experiment", name),
-        "position": _labels(table, columns.label("position"), "position", name),
+        "position": _position(table, columns, name),
         "reference_accel": _triad(table, columns.reference_accel, "reference_accel", name),
         "reference_gyro": _triad(table, columns.reference_gyro, "reference_gyro", name),
         "supply": _supply(table, columns.supply, name),
@@ -132,6 +133,8 @@ def _time(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.ndarr
     if column.rate is not None:
         return np.arange(table.height) / column.rate
     if column.name is None and "time" not in table.columns:
+        if columns.each_row_is_a_pose:
+            return np.arange(table.height, dtype=float)  # in their order; no clock is meant
         raise ValueError(
             f"{where}: column 'time' is missing; the file has {shown(table.columns)}. Name it with "
             '[columns] time = { name = "...", unit = "..." }, or count rows with '
@@ -141,6 +144,10 @@ def _time(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.ndarr
     series = require(table, name, where)
     if isinstance(series.dtype, pl.Datetime | pl.Duration):
         return series.to_physical().cast(pl.Float64).to_numpy() * _TICK[series.dtype.time_unit]
+    if series.dtype == pl.String:
+        stamps = seconds_of(series, where)
+        if stamps is not None:
+            return stamps
     return numbers(table, name, where) * scale
 
 
@@ -199,6 +206,15 @@ def _supply(
     if said is None and not (name in table.columns and table.schema[name].is_numeric()):
         return None
     return numbers(table, name, where) * supply_scale(column.unit, "[columns] supply")
+
+
+def _position(
+    table: pl.DataFrame, columns: ColumnMap, where: str
+) -> Int[np.ndarray, " rows"] | None:
+    """Position labels; row numbers where each row is the mean of one pose."""
+    if columns.each_row_is_a_pose:
+        return np.arange(table.height)
+    return _labels(table, columns.label("position"), "position", where)
 
 
 def _labels(

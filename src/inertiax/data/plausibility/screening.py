@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ..._typing import Mask
 from ..formats.columns import ACCEL_UNITS, AXES, GYRO_UNITS
 from ..recording import ModelChoice, Recording
+from .pose_rows import refuse_pose_rows
 
 
 def screen(recordings: tuple[Recording, ...], gravity: float) -> tuple[str, ...]:
@@ -21,6 +22,7 @@ def screen(recordings: tuple[Recording, ...], gravity: float) -> tuple[str, ...]
     for recording in recordings:
         _check_accel_unit(recording, gravity)
         _check_gyro_unit(recording)
+        refuse_pose_rows(recording)
         notes += _clock(recording)
         notes += _saturated(recording, "accel", "m/s²")
         notes += _saturated(recording, "gyro", "rad/s")

@@ -1,0 +1,200 @@
+"""How a delimited text is laid out: what stands between fields, where the column names stand, where data begin.
+
+The first lines decide. The data are the lines that share the greatest number of fields; what stands above them
+without as many fields is a preamble (settings of a logger, `sep=,`, comments). Comment lines start with `#`, `%` or
+`//`; a comment with as many names as the data have fields is the header (EuRoC's `#timestamp [ns],...`, `%time,...`
+of `rostopic echo -p`). Rows may end with a delimiter: an empty last field is no column.
+"""
+
+import csv
+import re
+from collections import Counter
+from typing import NamedTuple
+
+from .columns import short, shown
+
+
+COMMENTS = ("#", "%", "//")
+_DELIMITERS = ("\t", ";", ",", " ")
+_FIRST_LINES = 300  # lines that are looked at: the longest preambles have some dozens
+_FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
+_SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
+STAMP = re.compile(
+    r"(?:\d{4}-\d{2}-\d{2}[T ])?\d{2}:\d{2}:\d{2}(?:[.,]\d+)?\s?(?:Z|[+-]\d{2}:?\d{2})?"
+)
+
+
+class TextLayout(NamedTuple):
+    """What the first lines of a text say about all of it."""
+
+    delimiter: str
+    names: tuple[str, ...] | None  # `None`: no line of the file holds column names
+    header_line: int | None  # counted from 1, as editors do
+    start: int  # byte at which the data begin
+    width: int  # fields of a row of data, an empty last one included
+    preamble: tuple[str, ...]  # the lines above header and data
+
+
+class _Line(NamedTuple):
+    text: str
+    number: int  # counted from 1
+    start: int  # byte
+
+    @property
+    def is_comment(self) -> bool:
+        return self.text.startswith(COMMENTS)
+
+
+def find_layout(data: bytes, where: str, header_line: int | None = None) -> TextLayout:
+    """The layout of a text with line feeds alone at its lines' ends.
+
+    **Arguments:** `header_line` is the line that holds the column names, counted from 1, where the campaign says it.
+    Raises `ValueError` where nothing but comments is there, or the line that was named cannot be the header.
+    """
+    lines = _first_lines(data, header_line or 0)
+    separator = _SEPARATOR.fullmatch(lines[0].text)
+    below = lines[1:] if separator else lines
+    if header_line is not None and all(x.number != header_line for x in lines):
+        raise ValueError(
+            f"{where}: [recordings] header_line = {header_line} is blank or after the end; give the line that "
+            "holds the column names, counted from 1."
+        )
+    body = [x for x in below if not x.is_comment and x.number > (header_line or 0)]
+    if not body:
+        raise ValueError(f"{where}: the file has no rows of data, only comments.")
+    delimiter = separator[1] if separator else _delimiter(body)
+    width = _usual_width([len(fields(x.text, delimiter)) for x in body])
+    if header_line is not None:
+        names, number, top = _said(lines, header_line, body, delimiter, where)
+    else:
+        names, number, top = _header(below, body, delimiter, width)
+    data_lines = [x for x in body if x.number >= top]
+    start = data_lines[0].start if data_lines else len(data)
+    above = top if number is None else number
+    preamble = tuple(x.text for x in lines if x.number < above)
+    return TextLayout(delimiter, names, number, start, width, preamble)
+
+
+def fields(line: str, delimiter: str) -> list[str]:
+    """The fields of one line, without the blanks around them."""
+    if delimiter == " ":
+        return line.split()
+    return [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def is_number(field: str) -> bool:
+    """Whether a field holds a number or nothing."""
+    try:
+        float(field.replace(",", "."))
+    except ValueError:
+        return not field
+    return True
+
+
+def is_value(field: str) -> bool:
+    """Whether a field can be a value of a time or sensor column: a number, nothing, or an ISO 8601 stamp."""
+    return is_number(field) or STAMP.fullmatch(field) is not None
+
+
+def _first_lines(data: bytes, wanted: int) -> list[_Line]:
+    """The first lines that are not blank, line `wanted` among them."""
+    lines: list[_Line] = []
+    position = number = 0
+    while position < len(data):
+        end = data.find(b"\n", position)
+        end = len(data) if end < 0 else end
+        number += 1
+        text = data[position:end].decode("utf-8", "replace").strip()
+        if text and (len(lines) < _FIRST_LINES or number >= wanted):
+            lines.append(_Line(text, number, position))
+        position = end + 1
+        seen = len(lines) >= _FIRST_LINES or (position > _FIRST_BYTES and len(lines) > 1)
+        if seen and number >= wanted + (_FIRST_LINES if wanted else 0):
+            break
+    return lines
+
+
+def _usual_width(counts: list[int]) -> int:
+    """The number of fields in which most fields stand: rows of data outweigh lines of settings."""
+    lines = Counter(counts)
+    return max(lines, key=lambda c: (c * lines[c], c))
+
+
+def _delimiter(body: list[_Line]) -> str:
+    """The first of tab, semicolon, comma and blank that splits most lines of data into equally many fields."""
+    tail = body[len(body) // 2 :] or body  # settings stand at the start
+    for delimiter in _DELIMITERS:
+        counts = [len(fields(x.text, delimiter)) for x in tail]
+        usual = _usual_width(counts)
+        if usual > 1 and 2 * counts.count(usual) > len(counts):
+            return delimiter
+    return ","
+
+
+def _header(
+    lines: list[_Line], body: list[_Line], delimiter: str, width: int
+) -> tuple[tuple[str, ...] | None, int | None, int]:
+    """Column names with their line's number (`None` where there are none), and the number of the first line of data."""
+    split = {x.number: fields(x.text, delimiter) for x in body}
+    fewest = width - _empty_ends([f for f in split.values() if len(f) == width])
+    fits = lambda named: fewest <= len(_named(named)) <= width
+    full = lambda row: len(row) == width and 2 * sum(map(bool, row)) > width
+    wide = [x for x in body if full(split[x.number]) or fits(split[x.number])] or body
+    top = wide[0]
+    above = [x for x in lines if x.number < top.number]
+    first = split[top.number]
+    values = sum(map(is_value, first))
+    if above and above[-1].is_comment and (values or fits(first)):
+        comment = fields(above[-1].text.lstrip("#%/ "), delimiter)
+        if fits(comment) and not any(map(is_value, _named(comment))) and values:
+            return _named(comment), above[-1].number, top.number
+    if 2 * values > len(first):
+        return None, None, top.number
+    header = next((x for x in _text_rows(wide, split) if _are_names(split[x.number])), top)
+    return _named(split[header.number]), header.number, header.number + 1
+
+
+def _text_rows(wide: list[_Line], split: dict[int, list[str]]) -> list[_Line]:
+    """The lines at the top without any value: names, and with some loggers devices and units."""
+    rows = []
+    for line in wide:
+        if any(f and is_value(f) for f in split[line.number]):
+            break
+        rows.append(line)
+    return rows
+
+
+def _are_names(row: list[str]) -> bool:
+    named = [f for f in _named(row) if f]
+    return len(set(named)) == len(named)
+
+
+def _empty_ends(rows: list[list[str]]) -> int:
+    """How many last fields hold nothing in any row but the first (which may name them)."""
+    below = rows[1:] or rows
+    ends = 0
+    while ends < len(below[0]) - 1 and all(not row[-1 - ends] for row in below):
+        ends += 1
+    return ends
+
+
+def _named(row: list[str]) -> tuple[str, ...]:
+    """Names without quotes, comment signs and empty last fields."""
+    names = [f.strip().strip('"').strip() for f in row]
+    while len(names) > 1 and not names[-1]:
+        names.pop()
+    return tuple(names)
+
+
+def _said(
+    lines: list[_Line], number: int, body: list[_Line], delimiter: str, where: str
+) -> tuple[tuple[str, ...], int, int]:
+    """The header that the campaign names by its line."""
+    line = next(x for x in lines if x.number == number)
+    named = _named(fields(line.text.lstrip("#%/ "), delimiter))
+    if 2 * sum(map(is_value, named)) > len(named):
+        raise ValueError(
+            f"{where}: [recordings] header_line = {number} holds numbers, {shown([short(line.text)])}; give the "
+            "line that holds the column names, counted from 1."
+        )
+    return named, number, body[0].number

@@ -1,0 +1,100 @@
+"""Triads that were logged apart, each with stamps of its own, become one recording."""
+
+# pyright: reportOptionalSubscript=false
+
+import numpy as np
+import pytest
+
+from inertiax.data.campaign import load_campaign
+from inertiax.data.pairing import pair
+from inertiax.data.recording import Recording
+
+
+RATE, SLOPE = np.array([0.3, -0.2, 0.1]), np.array([0.05, 0.02, -0.07])
+
+
+def triads(accel_time, gyro_time):
+    """Gyros that follow straight lines, accelerometers that stay: interpolation is exact for both."""
+    accel = Recording(
+        time=accel_time, accel=np.tile([0.1, 0.2, 9.8], (len(accel_time), 1)), name="a"
+    )
+    gyro = Recording(time=gyro_time, gyro=RATE + SLOPE * gyro_time[:, None], name="g")
+    return accel, gyro
+
+
+def test_the_sparser_triad_is_put_onto_the_stamps_of_the_other():
+    accel, gyro = triads(np.arange(0.0, 10.0, 0.011), np.arange(0.7, 9.0, 0.0093))
+    paired = pair(accel, gyro)
+    found = paired.recording
+    # The gyros are quicker, so their stamps stay; both cover 0.7 s to 9 s.
+    np.testing.assert_array_equal(found.time, gyro.time)
+    np.testing.assert_array_equal(found.gyro, gyro.gyro)
+    np.testing.assert_allclose(
+        found.accel, np.tile([0.1, 0.2, 9.8], (len(gyro.time), 1)), rtol=1e-14
+    )
+    assert "accelerometers are put onto" in paired.note and "5.5 ms" in paired.note
+
+
+def test_slower_gyros_are_put_onto_the_accelerometers_stamps():
+    accel, gyro = triads(np.arange(0.0, 10.0, 0.005), np.arange(0.7, 9.0, 0.0093))
+    found = pair(accel, gyro).recording
+    np.testing.assert_array_equal(
+        found.time, accel.time[(accel.time >= 0.7) & (accel.time <= gyro.time[-1])]
+    )
+    np.testing.assert_allclose(found.gyro, RATE + SLOPE * found.time[:, None], rtol=1e-12)
+
+
+def test_no_samples_are_made_up_over_a_gap():
+    accel, gyro = triads(np.arange(0.0, 10.0, 0.005), np.arange(0.0, 10.0, 0.01))
+    gyro = gyro[(gyro.time <= 3.0) | (gyro.time > 4.0)]
+    found = pair(accel, gyro).recording
+    last = gyro.time[gyro.time <= 3.0][-1]
+    assert not np.any((found.time > last) & (found.time < 4.0))
+    assert found.num_samples > 1700
+
+
+def test_stamps_that_agree_are_left_as_they_are():
+    time = np.arange(0.0, 5.0, 0.01)
+    accel, gyro = triads(time, time + 1e-4)
+    paired = pair(accel, gyro)
+    np.testing.assert_array_equal(paired.recording.gyro, gyro.gyro)
+    assert paired.note is None
+
+
+def test_labels_of_one_file_are_held_and_temperature_follows_lines():
+    accel, gyro = triads(np.arange(0.0, 10.0, 0.01), np.arange(0.0, 10.0, 0.005))
+    accel = Recording(
+        time=accel.time,
+        accel=accel.accel,
+        temperature=(20 + accel.time)[:, None],
+        position=(accel.time >= 5).astype(np.int64),
+        name="a",
+    )
+    found = pair(accel, gyro).recording
+    np.testing.assert_allclose(found.temperature[:, 0], 20 + found.time, rtol=1e-12)
+    np.testing.assert_array_equal(found.position, found.time >= 5)
+
+
+def test_a_campaign_reads_phones_files_of_different_width(tmp_path):
+    accel, gyro = triads(np.arange(0.0, 10.0, 0.011), np.arange(0.7, 9.0, 0.0093))
+    text = lambda t, x: "".join(
+        " ".join(map(repr, row)) + "\n" for row in np.column_stack([t, *x]).tolist()
+    )
+    (tmp_path / "accelerometer.txt").write_text(text(accel.time, [accel.accel]))
+    # Android appends the bias that it would subtract.
+    (tmp_path / "gyroscope.txt").write_text(text(gyro.time, [gyro.gyro, 0 * gyro.gyro]))
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.80665\n[recordings]\nfiles = ["accelerometer.txt"]\n'
+        'gyro_files = ["gyroscope.txt"]\nnames = ["t", "x", "y", "z"]\n'
+        'gyro_names = ["t", "x", "y", "z", "bx", "by", "bz"]\n[columns]\ntime = { name = "t" }\n'
+        'accel = { names = ["x", "y", "z"] }\ngyro = { names = ["x", "y", "z"] }\n'
+    )
+    campaign = load_campaign(tmp_path)
+    np.testing.assert_array_equal(campaign.recordings[0].gyro, gyro.gyro)
+    assert campaign.notes[0].startswith("accelerometer.txt + gyroscope.txt: the triads have stamps")
+
+
+def test_counted_rows_must_agree():
+    accel, gyro = triads(np.arange(10) / 10, np.arange(9) / 10)
+    with pytest.raises(ValueError, match="10 and 9 rows"):
+        pair(accel, gyro, counted=True)
