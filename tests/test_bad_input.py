@@ -232,7 +232,7 @@ TOML = {
     "unknown temperature unit": (
         GOOD + '[columns]\ntemperature = { name = "temp", unit = "C" }',
         "[columns] temperature: unit 'C' is not known; did you mean '°C'? use one of degC, °C, K, "
-        "degF, °F.",
+        "degF, °F, count.",
     ),
 }
 
