@@ -65,6 +65,21 @@ def parquet_bomb() -> bytes:
     return parquet(pl.DataFrame({f"c{k}": zeros for k in range(10)}))
 
 
+def parquet_of_one_text() -> bytes:
+    """One text of 5 kB in a million rows: 5 GB written out, 20 kB as a dictionary."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    memory = io.BytesIO()
+    index = pa.array(np.zeros(1_000_000, np.int32))
+    columns = {
+        name: pa.array(np.zeros(1_000_000)) for name in ("time", "accel_x", "accel_y", "accel_z")
+    }
+    columns["device"] = pa.DictionaryArray.from_arrays(index, pa.array(["x" * 5000]))
+    pq.write_table(pa.table(columns), memory, compression="zstd", store_schema=False)
+    return memory.getvalue()
+
+
 def matlab_bomb() -> bytes:
     """A packed element of 400 MB of zeros."""
     stream = zlib.compressobj(9)
@@ -111,6 +126,19 @@ def hdf5_bomb() -> bytes:
     with h5py.File(memory, "w") as file:
         for name in ("time", "accel_x", "accel_y", "accel_z"):
             file.create_dataset(name, (10**8,), "f8", chunks=(10**6,), compression="gzip")
+    return memory.getvalue()
+
+
+def hdf5_of_links() -> bytes:
+    """Thirty groups, each a member of every other one: more paths than can be walked."""
+    import h5py
+
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        groups = [file.create_group(f"g{k}") for k in range(30)]
+        for group in groups:
+            for k, other in enumerate(groups):
+                group[f"to{k}"] = other
     return memory.getvalue()
 
 
@@ -223,8 +251,10 @@ CASES: dict[str, Case] = {
         hdf5(time=np.arange(40) * 0.1, accel=np.ones((39, 3))), name="a.h5"
     ),
     "Parquet bomb": recorded(written_by(parquet_bomb), name="a.parquet"),
+    "Parquet of one long text": recorded(written_by(parquet_of_one_text), name="a.parquet"),
     "MATLAB bomb": recorded(written_by(matlab_bomb), name="a.mat"),
     "HDF5 bomb": recorded(written_by(hdf5_bomb), name="a.h5"),
+    "HDF5 of links in circles": recorded(written_by(hdf5_of_links), name="a.h5"),
     "bag bomb": recorded(written_by(bag_bomb), name="a.bag"),
     "zip bomb in npz": recorded(zip_bomb(), name="a.npz"),
     "zip bomb in xlsx": recorded(zip_bomb(), name="a.xlsx"),

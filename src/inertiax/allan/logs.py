@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.recording import Recording
+from ..reduction.host_stamps import remark
 from ..reduction.rests import PAUSE, usual_step
 from ..reduction.segments import segment
 from .confidence import interval
@@ -93,7 +94,7 @@ def _longest_rest(recording: Recording) -> tuple[Recording, list[str]]:
     if stop - start < _FEWEST:
         raise ValueError(
             f"{where}: the longest rest has {stop - start} samples; noise needs a log of {_FEWEST} or "
-            f"more at rest, and hours of it for bias instability and random walk."
+            f"more at rest, and hours of it for bias instability and random walk.{remark(recording)}"
         )
     rest, notes = recording[slice(start, stop)], []
     if stop - start < recording.num_samples:

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ..data.recording import Recording
 from ..physics.earth import EARTH_RATE
 from .dwells import Dwells
+from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means, Scatter
 from .mean_noise import quantisation_step
@@ -152,6 +153,7 @@ def reduce_to_dwells(
         raise ValueError(
             f"{', '.join(r.name or 'recording' for r in recordings)}: no rest and no plateau of "
             "constant rate; a column 'position' of 0 or more at rest (or reference_gyro) is needed."
+            + next(filter(None, map(remark, recordings)), "")
         )
     return _means(recordings, parts)
 

@@ -4,7 +4,9 @@
 that lead to other files are not followed, and only numbers and fixed text are read.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +44,7 @@ def read_arrays(
             require_plausible(_claimed(h5py, start), path.stat().st_size, path.name)
             if isinstance(start, h5py.Dataset):
                 return {group or "": _values(start, path, matlab)}
-            return _walk(h5py, start, "", path, matlab)
+            return _walk(h5py, start, path, matlab)
     # All that h5py makes of HDF5's errors; UnicodeDecodeError (a name) is a ValueError.
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if isinstance(error, ValueError) and str(error).startswith(f"{path.name}: "):
@@ -53,42 +55,55 @@ def read_arrays(
         ) from None
 
 
-def _names(h5py, group, prefix: str = "") -> list[str]:
+def _names(h5py, group) -> list[str]:
     """Groups and tables in it that the campaign may name."""
-    names = []
-    for name, item in _inside(h5py, group):
-        full = f"{prefix}{name}"
-        if isinstance(item, h5py.Group):
-            names += [full, *_names(h5py, item, f"{full}/")]
-        elif item.dtype.names is not None:
-            names.append(full)
-    return names
+    return [
+        name
+        for name, item in _members(h5py, group)
+        if isinstance(item, h5py.Group) or item.dtype.names is not None
+    ]
 
 
-def _inside(h5py, group) -> list:
-    """Members that are in this file itself."""
-    items = []
-    for name in group:
-        if isinstance(group.get(name, getlink=True), h5py.HardLink) and not name.startswith("#"):
-            items.append((name, group[name]))
-    return items
+def _members(h5py, group) -> Iterator[tuple[str, Any]]:
+    """Groups and datasets below a group that are in this file itself, with their paths from it.
+
+    A group that several links reach is entered by the first of them alone: links in circles, or from every group to
+    every other one, would never end.
+    """
+    waiting, entered = [("", group)], {_address(h5py, group)}
+    while waiting:
+        prefix, here = waiting.pop()
+        for name in here:
+            hard = isinstance(here.get(name, getlink=True), h5py.HardLink)
+            if not hard or name.startswith("#"):
+                continue
+            item = here[name]
+            if isinstance(item, h5py.Group):
+                if _address(h5py, item) in entered:
+                    continue
+                entered.add(_address(h5py, item))
+                waiting.append((f"{prefix}{name}/", item))
+            if isinstance(item, h5py.Group | h5py.Dataset):
+                yield f"{prefix}{name}", item
 
 
-def _walk(h5py, group, prefix: str, path: Path, matlab: bool) -> dict[str, np.ndarray]:
-    arrays: dict[str, np.ndarray] = {}
-    for name, item in _inside(h5py, group):
-        if isinstance(item, h5py.Group):
-            arrays |= _walk(h5py, item, f"{prefix}{name}/", path, matlab)
-        elif isinstance(item, h5py.Dataset) and _readable(h5py, item):
-            arrays[f"{prefix}{name}"] = _values(item, path, matlab)
-    return arrays
+def _address(h5py, item) -> int:
+    """Where an object lies in the file: one number for it, whatever links lead there."""
+    return h5py.h5o.get_info(item.id).addr
+
+
+def _walk(h5py, group, path: Path, matlab: bool) -> dict[str, np.ndarray]:
+    return {
+        name: _values(item, path, matlab)
+        for name, item in _members(h5py, group)
+        if isinstance(item, h5py.Dataset) and _readable(h5py, item)
+    }
 
 
 def _claimed(h5py, item) -> int:
     """Bytes of everything that would be read: a few bytes of a file can claim any size."""
-    if isinstance(item, h5py.Dataset):
-        return int(item.nbytes) if _readable(h5py, item) else 0
-    return sum(_claimed(h5py, one) for _, one in _inside(h5py, item))
+    items = [item] if isinstance(item, h5py.Dataset) else [i for _, i in _members(h5py, item)]
+    return sum(int(i.nbytes) for i in items if isinstance(i, h5py.Dataset) and _readable(h5py, i))
 
 
 def _readable(h5py, dataset) -> bool:

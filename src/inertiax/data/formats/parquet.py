@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -16,6 +17,10 @@ from .columns import AS_FOUND, ColumnMap, Layout
 from .expansion import require_plausible
 from .table import to_recordings
 
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
 NAME = "parquet"
 SUFFIXES = (".parquet", ".pq")
@@ -55,13 +60,91 @@ def decode(path: Path) -> pl.DataFrame:
     recording can."""
     import pyarrow.parquet as pq  # slow to import, and only needed here
 
+    size = path.stat().st_size
     with contextlib.ExitStack() as stack:
         with _damage_told(path.name):
             file = stack.enter_context(pq.ParquetFile(path, memory_map=False))
-            values = file.metadata.num_rows * len(file.schema_arrow)
-        require_plausible(8 * values, path.stat().st_size, path.name)
+            values, unpacked = _claimed(file)
+        require_plausible(max(8 * values, unpacked), size, path.name)
+        texts = [f.name for f in file.schema_arrow if _is_text(f.type)]
+        if not texts:
+            with _damage_told(path.name), _quiet():
+                return pl.DataFrame(pl.from_arrow(file.read()))
+        table = _with_texts(path, texts, file)
         with _damage_told(path.name), _quiet():
-            return pl.DataFrame(pl.from_arrow(file.read()))
+            return pl.DataFrame(pl.from_arrow(table))
+
+
+def _claimed(file: "pq.ParquetFile") -> tuple[int, int]:
+    """Values in the file, those of lists within a row included, and bytes of its unpacked pages."""
+    described = file.metadata
+    values, unpacked = described.num_rows * len(file.schema_arrow), 0
+    for group in map(described.row_group, range(described.num_row_groups)):
+        chunks = [group.column(k) for k in range(group.num_columns)]
+        values = max(values, sum(c.num_values for c in chunks))
+        unpacked += sum(c.total_uncompressed_size for c in chunks)
+    return values, unpacked
+
+
+def _is_text(kind: "pa.DataType") -> bool:
+    import pyarrow as pa
+
+    tests = (
+        pa.types.is_string,
+        pa.types.is_large_string,
+        pa.types.is_binary,
+        pa.types.is_large_binary,
+    )
+    return any(test(kind) for test in tests)
+
+
+def _with_texts(path: Path, texts: list[str], plain: "pq.ParquetFile") -> "pa.Table":
+    """The table of a file with columns of text, of which a few bytes can mean any length.
+
+    Text is read as the file's dictionary of distinct values, and written out only where its length is plausible. Arrow
+    cannot do so where values are stored as differences from the one before; such files are read by few rows at a time.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    size, held, batches = path.stat().st_size, 0, []
+    differences = _stores_differences(plain)
+    with _damage_told(path.name):
+        file = pq.ParquetFile(path, memory_map=False, read_dictionary=[] if differences else texts)
+    with contextlib.closing(file):
+        rows = file.iter_batches(batch_size=256 if differences else 1 << 16)
+        while True:
+            with _damage_told(path.name), _quiet():
+                batch = next(rows, None)
+            if batch is None:
+                break
+            held += batch.nbytes + sum(_written_out(batch.column(n)) for n in texts)
+            require_plausible(held, size, path.name)
+            batches.append(batch)
+    with _damage_told(path.name):
+        table = pa.Table.from_batches(batches, schema=file.schema_arrow)
+        for name in texts:
+            at = table.schema.get_field_index(name)
+            table = table.set_column(at, name, table.column(name).cast(pa.large_string()))
+        return table
+
+
+def _stores_differences(file: "pq.ParquetFile") -> bool:
+    described = file.metadata
+    groups = map(described.row_group, range(described.num_row_groups))
+    encodings = {e for g in groups for k in range(g.num_columns) for e in g.column(k).encodings}
+    return "DELTA_BYTE_ARRAY" in encodings
+
+
+def _written_out(column: "pa.Array") -> int:
+    """Bytes of the text that a dictionary's indices stand for; 0 where the text is written out already."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not isinstance(column, pa.DictionaryArray):
+        return 0
+    lengths = pc.binary_length(column.dictionary)
+    return int(pc.sum(pc.take(lengths, column.indices)).as_py() or 0)
 
 
 @contextlib.contextmanager
