@@ -1,10 +1,10 @@
 """A result is there whole or not at all: the disk is full, the run is killed, two runs end together."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import polars as pl
@@ -72,7 +72,7 @@ def test_a_run_that_is_killed_before_it_renames_leaves_the_earlier_result(tmp_pa
 def test_a_file_that_is_killed_before_its_rename_is_the_earlier_one(tmp_path):
     (tmp_path / "a.json").write_text("earlier")
     code = (
-        "import os, sys\nfrom pathlib import Path\nfrom inertiax.calibration.calibration import write_atomically\n"
+        "import os, sys\nfrom pathlib import Path\nfrom inertiax.storage.whole_files import write_atomically\n"
         "os.replace = lambda a, b: os.kill(os.getpid(), 9)\n"
         "write_atomically(Path(sys.argv[1]), b'new')\n"
     )
@@ -80,32 +80,39 @@ def test_a_file_that_is_killed_before_its_rename_is_the_earlier_one(tmp_path):
     assert (tmp_path / "a.json").read_text() == "earlier"
 
 
-TWICE = """
-import sys, time
+INTO = """
+import sys
 from pathlib import Path
 from inertiax.cli.outputs import staged_folder
-folder, mine, start = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3])
-with staged_folder(folder) as staging:
-    for k in range(300):
-        (staging / f"{k}.txt").write_text(mine)
-    time.sleep(max(0.0, start - time.time()))
+folder, mine = Path(sys.argv[1]), sys.argv[2]
+try:
+    with staged_folder(folder) as staging:
+        for k in range(300):
+            (staging / f"{k}.txt").write_text(mine)
+        print("written", flush=True)
+        sys.stdin.readline()
+except ValueError as error:
+    sys.exit(str(error))
 """
 
 
 @posix
 @pytest.mark.parametrize("there", [True, False])
-def test_two_runs_that_end_together_leave_the_files_of_one(tmp_path, there):
+def test_of_two_runs_into_one_folder_one_is_refused_in_a_line(tmp_path, there):
     if there:
         (tmp_path / "out").mkdir()
-    together = str(time.time() + 3.0)
-    runs = [
-        subprocess.Popen([sys.executable, "-c", TWICE, str(tmp_path / "out"), name, together])
-        for name in "ab"
-    ]
-    assert [run.wait(60) for run in runs] == [0, 0]
+    command = [sys.executable, "-c", INTO, str(tmp_path / "out")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*command, "a"], **pipes) as first:
+        assert first.stdout.readline() == "written\n"
+        second = subprocess.run([*command, "b"], capture_output=True, text=True, timeout=60)
+        first.communicate("\n")
+    assert (first.returncode, second.returncode, second.stdout) == (0, 1, "")
+    said = f"out: another run \\(process {first.pid} on .+\\) writes there; let it end, or [^\n]+\n"
+    assert re.search(said, second.stderr) and second.stderr.count("\n") == 1
     found = sorted((tmp_path / "out").iterdir())
     assert len(found) == 300
-    assert len({p.read_text() for p in found}) == 1
+    assert {p.read_text() for p in found} == {"a"}
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 

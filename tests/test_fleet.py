@@ -368,7 +368,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
     assert tables[0].equals(tables[1])
 
 
-def test_dask_workers_give_the_same_table(line, tmp_path):
+def test_worker_processes_give_the_same_table(line, tmp_path):
     folder, _ = line
     run_fleet(folder, tmp_path / "here")
     out = run_limited(

@@ -100,20 +100,34 @@ def test_campaigns_that_do_not_fit_together_are_refused(tmp_path):
 
 @pytest.mark.parametrize("protocol", ["memory", "file"])
 def test_an_address_gives_the_table_that_a_path_gives(protocol, tmp_path):
-    """`file` is read by polars itself, `memory` through fsspec."""
+    """`file` is a path, `memory` is read through fsspec."""
     write_line(tmp_path / "line", 3, files=2, experiments=2)
-    home = {"memory": "memory://line", "file": f"file://{tmp_path}/line"}[protocol]
+    files = sorted((tmp_path / "line").glob("*.parquet"))
+    named = '", "'.join(f"file://{f}" for f in files)  # a glob there would leave the folder
     if protocol == "memory":
-        system = fsspec.filesystem("memory")
-        for file in (tmp_path / "line").glob("*.parquet"):
-            system.pipe_file(f"/line/{file.name}", file.read_bytes())
+        named = "memory://line/*.parquet"
+        for file in files:
+            fsspec.filesystem("memory").pipe_file(f"/line/{file.name}", file.read_bytes())
     text = (tmp_path / "line" / "campaign.toml").read_text()
     (tmp_path / "far").mkdir()
-    (tmp_path / "far" / "campaign.toml").write_text(text.replace("*.parquet", f"{home}/*.parquet"))
+    (tmp_path / "far" / "campaign.toml").write_text(text.replace("*.parquet", named))
     run_fleet(tmp_path / "line", tmp_path / "here")
     run_fleet(tmp_path / "far", tmp_path / "there")
     tables = [read_parts(tmp_path / f).collect().sort("device") for f in ("here", "there")]
     assert tables[0].height == 3 and tables[0].equals(tables[1])
+
+
+@pytest.mark.parametrize(
+    "pattern", ["file://{}/*.parquet", "FILE://localhost{}/%2A.parquet", "simplecache::file://{}/*"]
+)
+def test_a_glob_of_an_address_on_this_machine_stays_in_the_folder_as_any_other(pattern, tmp_path):
+    write_line(tmp_path / "line", 3, files=1, experiments=2)
+    text = (tmp_path / "line" / "campaign.toml").read_text()
+    (tmp_path / "far").mkdir()
+    outside = pattern.format(tmp_path / "line")
+    (tmp_path / "far" / "campaign.toml").write_text(text.replace("*.parquet", outside))
+    with pytest.raises(ValueError, match="leaves the campaign's folder"):
+        run_fleet(tmp_path / "far", tmp_path / "out")
 
 
 @pytest.mark.parametrize(

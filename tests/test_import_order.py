@@ -11,7 +11,8 @@ import inertiax
 SOURCE = Path(inertiax.__file__).parent
 
 # Folders (and single modules) from the top down; `docs/design.md` says what each holds.
-FOLDERS = """_typing physics numerics data reduction effects estimators procedure allan model_selection calibration
+FOLDERS = """_typing storage
+physics numerics data reduction effects estimators procedure allan model_selection calibration
 calibrate simulate analysis navigation design diagnose exports fleet plots report cli __main__""".split()
 
 # The same inside the folders that have stages of their own.

@@ -4,9 +4,7 @@ A `Calibration` goes anywhere a pytree goes: `jax.jit(calibration)`, `jax.vmap(c
 samples, `jax.jacfwd` with respect to its coefficients, inside `scan` in a navigation loop.
 """
 
-import os
 import re
-import tempfile
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -19,10 +17,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray, Scalar, Vec3
-from ..data.json_documents import decode
+from ..data.json_documents import decode, encode
 from ..effects import CATALOGUE, Effect
 from ..physics.error_model import AccelerometerErrors, compensate_accel, compensate_gyro, GyroErrors
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
+from ..storage.whole_files import write_atomically
 from .fitted_effects import EffectEntry, FittedEffect, from_entry, to_entry
 
 
@@ -276,25 +275,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         notes=list(calibration.notes),
         effects=[to_entry(e) for e in calibration.effects] or msgspec.UNSET,
     )
-    write_atomically(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file beside its place and rename it there: whole or not at all."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        # mkstemp makes files private; a result is as readable as the user's other files.
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomically(path, encode(content, str(path), indent=1))
 
 
 def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Calibration:

@@ -11,6 +11,7 @@ from typing import Annotated, cast
 
 import typer
 
+from ..storage.harmless_text import one_line
 from . import (
     calibrate,
     compensate,
@@ -48,7 +49,7 @@ app.command("simulate")(simulate.simulate)
 
 def _version(asked: bool | None) -> None:
     if asked:
-        typer.echo(f"inertiax {importlib.metadata.version('inertiax')}")
+        console.say(f"inertiax {importlib.metadata.version('inertiax')}")
         raise typer.Exit()
 
 
@@ -62,7 +63,7 @@ def _options(
     del version
 
 
-def main(arguments: list[str] | None = None) -> None:
+def run(arguments: list[str] | None = None) -> None:
     """Run the command line; always raises `SystemExit`.
 
     A `ValueError` is the library's way to say what is wrong with the data: it becomes one line and
@@ -70,17 +71,18 @@ def main(arguments: list[str] | None = None) -> None:
     `INERTIAX_TRACEBACK=1` shows where.
     """
     try:
+        _require_unicode(sys.argv[1:] if arguments is None else arguments)
         status = app(arguments, prog_name="inertiax", standalone_mode=False)
     except _Usage as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # `inertiax` alone: its message is the help
             error.show()
         else:
             command = getattr(getattr(error, "ctx", None), "command_path", "inertiax")
-            said = console.one_line(error.format_message()).rstrip(".")
+            said = one_line(error.format_message()).rstrip(".")
             said += "" if said.endswith("?") else "."
             print(f"inertiax: {said} See `{command} --help`.", file=sys.stderr)
         status = error.exit_code
-    except (KeyboardInterrupt, typer.Abort):
+    except (KeyboardInterrupt, typer.Abort):  # where no handler could be set: see `interrupts`
         print("inertiax: interrupted.", file=sys.stderr)
         status = 130  # as a shell says it
     except Exception as error:
@@ -98,17 +100,27 @@ _Usage = cast(
 )
 
 
+def _require_unicode(arguments: list[str]) -> None:
+    """Names of files are shown, and stand in results, which are UTF-8."""
+    for argument in arguments:
+        if any("\ud800" <= c <= "\udfff" for c in argument):
+            raise typer.BadParameter(f"'{argument}' is no UTF-8; rename it.")
+
+
 def _in_words(error: Exception) -> str:
     if type(error) is ValueError:
-        return console.one_line(str(error))
+        return one_line(str(error))
+    if isinstance(error, UnicodeEncodeError):
+        said = one_line(error.object[max(error.start - 40, 0) : error.end])
+        return f"'…{said}' is no UTF-8 and cannot be written; rename it."
     if isinstance(error, OSError):
         folder, slash, last = str(error.filename or "writing or reading").rpartition("/")
         last = last if len(last) < 100 else f"{last[:40]}…"
-        name = console.one_line(f"{folder}{slash}{last}")
-        return f"{name}: {console.one_line(str(error.strerror or error))}."
+        name = one_line(f"{folder}{slash}{last}")
+        return f"{name}: {one_line(str(error.strerror or error))}."
     if isinstance(error, MemoryError):
         return "not enough memory for this much data; split it, or use a machine with more."
-    said = console.one_line(str(error))[:300]
+    said = one_line(str(error))[:300]
     if "(os error " in said:  # libraries in Rust tell of a full disk in their own exceptions
         return f"writing or reading: {said.rsplit(': ', 1)[-1].split(' (os error')[0]}."
     return f"unforeseen {type(error).__name__}: {said} (INERTIAX_TRACEBACK=1 shows where)"

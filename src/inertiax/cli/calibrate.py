@@ -69,7 +69,7 @@ def calibrate(
     _check_options(method, robust)
     outputs.require_campaign(campaign)
     outputs.require_folder(output)
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
         from ..calibrate.pipeline import calibrate as run

@@ -1,12 +1,11 @@
 """`inertiax compensate`: a calibration applied to a recording."""
 
-import os
-import tempfile
 from pathlib import Path
 from typing import Annotated, TYPE_CHECKING
 
 import typer
 
+from ..storage.whole_files import written_beside
 from . import console, environment, outputs
 from .calibrate import AsJson, Quiet
 
@@ -82,7 +81,7 @@ def compensate(
     outputs.require_file(output)
     if campaign is not None:
         outputs.require_campaign(campaign)
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
         from ..calibration.calibration import read_calibration
@@ -107,26 +106,14 @@ def _write_table(table: "pl.DataFrame", path: Path) -> None:
     from polars.exceptions import PolarsError
 
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise typer.BadParameter(
-            f"'{path}' cannot be written ({error.strerror}).", param_hint="'-o'"
-        ) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        if path.suffix.lower() == ".csv":
-            table.write_csv(temporary)
-        else:
-            table.write_parquet(temporary)
-        temporary.chmod(outputs.file_mode())
-        os.replace(temporary, path)
+        with written_beside(path) as beside:
+            if path.suffix.lower() == ".csv":
+                table.write_csv(beside)
+            else:
+                table.write_parquet(beside)
     except (OSError, PolarsError) as error:  # polars tells of a full disk in its own words
         reason = str(error).rsplit(": ", 1)[-1].split(" (os error")[0]
         raise ValueError(f"{path}: cannot be written: {reason}.") from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _tell(result: "Compensated", output: Path, *, as_json: bool, quiet: bool) -> None:
@@ -143,4 +130,4 @@ def _tell(result: "Compensated", output: Path, *, as_json: bool, quiet: bool) ->
             }
         )
     elif not quiet:
-        typer.echo(f"{result.table.height} rows compensated: {output}")
+        console.say(f"{result.table.height} rows compensated: {output}")

@@ -6,7 +6,6 @@ import threading
 import time
 from types import TracebackType
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -17,11 +16,14 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from ..report.terminal import Terminal
+from ..storage.harmless_text import harmless, one_line
+
 
 _LONG = 2.0  # s; a stage shorter than this is not worth a line
 
 
-def _unwatched(console: Console) -> bool:
+def _unwatched(console: Terminal) -> bool:
     """Whether nobody waits for progress: it goes to a file or a pipe, and was not asked for."""
     return not console.is_terminal and not os.environ.get("INERTIAX_PROGRESS")
 
@@ -35,7 +37,7 @@ class Stages:
     """
 
     def __init__(self, *, quiet: bool = False):
-        self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        self._console = Terminal(stderr=True, soft_wrap=True)
         self._quiet = quiet or _unwatched(self._console)
         self._live = None if quiet or not self._console.is_terminal else _live(self._console)
         self._timer: threading.Timer | None = None
@@ -59,6 +61,7 @@ class Stages:
 
     def __call__(self, text: str) -> None:
         self._end()
+        text = one_line(text)  # may name a device
         self._text, self._start = text, time.monotonic()
         if self._quiet:
             return
@@ -86,7 +89,7 @@ class Stages:
         self._text = None
 
 
-def _live(console: Console) -> Progress:
+def _live(console: Terminal) -> Progress:
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     return Progress(*columns, console=console, transient=True)
 
@@ -96,7 +99,7 @@ class Counter:
 
     def __init__(self, what: str, *, quiet: bool = False):
         self._what = what
-        self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        self._console = Terminal(stderr=True, soft_wrap=True)
         self._quiet = quiet or _unwatched(self._console)
         self._bar = None if quiet or not self._console.is_terminal else _bar(self._console)
         self._told = time.monotonic()
@@ -124,17 +127,17 @@ class Counter:
             self._console.print(f"{self._what}: {done} of {total}")
 
 
-def _bar(console: Console) -> Progress:
+def _bar(console: Terminal) -> Progress:
     text = TextColumn("{task.description}", markup=False)
     count, left = MofNCompleteColumn(), TimeRemainingColumn(elapsed_when_finished=True)
     return Progress(text, BarColumn(), count, left, console=console, transient=True)
 
 
+def say(text: str, *, aside: bool = False) -> None:
+    """Lines on standard output, or with `aside` on standard error; what files say in them is made harmless."""
+    print(harmless(text), file=sys.stderr if aside else sys.stdout)
+
+
 def warn(text: str) -> None:
     """A line on standard error that is told even when quiet."""
     print(f"inertiax: {one_line(text)}", file=sys.stderr)
-
-
-def one_line(text: str) -> str:
-    """Text as one line that a terminal cannot take for commands: names in it come from files."""
-    return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))

@@ -32,7 +32,7 @@ def demo(
     Prints how far each way of calibration is from the truth, and draws the paper's figures.
     """
     folder = outputs.require_folder(Path("inertiax-demo") if output is None else output)
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(folder):
         stages("starting")
         environment.prepare()
         from ..analysis.paper_experiment import run_demo

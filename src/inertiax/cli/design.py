@@ -228,7 +228,7 @@ def _optimise(wanted: Wanted, *, as_json: bool, quiet: bool) -> None:
     if as_json:
         outputs.print_json(found.as_dict())
     elif not quiet:
-        typer.echo("\n".join(found.lines()))
+        console.say("\n".join(found.lines()))
 
 
 def _audit(plan: str, *, assumed_noise: bool, as_json: bool, quiet: bool) -> None:

@@ -45,7 +45,7 @@ def diagnose(
     """
     outputs.require_campaign(campaign)
     outputs.require_folder(output)
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
         from ..data.campaign import load_campaign

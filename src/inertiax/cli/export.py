@@ -5,6 +5,7 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
+from ..storage.whole_files import write_atomically
 from . import console, environment, outputs
 from .calibrate import AsJson, Quiet
 
@@ -108,7 +109,9 @@ def export(
         result = write(known, to, **values)
         result = result._replace(notes=(*notes, *result.notes))
         loss = measure_loss(known, result)
-        written = _write(result, output or _default(calibration, by_name(to).SUFFIX))
+        place = output or _default(calibration, by_name(to).SUFFIX)
+        with outputs.owned_results(place):
+            written = _write(result, place)
     _tell(to, result, loss, written, as_json=as_json, quiet=quiet)
 
 
@@ -141,8 +144,6 @@ def _default(calibration: Path, suffix: str) -> Path:
 
 
 def _write(result: "Export", output: Path) -> list[Path]:
-    from ..calibration.calibration import write_atomically
-
     written = []
     for tag, content in result.files:
         path = output.with_name(output.stem + tag + output.suffix) if tag else output
@@ -178,7 +179,7 @@ def _tell(
     for note in result.notes:
         console.warn(f"note: {note}")
     if not quiet:
-        typer.echo(f"{name}: {', '.join(map(str, written))}")
+        console.say(f"{name}: {', '.join(map(str, written))}")
 
 
 def _list(*, as_json: bool) -> None:
@@ -203,8 +204,8 @@ def _list(*, as_json: bool) -> None:
         outputs.print_json({"schema": "inertiax.export-formats/1", "formats": rows})
         return
     for row in rows:
-        typer.echo(f"{row['format']}: {row['what']}" + (" (reads, too)" if row["imports"] else ""))
-        typer.echo(f"  keeps     {row['keeps']}")
-        typer.echo(f"  loses     {row['loses']}")
+        console.say(f"{row['format']}: {row['what']}" + (" (reads, too)" if row["imports"] else ""))
+        console.say(f"  keeps     {row['keeps']}")
+        console.say(f"  loses     {row['loses']}")
         if row["settings"]:
-            typer.echo(f"  settings  {', '.join(row['settings'])}")
+            console.say(f"  settings  {', '.join(row['settings'])}")

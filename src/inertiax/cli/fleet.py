@@ -33,7 +33,8 @@ def fleet(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="A running Dask scheduler, tcp://host:port, or `local` to start Dask workers here.",
+            help="A running Dask scheduler, tls://host:port or tcp://host:port, or `local` for worker processes "
+            "here, which open no port.",
         ),
     ] = None,
     prior: Annotated[
@@ -92,7 +93,8 @@ def fleet(
 
     CAMPAIGN names Parquet files of many devices. The folder gets parts/*.parquet with a row for each device,
     quarantine.parquet with those set aside, population.json with the line's mean and spread, summary.json
-    and report.html. A run that was broken off, at any moment, goes on with the same command.
+    and report.html. A run that was broken off, at any moment, goes on with the same command. Exit status 1 if no
+    device was calibrated.
     """
     outputs.require_folder(output)
     temperatures = _temperatures(at)
@@ -101,21 +103,30 @@ def fleet(
     from ..report.fleet import report_fleet
 
     if device is not None:
-        _one_device(output, device, as_json=as_json)
+        with outputs.owned_results(output):
+            _one_device(output, device, as_json=as_json)
         return
     known = None if prior is None else read_population(prior)
-    with console.Counter("devices' tasks", quiet=quiet) as counter:
-        summary = run_fleet(
-            campaign, output, workers=workers, scheduler=scheduler, prior=known, explain=explain,
-            precision=precision.value, progress=counter,
-        )  # fmt: skip
-    with console.Stages(quiet=quiet) as stages:
-        stages("writing the report")
-        page = report_fleet(
-            output, command_line(), outputs.folder_names, earlier=earlier, temperatures=temperatures
-        )
-    unlike = page.unlike_names
-    _tell(summary, unlike, output, explain=explain, as_json=as_json, quiet=quiet)
+    with outputs.owned_results(output):
+        with console.Counter("devices' tasks", quiet=quiet) as counter:
+            summary = run_fleet(
+                campaign, output, workers=workers, scheduler=scheduler, prior=known, explain=explain,
+                precision=precision.value, progress=counter,
+            )  # fmt: skip
+        with console.Stages(quiet=quiet) as stages:
+            stages("writing the report")
+            page = report_fleet(
+                output,
+                command_line(),
+                outputs.folder_names,
+                earlier=earlier,
+                temperatures=temperatures,
+            )
+    _tell(summary, page.unlike_names, output, explain=explain, as_json=as_json, quiet=quiet)
+    if not summary.calibrated:
+        why = "; ".join(f"{count} × {reason}" for reason, count in summary.reasons[:3])
+        console.warn(f"none of {summary.devices} devices was calibrated: {why}")
+        raise typer.Exit(1)
 
 
 def _temperatures(text: str | None) -> tuple[float, ...] | None:
@@ -141,10 +152,10 @@ def _one_device(output: Path, device: str, *, as_json: bool) -> None:
     names = outputs.folder_names(tuple(dict.fromkeys((*page.paged, device))))
     known = (page.manifest, page.population, page.unlike)
     shown = report_device(output, device, names[device], *known, command_line())
-    typer.echo(f"wrote {shown}", err=as_json)
+    console.say(f"wrote {shown}", aside=as_json)
     file = output / f"calibration-{names[device]}.json"
     write_calibration(fleet_calibration(output, device), file)
-    typer.echo(f"wrote {file}", err=as_json)
+    console.say(f"wrote {file}", aside=as_json)
 
 
 def _tell(
@@ -164,15 +175,15 @@ def _tell(
         said["unlike"] = list(unlike)
         outputs.print_json({**summary.as_dict(), **said, "output": str(output)})
     elif not quiet:
-        typer.echo(
+        console.say(
             f"{summary.devices} devices: {summary.calibrated} calibrated, {summary.set_aside} set aside"
             + (f" ({summary.tasks_before} tasks were done before)" if summary.tasks_before else "")
         )
         for reason, count in summary.reasons:
-            typer.echo(f"  {count} × {reason}")
+            console.say(f"  {count} × {reason}")
         if unlike:
             more = ", …" if len(unlike) > 5 else ""
-            typer.echo(f"unlike the others: {len(unlike)} ({', '.join(unlike[:5])}{more})")
+            console.say(f"unlike the others: {len(unlike)} ({', '.join(unlike[:5])}{more})")
         for sentence in (s for found in line for s in found.sentences):
-            typer.echo(f"  {sentence}")
-        typer.echo(f"results in {output}, see {output / 'report.html'}")
+            console.say(f"  {sentence}")
+        console.say(f"results in {output}, see {output / 'report.html'}")

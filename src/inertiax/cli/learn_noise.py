@@ -42,7 +42,7 @@ def learn_noise(
     for campaign in campaigns:
         outputs.require_campaign(campaign)
     outputs.require_file(output)
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
         from ..data.campaign import load_campaign
@@ -61,7 +61,7 @@ def learn_noise(
         found = learn(units, consistent=consistent, progress=stages)
         write_noise(found, output)
     if as_json:
-        print(output.read_text(), end="")
+        outputs.print_document(output.read_text("utf-8"))
     elif not quiet:
         from ..report.text import print_type_noise
 

@@ -32,7 +32,7 @@ def noise(
     Writes noise.json and a figure. Of each recording the longest rest is used.
     """
     outputs.require_folder(output)
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
         from ..allan import noise_of
@@ -49,7 +49,7 @@ def noise(
         outputs.print_json(document)
     elif not quiet:
         print_noise(found)
-        typer.echo(f"written: {', '.join(str(output / n) for n in ('noise.json', *figures))}")
+        console.say(f"written: {', '.join(str(output / n) for n in ('noise.json', *figures))}")
 
 
 def _recordings(path: Path) -> "tuple[Recording, ...]":

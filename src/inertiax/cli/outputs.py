@@ -1,19 +1,24 @@
-"""Result folders and files: written beside their place and renamed, so that nothing is half there.
+"""Result folders and files: owned by one run, written beside their place and renamed: nothing is half there.
 
 A folder that exists stays: files that inertiax writes are replaced, others are left alone. A run that
 fails leaves the folder as it was.
 """
 
+import json
 import os
 import re
-import shutil
-import tempfile
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, ExitStack, suppress
+from contextlib import contextmanager, ExitStack
 from pathlib import Path
 
 import msgspec
 import typer
+
+from ..storage.ownership import owned
+from ..storage.whole_files import unfinished_folder, write_atomically
+from .interrupts import held_back
+from .streams import speaks_unicode
 
 
 def require_folder(path: Path) -> Path:
@@ -50,42 +55,35 @@ def staged_folder(folder: Path, *, replaces: tuple[str, ...] = ()) -> Iterator[P
     **Arguments:** `replaces` are files of an earlier run to remove where this one did not write
     them again, so that no stale figure stands beside a new report.
     """
-    folder = folder.absolute()
-    try:
+    folder = Path(os.path.realpath(folder))
+    with ExitStack() as stack:
+        stack.enter_context(owned_results(folder))
         home = folder if folder.exists() else folder.parent
-        home.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=home))
-    except OSError as error:
-        raise typer.BadParameter(
-            f"'{folder}' cannot be written ({error.strerror}).", param_hint="'-o'"
-        ) from None
-    try:
-        staging.chmod(0o777 & ~_umask())  # mkdtemp makes it private
+        try:
+            staging = stack.enter_context(unfinished_folder(home, folder.name))
+        except OSError as error:
+            raise _cannot_be_written(folder, error) from None
         yield staging
-        with _alone(folder.parent):
+        with held_back():
             _move(staging, folder, replaces)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-_STAGING = ".inertiax-"
 
 
 @contextmanager
-def _alone(home: Path) -> Iterator[None]:
-    """No other run moves its files into a folder here meanwhile, so that a folder holds files of one run.
+def owned_results(path: Path) -> Iterator[None]:
+    """No other run writes to a folder or file meanwhile; what a killed one left there is swept first.
 
-    The lock is the system's and ends with the process, however it ends. Where there is none (Windows, some
-    network file systems), two runs that end in the same instant may mix.
+    Raises `ValueError` where another run writes there now, and `typer.BadParameter` where nobody can.
     """
     with ExitStack() as stack:
-        with suppress(ImportError, OSError):
-            import fcntl
-
-            handle = os.open(home, os.O_RDONLY)
-            stack.callback(os.close, handle)
-            fcntl.flock(handle, fcntl.LOCK_EX)
+        try:
+            stack.enter_context(owned(path))
+        except OSError as error:
+            raise _cannot_be_written(path, error) from None
         yield
+
+
+def _cannot_be_written(path: Path, error: OSError) -> typer.BadParameter:
+    return typer.BadParameter(f"'{path}' cannot be written ({error.strerror}).", param_hint="'-o'")
 
 
 def _move(staging: Path, folder: Path, replaces: tuple[str, ...]) -> None:
@@ -99,17 +97,6 @@ def _move(staging: Path, folder: Path, replaces: tuple[str, ...]) -> None:
     for name in replaces:
         if Path(name) not in written:
             (folder / name).unlink(missing_ok=True)
-
-
-def file_mode() -> int:
-    """Permissions of a new file, by the user's own rules."""
-    return 0o666 & ~_umask()
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
 
 
 def folder_names(devices: tuple[str, ...]) -> dict[str, str]:
@@ -140,11 +127,16 @@ def require_campaign(path: Path) -> Path:
 
 def write_json(path: Path, content: object) -> None:
     """Write a document that people may read, too."""
-    from ..calibration.calibration import write_atomically
-
     write_atomically(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
 
 
 def print_json(content: object) -> None:
     """One JSON document on standard output; numbers that are not finite become null."""
-    print(msgspec.json.format(msgspec.json.encode(content), indent=1).decode())
+    print_document(msgspec.json.format(msgspec.json.encode(content), indent=1).decode())
+
+
+def print_document(text: str) -> None:
+    """JSON as it stands in a file; in ASCII where standard output has not every character."""
+    if not speaks_unicode(sys.stdout.encoding):
+        text = "".join(c if c.isascii() else json.dumps(c)[1:-1] for c in text)
+    print(text.removesuffix("\n"))

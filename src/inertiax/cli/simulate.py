@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ..storage.whole_files import MARK
 from . import console, environment, outputs
 from .calibrate import AsJson, OutputFolder, Quiet
 
@@ -27,12 +28,12 @@ def simulate(
     The folder gets campaign.toml, the recordings, and truth.json beside them.
     """
     outputs.require_folder(output)
-    if output.exists() and any(output.iterdir()):
+    if output.exists() and any(not p.name.startswith(MARK) for p in output.iterdir()):
         raise typer.BadParameter(
             f"'{output}' is not empty, and other recordings there would become part of the campaign.",
             param_hint="'-o'",
         )
-    with console.Stages(quiet=quiet) as stages:
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
         from ..simulate import load_scenario, SCENARIOS, write_campaign
@@ -43,9 +44,10 @@ def simulate(
                 param_hint="'SCENARIO'",
             )
         loaded = load_scenario(scenario)
-        write_campaign(loaded, output, progress=lambda text: stages(f"simulating {text}"))
+        with outputs.staged_folder(output) as staging:
+            write_campaign(loaded, staging, progress=lambda text: stages(f"simulating {text}"))
     files = sorted(p.name for p in output.iterdir())
     if as_json:
         outputs.print_json({"schema": "inertiax.simulate/1", "folder": str(output), "files": files})
     elif not quiet:
-        typer.echo(f"{len(files)} files written: {output}")
+        console.say(f"{len(files)} files written: {output}")

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import msgspec
 
+from ..storage.harmless_text import short
 from .formats import Layout, read_recordings
-from .formats.columns import short, TimeColumn
+from .formats.columns import TimeColumn
 from .formats.detect import is_recording
 from .pairing import pair
 from .plausibility.screening import check_model_columns, screen
@@ -145,6 +146,11 @@ def _match(folder: Path, pattern: str, key: str) -> list[Path]:
             f"[recordings] {key}: the glob '{short(pattern)}' cannot be used: {error}."
         ) from None
     found = [p for p in found if p.name != "campaign.toml"]
+    for path in found:
+        if any("\ud800" <= c <= "\udfff" for c in path.name):  # bytes of a name that are no UTF-8
+            raise ValueError(
+                f"[recordings] {key}: the name of '{short(path.name)}' is no UTF-8; rename it."
+            )
     if not found:
         raise ValueError(f"[recordings] {key}: '{pattern}' matches no file in {_listing(folder)}.")
     home = folder.resolve()

@@ -4,6 +4,8 @@ from typing import TypeVar
 
 import msgspec
 
+from ..storage.harmless_text import one_line
+
 
 Document = TypeVar("Document")
 
@@ -26,6 +28,22 @@ def decode(content: bytes, kind: type[Document], where: str, what: str, schema: 
     return _decode(content, kind, where, f"{what} of schema {schema}")
 
 
+def encode(document: msgspec.Struct, where: str, *, indent: int | None = None) -> bytes:
+    """A document as JSON that `decode` reads.
+
+    Raises `ValueError`, one line beginning with `where`, for numbers that are not finite where the document must
+    have a number: JSON has none of them, and what is written must be read again.
+    """
+    content = msgspec.json.encode(document)
+    try:
+        msgspec.json.decode(content, type=type(document))
+    except msgspec.ValidationError as error:
+        raise ValueError(
+            f"{where}: not written, for a number is not finite or out of range: {_one_line(error)}."
+        ) from None
+    return content if indent is None else msgspec.json.format(content, indent=indent) + b"\n"
+
+
 def _decode(content: bytes, kind: type[Document], where: str, what: str) -> Document:
     try:
         return msgspec.json.decode(content, type=kind)
@@ -37,4 +55,4 @@ def _decode(content: bytes, kind: type[Document], where: str, what: str) -> Docu
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:300].rstrip(".")
+    return one_line(str(error))[:300].rstrip(".")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import equinox as eqx
 
-from ..calibration.calibration import write_atomically
+from ..storage.whole_files import write_atomically
 from .plan.limits import Audit, Detectable as Detectable
 from .residuals import Residuals
 

@@ -1,7 +1,17 @@
-"""The same tasks on Dask workers, here or on other machines."""
+"""The same tasks in worker processes: here, without a port, or on other machines by Dask.
 
+Whoever reaches a port of Dask's runs code as its user, unless it is protected by TLS. Processes here are
+spoken to through pipes that they inherit, so nobody else can.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 from .reduce.tasks import Task
 
@@ -11,8 +21,62 @@ PATIENCE = 60.0  # seconds without a single worker, in which another may be star
 LOOK = 5.0  # seconds between questions whether there are workers
 
 
+def on_processes(
+    run_task: Callable[[Task], int], tasks: Sequence[Task], workers: int | None
+) -> Iterator[int]:
+    """Numbers of tasks as `run_task` is done with them, in processes of this machine.
+
+    Raises `ValueError` where the processes die of the same tasks again and again.
+    """
+    left = list(tasks)
+    for _ in range(1 + RETRIES):
+        done: set[int] = set()
+        try:
+            for task in _in_pool(run_task, left, workers or os.cpu_count() or 1):
+                done.add(task.number)
+                yield task.number
+        except BrokenProcessPool:
+            pass
+        left = [t for t in left if t.number not in done]
+        if not left:
+            return
+    raise ValueError(
+        f"worker processes died {1 + RETRIES} times with {len(left)} of {len(tasks)} tasks left, perhaps for lack "
+        "of memory: give fewer with --workers; the same command goes on with what is left."
+    )
+
+
+def _in_pool(
+    run_task: Callable[[Task], int], tasks: Sequence[Task], workers: int
+) -> Iterator[Task]:
+    """Tasks as they are done. Processes are spawned: a fork of one with JAX's threads may hang."""
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(tasks)), spawn, initializer=_as_worker) as pool:
+        futures: dict[Future[int], Task] = {pool.submit(run_task, t): t for t in tasks}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                yield futures[future]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _as_worker() -> None:
+    """Ctrl-C is the main process's affair; a worker ends when that does, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
 def on_dask(
-    run_task: Callable[[Task], int], tasks: Sequence[Task], scheduler: str, workers: int | None
+    run_task: Callable[[Task], int], tasks: Sequence[Task], scheduler: str
 ) -> Iterator[int]:
     """Numbers of tasks as `run_task` is done with them. Workers write the parts themselves, so they need the same file
     system. Raises `ValueError` where Dask is not installed, no scheduler answers or it has had no worker
@@ -24,11 +88,8 @@ def on_dask(
             "a scheduler needs Dask: install it with `pip install 'inertiax[fleet]'`, or leave "
             "--scheduler out."
         ) from None
-    options: dict = {"address": scheduler}
-    if scheduler == "local":
-        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
     try:
-        client = Client(**options, set_as_default=False)
+        client = Client(scheduler, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ValueError(f"no Dask scheduler answers at '{scheduler}': {error}.") from None
     with client:

@@ -10,11 +10,12 @@ import equinox as eqx
 import jax
 import msgspec
 
-from ..calibration.calibration import write_atomically
 from ..data.campaign import load_settings
 from ..data.formats import ColumnMap
 from ..data.recording import Campaign
-from .cluster import on_dask
+from ..storage.ownership import owned
+from ..storage.whole_files import write_atomically
+from .cluster import on_dask, on_processes
 from .model_choice import choose_line_model, Reader
 from .overview.explain import choose_line_forms, write_line
 from .overview.populate import population_of
@@ -56,29 +57,35 @@ def run_fleet(
     """Calibrate every device of a line, or go on with a run that was broken off.
 
     **Arguments:** `campaign` is a folder with a `campaign.toml` over Parquet files, or that file, or a folder
-    with a sub-folder for each campaign, in any format; `folder` takes the results;
-    `workers` tasks run side by side (default: one for each core); `scheduler` is the address of a running
-    Dask scheduler ("tcp://…"), or "local" to start Dask workers here; `prior` is what is known of the line
-    before its devices are measured (see `read_population`), and gives the model; with `explain` every device
-    is also scored for the catalogue's effects, and `line.json` tells those of the line from those of
-    single devices; `precision` "float32" solves the invariant accelerometer problem in single precision, see
-    `fit_fleet`; `progress` is called with the number of tasks done and of all.
+    with a sub-folder for each campaign, in any format; `folder` takes the results; `workers` tasks run side by
+    side (default: one for each core); `scheduler` is the address of a running Dask scheduler ("tls://…",
+    "tcp://…"), or "local" for worker processes here, without a port; `prior` is what is known of the line before its
+    devices are measured (see `read_population`), and gives the model; with `explain` every device is also
+    scored for the catalogue's effects, and `line.json` tells those of the line from those of single devices;
+    `precision` "float32" solves the invariant accelerometer problem in single precision, see `fit_fleet`;
+    `progress` is called with the number of tasks done and of all.
 
     A device that cannot be calibrated gets a row with the reason. Raises `ValueError` for what is wrong
-    with the campaign, where `folder` holds a run over other files, with another prior or in another precision, or
-    where "float32" is asked of a line without that problem.
+    with the campaign, where another run writes to `folder`, where it holds a run over other files, with another
+    prior or in another precision, or where "float32" is asked of a line without that problem.
     """
+    asked = _Asked(None if prior is None else as_prior(prior), explain, precision)
     folder = Path(folder)
-    prior = None if prior is None else as_prior(prior)
-    manifest, columns = _plan(Path(campaign), folder, _Asked(prior, explain, precision))
-    left = [t for t in manifest.tasks if not is_done(folder, t.number)]
-    before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
-    tell = progress if progress is not None else lambda done, of: None
-    tell(before, total)
-    # Not all tasks go with each: of a large fleet they are megabytes.
-    context = Context(msgspec.structs.replace(manifest, tasks=()), columns, str(folder))
-    for number, _ in enumerate(_each(left, context, workers, scheduler)):
-        tell(before + number + 1, total)
+    with owned(folder):
+        manifest, columns = _plan(Path(campaign), folder, asked)
+        left = [t for t in manifest.tasks if not is_done(folder, t.number)]
+        before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
+        tell = progress if progress is not None else lambda done, of: None
+        tell(before, total)
+        # Not all tasks go with each: of a large fleet they are megabytes.
+        context = Context(msgspec.structs.replace(manifest, tasks=()), columns, str(folder))
+        for number, _ in enumerate(_each(left, context, workers, scheduler)):
+            tell(before + number + 1, total)
+        return _gather(folder, manifest, columns, before)
+
+
+def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -> FleetSummary:
+    """What the parts say together, when all are done: summary, population, effects of the line."""
     summary = summarise(folder, before)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     _write_population(folder, manifest)
@@ -136,7 +143,12 @@ def _each(
     tasks: Sequence[Task], context: Context, workers: int | None, scheduler: str | None
 ) -> Iterator[int]:
     if scheduler is not None:
-        yield from on_dask(functools.partial(run_task, context=context), tasks, scheduler, workers)
+        one = functools.partial(run_task, context=context)
+        yield from (
+            on_processes(one, tasks, workers)
+            if scheduler == "local"
+            else on_dask(one, tasks, scheduler)
+        )
         return
     with ThreadPoolExecutor(1) as ahead, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         # Programs are compiled while the first tasks are read; campaigns take longer to be read twice.

@@ -8,8 +8,6 @@ there. A run that was killed is started again with the same command and does the
 """
 
 import hashlib
-import os
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
@@ -19,8 +17,8 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from ..calibration.calibration import write_atomically
-from ..data.json_documents import decode
+from ..data.json_documents import decode, encode
+from ..storage.whole_files import write_atomically, written_beside
 from .effects.score_statistics import Form
 from .population.population import Population
 from .reduce.tasks import Task
@@ -66,7 +64,8 @@ def fingerprint(states: Iterable[str]) -> str:
 def write_manifest(manifest: Manifest, folder: Path) -> None:
     """Begin a run in a folder."""
     (folder / "parts").mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "manifest.json", msgspec.json.encode(manifest))
+    file = folder / "manifest.json"
+    write_atomically(file, encode(manifest, str(file)))
 
 
 def read_manifest(folder: Path) -> Manifest | None:
@@ -96,19 +95,9 @@ def write_part(folder: Path, task: int, table: pl.DataFrame) -> None:
 
 
 def write_table(table: pl.DataFrame, file: Path) -> None:
-    """Write a Parquet file beside its place and rename it.
-
-    The name written first is of this process and thread alone, so that two runs in one folder do no
-    harm: the later one replaces a file by an equal one.
-    """
-    beside = file.with_name(f".{file.name}.{os.getpid()}.{threading.get_ident()}")
-    try:
+    """Write a Parquet file beside its place and rename it."""
+    with written_beside(file) as beside:
         table.write_parquet(beside)
-        with beside.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        beside.replace(file)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def read_parts(folder: Path | str) -> pl.LazyFrame:

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from ..allan import ChannelNoise, LogNoise, NoiseTerm, TERMS
 from ..allan.model import NAMES, SI_UNITS, USUAL_UNITS
 from ..plots.noise import allan
 from ..plots.style import drawing, save_png
+from .terminal import Terminal
 
 
 def noise_document(logs: Sequence[LogNoise]) -> dict[str, object]:
@@ -78,7 +78,7 @@ def write_figures(logs: Sequence[LogNoise], folder: Path) -> list[str]:
 
 def print_noise(logs: Sequence[LogNoise]) -> None:
     """Every term of every channel in data-sheet units, with its 95 % limits."""
-    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console = Terminal(soft_wrap=True)
     for found in logs:
         console.print(f"{found.recording or 'log'}: {found.duration:.0f} s at {found.rate:.6g} Hz")
         for triad in USUAL_UNITS:

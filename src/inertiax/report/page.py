@@ -14,8 +14,8 @@ import equinox as eqx
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
-from ..calibration.calibration import write_atomically
 from ..plots.style import COLOURS, drawing, Figure, save_png, to_svg
+from ..storage.whole_files import write_atomically
 
 
 SHORT = 28  # characters that a cell keeps in one line

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from ..calibrate.fit_quality import judge
 from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..physics.temperature import Constant
 from .judge import TRIAD_NAMES, triads
+from .terminal import Terminal
 
 
 if TYPE_CHECKING:  # a command pays for what it uses alone
@@ -160,11 +160,11 @@ def print_audit(audit: "Audit") -> None:
         console.print()
 
 
-def _console() -> Console:
+def _console() -> Terminal:
     # A table squeezed into less than 96 columns loses letters; a terminal wraps it instead. Where there
     # is no terminal to ask, nothing is wrapped.
-    asked = Console().width if sys.stdout.isatty() else 200
-    return Console(highlight=False, markup=False, soft_wrap=True, width=max(asked, 96))
+    asked = Terminal().width if sys.stdout.isatty() else 200
+    return Terminal(soft_wrap=True, width=max(asked, 96))
 
 
 def _plain_table(*heads: str, text: tuple[str, ...] = ("", "unit")) -> Table:

@@ -13,6 +13,8 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
+from ...storage.harmless_text import short
+
 
 AXES = ("x", "y", "z")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -264,13 +266,7 @@ def shown(names: Iterable[str]) -> list[str]:
     return [*few, "…"] if len(listed) > _MOST_SHOWN else few
 
 
-def short(text: str) -> str:
-    """Text from a file as a message repeats it: one line, not long."""
-    plain = "".join(c if c.isprintable() else "�" for c in text[:_LONGEST_SHOWN])
-    return plain + "…" if len(text) > _LONGEST_SHOWN else plain
-
-
-_MOST_SHOWN, _LONGEST_SHOWN = 16, 40
+_MOST_SHOWN = 16
 
 CANONICAL = ColumnMap()  # the contract's column names, in SI
 AS_FOUND = Layout()  # a file that says everything itself

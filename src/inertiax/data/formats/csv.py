@@ -10,8 +10,9 @@ from typing import NoReturn
 
 import polars as pl
 
+from ...storage.harmless_text import short
 from ..recording import Recording
-from .columns import AS_FOUND, ColumnMap, Layout, short, shown
+from .columns import AS_FOUND, ColumnMap, Layout, shown
 from .table import to_recordings
 from .text_layout import fields, find_layout, TextLayout
 

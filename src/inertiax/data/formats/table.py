@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float, Int
 
+from ...storage.harmless_text import short
 from ..recording import Recording
 from .columns import (
     AXES,
@@ -14,7 +15,6 @@ from .columns import (
     Layout,
     nearest,
     ProbeColumns,
-    short,
     shown,
     supply_scale,
     SupplyColumn,

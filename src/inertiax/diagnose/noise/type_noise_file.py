@@ -5,9 +5,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from ...calibration.calibration import write_atomically
-from ...data.json_documents import decode
+from ...data.json_documents import decode, encode
 from ...data.recording import Rig
+from ...storage.whole_files import write_atomically
 from .state_space import NUM_VARIANCES, Variances
 from .type_noise import ChainNoise, TypeNoise
 
@@ -61,7 +61,7 @@ def write_noise(noise: TypeNoise, path: Path) -> None:
         chains,
         noise.diagnosed,
     )
-    write_atomically(path, msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
+    write_atomically(path, encode(content, str(path), indent=1))
 
 
 def read_noise(path: Path) -> TypeNoise:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtr
 
 from .score_statistics import FleetScores, Term
 
@@ -22,6 +22,9 @@ from .score_statistics import FleetScores, Term
 FALSE_ALARM = 0.01  # for the whole fleet, all terms together
 ALIKE = 0.9  # signatures that correlate more are one group: the plan cannot tell them apart
 SHARED_SPREAD = 0.2  # tau / |mean| below which devices agree
+TINY = (
+    1e-150  # the least uncertainty of a mean: t stays a number where devices agree in every digit
+)
 FEWEST = 8  # devices, for a mean with an uncertainty
 
 
@@ -165,8 +168,6 @@ def _strongest(
     before: Sequence[Common],
 ) -> Common | None:
     """The term whose mean is farthest from zero, if that is significant among all terms."""
-    from scipy.stats import t  # takes a second to import, and only this needs it
-
     taken = {scores.terms.index(c.term) for c in before}
     best: tuple[float, int, tuple[float, float, float], int] | None = None
     z_of = np.zeros(len(scores.terms))
@@ -176,8 +177,7 @@ def _strongest(
             continue
         mean = _mean(amplitude[there, k], sigma[there, k])
         # Student's t, as a normal deviate.
-        p = t.logsf(abs(mean[0] / mean[1]), int(there.sum()) - 1)
-        z_of[k] = _normal_deviate(float(p))
+        z_of[k] = _normal_deviate(abs(mean[0]) / max(mean[1], TINY), int(there.sum()) - 1)
         if best is None or z_of[k] > best[0]:
             best = (float(z_of[k]), k, mean, int(there.sum()))
     if best is None or best[0] < -ndtri(FALSE_ALARM / 2 / len(scores.terms)):
@@ -192,11 +192,17 @@ def _strongest(
     )
 
 
-def _normal_deviate(log_tail: float) -> float:
-    """z with log P(Z > z) as given; beyond double precision by the tail's leading term."""
-    if log_tail > -700.0:
-        return float(-ndtri(np.exp(log_tail)))
-    return float(np.sqrt(-2.0 * log_tail))
+def _normal_deviate(t: float, freedom: int) -> float:
+    """z with P(Z > z) = P(T > t), T of Student's distribution.
+
+    Where that chance is below double precision by the closed form of Wallace, *Bounds on normal approximations to
+    Student's and the chi-square distributions* (1959), which is then exact to three digits.
+    """
+    chance = stdtr(freedom, -t)
+    if chance > 1e-300:
+        return float(-ndtri(chance))
+    shrink = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
+    return float(shrink * np.sqrt(freedom * np.log1p(t / freedom * t)))
 
 
 def _single(

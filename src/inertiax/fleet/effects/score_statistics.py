@@ -55,7 +55,7 @@ class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     label: str
-    settings: dict[str, float | str]
+    settings: dict[str, float | int | str]  # whole numbers stay so in the manifest
     columns: int
 
     def __hash__(self) -> int:

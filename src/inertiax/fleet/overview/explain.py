@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import polars as pl
 
-from ...calibration.calibration import write_atomically
-from ...data.json_documents import decode
+from ...data.json_documents import decode, encode
+from ...storage.whole_files import write_atomically
 from ..effects.population_effects import FEWEST, LineMismatch, read_line
 from ..effects.score_statistics import choose_forms, FleetScores, Form, terms_of
 from ..reduce.many_dwells import Reduced, Reduction
@@ -70,7 +70,8 @@ def write_line(folder: Path, manifest: Manifest, reader: Reader) -> tuple[LineMi
         scores = FleetScores(terms_of(forms, triad), amplitude, sigma, overlaps[triad])
         found.append(read_line(triad, table.get_column("device").to_list(), scores))
     contents = LineFile(SCHEMA, tuple(found))
-    write_atomically(folder / "line.json", msgspec.json.encode(contents))
+    file = folder / "line.json"
+    write_atomically(file, encode(contents, str(file)))
     return contents.triads
 
 

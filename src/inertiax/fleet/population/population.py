@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from ...calibration.calibration import write_atomically
-from ...data.json_documents import decode
+from ...data.json_documents import decode, encode
+from ...storage.whole_files import write_atomically
 from ..solve.triad_model import curve_covariance, curves, TriadModel
 from .unit_covariance import FEWEST
 
@@ -118,7 +118,7 @@ def lower_triangle(matrix: Float[np.ndarray, "n n"]) -> tuple[float, ...]:
 
 def write_population(population: Population, file: Path) -> None:
     """Write `population.json`, whole or not at all."""
-    write_atomically(file, msgspec.json.format(msgspec.json.encode(population), indent=1) + b"\n")
+    write_atomically(file, encode(population, str(file), indent=1))
 
 
 def read_population(path: Path | str) -> Population:

@@ -9,6 +9,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote
 
 import polars as pl
 
@@ -34,11 +35,23 @@ def find_sources(folder: Path, patterns: Sequence[str]) -> tuple[Source, ...]:
     """All files of `[recordings] files`, each once; raises `ValueError` as `find_files` does."""
     found: dict[str, Source] = {}
     for pattern in patterns:
-        for source in _remote(pattern) if is_address(pattern) else _local(folder, pattern):
+        path = _on_this_machine(pattern)
+        for source in _remote(pattern) if path is None else _local(folder, path):
             found[source.address] = source
     if not patterns:
         find_files(folder, ())
     return tuple(found.values())
+
+
+def _on_this_machine(pattern: str) -> str | None:
+    """The path of a pattern, `None` where it is an address of another place; `file://…` is a path, and for its globs
+    the rules of all paths hold."""
+    protocol, _, rest = pattern.partition("://")
+    if not is_address(pattern):
+        return pattern
+    if protocol.lower().rpartition("::")[2] not in ("file", "local"):
+        return None
+    return unquote(rest.removeprefix("localhost")) or "/"
 
 
 def _local(folder: Path, pattern: str) -> list[Source]:

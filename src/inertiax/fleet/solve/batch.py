@@ -297,7 +297,9 @@ def _paule_mandel(
     scatter = np.zeros(len(dof))
     noisy = np.flatnonzero(~quiet & (dof > 0))
     if len(noisy):
-        scatter[noisy] = batched_excess_deviation(square[noisy], variance[noisy], used[noisy])
+        scatter[noisy] = batched_excess_deviation(
+            square[noisy], variance[noisy], used[noisy].astype(float)
+        )
     return scatter
 
 

@@ -1,0 +1,165 @@
+"""Standard output of any encoding takes results; names in files steer no terminal, wherever they are shown."""
+
+import ast
+import io
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import polars as pl
+import pytest
+from rich.table import Table
+
+import inertiax
+from bad_inputs_cases import CSV, TABLE, TOML
+from inertiax.cli import console, main
+from inertiax.cli.streams import AnyText
+from inertiax.data.campaign import load_campaign
+from inertiax.report.terminal import Terminal
+
+
+EVIL = "\x1b]0;owned\x07\x1b[2J\u202edevice\x9b31m"
+
+
+def campaign(folder: Path, device: str | None = None) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "campaign.toml").write_text(TOML)
+    if device is None:
+        (folder / "a.csv").write_text(CSV)
+    else:
+        TABLE.with_columns(device=pl.lit(device)).write_parquet(folder / "a.parquet")
+    return folder
+
+
+def command(*arguments: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(
+        [sys.executable, "-m", "inertiax", *map(str, arguments)],
+        capture_output=True, timeout=240, env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
+def test_results_reach_standard_output_in_any_encoding(tmp_path, encoding):
+    folder = campaign(tmp_path / "c", "Gerät σ 7")
+    done = command("calibrate", folder, "-o", tmp_path / "out", PYTHONIOENCODING=encoding)
+    assert done.returncode == 0, done.stderr
+    assert ("Gerät" if encoding != "ascii" else "Ger\\xe4t") in done.stdout.decode(encoding)
+    done = command("calibrate", folder, "-o", tmp_path / "out", "--json", PYTHONIOENCODING=encoding)
+    assert done.returncode == 0, done.stderr
+    assert "Gerät σ 7" in json.dumps(json.loads(done.stdout.decode(encoding)), ensure_ascii=False)
+
+
+def test_a_stream_of_text_refuses_bytes_and_loses_no_character():
+    raw = io.BytesIO()
+    stream = AnyText(io.TextIOWrapper(raw, encoding="cp1252", newline=""))
+    with pytest.raises(TypeError, match="str"):
+        stream.write(b"")  # pyright: ignore[reportArgumentType]
+    assert stream.write("µ → χ\n") == 6
+    stream.flush()
+    assert raw.getvalue().decode("cp1252") == "µ \\u2192 \\u03c7\n"
+
+
+def test_no_escape_sequence_passes_where_text_is_written(capsys):
+    console.say(EVIL)
+    console.warn(EVIL)
+    table = Table(EVIL)
+    table.add_row(EVIL)
+    for screen in (Terminal(), Terminal(stderr=True)):
+        screen.print(EVIL, style="bold")
+        screen.print(table)
+    with console.Stages(quiet=False) as stages:
+        stages.note(EVIL)
+        stages(EVIL)
+    said = capsys.readouterr()
+    for text in (said.out, said.err):
+        assert "device" in text
+        assert all(c.isprintable() or c == "\n" for c in text)
+
+
+def seen_on_a_terminal(arguments: list[object]) -> str:
+    """What a command writes to a terminal, standard output and error together."""
+    ours, theirs = pty.openpty()
+    run = subprocess.Popen(
+        [sys.executable, "-m", "inertiax", *map(str, arguments)], stdout=theirs, stderr=theirs
+    )
+    os.close(theirs)
+    seen = b""
+    while True:
+        try:
+            piece = os.read(ours, 4096)
+        except OSError:  # the other side is closed
+            break
+        seen += piece
+    run.wait(240)
+    os.close(ours)
+    return seen.decode()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="terminals of POSIX")
+@pytest.mark.parametrize("name", ["calibrate", "fleet"])
+def test_a_device_of_escape_sequences_steers_no_terminal(tmp_path, name):
+    folder = campaign(tmp_path / "c", EVIL)
+    seen = seen_on_a_terminal([name, folder, "-o", tmp_path / "out"])
+    assert "out/report.html" in seen
+    for sequence in ("\x1b]", "\x07", "\x1b[2J", "\u202e", "\x9b"):
+        assert sequence not in seen
+    done = command(name, folder, "-o", tmp_path / "out2")
+    assert all(c.isprintable() or c == "\n" for c in (done.stdout + done.stderr).decode())
+
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="file names of any bytes")
+
+
+@linux
+@pytest.mark.parametrize("name", ["calibrate", "compensate", "noise", "fleet", "diagnose"])
+def test_paths_that_are_no_utf_8_are_refused_in_one_line(tmp_path, name, capfd):
+    inside = os.fsdecode(os.fsencode(tmp_path) + b"/c\xff\xfe")
+    os.mkdir(inside)
+    arguments = [name, inside, "-o", str(tmp_path / "out")]
+    with pytest.raises(SystemExit) as exit:
+        main(arguments)
+    said = capfd.readouterr().err
+    assert exit.value.code == 2
+    assert (
+        said
+        == f"inertiax: Invalid value: '{tmp_path}/c��' is no UTF-8; rename it. See `inertiax --help`.\n"
+    )
+
+
+@linux
+def test_a_recording_whose_name_is_no_utf_8_is_refused_in_one_line(tmp_path):
+    folder = campaign(tmp_path / "c")
+    (folder / "campaign.toml").write_text(TOML.replace("a.*", "*"))
+    os.rename(folder / "a.csv", os.fsencode(folder) + b"/a\xff.csv")
+    with pytest.raises(ValueError, match=r"the name of 'a�.csv' is no UTF-8; rename it") as caught:
+        load_campaign(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_only_the_console_writes_to_standard_output():
+    """Every other module of the command line speaks through it, where text of files is made harmless."""
+    home = Path(inertiax.__file__).parent
+    for file in sorted((home / "cli").glob("*.py")):
+        if file.name in ("console.py", "streams.py", "interrupts.py"):
+            continue
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                if called == "print" and file.name in ("app.py", "outputs.py"):
+                    continue  # messages made one line there; JSON, which escapes what does not print
+                assert called not in ("print", "typer.echo", "sys.stdout.write"), (
+                    file.name,
+                    node.lineno,
+                )
+
+
+def test_numbers_that_are_not_finite_are_null_on_standard_output(capsys):
+    from inertiax.cli import outputs
+
+    outputs.print_json({"a": float("nan"), "b": [np.inf, 1.5]})
+    assert msgspec.json.decode(capsys.readouterr().out) == {"a": None, "b": [None, 1.5]}

@@ -1,0 +1,164 @@
+"""Worker processes of a fleet: they open no port, survive their deaths, and end with the process that started them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fleet_data import write_line
+from inertiax.fleet import read_parts
+from inertiax.fleet.cluster import on_dask, on_processes
+from inertiax.fleet.reduce.tasks import Task
+
+
+linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="sockets as Linux shows them")
+
+# Tells of every listening TCP socket that a process and its children hold, by the inodes in /proc.
+SOCKETS = """
+import os, sys
+from pathlib import Path
+
+def family(pid):
+    children = []
+    for tasks in Path(f"/proc/{pid}/task").glob("*/children"):
+        children += tasks.read_text().split()
+    return [pid, *(p for c in children for p in family(c))]
+
+def listening():
+    lines = [l.split() for f in ("tcp", "tcp6") for l in Path(f"/proc/net/{f}").read_text().splitlines()[1:]]
+    inodes = {f"socket:[{l[9]}]" for l in lines if l[3] == "0A"}
+    held = []
+    for pid in family(str(os.getpid())):
+        for fd in Path(f"/proc/{pid}/fd").glob("*"):
+            try:
+                held.append(os.readlink(fd))
+            except OSError:
+                pass
+    return [h for h in held if h in inodes], len(family(str(os.getpid())))
+"""
+
+FLEET = """
+import sys, threading, time
+from inertiax.fleet import run_fleet
+import inertiax.fleet.pipeline as run
+import inertiax.fleet.reduce.tasks as tasks
+if __name__ == "__main__":
+    whole = tasks.split
+    run.split = lambda files, columns: whole(files, columns, rows=1)  # a task for each device
+    found, most = [], 0
+    def look():
+        global most
+        while True:
+            open_, processes = listening()
+            found.extend(open_); most = max(most, processes)
+            time.sleep(0.05)
+    threading.Thread(target=look, daemon=True).start()
+    run_fleet(sys.argv[1], sys.argv[2], scheduler="local", workers=1)
+    print(len(found), most > 1)
+"""
+
+
+@linux
+def test_local_workers_open_no_port(tmp_path):
+    write_line(tmp_path / "line", 3, files=1, experiments=2)
+    command = [sys.executable, "-c", SOCKETS + FLEET, str(tmp_path / "line"), str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert done.stdout == "0 True\n"
+    assert read_parts(tmp_path / "out").collect().height == 3
+
+
+@linux
+def test_the_look_at_sockets_sees_a_port():
+    code = (
+        SOCKETS
+        + "import socket\ns = socket.create_server(('127.0.0.1', 0))\nprint(len(listening()[0]))"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "1\n"
+    )
+
+
+def killed_once(task: Task) -> int:
+    """A task during which the worker dies, the first time."""
+    mark = Path(task.devices[0][0])
+    if task.number == 1 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return task.number
+
+
+def killed_always(task: Task) -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return task.number
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_tasks_of_a_worker_that_died_are_done_again(tmp_path):
+    tasks = [Task(k, ((str(tmp_path / "mark"), ()),)) for k in range(4)]
+    assert sorted(on_processes(killed_once, tasks, 1)) == [0, 1, 2, 3]
+    assert (tmp_path / "mark").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_task_that_always_kills_its_worker_ends_in_one_line():
+    with pytest.raises(ValueError, match="died 4 times with 1 of 1 tasks left") as caught:
+        list(on_processes(killed_always, [Task(0, ())], 1))
+    assert "\n" not in str(caught.value)
+
+
+ORPHANS = """
+import sys, time
+from inertiax.fleet.cluster import on_processes
+from inertiax.fleet.reduce.tasks import Task
+from long_task import wait
+if __name__ == "__main__":
+    list(on_processes(wait, [Task(0, ((sys.argv[1], ()),))], 1))
+"""
+LONG_TASK = """
+import os, time
+from pathlib import Path
+def wait(task):
+    Path(task.devices[0][0]).write_text(str(os.getpid()))
+    time.sleep(120)
+    return 0
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_workers_end_with_a_process_that_is_killed(tmp_path):
+    (tmp_path / "long_task.py").write_text(LONG_TASK)
+    (tmp_path / "main.py").write_text(ORPHANS)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    mark = tmp_path / "pid"
+    process = subprocess.Popen(
+        [sys.executable, tmp_path / "main.py", str(mark)], env={**os.environ, "PYTHONPATH": path}
+    )
+    until(lambda: mark.exists() and mark.read_text() != "")
+    worker = int(mark.read_text())
+    process.kill()
+    process.wait()
+    until(lambda: gone(worker))
+
+
+def until(condition, limit: float = 60.0) -> None:
+    end = time.monotonic() + limit
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def gone(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
+    except OSError:
+        return True
+
+
+def test_dask_is_for_addresses():
+    with pytest.raises(ValueError, match="no Dask scheduler answers at 'nowhere"):
+        list(on_dask(killed_always, [Task(0, ())], "nowhere://"))
