@@ -11,7 +11,8 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from .columns import short, shown
+from ...storage.harmless_text import short
+from .columns import shown
 
 
 COMMENTS = ("#", "%", "//")

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from .columns import short
+from ...storage.harmless_text import short
 
 
 _PARTS = (
