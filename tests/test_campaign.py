@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from inertiax.data.campaign import find_files, load_campaign
+from inertiax.plausibility import check_campaign
 from inertiax.reduction.segments import reduce_to_dwells, segment
 
 
@@ -130,7 +131,8 @@ def _notes(tmp_path, time, accel):
     text = "time,accel_x,accel_y,accel_z\n" + "\n".join(
         ",".join(map(repr, r)) for r in rows.tolist()
     )
-    return load_campaign(_write(tmp_path, PLAIN, a=text)).notes
+    found = check_campaign(load_campaign(_write(tmp_path, PLAIN, a=text))).findings
+    return tuple(f.statement for f in found)
 
 
 def _tumble(count=4000, noise=0.02):
@@ -161,9 +163,9 @@ def test_saturation_names_channel_value_and_count(tmp_path):
     at_end = int((accel[:, 1] == 8.0).sum())
     notes = _notes(tmp_path, t, accel)
     assert (
-        f"a.csv: accel_y looks saturated at 8 m/s² ({at_end} samples at exactly this extreme value)."
-        in notes
-    )
+        f"a.csv: accel_y looks saturated at 8 m/s² ({at_end} samples at exactly this extreme value, "
+        f"{at_end} of them at rest)."
+    ) in notes
     assert len(notes) == 2  # and at -9
 
 
@@ -187,18 +189,19 @@ def test_a_dead_channel_is_noted(tmp_path):
 def test_a_doubtful_time_unit_is_noted(tmp_path):
     t, accel = _tumble()
     assert (
-        "the usual step in time is 1e+04 s; check the unit" in _notes(tmp_path, t * 1e6, accel)[0]
+        "the usual step in time is 1e+04 s; likely microseconds"
+        in _notes(tmp_path, t * 1e6, accel)[0]
     )
 
 
 def test_recordings_that_overlap_in_time_are_noted(tmp_path):
     rows = "time,accel_x,accel_y,accel_z\n0,0,0,9.8\n1,0,0,9.8\n"
     c = load_campaign(_write(tmp_path, PLAIN.replace("a.csv", "*.csv"), a=rows, b=rows))
-    assert c.notes == (
+    (found,) = check_campaign(c).findings
+    assert found.severity == "note" and found.statement == (
         "a.csv and b.csv overlap in time, so their order is not known; drift over the campaign "
-        "cannot be judged.",
+        "cannot be judged."
     )
-    assert c.of_device("").notes == c.notes
 
 
 # --- real recordings -----------------------------------------------------------------------------

@@ -12,7 +12,7 @@ SOURCE = Path(inertiax.__file__).parent
 
 # Folders (and single modules) from the top down; `docs/design.md` says what each holds.
 FOLDERS = """_typing storage
-physics numerics data reduction effects estimators procedure allan model_selection calibration
+physics numerics data reduction plausibility effects estimators procedure allan model_selection calibration
 calibrate simulate analysis navigation design diagnose exports fleet plots report cli __main__""".split()
 
 # The same inside the folders that have stages of their own.
@@ -21,7 +21,7 @@ STAGES = {
 wording pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce solve effects population model_choice store rows overview results cluster pipeline
 __init__""".split(),
-    "data": """recording formats pairing plausibility settings json_documents campaign""".split(),
+    "data": """recording formats pairing model_columns settings json_documents campaign""".split(),
 }
 
 

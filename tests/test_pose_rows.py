@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from inertiax.data.campaign import load_campaign
+from inertiax.plausibility import require_plausible
 from inertiax.reduction.segments import reduce_to_dwells
 
 
@@ -43,7 +44,7 @@ def test_poses_that_nobody_announced_are_refused_with_the_line_that_does(tmp_pat
     with pytest.raises(
         ValueError, match=r"24 rows turn by \d+° .*position = \{ row_index = true \}"
     ):
-        campaign(tmp_path, text, "[columns]\ntime = { rate = 1.0 }\n")
+        require_plausible(campaign(tmp_path, text, "[columns]\ntime = { rate = 1.0 }\n"))
 
 
 def test_a_short_log_of_one_pose_is_none_of_that(tmp_path):
@@ -51,7 +52,7 @@ def test_a_short_log_of_one_pose_is_none_of_that(tmp_path):
     text = "accel_x,accel_y,accel_z\n" + "".join(
         ",".join(map(repr, r)) + "\n" for r in still.tolist()
     )
-    campaign(tmp_path, text, "[columns]\ntime = { rate = 50.0 }\n")
+    require_plausible(campaign(tmp_path, text, "[columns]\ntime = { rate = 50.0 }\n"))
 
 
 def test_row_numbers_and_a_column_contradict_each_other(tmp_path):

@@ -29,7 +29,7 @@ INSTRUMENTED += [
     "inertiax.exports.compensated_recording",
 ]
 INSTRUMENTED += [
-    "inertiax.data.plausibility.screening",
+    "inertiax.data.model_columns",
     "pyulog",
     "rosbags",
     "tomllib",

@@ -31,6 +31,7 @@ from ..model_selection.select_model import (
 )
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import AbstractBasis, Curve
+from ..plausibility import require_plausible, statements
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
 from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
@@ -63,13 +64,14 @@ def calibrate(
     *,
     method: str = "gauss-newton",
     robust: float | None = None,
+    force: bool = False,
     progress: Progress | None = None,
 ) -> tuple[DeviceResult | DeviceFailure, ...]:
     """Calibrate every device of a campaign. A bad device becomes a `DeviceFailure`, not an error.
 
     **Arguments:** `method` is "gauss-newton" (the procedure as a Gauss-Newton method), "joint" or
-    "paper"; `robust` a pseudo-Huber threshold in standard deviations; `progress` is called with a
-    line of text at each stage.
+    "paper"; `robust` a pseudo-Huber threshold in standard deviations; `force` goes on where a plausibility
+    check finds an error; `progress` is called with a line of text at each stage.
     """
     if method not in METHODS:
         raise ValueError(f"`calibrate(method={method!r})`: method must be one of {list(METHODS)}.")
@@ -79,7 +81,7 @@ def calibrate(
         name = f"device {device}" if device else "the device"
         try:
             result = calibrate_device(
-                campaign.of_device(device), method=method, robust=robust, progress=tell
+                campaign.of_device(device), method=method, robust=robust, force=force, progress=tell
             )
         except ValueError as error:
             results.append(DeviceFailure(device, str(error)))
@@ -91,15 +93,22 @@ def calibrate(
 
 
 def calibrate_device(
-    campaign: Campaign, *, method: str, robust: float | None, progress: Progress
+    campaign: Campaign,
+    *,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    force: bool = False,
 ) -> DeviceResult:
     """Calibrate the one device of a campaign. Raises `ValueError` with the reason where the data do
-    not determine the model."""
+    not determine the model, or cannot be right and `force` is not given."""
+    found_odd = require_plausible(campaign, force=force)
     chosen = choose_model(campaign, campaign.recordings)
     progress("reducing recordings to dwells")
     dwells = reduce_to_dwells(campaign.recordings)
     accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
-    choices, warnings = list(chosen.reasons), list(campaign.notes)
+    choices = list(chosen.reasons)
+    warnings = [*campaign.notes, *statements(found_odd)]
     accel_result, raw = None, dwells
     if accel is not None:
         used = _rows_for("accel", chosen, dwells)
@@ -115,8 +124,8 @@ def calibrate_device(
         found = _together(campaign, chosen, raw, accel_result, gyro_result, robust)
         accel_result, gyro_result = found.accel, found.gyro
         choices.extend(found.statements)
-        force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
-        effects = found.effects(float(np.abs(force).max()))
+        specific_force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
+        effects = found.effects(float(np.abs(specific_force).max()))
     calibration = Calibration(
         gravity=campaign.site.gravity,
         accel=_triad(accel_result, chosen.accel_estimator),
@@ -126,7 +135,9 @@ def calibrate_device(
         notes=tuple(choices),
         effects=effects,
     )
-    return DeviceResult(calibration, accel_result, gyro_result, tuple(choices), tuple(warnings))
+    return DeviceResult(
+        calibration, accel_result, gyro_result, tuple(choices), tuple(warnings), found_odd
+    )
 
 
 def _calibrate_gyro(

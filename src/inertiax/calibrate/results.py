@@ -7,6 +7,7 @@ from jaxtyping import Float
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration
 from ..estimators import AbstractEstimator
+from ..plausibility import Finding
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
 from .observability import Observability
@@ -45,6 +46,7 @@ class DeviceResult(eqx.Module):
     gyro: TriadResult | None
     choices: tuple[str, ...] = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
+    plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
 
 
 class DeviceFailure(eqx.Module):

@@ -14,6 +14,7 @@ import typer
 from ..storage.harmless_text import one_line
 from . import (
     calibrate,
+    check,
     compensate,
     console,
     demo,
@@ -37,6 +38,7 @@ app = typer.Typer(
 # A new command is a function in a file of this folder and a line here.
 app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
+app.command("check")(check.check)
 app.command("compensate")(compensate.compensate)
 app.command("diagnose")(diagnose.diagnose)
 app.command("design")(design.design)

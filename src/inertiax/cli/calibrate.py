@@ -39,6 +39,12 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result on standard output as one JSON document.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Go on although a plausibility check finds an error; it is a warning then."
+    ),
+]
 
 
 def calibrate(
@@ -58,6 +64,7 @@ def calibrate(
             metavar="SIGMAS", help="Let misfits beyond so many sigmas count less (pseudo-Huber)."
         ),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -77,7 +84,7 @@ def calibrate(
 
         stages("reading recordings")
         loaded = load_campaign(campaign)
-        results = run(loaded, method=method, robust=robust, progress=stages)
+        results = run(loaded, method=method, robust=robust, force=force, progress=stages)
         folders = _write(results, loaded, output, stages)
     _tell(results, folders, output, as_json=as_json, quiet=quiet)
 

@@ -6,7 +6,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, CampaignPath, command_line, OutputFolder, Quiet
+from .calibrate import AsJson, CampaignPath, command_line, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def diagnose(
             help="What other units of the type told of its noise (`inertiax learn-noise`): smaller effects show.",
         ),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -60,7 +61,7 @@ def diagnose(
             )
         folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
         with outputs.staged_folder(output) as staging:
-            outcomes = _diagnose_all(loaded, calibration, noise, staging, folders, stages)
+            outcomes = _diagnose_all(loaded, calibration, noise, force, staging, folders, stages)
     _tell(outcomes, folders, output, as_json=as_json, quiet=quiet)
 
 
@@ -68,6 +69,7 @@ def _diagnose_all(
     campaign: "Campaign",
     calibration: Path | None,
     noise: Path | None,
+    force: bool,
     staging: Path,
     folders: dict[str, str],
     stages: console.Stages,
@@ -85,7 +87,7 @@ def _diagnose_all(
         one = campaign.of_device(device)
         try:
             found, augmented = diagnose_campaign(
-                one, calibration=known, noise=of_type, progress=stages
+                one, calibration=known, noise=of_type, force=force, progress=stages
             )
         except ValueError as error:
             if len(folders) == 1:

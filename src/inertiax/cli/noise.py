@@ -6,11 +6,11 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, OutputFolder, Quiet
+from .calibrate import AsJson, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
-    from ..data.recording import Recording
+    from ..data.recording import Campaign
 
 
 def noise(
@@ -24,6 +24,7 @@ def noise(
         ),
     ],
     output: OutputFolder,
+    force: Force = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -36,12 +37,15 @@ def noise(
         stages("starting")
         environment.prepare()
         from ..allan import noise_of
+        from ..plausibility import require_plausible, statements
         from ..report.noise import noise_document, print_noise, write_figures
 
         stages("reading recordings")
-        found = [noise_of(r, progress=stages) for r in _recordings(log)]
+        campaign = _campaign(log)
+        odd = require_plausible(campaign, force=force)
+        found = [noise_of(r, progress=stages) for r in campaign.recordings]
         stages("drawing")
-        document = noise_document(found)
+        document = {**noise_document(found), "plausibility": [f.as_dict() for f in odd]}
         with outputs.staged_folder(output, replaces=("noise.png",)) as staging:
             outputs.write_json(staging / "noise.json", document)
             figures = write_figures(found, staging)
@@ -49,13 +53,17 @@ def noise(
         outputs.print_json(document)
     elif not quiet:
         print_noise(found)
+        for said in statements(odd):
+            console.say(f"warning: {console.one_line(said)}")
         console.say(f"written: {', '.join(str(output / n) for n in ('noise.json', *figures))}")
 
 
-def _recordings(path: Path) -> "tuple[Recording, ...]":
+def _campaign(path: Path) -> "Campaign":
+    """The campaign, or a recording as one at a place of standard gravity."""
     from ..data.campaign import load_campaign
     from ..data.formats.detect import read_recordings
+    from ..data.recording import Campaign
 
     if path.suffix == ".toml" or (path / "campaign.toml").is_file():
-        return load_campaign(path).recordings
-    return read_recordings(path)
+        return load_campaign(path)
+    return Campaign(read_recordings(path))

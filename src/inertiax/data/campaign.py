@@ -10,8 +10,8 @@ from ..storage.harmless_text import short
 from .formats import Layout, read_recordings
 from .formats.columns import TimeColumn
 from .formats.detect import is_recording
+from .model_columns import check_model_columns
 from .pairing import pair
-from .plausibility.screening import check_model_columns, screen
 from .recording import Campaign, ModelChoice, Recording, Rig, Site
 from .settings import CampaignTable, ModelTable, read_table, RigTable, SiteTable
 
@@ -21,7 +21,7 @@ _WILD = re.compile(r"[*?\[]")
 
 
 def load_campaign(path: Path | str) -> Campaign:
-    """The campaign in a folder or `campaign.toml`, in SI, checked; `notes` says what looks odd.
+    """The campaign in a folder or `campaign.toml`, in SI; `plausibility.check_campaign` says whether it can be right.
 
     **Arguments:** `path` is the folder that holds `campaign.toml`, or that file.
 
@@ -32,7 +32,6 @@ def load_campaign(path: Path | str) -> Campaign:
     try:
         recordings, notes = _read_all(table, file)
         check_model_columns(_model(table.model), recordings)
-        notes += screen(recordings, table.site.gravity)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return Campaign(

@@ -20,6 +20,7 @@ from ..data.campaign import load_campaign
 from ..data.recording import Campaign, Recording, Site
 from ..effects import CATALOGUE, Effect, Signal
 from ..physics.temperature import Constant, Curve, Polynomial
+from ..plausibility import require_plausible
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
@@ -40,7 +41,7 @@ from .plan.detectability import Audited, conclude
 from .plan.limits import Audit
 from .problem import between_all, finer, prepare, Prepared
 from .residuals import residuals
-from .result import Detectable, Diagnosis, Explanation, Quality
+from .result import Detectable, Diagnosis, Explanation, Quality, with_findings
 from .selection.evidence import Candidate
 from .selection.score_test import Score, whiten_system
 from .selection.verdict import Answer, identify, Named
@@ -87,9 +88,14 @@ def diagnose_campaign(
     calibration: Calibration | None = None,
     effects: Sequence[Effect] = CATALOGUE,
     noise: TypeNoise | None = None,
+    force: bool = False,
     progress: Progress = silent,
 ) -> tuple[Diagnosis, Calibration]:
-    """`diagnose` together with the calibration of the augmented model."""
+    """`diagnose` together with the calibration of the augmented model.
+
+    `force` goes on where a plausibility check finds an error; else that raises `ValueError`.
+    """
+    found_odd = require_plausible(campaign, force=force)
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
@@ -99,6 +105,7 @@ def diagnose_campaign(
         found, second = conclude_findings(seen, findings, effects, progress)
         if noise is not None:
             found = replace(found, noise=(noise.origin(), *found.noise))
+        found = with_findings(found, found_odd)
         return found, second if calibration is None else succeeding(calibration, second)
 
 

@@ -1,10 +1,12 @@
 """The diagnosis: what a campaign says about the physics that its model left out."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
 
+from ..plausibility import Finding, statements
 from ..storage.whole_files import write_atomically
 from .plan.limits import Audit, Detectable as Detectable
 from .residuals import Residuals
@@ -90,6 +92,7 @@ class Diagnosis(eqx.Module):
     noise: tuple[str, ...] = eqx.field(
         static=True, default=()
     )  # where it was known from, and the fitted noise beside Allan deviations
+    plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
     audit: Audit | None = None
     residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
 
@@ -110,6 +113,7 @@ class Diagnosis(eqx.Module):
             "detectable": [_fields(d) for d in self.detectable],
             "notes": [*self.notes, *self.left_out],
             "noise": list(self.noise),
+            "plausibility": [f.as_dict() for f in self.plausibility],
         }
         if self.audit is not None:
             made["audit"] = self.audit.as_dict()
@@ -126,6 +130,16 @@ class Diagnosis(eqx.Module):
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, (self.to_json() + "\n").encode())
+
+
+def with_findings(found: Diagnosis, findings: tuple[Finding, ...]) -> Diagnosis:
+    """The diagnosis with what is implausible in its data; the summary says so of warnings."""
+    said = statements(findings)
+    summary = found.summary
+    if said:
+        more = f" (and {len(said) - 1} more, see notes)" if len(said) > 1 else ""
+        summary = f"{summary} The data themselves are doubtful: {said[0]}{more}"
+    return replace(found, summary=summary, notes=(*found.notes, *said), plausibility=findings)
 
 
 def _fields(module: eqx.Module) -> dict:

@@ -48,6 +48,7 @@ def _device(
         "temperature": at if known else None,
         "choices": list(result.choices),
         "warnings": list(result.warnings),
+        "plausibility": [f.as_dict() for f in result.plausibility],
         "quality": _quality(judge(result)),
         **{name: _triad(c, r, at) for name, (c, r) in triads(result).items()},
     }

@@ -1,1 +1,0 @@
-"""What in a recording looks wrong before any fit."""

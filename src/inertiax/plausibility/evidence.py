@@ -1,0 +1,135 @@
+"""What the checks look at: one device's recordings with their rests and the motions between them. NumPy only."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..data.formats.columns import ColumnMap
+from ..data.recording import Campaign, Recording, Site
+from ..data.settings import read_table
+from ..reduction.rests import find_rests, usual_step
+from ..reduction.segments import segment, Segments
+
+
+_MOST_RESTS = 2000  # of one recording: more are labels that do not mean rests
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Means:
+    """Means and standard deviations of a triad over segments, SI. One row a segment."""
+
+    mean: Float[np.ndarray, "segment 3"]
+    std: Float[np.ndarray, "segment 3"]  # of single samples
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Log:
+    """One recording with its rests (and plateaus of constant rate, where a reference says so)."""
+
+    recording: Recording
+    start: Int[np.ndarray, " rest"]  # rows [start, stop) of each rest
+    stop: Int[np.ndarray, " rest"]
+    labelled: bool  # by the recording itself, not searched in its data
+    plateau_start: Int[np.ndarray, " plateau"]
+    plateau_stop: Int[np.ndarray, " plateau"]
+    step: float  # s, the usual time from sample to sample
+
+    @property
+    def name(self) -> str:
+        """What a statement calls the recording."""
+        return self.recording.name or "the recording"
+
+    @property
+    def num_rests(self) -> int:
+        """Length of `start`."""
+        return len(self.start)
+
+    @property
+    def at_rest(self) -> Bool[np.ndarray, " time"]:
+        """Rows of rests."""
+        marks = np.zeros(self.recording.num_samples + 1, np.int64)
+        np.add.at(marks, self.start, 1)
+        np.add.at(marks, self.stop, -1)
+        return np.cumsum(marks[:-1]) > 0
+
+    def labels(self, column: str) -> Int[np.ndarray, " rest"] | None:
+        """`position` or `experiment` of each rest; `None` where the recording has no such column."""
+        values = getattr(self.recording, column)
+        return None if values is None else values[self.start]
+
+    def over_rests(self, column: str) -> Means | None:
+        """Means of a triad over the rests, `None` where it was not recorded."""
+        values = getattr(self.recording, column)
+        return None if values is None else means(values, self.start, self.stop)
+
+    def over_plateaus(self, column: str) -> Means | None:
+        """The same over plateaus of constant rate."""
+        values = getattr(self.recording, column)
+        return None if values is None else means(values, self.plateau_start, self.plateau_stop)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DeviceLogs:
+    """One device's recordings, the place, and how the campaign maps columns."""
+
+    logs: tuple[Log, ...]
+    site: Site
+    columns: ColumnMap
+    device: str = ""
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """As given."""
+        return tuple(log.recording for log in self.logs)
+
+
+def means(
+    values: Float[np.ndarray, "time 3"],
+    start: Int[np.ndarray, " segment"],
+    stop: Int[np.ndarray, " segment"],
+) -> Means:
+    """Mean and standard deviation over each range of rows."""
+    centre = np.median(values, axis=0) if len(values) else np.zeros(3)
+    sums = np.cumsum(np.pad(values - centre, ((1, 0), (0, 0))), axis=0)
+    squares = np.cumsum(np.pad((values - centre) ** 2, ((1, 0), (0, 0))), axis=0)
+    count = (stop - start)[:, None]
+    mean = (sums[stop] - sums[start]) / count
+    spread = (squares[stop] - squares[start]) / count - mean**2
+    return Means(mean + centre, np.sqrt(np.maximum(spread, 0.0)))
+
+
+def look_at(campaign: Campaign, device: str) -> DeviceLogs:
+    """One device's recordings with their rests.
+
+    **Arguments:** `device` is a serial number of the campaign.
+    """
+    recordings = campaign.of_device(device).recordings
+    columns = ColumnMap() if campaign.path is None else read_table(campaign.path).columns
+    return DeviceLogs(tuple(look_at_one(r) for r in recordings), campaign.site, columns, device)
+
+
+def look_at_one(recording: Recording) -> Log:
+    """A recording with its rests; without, where its labels do not mean rests."""
+    found = _segments(recording)
+    rests, plateaus = found.resting.copy(), ~found.resting
+    if rests.sum() > _MOST_RESTS:
+        rests &= np.arange(len(rests)) < _MOST_RESTS
+    return Log(
+        recording,
+        found.start[rests],
+        found.stop[rests],
+        recording.position is not None or recording.reference_gyro is not None,
+        found.start[plateaus],
+        found.stop[plateaus],
+        usual_step(recording),
+    )
+
+
+def _segments(recording: Recording) -> Segments:
+    if recording.position is not None or recording.reference_gyro is not None:
+        return segment(recording)
+    # A window of at least a second; where the stamps are no seconds, of at least 16 samples.
+    found = find_rests(recording, window=1.0)
+    labels = np.arange(len(found.start))
+    return Segments(found.start, found.stop, labels, found.threshold, found.statement)

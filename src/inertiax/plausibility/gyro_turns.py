@@ -1,0 +1,230 @@
+"""The gyros' unit, signs and axes, and the unit of time: the integrated rates must turn gravity as it turned."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from . import remedies
+from .evidence import DeviceLogs, Log
+from .finding import Finding, finding
+from .thresholds import Thresholds
+from .turns import (
+    complexity,
+    DETERMINANTS,
+    IDENTITY,
+    misfit_as_given,
+    misfits,
+    Motions,
+    motions_of,
+    order_and_signs,
+    PERMUTATIONS,
+)
+
+
+_DEG = np.pi / 180
+# What the values may have to be multiplied by: angle units, seconds, and converters' usual counts and ranges.
+FACTORS: tuple[float, ...] = (
+    1.0,
+    *(_DEG, 1 / _DEG, _DEG / 3600, 3600 / _DEG, 3600.0, 1 / 3600),
+    *(1e-3, 1e3, 1e-6, 1e6, 1e-3 * _DEG, 1e3 / _DEG),
+    *(_DEG / c for c in (131, 65.5, 32.8, 16.4, 114.2857, 57.142857, 28.571429, 14.285714, 14.375)),
+    *(0.5, 2.0, 0.25, 4.0, 0.125, 8.0),
+)
+_TIME_FACTORS = (1e-3, 1e3, 1e-6, 1e6)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Best:
+    """The exchange and factor that explain the motions."""
+
+    factor: float
+    p: int
+    misfit: float  # rad
+    given: float  # rad, as given
+
+
+def check_gyro_turns(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Each recording with enough motions alone, the others together."""
+    groups: list[tuple[tuple[Log, ...], Motions]] = []
+    left: list[Log] = []
+    for log in device.logs:
+        motions = motions_of((log,), limits.least_tilt)
+        if motions is not None and motions.count >= limits.fewest_motions:
+            groups.append(((log,), motions))
+        elif motions is not None:
+            left.append(log)
+    together = motions_of(tuple(left), limits.least_tilt) if left else None
+    if together is not None and together.count >= limits.fewest_motions:
+        groups.append((tuple(left), together))
+    return [f for logs, motions in groups for f in _judge(device, logs, motions, limits)]
+
+
+def _judge(
+    device: DeviceLogs, logs: tuple[Log, ...], motions: Motions, limits: Thresholds
+) -> list[Finding]:
+    given = float(_score(misfit_as_given(motions)))
+    if given < limits.turn_agrees:
+        return _small_factor(device, logs, motions, limits)
+    best = _search(motions, given, limits)
+    if best is None:
+        return _unexplained(logs, motions, given, limits)
+    ratio = 1.0 / _refined(motions, best)
+    found = []
+    if best.factor != 1.0:
+        found += _unit(device, logs, motions, best, ratio)
+    if best.p != IDENTITY:
+        found += _axes(device, logs, motions, best)
+    return found
+
+
+def _score(angles: Float[np.ndarray, "*n motion"]) -> np.ndarray:
+    """Mean misfit, rad, without the worst eighth, so that one slip does not decide."""
+    kept = angles.shape[-1] - angles.shape[-1] // 8
+    return np.asarray(np.sort(np.minimum(angles, 1.5), axis=-1)[..., :kept].mean(axis=-1))
+
+
+def _search(motions: Motions, given: float, limits: Thresholds) -> _Best | None:
+    """The simplest of the best exchanges and factors, where it is certainly better than what is given."""
+    scores = np.stack([_score(misfits(motions, factor)) for factor in FACTORS])
+    least = float(scores.min())
+    good = least < limits.turn_agrees and given > limits.turn_gain * least
+    if not good or given < limits.turn_disagrees:
+        return None
+    near = [
+        (factor != 1.0, _cost(PERMUTATIONS[p]), float(scores[k, p]), k, p)
+        for k, factor in enumerate(FACTORS)
+        for p in range(48)
+        if scores[k, p] <= least + 0.5 * (limits.turn_agrees - least) and scores[k, p] < 2.0 * least
+    ]
+    _, _, score, k, p = min(near)
+    return _Best(FACTORS[k], p, score, given)
+
+
+def _cost(p: Float[np.ndarray, "3 3"]) -> int:
+    """Axes moved or negated in the triad that has to change least."""
+    if np.linalg.det(p) > 0:
+        return min(complexity(p), complexity(-p))
+    return complexity(p)
+
+
+def _refined(motions: Motions, best: _Best) -> float:
+    """The factor, to a percent."""
+    grid = best.factor * np.geomspace(0.85, 1.18, 34)
+    turned = PERMUTATIONS[best.p] * DETERMINANTS[best.p]
+    moved = dataclasses.replace(motions, angle=motions.angle @ turned.T * DETERMINANTS[best.p])
+    scores = [_score(misfit_as_given(moved, float(f))) for f in grid]
+    return float(grid[int(np.argmin(scores))])
+
+
+def _unit(
+    device: DeviceLogs, logs: tuple[Log, ...], motions: Motions, best: _Best, ratio: float
+) -> list[Finding]:
+    step = float(np.median([log.step for log in logs]))
+    common = {"ratio": ratio, "pairs": motions.count, "misfit": best.misfit, "as_given": best.given}
+    turned = (
+        f"{_names(logs)}: the integrated rates turn {ratio:.3g} times as far as gravity does in "
+        f"{motions.count} motions between rests"
+    )
+    if best.factor in _TIME_FACTORS and not 1e-4 <= step <= 0.5:
+        remedy = remedies.time_unit(device.columns, best.factor)
+        said = "" if remedy is None else f', likely unit "{remedy.split(chr(34))[-2]}"'
+        text = f"{turned}, and the usual step in time is {step:.3g} s: the unit of time is wrong{said}."
+        return [finding("time_unit", "error", "time", text, remedy=remedy, step=step, **common)]
+    remedy, unit = remedies.rescaled("gyro", device.columns, best.factor)
+    said = "the gyros' unit or scale is wrong" + ("" if unit is None else f", likely {unit}")
+    return [finding("gyro_unit", "error", "gyro", f"{turned}: {said}.", remedy=remedy, **common)]
+
+
+def _axes(
+    device: DeviceLogs, logs: tuple[Log, ...], motions: Motions, best: _Best
+) -> list[Finding]:
+    """The exchange in the triad where it is simpler; a proper one may be either triad's."""
+    p = PERMUTATIONS[best.p]
+    readings = [("gyro", p)]
+    if DETERMINANTS[best.p] > 0:
+        readings += [("accel", p.T), ("accel", -p.T)]
+    triad, change = min(readings, key=lambda r: complexity(r[1]))
+    words = [f"{t} {describe(c)}" for t, c in sorted(readings, key=lambda r: complexity(r[1]))]
+    also = f" (as well explained by: {'; '.join(words[1:])})" if len(words) > 1 else ""
+    remedy = remedies.exchanged(triad, device.columns, change)
+    if best.factor != 1.0 and triad == "gyro":
+        remedy = None  # the unit's line is for the same key
+    return [
+        finding(
+            "axes",
+            "error",
+            triad,
+            f"{_names(logs)}: gravity's turns between rests and the gyros' disagree by {best.given:.2f} rad on "
+            f"average, and by {best.misfit:.2f} rad when {words[0]}{also}.",
+            remedy=remedy,
+            pairs=motions.count,
+            as_given=best.given,
+            misfit=best.misfit,
+            matrix=[float(v) for v in change.ravel()],
+        )
+    ]
+
+
+def describe(p: Float[np.ndarray, "3 3"]) -> str:
+    """A signed permutation in words: "x and y are exchanged", "z is mirrored", …"""
+    order, signs = order_and_signs(p)
+    moved = [k for k in range(3) if order[k] != k]
+    negated = ["xyz"[order[k]] for k in range(3) if signs[k] < 0]
+    parts = []
+    if len(moved) == 2:
+        parts.append(f"{'xyz'[moved[0]]} and {'xyz'[moved[1]]} are exchanged")
+    elif moved:
+        parts.append(f"x, y, z are taken from {', '.join('xyz'[k] for k in order)}")
+    if negated:
+        parts.append(f"{' and '.join(negated)} {'is' if len(negated) == 1 else 'are'} mirrored")
+    return " and ".join(parts) if parts else "nothing is changed"
+
+
+def _small_factor(
+    device: DeviceLogs, logs: tuple[Log, ...], motions: Motions, limits: Thresholds
+) -> list[Finding]:
+    """A common scale factor of all gyros (or of the clock) that no sensor has."""
+    if motions.count < 2 * limits.fewest_motions:
+        return []
+    factor = _refined(motions, _Best(1.0, IDENTITY, 0.0, 0.0))
+    given = float(_score(misfit_as_given(motions)))
+    better = float(_score(misfit_as_given(motions, factor)))
+    if abs(factor - 1.0) < limits.rate_off or better > 0.6 * given or given < 0.03:
+        return []
+    return [
+        finding(
+            "gyro_unit",
+            "warning",
+            "gyro",
+            f"{_names(logs)}: the integrated rates turn {1 / factor:.3g} times as far as gravity does in "
+            f"{motions.count} motions between rests: look at the gyros' scale and at the clock.",
+            ratio=1.0 / factor,
+            pairs=motions.count,
+            misfit=float(better),
+            as_given=float(given),
+        )
+    ]
+
+
+def _unexplained(
+    logs: tuple[Log, ...], motions: Motions, given: float, limits: Thresholds
+) -> list[Finding]:
+    if given < limits.turn_disagrees:
+        return []
+    return [
+        finding(
+            "axes",
+            "warning",
+            "gyro",
+            f"{_names(logs)}: the integrated rates do not turn gravity as it turned in {motions.count} motions "
+            f"between rests ({given:.2f} rad on average), and no exchange of axes or unit explains it: gyros "
+            "clipped in the motions, lost rows, or rests that are not at rest.",
+            pairs=motions.count,
+            as_given=given,
+        )
+    ]
+
+
+def _names(logs: tuple[Log, ...]) -> str:
+    return logs[0].name if len(logs) == 1 else f"{logs[0].name} and {len(logs) - 1} more"

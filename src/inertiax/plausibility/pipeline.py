@@ -1,0 +1,79 @@
+"""All checks of a campaign in order, and what a command does with their findings."""
+
+from collections.abc import Callable, Sequence
+
+from ..data.recording import Campaign
+from .accel_unit import check_accel_unit
+from .clock import check_clock
+from .converter import check_converter
+from .evidence import DeviceLogs, look_at
+from .finding import Finding, Plausibility
+from .gravity import check_gravity
+from .gyro_rest import check_gyro_rest
+from .gyro_turns import check_gyro_turns
+from .pose_rows import check_pose_rows
+from .positions import check_positions
+from .reference import check_accel_reference, check_gyro_reference
+from .rests import check_rests
+from .samples import (
+    check_constant_channels,
+    check_dropouts,
+    check_repeated_samples,
+    check_saturation,
+)
+from .temperature import check_temperature
+from .thresholds import DEFAULT, Thresholds
+
+
+Check = Callable[[DeviceLogs, Thresholds], list[Finding]]
+
+# In the order in which they are told; errors come first all the same.
+CHECKS: tuple[Check, ...] = (
+    check_constant_channels,
+    check_pose_rows,
+    check_accel_unit,
+    check_gyro_rest,
+    check_gyro_turns,
+    check_gyro_reference,
+    check_accel_reference,
+    check_gravity,
+    check_clock,
+    check_temperature,
+    check_positions,
+    check_rests,
+    check_dropouts,
+    check_saturation,
+    check_repeated_samples,
+    check_converter,
+)
+
+_ORDER = {"error": 0, "warning": 1, "note": 2}
+
+
+def check_campaign(campaign: Campaign, *, limits: Thresholds = DEFAULT) -> Plausibility:
+    """What cannot be right in a campaign, by physics alone: nothing is fitted but a few lines, on the host."""
+    found: list[Finding] = []
+    for device in campaign.devices:
+        logs = look_at(campaign, device)
+        for check in CHECKS:
+            found += check(logs, limits)
+    return Plausibility(tuple(sorted(dict.fromkeys(found), key=lambda f: _ORDER[f.severity])))
+
+
+def require_plausible(campaign: Campaign, *, force: bool = False) -> tuple[Finding, ...]:
+    """Findings that a result has to carry: warnings and notes, and errors where `force` goes on in spite of them.
+
+    Raises `ValueError` with the statement (and remedy) of the first error, and how many there are.
+    """
+    seen = check_campaign(campaign)
+    errors = list(seen.of("error"))
+    if errors and not force:
+        where = "" if campaign.path is None else f"{campaign.path}: "
+        more = f" ({len(errors) - 1} more: `inertiax check`.)" if len(errors) > 1 else ""
+        raise ValueError(f"{where}{errors[0].with_remedy}{more}")
+    return seen.findings
+
+
+def statements(findings: Sequence[Finding]) -> list[str]:
+    """What a result's warnings say of findings; notes are no warnings."""
+    return [f.statement for f in findings if f.severity != "note"]

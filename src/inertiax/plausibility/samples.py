@@ -1,0 +1,271 @@
+"""Samples that no sensor gives: held, dropped to zero, clipped, wrapped round, of a channel that never changes."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..data.formats.columns import AXES
+from .evidence import DeviceLogs, Log
+from .finding import Finding, finding
+from .thresholds import Thresholds
+
+
+UNITS = {"accel": "m/s²", "gyro": "rad/s"}
+_FEWEST_ROWS = 100
+
+
+def triads(log: Log) -> list[tuple[str, Float[np.ndarray, "time 3"]]]:
+    """The triads that were recorded, by name."""
+    pairs = (("accel", log.recording.accel), ("gyro", log.recording.gyro))
+    return [(name, values) for name, values in pairs if values is not None]
+
+
+def check_constant_channels(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """A channel that never changes; a whole triad that never does is certain to be dead."""
+    del limits
+    found = []
+    for log in device.logs:
+        if log.recording.num_samples < _FEWEST_ROWS:
+            continue
+        noisy = any(np.all(np.ptp(v, axis=0) > 0) for _, v in triads(log))
+        for name, values in triads(log):
+            still = np.ptp(values, axis=0) == 0
+            if still.all():
+                told = ", ".join(f"{v:.6g}" for v in values[0])
+                found.append(
+                    finding(
+                        "constant_channel",
+                        "error" if noisy else "warning",
+                        name,
+                        f"{log.name}: {name}_x, _y and _z never change ({told}): nothing was measured. Leave the "
+                        "columns out.",
+                        axes=3,
+                    )
+                )
+                continue
+            for k in np.flatnonzero(still):
+                found.append(
+                    finding(
+                        "constant_channel",
+                        "warning",
+                        f"{name}_{AXES[k]}",
+                        f"{log.name}: {name}_{AXES[k]} never changes ({values[0, k]:.6g}); the channel looks dead.",
+                        value=float(values[0, k]),
+                    )
+                )
+    return found
+
+
+def check_dropouts(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Rows in which a whole triad is exactly zero although it varies."""
+    del limits
+    found = []
+    for log in device.logs:
+        for name, values in triads(log):
+            zero = np.all(values == 0.0, axis=1)
+            count = int(zero.sum())
+            if not count or zero.all():
+                continue
+            if name == "gyro" and not _impossible(values, zero):
+                continue
+            share = count / len(zero)
+            if name == "accel" and share > 0.5:
+                continue  # no force at all is a matter of the unit
+            found.append(
+                finding(
+                    "dropout",
+                    "error" if name == "accel" and share > 0.05 else "warning",
+                    name,
+                    f"{log.name}: {count} rows of {name} are exactly zero (first in row {int(np.argmax(zero))}, "
+                    f"{log.recording.time[int(np.argmax(zero))]:.6g} s): dropped samples, not measurements. Take "
+                    "them out.",
+                    rows=count,
+                    share=share,
+                )
+            )
+    return found
+
+
+def _impossible(values: Float[np.ndarray, "time 3"], zero: Bool[np.ndarray, " time"]) -> bool:
+    """Whether all three gyros at exactly zero cannot be chance: single channels are there far more rarely."""
+    one = np.mean(values[~zero] == 0.0, axis=0)
+    return bool(len(zero) * np.prod(np.maximum(one, 1e-4)) < 1e-3)
+
+
+def check_saturation(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Channels that stay at their extreme value, and counts that wrap round."""
+    del limits
+    found = []
+    for log in device.logs:
+        for name, values in triads(log):
+            for axis in range(3):
+                found += _clipped(log, name, axis, values[:, axis])
+                found += _wrapped(log, name, axis, values[:, axis])
+    return found
+
+
+def _clipped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> list[Finding]:
+    found = []
+    for extreme in (float(x.max()), float(x.min())):
+        if not holds_extreme(x, extreme):
+            continue
+        count = int((x == extreme).sum())
+        rests = int(((x == extreme) & log.at_rest).sum())
+        found.append(
+            finding(
+                "saturation",
+                "warning",
+                f"{name}_{AXES[axis]}",
+                f"{log.name}: {name}_{AXES[axis]} looks saturated at {extreme:.6g} {UNITS[name]} ({count} samples at "
+                f"exactly this extreme value, {rests} of them at rest).",
+                value=extreme,
+                rows=count,
+                rows_at_rest=rests,
+            )
+        )
+    return found
+
+
+def holds_extreme(x: Float[np.ndarray, " time"], extreme: float) -> bool:
+    """Whether runs at the extreme are too long for this channel's own habit of repeating values.
+
+    A channel that repeats its last value with probability p stays L samples at one value by chance
+    with probability about N p^L; below one in a thousand it must be the end of the range.
+    """
+    there = x == extreme
+    if there.sum() < 5 or there.all():
+        return False
+    elsewhere = ~there[1:] & ~there[:-1]
+    if elsewhere.sum() < 20:
+        return False
+    repeats = (np.sum((x[1:] == x[:-1]) & elsewhere) + 1) / (elsewhere.sum() + 2)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+    longest = int((edges[1::2] - edges[::2]).max())
+    return longest >= 5 and bool(len(x) * repeats**longest < 1e-3)
+
+
+def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> list[Finding]:
+    """Steps over nearly the whole range from one sample to the next, end to end."""
+    low, high = float(x.min()), float(x.max())
+    span = high - low
+    if len(x) < _FEWEST_ROWS or span <= 0 or (name == "accel" and span < 10.0):
+        return []
+    jumps = np.flatnonzero(np.abs(np.diff(x)) > 0.9 * span)
+    # A wrap goes from one end of the range to the other between neighbours that were on their way to that end:
+    # without it (the span added) the step is as small as its neighbours.
+    if len(jumps) < 3:
+        return []
+    unwrapped = np.abs(np.abs(np.diff(x)[jumps]) - span)
+    if np.median(unwrapped) > 0.05 * span:
+        return []
+    return [
+        finding(
+            "saturation",
+            "warning",
+            f"{name}_{AXES[axis]}",
+            f"{log.name}: {name}_{AXES[axis]} jumps {len(jumps)} times from one end of its range to the other "
+            f"({low:.6g} to {high:.6g} {UNITS[name]}) from one sample to the next: counts wrap round.",
+            jumps=len(jumps),
+            low=low,
+            high=high,
+        )
+    ]
+
+
+def check_repeated_samples(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Rows that repeat the row before, longer freezes, and stretches that occur twice."""
+    found = []
+    for log in device.logs:
+        for name, values in triads(log):
+            found += _held(log, name, values, limits)
+    return found + _duplicates(device, limits)
+
+
+def _held(
+    log: Log, name: str, values: Float[np.ndarray, "time 3"], limits: Thresholds
+) -> list[Finding]:
+    if len(values) < _FEWEST_ROWS or np.any(np.ptp(values, axis=0) == 0):
+        return []
+    same = values[1:] == values[:-1]
+    held = same.all(axis=1)
+    # Coarse converters repeat channel by channel; a held row repeats them all together.
+    share, chance = float(held.mean()), float(np.prod(same.mean(axis=0)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(np.int8)))
+    longest = int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
+    usual = float(np.mean(edges[1::2] - edges[::2])) if len(edges) else 0.0
+    frozen = longest * log.step > limits.frozen and longest > 20 * max(usual, 1.0) and longest > 20
+    frozen = frozen and len(held) * max(share, 1e-6) ** longest < 1e-3
+    if not frozen and not (share > limits.repeated and chance < 0.5 * share):
+        return []
+    at = float(log.recording.time[edges[::2][np.argmax(edges[1::2] - edges[::2])]])
+    text = (
+        f"{log.name}: {name} stands still for {longest} rows from {at:.6g} s: samples are held, not measured."
+        if frozen
+        else f"{log.name}: {share:.0%} of the rows of {name} repeat the row before in all three channels: samples "
+        "are held, so that there are fewer than rows and their noise is not white."
+    )
+    return [
+        finding(
+            "repeated_samples",
+            "warning",
+            name,
+            text,
+            share=share,
+            by_chance=chance,
+            longest=longest,
+        )
+    ]
+
+
+def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Stretches of rows that occur twice, in one recording or in two."""
+    length = limits.duplicate
+    keys, owner = [], []
+    for number, log in enumerate(device.logs):
+        rows = np.concatenate([v for _, v in triads(log)], axis=1)
+        if len(rows) < 2 * length:
+            continue
+        keys.append(_stretch_hashes(rows, length))
+        owner.append(np.full(len(keys[-1]), number))
+    if not keys:
+        return []
+    hashes, owners = np.concatenate(keys), np.concatenate(owner)
+    first, index, counts = np.unique(hashes, return_index=True, return_counts=True)
+    twice = counts > 1
+    twice &= first != 0  # stretches that hardly vary are nobody's
+    rows = int(np.sum(counts[twice] - 1))
+    if rows < length:
+        return []
+    where = np.isin(hashes, first[twice])
+    names = [device.logs[k].name for k in dict.fromkeys(owners[where].tolist())]
+    share = rows / len(hashes)
+    return [
+        finding(
+            "repeated_samples",
+            "warning",
+            "all",
+            f"{' and '.join(names[:3])}: {rows + length - 1} rows occur twice, sample for sample: a block was copied "
+            "or read twice, and counts double.",
+            rows=rows + length - 1,
+            share=share,
+        )
+    ]
+
+
+def _stretch_hashes(rows: Float[np.ndarray, "time channel"], length: int) -> np.ndarray:
+    """A number for the `length` rows from each row on; 0 where they take fewer than 8 different rows."""
+    weights = np.random.default_rng(0).integers(
+        1, 2**62, rows.shape[1], dtype=np.uint64
+    ) | np.uint64(1)
+    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)
+    with np.errstate(over="ignore"):
+        mixed = bits * weights
+        mixed ^= mixed >> np.uint64(29)
+        one = (mixed * np.uint64(0x9E3779B97F4A7C15)).sum(axis=1, dtype=np.uint64)
+        total = np.zeros(len(one) - length + 1, np.uint64)
+        for k in range(length):
+            factor = np.uint64(pow(0x100000001B3, k + 1, 2**64))
+            total += one[k : k + len(total)] * factor
+    fresh = np.append(1, (one[1:] != one[:-1]).astype(int))
+    changes = np.cumsum(np.append(0, fresh))
+    total[changes[length:] - changes[:-length] < 8] = 0
+    return total

@@ -1,0 +1,53 @@
+"""Every limit of the plausibility checks, with its unit and where it comes from."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class Thresholds:
+    """Limits. Errors have to be certain: their limits lie where no working sensor is."""
+
+    # Accelerometers against gravity (or the reference): MEMS zero offsets are below 0.1 g, scale factors
+    # below 5 % (data sheets of MPU-6050, BMI160, LSM6DS3, ADXL345: 3 % and 80 mg at most).
+    accel_ratio_error: float = 1.6  # |a| over gravity, or gravity over |a|
+    accel_ratio_warning: float = 1.2
+    # Gravity turned by the gyros against gravity seen: scale 3 % of half a turn 0.1 rad, zero offsets 0.05 rad.
+    turn_agrees: float = 0.16  # rad, mean misfit of motions that agree
+    turn_disagrees: float = 0.3  # rad, of motions that do not
+    turn_gain: float = 2.5  # the disagreement over the best alternative's
+    fewest_motions: int = (
+        3  # by luck, 48 exchanges and 40 units match three with a chance below 1e-5
+    )
+    least_tilt: float = 0.17  # rad, 10 degrees; smaller tilts tell nothing
+    rate_off: float = (
+        0.06  # relative; MEMS scale factors are within 3 % (L3G4200D, MPU-6050 data sheets)
+    )
+    resting_rate: float = 10.0  # rad/s; no gyro has a zero offset of 570 deg/s
+    # Against a reference
+    reference_agrees: float = 0.15  # of gravity or of the rate
+    reference_disagrees: float = 0.35
+    reference_gravity: float = (
+        3e-4  # relative, 0.3 cm/s²: rounding of 9.81 against the place's value
+    )
+    # Temperature, °C
+    absolute_zero: float = -273.15
+    coldest: float = -100.0  # no part is specified below
+    kelvin: float = 215.0  # no part is specified above; 215 K is -58 °C
+    hottest_on_a_desk: float = 62.0  # devices at 62 °C cannot be turned by hand
+    hottest_part: float = 130.0  # above the automotive range (125 °C)
+    temperature_rate: float = 2.0  # °C/s over a second; chambers change by 0.3 °C/s at most
+    # Samples
+    repeated: float = 0.2  # share of rows that repeat the row before
+    frozen: float = 1.0  # s that all channels hold
+    duplicate: int = 24  # rows in a row that occur twice
+    spike: float = 8.0  # robust standard deviations from the rest's median
+    tilt_in_rest: float = 2.0e-3  # rad (0.11 degrees) that a rest turns from end to end
+    labels_off: float = 0.3  # share of rests that begin (end) with motion
+    same_face: float = 0.35  # rad, 20 degrees
+    remounted: float = 0.01  # rad, 0.6 degrees between runs
+    # Clock
+    longest_step: float = 0.5  # s; slower logs of IMUs are not heard of, except hourly soaks
+    shortest_step: float = 1e-5  # s; faster IMUs are not heard of
+
+
+DEFAULT = Thresholds()

@@ -1,0 +1,156 @@
+"""Gravity turned by the gyros between rests, for every exchange and mirroring of axes at once.
+
+A direction fixed in the room goes through a motion as u₂ = U(ω) u₁ in the case frame. For a signed permutation P of
+the gyros' axes with determinant d, U(P ω) = P U(d ω) Pᵀ, so two integrations serve all 48.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .evidence import Log
+
+
+_MOST_MOTIONS = 40
+_LONGEST = 60.0  # s; by then a consumer gyro's zero has wandered off by degrees
+_LONGEST_ROWS = 6000  # the same where the stamps are no seconds
+_TURNING = 0.01  # rad/s; slower rotations about gravity tell nothing
+
+PERMUTATIONS: Float[np.ndarray, "48 3 3"] = np.array(
+    [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    ]
+)
+DETERMINANTS: Float[np.ndarray, "48"] = np.round(np.linalg.det(PERMUTATIONS))
+IDENTITY = int(np.argmin(np.abs(PERMUTATIONS - np.eye(3)).sum(axis=(1, 2))))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motions:
+    """Motions between neighbouring rests whose gravity directions differ."""
+
+    angle: Float[np.ndarray, "motion step 3"]  # rad, step by step; zero beyond a motion's end
+    before: Float[np.ndarray, "motion 3"]  # unit vectors of the specific force
+    after: Float[np.ndarray, "motion 3"]
+
+    @property
+    def count(self) -> int:
+        """Number of motions."""
+        return len(self.before)
+
+    @property
+    def tilt(self) -> Float[np.ndarray, " motion"]:
+        """rad between the two directions."""
+        return angle_between(self.before, self.after)
+
+
+def motions_of(logs: tuple[Log, ...], least_tilt: float) -> Motions | None:
+    """Motions that tilt by at least `least_tilt` (rad), the largest first; `None` without any."""
+    pieces = [piece for log in logs for piece in _of_one(log)]
+    pieces = [p for p in pieces if angle_between(p[1], p[2]) >= least_tilt]
+    if not pieces:
+        return None
+    if len(pieces) > _MOST_MOTIONS:  # spread over the log
+        chosen = np.linspace(0, len(pieces) - 1, _MOST_MOTIONS).astype(int)
+        pieces = [pieces[k] for k in chosen]
+    longest = max(len(p[0]) for p in pieces)
+    angle = np.stack([np.pad(a, ((0, longest - len(a)), (0, 0))) for a, _, _ in pieces])
+    return Motions(angle, np.stack([b for _, b, _ in pieces]), np.stack([c for _, _, c in pieces]))
+
+
+def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    recording = log.recording
+    force, rate = log.over_rests("accel"), log.over_rests("gyro")
+    if force is None or rate is None or recording.gyro is None:
+        return []
+    found = []
+    for k in range(1, log.num_rests):
+        first, last = int(log.stop[k - 1]) - 1, int(log.start[k])
+        rows = last - first
+        steps = np.diff(recording.time[first : last + 1])
+        if rows < 4 or rows > _LONGEST_ROWS or steps.max() > 20 * log.step:
+            continue
+        if rows * log.step > _LONGEST and log.step < 1.0:
+            continue
+        zero = 0.5 * (rate.mean[k - 1] + rate.mean[k])
+        turn = recording.gyro[first : last + 1] - zero
+        if np.linalg.norm(turn, axis=1).max() < _TURNING:
+            continue
+        step_angle = 0.5 * (turn[1:] + turn[:-1]) * steps[:, None]
+        found.append((step_angle, _unit(force.mean[k - 1]), _unit(force.mean[k])))
+    return found
+
+
+def misfits(motions: Motions, factor: float = 1.0) -> Float[np.ndarray, "48 motion"]:
+    """rad between gravity turned by the gyros (times `factor`, axes exchanged by each P) and gravity seen."""
+    forward = _turned(factor * motions.angle)
+    backward = _turned(-factor * motions.angle)
+    turns = np.where((DETERMINANTS > 0)[:, None, None, None], forward[None], backward[None])
+    p = PERMUTATIONS
+    rotated = np.einsum("pij,pmjk,plk,ml->pmi", p, turns, p, motions.before, optimize=True)
+    return angle_between(rotated, motions.after[None])
+
+
+def misfit_as_given(motions: Motions, factor: float = 1.0) -> Float[np.ndarray, " motion"]:
+    """The same for the axes as they are."""
+    turned = np.einsum("mij,mj->mi", _turned(factor * motions.angle), motions.before)
+    return angle_between(turned, motions.after)
+
+
+def _turned(angle: Float[np.ndarray, "motion step 3"]) -> Float[np.ndarray, "motion 3 3"]:
+    """Product of the steps' rotations exp(−[φ]×), the last leftmost, by halving the number of factors."""
+    q = _quaternion(-angle)
+    while q.shape[1] > 1:
+        if q.shape[1] % 2:
+            q = np.concatenate([q, np.broadcast_to([1.0, 0, 0, 0], (len(q), 1, 4))], axis=1)
+        q = _product(q[:, 1::2], q[:, ::2])
+    return _matrix(q[:, 0])
+
+
+def _quaternion(angle: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 4"]:
+    size = np.linalg.norm(angle, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(0.5 * size), 0.5 * np.sinc(size / (2 * np.pi)) * angle], axis=-1)
+
+
+def _product(a: Float[np.ndarray, "*n 4"], b: Float[np.ndarray, "*n 4"]) -> np.ndarray:
+    """Hamilton's product: the turn b, then the turn a."""
+    w = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
+    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([w, v], axis=-1)
+
+
+def _matrix(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 3 3"]:
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """rad between directions along the last axis."""
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.asarray(np.arctan2(cross, np.sum(a * b, axis=-1)))
+
+
+def _unit(force: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    return force / max(float(np.linalg.norm(force)), 1e-300)
+
+
+def complexity(p: Float[np.ndarray, "3 3"]) -> int:
+    """How many axes a signed permutation moves or negates."""
+    return int(np.sum(np.abs(p - np.eye(3)).sum(axis=1) > 0))
+
+
+def order_and_signs(
+    p: Float[np.ndarray, "3 3"],
+) -> tuple[Int[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Which old axis each new one is, and its sign."""
+    order = np.argmax(np.abs(p), axis=1)
+    return order, p[np.arange(3), order]
