@@ -268,9 +268,10 @@ def test_refinement_from_position_fixes_finds_a_changed_bias(calibration):
     assert after < 0.1 * before
 
 
-def test_starting_state_is_a_pytree_of_three_arrays():
+def test_starting_state_is_a_pytree_of_four_arrays():
     state = State(jnp.eye(3), jnp.zeros(3), START)
-    assert len(jax.tree.leaves(state)) == 3
+    assert len(jax.tree.leaves(state)) == 4
+    np.testing.assert_array_equal(state.place, START)
 
 
 TUTORIAL = Path(__file__).parents[1] / "docs" / "tutorials" / "navigation.md"

@@ -4,13 +4,14 @@ import inspect
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax.numpy as jnp
 import msgspec
 import numpy as np
 from jaxtyping import Float
 
 from .._typing import AnyArray
 from ..effects import CATALOGUE, Effect
+from ..physics.temperature import as_leaf
+from .labels import pair, Settings
 
 
 class FittedEffect(eqx.Module):
@@ -23,16 +24,21 @@ class FittedEffect(eqx.Module):
     name: str = eqx.field(static=True)
     triad: str = eqx.field(static=True)  # accel or gyro
     channels: tuple[int, ...] = eqx.field(static=True)
-    settings: tuple[tuple[str, float | int | str], ...] = eqx.field(static=True)
+    settings: tuple[tuple[str, float | int | str], ...] = eqx.field(converter=Settings)
     coefficients: Float[AnyArray, " column"]  # in `unit`
     covariance: Float[AnyArray, "column column"]
     unit: str = eqx.field(static=True)
-    clock: tuple[float, float] | None = eqx.field(static=True, default=None)  # s, start and end
-    temperature: tuple[float, float] | None = eqx.field(static=True, default=None)  # °C
-    greatest_input: float = eqx.field(static=True, default=0.0)  # g or rad/s
+    clock: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # s, start and end
+    temperature: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # °C
+    greatest_input: float = eqx.field(converter=as_leaf, default=0.0)  # g or rad/s
     # The model that it was fitted beside: its degree, and the temperatures (°C) at ±1 of its polynomials.
     degree: int | None = eqx.field(static=True, default=None)
-    scale: tuple[float, float] | None = eqx.field(static=True, default=None)
+    scale: tuple[float, float] | None = eqx.field(converter=pair, default=None)
+
+    @property
+    def plain_settings(self) -> dict[str, float | int | str]:
+        """The settings as Python's numbers and text."""
+        return {k: v if isinstance(v, (str, int)) else float(v) for k, v in self.settings}
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -67,14 +73,19 @@ def to_entry(effect: FittedEffect) -> EffectEntry:
     return EffectEntry(
         name=effect.name,
         channels=list(effect.channel_names),
-        settings=dict(effect.settings),
+        settings=effect.plain_settings,
         coefficients=np.asarray(effect.coefficients).tolist(),
         covariance=np.asarray(effect.covariance).tolist(),
         unit=effect.unit,
         fitted_on=Extent(
-            effect.clock, effect.temperature, effect.greatest_input, effect.degree, effect.scale
+            _plain(effect.clock), _plain(effect.temperature), float(effect.greatest_input), effect.degree,
+            _plain(effect.scale),
         ),
-    )
+    )  # fmt: skip
+
+
+def _plain(values: tuple[float, float] | None) -> tuple[float, float] | None:
+    return None if values is None else (float(values[0]), float(values[1]))
 
 
 def from_entry(
@@ -109,7 +120,7 @@ def from_entry(
     extent = entry.fitted_on
     return FittedEffect(
         entry.name, triad, channels, tuple(sorted(entry.settings.items())),
-        jnp.asarray(entry.coefficients, float), jnp.asarray(entry.covariance, float), entry.unit,
+        np.asarray(entry.coefficients, float), np.asarray(entry.covariance, float), entry.unit,
         extent.clock, extent.temperature, extent.greatest_input, extent.degree, extent.scale,
     )  # fmt: skip
 

@@ -1,11 +1,11 @@
 """Parameters as people read them: labels, customary units, and values with their uncertainty."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from .calibration import Calibration, TriadCalibration
+from .triad import TriadCalibration, unit_of
 
 
 DEG_PER_HOUR = 3600.0 * 180.0 / math.pi  # in a rad/s
@@ -71,11 +71,21 @@ def quantities(triad: TriadCalibration, temperature: float) -> tuple[Quantity, .
     return tuple(rows)
 
 
-def middle_temperature(calibration: Calibration) -> float:
+@runtime_checkable
+class Ranged(Protocol):
+    """Whatever has a calibrated range."""
+
+    @property
+    def temperature_range(self) -> tuple[float, float] | None:
+        """°C."""
+        ...
+
+
+def middle_temperature(calibration: Ranged) -> float:
     """Middle of the calibrated range, °C; 0 where there is no temperature model."""
     if calibration.temperature_range is None:
         return 0.0
-    return 0.5 * sum(calibration.temperature_range)
+    return float(0.5 * sum(calibration.temperature_range))
 
 
 def with_sigma(value: float, sigma: float) -> tuple[str, str]:
@@ -104,8 +114,4 @@ def rms_text(unit: str, value: float) -> str:
 
 def si_unit(name: str) -> str:
     """The SI unit of a parameter, as `calibration.json` writes it."""
-    if ".matrix" in name:
-        return "1"
-    if name.startswith("accel"):
-        return "m/s^2"
-    return "rad/s/g" if "g_sensitivity" in name else "rad/s"
+    return unit_of(name)

@@ -155,7 +155,8 @@ def compensate(log: Log, calibration: Calibration) -> Log:
     accel = np.zeros((num, 3)) if log.accel is None else log.accel
     gyro = np.zeros((num, 3)) if log.gyro is None else log.gyro
     temperature = np.full(num, 20.0) if log.temperature is None else log.temperature
-    force, rate = jax.jit(jax.vmap(calibration))(accel, gyro, temperature)
+    by_parameters = jax.jit(jax.vmap(calibration.without_effects()))
+    force, rate = by_parameters(accel, gyro, temperature)
     changed = {"accel": np.asarray(force), "gyro": np.asarray(rate)}
     columns = {k: getattr(log, k) for k in log.__dataclass_fields__}
     columns |= {k: v for k, v in changed.items() if columns[k] is not None}

@@ -43,6 +43,7 @@ from .effect import (
     over as over,
     Variant as Variant,
 )
+from .moment import Moment as Moment, Online as Online
 from .signal import Signal as Signal
 
 

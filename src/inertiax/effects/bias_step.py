@@ -1,11 +1,15 @@
 """A step of the bias at some moment."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -20,6 +24,19 @@ def _grid(signal: Signal):
 
 
 variants = over("time", _grid)
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+    del settings, temperature
+    return ()
+
+
+def _follow(
+    state: tuple, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple, Float[Array, "channels columns"]]:
+    zero = jnp.zeros_like(jnp.asarray(moment.temperature))
+    return state, jnp.where(moment.time >= settings["time"], zero + 1.0, zero)[None, None]
+
 
 EFFECT = Effect(
     name="bias_step",
@@ -46,4 +63,5 @@ EFFECT = Effect(
     separating="repeat at the same temperature and position; log shocks and power",
     slow=True,
     nuisance="time",
+    online=Online(_begin, _follow),
 )

@@ -47,4 +47,5 @@ EFFECT = Effect(
     driver="rate",
     sentence="The output of {channels} depends on the rates about the other axes, beyond misalignment.",
     separating="rates about skew axes",
+    instant=True,
 )

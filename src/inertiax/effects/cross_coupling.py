@@ -39,4 +39,5 @@ EFFECT = Effect(
     driver="specific_force",
     sentence="The output of {channels} depends on products of the specific force along two axes.",
     separating="positions along body diagonals; remount by 90 degrees to tell it from the table",
+    instant=True,
 )

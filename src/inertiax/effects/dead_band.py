@@ -52,4 +52,5 @@ EFFECT = Effect(
     nuisance_unit="rad/s",
     unit_amplitude=True,
     once=True,
+    instant=True,
 )

@@ -1,9 +1,13 @@
 """Drift: linear in running time."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .effect import Effect, fixed, inputs
+from .effect import Effect, fixed, inputs, inputs_at
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -14,6 +18,21 @@ def shape(signal: Signal, *, on: str) -> Float[Array, "time channels columns"]:
     if on == "bias":
         return time[:, None, None]
     return inputs(signal)[:, :, None] * time[:, None, None]
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+    del settings, temperature
+    return ()
+
+
+def _follow(
+    state: tuple, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple, Float[Array, "channels columns"]]:
+    """From the beginning of the data that it was fitted on, held at their end."""
+    time = jnp.minimum(moment.time, moment.duration) - 0.5 * jnp.asarray(moment.duration)
+    if settings["on"] == "bias":
+        return state, time[None, None]
+    return state, (inputs_at(moment.triad, moment.input) * time)[:, None]
 
 
 EFFECT = Effect(
@@ -40,4 +59,5 @@ EFFECT = Effect(
     sentence="The output of {channels} drifts linearly with time.",
     separating="return to the first temperature and position; temperatures in random order",
     slow=True,
+    online=Online(_begin, _follow),
 )

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
+from .moment import Online, without_memory
 from .signal import Signal
 
 
@@ -55,11 +56,20 @@ class Effect(eqx.Module):
     nuisance_unit: str = eqx.field(static=True, default="s")
     unit_amplitude: bool = eqx.field(static=True, default=False)  # the coefficient is 1 by theory
     once: bool = eqx.field(static=True, default=False)  # a channel has one of it, of one setting
+    instant: bool = eqx.field(static=True, default=False)  # force, rate and temperature tell it
+    online: Online | None = eqx.field(
+        static=True, default=None
+    )  # where it depends on what went before
 
     @property
     def triads(self) -> tuple[str, ...]:
         """Triads that can have it."""
         return tuple(self.units)
+
+    @property
+    def sample_by_sample(self) -> Online | None:
+        """The effect in real time; `None` where it depends on what a sensor's inputs do not tell."""
+        return without_memory(self.shape) if self.instant else self.online
 
     def usual(self, triad: str, grade: str | None) -> tuple[float | int, float | int] | None:
         """Usual range of a coefficient's size for a grade; all grades together where none is given."""
@@ -123,7 +133,12 @@ def apply(
 
 def inputs(signal: Signal) -> Float[Array, "time 3"]:
     """What an ideal triad reads, in the outputs' unit: m/s² or rad/s."""
-    return jnp.asarray(signal.input) * (9.80665 if signal.triad == "accel" else 1.0)
+    return inputs_at(signal.triad, signal.input)
+
+
+def inputs_at(triad: str, given: Float[AnyArray, "*time 3"]) -> Float[Array, "*time 3"]:
+    """`inputs` of a triad from its input in g or rad/s."""
+    return jnp.asarray(given) * (9.80665 if triad == "accel" else 1.0)
 
 
 def chebyshev(
@@ -153,10 +168,7 @@ def lag(
 ) -> Float[Array, " time"]:
     """First-order lag $\\tau \\dot y + y = x$, exact for a piecewise linear x, in equilibrium at the start."""
     time, values = jnp.asarray(time), jnp.asarray(values)
-    step = jnp.diff(time, prepend=time[:1])
-    ratio = jnp.maximum(step / time_constant, 1e-9)
-    decay = jnp.exp(-ratio)
-    mean = -jnp.expm1(-ratio) / ratio
+    decay, mean = _weights(jnp.diff(time, prepend=time[:1]), time_constant)
     before = jnp.concatenate([values[:1], values[:-1]])
     driven = (1.0 - mean) * values + (mean - decay) * before
 
@@ -168,6 +180,21 @@ def lag(
     start = jnp.zeros_like(driven[0])
     driven = driven.at[0].set(values[0])
     return jax.lax.scan(follow, start, (decay.at[0].set(0.0), driven))[1]
+
+
+def _weights(step: Array, time_constant: Scalar | float) -> tuple[Array, Array]:
+    """Decay over a step, and its mean over the step."""
+    ratio = jnp.maximum(step / time_constant, 1e-9)
+    return jnp.exp(-ratio), -jnp.expm1(-ratio) / ratio
+
+
+def lag_step(
+    state: tuple[Array, Array], value: Array, step: Scalar | float, time_constant: Scalar | float
+) -> tuple[Array, Array]:
+    """One step of `lag`: the lagged value and the value itself, from those before."""
+    decay, mean = _weights(jnp.asarray(step), time_constant)
+    lagged, before = state
+    return decay * lagged + (1.0 - mean) * value + (mean - decay) * before, value
 
 
 @jax.jit

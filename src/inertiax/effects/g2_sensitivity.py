@@ -43,4 +43,5 @@ EFFECT = Effect(
     sentence="The output of {channels} depends on products of specific force (anisoelasticity).",
     separating="centrifuge or vibration",
     requires=("force",),
+    instant=True,
 )

@@ -34,4 +34,5 @@ EFFECT = Effect(
     sentence="The output of {channels} depends on specific force (matrix D).",
     separating="turn the heading in the same position: specific force stays, Earth rate and magnetic field turn",
     requires=("force",),
+    instant=True,
 )

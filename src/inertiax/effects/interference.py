@@ -1,11 +1,15 @@
 """Periodic interference."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -23,6 +27,19 @@ def _grid(signal: Signal):
 
 
 variants = over("frequency", _grid)
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+    del settings, temperature
+    return ()
+
+
+def _follow(
+    state: tuple, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple, Float[Array, "channels columns"]]:
+    phase = 2.0 * jnp.pi * settings["frequency"] * jnp.asarray(moment.time)
+    return state, jnp.stack([jnp.sin(phase), jnp.cos(phase)])[None, :]
+
 
 EFFECT = Effect(
     name="interference",
@@ -50,4 +67,5 @@ EFFECT = Effect(
     nuisance="frequency",
     nuisance_unit="Hz",
     slow=True,
+    online=Online(_begin, _follow),
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     driver="specific_force",
     sentence="{channels} has an odd quadratic term in specific force.",
     separating="centrifuge with three or more levels",
+    instant=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     driver="rate",
     sentence="The scale factor of {channels} depends on the rate.",
     separating="more rates of both signs, integer turns",
+    instant=True,
 )

@@ -53,4 +53,5 @@ EFFECT = Effect(
     nuisance_unit="1",
     unit_amplitude=True,
     once=True,
+    instant=True,
 )

@@ -35,4 +35,5 @@ EFFECT = Effect(
     driver="input",
     sentence="The scale factor of {channels} differs between positive and negative input.",
     separating="fine steps of input near zero; rate table in both directions",
+    instant=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     driver="specific_force",
     sentence="{channels} has a second-order term in specific force.",
     separating="centrifuge, or vibration; positions every 30 degrees",
+    instant=True,
 )

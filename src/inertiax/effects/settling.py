@@ -1,11 +1,15 @@
 """Settling: a transient after each re-positioning."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -39,6 +43,33 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     )
 
 
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple[Array, ...]:
+    del settings
+    zero = jnp.zeros_like(temperature)
+    vector, no = jnp.zeros(3, zero.dtype), jnp.zeros((), bool)
+    return zero, vector, vector, no, no
+
+
+def _follow(
+    state: tuple[Array, ...], moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple[Array, ...], Float[Array, "channels columns"]]:
+    """The input of the last rest is known when a new one begins; the first rest has no move."""
+    since, last, move, resting, rested = state
+    now = jnp.asarray(moment.input)
+    begins = moment.at_rest & ~resting
+    since = jnp.where(begins, 0.0, since + jnp.asarray(moment.step))
+    move = jnp.where(begins, jnp.where(rested, now - last, 0.0), move)
+    last = jnp.where(moment.at_rest, now, last)
+    state = since, last, move, moment.at_rest, rested | moment.at_rest
+    decay = jnp.exp(-since / settings["time_constant"])
+    if settings["size"] == "equal":
+        return state, decay[None, None]
+    own = jnp.where(moment.at_rest, move, 0.0)
+    if settings["size"] == "signed":
+        return state, (decay * own)[:, None]
+    return state, (decay * jnp.linalg.norm(own))[None, None]
+
+
 EFFECT = Effect(
     name="settling",
     title="settling after re-positioning (creep, eddy currents, fluid)",
@@ -64,4 +95,5 @@ EFFECT = Effect(
     separating="longer rests, and the same position reached from two sides",
     nuisance="time_constant",
     once=True,
+    online=Online(_begin, _follow),
 )

@@ -1,16 +1,25 @@
 """Size effect: the accelerometers sit apart from the point that the reference is for."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .effect import Effect, fixed, gradient
+from .moment import Moment, Online
 from .signal import Signal
 
 
 def shape(signal: Signal) -> Float[Array, "time channels columns"]:
     """Row of ω × (ω × r) + dω/dt × r for the three components of the lever arm r, m/s² per m."""
     w = jnp.asarray(signal.rate)
-    change = gradient(w, signal.time)
+    return _rows(w, gradient(w, signal.time))
+
+
+def _rows(
+    w: Float[Array, "time 3"], change: Float[Array, "time 3"]
+) -> Float[Array, "time channels columns"]:
     inner = w[:, :, None] * w[:, None, :] - jnp.sum(w**2, axis=1)[:, None, None] * jnp.eye(3)[None]
     x, y, z = change[:, 0], change[:, 1], change[:, 2]
     o = jnp.zeros_like(x)
@@ -18,6 +27,21 @@ def shape(signal: Signal) -> Float[Array, "time channels columns"]:
         [jnp.stack([o, -z, y], -1), jnp.stack([z, o, -x], -1), jnp.stack([-y, x, o], -1)], axis=1
     )
     return inner + cross
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> Array:
+    del settings
+    return jnp.zeros(3, temperature.dtype)
+
+
+def _follow(
+    state: Array, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[Array, Float[Array, "channels columns"]]:
+    """With the difference to the sample before for dω/dt."""
+    del settings
+    w = jnp.asarray(moment.rate)
+    change = jnp.where(moment.first, jnp.zeros_like(w), (w - state) / moment.step)
+    return w, _rows(w[None], change[None])[0]
 
 
 EFFECT = Effect(
@@ -35,4 +59,5 @@ EFFECT = Effect(
     sentence="The accelerometer {channels} sits a lever arm away from the centre of rotation.",
     separating="several rates of both signs about three axes",
     requires=("rate",),
+    online=Online(_begin, _follow),
 )

@@ -56,4 +56,5 @@ EFFECT = Effect(
     sentence="The parameters of {channels} change with temperature; the model is constant.",
     separating="return to the first temperature; the same programme at another constant temperature",
     requires=("temperature",),
+    instant=True,
 )

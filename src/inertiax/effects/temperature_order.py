@@ -57,4 +57,5 @@ EFFECT = Effect(
     sentence="The temperature dependence of {channels} is of a higher degree than the model.",
     separating="more soak temperatures, each reached from both sides; hold out whole temperatures",
     requires=("temperature",),
+    instant=True,
 )

@@ -1,10 +1,14 @@
 """Output proportional to the rate of temperature (Shupe effect and its mechanical kin)."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
-from .effect import DEG_PER_HOUR, Effect, inputs, lag, MICRO_G, Variant
+from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, lag, lag_step, MICRO_G, Variant
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -27,6 +31,34 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     """On the bias, on the scale factor, and with the second derivative."""
     forms = [(0.0, "bias"), (30.0, "bias"), (0.0, "scale"), (0.0, "gradient")]
     return tuple(Variant(f"{on}, {tau:g} s", {"time_constant": tau, "on": on}) for tau, on in forms)
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple[Array, ...]:
+    del settings
+    zero = jnp.zeros_like(temperature)
+    return temperature, zero, zero, zero, zero, jnp.zeros((), bool)
+
+
+def _follow(
+    state: tuple[Array, ...], moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple[Array, ...], Float[Array, "channels columns"]]:
+    """With the difference to the sample before for dT/dt."""
+    now, step = jnp.asarray(moment.temperature), moment.step
+    slope = (now - state[0]) / step * 60.0
+    # Like `lag`, in equilibrium with the first slope that is known.
+    start = ~state[5]
+    lagged, last = (jnp.where(start, slope, x) for x in state[1:3])
+    tau = settings["time_constant"]
+    lagged, last = lag_step((lagged, last), slope, step, jnp.maximum(tau, 1e-9))
+    rate = jnp.where(tau > 0.0, lagged, slope)
+    slow, before = (jnp.where(start, rate, x) for x in state[3:5])
+    slow, before = lag_step((slow, before), rate, step, 60.0)
+    state = (now, lagged, last, slow, before, ~moment.first)
+    if settings["on"] == "bias":
+        return state, rate[None, None]
+    if settings["on"] == "scale":
+        return state, (inputs_at(moment.triad, moment.input) * rate)[:, None]
+    return state, jnp.stack([rate, (rate - slow) / 60.0])[None, :]
 
 
 EFFECT = Effect(
@@ -53,4 +85,5 @@ EFFECT = Effect(
     sentence="The output of {channels} is proportional to the rate of temperature.",
     separating="constant-rate ramps of both signs at several rates with soaks between them",
     requires=("temperature", "temperature_rate"),
+    online=Online(_begin, _follow),
 )

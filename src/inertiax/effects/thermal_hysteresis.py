@@ -1,11 +1,15 @@
 """Thermal hysteresis: depends on the branch, and stays in a soak."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
-from .effect import DEG_PER_HOUR, Effect, inputs, MICRO_G, play, Variant
+from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, MICRO_G, play, Variant
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -22,17 +26,32 @@ def shape(
     side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each."""
     t = jnp.asarray(signal.temperature)
     low, high = jnp.min(t), jnp.max(t)
-    parts = {"spread": SPREAD, "pair": PAIR}.get(loop, (1.0,))
-    leads = [_lead(t, part * radius * (high - low)) for part in parts]
-    lead = jnp.stack(leads, axis=-1)
-    if loop == "spread":
-        lead = jnp.mean(lead, axis=-1, keepdims=True)
-    if loop == "Rayleigh":
-        x = (2.0 * t - (high + low)) / (high - low)
-        lead = lead * (1.0 - x**2)[:, None]
+    leads = [_lead(t, part * radius * (high - low)) for part in _parts(loop)]
+    lead = _loop(jnp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":
         return lead[:, None, :]
     return inputs(signal)[:, :, None] * lead[:, None, :]
+
+
+def _parts(loop: str) -> tuple[float, ...]:
+    """Half-widths of the plays side by side, in radii."""
+    return {"spread": SPREAD, "pair": PAIR}.get(loop, (1.0,))
+
+
+def _loop(
+    lead: Float[Array, "*time plays"],
+    t: Float[Array, "*time"],
+    low: Float[Array, ""],
+    high: Float[Array, ""],
+    loop: str,
+) -> Float[Array, "*time columns"]:
+    """The loop's columns from what each play lags behind the temperature."""
+    if loop == "spread":
+        return jnp.mean(lead, axis=-1, keepdims=True)
+    if loop == "Rayleigh":
+        x = (2.0 * t - (high + low)) / (high - low)
+        return lead * (1.0 - x**2)[..., None]
+    return lead
 
 
 def _lead(
@@ -56,6 +75,25 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
         for on in ("bias", "scale")
         for loop, r in forms
     )
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> Array:
+    return jnp.full(len(_parts(settings["loop"])), temperature)
+
+
+def _follow(
+    state: Array, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[Array, Float[Array, "channels columns"]]:
+    low, high = jnp.asarray(moment.coldest), jnp.asarray(moment.warmest)
+    t = jnp.clip(jnp.asarray(moment.temperature), low, high)
+    widths = jnp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
+    # The play begins in the middle, at the temperature within the range.
+    state = jnp.where(moment.first, t, state)
+    state = jnp.clip(state, t - widths, t + widths)
+    lead = _loop((state - t) / widths, t, low, high, settings["loop"])
+    if settings["on"] == "bias":
+        return state, lead[None, :]
+    return state, inputs_at(moment.triad, moment.input)[:, None] * lead[None, :]
 
 
 EFFECT = Effect(
@@ -85,4 +123,5 @@ EFFECT = Effect(
     ),
     separating="soaks at the same temperature on both branches, two cycles, two amplitudes",
     requires=("temperature",),
+    online=Online(_begin, _follow),
 )

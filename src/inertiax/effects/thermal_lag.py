@@ -1,11 +1,15 @@
 """First-order thermal lag from the probe to the sensing element."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
-from .effect import Effect, lag, over
+from .effect import Effect, lag, lag_step, over
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -28,6 +32,20 @@ def _grid(signal: Signal):
 
 variants = over("time_constant", _grid)
 
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple[Array, Array]:
+    del settings
+    return temperature, temperature
+
+
+def _follow(
+    state: tuple[Array, Array], moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple[Array, Array], Float[Array, "channels columns"]]:
+    probe = jnp.asarray(moment.temperature)
+    state = lag_step(state, probe, moment.step, settings["time_constant"])
+    return state, (moment.at_temperature(state[0]) - moment.at_temperature(probe))[:, None]
+
+
 EFFECT = Effect(
     name="thermal_lag",
     title="thermal lag between probe and element",
@@ -48,4 +66,5 @@ EFFECT = Effect(
     unit_amplitude=True,
     once=True,
     package=True,  # one probe serves the three elements
+    online=Online(_begin, _follow),
 )

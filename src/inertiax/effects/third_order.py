@@ -31,4 +31,5 @@ EFFECT = Effect(
     driver="specific_force",
     sentence="{channels} has a third-order term in specific force.",
     separating="centrifuge with three or more levels",
+    instant=True,
 )

@@ -1,9 +1,13 @@
 """Delay of the outputs against the reference."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .effect import Effect, fixed, gradient, inputs
+from .effect import Effect, fixed, gradient, inputs, inputs_at
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -13,6 +17,22 @@ def shape(signal: Signal) -> Float[Array, "time channels columns"]:
     slope = gradient(u, signal.time)
     moving = jnp.logical_not(jnp.asarray(signal.at_rest))
     return jnp.where(moving[:, None], -slope, 0.0)[:, :, None]
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> Array:
+    del settings
+    return jnp.zeros(3, temperature.dtype)
+
+
+def _follow(
+    state: Array, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[Array, Float[Array, "channels columns"]]:
+    """With the difference to the sample before for the slope."""
+    del settings
+    now = inputs_at(moment.triad, moment.input)
+    slope = (now - state) / moment.step
+    still = moment.first | moment.at_rest
+    return now, -jnp.where(still, jnp.zeros_like(now), slope)[:, None]
 
 
 EFFECT = Effect(
@@ -38,4 +58,5 @@ EFFECT = Effect(
     driver="rate_of_change",
     sentence="The output of {channels} lags the reference.",
     separating="reverse the direction of rotation: the error changes sign",
+    online=Online(_begin, _follow),
 )

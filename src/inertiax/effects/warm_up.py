@@ -1,11 +1,15 @@
 """Warm-up: exponential from power-on."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .moment import Moment, Online
 from .signal import Signal
 
 
@@ -30,6 +34,17 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
         for s in starts
         for v in grid
     )
+
+
+def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+    del settings, temperature
+    return ()
+
+
+def _follow(
+    state: tuple, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple, Float[Array, "channels columns"]]:
+    return state, jnp.exp(-jnp.asarray(moment.time) / settings["time_constant"])[None, None]
 
 
 EFFECT = Effect(
@@ -58,4 +73,5 @@ EFFECT = Effect(
     nuisance="time_constant",
     slow=True,
     once=True,
+    online=Online(_begin, _follow),
 )

@@ -189,7 +189,7 @@ def _compensate_chunk(
     gyro: Float[np.ndarray | Array, "time 3"],
     temperature: Float[np.ndarray | Array, " time"],
 ) -> tuple[Array, Array, Array]:
-    force, rate = jax.vmap(calibration)(
+    force, rate = jax.vmap(calibration.without_effects())(
         jnp.asarray(accel), jnp.asarray(gyro), jnp.asarray(temperature)
     )
     return force, rate, jax.vmap(calibration.extrapolates)(jnp.asarray(temperature))

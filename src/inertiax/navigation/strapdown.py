@@ -7,8 +7,9 @@ Local-level frame (east, north, up) on the WGS 84 ellipsoid; per sample of lengt
     φ' = v_n / (R_M + h),  λ' = v_e / ((R_N + h) cos φ),  h' = v_u
 
 with the attitude turned exactly by the sample's rotation vector and velocity and place by the midpoint rule.
-Everything is differentiable: `jax.jacfwd` of `navigate` by a `Calibration`'s coefficients maps calibration
-errors to navigation errors, and `refine` estimates coefficients from what a run should have shown.
+Positions are metres from an origin, so that all of it works in 32 bits. Everything is differentiable:
+`jax.jacfwd` of `navigate` by a `Calibration`'s coefficients maps calibration errors to navigation errors, and
+`refine` estimates coefficients from what a run should have shown.
 
 Sampled rates are taken as constant over a sample; coning and sculling inside one are left out.
 
@@ -20,21 +21,69 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar, Vec3
 from ..calibration.calibration import Calibration
 from ..numerics.least_squares import gauss_newton, least_squares, Solution
 from ..physics import earth, rotation
+from .checks import check_place, check_rotation, check_speed
 
 
 class State(eqx.Module):
-    """Where the device is; leading axes are times."""
+    """Where the device is; leading axes are times.
+
+    The position is in metres along the latitude and longitude circles from `origin`, so that 32 bits hold it to
+    micrometres near there: east = (R_N₀ + h₀) cos φ₀ (λ − λ₀), north = (R_M₀ + h₀) (φ − φ₀), up = h − h₀. That is a
+    linear map of latitude and longitude, exact at any distance.
+
+    Raises `ValueError` for an origin in degrees or an attitude that is no rotation.
+    """
 
     attitude: Float[AnyArray, "*time 3 3"]  # case to level
     velocity: Float[AnyArray, "*time 3"]  # m/s: east, north, up
-    place: Float[AnyArray, "*time 3"]  # latitude and longitude, rad; height, m
+    origin: Float[AnyArray, "*time 3"]  # latitude and longitude, rad; height, m
+    position: Float[AnyArray, "*time 3"] = eqx.field(
+        default=None
+    )  # m from the origin: east, north, up
+
+    def __init__(
+        self,
+        attitude: AnyArray,
+        velocity: AnyArray,
+        origin: AnyArray,
+        position: AnyArray | None = None,
+    ):
+        self.attitude = attitude
+        self.velocity = velocity
+        self.origin = origin
+        self.position = jnp.zeros_like(jnp.asarray(velocity)) if position is None else position
+
+    def __check_init__(self):
+        check_place("State(origin=...)", self.origin)
+        check_rotation("State(attitude=...)", self.attitude)
+        check_speed("State(velocity=...)", self.velocity)
+
+    @property
+    def place(self) -> Float[Array, "*time 3"]:
+        """Latitude and longitude (rad) and height (m), in JAX's precision."""
+        return place_of(jnp.asarray(self.origin), jnp.asarray(self.position))
+
+
+def scales(origin: Float[AnyArray, "*time 3"]) -> Float[Array, "*time 3"]:
+    """Metres of `State.position` per rad of longitude, per rad of latitude and per m of height."""
+    origin = jnp.asarray(origin)
+    meridian, normal = radii(origin[..., 0])
+    height, one = origin[..., 2], jnp.ones_like(origin[..., 2])
+    return jnp.stack([(normal + height) * jnp.cos(origin[..., 0]), meridian + height, one], axis=-1)
+
+
+def place_of(
+    origin: Float[AnyArray, "*time 3"], position: Float[AnyArray, "*time 3"]
+) -> Float[Array, "*time 3"]:
+    """Latitude and longitude (rad) and height (m) of a position (m) from an origin."""
+    east, north, up = jnp.moveaxis(jnp.asarray(position) / scales(origin), -1, 0)
+    return jnp.asarray(origin) + jnp.stack([north, east, up], axis=-1)
 
 
 class ImuData(eqx.Module):
@@ -72,65 +121,89 @@ def acceleration(force: Vec3, velocity: Vec3, place: Vec3) -> Float[Array, "3"]:
     return jnp.asarray(force) + down - jnp.cross(turning, jnp.asarray(velocity))
 
 
-def place_rate(velocity: Vec3, place: Vec3) -> Float[Array, "3"]:
-    """Rate of latitude and longitude (rad/s) and of height (m/s)."""
-    meridian, normal = radii(place[0])
-    return jnp.stack(
-        [
-            velocity[1] / (meridian + place[2]),
-            velocity[0] / ((normal + place[2]) * jnp.cos(place[0])),
-            velocity[2],
-        ]
-    )
+def position_rate(velocity: Vec3, place: Vec3, origin: Vec3) -> Float[Array, "3"]:
+    """Rate of `State.position`, m/s: the velocity by the ratio of the circles' radii there and at the origin."""
+    return jnp.asarray(velocity) * scales(origin) / scales(place)
 
 
 def advance(state: State, force: Vec3, rate: Vec3, step: Scalar | float) -> State:
     """One sample: specific force (m/s²) and absolute rate (rad/s) in the case frame over `step` s."""
-    c, v, p = (jnp.asarray(x) for x in (state.attitude, state.velocity, state.place))
+    return _plus(state, _increments(state, force, rate, step))
+
+
+def _plus(state: State, increments: tuple[Array, Array, Array]) -> State:
+    now = tuple(jnp.asarray(x) + dx for x, dx in zip(_moved(state), increments, strict=True))
+    return eqx.tree_at(_moved, state, now)
+
+
+def _moved(state: State) -> tuple[AnyArray, AnyArray, AnyArray]:
+    return state.attitude, state.velocity, state.position
+
+
+def _increments(
+    state: State, force: Vec3, rate: Vec3, step: Scalar | float
+) -> tuple[Array, Array, Array]:
+    """Changes of attitude, velocity and position in one sample, each to its own relative rounding."""
+    c, v, p, origin = (
+        jnp.asarray(x) for x in (state.attitude, state.velocity, state.position, state.origin)
+    )
     h, force = jnp.asarray(step), jnp.asarray(force)
+    one = jnp.eye(3, dtype=c.dtype)
+    place = place_of(origin, p)
     half_turn = rotation.exp(0.5 * h * jnp.asarray(rate))
-    half = _level_turn(0.5 * h, v, p) @ c @ half_turn
-    middle_v = v + 0.5 * h * acceleration(half @ force, v, p)
-    middle_p = p + 0.5 * h * place_rate(v, p)
-    return State(
-        attitude=_level_turn(h, middle_v, middle_p) @ c @ half_turn @ half_turn,
-        velocity=v + h * acceleration(half @ force, middle_v, middle_p),
-        place=p + h * place_rate(middle_v, middle_p),
+    half = (one + _level_turn(0.5 * h, v, place)) @ c @ half_turn
+    middle_v = v + 0.5 * h * acceleration(half @ force, v, place)
+    middle = place_of(origin, p + 0.5 * h * position_rate(v, place, origin))
+    turn = rotation.exp_less_identity(h * jnp.asarray(rate))
+    # (E + l) C (E + r) − C
+    change = _level_turn(h, middle_v, middle) @ (c + c @ turn) + c @ turn
+    return (
+        change,
+        h * acceleration(half @ force, middle_v, middle),
+        h * position_rate(middle_v, middle, origin),
     )
 
 
 def _level_turn(time: Array, velocity: Array, place: Array) -> Float[Array, "3 3"]:
-    """The rotation from the old to the new level frame, to second order: Earth rate turns it by
+    """The rotation from the old to the new level frame less E, to second order: Earth rate turns it by
     7e-5 rad in a second, so that what is left out is 6e-14 rad for a step of 1 s."""
     level = earth.earth_rate(place[0]) + transport_rate(velocity, place)
     turn = rotation.skew(-time * level)
-    return jnp.eye(3, dtype=turn.dtype) + turn + 0.5 * turn @ turn
+    return turn + 0.5 * turn @ turn
 
 
 def navigate(compensation: Compensation | Calibration, data: ImuData, start: State) -> State:
     """The states after every sample, with the outputs compensated inside the loop.
 
+    Sums are compensated (Kahan 1965): what rounding takes from a step is given to the next one, so that a run of
+    an hour in 32 bits is as good as its samples.
+
     **Arguments:** `compensation(accel, gyro, temperature)` is a `Calibration` or any function like it.
     """
 
-    def one(state: State, sample: tuple[Array, Array, Array]) -> tuple[State, State]:
+    def one(carry: tuple[State, State], sample: tuple[Array, ...]) -> tuple[tuple, State]:
+        state, lost = carry
         force, rate = compensation(*sample)
-        after = advance(state, force, rate, data.step)
-        return after, after
+        steps = _increments(state, force, rate, data.step)
+        steps = tuple(dx - x for dx, x in zip(steps, _moved(lost), strict=True))
+        after = _plus(state, steps)
+        added = (a - b for a, b in zip(_moved(after), _moved(state), strict=True))
+        lost = eqx.tree_at(_moved, lost, tuple(a - dx for a, dx in zip(added, steps, strict=True)))
+        return (after, lost), after
 
     samples = (jnp.asarray(data.accel), jnp.asarray(data.gyro), jnp.asarray(data.temperature))
-    return jax.lax.scan(one, jax.tree.map(jnp.asarray, start), samples)[1]
+    start = jax.tree.map(jnp.asarray, start)
+    nothing = jax.tree.map(jnp.zeros_like, start)
+    return jax.lax.scan(one, (start, nothing), samples)[1]
 
 
 def errors(state: State, truth: State) -> Float[Array, "9"]:
     """Navigation error of one state: position (m: east, north, up), velocity (m/s), and the small
     rotation of the level frame (rad) by which the attitude is off; its third component is heading."""
-    p, q = jnp.asarray(state.place), jnp.asarray(truth.place)
-    meridian, normal = radii(q[0])
-    off = p - q
-    position = jnp.stack(
-        [off[1] * (normal + q[2]) * jnp.cos(q[0]), off[0] * (meridian + q[2]), off[2]]
-    )
+    here = scales(place_of(truth.origin, truth.position))
+    apart = (jnp.asarray(state.origin) - jnp.asarray(truth.origin))[jnp.array([1, 0, 2])]
+    metres = lambda s: jnp.asarray(s.position) * (here / scales(s.origin))
+    position = metres(state) - metres(truth) + apart * here
     turned = jnp.asarray(state.attitude) @ jnp.asarray(truth.attitude).T
     return jnp.concatenate(
         [position, jnp.asarray(state.velocity) - jnp.asarray(truth.velocity), rotation.log(turned)]
@@ -156,18 +229,24 @@ def ideal_data(
     """
     velocity = lambda t: path(t)[0]
 
-    def move(place: Array, t: Array) -> tuple[Array, tuple[Array, Array]]:
-        # Fourth order, so that the truth is far better than the navigator's second order.
-        k1 = place_rate(velocity(t), place)
-        k2 = place_rate(velocity(t + 0.5 * step), place + 0.5 * step * k1)
-        k3 = place_rate(velocity(t + 0.5 * step), place + 0.5 * step * k2)
-        k4 = place_rate(velocity(t + step), place + step * k3)
-        after = place + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        return after, (after, place + 0.5 * step * 0.5 * (k2 + k3))
+    origin = jnp.asarray(start)
 
-    first = jnp.asarray(start)
-    times = jnp.asarray(step) * jnp.arange(count, dtype=first.dtype)
-    _, (places, middles) = jax.lax.scan(move, first, times)
+    def move(carry: tuple[Array, Array], t: Array) -> tuple[tuple[Array, Array], tuple]:
+        # Fourth order, so that the truth is far better than the navigator's second order.
+        position, lost = carry
+        speed = lambda moved, t: position_rate(velocity(t), place_of(origin, moved), origin)
+        k1 = speed(position, t)
+        k2 = speed(position + 0.5 * step * k1, t + 0.5 * step)
+        k3 = speed(position + 0.5 * step * k2, t + 0.5 * step)
+        k4 = speed(position + step * k3, t + step)
+        change = step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4) - lost
+        after = position + change
+        middle = place_of(origin, position + 0.5 * step * 0.5 * (k2 + k3))
+        return (after, (after - position) - change), (after, middle)
+
+    nowhere = jnp.zeros_like(origin)
+    times = jnp.asarray(step) * jnp.arange(count, dtype=origin.dtype)
+    _, (positions, middles) = jax.lax.scan(move, (nowhere, nowhere), times)
 
     def read(t: Array, place: Array) -> tuple[Array, Array]:
         one = jnp.ones_like(t)
@@ -179,33 +258,24 @@ def ideal_data(
     force, rate = jax.vmap(read)(times + 0.5 * step, middles)
     v, c = jax.vmap(path)(times + step)
     v0, c0 = path(jnp.zeros(()))
-    return force, rate, State(c0, v0, first), State(c, v, places)
+    origins = jnp.broadcast_to(origin, positions.shape)
+    return force, rate, State(c0, v0, origin), State(c, v, origins, positions)
 
 
 # Sensitivity and refinement ----------------------------------------------------------------------
 
 
 def with_coefficients(calibration: Calibration, values: Float[AnyArray, " values"]) -> Calibration:
-    """The calibration with all curve coefficients replaced: accelerometers' first, row-major."""
-    where, offset, new = _triads(calibration), 0, []
-    for coefficients in where:
-        size = int(np.prod(np.shape(coefficients)))
-        new.append(jnp.asarray(values)[offset : offset + size].reshape(np.shape(coefficients)))
-        offset += size
-    return eqx.tree_at(_triads, calibration, new)
+    """The calibration with all curve coefficients replaced: accelerometers' first, row-major.
+
+    Raises `ValueError` for another number of values.
+    """
+    return calibration.with_values("*", values)
 
 
 def coefficients_of(calibration: Calibration) -> Float[Array, " values"]:
     """All curve coefficients in one vector, as `with_coefficients` takes them."""
-    return jnp.concatenate([jnp.asarray(c).reshape(-1) for c in _triads(calibration)])
-
-
-def _triads(calibration: Calibration) -> list:
-    return [
-        triad.curve.coefficients
-        for triad in (calibration.accel, calibration.gyro)
-        if triad is not None
-    ]
+    return jnp.asarray(calibration.coefficients)
 
 
 def error_sensitivity(

@@ -49,16 +49,23 @@ def solve3(matrix: Float[Array, "3 3"], vector: Float[Array, "3"]) -> Float[Arra
     a few times it, for raw counts), where Cramer's rule loses nothing.
     """
     c0, c1, c2 = matrix[:, 0], matrix[:, 1], matrix[:, 2]
-    c12 = jnp.cross(c1, c2)
+    c12 = _cross(c1, c2)
     determinant = jnp.vdot(c0, c12)
     x = jnp.stack(
         [
             jnp.vdot(vector, c12),
-            jnp.vdot(c0, jnp.cross(vector, c2)),
-            jnp.vdot(c0, jnp.cross(c1, vector)),
+            jnp.vdot(c0, _cross(vector, c2)),
+            jnp.vdot(c0, _cross(c1, vector)),
         ]
     )
     return x / determinant
+
+
+def _cross(a: Array, b: Array) -> Array:
+    # `jnp.cross` gathers, which devices split over accelerators do not let it.
+    return jnp.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def _identity_plus(matrix: Mat3) -> Float[Array, "3 3"]:

@@ -30,6 +30,12 @@ def exp(vector: Vec3) -> Float[Array, "3 3"]:
     $$R = E + \\frac{\\sin\\theta}{\\theta} [v]_\\times +
     \\frac{1 - \\cos\\theta}{\\theta^2} [v]_\\times^2, \\qquad \\theta = |v|.$$
     """
+    turn = exp_less_identity(vector)
+    return jnp.eye(3, dtype=turn.dtype) + turn
+
+
+def exp_less_identity(vector: Vec3) -> Float[Array, "3 3"]:
+    """`exp(vector)` − E, which keeps its relative accuracy for small rotations."""
     v = jnp.asarray(vector)
     square = jnp.vdot(v, v)
     # Below this angle (1e-2 rad in double precision) the series' first left-out terms are under
@@ -47,7 +53,7 @@ def exp(vector: Vec3) -> Float[Array, "3 3"]:
         2.0 * jnp.sin(0.5 * theta) ** 2 / safe,
     )
     cross = skew(v)
-    return jnp.eye(3, dtype=v.dtype) + first * cross + second * (cross @ cross)
+    return first * cross + second * (cross @ cross)
 
 
 def log(matrix: Mat3) -> Float[Array, "3"]:

@@ -10,6 +10,7 @@ polynomial of degree 6 well conditioned; powers of T appear only on export.
 """
 
 import abc
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,6 +19,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
+
+
+def as_leaf(value: Any) -> Any:
+    """A number as a leaf: arrays as they are, Python's numbers as 64-bit scalars, whatever JAX is set to."""
+    return value if hasattr(value, "dtype") else np.float64(value)
 
 
 class AbstractBasis(eqx.Module):
@@ -33,9 +39,28 @@ class AbstractBasis(eqx.Module):
     def nodes(self) -> tuple[float, ...]:
         """As many temperatures, °C, at which values determine the coefficients."""
 
+    @property
+    @abc.abstractmethod
+    def at_nodes(self) -> Float[np.ndarray, "size size"]:
+        """Values of all functions (columns) at the nodes (rows), whatever the scale of temperature."""
+
     @abc.abstractmethod
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
-        """Values $\\phi_k(T)$ of all basis functions at one temperature, °C."""
+        """Values $\\phi_k(T)$ of all basis functions at one temperature, °C; `vmap` it over many.
+
+        Raises `ValueError` for an array of temperatures.
+        """
+
+
+def _one(temperature: Scalar | float) -> Float[Array, ""]:
+    """The temperature as a real array of no axes."""
+    t = jnp.asarray(temperature)
+    if t.ndim:
+        raise ValueError(
+            f"`basis(temperature)`: takes one temperature but got shape {t.shape}; "
+            f"use `jax.vmap(basis)` or `jax.vmap(curve)` for many."
+        )
+    return t if jnp.issubdtype(t.dtype, jnp.floating) else t.astype(jnp.result_type(float))
 
 
 class Constant(AbstractBasis):
@@ -49,10 +74,14 @@ class Constant(AbstractBasis):
     def nodes(self) -> tuple[float, ...]:
         return (0.0,)
 
+    @property
+    def at_nodes(self) -> Float[np.ndarray, "size size"]:
+        return np.ones((1, 1))
+
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         # Built from the temperature so that the dtype follows it; never looks at its value, so a
         # recording without a probe may carry anything here.
-        return jnp.ones((1,), jnp.asarray(temperature).dtype)
+        return jnp.ones((1,), _one(temperature).dtype)
 
 
 class Polynomial(AbstractBasis):
@@ -66,13 +95,16 @@ class Polynomial(AbstractBasis):
     """
 
     degree: int = eqx.field(static=True)
-    low: float = eqx.field(static=True)  # °C, maps to x = -1
-    high: float = eqx.field(static=True)  # °C, maps to x = +1
+    # Leaves, so that devices of other ranges share compiled code.
+    low: Float[AnyArray, "*batch"] | float = eqx.field(converter=as_leaf)  # °C, maps to x = -1
+    high: Float[AnyArray, "*batch"] | float = eqx.field(converter=as_leaf)  # °C, maps to x = +1
 
     def __check_init__(self):
         if self.degree < 0:
             raise ValueError(f"`Polynomial(degree=...)` must be 0 or more; got {self.degree}.")
-        if not self.low < self.high:
+        if isinstance(self.low, jax.core.Tracer) or isinstance(self.high, jax.core.Tracer):
+            return
+        if not np.all(np.asarray(self.low) < np.asarray(self.high)):
             raise ValueError(
                 f"`Polynomial(low=..., high=...)` needs low < high in °C; "
                 f"got low={self.low}, high={self.high}."
@@ -85,12 +117,22 @@ class Polynomial(AbstractBasis):
     @property
     def nodes(self) -> tuple[float, ...]:
         # Zeros of T_{degree+1}: interpolation there is as well conditioned as the basis.
-        x = np.cos(np.pi * (np.arange(self.size) + 0.5) / self.size)
-        return tuple(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * x)
+        return tuple(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * self._zeros)
+
+    @property
+    def at_nodes(self) -> Float[np.ndarray, "size size"]:
+        return np.polynomial.chebyshev.chebvander(self._zeros, self.degree)
+
+    @property
+    def _zeros(self) -> Float[np.ndarray, " size"]:
+        return np.cos(np.pi * (np.arange(self.size) + 0.5) / self.size)
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
-        x = (2.0 * jnp.asarray(temperature) - (self.low + self.high)) / (self.high - self.low)
-        values = [jnp.ones_like(x), x]
+        t = _one(temperature)
+        low, high = jnp.asarray(self.low, t.dtype), jnp.asarray(self.high, t.dtype)
+        x = (2.0 * t - (low + high)) / (high - low)
+        # Ones that depend on x, so that under `vmap` they lie on the same accelerators as the others.
+        values = [jnp.where(x < 0.0, jnp.ones_like(x), jnp.ones_like(x)), x]
         for _ in range(2, self.size):
             values.append(2.0 * x * values[-1] - values[-2])  # T_k = 2 x T_{k-1} - T_{k-2}
         return jnp.stack(values[: self.size])
@@ -125,10 +167,14 @@ class CubicSpline(AbstractBasis):
     def nodes(self) -> tuple[float, ...]:
         return self.knots
 
+    @property
+    def at_nodes(self) -> Float[np.ndarray, "size size"]:
+        return np.eye(self.size)
+
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         knots = np.asarray(self.knots)
         curvature = _natural_spline_curvature(knots)  # [size, size]: values at knots -> 2nd derivs
-        t = jnp.asarray(temperature)
+        t = _one(temperature)
         inside = jnp.clip(t, knots[0], knots[-1])
         i = jnp.clip(
             jnp.searchsorted(jnp.asarray(knots), inside, side="right") - 1, 0, len(knots) - 2
@@ -180,7 +226,10 @@ class Curve(eqx.Module):
                 )
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
-        """The parameters at one temperature (°C), shape `(parameters,)`, in their own units."""
+        """The parameters at one temperature (°C), shape `(parameters,)`, in their own units.
+
+        Raises `ValueError` for an array of temperatures; `jax.vmap(curve)` takes many.
+        """
         return self.basis(temperature) @ self.coefficients
 
 
@@ -188,11 +237,8 @@ def interpolate(
     basis: AbstractBasis, values: Float[AnyArray, "size parameters"]
 ) -> Float[Array, "size parameters"]:
     """Coefficients of the curve that takes the given values at `basis.nodes`."""
-    # The nodes are static, so the matrix and its inverse are constants also inside `jit`.
-    with jax.ensure_compile_time_eval():
-        at_nodes = np.asarray(jax.vmap(basis)(jnp.asarray(basis.nodes)))
     values = jnp.asarray(values)
-    return jnp.asarray(np.linalg.inv(at_nodes), values.dtype) @ values
+    return jnp.asarray(np.linalg.inv(basis.at_nodes), values.dtype) @ values
 
 
 def to_powers(

@@ -87,7 +87,7 @@ def distorted(
 
 @jax.jit
 def _compensated(calibration, accel, gyro, temperature):
-    return jax.vmap(calibration)(accel, gyro, temperature)
+    return jax.vmap(calibration.without_effects())(accel, gyro, temperature)
 
 
 def compensate(
@@ -227,7 +227,7 @@ class Course(eqx.Module):
                 count = len(np.asarray(fitted.coefficients))
                 coefficients = np.zeros((3, count))
                 coefficients[list(fitted.channels)] = np.asarray(fitted.coefficients)
-                variant = Variant("", dict(fitted.settings))
+                variant = Variant("", fitted.plain_settings)
                 added[triad] += np.asarray(addition(effect, coefficients, variant, own))[1:-3]
         return added["accel"], added["gyro"]
 

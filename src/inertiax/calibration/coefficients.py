@@ -1,0 +1,216 @@
+"""The coefficients of both triads' curves as one vector: names, units, covariance, blocks, draws.
+
+The accelerometers' come first; each triad's are row-major, (basis function, parameter).
+"""
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray
+from .triad import TriadCalibration, unit_of
+
+
+Triads = tuple[TriadCalibration, ...]
+
+
+class Block(eqx.Module):
+    """Some of a calibration's coefficients, with their covariance."""
+
+    rows: tuple[int, ...] = eqx.field(static=True)  # places among all coefficients
+    names: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)  # SI
+    mean: Float[AnyArray, "*batch coefficients"]
+    covariance: Float[AnyArray, "*batch coefficients coefficients"]
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Places among all coefficients, to index vectors and matrices with."""
+        return np.asarray(self.rows, int)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+def names(triads: Triads) -> tuple[str, ...]:
+    """`accel.bias[0]` where parameters are constant, else `accel.bias[0].c0`, `.c1` … by basis function."""
+    return tuple(n + term for triad in triads for n, term in _terms(triad))
+
+
+def units(triads: Triads) -> tuple[str, ...]:
+    """SI unit of each coefficient; basis functions have none, so it is that of the parameter."""
+    return tuple(unit_of(n) for triad in triads for n, _ in _terms(triad))
+
+
+def _terms(triad: TriadCalibration) -> list[tuple[str, str]]:
+    size = triad.curve.basis.size
+    term = lambda k: f".c{k}" if size > 1 else ""
+    return [(n, term(k)) for k in range(size) for n in triad.names]
+
+
+def values(triads: Triads) -> Float[AnyArray, "*batch coefficients"]:
+    """All coefficients in one vector."""
+    flat = [_flat(t.curve.coefficients) for t in triads]
+    return _library(*flat).concatenate(flat, axis=-1)
+
+
+def _flat(coefficients: AnyArray) -> AnyArray:
+    return coefficients.reshape(*coefficients.shape[:-2], -1)
+
+
+def _library(*arrays: AnyArray) -> Any:
+    """NumPy, in 64 bits whatever JAX is set to, where nothing is a JAX array."""
+    return jnp if any(isinstance(x, jax.Array) for x in arrays) else np
+
+
+def covariance(
+    triads: Triads, cross: Float[AnyArray, "*batch rows columns"] | None
+) -> Float[AnyArray, "*batch coefficients coefficients"]:
+    """Joint covariance; zero between triads that were estimated apart (`cross` is `None`)."""
+    own = [t.covariance for t in triads]
+    if len(own) == 1:
+        return own[0]
+    first, second = own
+    xp = _library(first, second, *(() if cross is None else (cross,)))
+    shape = (*first.shape[:-1], second.shape[-1])
+    across = xp.zeros(shape, first.dtype) if cross is None else xp.asarray(cross)
+    top = xp.concatenate([xp.asarray(first), across], axis=-1)
+    bottom = xp.concatenate([xp.swapaxes(across, -1, -2), xp.asarray(second)], axis=-1)
+    return xp.concatenate([top, bottom], axis=-2)
+
+
+# Choosing -----------------------------------------------------------------------------------------
+
+
+def matching(triads: Triads, pattern: str | Sequence[str]) -> tuple[int, ...]:
+    """Places of the coefficients that a pattern names, in order.
+
+    A pattern is a name, `accel.matrix[1,0]`, or a family, `accel.bias`, `gyro.g_sensitivity`, `accel.scale` (the
+    matrix' diagonal), `accel.misalignment` (the rest), with `*` for any text, and `.c0` … at its end for one basis
+    function. Raises `ValueError` where it names none.
+    """
+    patterns = [pattern] if isinstance(pattern, str) else list(pattern)
+    terms = [x for triad in triads for x in _terms(triad)]
+    found = set()
+    for one in patterns:
+        literal = one.replace("[", "[[]")
+        mine = [
+            k
+            for k, (name, term) in enumerate(terms)
+            if any(fnmatchcase(c + t, literal) for c in _called(name) for t in {"", term})
+        ]
+        if not mine:
+            families = sorted({c for name, _ in terms for c in _called(name) if "[" not in c})
+            raise ValueError(
+                f"`calibration.block({one!r})`: no coefficient is called that; there are {', '.join(families)}."
+            )
+        found.update(mine)
+    return tuple(sorted(found))
+
+
+def _called(name: str) -> tuple[str, ...]:
+    """All names of a parameter: its own, its family's, and those by what a matrix' element means."""
+    family, _, index = name.partition("[")
+    called = (name, family)
+    if not family.endswith(".matrix"):
+        return called
+    row, column = index.rstrip("]").split(",")
+    triad = family.partition(".")[0]
+    if row == column:
+        return (*called, f"{triad}.scale", f"{triad}.scale[{row}]")
+    return (*called, f"{triad}.misalignment", f"{triad}.misalignment[{row},{column}]")
+
+
+def replaced(
+    triads: Triads,
+    rows: Sequence[int],
+    new: Float[AnyArray, "*batch coefficients"],
+    given: str = "calibration.with_values(block, values)",
+) -> tuple[AnyArray, ...]:
+    """Each triad's coefficients with some replaced; leading axes of the values become leading axes of all.
+
+    Raises `ValueError` where the last axis has another length than the block.
+    """
+    if jnp.ndim(new) == 0 or jnp.shape(new)[-1] != len(rows):
+        raise ValueError(
+            f"`{given}`: values have shape {jnp.shape(new)}, but the block has {len(rows)} coefficients."
+        )
+    flat = values(triads)
+    xp = _library(flat, new)
+    flat, new = xp.asarray(flat), xp.asarray(new)
+    lead = np.broadcast_shapes(flat.shape[:-1], new.shape[:-1])
+    whole = xp.broadcast_to(flat, (*lead, flat.shape[-1]))
+    place = np.asarray(rows, int)
+    if xp is np:
+        whole = whole.copy()
+        whole[..., place] = new
+    else:
+        whole = whole.at[..., place].set(new.astype(whole.dtype))
+    parts, start = [], 0
+    for triad in triads:
+        shape = triad.curve.coefficients.shape[-2:]
+        stop = start + shape[0] * shape[1]
+        parts.append(whole[..., start:stop].reshape(*lead, *shape))
+        start = stop
+    return tuple(parts)
+
+
+# The Gaussian -------------------------------------------------------------------------------------
+
+
+def draws(
+    key: Array, mean: Float[AnyArray, " n"], spread: Float[AnyArray, "n n"], count: int
+) -> Float[Array, "draws n"]:
+    """Draws of the coefficients, in default precision of JAX."""
+    scale, vectors, roots, _ = _principal(spread)
+    normal = jax.random.normal(key, (count, len(scale)))
+    turn = jnp.asarray(vectors * roots[None, :]).astype(normal.dtype)
+    offset = jnp.asarray(scale).astype(normal.dtype) * (normal @ turn.T)
+    return jnp.asarray(mean).astype(normal.dtype) + offset
+
+
+def log_density(
+    point: Float[AnyArray, " n"], mean: Float[AnyArray, " n"], spread: Float[AnyArray, "n n"]
+) -> Float[Array, ""]:
+    """Logarithm of the Gaussian's density at a point; directions without variance do not count."""
+    if jnp.shape(point) != jnp.shape(mean):
+        raise ValueError(
+            f"`calibration.log_density(values)`: values have shape {jnp.shape(point)}, but the calibration has "
+            f"{jnp.shape(mean)[0]} coefficients."
+        )
+    scale, vectors, roots, kept = _principal(spread)
+    x = jnp.asarray(point)
+    cast = lambda y: jnp.asarray(y).astype(x.dtype)
+    off = jnp.where(cast(scale) > 0.0, (x - cast(mean)) / cast(_positive(scale)), jnp.zeros_like(x))
+    whitened = jnp.where(kept, (cast(vectors).T @ off) / cast(_positive(roots)), jnp.zeros_like(x))
+    xp = _library(scale, roots)
+    sizes = xp.sum(xp.log(_positive(scale))) + xp.sum(xp.where(kept, xp.log(_positive(roots)), 0.0))
+    constant = cast(sizes) + 0.5 * np.log(2.0 * np.pi) * cast(xp.sum(kept))
+    return -0.5 * jnp.sum(jnp.square(whitened)) - constant
+
+
+def _positive(x: AnyArray) -> AnyArray:
+    """The numbers with ones for zeros, to divide by."""
+    xp = _library(x)
+    return xp.where(x > 0.0, x, xp.ones_like(x))
+
+
+def _principal(spread: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+    """Standard deviations, principal axes of the correlation, roots of its eigenvalues, and which are not zero.
+
+    Coefficients differ in size by their units, so that the correlation is factorised, not the covariance.
+    """
+    xp = _library(spread)
+    spread = xp.asarray(spread)
+    scale = xp.sqrt(xp.diagonal(spread))
+    safe = _positive(scale)
+    eigenvalues, vectors = xp.linalg.eigh(spread / (safe[:, None] * safe[None, :]))
+    least = len(scale) * xp.finfo(spread.dtype).eps * xp.max(eigenvalues)
+    kept = eigenvalues > least
+    return scale, vectors, xp.sqrt(xp.where(kept, eigenvalues, xp.zeros_like(eigenvalues))), kept

@@ -1,0 +1,204 @@
+"""The JSON form of a calibration: `calibration.json`, written whole or not at all."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import msgspec
+import numpy as np
+
+from ..data.json_documents import decode, encode
+from ..effects import CATALOGUE, Effect
+from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
+from ..storage.whole_files import write_atomically
+from .fitted_effects import EffectEntry, from_entry, to_entry
+from .pytree import Calibration
+from .triad import is_parameter, TriadCalibration, unit_of
+
+
+SCHEMA = "inertiax.calibration/1"
+
+
+class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    kind: str  # constant | chebyshev | natural-cubic-spline
+    degree: int | None = None
+    low: float | None = None
+    high: float | None = None
+    knots: list[float] | None = None
+
+
+class _Triad(msgspec.Struct, forbid_unknown_fields=True):
+    estimator: str
+    names: list[str]
+    units: list[str]
+    basis: _Basis
+    coefficients: list[list[float]]
+    covariance: list[list[float]]
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    schema: str
+    version: str
+    device: str
+    gravity: float
+    gravity_unit: str
+    temperature_range: tuple[float, float] | None
+    temperature_unit: str
+    accel: _Triad | None
+    gyro: _Triad | None
+    notes: list[str] = []
+    effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET
+    cross_covariance: list[list[float]] | msgspec.UnsetType = msgspec.UNSET
+
+
+def _basis_to_json(basis: AbstractBasis) -> _Basis:
+    if isinstance(basis, Polynomial):
+        return _Basis(
+            "chebyshev", degree=basis.degree, low=float(basis.low), high=float(basis.high)
+        )
+    if isinstance(basis, CubicSpline):
+        return _Basis("natural-cubic-spline", knots=list(basis.knots))
+    return _Basis("constant")
+
+
+def _basis_from_json(basis: _Basis, where: str) -> AbstractBasis:
+    if basis.kind == "constant":
+        return Constant()
+    if basis.kind == "chebyshev":
+        if basis.degree is None or basis.low is None or basis.high is None:
+            raise ValueError(f"{where}: a 'chebyshev' basis needs 'degree', 'low' and 'high'.")
+        return Polynomial(basis.degree, basis.low, basis.high)
+    if basis.kind == "natural-cubic-spline":
+        if basis.knots is None:
+            raise ValueError(f"{where}: a 'natural-cubic-spline' basis needs 'knots'.")
+        return CubicSpline(tuple(basis.knots))
+    raise ValueError(
+        f"{where}: basis kind {basis.kind!r} is not known; it is one of 'constant', 'chebyshev', "
+        f"'natural-cubic-spline'."
+    )
+
+
+def _triad_to_json(triad: TriadCalibration) -> _Triad:
+    return _Triad(
+        estimator=triad.estimator,
+        names=list(triad.names),
+        units=[unit_of(n) for n in triad.names],
+        basis=_basis_to_json(triad.curve.basis),
+        coefficients=np.asarray(triad.curve.coefficients).tolist(),
+        covariance=np.asarray(triad.covariance).tolist(),
+    )
+
+
+def _triad_from_json(triad: _Triad, where: str) -> TriadCalibration:
+    try:
+        basis = _basis_from_json(triad.basis, where)
+    except ValueError as error:
+        said = str(error)
+        raise ValueError(said if said.startswith(where) else f"{where}: basis: {said}") from None
+    count = len(triad.names)
+    coefficients = _matrix(triad.coefficients, (basis.size, count), f"{where}.coefficients")
+    unknowns = basis.size * count
+    covariance = _matrix(triad.covariance, (unknowns, unknowns), f"{where}.covariance")
+    for name in triad.names:
+        if not is_parameter(name) or not name.startswith(where.rsplit(" ", 1)[-1] + "."):
+            raise ValueError(f"{where}: {name!r} is not the name of one of its parameters.")
+    expected = [unit_of(n) for n in triad.names]
+    if triad.units != expected:
+        raise ValueError(f"{where}: units are {triad.units} but must be {expected}.")
+    return TriadCalibration(
+        Curve(basis, coefficients),
+        covariance,
+        tuple(triad.names),
+        triad.estimator,
+    )
+
+
+def _cross(
+    content: _File, accel: TriadCalibration | None, gyro: TriadCalibration | None, where: str
+) -> np.ndarray | None:
+    if content.cross_covariance is msgspec.UNSET:
+        return None
+    if accel is None or gyro is None:
+        raise ValueError(f"{where}: is of two triads, but the file has one.")
+    return _matrix(content.cross_covariance, (len(accel.covariance), len(gyro.covariance)), where)
+
+
+def _matrix(rows: list[list[float]], shape: tuple[int, int], where: str) -> np.ndarray:
+    if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
+        raise ValueError(f"{where} must have {shape[0]} rows of {shape[1]} numbers.")
+    return np.asarray(rows, float).reshape(shape)
+
+
+def write_calibration(calibration: Calibration, path: Path) -> None:
+    """Write `calibration.json`, beside its place and then renamed, so that it is never half there.
+
+    Raises `ValueError` where a number is not finite: a calibration that failed is not written.
+    """
+    arrays = [x for x in jax.tree.leaves(calibration) if eqx.is_array(x)]
+    if not all(np.isfinite(np.asarray(x)).all() for x in arrays):
+        raise ValueError(
+            f"calibration of device {calibration.device!r} has numbers that are not finite, so "
+            f"{path} was not written; the estimation did not succeed."
+        )
+    cross = calibration.cross_covariance
+    content = _File(
+        schema=SCHEMA,
+        version=version("inertiax"),
+        device=calibration.device,
+        gravity=float(calibration.gravity),
+        gravity_unit="m/s^2",
+        temperature_range=_range(calibration),
+        temperature_unit="degC",
+        accel=None if calibration.accel is None else _triad_to_json(calibration.accel),
+        gyro=None if calibration.gyro is None else _triad_to_json(calibration.gyro),
+        notes=list(calibration.notes),
+        effects=[to_entry(e) for e in calibration.effects] or msgspec.UNSET,
+        cross_covariance=msgspec.UNSET if cross is None else np.asarray(cross).tolist(),
+    )
+    write_atomically(path, encode(content, str(path), indent=1))
+
+
+def _range(calibration: Calibration) -> tuple[float, float] | None:
+    if calibration.temperature_range is None:
+        return None
+    low, high = calibration.temperature_range
+    return float(low), float(high)
+
+
+def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Calibration:
+    """Read `calibration.json`. Raises `ValueError`, one line naming file and key, for anything that
+    is not exactly this schema, or for a named effect that the catalogue `effects` lacks."""
+    path = Path(path)
+    try:
+        stored = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}).") from error
+    content = decode(stored, _File, str(path), "a calibration", SCHEMA)
+    if not content.gravity > 0.0:
+        raise ValueError(f"{path}: gravity is {content.gravity:g}; it must be above 0 m/s².")
+    if content.temperature_range is not None:
+        low, high = content.temperature_range
+        if low > high:
+            raise ValueError(
+                f"{path}: temperature_range is {low:g} to {high:g} °C; write the lower one first."
+            )
+    for key, found, right in (
+        ("gravity_unit", content.gravity_unit, "m/s^2"),
+        ("temperature_unit", content.temperature_unit, "degC"),
+    ):
+        if found != right:
+            raise ValueError(f"{path}: {key} is {found!r}; it must be {right!r}.")
+    accel = None if content.accel is None else _triad_from_json(content.accel, f"{path}: accel")
+    gyro = None if content.gyro is None else _triad_from_json(content.gyro, f"{path}: gyro")
+    return Calibration(
+        gravity=content.gravity,
+        accel=accel,
+        gyro=gyro,
+        cross_covariance=_cross(content, accel, gyro, f"{path}: cross_covariance"),
+        device=content.device,
+        temperature_range=content.temperature_range,
+        notes=tuple(content.notes),
+        effects=tuple(from_entry(e, str(path), effects) for e in content.effects or ()),
+    )

@@ -1,0 +1,312 @@
+"""The result: one pytree, callable on raw outputs.
+
+A `Calibration` goes anywhere a pytree goes: `jax.jit(calibration)`, `jax.vmap(calibration)` over samples,
+`jax.jacfwd` with respect to its coefficients, `scan` in a navigation loop, `jax.export`. Serial number and notes are
+labels, so that devices of one model share compiled code and stack (`stacking.stack`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import polars as pl
+from jaxtyping import Array, Bool, Float
+
+from .._typing import AnyArray, Scalar, Vec3
+from ..physics.error_model import (
+    AccelerometerErrors,
+    compensate_accel,
+    compensate_gyro,
+    distort_accel,
+    distort_gyro,
+    GyroErrors,
+)
+from ..physics.temperature import as_leaf
+from . import coefficients, representation
+from .coefficients import Block
+from .effect_additions import additions, refuse_memory
+from .fitted_effects import FittedEffect
+from .labels import pair, register_labelled
+from .triad import TriadCalibration
+
+
+# Each round leaves the effects' slope of the error: an effect of a tenth of the input, which no usable sensor has,
+# is taken away to 1e-12.
+ROUNDS = 12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration:
+    """A device's calibration; calling it compensates one sample.
+
+    `temperature_range` are the temperatures (°C) that the data covered; see `extrapolates`. `effects` are named
+    effects beside the parameters. Those that depend on a sample alone take part in `calibration(...)` and `distort`;
+    with one that depends on what went before, both raise `ValueError`, and `Twin` and
+    `diagnose.estimates.applied_effects` serve. `cross_covariance` is that of the accelerometers' coefficients
+    with the gyros', where both were estimated together.
+    """
+
+    gravity: Scalar | float  # m/s²
+    accel: TriadCalibration | None = None
+    gyro: TriadCalibration | None = None
+    device: str = ""
+    temperature_range: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()
+    effects: tuple[FittedEffect, ...] = ()
+    cross_covariance: Float[AnyArray, "*batch accel_coefficients gyro_coefficients"] | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "gravity", as_leaf(self.gravity))
+        object.__setattr__(self, "temperature_range", pair(self.temperature_range))
+        for name in ("accel", "gyro"):
+            triad = getattr(self, name)
+            wrong = [] if triad is None else [n for n in triad.names if not n.startswith(name)]
+            if wrong:
+                raise ValueError(f"`Calibration({name}=...)`: {wrong[0]!r} is not one of {name}.")
+
+    def accel_errors(self, temperature: Scalar | float) -> AccelerometerErrors:
+        """Accelerometer parameters at one temperature, °C; an ideal triad where not calibrated."""
+        if self.accel is None:
+            return AccelerometerErrors.zero()
+        p = self.accel.parameters(temperature)
+        return AccelerometerErrors(p[:3], p[3:12].reshape(3, 3))
+
+    def gyro_errors(self, temperature: Scalar | float) -> GyroErrors:
+        """Gyro parameters at one temperature, °C; an ideal triad where not calibrated."""
+        if self.gyro is None:
+            return GyroErrors.zero()
+        p = self.gyro.parameters(temperature)
+        return GyroErrors(p[:3], p[3:12].reshape(3, 3), p[12:].reshape(3, 3))
+
+    def __call__(
+        self, accel: Vec3, gyro: Vec3, temperature: Scalar | float
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Equation (3), exact: specific force (m/s²) and rate (rad/s) of one sample of raw outputs.
+
+        `vmap` it over samples. For a device with one triad pass zeros for the other.
+
+        Raises `ValueError` for other shapes, and where a named effect depends on more than the sample.
+        """
+        accel, gyro = _one_sample("calibration", accel=accel, gyro=gyro)
+        refuse_memory(self.effects, "calibration(accel, gyro, temperature)")
+        force, rate = self._by_parameters(accel, gyro, temperature)
+        if not self.effects:
+            return force, rate
+
+        def better(_: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+            added = additions(self, *now, temperature)
+            return self._by_parameters(accel - added[0], gyro - added[1], temperature)
+
+        return jax.lax.fori_loop(0, ROUNDS, better, (force, rate))
+
+    def _by_parameters(
+        self, accel: Array, gyro: Array, temperature: Scalar | float
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        force = compensate_accel(self.accel_errors(temperature), accel)
+        rate = compensate_gyro(
+            self.gyro_errors(temperature), gyro, force, jnp.asarray(self.gravity)
+        )
+        return force, rate
+
+    def distort(
+        self, force: Vec3, rate: Vec3, temperature: Scalar | float
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Equation (1): outputs (m/s², rad/s) for one sample of specific force and absolute rate.
+
+        The other way of `calibration(...)`, with the same errors raised.
+        """
+        force, rate = _one_sample("calibration.distort", force=force, rate=rate)
+        refuse_memory(self.effects, "calibration.distort(force, rate, temperature)")
+        accel, gyro = self.distort_by_parameters(force, rate, temperature)
+        if not self.effects:
+            return accel, gyro
+        added = additions(self, force, rate, temperature)
+        return accel + added[0], gyro + added[1]
+
+    def distort_by_parameters(
+        self, force: Array, rate: Array, temperature: Scalar | float
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Equation (1) without the named effects."""
+        accel = distort_accel(self.accel_errors(temperature), force)
+        gravity = jnp.asarray(self.gravity)
+        return accel, distort_gyro(self.gyro_errors(temperature), rate, force, gravity)
+
+    def extrapolates(self, temperature: Scalar | float) -> Bool[Array, ""]:
+        """Whether a temperature (°C) is outside what the calibration data covered."""
+        if self.temperature_range is None:
+            return jnp.asarray(False)
+        low, high = self.temperature_range
+        t = jnp.asarray(temperature)
+        return (t < jnp.asarray(low, t.dtype)) | (t > jnp.asarray(high, t.dtype))
+
+    # The coefficients --------------------------------------------------------------------------------
+
+    @property
+    def triads(self) -> tuple[TriadCalibration, ...]:
+        """Those that are calibrated, the accelerometers first."""
+        return tuple(t for t in (self.accel, self.gyro) if t is not None)
+
+    @property
+    def coefficients(self) -> Float[AnyArray, "*batch coefficients"]:
+        """All curves' coefficients in one vector, in the order of `coefficient_names`."""
+        return coefficients.values(self.triads)
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        """Such as `accel.bias[0]`, or `accel.bias[0].c2` of the third basis function over temperature."""
+        return coefficients.names(self.triads)
+
+    @property
+    def coefficient_units(self) -> tuple[str, ...]:
+        """SI unit of each coefficient."""
+        return coefficients.units(self.triads)
+
+    @property
+    def covariance(self) -> Float[AnyArray, "*batch coefficients coefficients"]:
+        """Of all coefficients, SI; zero between the triads where they were estimated apart."""
+        return coefficients.covariance(self.triads, self.cross_covariance)
+
+    def block(self, pattern: str | Sequence[str]) -> Block:
+        """The coefficients that a pattern names: `"accel.bias"`, `"*.bias"`, `"gyro.matrix[1,0]"`, `"accel.scale"`,
+        `"*.misalignment"`, `"*.bias.c0"`, or several of them.
+
+        Raises `ValueError`, with the families that there are, where it names none.
+        """
+        rows = coefficients.matching(self.triads, pattern)
+        names, units = self.coefficient_names, self.coefficient_units
+        return Block(
+            rows,
+            tuple(names[k] for k in rows),
+            tuple(units[k] for k in rows),
+            self.coefficients[..., list(rows)],
+            self.covariance[..., list(rows), :][..., :, list(rows)],
+        )
+
+    def with_values(
+        self, block: Block | str | Sequence[str], values: Float[AnyArray, "*batch coefficients"]
+    ) -> "Calibration":
+        """The calibration with a block's coefficients replaced (SI); the covariance stays.
+
+        Leading axes of `values` become leading axes of every leaf, to `vmap` over. Raises `ValueError` for
+        another number of values than the block has.
+        """
+        rows = block.rows if isinstance(block, Block) else coefficients.matching(self.triads, block)
+        lead = jnp.shape(values)[:-1]
+        before = jnp.shape(self.coefficients)[:-1]
+        whole = self if len(lead) <= len(before) else _repeated(self, lead)
+        return whole._with(coefficients.replaced(self.triads, rows, values))
+
+    def with_covariance(
+        self, covariance: Float[AnyArray, "coefficients coefficients"]
+    ) -> "Calibration":
+        """The calibration with another joint covariance of all coefficients, as a filter or a refinement finds it.
+
+        Raises `ValueError` for another shape.
+        """
+        size = len(self.coefficient_names)
+        if jnp.shape(covariance)[-2:] != (size, size):
+            raise ValueError(
+                f"`calibration.with_covariance(covariance)`: shape {jnp.shape(covariance)}, but the calibration has "
+                f"{size} coefficients."
+            )
+        if len(self.triads) == 1:
+            return self._with(None, (covariance,))
+        first = len(coefficients.names(self.triads[:1]))
+        own = covariance[..., :first, :first], covariance[..., first:, first:]
+        return self._with(None, own).changed(cross_covariance=covariance[..., :first, first:])
+
+    def _with(
+        self, values: tuple[AnyArray, ...] | None, spreads: tuple[AnyArray, ...] | None = None
+    ) -> "Calibration":
+        made = {}
+        for k, name in enumerate(n for n in ("accel", "gyro") if getattr(self, n) is not None):
+            triad = getattr(self, name)
+            if values is not None:
+                triad = eqx.tree_at(lambda t: t.curve.coefficients, triad, values[k])
+            if spreads is not None:
+                triad = eqx.tree_at(lambda t: t.covariance, triad, spreads[k])
+            made[name] = triad
+        return self.changed(**made)
+
+    def samples(self, key: Array, n: int) -> Float[Array, "n coefficients"]:
+        """Draws of all coefficients from their Gaussian; `with_values("*", samples)` are as many calibrations."""
+        return coefficients.draws(key, self.coefficients, self.covariance, n)
+
+    def log_density(self, values: Float[AnyArray, " coefficients"]) -> Float[Array, ""]:
+        """Logarithm of that Gaussian's density at a vector of all coefficients; for blackjax or numpyro.
+
+        Directions without variance do not count. Raises `ValueError` for another number of values.
+        """
+        return coefficients.log_density(values, self.coefficients, self.covariance)
+
+    # For people --------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        return representation.line(self)
+
+    def summary(self) -> str:
+        """The parameters in customary units at the middle of the temperature range, as text."""
+        return representation.summary(self)
+
+    def _repr_html_(self) -> str:
+        return representation.html(self)
+
+    def to_frame(
+        self, temperatures: Sequence[float] | Float[np.ndarray, " n"] | None = None
+    ) -> pl.DataFrame:
+        """Columns temperature (°C), name, value, sigma, unit (SI): one row per parameter and temperature.
+
+        At the middle of the calibrated range where no temperatures are given.
+        """
+        return representation.frame(self, temperatures)
+
+    # Copies ------------------------------------------------------------------------------------------
+
+    def without_effects(self, *names: str) -> "Calibration":
+        """The calibration without the named effects, or without any where no name is given.
+
+        Raises `ValueError` for an effect that it does not have.
+        """
+        own = [e.name for e in self.effects]
+        unknown = [n for n in names if n not in own]
+        if unknown:
+            raise ValueError(
+                f"`calibration.without_effects({unknown[0]!r})`: it has {own or 'no effects'}."
+            )
+        kept = tuple(e for e in self.effects if names and e.name not in names)
+        return self.changed(effects=kept)
+
+    def changed(self, **new: Any) -> "Calibration":
+        """A copy with other values of some fields; nothing is checked, so that it works on stacked devices, too."""
+        made = object.__new__(Calibration)
+        for field in fields(self):
+            object.__setattr__(made, field.name, new.get(field.name, getattr(self, field.name)))
+        return made
+
+
+register_labelled(
+    Calibration,
+    leaves=("gravity", "accel", "gyro", "temperature_range", "effects", "cross_covariance"),
+    structure=(),
+    labels={"device": "", "notes": ()},
+)
+
+
+def _repeated(calibration: Calibration, lead: tuple[int, ...]) -> Calibration:
+    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*lead, *jnp.shape(x))), calibration)
+
+
+def _one_sample(call: str, **vectors: Vec3) -> Sequence[Array]:
+    made = []
+    for name, vector in vectors.items():
+        if jnp.shape(vector) != (3,):
+            raise ValueError(
+                f"`{call}({', '.join(vectors)}, temperature)`: {name} has shape {jnp.shape(vector)}, but one sample "
+                f"has (3,); `jax.vmap` it over samples."
+            )
+        made.append(jnp.asarray(vector))
+    return made

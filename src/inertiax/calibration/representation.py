@@ -1,0 +1,127 @@
+"""A calibration for people: a line, a text, a table in a notebook, a data frame."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Protocol, runtime_checkable
+
+import jax
+import numpy as np
+import polars as pl
+
+from .fitted_effects import FittedEffect
+from .quantities import middle_temperature, quantities, Quantity, with_sigma
+from .triad import TriadCalibration, unit_of
+
+
+@runtime_checkable
+class Shown(Protocol):
+    """What of a `Calibration` is shown."""
+
+    @property
+    def device(self) -> str:
+        """Serial number."""
+        ...
+
+    @property
+    def triads(self) -> tuple[TriadCalibration, ...]:
+        """Those that are calibrated."""
+        ...
+
+    @property
+    def temperature_range(self) -> tuple[float, float] | None:
+        """°C."""
+        ...
+
+    @property
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """Named effects beside the parameters."""
+        ...
+
+
+def line(calibration: Shown) -> str:
+    """What it is, in one line."""
+    parts = [f"device={calibration.device!r}"] if calibration.device else []
+    for triad in calibration.triads:
+        name = triad.names[0].partition(".")[0]
+        shape = tuple(np.shape(triad.curve.coefficients))
+        parts.append(f"{name}={triad.estimator} {shape}")
+    parts += [f"effects={[e.name for e in calibration.effects]}"] if calibration.effects else []
+    return f"Calibration({', '.join(parts)})"
+
+
+def single(calibration: Shown, call: str) -> None:
+    """Raise `ValueError` for stacked devices or traced values, which have no numbers to show."""
+    leaves = [t.curve.coefficients for t in calibration.triads]
+    if any(isinstance(x, jax.core.Tracer) for x in leaves):
+        raise ValueError(f"`calibration.{call}()`: its numbers are not known in traced code.")
+    shapes = [np.shape(x)[:-2] for x in leaves]
+    if any(shapes):
+        raise ValueError(
+            f"`calibration.{call}()`: {shapes[0]} devices are stacked; take one by `ix.unstack(calibration)[k]`."
+        )
+
+
+def summary(calibration: Shown) -> str:
+    """The parameters in customary units at the middle of the temperature range, as text."""
+    single(calibration, "summary")
+    lines = [_title(calibration)]
+    for quantity in _all(calibration):
+        value, sigma = with_sigma(quantity.value, quantity.sigma)
+        triad = quantity.name.partition(".")[0]
+        lines.append(f"{triad:<6}{quantity.label:<18}{value:>14} ± {sigma:<10} {quantity.unit}")
+    return "\n".join([*lines, *_effect_lines(calibration)])
+
+
+def _title(calibration: Shown) -> str:
+    device = f"Calibration of {calibration.device}" if calibration.device else "Calibration"
+    if calibration.temperature_range is None:
+        return device
+    low, high = calibration.temperature_range
+    return f"{device} at {middle_temperature(calibration):.4g} °C (data from {low:.4g} to {high:.4g} °C)"
+
+
+def _all(calibration: Shown) -> list[Quantity]:
+    at = middle_temperature(calibration)
+    return [q for triad in calibration.triads for q in quantities(triad, at)]
+
+
+def _effect_lines(calibration: Shown) -> list[str]:
+    return [f"effect {e.name} on {', '.join(e.channel_names)}" for e in calibration.effects]
+
+
+def html(calibration: Shown) -> str:
+    """`summary` as a table for a notebook; text from the calibration is escaped."""
+    if any(np.ndim(t.curve.coefficients) > 2 for t in calibration.triads):
+        return f"<p>{escape(line(calibration))}</p>"
+    cells = []
+    for quantity in _all(calibration):
+        value, sigma = with_sigma(quantity.value, quantity.sigma)
+        texts = (quantity.name.partition(".")[0], quantity.label, value, sigma, quantity.unit)
+        cells.append("<tr>" + "".join(f"<td>{escape(t)}</td>" for t in texts) + "</tr>")
+    head = "".join(f"<th>{t}</th>" for t in ("triad", "parameter", "value", "1 σ", "unit"))
+    effects = "".join(f"<p>{escape(t)}</p>" for t in _effect_lines(calibration))
+    caption = escape(_title(calibration))
+    return f"<table><caption>{caption}</caption><tr>{head}</tr>{''.join(cells)}</table>{effects}"
+
+
+def frame(calibration: Shown, temperatures: Sequence[float] | np.ndarray | None) -> pl.DataFrame:
+    """One row per parameter and temperature (°C; the middle of the range where `None`), in SI units."""
+    single(calibration, "to_frame")
+    asked = [middle_temperature(calibration)] if temperatures is None else temperatures
+    grid = np.asarray(asked, float)
+    parts = []
+    for triad in calibration.triads:
+        values, sigmas = triad.over(grid)
+        count = len(triad.names)
+        parts.append(
+            pl.DataFrame(
+                {
+                    "temperature": np.repeat(grid, count),
+                    "name": list(triad.names) * len(grid),
+                    "value": np.asarray(values, float).ravel(),
+                    "sigma": np.asarray(sigmas, float).ravel(),
+                    "unit": [unit_of(n) for n in triad.names] * len(grid),
+                }
+            )
+        )
+    return pl.concat(parts)

@@ -1,0 +1,109 @@
+"""One triad's error parameters as curves over temperature."""
+
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray, Scalar
+from ..physics.temperature import AbstractBasis, Curve
+
+
+_SLOT = re.compile(
+    r"(accel|gyro)\.(?:(bias)\[([0-2])\]|(matrix)\[([0-2]),([0-2])\])"
+    r"|(gyro)\.(g_sensitivity)\[([0-2]),([0-2])\]"
+)
+
+
+def is_parameter(name: str) -> bool:
+    """Whether a name is that of a triad's parameter, such as `accel.matrix[1,0]`."""
+    return _SLOT.fullmatch(name) is not None
+
+
+def slot(name: str) -> int:
+    """Place of a named parameter in (bias 3, matrix 9, g-sensitivity 9). Raises `ValueError` for another name."""
+    match = _SLOT.fullmatch(name)
+    if match is None:
+        raise ValueError(
+            f"parameter name {name!r} is not one of accel|gyro . bias[i], matrix[i,j], "
+            f"g_sensitivity[i,j] with i, j = 0, 1, 2."
+        )
+    kind, *index = [part for part in match.groups() if part is not None][1:]
+    row, column = int(index[0]), int(index[-1])
+    return {"bias": row, "matrix": 3 + 3 * row + column, "g_sensitivity": 12 + 3 * row + column}[
+        kind
+    ]
+
+
+def unit_of(name: str) -> str:
+    """SI unit of a parameter, as `calibration.json` writes it."""
+    if ".matrix" in name:
+        return "1"
+    if name.startswith("accel"):
+        return "m/s^2"
+    return "rad/s/g" if "g_sensitivity" in name else "rad/s"
+
+
+class TriadCalibration(eqx.Module):
+    """One triad's error parameters as curves over temperature, with their covariance.
+
+    Raises `ValueError` for a name that is no parameter's, or sizes that do not fit each other.
+    """
+
+    curve: Curve
+    # Of the coefficients, row-major (size, parameters).
+    covariance: Float[AnyArray, "*batch unknowns unknowns"]
+    names: tuple[str, ...] = eqx.field(static=True)  # of the curve's columns
+    estimator: str = eqx.field(static=True)  # how it was estimated: invariant, reference, ...
+
+    def __check_init__(self):
+        for name in self.names:
+            slot(name)
+        coefficients = jnp.shape(self.curve.coefficients)
+        if coefficients[-1] != len(self.names):
+            raise ValueError(
+                f"`TriadCalibration(names=...)`: {len(self.names)} names, but the curve has "
+                f"{coefficients[-1]} parameters."
+            )
+        unknowns = coefficients[-1] * coefficients[-2]
+        if jnp.shape(self.covariance)[-2:] != (unknowns, unknowns):
+            raise ValueError(
+                f"`TriadCalibration(covariance=...)`: shape {jnp.shape(self.covariance)}, but the curve's "
+                f"{unknowns} coefficients need ({unknowns}, {unknowns})."
+            )
+
+    def parameters(self, temperature: Scalar | float) -> Float[Array, "21"]:
+        """Bias (3), matrix (9) and g-sensitivity (9) at one temperature, °C; zero where not fitted."""
+        values = self.curve(temperature)
+        place = {slot(n): k for k, n in enumerate(self.names)}
+        # Read, not written to their slots, so that each device's numbers stay where they are.
+        taken = values[np.array([place.get(k, 0) for k in range(21)])]
+        fitted = np.array([k in place for k in range(21)])
+        return jnp.where(fitted, taken, jnp.zeros_like(taken))
+
+    def standard_deviations(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
+        """1-sigma of the named parameters at one temperature: √diag(φ C φᵀ)."""
+        phi = self.curve.basis(temperature)
+        count = len(self.names)
+        blocks = jnp.asarray(self.covariance).reshape(phi.size, count, phi.size, count)
+        return jnp.sqrt(jnp.einsum("a,aibi,b->i", phi, blocks, phi))
+
+    def over(
+        self, temperatures: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n parameters"], Float[np.ndarray, "n parameters"]]:
+        """The named parameters and their 1-sigma at many temperatures (°C), computed on the host."""
+        phi = np.asarray(_basis_values(self.curve.basis, temperatures))
+        size, count = phi.shape[1], len(self.names)
+        blocks = np.asarray(self.covariance).reshape(size, count, size, count)
+        variances = np.einsum("ta,aibi,tb->ti", phi, blocks, phi)
+        return phi @ np.asarray(self.curve.coefficients), np.sqrt(variances)
+
+
+@eqx.filter_jit
+def _basis_values(
+    basis: AbstractBasis, temperatures: Float[AnyArray, " n"]
+) -> Float[Array, "n size"]:
+    return jax.vmap(basis)(jnp.asarray(temperatures))

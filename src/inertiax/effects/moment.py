@@ -1,0 +1,75 @@
+"""What a triad goes through in one sample: the counterpart of `Signal` where time has not come yet."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._typing import Scalar, Vec3
+from .signal import Signal
+
+
+class Moment(eqx.Module):
+    """Inputs and circumstances of one triad in one sample, with the extent of the data of a fitted effect."""
+
+    triad: str = eqx.field(static=True)  # "accel" or "gyro"
+    time: Scalar | float  # s since power-on
+    step: Scalar | float  # s since the sample before
+    first: Bool[Array, ""]  # whether there was none before
+    input: Vec3  # g (accelerometers) or rad/s (gyros): what an ideal triad reads
+    force: Vec3  # g
+    rate: Vec3  # rad/s
+    temperature: Scalar | float  # °C, by the probe
+    at_rest: Bool[Array, ""]
+    # The model's outputs at another temperature, m/s² or rad/s.
+    at_temperature: Callable[[Scalar | float], Float[Array, "3"]]
+    degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
+    low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
+    high: Scalar | float = 1.0  # °C, mapped to +1
+    coldest: Scalar | float = 0.0  # °C, of the data that the effect was fitted on
+    warmest: Scalar | float = 1.0  # °C
+    greatest_input: Scalar | float = 0.0  # g or rad/s
+    duration: Scalar | float = 0.0  # s
+
+
+Shape = Float[Array, "channels columns"]
+
+
+class Online(eqx.Module):
+    """An effect sample by sample, with what it remembers.
+
+    `begin(settings, temperature)` is the state in equilibrium at a temperature (°C); `follow(state, moment,
+    settings)` gives the next state and the effect's `shape` in that sample, `(3, columns)` or `(1, columns)`.
+    """
+
+    begin: Callable[[Mapping[str, Any], Array], Any] = eqx.field(static=True)
+    follow: Callable[[Any, Moment, Mapping[str, Any]], tuple[Any, Shape]] = eqx.field(static=True)
+
+
+def without_memory(shape: Callable[..., Float[Array, "time channels columns"]]) -> Online:
+    """The form of an effect that depends on nothing but the sample's force, rate and temperature."""
+
+    def begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+        del settings, temperature
+        return ()
+
+    def follow(state: tuple, moment: Moment, settings: Mapping[str, Any]) -> tuple[tuple, Shape]:
+        return state, shape(_rows(moment), **settings)[0]
+
+    return Online(begin, follow)
+
+
+def _rows(moment: Moment) -> Signal:
+    """A signal of the sample and, for shapes that are scaled by it, a row of the greatest input."""
+    given = jnp.asarray(moment.input)
+    greatest = jnp.full(3, moment.greatest_input, given.dtype)
+    twice = lambda x: jnp.stack([jnp.asarray(x), jnp.asarray(x)])
+    zero = jnp.zeros(2, given.dtype)
+    return Signal(
+        triad=moment.triad, time=zero, input=jnp.stack([given, greatest]), output=twice(given), since_power=zero,
+        since_start=zero, since_move=zero, move=jnp.zeros((2, 3), given.dtype), at_rest=twice(moment.at_rest),
+        temperature=twice(moment.temperature), force=twice(moment.force), rate=twice(moment.rate),
+        degree=moment.degree, low=moment.low, high=moment.high,
+    )  # fmt: skip

@@ -1,0 +1,60 @@
+"""Plausibility of a navigation state, where its numbers are known."""
+
+import jax
+import numpy as np
+
+from .._typing import AnyArray
+
+
+LOWEST, HIGHEST = -12e3, 1e6  # m: the deepest trench, and space
+FASTEST = 12e3  # m/s, about what leaves the Earth
+ROTATION = 1e-3  # departure from orthonormality that is a mistake, not rounding or a filter's drift
+
+
+def check_place(call: str, place: AnyArray) -> None:
+    """Raise `ValueError` where latitude or longitude is in degrees or the height is none on Earth."""
+    if isinstance(place, jax.core.Tracer):
+        return
+    values = np.asarray(place)
+    if values.shape[-1:] != (3,):
+        raise ValueError(
+            f"`{call}`: shape {values.shape}; it is latitude, longitude (rad) and height (m)."
+        )
+    latitude, longitude, height = (values[..., k] for k in range(3))
+    worst = np.max(np.abs(latitude))
+    if not worst <= 0.5 * np.pi + 1e-6:
+        raise ValueError(f"`{call}`: latitude is {worst:g}; it is in rad, within ±π/2 (degrees?).")
+    worst = np.max(np.abs(longitude))
+    if not worst <= 2.0 * np.pi + 1e-6:
+        raise ValueError(f"`{call}`: longitude is {worst:g}; it is in rad, within ±2π (degrees?).")
+    if not (np.all(height >= LOWEST) and np.all(height <= HIGHEST)):
+        raise ValueError(
+            f"`{call}`: height is {np.max(np.abs(height)):g}; it is in m above the ellipsoid."
+        )
+
+
+def check_rotation(call: str, matrix: AnyArray) -> None:
+    """Raise `ValueError` where a matrix is no rotation."""
+    if isinstance(matrix, jax.core.Tracer):
+        return
+    values = np.asarray(matrix, float)
+    if values.shape[-2:] != (3, 3):
+        raise ValueError(
+            f"`{call}`: shape {values.shape}; it is a rotation matrix (3, 3), case to level."
+        )
+    off = np.abs(values @ np.swapaxes(values, -1, -2) - np.eye(3)).max()
+    if not (off < ROTATION and np.all(np.linalg.det(values) > 0.0)):
+        raise ValueError(
+            f"`{call}`: it is not a rotation matrix (C Cᵀ differs from E by {off:.2g})."
+        )
+
+
+def check_speed(call: str, velocity: AnyArray) -> None:
+    """Raise `ValueError` where a velocity is none in m/s."""
+    if isinstance(velocity, jax.core.Tracer):
+        return
+    worst = float(np.max(np.abs(np.asarray(velocity))))
+    if not worst <= FASTEST:
+        raise ValueError(
+            f"`{call}`: {worst:g} m/s is faster than anything that stays near the Earth (mm/s?)."
+        )

@@ -1,0 +1,248 @@
+"""The calibration as a pytree: labels out of its structure, stacking, transformations, export."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from inertiax.calibration.calibration import (
+    Calibration,
+    read_calibration,
+    TriadCalibration,
+    write_calibration,
+)
+from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.calibration.stacking import stack, unstack
+from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
+
+
+ACCEL = tuple(f"accel.bias[{i}]" for i in range(3)) + ("accel.matrix[0,0]", "accel.matrix[1,0]")
+GYRO = tuple(f"gyro.bias[{i}]" for i in range(3)) + ("gyro.matrix[0,1]",)
+
+
+def device(seed, *, effects=(), joint=True):
+    """A device of one model with its own numbers, ranges and labels."""
+    random = np.random.default_rng(seed)
+    basis = Polynomial(2, -40.0 - seed, 70.0 + seed)
+    root = 1e-4 * random.standard_normal((27, 27))
+    covariance = root @ root.T
+    triad = lambda names, rows: TriadCalibration(
+        Curve(basis, 1e-2 * random.standard_normal((3, len(names)))),
+        covariance[rows, rows],
+        names,
+        "reference",
+    )
+    return Calibration(
+        gravity=9.8 + 0.01 * seed,
+        accel=triad(ACCEL, slice(0, 15)),
+        gyro=triad(GYRO, slice(15, 27)),
+        device=f"SN {seed}",
+        temperature_range=(-40.0 - seed, 70.0),
+        notes=(f"note {seed}",),
+        effects=effects,
+        cross_covariance=covariance[:15, 15:] if joint else None,
+    )
+
+
+def effect(name, settings=(), coefficients=(1e-3,), triad="accel", **extent):
+    n = len(coefficients)
+    return FittedEffect(
+        name, triad, (1,), tuple(settings), np.array(coefficients), 1e-8 * np.eye(n), "1", **extent
+    )
+
+
+SAMPLE = (np.array([0.3, -9.7, 0.8]), np.array([0.1, -0.2, 0.05]), np.float64(33.0))
+
+
+def by_hand(calibration, accel, gyro, temperature):
+    """Equation (3) in NumPy, with NumPy's own Chebyshev series."""
+    basis = calibration.accel.curve.basis
+    x = (2 * temperature - basis.low - basis.high) / (basis.high - basis.low)
+    at = lambda t: np.polynomial.chebyshev.chebval(x, np.asarray(t.curve.coefficients))
+    a, w = at(calibration.accel), at(calibration.gyro)
+    m = np.eye(3)
+    m[0, 0] += a[3]
+    m[1, 0] += a[4]
+    n = np.eye(3)
+    n[0, 1] += w[3]
+    return np.linalg.solve(m, accel - a[:3]), np.linalg.solve(n, gyro - w[:3])
+
+
+def test_second_device_of_a_model_is_not_compiled_again():
+    traces = []
+
+    @jax.jit
+    def compensate(calibration, accel, gyro, temperature):
+        traces.append(None)
+        return calibration(accel, gyro, temperature)
+
+    for seed in range(3):
+        calibration = device(seed, effects=(effect("second_order", greatest_input=1.0 + seed),))
+        got = compensate(calibration, *SAMPLE)
+        want = calibration(*SAMPLE)
+        np.testing.assert_allclose(got[0], want[0], rtol=1e-12)
+    assert len(traces) == 1
+
+
+def test_a_calibration_itself_can_be_compiled():
+    force, rate = jax.jit(device(1))(*SAMPLE)
+    want = by_hand(device(1), *SAMPLE)
+    np.testing.assert_allclose(force, want[0], rtol=1e-12)
+    np.testing.assert_allclose(rate, want[1], rtol=1e-11, atol=1e-14)
+
+
+def test_labels_go_with_tree_map_and_never_to_another_device():
+    one, two = device(1), device(2)
+    assert jax.tree.structure(one) == jax.tree.structure(two)
+    assert jax.tree.map(np.asarray, two).device == "SN 2"
+    halved = jax.jit(lambda c: jax.tree.map(lambda x: 0.5 * x, c))
+    # The program was traced with the first device; its result is nobody's by name.
+    assert halved(one).device == "" == halved(two).device
+    assert halved(two).notes == ()
+
+
+def test_stacked_devices_are_mapped_like_each_alone():
+    devices = [device(k) for k in range(4)]
+    many = stack(devices)
+    force, rate = jax.vmap(lambda c: c(*SAMPLE))(many)
+    for k, one in enumerate(devices):
+        want = by_hand(one, *SAMPLE)
+        np.testing.assert_allclose(force[k], want[0], rtol=1e-12)
+        np.testing.assert_allclose(rate[k], want[1], rtol=1e-11, atol=1e-14)
+    for one, back in zip(devices, unstack(many), strict=True):
+        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(back), strict=True):
+            np.testing.assert_array_equal(a, b)
+    outside = jax.vmap(lambda c: c.extrapolates(-41.5))(many)
+    assert outside.tolist() == [True, True, False, False]
+
+
+def test_a_thousand_read_calibrations_stack(tmp_path):
+    path = tmp_path / "calibration.json"
+    write_calibration(device(1), path)
+    text = path.read_text()
+    many = []
+    for k in range(1000):
+        path.write_text(text.replace('"SN 1"', f'"SN {k}"'))
+        many.append(read_calibration(path))
+    assert many[7].device == "SN 7"
+    force, _ = jax.jit(jax.vmap(lambda c: c(*SAMPLE)))(stack(many))
+    assert force.shape == (1000, 3)
+    np.testing.assert_allclose(force[999], by_hand(device(1), *SAMPLE)[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (lambda: device(1).changed(gyro=None), "gyro"),
+        (lambda: device(1, effects=(effect("second_order"),)), "effects"),
+        (lambda: device(1, joint=False), "cross_covariance"),
+        (
+            lambda: device(1).changed(
+                accel=TriadCalibration(
+                    Curve(Constant(), np.zeros((1, 5))), np.zeros((5, 5)), ACCEL, "reference"
+                )
+            ),
+            "accel.curve.basis",
+        ),
+    ],
+)
+def test_devices_of_other_models_do_not_stack_and_the_message_says_why(other, words):
+    with pytest.raises(ValueError, match=f"number 1 differs .*{words}"):
+        stack([device(0), other()])
+
+
+def test_scan_checkpoint_and_cond_take_a_calibration():
+    calibration = device(3)
+    want = by_hand(calibration, *SAMPLE)[0]
+    carried, forces = jax.lax.scan(lambda c, s: (c, c(*s)[0]), calibration, _twice(SAMPLE))
+    np.testing.assert_allclose(forces[1], want, rtol=1e-12)
+    assert jax.tree.structure(carried) == jax.tree.structure(calibration)
+    chosen = jax.lax.cond(jnp.asarray(True), lambda a, b: a, lambda a, b: b, calibration, device(4))
+    np.testing.assert_array_equal(chosen.gravity, calibration.gravity)
+    size = lambda c: jnp.sum(c(*SAMPLE)[0] ** 2)
+    plain, kept = jax.grad(size)(calibration), jax.grad(jax.checkpoint(size))(calibration)
+    for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(kept), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-15)
+
+
+def _twice(sample):
+    return jax.tree.map(lambda x: np.stack([x, x]), sample)
+
+
+def test_exported_program_takes_another_device(tmp_path):
+    from inertiax.calibration.exportable import register
+
+    register()
+    calibration = device(
+        1, effects=(effect("dead_band", (("width", 1e-3), ("form", "zone")), triad="gyro"),)
+    )
+    exported = jax.export.export(jax.jit(lambda c, a, w, t: c(a, w, t)))(calibration, *SAMPLE)
+    again = jax.export.deserialize(exported.serialize())
+    other = device(2, effects=calibration.effects)
+    for got, want in zip(again.call(other, *SAMPLE), other(*SAMPLE), strict=True):
+        np.testing.assert_allclose(got, want, rtol=1e-12)
+
+
+def test_explicit_sharding_of_devices():
+    mesh = jax.make_mesh((1,), ("devices",), axis_types=(jax.sharding.AxisType.Explicit,))
+    spread = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("devices"))
+    many = jax.tree.map(lambda x: jax.device_put(x, spread), stack([device(0), device(1)]))
+    force, _ = jax.jit(jax.vmap(lambda c: c(*SAMPLE)))(many)
+    np.testing.assert_allclose(force[1], by_hand(device(1), *SAMPLE)[0], rtol=1e-12)
+
+
+def test_effects_of_a_sample_take_part_both_ways():
+    # K2 of 1e-3 m/s²/g² on y, and the gyro's odd nonlinearity on y.
+    effects = (
+        effect("second_order", coefficients=(2e-3,)),
+        effect("rate_nonlinearity", (("power", 3),), (0.02,), triad="gyro"),
+    )
+    calibration, plain = device(1, effects=effects), device(1)
+    force, rate = np.array([1.0, 9.6, -2.0]), np.array([0.4, 1.5, -0.3])
+    accel, gyro = calibration.distort(force, rate, 20.0)
+    bare = plain.distort(force, rate, 20.0)
+    np.testing.assert_allclose(accel[1] - bare[0][1], 2e-3 * (9.6 / 9.81) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(gyro[1] - bare[1][1], 0.02 * 1.5**3, rtol=1e-12)
+    np.testing.assert_allclose(accel[0], bare[0][0], rtol=1e-15)
+    back = jax.vmap(calibration)(*(jnp.stack([x, x]) for x in (accel, gyro)), jnp.full(2, 20.0))
+    np.testing.assert_allclose(back[0][1], force, rtol=1e-10)
+    np.testing.assert_allclose(back[1][1], rate, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["thermal_lag", "warm_up", "supply"])
+def test_an_effect_with_memory_is_an_error_that_says_so(name):
+    settings = {"supply": (("nominal", 5.0),)}.get(name, (("time_constant", 100.0),))
+    calibration = device(1, effects=(effect(name, settings),))
+    with pytest.raises(ValueError, match=f"'{name}' on accel_y depends on more than one sample"):
+        jax.vmap(calibration)(*_twice(SAMPLE))
+    with pytest.raises(ValueError, match=f"'{name}' on accel_y"):
+        calibration.distort(*SAMPLE)
+    left_out = calibration.without_effects(name)(*SAMPLE)
+    np.testing.assert_allclose(left_out[0], by_hand(device(1), *SAMPLE)[0], rtol=1e-12)
+
+
+def test_file_keeps_the_joint_covariance_and_settings(tmp_path):
+    path = tmp_path / "calibration.json"
+    settings = (("time_constant", 123.25),)
+    made = device(2, effects=(effect("thermal_lag", settings, clock=(1.0, 2.0)),))
+    write_calibration(made, path)
+    back = read_calibration(path)
+    np.testing.assert_array_equal(back.covariance, made.covariance)
+    assert dict(back.effects[0].settings) == {"time_constant": 123.25}
+    stored = json.loads(path.read_text())
+    stored["cross_covariance"] = [[0.0]]
+    path.write_text(json.dumps(stored))
+    with pytest.raises(ValueError, match="cross_covariance must have 15 rows of 12 numbers"):
+        read_calibration(path)
+
+
+@pytest.mark.parametrize(
+    "basis", [Constant(), Polynomial(2, -40.0, 70.0), CubicSpline((-40.0, 20.0, 70.0))]
+)
+def test_as_many_temperatures_as_functions_are_not_mixed(basis):
+    curve = Curve(basis, np.ones((basis.size, 2)))
+    with pytest.raises((ValueError, TypeError)):
+        curve(np.full(basis.size, 20.0))
+    assert jax.vmap(curve)(jnp.full(basis.size, 20.0)).shape == (basis.size, 2)
