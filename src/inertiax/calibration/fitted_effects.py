@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from ..effects import CATALOGUE, Effect
-from ..physics.temperature import as_leaf
+from ..physics.leaves import as_leaf
 from .labels import pair, Settings
 
 

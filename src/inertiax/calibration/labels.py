@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 
-from ..physics.temperature import as_leaf
+from ..physics.leaves import as_leaf, is_traced
 
 
 class Labels:
@@ -53,7 +53,7 @@ def register_labelled(
 
     def unflatten(auxiliary: tuple, children: Iterable[Any]) -> Any:
         children = list(children)
-        traced = any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(children))
+        traced = any(is_traced(x) for x in jax.tree.leaves(children))
         said = labels if traced else auxiliary[1].values
         node = object.__new__(cls)
         named = (*zip(leaves, children), *zip(structure, auxiliary[0]), *said.items())

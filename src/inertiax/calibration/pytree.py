@@ -25,7 +25,7 @@ from ..physics.error_model import (
     distort_gyro,
     GyroErrors,
 )
-from ..physics.temperature import as_leaf
+from ..physics.leaves import as_leaf
 from . import coefficients, representation
 from .coefficients import Block
 from .effect_additions import additions, refuse_memory

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from html import escape
 from typing import Protocol, runtime_checkable
 
-import jax
 import numpy as np
 import polars as pl
 
+from ..physics.leaves import is_traced
 from .fitted_effects import FittedEffect
 from .quantities import middle_temperature, quantities, Quantity, with_sigma
 from .triad import TriadCalibration, unit_of
@@ -52,7 +52,7 @@ def line(calibration: Shown) -> str:
 def single(calibration: Shown, call: str) -> None:
     """Raise `ValueError` for stacked devices or traced values, which have no numbers to show."""
     leaves = [t.curve.coefficients for t in calibration.triads]
-    if any(isinstance(x, jax.core.Tracer) for x in leaves):
+    if any(is_traced(x) for x in leaves):
         raise ValueError(f"`calibration.{call}()`: its numbers are not known in traced code.")
     shapes = [np.shape(x)[:-2] for x in leaves]
     if any(shapes):

@@ -4,10 +4,15 @@ Host data (NumPy), large and never traced; dwell means made from it go to JAX.
 """
 
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from .frames import columns_of, Names, TRIADS
+from .plausible_units import check_force, check_rate, check_temperature
 
 
 class Recording(eqx.Module):
@@ -63,6 +68,66 @@ class Recording(eqx.Module):
                 f"does not come after row {row - 1} ({self.time[row - 1]:.6f} s)."
             )
 
+    @classmethod
+    def from_arrays(
+        cls,
+        time: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        gyro: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
+        *,
+        sample_rate: float | None = None,
+        device: str = "",
+        **columns: ArrayLike | None,
+    ) -> "Recording":
+        """A recording from arrays of samples.
+
+        **Arguments:** `time` in s, increasing, or `sample_rate` in Hz instead; `accel` (m/s²) and `gyro` (rad/s)
+        (time, 3); `temperature` (°C) (time,) or (time, probes); further columns by their names: `experiment`,
+        `position`, `reference_accel`, `reference_gyro`, `supply`.
+
+        Raises `ValueError`, one line that names the argument, for shapes that do not fit and for numbers that are
+        implausible in these units.
+        """
+        call = "Recording.from_arrays"
+        given = {"accel": accel, "gyro": gyro, "temperature": temperature, **columns}
+        unknown = sorted(set(given) - set(_COLUMNS))
+        if unknown:
+            raise ValueError(f"`{call}({unknown[0]}=...)`: is no column of a recording.")
+        made = {k: _samples(call, k, v) for k, v in given.items() if v is not None}
+        if (time is None) == (sample_rate is None):
+            raise ValueError(f"`{call}(time=...)`: give either `time` (s) or `sample_rate` (Hz).")
+        if sample_rate is not None:
+            if not sample_rate > 0.0:
+                raise ValueError(
+                    f"`{call}(sample_rate=...)`: must be above 0 Hz; got {sample_rate}."
+                )
+            rows = len(next(iter(made.values()))) if made else 0
+            made["time"] = np.arange(rows) / sample_rate
+        else:
+            made["time"] = _samples(call, "time", time)
+        _check_units(call, made)
+        return cls(**made, device=device)
+
+    @classmethod
+    def from_frame(
+        cls, frame: Any, *, columns: Names | None = None, device: str = ""
+    ) -> "Recording":
+        """A recording from a table of polars, pandas, pyarrow or xarray, or from a mapping of columns.
+
+        **Arguments:** columns are canonical (`time`, `accel_x`, …, `temperature`, `position`; SI and °C) or named by
+        `columns`, such as `{"accel": ("ax", "ay", "az"), "time": "t"}`. A column of dates is taken as seconds.
+
+        Raises `ValueError` as `from_arrays`, and for a column that is missing.
+        """
+        made = columns_of(frame, columns or {})
+        if "time" not in made:
+            raise ValueError(
+                "`Recording.from_frame(frame)`: no column 'time'; name it by `columns`."
+            )
+        _check_units("Recording.from_frame", made)
+        return cls(**made, device=device)
+
     @property
     def num_samples(self) -> int:
         """Number of rows."""
@@ -85,6 +150,40 @@ _COLUMNS = (
     "reference_gyro",
     "supply",
 )
+
+
+def _samples(call: str, name: str, values: Any) -> np.ndarray:
+    """An array of the column's kind and number of axes."""
+    whole = name in ("experiment", "position")
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"`{call}({name}=...)`: must be an array of real numbers.") from None
+    if name == "temperature":
+        array = array[:, None] if array.ndim == 1 else array
+        if array.ndim != 2:
+            raise ValueError(
+                f"`{call}({name}=...)`: shape {array.shape}; it must be (time,) or (time, probes)."
+            )
+    elif name in TRIADS:
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise ValueError(f"`{call}({name}=...)`: shape {array.shape}; it must be (time, 3).")
+    elif array.ndim != 1:
+        raise ValueError(f"`{call}({name}=...)`: shape {array.shape}; it must be (time,).")
+    if whole and not np.array_equal(array, np.round(array)):
+        raise ValueError(f"`{call}({name}=...)`: must hold whole numbers.")
+    return array.astype(int) if whole else array
+
+
+def _check_units(call: str, made: dict[str, Any]) -> None:
+    for name, values in made.items():
+        every = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+        if name == "temperature":
+            check_temperature(call, values, every)
+        elif name.endswith("accel"):
+            check_force(call, name, values, every)
+        elif name.endswith("gyro"):
+            check_rate(call, name, values, every)
 
 
 class Site(eqx.Module):

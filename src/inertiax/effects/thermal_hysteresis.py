@@ -26,6 +26,7 @@ def shape(
     side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each."""
     t = jnp.asarray(signal.temperature)
     low, high = jnp.min(t), jnp.max(t)
+    radius = jnp.asarray(radius)
     leads = [_lead(t, part * radius * (high - low)) for part in _parts(loop)]
     lead = _loop(jnp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":

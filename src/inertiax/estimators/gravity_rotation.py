@@ -31,6 +31,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Mat3, Scalar, Vec3
 from ..physics.composition import compose_gyro
 from ..physics.error_model import compensate_gyro, GyroErrors, solve3
+from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from ..reduction.motions import carry, Motions
 from .base import AbstractEstimator, soften, transform_covariance, whiten
@@ -45,8 +46,8 @@ class GravityRotation(AbstractEstimator[GyroErrors]):
 
     triad: ClassVar[str] = "gyro"
 
-    gravity: Scalar = eqx.field(converter=jnp.asarray)  # m/s², makes D's force dimensionless
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # rad, 1 sigma
+    gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad, 1 sigma
     g_sensitivity: bool = eqx.field(static=True, default=False)
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 

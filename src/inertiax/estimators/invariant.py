@@ -19,6 +19,7 @@ from .._typing import AnyArray, Scalar
 from ..numerics.least_squares import cholesky, cholesky_solve
 from ..physics.composition import compose_accel
 from ..physics.error_model import AccelerometerErrors, compensate_accel
+from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, soften, transform_covariance
 
@@ -32,8 +33,8 @@ class Invariant(AbstractEstimator[AccelerometerErrors]):
 
     triad: ClassVar[str] = "accel"
 
-    gravity: Scalar = eqx.field(converter=jnp.asarray)  # m/s²
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # m/s², 1 sigma
+    gravity: Scalar = eqx.field(converter=as_array)  # m/s²
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property

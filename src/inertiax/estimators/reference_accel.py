@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Scalar
 from ..physics.composition import compose_accel
 from ..physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
+from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
 
@@ -25,7 +26,7 @@ class ReferenceAccel(AbstractEstimator[AccelerometerErrors]):
 
     triad: ClassVar[str] = "accel"
 
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # m/s², 1 sigma
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property

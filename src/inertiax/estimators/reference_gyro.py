@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Scalar
 from ..physics.composition import compose_gyro
 from ..physics.error_model import compensate_gyro, distort_gyro, GyroErrors
+from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
 
@@ -28,8 +29,8 @@ class ReferenceGyro(AbstractEstimator[GyroErrors]):
 
     triad: ClassVar[str] = "gyro"
 
-    gravity: Scalar = eqx.field(converter=jnp.asarray)  # m/s², makes D's force dimensionless
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # rad/s, 1 sigma
+    gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
     g_sensitivity: bool = eqx.field(static=True, default=False)
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 

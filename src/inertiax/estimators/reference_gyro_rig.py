@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
 from ..physics.error_model import distort_gyro, GyroErrors
+from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from ..reduction.motions import rotate
 from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
@@ -36,10 +37,10 @@ class ReferenceGyroRig(AbstractEstimator[GyroErrors]):
 
     triad: ClassVar[str] = "gyro"
 
-    gravity: Scalar = eqx.field(converter=jnp.asarray)  # m/s²
-    rate_uncertainty: Scalar = eqx.field(converter=jnp.asarray)  # σ_s, relative
+    gravity: Scalar = eqx.field(converter=as_array)  # m/s²
+    rate_uncertainty: Scalar = eqx.field(converter=as_array)  # σ_s, relative
     num_dwells: int = eqx.field(static=True)  # n, of the whole fit
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # rad/s, 1 sigma
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
     g_sensitivity: bool = eqx.field(static=True, default=False)
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar, Vec3
 from ..physics.error_model import AccelerometerErrors, GyroErrors
+from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
 from .reference_gyro import dwell_force
@@ -29,8 +30,8 @@ class StaticAccel(AbstractEstimator[AccelerometerErrors]):
 
     triad: ClassVar[str] = "accel"
 
-    nominal: Vec3 = eqx.field(converter=jnp.asarray)  # m/s², used where there is no reference_accel
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # m/s², 1 sigma
+    nominal: Vec3 = eqx.field(converter=as_array)  # m/s², used where there is no reference_accel
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property
@@ -74,8 +75,8 @@ class StaticGyro(AbstractEstimator[GyroErrors]):
 
     triad: ClassVar[str] = "gyro"
 
-    gravity: Scalar = eqx.field(converter=jnp.asarray)  # m/s², makes D's force dimensionless
-    scatter: Scalar = eqx.field(converter=jnp.asarray, default=0.0)  # rad/s, 1 sigma
+    gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
+    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
     g_sensitivity: bool = eqx.field(static=True, default=False)
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 

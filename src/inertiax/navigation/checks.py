@@ -1,9 +1,9 @@
 """Plausibility of a navigation state, where its numbers are known."""
 
-import jax
 import numpy as np
 
 from .._typing import AnyArray
+from ..physics.leaves import is_traced
 
 
 LOWEST, HIGHEST = -12e3, 1e6  # m: the deepest trench, and space
@@ -13,7 +13,7 @@ ROTATION = 1e-3  # departure from orthonormality that is a mistake, not rounding
 
 def check_place(call: str, place: AnyArray) -> None:
     """Raise `ValueError` where latitude or longitude is in degrees or the height is none on Earth."""
-    if isinstance(place, jax.core.Tracer):
+    if is_traced(place):
         return
     values = np.asarray(place)
     if values.shape[-1:] != (3,):
@@ -35,7 +35,7 @@ def check_place(call: str, place: AnyArray) -> None:
 
 def check_rotation(call: str, matrix: AnyArray) -> None:
     """Raise `ValueError` where a matrix is no rotation."""
-    if isinstance(matrix, jax.core.Tracer):
+    if is_traced(matrix):
         return
     values = np.asarray(matrix, float)
     if values.shape[-2:] != (3, 3):
@@ -51,7 +51,7 @@ def check_rotation(call: str, matrix: AnyArray) -> None:
 
 def check_speed(call: str, velocity: AnyArray) -> None:
     """Raise `ValueError` where a velocity is none in m/s."""
-    if isinstance(velocity, jax.core.Tracer):
+    if is_traced(velocity):
         return
     worst = float(np.max(np.abs(np.asarray(velocity))))
     if not worst <= FASTEST:

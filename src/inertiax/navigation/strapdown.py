@@ -136,7 +136,7 @@ def _plus(state: State, increments: tuple[Array, Array, Array]) -> State:
     return eqx.tree_at(_moved, state, now)
 
 
-def _moved(state: State) -> tuple[AnyArray, AnyArray, AnyArray]:
+def _moved(state):  # untyped, as `tree_at` calls it with what is no state
     return state.attitude, state.velocity, state.position
 
 
@@ -185,7 +185,8 @@ def navigate(compensation: Compensation | Calibration, data: ImuData, start: Sta
         state, lost = carry
         force, rate = compensation(*sample)
         steps = _increments(state, force, rate, data.step)
-        steps = tuple(dx - x for dx, x in zip(steps, _moved(lost), strict=True))
+        turned, faster, further = _moved(lost)
+        steps = steps[0] - turned, steps[1] - faster, steps[2] - further
         after = _plus(state, steps)
         added = (a - b for a, b in zip(_moved(after), _moved(state), strict=True))
         lost = eqx.tree_at(_moved, lost, tuple(a - dx for a, dx in zip(added, steps, strict=True)))

@@ -10,20 +10,14 @@ polynomial of degree 6 well conditioned; powers of T appear only on export.
 """
 
 import abc
-from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-
-
-def as_leaf(value: Any) -> Any:
-    """A number as a leaf: arrays as they are, Python's numbers as 64-bit scalars, whatever JAX is set to."""
-    return value if hasattr(value, "dtype") else np.float64(value)
+from .leaves import as_leaf, is_traced
 
 
 class AbstractBasis(eqx.Module):
@@ -102,7 +96,7 @@ class Polynomial(AbstractBasis):
     def __check_init__(self):
         if self.degree < 0:
             raise ValueError(f"`Polynomial(degree=...)` must be 0 or more; got {self.degree}.")
-        if isinstance(self.low, jax.core.Tracer) or isinstance(self.high, jax.core.Tracer):
+        if is_traced(self.low) or is_traced(self.high):
             return
         if not np.all(np.asarray(self.low) < np.asarray(self.high)):
             raise ValueError(
@@ -250,8 +244,9 @@ def to_powers(
     """
     from numpy.polynomial import chebyshev, polynomial
 
-    scale = 2.0 / (basis.high - basis.low)
-    offset = scale * (reference - 0.5 * (basis.low + basis.high))
+    low, high = float(basis.low), float(basis.high)
+    scale = 2.0 / (high - low)
+    offset = scale * (reference - 0.5 * (low + high))
     columns = []
     for series in np.asarray(coefficients, float).T:
         in_x = np.atleast_1d(chebyshev.cheb2poly(series))

@@ -5,13 +5,17 @@ For a linear sensor model nothing is lost by that, and a solve costs microsecond
 milliseconds.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 
 from .._typing import AnyArray
+from . import arrays
 from .motions import Motions
 
 
@@ -37,6 +41,65 @@ class Dwells(eqx.Module):
     reference_gyro: Float[AnyArray, "*dwell 3"] | None = None  # rad/s
     motion: Motions | None = None  # the motion that led to each dwell, where an estimator needs it
 
+    def __check_init__(self):
+        shape = jnp.shape(self.time)
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if value is None or field.name == "motion":
+                continue
+            inner = {"accel": 1, "gyro": 1, "reference_accel": 1, "reference_gyro": 1}.get(
+                field.name, 0
+            )
+            inner = 2 if field.name.endswith("covariance") else inner
+            if jnp.shape(value) != (*shape, *(3,) * inner):
+                raise ValueError(
+                    f"`Dwells({field.name}=...)`: shape {jnp.shape(value)}, but `time` has {shape}, so it must be "
+                    f"{(*shape, *(3,) * inner)}."
+                )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        accel: ArrayLike | None = None,
+        gyro: ArrayLike | None = None,
+        *,
+        temperature: ArrayLike | None = None,
+        experiment: ArrayLike | None = None,
+        position: ArrayLike | None = None,
+        sigma: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
+        reference_accel: ArrayLike | None = None,
+        reference_gyro: ArrayLike | None = None,
+        valid: ArrayLike | None = None,
+    ) -> "Dwells":
+        """Dwell means from arrays; any leading axes are devices.
+
+        **Arguments:** outputs (m/s², rad/s) and references (…, dwells, 3); `temperature` in °C, `experiment`,
+        `position` and `valid` (…, dwells). `position` is −1 at constant rate (by default where `reference_gyro`
+        says that the device turns). `sigma` is 1 sigma of a mean, broadcast to the outputs, or covariances
+        (…, dwells, 3, 3); a pair where there are both triads; absent: found from the residuals. Rows that
+        are not `valid` may hold anything.
+
+        Raises `ValueError`, one line that names the argument, for shapes that do not fit and for numbers that are
+        implausible in these units.
+        """
+        made = arrays.columns(accel, gyro, reference_accel, reference_gyro, temperature, valid)
+        shape = made["valid"].shape
+        own = arrays.sigmas(sigma, accel, gyro)
+        row = np.arange(shape[-1], dtype=float)
+        time = np.broadcast_to(row, shape)
+        turning = made["reference_gyro"]
+        poses = row if turning is None else np.where(_turns(turning), -1.0, row)
+        return cls(
+            time=time,
+            duration=np.ones(shape),
+            count=np.ones(shape),
+            experiment=arrays.labels("experiment", experiment, shape, 0),
+            position=arrays.labels("position", position, shape, poses),
+            accel_covariance=arrays.covariance("accel", own[0], made["accel"]),
+            gyro_covariance=arrays.covariance("gyro", own[1], made["gyro"]),
+            **made,
+        )
+
     @property
     def num_dwells(self) -> int:
         """Length of the leading axis."""
@@ -45,6 +108,12 @@ class Dwells(eqx.Module):
     def __getitem__(self, rows: slice | int | np.ndarray) -> "Dwells":
         """The same columns, only those dwells."""
         return jax.tree.map(lambda x: x[rows], self)
+
+
+def _turns(reference_gyro: AnyArray) -> np.ndarray | jax.Array:
+    """Where a device turns by more than the Earth does."""
+    library = np if isinstance(reference_gyro, np.ndarray) else jnp
+    return library.linalg.norm(reference_gyro, axis=-1) > arrays.TURNING
 
 
 def experiment_rows(

@@ -1,0 +1,86 @@
+"""Whether numbers are plausible in the units that they are said to be in, one line each."""
+
+from typing import Any
+
+import numpy as np
+
+from ..physics.leaves import is_traced
+
+
+# What no sensor at a test place shows; outside of it the unit is another one.
+COLDEST, HOTTEST = -100.0, 200.0  # °C: cryogenic and down-hole sensors are within
+LEAST_FORCE, GREATEST_FORCE = (
+    3.0,
+    2000.0,
+)  # m/s², median magnitude: below is g, above mm/s² or counts
+GREATEST_RATE = 100.0  # rad/s, median magnitude: 5700 °/s, more than rate tables turn
+# Ratio of outputs to reference that a scale factor error does not make, but a unit.
+LEAST_RATIO, GREATEST_RATIO = 0.2, 5.0
+DEGREES = 57.3
+
+
+def check_temperature(call: str, values: Any, valid: Any) -> None:
+    """Raise `ValueError` for temperatures that are no °C."""
+    if values is None or is_traced(values) or is_traced(valid) or not np.any(valid):
+        return
+    low, high = values[valid].min(), values[valid].max()
+    if low >= COLDEST and high <= HOTTEST:
+        return
+    guess = " (kelvin?)" if 200.0 < np.median(values[valid]) < 500.0 else ""
+    raise ValueError(
+        f"`{call}(temperature=...)`: from {low:g} to {high:g}; it is in °C, from {COLDEST:g} to {HOTTEST:g}{guess}."
+    )
+
+
+def check_force(call: str, name: str, values: Any, valid: Any) -> None:
+    """Raise `ValueError` for specific forces that are none in m/s²."""
+    size = _size(values, valid)
+    if size is None or LEAST_FORCE <= size <= GREATEST_FORCE:
+        return
+    guess = "in g?" if 0.1 < size < LEAST_FORCE else "in mm/s² or counts?"
+    raise ValueError(
+        f"`{call}({name}=...)`: median magnitude {size:g}; it is in m/s², about 9.8 at rest ({guess})."
+    )
+
+
+def check_rate(call: str, name: str, values: Any, valid: Any) -> None:
+    """Raise `ValueError` for rates that are none in rad/s."""
+    size = _size(values, valid)
+    if size is not None and size > GREATEST_RATE:
+        raise ValueError(
+            f"`{call}({name}=...)`: median magnitude {size:g}; it is in rad/s (deg/s?)."
+        )
+
+
+def check_ratio(
+    call: str, name: str, values: Any, reference: Any, valid: Any, least: float
+) -> None:
+    """Raise `ValueError` where outputs and reference differ by a factor that is one of units.
+
+    References below `least` tell nothing.
+    """
+    if values is None or reference is None or any(map(is_traced, (values, reference, valid))):
+        return
+    length = np.linalg.norm(reference, axis=-1)
+    used = valid & (length > least)
+    if not used.any():
+        return
+    ratio = float(np.median(np.linalg.norm(values, axis=-1)[used] / length[used]))
+    if LEAST_RATIO <= ratio <= GREATEST_RATIO:
+        return
+    wrong = name if ratio > 1.0 else f"reference_{name}"
+    factor = max(ratio, 1.0 / ratio)
+    degrees = name == "gyro" and 0.5 < factor / DEGREES < 2.0
+    guess = "deg/s?" if degrees else "another unit?"
+    right = "rad/s" if name == "gyro" else "m/s²"
+    raise ValueError(
+        f"`{call}({wrong}=...)`: {factor:.3g} times its counterpart, {name} against reference_{name}; both are in "
+        f"{right} ({guess})."
+    )
+
+
+def _size(values: Any, valid: Any) -> float | None:
+    """Median magnitude of valid rows."""
+    if values is None or is_traced(values) or is_traced(valid) or not np.any(valid):
+        return None
+    return float(np.median(np.linalg.norm(values, axis=-1)[valid]))

@@ -1,0 +1,21 @@
+"""Numbers as leaves of pytrees: 64 bits are kept whatever JAX is set to."""
+
+from typing import Any
+
+import numpy as np
+from jax.core import Tracer
+
+
+def as_leaf(value: Any) -> Any:
+    """Arrays as they are, Python's numbers as 64-bit scalars."""
+    return value if hasattr(value, "dtype") else np.float64(value)
+
+
+def as_array(value: Any) -> Any:
+    """Arrays as they are, Python's numbers and lists as 64-bit arrays."""
+    return value if hasattr(value, "dtype") else np.asarray(value, float)
+
+
+def is_traced(value: Any) -> bool:
+    """Whether a value is not known, because a program is being made."""
+    return isinstance(value, Tracer)
