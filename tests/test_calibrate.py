@@ -14,7 +14,6 @@ import pytest
 from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
 from inertiax.calibration.calibration import read_calibration
 from inertiax.data.recording import Campaign, ModelChoice, Site
-from inertiax.procedure.single_device import linear_step
 from inertiax.simulate import Device, draw_accelerometers, paper_set, simulate_recordings
 from inertiax.simulate.plan import PAPER_GRAVITY
 from test_estimators import GRAVITY, needs_recordings, PUBLISHED, SIGMAS, to_imu_tk
@@ -217,32 +216,3 @@ def test_unknown_method_is_refused(recordings):
     _, made = recordings
     with pytest.raises(ValueError, match="method must be one of"):
         calibrate(Campaign(made), method="magic")
-
-
-def test_linear_step_is_the_least_squares_of_numpys_svd_in_any_units():
-    rng = np.random.default_rng(0)
-    design, residual = rng.normal(size=(60, 9)) * np.logspace(-6, 6, 9), rng.normal(size=60)
-    expected, *_ = np.linalg.lstsq(design / np.logspace(-6, 6, 9), -residual)
-    np.testing.assert_allclose(
-        linear_step(design, residual) * np.logspace(-6, 6, 9), expected, rtol=1e-11
-    )
-
-
-def test_linear_step_is_nan_where_the_rows_do_not_determine_the_unknowns():
-    rng = np.random.default_rng(1)
-    design, residual = rng.normal(size=(60, 9)), rng.normal(size=60)
-    copied, empty, unknown = design.copy(), design.copy(), design.copy()
-    copied[:, 3] = 2.0 * design[:, 1]
-    empty[:, 0] = 0.0
-    unknown[5, 5] = np.nan
-    for rows in (copied, empty, unknown, design[:8]):
-        assert np.all(np.isnan(linear_step(rows, residual[: len(rows)])))
-    # The last pivot is rounding of either sign: each of many combinations must be refused.
-    for column in range(40):
-        combined = rng.normal(size=(60, 9))
-        others = np.delete(combined, column % 9, axis=1)
-        combined[:, column % 9] = others @ rng.normal(size=8)
-        assert np.all(np.isnan(linear_step(combined, residual)))
-    # A column that differs from the others by a ten-thousandth is still told: 1e-8 of the normal matrix.
-    copied[:, 3] += 1e-4 * design[:, 3]
-    assert np.all(np.isfinite(linear_step(copied, residual)))

@@ -6,15 +6,17 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 import pytest
+import scipy.linalg
 import scipy.optimize
 
 from hard_limit import run_limited
-from inertiax.numerics.least_squares import (
+from inertiax.numerics.gauss_newton import linear_step, solve_on_host
+from inertiax.numerics.least_squares import least_squares, levenberg_marquardt
+from inertiax.numerics.linear_algebra import (
     cholesky,
     cholesky_solve,
     DenseNormal,
-    least_squares,
-    levenberg_marquardt,
+    scaled_inverse,
     spd_inverse,
 )
 
@@ -181,3 +183,84 @@ def test_derivative_of_the_solution_where_two_columns_are_nearly_alike():
     assert bound < 0.05
     for derivative in (jax.jacfwd(solution)(1.3), jax.jacrev(solution)(1.3)):
         np.testing.assert_allclose(derivative, expected, rtol=bound)
+
+
+# On the host --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1, 9, 63])
+def test_the_scaled_inverse_is_scipys_in_any_units(size):
+    rng = np.random.default_rng(size)
+    units = 10.0 ** rng.uniform(-6, 6, size)
+    tall = rng.normal(size=(3 * size, size))
+    expected = scipy.linalg.inv(tall.T @ tall) / np.outer(units, units)
+    ours = scaled_inverse((tall * units).T @ (tall * units))
+    np.testing.assert_allclose(
+        ours * np.outer(units, units), expected * np.outer(units, units), 1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    "inverse", [scaled_inverse, lambda n: np.asarray(spd_inverse(jnp.asarray(n)))]
+)
+def test_both_inverses_are_nan_where_the_rows_do_not_determine_the_unknowns(inverse):
+    rng = np.random.default_rng(3)
+    for column in range(9):
+        design = rng.normal(size=(60, 9))
+        others = np.delete(design, column, axis=1)
+        design[:, column] = others @ rng.normal(size=8)
+        assert np.all(np.isnan(inverse(design.T @ design)))
+    assert np.all(np.isnan(inverse(np.diag([1.0, 0.0, 2.0]))))
+
+
+def test_linear_step_is_the_least_squares_of_numpys_svd_in_any_units():
+    rng = np.random.default_rng(0)
+    design, residual = rng.normal(size=(60, 9)) * np.logspace(-6, 6, 9), rng.normal(size=60)
+    expected, *_ = np.linalg.lstsq(design / np.logspace(-6, 6, 9), -residual)
+    np.testing.assert_allclose(
+        linear_step(design, residual) * np.logspace(-6, 6, 9), expected, rtol=1e-11
+    )
+
+
+def test_linear_step_is_nan_where_the_rows_do_not_determine_the_unknowns():
+    rng = np.random.default_rng(1)
+    design, residual = rng.normal(size=(60, 9)), rng.normal(size=60)
+    copied, empty, unknown = design.copy(), design.copy(), design.copy()
+    copied[:, 3] = 2.0 * design[:, 1]
+    empty[:, 0] = 0.0
+    unknown[5, 5] = np.nan
+    for rows in (copied, empty, unknown, design[:8]):
+        assert np.all(np.isnan(linear_step(rows, residual[: len(rows)])))
+    # The last pivot is rounding of either sign: each of many combinations must be refused.
+    for column in range(40):
+        combined = rng.normal(size=(60, 9))
+        others = np.delete(combined, column % 9, axis=1)
+        combined[:, column % 9] = others @ rng.normal(size=8)
+        assert np.all(np.isnan(linear_step(combined, residual)))
+    # A column that differs from the others by a ten-thousandth is still told: 1e-8 of the normal matrix.
+    copied[:, 3] += 1e-4 * design[:, 3]
+    assert np.all(np.isfinite(linear_step(copied, residual)))
+
+
+def test_gauss_newton_on_the_host_finds_the_certified_values_of_misra1a():
+    time, value = (np.asarray(x) for x in _misra1a())
+
+    def rows(p):
+        fall = np.exp(-p[1] * time)
+        return np.stack([1.0 - fall, p[0] * time * fall], axis=1), p[0] * (1.0 - fall) - value
+
+    found = solve_on_host(rows, np.array([250.0, 5e-4]))
+    assert found.converged and found.num_steps < 10
+    # Residuals of 0.1 leave, at a last step of 1e-7 sigma, eight digits; the certified values have eleven.
+    np.testing.assert_allclose(found.unknowns, [2.3894212918e02, 5.5015643181e-04], 1e-8)
+
+
+def test_gauss_newton_on_the_host_tells_that_it_did_not_converge():
+    # The steps of x^(1/3) = 0 double and change sign: Newton's textbook failure.
+    rows = lambda x: (np.cbrt(x)[:, None] ** -2 / 3.0, np.cbrt(x))
+    found = solve_on_host(rows, np.array([1.0]))
+    assert not found.converged
+    singular = solve_on_host(lambda p: (np.ones((5, 2)), np.arange(5.0)), np.zeros(2))
+    assert (
+        not singular.converged and np.all(np.isnan(singular.unknowns)) and singular.num_steps == 1
+    )

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from .._typing import AnyArray, Vec3
 from ..estimators import AbstractEstimator
+from ..numerics.linear_algebra import scaled_inverse
 from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.temperature import Curve
 from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
@@ -204,8 +205,7 @@ def error_budget(
                 f"hold; leave it out or give dwells with the column that it disturbs."
             )
     hessian, mixed = (np.asarray(x) for x in _second_derivatives(estimator, curve, dwells))
-    scale = 1.0 / np.sqrt(np.diagonal(hessian))
-    scaled = hessian * np.outer(scale, scale)
+    inverse = scaled_inverse(hessian)
 
     def derivative(source: Source) -> np.ndarray:
         # A disturbance reaches its own dwell only: by chain rule dwell by dwell, summed over a draw's dwells.
@@ -215,7 +215,7 @@ def error_budget(
         rows = np.zeros((int(groups.max()) + 1, *each.shape[1:]))
         np.add.at(rows, groups, each)
         flat = np.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
-        return -scale[:, None] * np.linalg.solve(scaled, scale[:, None] * flat)
+        return -inverse @ flat
 
     return Budget(tuple(sources), curve, estimator.names, tuple(derivative(s) for s in sources))
 
@@ -319,8 +319,7 @@ def influence(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Inf
     jacobian = np.asarray(_dwell_jacobians(estimator, curve, dwells))
     residual = np.asarray(eqx.filter_jit(dwell_residuals)(estimator, curve, dwells))
     normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))
-    scale = 1.0 / np.sqrt(np.diagonal(normal))
-    inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    inverse = scaled_inverse(normal)
     gain = np.einsum("uv,nrv->nur", inverse, jacobian)
     hat = np.einsum("nru,nus->nrs", jacobian, gain)
     rows = residual.shape[1]

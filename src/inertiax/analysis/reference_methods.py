@@ -16,13 +16,11 @@ from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
+from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
 from ..procedure.single_device import Problem
 from ..procedure.thermal_iterations import PaperIteration
 from ..reduction.dwells import Dwells
-
-
-_STEPS, _TOLERANCE = 30, 1e-7  # of Gauss-Newton; the latter in standard deviations
 
 
 class Pieces(eqx.Module):
@@ -67,31 +65,11 @@ def paper_passes(
     history = [problem.start()]
     for _ in range(passes):
         refined = problem.compensated(history[-1])
-        corrections = [_fit(Problem(estimator, Constant(), refined[m]))[0][0] for m in members]
+        each = [Problem(estimator, Constant(), refined[m]) for m in members]
+        corrections = [p.solve(p.start())[0][0] for p in each]
         composed = _compose(estimator, phi @ history[-1], np.stack(corrections))
         history.append(np.linalg.lstsq(phi, np.asarray(composed), rcond=None)[0])
     return np.stack(history)
-
-
-def _fit(problem: Problem) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Plain Gauss-Newton on the host: coefficients, their covariance, whether it converged.
-
-    For many small fits of one shape, which share one compiled linearisation.
-    """
-    coefficients, covariance = problem.start(), np.empty((0, 0))
-    for _ in range(_STEPS):
-        now = problem.at(coefficients)
-        normal = problem.normal(now.jacobian)
-        scale = 1.0 / np.sqrt(np.diagonal(normal))
-        covariance = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
-        if not np.all(np.diagonal(covariance) > 0.0):
-            break  # singular but for rounding
-        rows = np.einsum("nri,nr->ni", now.jacobian, now.residual)
-        step = covariance @ (problem.phi[: problem.num_dwells].T @ rows).reshape(-1)
-        coefficients = coefficients - step.reshape(coefficients.shape)
-        if np.max(np.abs(step) / np.sqrt(np.diagonal(covariance))) < _TOLERANCE:
-            return coefficients, covariance, True
-    return coefficients, covariance, False
 
 
 @eqx.filter_jit
@@ -138,7 +116,9 @@ def first_approach(
             part,
             (2.0 * jnp.asarray(part.temperature) - (low + high)) / (high - low),
         )
-        coefficients, covariance, converged = _fit(Problem(estimator, line, part))
+        problem = Problem(estimator, line, part)
+        coefficients, _, converged = problem.solve(problem.start())
+        covariance = problem.covariance(coefficients)
         at_nodes = np.stack([np.asarray(line(jnp.asarray(x))) for x in line.nodes])
         mix = np.kron(at_nodes, np.eye(estimator.num_parameters))
         values.append(at_nodes @ coefficients)
@@ -171,8 +151,7 @@ def _join(
         design = np.kron(phi, np.eye(count))
         normal += design.T @ weight @ design
         right += design.T @ weight @ own.reshape(-1)
-    scale = 1.0 / np.sqrt(np.diagonal(normal))
-    inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    inverse = scaled_inverse(normal)
     coefficients = (inverse @ right).reshape(basis.size, count)
     return Curve(basis, jnp.asarray(coefficients)), inverse
 

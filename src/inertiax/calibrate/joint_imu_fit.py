@@ -16,9 +16,10 @@ from jaxtyping import Bool, Float
 from .._typing import AnyArray
 from ..calibration.fitted_effects import FittedEffect
 from ..estimators import JointImu, ReferenceAccel
+from ..numerics.linear_algebra import scaled_inverse
 from ..physics.alignment import Alignment, inter_triad
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
-from ..procedure.single_device import linear_step, Linearised, Problem
+from ..procedure.single_device import Linearised, Problem
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import (
@@ -32,8 +33,6 @@ from .observability import judge_normal, Observability
 from .results import TriadResult
 
 
-_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
-_MOST_STEPS = 50
 _MOST_PASSES = 3  # over the scatter between dwells, which changes weights, hardly the answer
 
 
@@ -223,7 +222,8 @@ def _fit(
     free: Bool[np.ndarray, "size parameter"],
 ) -> _Fit:
     problem = Problem(estimator, basis, dwells)
-    coefficients, steps, converged = _solve(problem, free)
+    start = np.where(free, problem.start(), 0.0)
+    coefficients, steps, converged = problem.solve(start, free=free)
     now = problem.at(coefficients)
     seen = _seen_by(estimator, problem.vectors(coefficients)[: dwells.num_dwells], dwells)
     parts = _split(estimator, now, jax.tree.map(np.asarray, seen), free)
@@ -236,34 +236,13 @@ def _seen_by(estimator: JointImu, vectors: AnyArray, dwells: Dwells) -> tuple[Dw
     return jax.vmap(estimator.seen_by)(jnp.asarray(vectors), dwells)
 
 
-def _solve(
-    problem: Problem, free: Bool[np.ndarray, "size parameter"]
-) -> tuple[Float[np.ndarray, "size parameter"], int, bool]:
-    """Gauss-Newton from the closed-form start: coefficients, steps taken, whether it converged."""
-    coefficients = np.where(free, problem.start(), 0.0)
-    for taken in range(1, _MOST_STEPS + 1):
-        now = problem.at(coefficients)
-        design = problem.design(now.jacobian)[:, free.ravel()]
-        step = linear_step(design, now.residual.reshape(-1))
-        coefficients = coefficients.copy()
-        coefficients[free] += step
-        if not np.all(np.isfinite(coefficients)):
-            return coefficients, taken, False
-        if np.max(np.abs(step) * np.linalg.norm(design, axis=0)) < _TOLERANCE:
-            return coefficients, taken, True
-    return coefficients, _MOST_STEPS, False
-
-
 def _covariance(
     fit: _Fit, free: Bool[np.ndarray, "size parameter"]
 ) -> Float[np.ndarray, "unknowns unknowns"]:
     """(JᵀJ)⁻¹ of the unknowns, zero for coefficients that are held at zero."""
     own = np.flatnonzero(free.ravel())
-    normal = fit.normal[np.ix_(own, own)]
-    scale = 1.0 / np.sqrt(np.diagonal(normal))
-    inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
     result = np.zeros((free.size, free.size))
-    result[np.ix_(own, own)] = inverse
+    result[np.ix_(own, own)] = scaled_inverse(fit.normal[np.ix_(own, own)])
     return result
 
 

@@ -9,7 +9,9 @@ from jaxtyping import Array, Bool, Float
 from .._typing import AnyArray, Scalar, Vec3
 from ..calibration.calibration import Calibration
 from ..estimators import AbstractEstimator
+from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis, Curve
+from ..procedure.rank import kind_scale, TOLERANCE
 from ..procedure.thermal_iterations import normal_matrix
 from ..reduction.dwells import Dwells
 
@@ -30,34 +32,24 @@ def observability(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
-    *,
-    tolerance: float = 1e-4,
 ) -> Observability:
-    """Rank and condition of a plan at the ideal triad, before any estimate is trusted.
-
-    Parameters of one kind (biases, matrix elements, g-sensitivities) and temperature term are scaled
-    alike, by the best determined of them, so that a weak one shows. `tolerance` is the singular value,
-    relative to the largest, below which a combination counts as unobservable: its standard deviation
-    would be 10⁴ times that of the best determined one, and the linearisation on which every estimate
-    rests would not hold.
-    """
+    """Rank and condition of a plan at the ideal triad, before any estimate is trusted, by the rule of
+    `procedure.rank`."""
     curve = Curve(basis, jnp.zeros((basis.size, estimator.num_parameters)))
     normal = np.asarray(eqx.filter_jit(normal_matrix)(estimator, curve, dwells))
-    return judge_normal(normal, estimator.names, basis.size, tolerance=tolerance)
+    return judge_normal(normal, estimator.names, basis.size)
 
 
 def judge_normal(
     normal: Float[np.ndarray, "unknowns unknowns"],
     names: tuple[str, ...],
     size: int,
-    *,
-    tolerance: float = 1e-4,
 ) -> Observability:
     """As `observability`, from the normal matrix JᵀJ of the coefficients, row-major (size, names)."""
-    safe = _common_scale(np.sqrt(np.diagonal(normal)), names, size)
+    safe = kind_scale(normal, names, size)
     values, vectors = np.linalg.eigh(normal / np.outer(safe, safe))
     singular = np.sqrt(np.clip(values, 0.0, None))
-    small = singular < tolerance * singular.max()
+    small = singular <= TOLERANCE * singular.max()
     directions = _plain(vectors[:, small])
     unseen = tuple(_in_words(d / safe, names, size) for d in directions.T)
     smallest = float(singular.min())
@@ -67,17 +59,6 @@ def judge_normal(
         unknowns=len(singular),
         unseen=unseen,
     )
-
-
-def _common_scale(columns: np.ndarray, names: tuple[str, ...], size: int) -> np.ndarray:
-    """Column scales that keep what is weak weak: parameters of one kind share the kind's largest."""
-    columns = columns.reshape(size, len(names))
-    kinds = [name.split("[")[0] for name in names]
-    scale = np.empty_like(columns)
-    for kind in set(kinds):
-        members = [k for k, own in enumerate(kinds) if own == kind]
-        scale[:, members] = columns[:, members].max(axis=1, keepdims=True)
-    return np.where(scale > 0.0, scale, 1.0).reshape(-1)
 
 
 def _plain(space: np.ndarray) -> np.ndarray:
@@ -135,8 +116,7 @@ def sandwich_covariance(
         raise ValueError(f"`sandwich_covariance(by={by!r})`: it is 'dwell' or 'experiment'.")
     residual, jacobian = (np.asarray(x) for x in _dwell_system(estimator, curve, dwells))
     normal = np.einsum("nru,nrv->uv", jacobian, jacobian)
-    scale = 1.0 / np.sqrt(np.diagonal(normal))
-    bread = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    bread = scaled_inverse(normal)
     if by == "dwell":
         hat = np.einsum("nru,uv,nsv->nrs", jacobian, bread, jacobian)
         values, vectors = np.linalg.eigh(np.eye(hat.shape[1]) - hat)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
-from ..numerics.least_squares import cholesky, spd_inverse
+from ..numerics.linear_algebra import cholesky, spd_inverse
 
 
 CRITERIA = ("D", "A", "I")

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..numerics.least_squares import cholesky, cholesky_solve
+from ..numerics.linear_algebra import cholesky, cholesky_solve
 from ..physics.composition import compose_accel
 from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.leaves import as_array

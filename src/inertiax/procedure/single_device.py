@@ -1,10 +1,9 @@
 """The procedures for one device at a time, driven from the host.
 
-`procedure.iterate` and `joint_fit` compile the whole loop into one program, which pays for fleets and for
+`thermal_iterations.iterate` and `joint_fit` compile the whole loop into one program, which pays for fleets and for
 derivatives of the answer, but takes ten seconds and more to compile. The same passes run here one by one:
-a compiled function linearises all dwells, and the least squares of the linearised rows goes through
-`solve.least_squares` as everything does. Dwells are padded to a few lengths, so that recordings of about the
-same size share those programs (and the cache of compiled code).
+a compiled function linearises all dwells, and `numerics.gauss_newton` takes the steps. Dwells are padded to a few
+lengths, so that recordings of about the same size share those programs (and the cache of compiled code).
 """
 
 from typing import NamedTuple
@@ -14,18 +13,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
-from ..numerics.least_squares import least_squares, singular_pivot, Solution
+from ..numerics.gauss_newton import solve_on_host
+from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import Dwells
+from .rank import has_full_rank
 from .thermal_iterations import GaussNewtonIteration, ThermalSolution
-
-
-_INNER_TOLERANCE = 1e-7  # standard deviations, as in `solve.gauss_newton`
-_INNER_STEPS = 50
 
 
 class Linearised(NamedTuple):
@@ -70,6 +67,41 @@ class Problem:
         on the host, without a program for each of its steps."""
         return np.linalg.solve(self.at_nodes, values)
 
+    def solve(
+        self,
+        start: Float[np.ndarray, "size parameter"],
+        dwells: Dwells | None = None,
+        *,
+        free: Bool[np.ndarray, "size parameter"] | None = None,
+    ) -> tuple[Float[np.ndarray, "size parameter"], int, bool]:
+        """Least squares over all dwells: the coefficients, steps taken, whether it converged.
+
+        Coefficients that are not `free` keep their start.
+        """
+        chosen = np.ones(start.shape, bool) if free is None else free
+
+        def filled(unknowns: np.ndarray) -> np.ndarray:
+            coefficients = start.copy()
+            coefficients[chosen] = unknowns
+            return coefficients
+
+        def rows(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            design, residual = self.rows(filled(unknowns), dwells)
+            return design[:, chosen.ravel()], residual
+
+        unknowns, taken, converged = solve_on_host(rows, start[chosen])
+        return filled(unknowns), taken, converged
+
+    def covariance(
+        self, coefficients: Float[np.ndarray, "size parameter"]
+    ) -> Float[np.ndarray, "unknowns unknowns"]:
+        """(JᵀJ)⁻¹ of the coefficients, row-major (size, parameters); NaN where the dwells do not determine all of
+        them (`rank`)."""
+        normal = self.normal(self.at(coefficients).jacobian)
+        if not has_full_rank(normal, self.estimator.names, self.basis.size):
+            return np.full_like(normal, np.nan)
+        return scaled_inverse(normal)
+
     def compensated(self, coefficients: AnyArray) -> Dwells:
         """The dwells (without padding) refined with a curve's coefficients, block 3."""
         refined = _compensate(self.estimator, self.vectors(coefficients), self.dwells)
@@ -83,11 +115,13 @@ class Problem:
             unknowns, unknowns
         )
 
-    def design(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
-        """Rows of the residual's Jacobian with respect to the coefficients, padding included."""
-        full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], jacobian)
-        rows = full.reshape(-1, self.basis.size * jacobian.shape[2])
-        return np.pad(rows, ((0, len(self.phi) * jacobian.shape[1] - len(rows)), (0, 0)))
+    def rows(
+        self, coefficients: AnyArray, dwells: Dwells | None = None
+    ) -> tuple[Float[np.ndarray, "row unknown"], Float[np.ndarray, " row"]]:
+        """The residual's Jacobian with respect to the coefficients, row-major (size, parameters), and the residual."""
+        now = self.at(coefficients, dwells)
+        full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], now.jacobian)
+        return full.reshape(now.residual.size, -1), now.residual.reshape(-1)
 
 
 def iterate_one(
@@ -104,13 +138,13 @@ def iterate_one(
     """
     problem = Problem(estimator, basis, dwells)
     coefficients = problem.start()
-    covariance = _inverse(problem.normal(problem.at(coefficients).jacobian))
+    covariance = problem.covariance(coefficients)
     sigma = np.sqrt(np.diagonal(covariance)).reshape(coefficients.shape)
     sigma = np.where(np.isfinite(sigma), sigma, 1.0)
     history, steps = [coefficients], [np.nan]
     while len(history) <= max_iterations and not steps[-1] < tolerance:
         refined = _compensate(estimator, problem.vectors(coefficients), problem.dwells)
-        correction, _, _ = _gauss_newton(problem, np.zeros_like(coefficients), refined)
+        correction, _, _ = problem.solve(np.zeros_like(coefficients), refined)
         new = _composed(problem, coefficients, correction)
         steps.append(float(np.max(np.abs(new - coefficients) / sigma)))
         history.append(new)
@@ -132,7 +166,7 @@ def joint_fit_one(
     """`joint_fit(estimator, basis, dwells)`, compiled in a second or two; no derivatives of it."""
     problem = Problem(estimator, basis, dwells)
     first = problem.start()
-    coefficients, num_steps, converged = _gauss_newton(problem, first, problem.dwells)
+    coefficients, num_steps, converged = problem.solve(first)
     return _solution(
         problem,
         coefficients,
@@ -201,70 +235,6 @@ def _composed(
     return problem.interpolated(np.asarray(composed))
 
 
-def _gauss_newton(
-    problem: Problem, start: Float[np.ndarray, "size parameter"], dwells: Dwells
-) -> tuple[Float[np.ndarray, "size parameter"], int, bool]:
-    """Least squares over all dwells from `start`: the coefficients, steps taken, whether it converged.
-
-    Converged means that the last step of every unknown was below the tolerance in units of
-    1/‖J column‖ at the start.
-    """
-    now = problem.at(start, dwells)
-    columns = np.sqrt(np.diagonal(problem.normal(now.jacobian)))
-    scale = np.where(columns > 0, columns, 1.0)
-    flat, taken = start.reshape(-1), 0
-    for taken in range(1, _INNER_STEPS + 1):
-        step = linear_step(problem.design(now.jacobian), now.residual.reshape(-1))
-        flat = flat + step
-        if not np.all(np.isfinite(flat)):
-            break
-        if np.max(np.abs(step * scale)) < _INNER_TOLERANCE:
-            return flat.reshape(start.shape), taken, True
-        now = problem.at(flat.reshape(start.shape), dwells)
-    return flat.reshape(start.shape), taken, False
-
-
-def linear_step(
-    design: Float[np.ndarray, "row unknown"], residual: Float[np.ndarray, " measured"]
-) -> Float[np.ndarray, " unknown"]:
-    """−J⁺ r, the least squares of linearised rows; NaN where they do not determine the unknowns.
-
-    `design` may have rows of zeros behind those of `residual`.
-    """
-    if len(residual) < design.shape[1]:
-        return np.full(design.shape[1], np.nan)
-    right = np.pad(residual, (0, len(design) - len(residual)))
-    solution = _solve_linear(design, right)
-    return np.where(bool(solution.succeeded), np.asarray(solution.parameters), np.nan)
-
-
-@eqx.filter_jit
-def _solve_linear(design: AnyArray, right: AnyArray) -> Solution:
-    start = jnp.zeros(design.shape[1], design.dtype)
-    return least_squares(_linear_rows, start, (design, right))
-
-
-def _linear_rows(step: Array, rows: tuple[Array, Array]) -> Array:
-    design, right = rows
-    return design @ step + right
-
-
-def _inverse(normal: np.ndarray) -> np.ndarray:
-    """Inverse of a normal matrix, scaled to unit diagonal first; NaN where it is singular."""
-    diagonal = np.diagonal(normal)
-    if not (np.all(np.isfinite(normal)) and np.all(diagonal > 0)):
-        return np.full_like(normal, np.nan)
-    scale = 1.0 / np.sqrt(diagonal)
-    try:
-        lower = np.linalg.cholesky(normal * np.outer(scale, scale))
-    except np.linalg.LinAlgError:
-        return np.full_like(normal, np.nan)
-    if np.min(np.diagonal(lower)) ** 2 <= singular_pivot(normal.dtype):
-        return np.full_like(normal, np.nan)
-    root = np.linalg.solve(lower, np.diag(scale))
-    return root.T @ root
-
-
 def _solution(
     problem: Problem,
     coefficients: np.ndarray,
@@ -275,12 +245,11 @@ def _solution(
     num_iterations: int,
     method: str,
 ) -> ThermalSolution:
-    now = problem.at(coefficients)
     done = optx.RESULTS.successful if converged else optx.RESULTS.nonlinear_max_steps_reached
     return ThermalSolution(
         curve=Curve(problem.basis, jnp.asarray(coefficients)),
-        covariance=jnp.asarray(_inverse(problem.normal(now.jacobian))),
-        residuals=jnp.asarray(now.residual),
+        covariance=jnp.asarray(problem.covariance(coefficients)),
+        residuals=jnp.asarray(problem.at(coefficients).residual),
         result=done,
         num_iterations=jnp.asarray(num_iterations),
         history=jnp.asarray(history),

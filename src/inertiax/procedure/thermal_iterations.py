@@ -28,9 +28,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
-from ..numerics.least_squares import DenseNormal, least_squares, spd_inverse
+from ..numerics.least_squares import least_squares
+from ..numerics.linear_algebra import DenseNormal, spd_inverse
 from ..physics.temperature import AbstractBasis, Curve, interpolate
 from ..reduction.dwells import by_experiment, Dwells, experiment_rows
+from .rank import determines_all
 
 
 class ThermalSolution(eqx.Module):
@@ -49,7 +51,7 @@ class ThermalSolution(eqx.Module):
 
     @property
     def succeeded(self) -> Bool[AnyArray, " *batch"]:
-        """Whether it converged with finite numbers and a full-rank Jacobian."""
+        """Whether it converged with finite numbers and a Jacobian of full rank by the rule of `rank`."""
         regular = jnp.all(jnp.isfinite(jnp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
         return (self.result == optx.RESULTS.successful) & regular
 
@@ -96,8 +98,11 @@ def normal_matrix(
 def curve_covariance(
     estimator: AbstractEstimator, curve: Curve, dwells: Dwells
 ) -> Float[Array, "unknowns unknowns"]:
-    """(JᵀJ)⁻¹ of the coefficients, row-major (size, parameters); NaN where singular."""
-    return spd_inverse(normal_matrix(estimator, curve, dwells))
+    """(JᵀJ)⁻¹ of the coefficients, row-major (size, parameters); NaN where the dwells do not determine all of them
+    (`rank`)."""
+    normal = normal_matrix(estimator, curve, dwells)
+    known = determines_all(normal, estimator.names, curve.basis.size)
+    return jnp.where(known, spd_inverse(normal), jnp.full_like(normal, jnp.nan))
 
 
 class AbstractIteration(eqx.Module):
@@ -343,7 +348,7 @@ def joint_fit(
     curve = Curve(basis, solution.parameters.reshape(first.shape))
     return ThermalSolution(
         curve=curve,
-        covariance=solution.covariance,
+        covariance=curve_covariance(estimator, curve, dwells),
         residuals=dwell_residuals(estimator, curve, dwells),
         result=solution.result,
         num_iterations=solution.num_steps,
