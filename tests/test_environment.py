@@ -1,6 +1,8 @@
 """What the command line sets up before JAX starts."""
 
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -53,3 +55,38 @@ def test_narrow_matrices_get_one_thread_unless_the_user_chose(jaxlib, monkeypatc
         monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     environment.prepare()
     assert os.environ["OPENBLAS_NUM_THREADS"] == kept
+
+
+CACHED = """
+import sys
+from inertiax.cli.environment import prepare
+prepare()
+import jax, jax.numpy as jnp
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+def doubled(x):
+    return jnp.sin(2.0 * x)
+print(float(jax.jit(doubled)(0.0)))
+"""
+
+
+def test_a_damaged_entry_of_the_cache_is_written_anew_without_a_word(tmp_path):
+    cache = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
+    run = lambda: subprocess.run(
+        [sys.executable, "-c", CACHED], capture_output=True, text=True, env=cache
+    )
+    assert run().stdout == "0.0\n"
+    (entry,) = tmp_path.glob("jit_doubled-*-cache")
+    whole = entry.read_bytes()
+    entry.write_bytes(whole[: len(whole) // 2])  # of a run that was killed while it wrote
+    done = run()
+    assert (done.stdout, done.stderr) == ("0.0\n", "")
+    assert len(entry.read_bytes()) > len(whole) // 2
+    entry.write_bytes(whole[: len(whole) // 2])
+    code = CACHED.replace(
+        "prepare()\n", "prepare()\nimport warnings; warnings.warn('other', stacklevel=1)\n", 1
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, env=cache
+    )
+    assert "other" in done.stderr and "Error reading" not in done.stderr

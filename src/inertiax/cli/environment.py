@@ -1,10 +1,13 @@
 """What the command line sets up before JAX is used: 64-bit numbers and a cache of compiled code."""
 
+import glob
 import hashlib
 import os
 import platform
+import re
 import sys
 import warnings
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
@@ -36,13 +39,40 @@ def prepare(*, accelerator: bool = False) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:  # the user's own choice, which JAX reads itself
+    own = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if own is not None:  # the user's own choice, which JAX reads itself
+        _renew_damaged(Path(own))
         return
     folder = _usable_folder()
     if folder is not None:
+        _renew_damaged(folder)
         jax.config.update("jax_compilation_cache_dir", str(folder))
         # A run compiles a hundred small programs; together they take longer than the large ones.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+_DAMAGED = re.compile(r"Error reading persistent compilation cache entry for '([^']+)'")
+
+
+def _renew_damaged(folder: Path) -> None:
+    """Have JAX write entries of its cache anew that it could not read, such as those of a run that was killed.
+
+    JAX compiles the program then and warns, but leaves a file that is there as it is, so every further run would
+    compile it, too. The warning names the program and comes before the new entry is written.
+    """
+    shown = warnings.showwarning
+
+    def show(message, category, filename, lineno, file=None, line=None):
+        found = _DAMAGED.match(str(message))
+        if found is None:
+            shown(message, category, filename, lineno, file, line)
+            return
+        for entry in folder.glob(f"{glob.escape(found[1])}-*-cache"):
+            with suppress(OSError):
+                entry.unlink()
+
+    warnings.showwarning = show
+    warnings.filterwarnings("always", _DAMAGED.pattern)
 
 
 def _compile_sooner() -> None:
