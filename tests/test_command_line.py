@@ -32,6 +32,7 @@ QUICK = {
     "design": "design --optimise --positions 12 --experiments 3 --degree 1",
     "export": "export @good.json --to inertiax -o @out.json",
     "fleet": "fleet @c -o @out --workers 1",
+    "init": "init @rest.csv -o @out --replace",
     "noise": "noise @rest.csv -o @out",
     "simulate": "simulate @s.toml -o @out",
 }

@@ -12,8 +12,8 @@ SOURCE = Path(inertiax.__file__).parent
 
 # Folders (and single modules) from the top down; `docs/design.md` says what each holds.
 FOLDERS = """_typing storage
-physics numerics data reduction plausibility effects estimators procedure allan model_selection calibration
-calibrate simulate analysis navigation design diagnose exports fleet plots report cli __main__""".split()
+physics numerics data reduction campaign_draft plausibility effects estimators procedure allan model_selection
+calibration calibrate simulate analysis navigation design diagnose exports fleet plots report cli __main__""".split()
 
 # The same inside the folders that have stages of their own.
 STAGES = {
@@ -21,7 +21,7 @@ STAGES = {
 wording pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce solve effects population model_choice store rows overview results cluster pipeline
 __init__""".split(),
-    "data": """frames plausible_units recording formats pairing model_columns settings json_documents
+    "data": """frames plausible_units recording formats pairing pose_rows model_columns settings json_documents
 campaign""".split(),
 }
 

@@ -22,6 +22,7 @@ from . import (
     diagnose,
     export,
     fleet,
+    init,
     learn_noise,
     noise,
     simulate,
@@ -44,6 +45,7 @@ app.command("diagnose")(diagnose.diagnose)
 app.command("design")(design.design)
 app.command("export")(export.export)
 app.command("fleet")(fleet.fleet)
+app.command("init")(init.init)
 app.command("learn-noise")(learn_noise.learn_noise)
 app.command("noise")(noise.noise)
 app.command("simulate")(simulate.simulate)

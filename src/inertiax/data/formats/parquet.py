@@ -143,8 +143,8 @@ def _written_out(column: "pa.Array") -> int:
 
     if not isinstance(column, pa.DictionaryArray):
         return 0
-    lengths = pc.binary_length(column.dictionary)
-    return int(pc.sum(pc.take(lengths, column.indices)).as_py() or 0)
+    lengths = pc.call_function("binary_length", [column.dictionary])
+    return int(pc.call_function("sum", [lengths.take(column.indices)]).as_py() or 0)
 
 
 @contextlib.contextmanager

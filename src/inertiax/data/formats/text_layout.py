@@ -32,7 +32,7 @@ class TextLayout(NamedTuple):
     names: tuple[str, ...] | None  # `None`: no line of the file holds column names
     header_line: int | None  # counted from 1, as editors do
     start: int  # byte at which the data begin
-    width: int  # fields of a row of data, an empty last one included
+    width: int  # fields of a row of data without empty last ones
     preamble: tuple[str, ...]  # the lines above header and data
 
 
@@ -73,7 +73,9 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     start = data_lines[0].start if data_lines else len(data)
     above = top if number is None else number
     preamble = tuple(x.text for x in lines if x.number < above)
-    return TextLayout(delimiter, names, number, start, width, preamble)
+    rows = [fields(x.text, delimiter) for x in data_lines]
+    filled = width - _empty_ends([r for r in rows if len(r) == width])
+    return TextLayout(delimiter, names, number, start, filled, preamble)
 
 
 def fields(line: str, delimiter: str) -> list[str]:
@@ -172,7 +174,7 @@ def _are_names(row: list[str]) -> bool:
 
 def _empty_ends(rows: list[list[str]]) -> int:
     """How many last fields hold nothing in any row but the first (which may name them)."""
-    below = rows[1:] or rows
+    below = rows[1:] or rows or [[""]]
     ends = 0
     while ends < len(below[0]) - 1 and all(not row[-1 - ends] for row in below):
         ends += 1

@@ -1,0 +1,96 @@
+"""The accelerometers' unit, by what gravity reads at rest."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .converters import ACCEL_SCALES, G, middle, nearest, rounded, whole
+from .resting import poses, Resting
+
+
+_NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
+_UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0}  # what 1 g reads
+_POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
+_OFFSET_SHOWS = 0.25  # of the radius: no bias is as large, so it is an offset of the converter
+
+
+class TriadUnit(NamedTuple):
+    """How a triad's outputs become SI: (output − offset) · factor."""
+
+    unit: str
+    scale: float | None  # with unit "count"
+    scale_unit: str | None
+    offset: float | tuple[float, float, float] | None
+    factor: float  # m/s² or rad/s per output
+    why: str
+    certain: bool
+
+
+def directions(
+    values: Float[np.ndarray, "time 3"], means: Float[np.ndarray, "rest 3"]
+) -> Float[np.ndarray, "rest 3"]:
+    """Unit vectors of the specific force in each rest, biases taken away where the poses tell them.
+
+    **Arguments:** `values` are all outputs, `means` those at rest.
+    """
+    up = means - sphere(means, middle(values)).center
+    return up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
+
+
+class Sphere(NamedTuple):
+    """What the accelerometers' means at rest lie on, in the log's units."""
+
+    center: Float[np.ndarray, "3"]
+    radius: float  # 1 g
+    fitted: bool  # else the centre is assumed
+
+
+def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit:
+    """Unit, scale and offset of accelerometers.
+
+    The means at rest lie on a sphere of 1 g. With six poses or more its centre is fitted; with fewer it is zero, or the
+    middle of an unsigned converter's range.
+    """
+    assert rests.accel is not None
+    center, radius, fitted = sphere(rests.accel, middle(values))
+    what = f"|a| is {radius:.4g} at rest ({rests.num_rests} rest{'s' * (rests.num_rests > 1)})"
+    offset = _offset(center, radius, fitted)
+    if not whole(values) or nearest(radius, (1000.0,), 0.015):
+        for unit, reads in _UNITS.items():
+            if offset is None and abs(radius / reads - 1.0) < _NEAR:
+                return TriadUnit(unit, None, None, None, G / reads, what, True)
+    scale = nearest(radius, ACCEL_SCALES, _NEAR) if offset is None else None
+    if scale is not None:
+        text = f"{what}: counts, {scale:g} per g by the usual data sheets"
+        return TriadUnit("count", scale, "count per g", offset, G / scale, text, True)
+    scale = rounded(radius)
+    text = f"{what}: counts of a converter that is not known here; the scale is measured"
+    return TriadUnit("count", scale, "count per g", offset, G / scale, text, fitted)
+
+
+def sphere(means: Float[np.ndarray, "rest 3"], offset: float) -> Sphere:
+    """The sphere through the means; about `offset` where fewer than six poses tell no centre."""
+    start = means - offset
+    norm = np.linalg.norm(start, axis=1)
+    radius = float(np.median(norm))
+    if radius > 0 and poses(start / np.maximum(norm, 1e-12)[:, None]) >= _POSES_OF_A_SPHERE:
+        # |m|² = 2 m·c + (r² − |c|²), linear in the unknowns.
+        design = np.column_stack([2 * start / radius, np.ones(len(start))])
+        found, _, _, singular = np.linalg.lstsq(design, (norm / radius) ** 2, rcond=None)
+        square = float(found[3] + found[:3] @ found[:3])
+        if singular[-1] > 0.05 * singular[0] and 0.25 < square < 4.0:
+            return Sphere(offset + radius * found[:3], radius * float(np.sqrt(square)), True)
+    return Sphere(np.full(3, offset), radius, False)
+
+
+def _offset(
+    center: Float[np.ndarray, "3"], radius: float, fitted: bool
+) -> float | tuple[float, float, float] | None:
+    """The converter's offset: none, half of its range, or each axis' own."""
+    if np.abs(center).max() < _OFFSET_SHOWS * radius:
+        return None
+    half = 2.0 ** np.round(np.log2(np.abs(center).max()))
+    if not fitted or np.all(np.abs(center - half) < _OFFSET_SHOWS * radius):
+        return float(half)
+    return (rounded(center[0]), rounded(center[1]), rounded(center[2]))

@@ -1,0 +1,116 @@
+"""The clock of a log: which unit its stamps are in, or at which rate its rows were taken."""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..reduction.host_stamps import host_stamps, usual_rate
+from .raw_log import RawLog
+
+
+_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_USUAL = (8.0, 2200.0)  # Hz, IMUs that people log
+_POSSIBLE = (0.5, 20000.0)  # Hz
+_WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
+_WORDS = (
+    ("ns", re.compile(r"nano|[\[(_ .]ns\b|ns$")),
+    ("us", re.compile(r"micro|[\[(_ .](?:us|µs)\b|us$|µs$|sampletimefine")),
+    ("ms", re.compile(r"milli|[\[(_ .]ms\b|ms$")),
+    ("s", re.compile(r"second|\(s\)|\[s\]|_s$|\bs$|sec$")),
+)  # fmt: skip
+UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
+
+
+class Clock(NamedTuple):
+    """How rows become seconds."""
+
+    name: str | None
+    unit: str | None
+    rate: float | None  # Hz, where rows are counted
+    seconds: Float[np.ndarray, " rows"]
+    why: str
+    certain: bool
+
+    @property
+    def known(self) -> bool:
+        """Whether the file tells the time at all."""
+        return self.name is not None or self.certain
+
+
+def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) -> Clock:
+    """The clock of a log, by the column of times `name` where there is one."""
+    rate = log.stated_rate
+    if name is not None and name in log.stamps:
+        return _checked(name, None, log.stamps[name], "ISO 8601 stamps")
+    if name is not None:
+        values = log.numbers[name]
+        unit, why, certain = _unit(log, name, values, rate, temperature)
+        if unit is not None:
+            found = _checked(name, unit, _UNITS[unit] * (values - values[0]), why)
+            return found if certain else found._replace(certain=False)
+    if rate is not None:
+        return _counted(rate, rows, "a line above the header states the rate", True)
+    return _counted(UNKNOWN_RATE, rows, "nothing in the file tells the rate", False)
+
+
+def _counted(rate: float, rows: int, why: str, certain: bool) -> Clock:
+    return Clock(None, None, rate, np.arange(rows) / rate, why, certain)
+
+
+def counted(rate: float, rows: int, why: str) -> Clock:
+    """A clock that counts rows."""
+    return _counted(rate, rows, why, True)
+
+
+def _unit(
+    log: RawLog,
+    name: str,
+    values: Float[np.ndarray, " rows"],
+    rate: float | None,
+    temperature: str | None,
+) -> tuple[str | None, str, bool]:
+    """The stamps' unit (`None`: they are no times), why, and whether that is certain."""
+    step = float(np.nanmedian(np.diff(values))) if len(values) > 1 else 1.0
+    mean = float((values[-1] - values[0]) / max(len(values) - 1, 1))
+    if not (step > 0 or mean > 0) or not np.isfinite(mean):
+        return None, "", False
+    steps = {u: mean * f for u, f in _UNITS.items()}
+    if rate is not None:
+        agree = [u for u, s in steps.items() if 0.9 < rate * s < 1.1]
+        return (agree[0], "as the stated rate says", True) if agree else (None, "", False)
+    possible = [u for u, s in steps.items() if _POSSIBLE[0] <= 1.0 / s <= _POSSIBLE[1]]
+    if temperature is not None:
+        swing = float(np.ptp(log.numbers[temperature]))
+        slow = [u for u in possible if swing < 5.0 or swing / (steps[u] * len(values)) < _WARMING]
+        if len(slow) < len(possible) and slow:
+            why = "with a smaller unit the temperature would move faster than any chamber moves it"
+            return slow[-1], why, False
+    said = next((u for u, words in _WORDS if words.search(log.hint(name))), None)
+    if said in possible:
+        return said, "as the file says", True
+    usual = [u for u in possible if _USUAL[0] <= 1.0 / steps[u] <= _USUAL[1]]
+    chosen = next(iter(usual or possible), None)
+    return (
+        chosen,
+        f"the usual step is {step:.4g}, so an IMU's rate needs this unit",
+        len(usual) == 1,
+    )
+
+
+def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], why: str) -> Clock:
+    """The stamps, or a rate in their place where they were not made with the samples."""
+    steps = np.diff(seconds)
+    bad = int((~(steps > 0)).sum())
+    rate = (
+        len(steps) / float(np.nanmax(seconds) - np.nanmin(seconds)) if len(steps) else UNKNOWN_RATE
+    )
+    if bad:
+        text = f"{bad} stamps of {name} repeat or go back, so rows are counted at their mean rate"
+        return _counted(usual_rate(rate), len(seconds), text, True)
+    bunched = host_stamps(seconds)
+    if bunched is not None and bunched.rate is not None:
+        text = f"{name} was stamped in bursts ({bunched.pauses} pauses), so rows are counted at their mean rate"
+        return _counted(bunched.rate, len(seconds), text, True)
+    return Clock(name, unit, None, seconds, f"{why}: {rate:.4g} Hz", True)

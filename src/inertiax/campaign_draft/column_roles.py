@@ -1,0 +1,155 @@
+"""Which column is what: by its name, and in a file without names by its numbers."""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .raw_log import RawLog
+
+
+_ACCEL = re.compile(r"acc|force|^a[_ .]?x|^x?a$|^f[_ .]?x|^gfx|a_rs_s", re.IGNORECASE)
+_GYRO = re.compile(
+    r"gyr|ang\w*[_ .]?(?:vel|rate)|omega|^w[_ .]?x|^g[_ .]?x|w_rs_s|rot\w*rate|ω", re.IGNORECASE
+)
+_NEITHER = re.compile(
+    r"mag|^m[_ .]?x|^b[_ .]?x|euler|quat|orient|free_?acc|user_?acc|linear acc|^gravity|pos|cov|bias|ref",
+    re.IGNORECASE,
+)
+_TIME = re.compile(
+    r"time|stamp|^t$|^t[_ (\[]|^ts|second|^sec|^millis|^micros|^clock|utc", re.IGNORECASE
+)
+_TEMPERATURE = re.compile(r"temp|^tmp|°c|^t_?c$", re.IGNORECASE)
+_UNIT = re.compile(r"[\[(].*")
+_POSITION = re.compile(r"^(?:position|pose)(?:_?(?:id|number|index))?$", re.IGNORECASE)
+
+
+class Roles(NamedTuple):
+    """Columns by their meaning; `None` where the file has none."""
+
+    time: str | None
+    accel: tuple[str, str, str] | None
+    gyro: tuple[str, str, str] | None
+    temperature: str | None
+    position: str | None
+    notes: tuple[str, ...]  # what was left aside
+
+
+def roles_of(log: RawLog, only: str | None = None) -> Roles:
+    """What each column is.
+
+    **Arguments:** `only` is "accel" or "gyro" for a file of that triad alone.
+    Raises `ValueError` where no triad is found.
+    """
+    named = log.has_header and log.format != "imu_tk"
+    roles = _by_name(log) if named else _by_numbers(log, only)
+    if only is not None:
+        first = getattr(roles, only) or roles.accel or roles.gyro
+        roles = roles._replace(accel=None, gyro=None)._replace(**{only: first})
+    if roles.accel is None and roles.gyro is None:
+        raise ValueError(
+            f"{log.path.name}: no three columns x, y, z of accelerometers or gyros among {list(log.names)[:16]}; "
+            "write campaign.toml by hand, with their names under [columns]."
+        )
+    return roles
+
+
+def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
+    """Columns that differ in one letter x, y, z (or X, Y, Z; 1, 2, 3; 0, 1, 2) alone."""
+    found: list[tuple[str, str, str]] = []
+    taken: set[str] = set()
+    for name in names:
+        if name in taken:
+            continue
+        for place, letter in enumerate(name):
+            for axes in ("xyz", "XYZ", "123", "012"):
+                if letter != axes[0]:
+                    continue
+                triad = tuple(name[:place] + a + name[place + 1 :] for a in axes)
+                if all(t in names and t not in taken for t in triad):
+                    found.append((triad[0], triad[1], triad[2]))
+                    taken.update(triad)
+    return found
+
+
+def _by_name(log: RawLog) -> Roles:
+    triads = triads_by_name(log.names)
+    kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
+    for triad in triads:
+        first = _UNIT.sub("", triad[0]).strip().split("/")[-1]
+        if _NEITHER.search(first):
+            continue
+        if _GYRO.search(first) and not first.lower().startswith("gf"):
+            kinds["gyro"].append(triad)
+        elif _ACCEL.search(first) or first.lower() in ("x", "x-axis"):
+            kinds["accel"].append(triad)
+    notes = [
+        f"{t[0]}, {t[1]}, {t[2]}: a further {kind} triad, left aside"
+        for kind, found in kinds.items()
+        for t in found[1:]
+    ]
+    taken = {n for t in triads for n in t}
+    free = [n for n in (*log.stamps, *log.names) if n not in taken]
+    temperature = [n for n in free if _TEMPERATURE.search(n)]
+    times = [n for n in free if _TIME.search(n) and n not in temperature]
+    position = next((n for n in free if _POSITION.match(n) and n in log.numbers), None)
+    notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
+    return Roles(
+        _best_time(log, times),
+        next(iter(kinds["accel"]), None),
+        next(iter(kinds["gyro"]), None),
+        next((n for n in temperature if n in log.numbers), None),
+        position,
+        tuple(notes),
+    )
+
+
+def _best_time(log: RawLog, times: list[str]) -> str | None:
+    """The first column of times that increases throughout, else the first."""
+    steady = [t for t in times if np.all(np.diff(_values(log, t)) > 0)]
+    return next(iter(steady or times), None)
+
+
+def _values(log: RawLog, name: str) -> Float[np.ndarray, " rows"]:
+    return log.stamps[name] if name in log.stamps else log.numbers[name]
+
+
+def _by_numbers(log: RawLog, only: str | None) -> Roles:
+    """Columns without names: a clock first, then threes; the accelerometers' norm is steadier than the gyros'."""
+    names = list(log.names)
+    time = next(iter(log.stamps), None)
+    if time is None and _is_clock(log.numbers[names[0]]):
+        time = names.pop(0)
+    while names and _is_counter(log.numbers[names[0]]):
+        names.pop(0)
+    threes = [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names) - 2, 3)]
+    notes = (
+        "columns without names were told by their numbers: compare them with the logger's manual",
+    )
+    if not threes:
+        return Roles(time, None, None, None, None, notes)
+    if only is not None or len(threes) == 1:
+        key = only or "accel"
+        return Roles(time, None, None, None, None, notes)._replace(**{key: threes[0]})
+    first, second = threes[:2]
+    if _unsteadiness(log, second) < _unsteadiness(log, first):
+        first, second = second, first
+    return Roles(time, first, second, None, None, notes)
+
+
+def _is_clock(values: Float[np.ndarray, " rows"]) -> bool:
+    steps = np.diff(values)
+    return len(steps) > 0 and bool(np.all(steps > 0)) and not _is_counter(values)
+
+
+def _is_counter(values: Float[np.ndarray, " rows"]) -> bool:
+    """Row numbers: whole, one apart."""
+    return len(values) > 1 and bool(np.all(np.diff(values) == 1.0))
+
+
+def _unsteadiness(log: RawLog, triad: tuple[str, str, str]) -> float:
+    """Spread of a triad's norm over its median: small where gravity is in it."""
+    norm = np.linalg.norm([log.numbers[n] for n in triad], axis=0)
+    low, middle, high = np.nanquantile(norm, [0.05, 0.5, 0.95])
+    return float((high - low) / middle) if middle > 0 else np.inf

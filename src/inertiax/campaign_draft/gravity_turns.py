@@ -1,0 +1,112 @@
+"""Gravity's turn between rests against the gyros' integrated outputs: the factor from outputs to rad/s.
+
+Gravity stays in the room, so a direction u in the case frame goes through a motion as u₂ = U(s ω) u₁, where U is
+the product of the small rotations that the outputs ω make with the factor s. The right s brings u₁ to u₂ in every
+motion; any other does so in none.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+_MOST = 12  # motions: enough for a factor to a few percent
+_LONGEST = 60.0  # s; by then a consumer gyro's zero has wandered off by degrees
+_LEAST_TILT = np.deg2rad(10.0)
+_GRID = 1.08  # ratio of neighbours in a search without a start: a turn of 2 rad is missed by 0.08 rad at most
+
+
+class GravityTurns(NamedTuple):
+    """Motions between neighbouring rests whose gravity directions differ."""
+
+    output: Float[
+        np.ndarray, "motion step 3"
+    ]  # gyro output times step, less what it is at rest; 0 beyond the end
+    before: Float[np.ndarray, "motion 3"]
+    after: Float[np.ndarray, "motion 3"]
+
+    @property
+    def num_motions(self) -> int:
+        """How many motions there are."""
+        return len(self.before)
+
+    def misfit(self, factor: float) -> float:
+        """Median angle (rad) between gravity at a rest and gravity brought there from the rest before."""
+        turned = np.einsum("mij,mj->mi", _product(_rotations(-factor * self.output)), self.before)
+        return float(np.median(_angle(turned, self.after)))
+
+    def best(self, factors: Iterable[float]) -> tuple[float, float]:
+        """The factor of least misfit, refined, and that misfit."""
+        coarse = min(factors, key=self.misfit)
+        for width in (0.08, 0.016, 0.003):
+            coarse = min(coarse * (1.0 + width * np.linspace(-1.0, 1.0, 11)), key=self.misfit)
+        return float(coarse), self.misfit(coarse)
+
+
+def factors_between(low: float, high: float) -> Float[np.ndarray, " factor"]:
+    """Factors for a search over all that lies between two."""
+    return np.geomspace(low, high, int(np.ceil(np.log(high / low) / np.log(_GRID))) + 1)
+
+
+def gravity_turns(
+    time: Float[np.ndarray, " time"],
+    gyro: Float[np.ndarray, "time 3"],
+    up: Float[np.ndarray, "rest 3"],
+    start: Int[np.ndarray, " rest"],
+    stop: Int[np.ndarray, " rest"],
+) -> GravityTurns | None:
+    """Motions that tilt the device by 10° or more within a minute; `None` without any.
+
+    **Arguments:** `up` is the unit vector of the specific force in each rest, `start` and `stop` its rows.
+    """
+    rest = np.array([np.median(gyro[a:b], axis=0) for a, b in zip(start, stop, strict=True)])
+    step = np.gradient(time) if len(time) > 1 else np.ones(1)
+    pieces = []
+    for k in range(len(up) - 1):
+        rows = slice(int(stop[k]), int(start[k + 1]))
+        few = rows.stop - rows.start < 4
+        if few or time[rows.stop] - time[rows.start] > _LONGEST:
+            continue
+        tilt = float(_angle(up[k : k + 1], up[k + 1 : k + 2])[0])
+        if tilt < _LEAST_TILT:
+            continue
+        zero = 0.5 * (rest[k] + rest[k + 1])
+        pieces.append(((gyro[rows] - zero) * step[rows, None], up[k], up[k + 1]))
+    if not pieces:
+        return None
+    pieces = sorted(pieces, key=lambda p: len(p[0]))[:_MOST]
+    output = np.zeros((len(pieces), max(len(p[0]) for p in pieces), 3))
+    for k, piece in enumerate(pieces):
+        output[k, : len(piece[0])] = piece[0]
+    return GravityTurns(output, np.array([p[1] for p in pieces]), np.array([p[2] for p in pieces]))
+
+
+def _angle(
+    one: Float[np.ndarray, "motion 3"], other: Float[np.ndarray, "motion 3"]
+) -> Float[np.ndarray, " motion"]:
+    sine = np.linalg.norm(np.cross(one, other), axis=1)
+    return np.arctan2(sine, (one * other).sum(axis=1))
+
+
+def _rotations(vector: Float[np.ndarray, "motion step 3"]) -> Float[np.ndarray, "motion step 3 3"]:
+    """Rodrigues' formula for every rotation vector."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    cross = np.zeros((*vector.shape, 3))
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -z, y, -x
+    cross[..., 1, 0], cross[..., 2, 0], cross[..., 2, 1] = z, -y, x
+    sine = np.sinc(angle / np.pi)
+    versine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.eye(3) + sine * cross + versine * (cross @ cross)
+
+
+def _product(rotations: Float[np.ndarray, "motion step 3 3"]) -> Float[np.ndarray, "motion 3 3"]:
+    """The rotations one after the other, the first at the right; in pairs, so that no loop runs over steps."""
+    while rotations.shape[1] > 1:
+        if rotations.shape[1] % 2:
+            last = np.broadcast_to(np.eye(3), (len(rotations), 1, 3, 3))
+            rotations = np.concatenate([rotations, last], axis=1)
+        rotations = rotations[:, 1::2] @ rotations[:, ::2]
+    return rotations[:, 0]

@@ -1,0 +1,114 @@
+"""The gyros' unit: by gravity's turn between rests, else by what the file says, else by magnitude."""
+
+import re
+
+import numpy as np
+from jaxtyping import Float
+
+from .accel_unit import TriadUnit
+from .converters import DEGREE, GYRO_SCALES, middle, nearest, rounded, whole
+from .gravity_turns import factors_between, GravityTurns
+
+
+_UNITS = {"rad/s": 1.0, "deg/s": DEGREE, "deg/h": DEGREE / 3600}
+_NEAR = 0.15  # of a unit or nominal scale: raw gyros are off by a few percent
+_AGREES = np.deg2rad(
+    10.0
+)  # median misfit of directions with the right factor; others are off by the turns themselves
+_MOTIONS_FOR_A_SCALE = 3  # one motion's two equations are met by a wrong scale, too
+_COUNTS = (
+    DEGREE / 600.0,
+    DEGREE / 2.0,
+)  # rad/s per count, with room on both sides of the usual converters
+_QUIET_RAD = (
+    0.012  # white noise of a sample: MEMS gyros have 0.02 to 0.5 deg/s, less than 0.01 rad/s
+)
+_BIAS_RAD = 0.35  # rad/s, 20 deg/s: no gyro's bias
+_WORDS = (
+    ("deg/h", re.compile(r"deg(?:rees?)?/h|°/h|dph")),
+    ("deg/s", re.compile(r"deg|dps|°")),
+    ("rad/s", re.compile(r"rad")),
+)  # fmt: skip
+
+
+def gyro_unit(
+    values: Float[np.ndarray, "time 3"], turns: GravityTurns | None, hint: str
+) -> TriadUnit:
+    """Unit, scale and offset of gyros.
+
+    **Arguments:** `hint` is what the file says in words of the columns.
+    """
+    counts, offset = whole(values), middle(values) or None
+    said = next((u for u, words in _WORDS if words.search(hint)), None)
+    if turns is not None:
+        found = _by_turns(turns, counts, offset)
+        if found is not None and said in (None, found.unit):
+            return found
+        if found is not None:
+            return found._replace(why=f"{found.why}, but the file says {said}", certain=counts)
+    missing = (
+        "no motion between rests tilts the device, so gravity does not tell the unit"
+        if turns is None
+        else f"no unit turns the gyros as gravity turns in {turns.num_motions} motions: are axes exchanged or mirrored?"
+    )
+    if said is not None and not counts:
+        return TriadUnit(
+            said, None, None, None, _UNITS[said], f"as the file says; {missing}", turns is None
+        )
+    return _by_magnitude(values, counts, offset, missing)
+
+
+def _by_turns(turns: GravityTurns, counts: bool, offset: float | None) -> TriadUnit | None:
+    """The unit with which the integrated outputs turn gravity as it turned."""
+    if counts:
+        factor, misfit = turns.best(factors_between(*_COUNTS))
+    else:
+        factor, misfit = turns.best(_UNITS.values())
+    if misfit > _AGREES:
+        return None
+    motions = f"{turns.num_motions} motion{'s' * (turns.num_motions > 1)}"
+    what = f"gravity turns as the outputs do in {motions} (to {np.degrees(misfit):.2g} deg)"
+    unit = next((u for u, f in _UNITS.items() if abs(factor / f - 1.0) < _NEAR), None)
+    if unit is not None and not counts:
+        return TriadUnit(unit, None, None, None, _UNITS[unit], what, True)
+    per_degree = DEGREE / factor
+    nominal = nearest(per_degree, GYRO_SCALES, 0.05) if offset is None else None
+    scale = nominal or rounded(per_degree)
+    text = f"{what}; the scale that fits best is {per_degree:.4g} count per deg/s"
+    several = turns.num_motions >= _MOTIONS_FOR_A_SCALE
+    return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, several)
+
+
+def _by_magnitude(
+    values: Float[np.ndarray, "time 3"], counts: bool, offset: float | None, missing: str
+) -> TriadUnit:
+    """A guess, and said to be one."""
+    if counts:
+        scale = GYRO_SCALES[2]
+        text = f"{missing}; counts of which the scale is not known: {scale:g} is the usual one for 250 deg/s"
+        return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, False)
+    noise = (
+        float(np.median(np.abs(np.diff(values, axis=0)))) / 0.954
+    )  # of normal differences: 0.954 sigma
+    bias = float(np.abs(np.median(values, axis=0)).max())
+    unit = "rad/s" if noise < _QUIET_RAD and bias < _BIAS_RAD else "deg/s"
+    text = f"{missing}; by magnitude (noise {noise:.2g}, zero up to {bias:.2g}) likely {unit}"
+    return TriadUnit(unit, None, None, None, _UNITS[unit], text, False)
+
+
+def clock_and_unit(
+    values: Float[np.ndarray, "time 3"], turns: GravityTurns | None
+) -> tuple[float, float] | None:
+    """Rate (Hz) and misfit of a log without any clock, where rows are taken as seconds in `turns`.
+
+    Gravity tells the product of factor and step alone; of the units only one gives a rate at which IMUs are read.
+    """
+    if turns is None:
+        return None
+    factors = [DEGREE / s for s in GYRO_SCALES] if whole(values) else list(_UNITS.values())[:2]
+    product, misfit = turns.best(factors_between(min(factors) / 2000.0, max(factors) / 5.0))
+    if misfit > _AGREES:
+        return None
+    rates = [f / product for f in factors]
+    usual = [r for r in rates if 10.0 <= r <= 1100.0]
+    return (usual[0], misfit) if len(usual) == 1 else None

@@ -1,0 +1,247 @@
+"""The whole draft: columns, units, clock and place of a log, and what could not be told."""
+
+import math
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..data.formats.detect import format_of
+from ..data.pose_rows import MOST_POSE_ROWS, turn_between_rows
+from ..physics.earth import gravity as normal_gravity
+from ..reduction.host_stamps import USUAL_RATES
+from .accel_unit import accel_unit, directions, sphere, TriadUnit
+from .clock import counted
+from .converters import middle, nearest, rounded
+from .gravity_turns import gravity_turns, GravityTurns
+from .gyro_unit import clock_and_unit, gyro_unit
+from .raw_triads import given_names, RawTriads, read_triads
+from .resting import poses, Resting, resting
+from .temperature_unit import temperature_unit
+from .toml_text import CHECK, Line, Table, toml_text
+
+
+_TEXT_FORMATS = ("csv", "imu_tk", "parquet")
+_POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
+_STANDARD = 9.80665  # m/s²
+_SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
+
+
+class Draft(NamedTuple):
+    """A `campaign.toml`, and what a user should know of it."""
+
+    text: str
+    told: dict[str, str]  # key: reason
+    untold: dict[str, str]  # key: why it could not be told from the log
+
+
+def draft_campaign(
+    log: Path,
+    folder: Path,
+    *,
+    gyro: Path | None = None,
+    latitude: float | None = None,
+    height: float = 0.0,
+) -> Draft:
+    """The `campaign.toml` that fits a log, for a file in `folder`.
+
+    **Arguments:** `gyro` is the gyros' log where the triads are logged apart; without it one of that name beside an
+    accelerometers' log is taken. `latitude` in deg, `height` in m.
+
+    Raises `ValueError` in one line where the log cannot be read, or holds no triad.
+    """
+    site = _site(latitude, height)
+    chosen = format_of(log).NAME
+    if chosen not in _TEXT_FORMATS:
+        files = Line("files", [_path(log, folder)], f"{chosen} names its columns and units itself")
+        return _draft(log, (site, Table("recordings", (files,))))
+    found = read_triads(log, gyro)
+    rests = _rests(found)
+    found, turns = _with_clock(found, rests)
+    columns, remarks = _columns(found, rests, turns)
+    columns = Table("columns", columns, (*remarks, *found.roles.notes))
+    return _draft(log, (site, _recordings(found, folder), columns, _model(found, rests)))
+
+
+def _draft(log: Path, tables: tuple[Table, ...]) -> Draft:
+    lines = [line for table in tables for line in table.lines if line.why]
+    untold = {line.key: line.why for line in lines if not line.certain}
+    title = [f"Written by `inertiax init` from {log.name}."]
+    if untold:
+        title.append(f"Lines marked {CHECK} could not be told from the log: {', '.join(untold)}.")
+    text = toml_text(tuple(title), tables)
+    return Draft(text, {line.key: line.why for line in lines if line.certain}, untold)
+
+
+def _site(latitude: float | None, height: float) -> Table:
+    if latitude is None:
+        why = "standard gravity; give --latitude and --height, or a survey's value: 0.1 % off is 0.1 % of each scale"
+        return Table("site", (Line("gravity", _STANDARD, why, certain=False),))
+    value = round(float(normal_gravity(math.radians(latitude), height)), 5)
+    why = f"normal gravity of WGS 84 at {height:g} m; a place differs from it by up to some 1e-3 m/s^2"
+    return Table("site", (Line("gravity", value, why), Line("latitude", float(latitude))))
+
+
+def _rests(found: RawTriads) -> Resting:
+    accel = found.accel
+    single = False
+    if accel is not None and len(accel) <= MOST_POSE_ROWS:
+        single = turn_between_rows(accel - sphere(accel, middle(accel)).center) is not None
+    return resting(found.seconds, accel, single_rows=single and found.roles.position is None)
+
+
+def _with_clock(found: RawTriads, rests: Resting) -> tuple[RawTriads, GravityTurns | None]:
+    """The clock, by the gyros where the file has none, and the motions on that clock."""
+    if found.clock.known or rests.single_rows:
+        return found, _turns(found, rests)
+    rows = np.arange(len(found.seconds), dtype=float)
+    # As a clock of one row a second: the motions may be no longer than the rows of a minute at 100 Hz.
+    turns = _turns(found, rests)
+    scaled = None if turns is None else turns._replace(output=turns.output * found.clock.rate)
+    told = None if found.gyro is None else clock_and_unit(found.gyro, scaled)
+    if told is None:
+        return found, None
+    rate = nearest(told[0], USUAL_RATES, 0.01) or rounded(told[0])
+    why = f"the file has no clock; gravity turns as the gyros do at {told[0]:.4g} Hz, if their scale is nominal"
+    clock = counted(rate, len(found.clock.seconds), why)._replace(certain=False)
+    found = found._replace(clock=clock, seconds=rows / rate)
+    return found, _turns(found, rests)
+
+
+def _turns(found: RawTriads, rests: Resting) -> GravityTurns | None:
+    if found.accel is None or found.gyro is None or rests.accel is None or rests.single_rows:
+        return None
+    up = directions(found.accel, rests.accel)
+    return gravity_turns(found.seconds, found.gyro, up, rests.start, rests.stop)
+
+
+def _recordings(found: RawTriads, folder: Path) -> Table:
+    log, layout = found.log, found.log.layout
+    lines = [Line("files", [_path(log.path, folder)], _words(found))]
+    if found.gyro_log is not None:
+        lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
+    if _sections(found).is_file():
+        why = f"{_sections(found).name} labels its sections; turns are of -360 deg, say turn_angle otherwise"
+        lines.append(Line("format", "imucal", why))
+    elif log.format == "csv" and log.path.suffix.lower() == ".gcsv":
+        lines.append(Line("format", "csv"))
+    if layout is not None and layout.header_line not in (None, 1):
+        lines.append(
+            Line("header_line", layout.header_line, "the line that holds the column names")
+        )
+    names = given_names(log, found.roles)
+    if names is not None:
+        lines.append(Line("names", list(names), "the file has no header line"))
+    if found.gyro_log is not None and found.gyro_roles is not None:
+        names = given_names(found.gyro_log, found.gyro_roles)
+        lines += [] if names is None else [Line("gyro_names", list(names))]
+    if log.unit_rows:
+        lines.append(Line("start_row", log.unit_rows, "rows of units below the header"))
+    return Table("recordings", tuple(lines))
+
+
+def _words(found: RawTriads) -> str:
+    layout = found.log.layout
+    if layout is None:
+        return ""
+    between = _SPACES.get(layout.delimiter, repr(layout.delimiter))
+    above = len(layout.preamble)
+    settings = f", {above} line{'s' * (above > 1)} above the names" if above else ""
+    return f"{between} between {layout.width} fields{settings}"
+
+
+def _path(file: Path, folder: Path) -> str:
+    """A file as `campaign.toml` names it, relative where that is possible."""
+    try:
+        relative = Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        relative = file.resolve().as_posix()
+    return relative
+
+
+def _columns(
+    found: RawTriads, rests: Resting, turns: GravityTurns | None
+) -> tuple[tuple[Line, ...], tuple[str, ...]]:
+    """`[columns]`, and remarks on what is left to others."""
+    lines, remarks = [] if rests.single_rows else [_time(found)], []
+    named = found.log.has_header and found.log.format != "imu_tk"
+    if found.accel is not None:
+        unit = accel_unit(found.accel, rests)
+        lines.append(_triad("accel", found.roles.accel if named else None, unit))
+        remarks += _on_poses(found.accel, rests)
+    if found.gyro is not None:
+        unit = gyro_unit(found.gyro, turns, found.gyro_words)
+        lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
+    if rests.single_rows:
+        lines.append(Line("position", {"row_index": True}, "each row is the mean of one pose"))
+    elif found.roles.position not in (None, "position"):
+        lines.append(Line("position", found.roles.position))
+    if found.roles.temperature is not None:
+        name = found.roles.temperature
+        told = temperature_unit(found.log, name)
+        if told.unit is None:
+            remarks.append(f"{CHECK} temperature: {told.why}; it is left out")
+        else:
+            value: dict[str, object] = {"name": name, "unit": told.unit}
+            if told.scale is not None:
+                value |= {
+                    "scale": told.scale,
+                    "scale_unit": "count per degC",
+                    "offset": told.offset,
+                }
+            lines.append(Line("temperature", value, told.why, told.certain))
+    return tuple(lines), tuple(remarks)
+
+
+def _time(found: RawTriads) -> Line:
+    clock = found.clock
+    if clock.rate is not None:
+        return Line("time", {"rate": clock.rate}, clock.why, clock.certain)
+    own = found.log.has_header and found.log.format != "imu_tk"
+    value = {"name": clock.name if own else "time"}
+    value |= {} if clock.unit is None else {"unit": clock.unit}
+    return Line("time", value, clock.why, clock.certain)
+
+
+def _triad(key: str, names: tuple[str, str, str] | None, unit: TriadUnit) -> Line:
+    value: dict[str, object] = {} if names is None else {"names": list(names)}
+    value["unit"] = unit.unit
+    if unit.scale is not None:
+        value |= {"scale": unit.scale, "scale_unit": unit.scale_unit}
+    if unit.offset is not None:
+        value["offset"] = unit.offset
+    return Line(key, value, unit.why, unit.certain)
+
+
+def _model(found: RawTriads, rests: Resting) -> Table:
+    """The estimator that one pose allows; with more of them the tool's own choice is right."""
+    if found.accel is None or _poses(found.accel, rests) > 1 or _sections(found).is_file():
+        return Table("model", ())
+    why = "one pose tells each output's offset from its mean alone"
+    return Table("model", (Line("accel_estimator", "static", why),))
+
+
+def _poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> int:
+    assert rests.accel is not None
+    return poses(directions(accel, rests.accel))
+
+
+def _sections(found: RawTriads) -> Path:
+    """imucal's list of the labelled sections of a session, where there is one."""
+    path = found.log.path
+    return path.with_name(f"{path.stem}_list.json")
+
+
+def _on_poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> list[str]:
+    """What the log can calibrate of the accelerometers."""
+    count = _poses(accel, rests)
+    said = [
+        "The sign of the accelerometers does not show: at rest the axis that points up must read +g."
+    ]
+    if count < _POSES_OF_A_CALIBRATION:
+        said.append(
+            f"{count} pose{'s' * (count > 1)}: bias, scale and misalignments of the accelerometers need 9 or more."
+        )
+    return said

@@ -1,0 +1,125 @@
+"""A log as it lies in its file: named columns of numbers, in units that nobody has told yet."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from ..data.formats import csv, imu_tk, parquet
+from ..data.formats.detect import detect
+from ..data.formats.text_layout import find_layout, is_value, TextLayout
+from ..data.formats.time_stamps import seconds_of
+
+
+_NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
+_MOST_UNIT_ROWS = 5
+_RATE = re.compile(
+    r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
+    re.IGNORECASE,
+)
+_RATES = (1.0, 20000.0)  # Hz: what an IMU may be read at
+
+
+class RawLog(NamedTuple):
+    """Columns of a file in its own units."""
+
+    path: Path
+    format: str
+    layout: TextLayout | None  # of a text
+    numbers: dict[str, Float[np.ndarray, " rows"]]  # may hold NaN where a field is empty
+    stamps: dict[str, Float[np.ndarray, " rows"]]  # s, of columns of ISO 8601 text
+    words: dict[str, str]  # units row by row below a header, by column
+    unit_rows: int  # rows of text below the header
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Columns of numbers, in the file's order."""
+        return tuple(self.numbers)
+
+    @property
+    def has_header(self) -> bool:
+        """Whether the file itself names its columns."""
+        return self.layout is None or self.layout.names is not None
+
+    def hint(self, column: str) -> str:
+        """What the file says in words of a column: its name and its units, in lower case."""
+        return f"{column} {self.words.get(column, '')}".lower()
+
+    @property
+    def stated_rate(self) -> float | None:
+        """Samples a second that the lines above the header state, Hz."""
+        for line in self.layout.preamble if self.layout is not None else ():
+            found = _RATE.search(line)
+            value = float(found[1] or found[2]) if found else 0.0
+            if _RATES[0] <= value <= _RATES[1]:
+                return value
+        return None
+
+
+def read_log(path: Path) -> RawLog:
+    """The columns of numbers in a delimited text or a Parquet file.
+
+    Raises `ValueError` where the file is in another format, or holds no numbers.
+    """
+    chosen = detect(path)
+    if chosen is parquet:
+        return _from_table(parquet.decode(path), path, "parquet", None)
+    if chosen not in (csv, imu_tk):
+        raise ValueError(f"{path.name}: {chosen.NAME} names its columns and units itself.")
+    layout = find_layout(csv.text_of(path), path.name)
+    names = layout.names or tuple(f"column_{k + 1}" for k in range(layout.width))
+    if chosen is imu_tk and layout.names is None:
+        names = ("time", "x", "y", "z")[: layout.width]
+    return _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+
+
+def _from_table(
+    table: pl.DataFrame, path: Path, format_name: str, layout: TextLayout | None
+) -> RawLog:
+    unit_rows = _rows_of_text(table) if layout is not None and layout.names else 0
+    words: dict[str, str] = {}
+    for row in table.head(unit_rows).iter_rows(named=True):
+        words |= {k: f"{words.get(k, '')} {v or ''}".strip() for k, v in row.items()}
+    body, numbers, stamps = table.slice(unit_rows), {}, {}
+    for column in body.get_columns():
+        values = _numbers(column)
+        if values is not None:
+            numbers[column.name] = values
+        elif column.dtype == pl.String:
+            seconds = seconds_of(column, path.name)
+            if seconds is not None:
+                stamps[column.name] = seconds
+    if not numbers:
+        raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
+    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows)
+
+
+def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:
+    """A column as doubles, `None` where it holds something else."""
+    if column.dtype == pl.String:
+        text = column.str.strip_chars()
+        values = text.cast(pl.Float64, strict=False)
+        filled = text.is_not_null() & (text != "")
+        if (filled & values.is_null()).sum() > (1 - _NUMERIC) * len(column):
+            return None
+    elif column.dtype.is_numeric():
+        values = column.cast(pl.Float64)
+    elif isinstance(column.dtype, pl.Datetime | pl.Duration):
+        tick = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}[column.dtype.time_unit]
+        return column.to_physical().cast(pl.Float64).to_numpy() * tick
+    else:
+        return None
+    if values.is_null().all():
+        return None
+    return values.fill_null(float("nan")).to_numpy()
+
+
+def _rows_of_text(table: pl.DataFrame) -> int:
+    """Rows under the header in which no field is a value: units, and what else a logger writes there."""
+    for number, row in enumerate(table.head(_MOST_UNIT_ROWS + 1).iter_rows()):
+        if any(field and is_value(str(field).strip()) for field in row):
+            return number
+    return 0

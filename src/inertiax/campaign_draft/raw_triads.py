@@ -1,0 +1,107 @@
+"""Both triads of a log, or of two, on one clock and still in their own units."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..data.pairing import pair
+from ..data.recording import Recording
+from .clock import Clock, clock_of
+from .column_roles import Roles, roles_of
+from .raw_log import RawLog, read_log
+
+
+class RawTriads(NamedTuple):
+    """Outputs on one clock, in the file's units."""
+
+    log: RawLog
+    roles: Roles
+    clock: Clock
+    gyro_log: RawLog | None  # where the gyros have a file of their own
+    gyro_roles: Roles | None
+    seconds: Float[np.ndarray, " time"]
+    accel: Float[np.ndarray, "time 3"] | None
+    gyro: Float[np.ndarray, "time 3"] | None
+
+    @property
+    def gyro_columns(self) -> tuple[str, str, str] | None:
+        """Names of the gyros' columns in the file that holds them."""
+        return self.roles.gyro if self.gyro_roles is None else self.gyro_roles.gyro
+
+    @property
+    def gyro_words(self) -> str:
+        """What the file says in words of the gyros' columns."""
+        log = self.log if self.gyro_log is None else self.gyro_log
+        return " ".join(log.hint(n) for n in self.gyro_columns or ())
+
+
+def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
+    """Both triads. Raises `ValueError` where a file holds none, or triads were not logged at the same time."""
+    log = read_log(path)
+    gyro_path = gyro_path or _gyros_beside(path, log)
+    roles = roles_of(log, None if gyro_path is None else "accel")
+    clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
+    accel, gyro = _columns(log, roles.accel), _columns(log, roles.gyro)
+    if gyro_path is None:
+        rows = np.all([np.isfinite(x).all(axis=1) for x in (accel, gyro) if x is not None], axis=0)
+        only = lambda x: None if x is None else x[rows]
+        return RawTriads(
+            log, roles, clock, None, None, clock.seconds[rows], only(accel), only(gyro)
+        )
+    other = read_log(gyro_path)
+    other_roles = roles_of(other, "gyro")
+    other_clock = clock_of(
+        other, other_roles.time, len(next(iter(other.numbers.values()))), other_roles.temperature
+    )
+    gyro = _columns(other, other_roles.gyro)
+    assert accel is not None and gyro is not None
+    first = Recording(time=_absolute(log, clock), accel=accel, name=path.name)
+    second = Recording(time=_absolute(other, other_clock), gyro=gyro, name=gyro_path.name)
+    both = pair(first, second, counted=clock.name is None).recording
+    return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro)
+
+
+def given_names(log: RawLog, roles: Roles) -> tuple[str, ...] | None:
+    """Canonical names for the columns of a file without a header line, `None` where it has its own."""
+    if log.has_header or log.format == "imu_tk":
+        return None
+    new = {} if roles.time is None else {roles.time: "time"}
+    for key, triad in (("accel", roles.accel), ("gyro", roles.gyro)):
+        new |= {} if triad is None else {n: f"{key}_{a}" for n, a in zip(triad, "xyz", strict=True)}
+    return tuple(new.get(n, n) for n in (*log.stamps, *log.names))
+
+
+def _absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
+    """Seconds since the file's own zero, so that two files agree."""
+    if clock.name is None or clock.name in log.stamps:
+        return clock.seconds
+    first, second = log.numbers[clock.name][[0, -1]]
+    scale = (clock.seconds[-1] - clock.seconds[0]) / (second - first)
+    return scale * log.numbers[clock.name]
+
+
+def _columns(log: RawLog, names: tuple[str, str, str] | None) -> Float[np.ndarray, "rows 3"] | None:
+    return None if names is None else np.stack([log.numbers[n] for n in names], axis=1)
+
+
+def _gyros_beside(path: Path, log: RawLog) -> Path | None:
+    """The gyros' file beside one that holds the accelerometers alone: `gyroscope.txt` beside `accelerometer.txt`."""
+    if "acc" not in path.stem.lower() or len(log.names) > 5:
+        return None
+    for word, others in (
+        ("accelerometer", ("gyroscope", "gyro")), ("acceleration", ("gyroscope",)), ("accel", ("gyro",)),
+        ("acc", ("gyro", "gyr")),
+    ):  # fmt: skip
+        for other in others:
+            for made in (other, other.capitalize()):
+                file = path.with_name(_replaced(path.name, word, made))
+                if file != path and file.is_file():
+                    return file
+    return None
+
+
+def _replaced(name: str, word: str, other: str) -> str:
+    place = name.lower().find(word)
+    return name if place < 0 else name[:place] + other + name[place + len(word) :]

@@ -1,0 +1,55 @@
+"""The rests of a log in its own units: where they are, and what the triads read there."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..data.recording import Recording
+from ..reduction.rests import find_rests
+
+
+_DIFFERENT = np.deg2rad(10.0)  # directions that are two poses
+
+
+class Resting(NamedTuple):
+    """Rests of a log, in its own units."""
+
+    start: Int[np.ndarray, " rest"]
+    stop: Int[np.ndarray, " rest"]
+    accel: Float[np.ndarray, "rest 3"] | None
+    single_rows: bool  # each row is the mean of one pose
+
+    @property
+    def num_rests(self) -> int:
+        """How many rests there are."""
+        return len(self.start)
+
+
+def resting(
+    time: Float[np.ndarray, " time"],
+    accel: Float[np.ndarray, "time 3"] | None,
+    *,
+    single_rows: bool,
+) -> Resting:
+    """Rests by the accelerometers, whose unit does not matter for that; the whole log where there are none."""
+    rows = np.arange(len(time))
+    if accel is None:
+        return Resting(np.array([0]), np.array([len(time)]), None, False)
+    if single_rows:
+        return Resting(rows, rows + 1, accel, True)
+    found = find_rests(Recording(time=time, accel=accel), window=1.0)
+    start, stop = np.asarray(found.start), np.asarray(found.stop)
+    if not len(start):
+        start, stop = np.array([0]), np.array([len(time)])
+    means = np.array([accel[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)])
+    return Resting(start, stop, means, False)
+
+
+def poses(up: Float[np.ndarray, "rest 3"]) -> int:
+    """How many directions among unit vectors are more than 10° from each other."""
+    kept: list[np.ndarray] = []
+    for direction in up:
+        if all(direction @ other < np.cos(_DIFFERENT) for other in kept):
+            kept.append(direction)
+    return len(kept)

@@ -1,0 +1,53 @@
+"""The temperature's unit, by its range."""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .converters import TEMPERATURE_SCALES
+from .raw_log import RawLog
+
+
+_CELSIUS = (-60.0, 130.0)  # what electronics bears
+_KELVIN = (210.0, 405.0)
+_ROOM = (10.0, 55.0)  # °C, a board at work in a room
+_FAHRENHEIT = re.compile(r"degf|°f|fahr|\bf\b")
+
+
+class TemperatureUnit(NamedTuple):
+    """How a probe's values become °C; `unit` is `None` where that cannot be told."""
+
+    unit: str | None
+    scale: float | None
+    offset: float | None
+    why: str
+    certain: bool
+
+
+def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
+    """Unit of a temperature column."""
+    values: Float[np.ndarray, " rows"] = log.numbers[name]
+    if not np.isfinite(values).all():
+        gaps = int((~np.isfinite(values)).sum())
+        return TemperatureUnit(None, None, None, f"{gaps} rows of {name} are empty", False)
+    low, high = float(values.min()), float(values.max())
+    span = f"{low:.4g} to {high:.4g}"
+    if _FAHRENHEIT.search(log.hint(name)):
+        return TemperatureUnit("degF", None, None, f"as the file says; {span}", True)
+    if _CELSIUS[0] <= low and high <= _CELSIUS[1]:
+        warm = float(np.median(values)) > _ROOM[1]
+        doubt = "; degF would be 32 + 1.8 times as much, check" if warm else ""
+        return TemperatureUnit("degC", None, None, f"{span}{doubt}", not warm)
+    if _KELVIN[0] <= low and high <= _KELVIN[1]:
+        return TemperatureUnit("K", None, None, span, True)
+    middle = float(np.median(values))
+    fits = [s for s in TEMPERATURE_SCALES if _ROOM[0] <= middle / s[0] + s[1] <= _ROOM[1]]
+    if np.all(values == np.round(values)) and fits:
+        scale, zero, sensor = fits[0]
+        text = f"counts {span}; by the data sheet of {sensor} {middle / scale + zero:.1f} degC at the median"
+        return TemperatureUnit("count", scale, round(-zero * scale, 1), text, len(fits) == 1)
+    return TemperatureUnit(
+        None, None, None, f"{name} reads {span}, which is no temperature in degC, K or degF", False
+    )

@@ -1,0 +1,98 @@
+"""`inertiax init`: the `campaign.toml` that fits a log."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import console, environment, outputs
+from .calibrate import AsJson, Quiet
+
+
+def init(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG",
+            exists=True,
+            help="A recording: delimited text of any form, Parquet, or another format that is read.",
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for campaign.toml; the log's own without it.",
+        ),
+    ] = None,
+    gyro: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            help="The gyros' log, where the triads are logged apart.",
+        ),
+    ] = None,
+    latitude: Annotated[
+        float | None,
+        typer.Option(min=-90.0, max=90.0, help="Of the test place, deg: gives gravity."),
+    ] = None,
+    height: Annotated[
+        float, typer.Option(min=-500.0, max=9000.0, help="Of the test place, m; with --latitude.")
+    ] = 0.0,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace a campaign.toml that is there.")
+    ] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Look at a log and write the campaign.toml that fits it.
+
+    Columns are told by their names or numbers, units by physics: what gravity reads at rest, and whether it turns as
+    the gyros say. What the log does not tell is marked CHECK in the file, with the reason.
+    """
+    folder = output or log.absolute().parent
+    file = outputs.require_folder(folder) / "campaign.toml"
+    if file.exists() and not replace:
+        raise typer.BadParameter(
+            f"'{file}' is there already; --replace replaces it.", param_hint="'-o'"
+        )
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..campaign_draft import draft_campaign
+        from ..data.campaign import load_campaign
+
+        stages(f"looking at {log.name}")
+        draft = draft_campaign(log, folder, gyro=gyro, latitude=latitude, height=height)
+        with outputs.staged_folder(folder) as staging:
+            (staging / file.name).write_text(draft.text, encoding="utf-8")
+        stages("reading it back")
+        problem = _problem(load_campaign, file)
+    if as_json:
+        outputs.print_json(
+            {
+                "schema": "inertiax.init/1",
+                "campaign": str(file),
+                "told": draft.told,
+                "untold": draft.untold,
+                "problem": problem,
+            }
+        )
+    elif not quiet:
+        for key, why in draft.untold.items():
+            typer.echo(console.one_line(f"check {key}: {why}"))
+        typer.echo(console.one_line(f"written: {file}"))
+    if problem is not None:
+        console.warn(f"the campaign is written, but: {problem}")
+
+
+def _problem(load, file: Path) -> str | None:
+    """Why the campaign cannot be read as it is: what the log lacks, which no mapping of columns gives."""
+    try:
+        load(file)
+    except ValueError as error:
+        return str(error)
+    return None

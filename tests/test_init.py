@@ -1,0 +1,355 @@
+"""`inertiax init` tells columns, units, clock and layout of logs that nobody described.
+
+Logs are made here with NumPy and SciPy's rotations; the right units are the ones that were written.
+"""
+
+# pyright: reportOptionalSubscript=false, reportOptionalMemberAccess=false
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.campaign_draft import draft_campaign
+from inertiax.campaign_draft.column_roles import triads_by_name
+from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
+from inertiax.campaign_draft.gravity_turns import gravity_turns
+from inertiax.cli import main
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Recording
+from inertiax.reduction.rests import find_rests
+
+
+G, DEGREE = 9.80665, np.pi / 180
+ACCEL_BIAS, GYRO_BIAS = np.array([0.10, -0.15, 0.25]), DEGREE * np.array([0.8, -0.5, 0.3])
+
+
+def hand_log(rate=50.0, rests=12, seed=0):
+    """A device at rest for 4 s in each of some poses, turned from one to the next within 1.5 s."""
+    rng = np.random.default_rng(seed)
+    still, moving = int(4 * rate), int(1.5 * rate)
+    attitude, force, turning = Rotation.identity(), [], []
+    for _ in range(rests):
+        up = attitude.inv().apply([0.0, 0.0, G])
+        force.append(np.tile(up, (still, 1)))
+        turning.append(np.zeros((still, 3)))
+        axis = rng.standard_normal(3)
+        angle = rng.uniform(0.9, 1.8) * axis / np.linalg.norm(axis)
+        profile = 1.0 - np.cos(2 * np.pi * (np.arange(moving) + 0.5) / moving)  # sums to its length
+        for part in profile / moving:
+            turning.append((angle * part * rate)[None])
+            force.append(attitude.inv().apply([0.0, 0.0, G])[None])
+            attitude = attitude * Rotation.from_rotvec(angle * part)
+    accel = np.concatenate(force) + ACCEL_BIAS
+    gyro = np.concatenate(turning) + GYRO_BIAS
+    accel = accel + 0.02 * rng.standard_normal(accel.shape)
+    gyro = gyro + 0.05 * DEGREE * rng.standard_normal(gyro.shape)
+    return np.arange(len(accel)) / rate, accel, gyro
+
+
+LOG = hand_log()
+TIME, ACCEL, GYRO = LOG
+
+
+def text(columns, delimiter=",", end="", digits=7):
+    """A table of named columns; whole numbers are written as such."""
+    written = [
+        [
+            str(int(v)) if np.issubdtype(np.asarray(x).dtype, np.integer) else f"{v:.{digits}g}"
+            for v in x
+        ]
+        for x in columns.values()
+    ]
+    rows = (delimiter.join(row) + end for row in zip(*written, strict=True))
+    return "\n".join([delimiter.join(columns), *rows]) + "\n"
+
+
+def table(time, accel, gyro, names=("t", "ax", "ay", "az", "gx", "gy", "gz")):
+    values = [time, *accel.T, *gyro.T] if time is not None else [*accel.T, *gyro.T]
+    return dict(zip(names if time is not None else names[1:], values, strict=True))
+
+
+def counts(values, scale):
+    return np.round(values * scale).astype(int)
+
+
+def drafted(tmp_path, content, name="log.csv", **settings):
+    path = tmp_path / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    found = draft_campaign(path, tmp_path, **settings)
+    (tmp_path / "campaign.toml").write_text(found.text)
+    return found, tomllib.loads(found.text)
+
+
+def check(tmp_path, accel=ACCEL, gyro=GYRO, rtol=1e-3, count=0.0):
+    """The written campaign reads the log in SI, to half of a gyro's `count` (rad/s)."""
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, accel, rtol=rtol, atol=2e-3)
+    np.testing.assert_allclose(recording.gyro, gyro, rtol=rtol, atol=2e-4 + 0.5 * count)
+    return recording
+
+
+UNITS = {
+    "SI": (1.0, "m/s^2", 1.0, "rad/s"),
+    "g and deg/s": (1 / G, "g", 1 / DEGREE, "deg/s"),
+    "mg and rad/s": (1000 / G, "mg", 1.0, "rad/s"),
+}
+
+
+@pytest.mark.parametrize("accel, accel_unit, gyro, gyro_unit", UNITS.values(), ids=UNITS)
+def test_gravity_tells_the_units(tmp_path, accel, accel_unit, gyro, gyro_unit):
+    # No name says a unit.
+    found, toml = drafted(tmp_path, text(table(TIME, accel * ACCEL, gyro * GYRO)))
+    assert toml["columns"]["accel"] == {"names": ["ax", "ay", "az"], "unit": accel_unit}
+    assert toml["columns"]["gyro"] == {"names": ["gx", "gy", "gz"], "unit": gyro_unit}
+    assert toml["columns"]["time"] == {"name": "t", "unit": "s"}
+    assert set(found.untold) == {"gravity"}
+    check(tmp_path)
+
+
+@pytest.mark.parametrize("per_g, per_degree", [(16384, 131.0), (4096, 65.5), (2048, 16.4)])
+def test_counts_of_usual_converters(tmp_path, per_g, per_degree):
+    log = table(None, counts(ACCEL / G, per_g), counts(GYRO / DEGREE, per_degree))
+    _, toml = drafted(tmp_path, "Fs,50\nLogging Type,1\nWaiting time,3\n" + text(log))
+    assert toml["recordings"]["header_line"] == 4
+    assert toml["columns"]["time"] == {"rate": 50.0}
+    assert toml["columns"]["accel"]["scale"] == per_g
+    assert toml["columns"]["gyro"]["scale"] == per_degree
+    check(tmp_path, rtol=0.01, count=DEGREE / per_degree)
+
+
+def test_an_unknown_unsigned_converter_is_measured(tmp_path):
+    # An Xsens MTi's raw data: 32768 means zero, 415 counts per m/s², 4775 counts per rad/s.
+    log = table(TIME, counts(ACCEL, 415) + 32768, counts(GYRO, 4775) + 32768)
+    _, toml = drafted(tmp_path, text(log))
+    accel, gyro = toml["columns"]["accel"], toml["columns"]["gyro"]
+    assert accel["offset"] == gyro["offset"] == 32768
+    assert accel["scale"] == pytest.approx(415 * G, rel=0.01)
+    assert gyro["scale"] == pytest.approx(4775 * DEGREE, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "name, factor, unit",
+    [
+        ("t", 1e3, "ms"),
+        ("t_us", 1e6, "us"),
+        ("SampleTimeFine", 1e6, "us"),
+        ("stamp", 1e9, "ns"),
+        ("Time (s)", 1, "s"),
+    ],
+)
+def test_the_clock_s_unit(tmp_path, name, factor, unit):
+    names = (name, "ax", "ay", "az", "gx", "gy", "gz")
+    whole = np.round(TIME * factor).astype(int) if factor > 1 else TIME
+    _, toml = drafted(tmp_path, text(table(whole, ACCEL, GYRO, names)))
+    assert toml["columns"]["time"] == {"name": name, "unit": unit}
+    np.testing.assert_allclose(np.diff(check(tmp_path).time), 0.02, atol=1e-6)
+
+
+def test_a_log_without_a_clock_gets_its_rate_from_gravity(tmp_path):
+    found, toml = drafted(tmp_path, text(table(None, ACCEL, GYRO / DEGREE)))
+    assert toml["columns"]["time"] == {"rate": 50.0} and "time" in found.untold
+    assert toml["columns"]["gyro"]["unit"] == "deg/s"
+
+
+def test_stamps_in_bursts_become_a_rate(tmp_path):
+    bunched = np.floor(np.arange(len(TIME)) / 20) * 0.4 + 0.002 * (np.arange(len(TIME)) % 20)
+    _, toml = drafted(tmp_path, text(table(bunched, ACCEL, GYRO)))
+    assert toml["columns"]["time"] == {"rate": 50.0}
+    check(tmp_path)
+
+
+def test_stamps_that_repeat_become_a_rate(tmp_path):
+    coarse = np.floor(TIME * 10) / 10
+    _, toml = drafted(tmp_path, text(table(coarse, ACCEL, GYRO)))
+    assert toml["columns"]["time"] == {"rate": 50.0}
+
+
+def test_iso_stamps_units_below_the_header_and_other_delimiters(tmp_path):
+    stamps = [f"2026-03-01T10:{int(t // 60):02d}:{t % 60:06.3f}Z" for t in TIME]
+    rows = text(table(TIME, ACCEL, GYRO), "\t", "\t").splitlines()
+    body = "\n".join(
+        s + "\t" + row.split("\t", 1)[1] for s, row in zip(stamps, rows[1:], strict=True)
+    )
+    units = "ISO\tm/s^2\tm/s^2\tm/s^2\trad/s\trad/s\trad/s\t"
+    content = f"// Start Time: 0\n// Update Rate: 50.0Hz\n{rows[0]}\n{units}\n{body}\n"
+    _, toml = drafted(tmp_path, content, "log.txt")
+    assert toml["recordings"] == {"files": ["log.txt"], "header_line": 3, "start_row": 1}
+    assert toml["columns"]["time"] == {"name": "t"}
+    check(tmp_path)
+
+
+def test_a_file_without_names_is_told_by_its_numbers(tmp_path):
+    # Gyros before accelerometers, as some loggers write.
+    names = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+    content = text(table(TIME, GYRO, ACCEL, names), " ").split("\n", 1)[1]
+    _, toml = drafted(tmp_path, content, "log.txt")
+    assert toml["recordings"]["names"] == [
+        "time",
+        "gyro_x",
+        "gyro_y",
+        "gyro_z",
+        "accel_x",
+        "accel_y",
+        "accel_z",
+    ]
+    check(tmp_path)
+
+
+def test_triads_apart_are_found_beside_each_other(tmp_path):
+    sparse = slice(0, None, 2)
+    accel = np.column_stack([TIME, ACCEL])[sparse]
+    gyro = np.column_stack([TIME + 0.003, GYRO / DEGREE])
+    for name, values in (("gyroscope.txt", gyro), ("accelerometer.txt", accel)):
+        rows = "".join(" ".join(f"{v:.7g}" for v in row) + "\n" for row in values)
+        (tmp_path / name).write_text(rows)
+    found = draft_campaign(tmp_path / "accelerometer.txt", tmp_path)
+    toml = tomllib.loads(found.text)
+    assert toml["recordings"]["gyro_files"] == ["gyroscope.txt"]
+    assert toml["columns"]["gyro"] == {"unit": "deg/s"}
+    (tmp_path / "campaign.toml").write_text(found.text)
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.gyro, GYRO[: recording.num_samples], atol=2e-6)
+
+
+def test_poses_of_raw_counts(tmp_path):
+    ups = np.random.default_rng(5).standard_normal((30, 3))
+    ups = 4096 * ups / np.linalg.norm(ups, axis=1, keepdims=True) + [33100.5, 33270.25, 32360.75]
+    rows = "".join(" ".join(f"{v:.6f}" for v in row) + "\n" for row in ups)
+    _, toml = drafted(tmp_path, rows, "means.txt")
+    assert toml["columns"]["position"] == {"row_index": True} and "time" not in toml["columns"]
+    assert toml["columns"]["accel"]["offset"] == 32768
+    assert toml["columns"]["accel"]["scale"] == pytest.approx(4096, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "values, unit",
+    [
+        (25 + TIME / 50, "degC"),
+        (298 + TIME / 50, "K"),
+        (np.round(340 * (28 - 36.53 + TIME / 50)).astype(int), "count"),
+        (np.full(len(TIME), 5000.0) + TIME, None),
+    ],
+)
+def test_the_temperature_s_unit(tmp_path, values, unit):
+    found, toml = drafted(tmp_path, text(table(TIME, ACCEL, GYRO) | {"temp": values}))
+    assert toml["columns"].get("temperature", {}).get("unit") == unit
+    if unit is None:
+        assert "CHECK temperature: temp reads 5000" in found.text
+    if unit == "count":
+        (recording,) = load_campaign(tmp_path).recordings
+        np.testing.assert_allclose(recording.temperature[:, 0], 28 + TIME / 50, atol=0.01)
+        assert (340.0, 36.53, "MPU-6050") in TEMPERATURE_SCALES
+
+
+def test_gravity_of_the_place(tmp_path):
+    # WGS 84 at 45.5° by Somigliana's closed form, less the free-air gradient of 3.0855e-6 per s² at this latitude.
+    _, toml = drafted(tmp_path, text(table(TIME, ACCEL, GYRO)), latitude=45.5, height=300.0)
+    sine = np.sin(np.radians(45.5)) ** 2
+    on_ellipsoid = (
+        9.7803253359 * (1 + 0.00193185265241 * sine) / np.sqrt(1 - 0.00669437999013 * sine)
+    )
+    assert toml["site"]["gravity"] == pytest.approx(on_ellipsoid - 3.0855e-6 * 300, abs=2e-5)
+    assert toml["site"]["latitude"] == 45.5
+
+
+def test_gyros_alone_at_rest_are_a_guess_and_said_to_be_one(tmp_path):
+    still = {k: v for k, v in table(TIME, ACCEL, GYRO / DEGREE).items() if k[0] != "a"}
+    rest = {k: v[:200] for k, v in still.items()}
+    found, toml = drafted(tmp_path, text(rest))
+    assert toml["columns"]["gyro"]["unit"] == "deg/s" and "gyro" in found.untold
+
+
+def test_what_contradicts_gravity_is_said(tmp_path):
+    mirrored = GYRO * [1.0, -1.0, 1.0]
+    found, _ = drafted(tmp_path, text(table(TIME, ACCEL, mirrored)))
+    assert "exchanged or mirrored" in found.untold["gyro"]
+    names = ("t", "ax", "ay", "az", "gx [deg/s]", "gy [deg/s]", "gz [deg/s]")
+    found, toml = drafted(tmp_path, text(table(TIME, ACCEL, GYRO, names)))
+    assert toml["columns"]["gyro"]["unit"] == "rad/s"
+    assert "but the file says deg/s" in found.untold["gyro"]
+
+
+def test_two_poses_are_said_to_be_too_few(tmp_path):
+    rows = slice(0, 400)
+    found, _ = drafted(tmp_path, text(table(TIME[rows], ACCEL[rows], GYRO[rows])))
+    assert "2 poses: bias, scale and misalignments" in found.text
+
+
+def test_one_pose_gets_the_estimator_that_it_allows(tmp_path):
+    rows = slice(0, 200)
+    _, toml = drafted(tmp_path, text(table(TIME[rows], ACCEL[rows], GYRO[rows])))
+    assert toml["model"] == {"accel_estimator": "static"}
+
+
+@pytest.mark.parametrize(
+    "names, triads",
+    [
+        (("Acc_X", "Acc_Y", "Acc_Z", "Mag_X"), [("Acc_X", "Acc_Y", "Acc_Z")]),
+        (("xacc", "yacc", "zacc"), [("xacc", "yacc", "zacc")]),
+        (("a1", "a2", "a3", "g1"), [("a1", "a2", "a3")]),
+        (("t", "exact", "x"), []),
+    ],
+)
+def test_triads_are_names_that_differ_in_their_axis(names, triads):
+    assert triads_by_name(names) == triads
+
+
+def test_gravity_s_turn_agrees_with_scipy_s_rotations():
+    rests = find_rests(Recording(time=TIME, accel=ACCEL), window=1.0)
+    means = np.array(
+        [
+            (ACCEL - ACCEL_BIAS)[a:b].mean(axis=0)
+            for a, b in zip(rests.start, rests.stop, strict=True)
+        ]
+    )
+    up = means / np.linalg.norm(means, axis=1, keepdims=True)
+    turns = gravity_turns(TIME, GYRO, up, rests.start, rests.stop)
+    left = []
+    for steps, before, after in zip(turns.output, turns.before, turns.after, strict=True):
+        turned = before
+        for step in steps:
+            turned = Rotation.from_rotvec(-0.9 * step).apply(turned)
+        left.append(np.arccos(np.clip(turned @ after, -1, 1)))
+    assert turns.misfit(0.9) == pytest.approx(np.median(left), rel=1e-9)
+    assert turns.best([1.0, DEGREE])[0] == pytest.approx(1.0, rel=0.01)
+
+
+def run(arguments, capfd):
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0), capfd.readouterr()
+
+
+def test_the_command_writes_a_campaign_that_reads_the_log(tmp_path, capfd):
+    log = tmp_path / "logs" / "hand.csv"
+    log.parent.mkdir()
+    log.write_text("rate,50\nmode,0\n" + text(table(TIME, ACCEL, GYRO)))
+    status, said = run(["init", log, "-o", tmp_path / "campaign", "--json"], capfd)
+    assert status == 0
+    told = json.loads(said.out)
+    assert told["schema"] == "inertiax.init/1" and told["problem"] is None
+    assert list(told["untold"]) == ["gravity"]
+    (recording,) = load_campaign(Path(told["campaign"])).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-5)
+
+
+def test_the_command_replaces_nothing_unasked(tmp_path, capfd):
+    log = tmp_path / "hand.csv"
+    log.write_text(text(table(TIME, ACCEL, GYRO)))
+    assert run(["init", log], capfd)[0] == 0
+    first = (tmp_path / "campaign.toml").read_text()
+    status, said = run(["init", log], capfd)
+    assert status == 2 and "is there already; --replace replaces it" in said.err
+    assert run(["init", log, "--replace", "--latitude", "50"], capfd)[0] == 0
+    assert (tmp_path / "campaign.toml").read_text() != first
+
+
+def test_a_log_that_is_none_is_refused_in_a_line(tmp_path, capfd):
+    (tmp_path / "a.csv").write_text("colour,shape\nred,round\nblue,square\n")
+    status, said = run(["init", tmp_path / "a.csv"], capfd)
+    assert status == 1 and said.err.count("\n") == 1 and "no column of numbers" in said.err
+    assert not (tmp_path / "campaign.toml").exists()
