@@ -7,13 +7,14 @@ from pathlib import Path
 import msgspec
 
 from ..storage.harmless_text import short
+from .compensated import is_compensated, note_on
 from .formats import Layout, read_recordings
 from .formats.columns import TimeColumn
 from .formats.detect import is_recording
 from .model_columns import check_model_columns
 from .pairing import pair
 from .recording import Campaign, ModelChoice, Recording, Rig, Site
-from .settings import CampaignTable, ModelTable, read_table, RigTable, SiteTable
+from .settings import CampaignTable, ModelTable, read_table, RecordingsTable, RigTable, SiteTable
 
 
 ARCSEC = math.pi / 180 / 3600
@@ -101,7 +102,8 @@ def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> t
 
     A pattern with `*`, `?` or `[` stays inside the campaign's folder: it may not be absolute or
     contain `..`, and a match that a link leads out of the folder is refused. A path written out
-    in full is the user's own choice and is taken wherever it points.
+    in full is the user's own choice and is taken wherever it points. Files that `inertiax compensate` wrote are
+    no recordings: a glob skips them.
     """
     if not patterns:
         raise ValueError(
@@ -109,7 +111,9 @@ def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> t
         )
     files: dict[Path, None] = {}
     for pattern in patterns:
-        matches = _match(folder, pattern, key) if _WILD.search(pattern) else [folder / pattern]
+        matches = [folder / pattern]
+        if _WILD.search(pattern):
+            matches = _raw(_match(folder, pattern, key), pattern, key)
         for match in matches:
             if not is_recording(match):
                 raise ValueError(
@@ -117,6 +121,24 @@ def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> t
                 )
             files[match] = None
     return tuple(files)
+
+
+def _raw(matches: list[Path], pattern: str, key: str) -> list[Path]:
+    raw = [p for p in matches if not is_compensated(p)]
+    if not raw:
+        raise ValueError(
+            f"[recordings] {key}: '{pattern}' matches only what `inertiax compensate` wrote "
+            f"({short(matches[0].name)}); name it in full if it is meant."
+        )
+    return raw
+
+
+def _compensated_notes(folder: Path, said: RecordingsTable, used: set[Path]) -> tuple[str, ...]:
+    """Of compensated files among those that the campaign names: which were skipped, which were read."""
+    patterns = (*said.files, *(said.gyro_files or ()))
+    matches = {p for g in patterns if _WILD.search(g) for p in _match(folder, g, "files")}
+    skipped = sorted(p for p in matches - used if is_compensated(p))
+    return note_on(skipped, sorted(p for p in used - matches if is_compensated(p)))
 
 
 def campaign_beside(recording: Path) -> Path | None:
@@ -187,7 +209,7 @@ def _read_all(table: CampaignTable, file: Path) -> tuple[tuple[Recording, ...], 
         files = find_files(folder, said.files)
         return tuple(
             r for f in files for r in read_recordings(f, table.columns, layout, name=said.format)
-        ), ()
+        ), _compensated_notes(folder, said, set(files))
     accel_files = find_files(folder, said.files)
     gyro_files = find_files(folder, said.gyro_files, "gyro_files")
     if len(accel_files) != len(gyro_files):
@@ -205,4 +227,5 @@ def _read_all(table: CampaignTable, file: Path) -> tuple[tuple[Recording, ...], 
     counted = isinstance(time, TimeColumn) and time.rate is not None
     paired = [pair(a, g, counted=counted) for a, g in zip(*triads, strict=True)]
     notes = tuple(p.note for p in paired if p.note is not None)
+    notes += _compensated_notes(folder, said, {*accel_files, *gyro_files})
     return tuple(p.recording for p in paired), notes

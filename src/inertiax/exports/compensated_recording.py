@@ -13,6 +13,7 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from ..data.formats.columns import AXES, TimeColumn
 from ..data.pairing import pair
@@ -49,9 +50,15 @@ def compensate_file(
     logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
 
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
-    says that it is of another device.
+    says that it is of another device or was compensated before.
     """
     columns, layout, format_name = _mapping(campaign)
+    for file in (path, gyro_file):
+        if file is not None and is_compensated(file):
+            raise ValueError(
+                f"{file}: was compensated already, for it has a column '{COLUMN}'; give the recording itself. "
+                "Twice compensated outputs are wrong by the errors' size."
+            )
     if not detect.is_recording(path):
         raise ValueError(f"{path}: a recording file is needed, or a bag's or EuRoC's folder.")
     chosen = detect.format_of(path, layout) if format_name is None else detect.by_name(format_name)
@@ -96,7 +103,7 @@ def _compensated_table(
     force, rate, outside, left_out = _compensate(calibration, recording)
     notes = _notes(calibration, recording, outside, name)
     notes += tuple(f"{name}: {line}" for line in left_out)
-    new = {"extrapolated": outside}
+    new = {COLUMN: outside}
     for triad, values in (("accel", force), ("gyro", rate)):
         if values is not None:
             new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
