@@ -83,8 +83,8 @@ def init(
         )
     elif not quiet:
         for key, why in draft.untold.items():
-            typer.echo(console.one_line(f"check {key}: {why}"))
-        typer.echo(console.one_line(f"written: {file}"))
+            console.say(console.one_line(f"check {key}: {why}"))
+        console.say(console.one_line(f"written: {file}"))
     if problem is not None:
         console.warn(f"the campaign is written, but: {problem}")
 
