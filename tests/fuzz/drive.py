@@ -16,7 +16,7 @@ import atheris
 
 
 INSTRUMENTED = [
-    "inertiax.formats",
+    "inertiax.data.formats",
     "inertiax.exports",
     "inertiax.data.campaign",
     "inertiax.data.settings",

@@ -98,6 +98,8 @@ def csv_seeds() -> list[bytes]:
         commas,
         b"\xef\xbb\xbf" + plain.replace(b"\n", b"\r\n"),
         b"# log\n" + plain[:400],
+        b"sep=,\nrate,50\nmode,0\n" + plain.replace(b"\n", b",\n"),
+        b"\0\0\n%" + plain[:400].replace(b"\n0", b"\n2026-03-01T10:00:00"),
     ]
 
 
