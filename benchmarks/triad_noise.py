@@ -52,7 +52,7 @@ def main() -> None:
     """Print each triad's noise and the evidence that its channels differ."""
     campaigns = {f"MPU-9150 {k}": mpu(k) for k in range(3)} | {"Xsens MTi": xsens()}
     for title, campaign in campaigns.items():
-        _, triads = prepare(campaign)
+        triads = prepare(campaign).triads
         gyro = next(p for p in triads if p.form.triad == "gyro")
         sensitive = title.startswith("Xsens")
         chosen = [t for t in gyro.candidates if sensitive and t.name == "g_sensitivity"]

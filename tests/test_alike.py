@@ -24,7 +24,7 @@ PLACE = ORDER.index("dwell")
 
 def system_of(campaign, catalogue=()):
     """The rows of the campaign's only triad, and its candidates."""
-    (prepared,) = prepare(campaign, catalogue)[1]
+    (prepared,) = prepare(campaign, catalogue).triads
     return prepared.system, prepared.candidates
 
 

@@ -46,7 +46,7 @@ QUIET = np.array([0.0, *6 * [-40.0]])  # log variances of white noise and nothin
 
 def scores_of(campaign, theta):
     """All scores of the first triad under given log variances of each chain."""
-    _, (prepared, *_) = prepare(campaign)
+    (prepared, *_) = prepare(campaign).triads
     noise = NoiseFit(tuple(theta for _ in prepared.system.chains), (0.0,) * 3)
     return prepared, whiten_system(prepared.system, noise, prepared.candidates).scores
 

@@ -55,7 +55,7 @@ def on_x(prepared):
 
 def test_the_slopes_that_a_lag_has_bent_are_fitted_beside_it():
     with jax.enable_x64(True):
-        (prepared,) = prepare(bent(), LAG)[1]
+        (prepared,) = prepare(bent(), LAG).triads
         term, noise = on_x(prepared)
         (first,) = retuned(prepared, term, [TAU])
         about, (last,), (spread,) = refined(prepared, noise, [term])

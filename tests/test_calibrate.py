@@ -194,7 +194,7 @@ REFUSED = {
     ),
     "unknown estimator": (
         ModelChoice(accel_estimator="magic"),
-        r"accel_estimator = 'magic' is not one of \['invariant', 'reference', 'static'\]",
+        r"accel_estimator = 'magic' is not one of \['invariant', 'none', 'reference', 'static'\]",
     ),
 }
 

@@ -50,7 +50,7 @@ def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0):
 
 def seen(campaign):
     with jax.enable_x64(True):
-        return prepare(campaign, DELAY)[1][0].delay
+        return prepare(campaign, DELAY).triads[0].delay
 
 
 def test_a_delay_of_two_gyros_is_named_and_sized_and_the_third_left_alone():

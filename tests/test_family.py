@@ -92,7 +92,7 @@ def test_a_coefficient_carries_the_uncertainty_of_its_time_constant():
 
     effect = next(e for e in CATALOGUE if e.name == "warm_up")
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(sweep(3, warm), (effect,))
+        (prepared,) = prepare(sweep(3, warm), (effect,)).triads
         mine = [t for t in prepared.candidates if t.name == "warm_up" and t.channels == (1,)]
         start = min(mine, key=lambda t: abs(t.variant.settings["time_constant"] - 400.0))
         noise = fit_noise(prepared.system, [start])
@@ -131,7 +131,7 @@ def test_a_jump_in_a_pause_is_put_in_its_middle_with_the_pause_as_uncertainty():
     campaign = Campaign((gap,), Site(9.80665), Rig(), campaign.model, "navigation")
     effect = next(e for e in CATALOGUE if e.name == "bias_step")
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(campaign, (effect,))
+        (prepared,) = prepare(campaign, (effect,)).triads
         mine = [t for t in prepared.candidates if t.name == "bias_step" and t.channels == (0,)]
         (best,) = retuned(prepared, mine[0], [1000.0])
         noise = fit_noise(prepared.system, [best])

@@ -111,7 +111,7 @@ def test_walks_alone_are_not_taken_for_a_thermal_loop():
 
 def test_the_allan_deviation_agrees_with_the_fitted_noise_and_not_with_twice_its_white_part():
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(one_turn(3, (0.0, 0.0, 0.0)), ())
+        (prepared,) = prepare(one_turn(3, (0.0, 0.0, 0.0)), ()).triads
         noise = fit_noise(prepared.system)
         checks = allan_checks(prepared, noise, [])
         louder = NoiseFit(

@@ -31,7 +31,7 @@ def set_down_again(dwells, seed=0):
 
 
 def prepared(campaign, effects=()):
-    return prepare(campaign, effects)[1][0]
+    return prepare(campaign, effects).triads[0]
 
 
 def only_dwells(monkeypatch):

@@ -55,7 +55,7 @@ def ramps(seed=0):
 
 def test_a_lag_of_all_channels_is_one_candidate_and_shows_where_no_single_one_does():
     with jax.enable_x64(True):
-        (prepared,) = prepare(ramps(), LAG)[1]
+        (prepared,) = prepare(ramps(), LAG).triads
         listed = [t for t in prepared.candidates if t.name == "thermal_lag"]
         joint = [t for t in listed if t.joint]
         assert joint and len(listed) == 4 * len(joint)
@@ -78,7 +78,7 @@ def test_a_lag_of_all_channels_is_one_candidate_and_shows_where_no_single_one_do
 
 def test_rows_of_three_channels_hold_the_joint_lag_in_each():
     with jax.enable_x64(True):
-        (prepared,) = prepare(sweep(1), LAG)[1]
+        (prepared,) = prepare(sweep(1), LAG).triads
     joint = next(t for t in prepared.candidates if t.joint)
     label = joint.variant.label
     for c in range(3):

@@ -82,7 +82,7 @@ def test_a_pier_out_of_level_from_the_start_is_named_and_sized():
 def test_the_vertical_axis_of_a_tilt_is_no_candidate_for_accelerometers():
     tilt = [e for e in CATALOGUE if e.name == "pier_tilt"]
     with jax.enable_x64(True):
-        (prepared,) = prepare(tumble(TILT), tilt)[1]
+        (prepared,) = prepare(tumble(TILT), tilt).triads
     listed = [t for t in prepared.candidates if t.name == "pier_tilt"]
     columns = {t.variant.label: t.columns[0].shape[1] for t in listed}
     assert columns == {"24 h": 4, "linear": 2, "constant": 2}

@@ -75,7 +75,7 @@ def test_an_effect_that_the_model_holds_already_changes_nothing():
 
 def test_stretches_are_shorter_where_one_alone_shows_a_parameter():
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(tumble(seed=5, step=15.0))
+        (prepared,) = prepare(tumble(seed=5, step=15.0)).triads
     dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
     assert dwell.max() + 1 == 144  # so that one of 40 stretches has 3 or 4 of them
     long = folds(prepared)
@@ -92,7 +92,7 @@ def test_stretches_are_shorter_where_one_alone_shows_a_parameter():
 
 def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign():
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(sweep(seed=7))
+        (prepared,) = prepare(sweep(seed=7)).triads
         warm = [t for t in prepared.candidates if t.name == "warm_up" and t.chains == (0,)]
         term = min(warm, key=lambda t: t.setting)
         seen = np.square(term.columns[0]).sum(axis=1)
@@ -105,7 +105,9 @@ def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign(
 
 def test_an_effect_seen_everywhere_is_predicted_as_before():
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2)))
+        (prepared,) = prepare(
+            tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2))
+        ).triads
         (term,) = [t for t in prepared.candidates if t.name == "second_order" and t.channels == (1,)]  # fmt: skip
         fold, system, square = folds(prepared), prepared.system, 0.0
         y, w = system.base.observed[0], 1.0 / np.sqrt(system.chains[0].white)

@@ -73,7 +73,7 @@ def test_two_simple_effects_stand_before_one_of_three_coefficients():
 
 def test_what_is_scored_beside_the_rigs_errors_is_no_rival_of_what_is_not(monkeypatch):
     with jax.enable_x64(True):
-        system = prepare(oblique(2), ())[1][0].system
+        system = prepare(oblique(2), ()).triads[0].system
     assert system.shared is not None
     mixed = candidate("~input and time", 40.0)  # scored on all channels together
     slow = candidate("~course of time", 30.0)
@@ -102,7 +102,7 @@ def test_what_is_scored_beside_the_rigs_errors_is_no_rival_of_what_is_not(monkey
 def test_a_pair_stands_for_an_unlisted_dependence_where_the_second_is_rare_by_itself(monkeypatch):
     listed, unlisted = candidate("drift", 11.0, 28.0), candidate("~bump", 35.0, 87.0)
     second = candidate("warm_up", 27.0, 60.0)
-    system = prepare(oblique(2), ())[1][0].system
+    system = prepare(oblique(2), ()).triads[0].system
     monkeypatch.setattr(choosing, "fit_noise", lambda *_: NOTHING)
     fuller = Bank((NOTHING,), ((0.0, 0.0, 0.0),))
     monkeypatch.setattr(Bank, "leader", NOTHING)
@@ -129,7 +129,7 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
     # A jump has 200 moments: 2 · 200 · 6.3e-5 = 2.5 %; the other effect 2 · 7.7e-6.
     tests = Family({jump.key: Count(200.0), rare.key: Count(1.0)}, 1.0)
     with jax.enable_x64(True):
-        system = prepare(oblique(2), ())[1][0].system
+        system = prepare(oblique(2), ()).triads[0].system
     ask = replace(asked(system), tests=tests)
 
     def taken(*leading, unlisted=None, chosen=()):
@@ -155,7 +155,7 @@ def test_what_follows_the_input_is_observed_once_a_dwell():
     with jax.enable_x64(True):
         (prepared,) = prepare(
             tumble(1), [e for e in CATALOGUE if e.name in ("drift", "second_order")]
-        )[1]
+        ).triads
     dwells, blocks = len(np.unique(prepared.blocks.dwell)), prepared.blocks.num_blocks
     assert dwells < blocks
     by_name = {t.name: observations(prepared.system, t) for t in prepared.candidates}

@@ -48,7 +48,7 @@ def test_forms_between_cost_nothing_where_they_are_the_same_test():
 def test_every_form_that_a_nearer_look_can_reach_is_counted():
     effect = next(e for e in CATALOGUE if e.name == "bias_step")
     with jax.enable_x64(True):
-        _, (prepared,) = prepare(still(2000.0), (effect,))
+        (prepared,) = prepare(still(2000.0), (effect,)).triads
         mine = [t for t in prepared.candidates if t.name == "bias_step" and t.channels == (0,)]
         every = {t.setting for t in mine} | {t.setting for t in between_all(prepared, mine[0])}
         reached = {t.setting for start in mine[::9] for t in finer(prepared, start)}

@@ -78,7 +78,7 @@ def test_rows_with_shared_errors_become_white():
 
 def test_the_joint_likelihood_is_that_of_the_dense_covariance():
     with jax.enable_x64(True):
-        (prepared,) = prepare(oblique(5), ())[1]
+        (prepared,) = prepare(oblique(5), ()).triads
         system = prepared.system
         num = len(system.base.observed[0])
         errors = np.concatenate(system.shared.columns)
@@ -109,7 +109,7 @@ def test_the_joint_likelihood_is_that_of_the_dense_covariance():
 
 def test_the_rows_tell_the_rigs_errors_from_each_channels_own():
     with jax.enable_x64(True):
-        (prepared,) = prepare(oblique(2, promised=0.7), ())[1]
+        (prepared,) = prepare(oblique(2, promised=0.7), ()).triads
         system = prepared.system
         assert system.shared is not None and 0 < system.shared.num <= MOST
         noise = fit_noise(system)
@@ -130,7 +130,7 @@ def test_what_one_channel_says_alone_is_seen_beyond_the_rigs_errors():
     found = diagnose(campaign, effects=few)
     assert [e.name for e in found.effects] == ["cross_axis_rate"]
     with jax.enable_x64(True):
-        (prepared,) = prepare(campaign, few)[1]
+        (prepared,) = prepare(campaign, few).triads
         term = next(
             t for t in prepared.candidates
             if t.name == "cross_axis_rate" and t.channels == (0,) and t.variant.label == "ip"
@@ -147,7 +147,7 @@ def test_what_one_channel_says_alone_is_seen_beyond_the_rigs_errors():
 
 def test_rivals_that_depend_on_the_input_are_judged_beyond_the_rigs_errors_as_well():
     with jax.enable_x64(True):
-        (prepared,) = prepare(oblique(6), ())[1]
+        (prepared,) = prepare(oblique(6), ()).triads
     rate = re.compile(
         r"\bw(?![a-z])|\bw_"
     )  # the rate in a formula, such as w^2 sqrt(t) or |w - 0.1 rad/s|

@@ -64,7 +64,7 @@ def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
     pair = Pair(of("warm_up", once), of("drift"), PAIR / 10.0)
     monkeypatch.setattr(choosing, "best_pair", lambda *_: pair)
     with jax.enable_x64(True):
-        system = prepare(sweep(1), ())[1][0].system
+        system = prepare(sweep(1), ()).triads[0].system
     null = NoiseFit((), ())
     asked = Asked(
         system,
@@ -94,7 +94,7 @@ def _asked(drift, lag, seed=2):
         return noise + only(1, drift * time / 5000.0 + lag * np.gradient(probe, time) / 0.05)
 
     catalogue = [e for e in CATALOGUE if e.name in SLOW]
-    (prepared,) = prepare(sweep(seed, effect=effect), catalogue)[1]
+    (prepared,) = prepare(sweep(seed, effect=effect), catalogue).triads
     system = prepared.system
     terms = [t for t in prepared.candidates if t.effect is not None]
     null, forms = fit_noise(system), count_forms(terms)

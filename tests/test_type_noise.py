@@ -47,7 +47,7 @@ def unit(seed, *, dwell=DWELL, dwells=48, added=0.0, rig=None):
 def pooled(campaigns):
     """The noise of units that are taken for consistent."""
     with jax.enable_x64(True):
-        units = [(f"unit {k}", prepare(c, ())[1]) for k, c in enumerate(campaigns)]
+        units = [(f"unit {k}", prepare(c, ()).triads) for k, c in enumerate(campaigns)]
         return pool(units, campaigns[0].rig)
 
 
@@ -77,7 +77,7 @@ def known(alike):
 
 def test_what_is_known_enters_as_a_student_t_distribution():
     with jax.enable_x64(True):
-        (prepared,) = prepare(unit(1), ())[1]
+        (prepared,) = prepare(unit(1), ()).triads
         system, theta = prepared.system, START + 0.3
         rows = np.zeros((len(system.longer[0].white), 2))
         inputs = theta, system.scales[0], system.longer[0], rows[:, 0], rows, rows
@@ -125,7 +125,7 @@ def test_a_drift_shows_more_clearly_with_the_noise_of_the_type(known):
     alone, helped = [], []
     with jax.enable_x64(True):
         for seed in range(31, 37):
-            (prepared,) = prepare(unit(seed, dwells=12, added=9e-4), FEW)[1]
+            (prepared,) = prepare(unit(seed, dwells=12, added=9e-4), FEW).triads
             mine = [t for t in prepared.candidates if t.name == "drift" and t.channels == (1,)]
             term = next(t for t in mine if t.variant.label == "bias")
             for system, ratios in (

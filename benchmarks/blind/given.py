@@ -50,7 +50,7 @@ def one(case: Path, run: Path, truth: dict) -> dict | None:
     diagnosis = json.loads((run / "diagnosis.json").read_text())
     triad = truth["channels"][0].split("_")[0]
     channels = tuple("xyz".index(c[-1]) for c in truth["channels"])
-    _, triads = prepare(load_campaign(case))
+    triads = prepare(load_campaign(case)).triads
     prepared = next(p for p in triads if p.form.triad == triad)
     fit = diagnosis["fit"]
     plain = held_out_rms(prepared, [])

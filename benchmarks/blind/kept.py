@@ -71,7 +71,7 @@ def main():
             case = draw.case("single", rng, answers["sizes"])
             (drawn,) = case.drawn
             triad = drawn.effect.triad
-            _, triads = prepare(load_campaign(args.cases / answer["case"]), ())
+            triads = prepare(load_campaign(args.cases / answer["case"]), ()).triads
             mine = next(p for p in triads if p.form.triad == triad)
             variances = true_variances(case, triad, len(mine.system.chains))
             seen = left(mine, drawn.signal, variances)

@@ -57,7 +57,7 @@ def one(case: Path, truth: dict, alone: bool) -> dict | None:
     """Ratio and chance of the true effect on its own channels; `None` where the plan has no form of it."""
     triad = truth["channels"][0].split("_")[0]
     channels = tuple("xyz".index(c[-1]) for c in truth["channels"])
-    _, triads = prepare(load_campaign(case))
+    triads = prepare(load_campaign(case)).triads
     prepared = next(p for p in triads if p.form.triad == triad)
     if not alone:
         system = prepared.system

@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.fitted_effects import FittedEffect
-from ..data.recording import Campaign, Recording
+from ..calibration.probe_error import probe_covariance
+from ..data.recording import Campaign, Recording, Rig
 from ..estimators import (
     AbstractEstimator,
     GravityRotation,
@@ -21,21 +22,25 @@ from ..estimators import (
     ReferenceAccel,
     ReferenceGyro,
 )
+from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
 from ..model_selection.select_model import (
     build_estimators,
     choose_degree,
     choose_model,
     ChosenModel,
+    fixed_model,
     polynomial_basis,
+    settle_accel,
     settle_gyro,
 )
 from ..physics.error_model import compensate_accel
-from ..physics.temperature import AbstractBasis, Curve
+from ..physics.temperature import AbstractBasis, Constant, Curve
 from ..plausibility import require_plausible, statements
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
 from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
 from ..reduction.dwells import Dwells
+from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import Turns, with_motions
 from ..reduction.segments import reduce_to_dwells
 from .between_dwell_variance import (
@@ -54,6 +59,9 @@ from .results import (
 )
 
 
+# Usual size of a misalignment, rad (from MEMS data sheets): rests that tell it no better than that tell
+# nothing of it, and it only bends the other parameters.
+MISALIGNED = 0.02
 METHODS = ("gauss-newton", "joint", "paper")
 
 Progress = Callable[[str], None]
@@ -95,24 +103,37 @@ def calibrate(
 def calibrate_device(
     campaign: Campaign,
     *,
-    method: str,
-    robust: float | None,
-    progress: Progress,
+    method: str = "gauss-newton",
+    robust: float | None = None,
+    progress: Progress = lambda _: None,
+    model: ModelSpec | None = None,
     force: bool = False,
+    checked: bool = False,
 ) -> DeviceResult:
-    """Calibrate the one device of a campaign. Raises `ValueError` with the reason where the data do
-    not determine the model, or cannot be right and `force` is not given."""
-    found_odd = require_plausible(campaign, force=force)
-    chosen = choose_model(campaign, campaign.recordings)
+    """Calibrate the one device of a campaign.
+
+    **Arguments:** `model` is one that was fitted before and is to be fitted again, whatever `[model]` says; with
+    `force` data that cannot be right are calibrated all the same; `checked` says that their plausibility was asked
+    before.
+
+    Raises `ValueError` with the reason where the data do not determine the model, or cannot be right.
+    """
+    found_odd = () if checked else require_plausible(campaign, force=force)
+    fixed = None if model is None else fixed_model(model)
+    chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
     progress("reducing recordings to dwells")
-    dwells = reduce_to_dwells(campaign.recordings)
-    accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
+    dwells = with_rig_errors(reduce_to_dwells(campaign.recordings), campaign.rig)
+    warning = None
+    if chosen.accel_estimator is not None:
+        chosen, warning = settle_accel(campaign, chosen, dwells)
     choices = list(chosen.reasons)
     warnings = [*campaign.notes, *statements(found_odd)]
+    warnings.extend([] if warning is None else [warning])
     accel_result, raw = None, dwells
-    if accel is not None:
-        used = _rows_for("accel", chosen, dwells)
-        accel_result = _estimate(accel, used, chosen, method, progress, choices, warnings)
+    if chosen.accel_estimator is not None:
+        accel_result, chosen = _calibrate_accel(
+            campaign, chosen, dwells, method, robust, progress, choices, warnings
+        )
         dwells = _with_refined_force(accel_result, dwells)
     gyro_result, chosen = _calibrate_gyro(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
@@ -126,18 +147,121 @@ def calibrate_device(
         choices.extend(found.statements)
         specific_force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
         effects = found.effects(float(np.abs(specific_force).max()))
+    spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
-        accel=_triad(accel_result, chosen.accel_estimator),
-        gyro=_triad(gyro_result, chosen.gyro_estimator),
+        accel=_triad(accel_result, chosen.accel_estimator, campaign.rig),
+        gyro=_triad(gyro_result, chosen.gyro_estimator, campaign.rig),
         device=campaign.devices[0],
         temperature_range=_temperature_range(campaign, accel_result, gyro_result),
         notes=tuple(choices),
         effects=effects,
+        model=spec,
     )
     return DeviceResult(
-        calibration, accel_result, gyro_result, tuple(choices), tuple(warnings), found_odd
+        calibration, accel_result, gyro_result, spec, tuple(choices), tuple(warnings), found_odd
     )
+
+
+def _described(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    accel: TriadResult | None,
+    gyro: TriadResult | None,
+    model: ModelSpec | None,
+) -> ModelSpec:
+    """The model that was fitted."""
+    if model is not None:
+        return model
+
+    def triad(result: TriadResult | None, name: str | None) -> TriadSpec | None:
+        if result is None or name is None:
+            return None
+        names = result.estimator.names
+        by_force = any("g_sensitivity" in n for n in names)
+        return TriadSpec(name, result.solution.curve.basis.size - 1, names, by_force)
+
+    return describe(
+        campaign.model,
+        triad(accel, chosen.accel_estimator),
+        triad(gyro, chosen.gyro_estimator),
+        together=chosen.together,
+        lever_arms=chosen.lever_arms,
+        misalignment=chosen.misalignment,
+    )
+
+
+def _calibrate_accel(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    dwells: Dwells,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> tuple[TriadResult, ChosenModel]:
+    """The accelerometers' estimate, and the model without misalignments where the rests do not determine them."""
+    used = _rows_for("accel", chosen, dwells)
+
+    def estimate(model: ChosenModel, said: list[str]) -> TriadResult:
+        accel, _ = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
+        assert accel is not None
+        return _estimate(accel, used, model, method, progress, said, warnings)
+
+    if chosen.fixed or chosen.accel_estimator != "invariant":
+        return estimate(chosen, choices), chosen
+    said: list[str] = []
+    first, found, why = _misalignments(campaign, chosen, used, robust), None, ""
+    if first:
+        found = estimate(chosen, said)
+        known = _known_misalignments(found)
+        if known <= MISALIGNED:
+            choices.extend(said)
+            return found, chosen
+        why = f"no better than {1e3 * known:.2g} mrad"
+    reason = (
+        "accelerometers: biases and scale factors only, because the positions determine the misalignments "
+        f"{why or 'not at all'}; add positions between the axes"
+    )
+    smaller = dataclasses.replace(chosen, accel_misalignments=False)
+    try:
+        found = estimate(smaller, said := [])
+    except ValueError:
+        if found is None:
+            return estimate(chosen, choices), chosen  # whose reason says what is missing
+        smaller = chosen
+    else:
+        warnings.append(reason)
+    choices.extend(said)
+    return found, smaller
+
+
+def _misalignments(
+    campaign: Campaign, chosen: ChosenModel, dwells: Dwells, robust: float | None
+) -> bool:
+    """Whether the rests determine all of an invariant model at one temperature."""
+    accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
+    assert accel is not None
+    try:
+        _check_observable(with_provisional_scatter(accel, dwells), Constant(), dwells)
+    except ValueError:
+        return False
+    return True
+
+
+def _known_misalignments(found: TriadResult) -> float:
+    """The largest standard deviation of a misalignment, rad, over the temperatures of the dwells."""
+    own = [k for k, n in enumerate(found.estimator.names) if _is_misalignment(n)]
+    phi = Problem(found.estimator, found.solution.curve.basis, found.dwells).phi
+    size, count = phi.shape[1], found.estimator.num_parameters
+    blocks = np.asarray(found.solution.covariance).reshape(size, count, size, count)
+    variance = np.einsum("ta,aibi,tb->ti", phi, blocks[:, own][:, :, :, own], phi)
+    return float(np.sqrt(variance.max()))
+
+
+def _is_misalignment(name: str) -> bool:
+    return ".matrix[" in name and name[-4] != name[-2]
 
 
 def _calibrate_gyro(
@@ -167,13 +291,13 @@ def _calibrate_gyro(
     if chosen.gyro_estimator == "gravity":
         assert accel is not None  # `choose_model` saw accelerometers
         turns = _turns(campaign, accel, dwells, g_sensitivity=chosen.g_sensitivity)
-        name, reason = settle_gyro(campaign, turns)
+        name, reason = ("gravity", None) if chosen.fixed else settle_gyro(campaign, turns)
         choices.extend([] if reason is None else [reason])
         try:
             if name == "gravity":
                 return estimate(chosen, turns.dwells), chosen
         except ValueError as error:
-            if campaign.model.gyro_estimator == "gravity":
+            if chosen.fixed or campaign.model.gyro_estimator == "gravity":
                 raise
             warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
         chosen = dataclasses.replace(chosen, gyro_estimator="static")
@@ -273,11 +397,10 @@ def _estimate(
 ) -> TriadResult:
     estimator = with_provisional_scatter(estimator, dwells)
     dwells = jax.tree.map(np.asarray, dwells)
-    if chosen.degree is None:
+    degree = chosen.degree(estimator.triad)
+    if degree is None:
         degree, reason = choose_degree(estimator, dwells)
         choices.append(f"{estimator.triad}: {reason}")
-    else:
-        degree = chosen.degree
     basis = polynomial_basis(degree, dwells)
     seen = _check_observable(estimator, basis, dwells)
     progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
@@ -392,12 +515,13 @@ def _with_refined_force(result: TriadResult, dwells: Dwells) -> Dwells:
     )
 
 
-def _triad(result: TriadResult | None, estimator: str | None) -> TriadCalibration | None:
+def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> TriadCalibration | None:
     if result is None or estimator is None:
         return None
-    return TriadCalibration(
-        result.solution.curve, result.solution.covariance, result.estimator.names, estimator
-    )
+    curve, covariance = result.solution.curve, np.asarray(result.solution.covariance)
+    sigma = rig.temperature_uncertainty or 0.0
+    covariance = covariance + probe_covariance(curve.coefficients, curve.basis, sigma)
+    return TriadCalibration(curve, covariance, result.estimator.names, estimator)
 
 
 def _temperature_range(

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration
 from ..estimators import AbstractEstimator
+from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
@@ -44,6 +45,7 @@ class DeviceResult(eqx.Module):
     calibration: Calibration
     accel: TriadResult | None
     gyro: TriadResult | None
+    model: ModelSpec = eqx.field(static=True)
     choices: tuple[str, ...] = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced

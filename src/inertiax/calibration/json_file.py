@@ -11,6 +11,7 @@ import numpy as np
 
 from ..data.json_documents import decode, encode
 from ..effects import CATALOGUE, Effect
+from ..model_selection.model_spec import ModelEntry, to_model_entry
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
 from ..storage.whole_files import write_atomically
 from .fitted_effects import EffectEntry, from_entry, to_entry
@@ -49,6 +50,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     accel: _Triad | None
     gyro: _Triad | None
     notes: list[str] = []
+    model: ModelEntry | msgspec.UnsetType = msgspec.UNSET
     effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET
     cross_covariance: list[list[float]] | msgspec.UnsetType = msgspec.UNSET
 
@@ -154,6 +156,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         accel=None if calibration.accel is None else _triad_to_json(calibration.accel),
         gyro=None if calibration.gyro is None else _triad_to_json(calibration.gyro),
         notes=list(calibration.notes),
+        model=msgspec.UNSET if calibration.model is None else to_model_entry(calibration.model),
         effects=[to_entry(e) for e in calibration.effects] or msgspec.UNSET,
         cross_covariance=msgspec.UNSET if cross is None else np.asarray(cross).tolist(),
     )
@@ -200,5 +203,6 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
         device=content.device,
         temperature_range=content.temperature_range,
         notes=tuple(content.notes),
+        model=content.model.spec() if isinstance(content.model, ModelEntry) else None,
         effects=tuple(from_entry(e, str(path), effects) for e in content.effects or ()),
     )

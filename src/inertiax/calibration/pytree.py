@@ -17,6 +17,7 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray, Scalar, Vec3
+from ..model_selection.model_spec import ModelSpec
 from ..physics.error_model import (
     AccelerometerErrors,
     compensate_accel,
@@ -58,6 +59,7 @@ class Calibration:
     notes: tuple[str, ...] = ()
     effects: tuple[FittedEffect, ...] = ()
     cross_covariance: Float[AnyArray, "*batch accel_coefficients gyro_coefficients"] | None = None
+    model: ModelSpec | None = None  # as it was fitted
 
     def __post_init__(self):
         object.__setattr__(self, "gravity", as_leaf(self.gravity))
@@ -292,7 +294,7 @@ register_labelled(
     Calibration,
     leaves=("gravity", "accel", "gyro", "temperature_range", "effects", "cross_covariance"),
     structure=(),
-    labels={"device": "", "notes": ()},
+    labels={"device": "", "notes": (), "model": None},
 )
 
 

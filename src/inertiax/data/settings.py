@@ -64,8 +64,8 @@ class DeviceTable(_Strict, frozen=True):
 class ModelTable(_Strict, frozen=True):
     """The model the user means to fit."""
 
-    accel_estimator: Literal["invariant", "reference", "static"] | None = None
-    gyro_estimator: Literal["reference", "gravity", "static"] | None = None
+    accel_estimator: Literal["invariant", "reference", "static", "none"] | None = None
+    gyro_estimator: Literal["reference", "gravity", "static", "none"] | None = None
     g_sensitivity: bool | None = None
     temperature_degree: int | None = None
     together: bool | None = None

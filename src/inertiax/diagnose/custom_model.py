@@ -23,7 +23,7 @@ from .candidates.signatures import coarsen, terms
 from .candidates.smooth import flexible
 from .noise.observation_series import make
 from .observations.blocks import Blocks, cut, join, Log
-from .observations.model_rows import Baseline, fit, ModelForm
+from .observations.model_rows import Baseline, ModelForm, of_means
 from .observations.signals import build, specific_force
 from .problem import Prepared
 
@@ -110,16 +110,10 @@ def prepare_model(
             f"`diagnose_model(triad={triad!r})`: the recording has no {triad} columns."
         )
     blocks = cut(log)
-    low, high = (
-        (0.0, 1.0)
-        if blocks.temperature is None
-        else (blocks.temperature.min(), blocks.temperature.max())
-    )
-    form = ModelForm(
-        triad, "static", 0, False, float(low), float(max(high, low + 1e-3)), campaign.site.gravity
-    )
+    means = of_means(triad, blocks, campaign.site.gravity)
+    form = means.form
     force = specific_force(log, blocks, None)
-    signal = build(log, blocks, fit(form, blocks, None), force)
+    signal = build(log, blocks, means, force)
     if inputs is not None:
         scale = campaign.site.gravity if triad == "accel" else 1.0
         signal = eqx.tree_at(lambda s: s.input, signal, np.asarray(inputs) / scale)

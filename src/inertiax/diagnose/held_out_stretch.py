@@ -10,12 +10,13 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..calibrate.pipeline import calibrate_device
 from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect
 from .candidates.signatures import block_shapes, coarsen, in_other_form, padded, Term
 from .estimates.cross_validation import effect_columns, predict_rest
 from .observations.blocks import Blocks, cut, join, Log
-from .observations.model_rows import Baseline, choose, fit, rows_at, usable
+from .observations.model_rows import Baseline, calibrated, CalibratedTriad, rows, usable
 from .observations.signals import specific_force
 from .pipeline import conclude_findings, find, find_all, Finding, Progress, silent, tuned
 from .problem import prepare, prepare_triad, Prepared
@@ -57,26 +58,39 @@ def hold_out(
                 f"inside; the recordings span {log.clock.min():g} s to {log.clock.max():g} s, and both the "
                 "stretch and the rest need rows."
             )
-        findings, predictions, accel = [], [], None
+        fitted = calibrate_device(_without(campaign, log, blocks, inside), checked=True)
+        accel = calibrated(fitted, "accel")
+        force = specific_force(log, blocks, accel)
+        findings, predictions = [], []
         for triad in ("accel", "gyro"):
-            form = choose(campaign, blocks[~inside], triad)
-            if form is None:
+            model = calibrated(fitted, triad)
+            if model is None:
                 continue
-            fits = usable(form, blocks)
+            fits = usable(model.form, blocks)
             rest, left = blocks[~inside & fits], blocks[inside & fits]
-            force = specific_force(log, blocks, accel)
-            base = fit(form, rest, None if force is None else rest.mean(force))
-            if triad == "accel":
-                accel = base
-                force = specific_force(log, blocks, accel)
-            prepared = prepare_triad(campaign, log, rest, form, base, force, effects)
+            base = rows(model, rest, None if force is None else rest.mean(force))
+            prepared = prepare_triad(campaign, log, rest, base, force, effects)
             hint = findings[-1].answer.remembered if findings else None
             finding = find(prepared, campaign.grade, progress, hint)
             findings.append(finding)
             about, named = tuned(prepared, finding.answer, finding.answer.noise)
             terms = [t for _, t, _ in named]
-            predictions.extend(_predict(about, terms, log, left, force))
-        return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
+            predictions.extend(_predict(about, model, terms, log, left, force))
+        return conclude_findings(findings, effects, progress)[0], tuple(predictions)
+
+
+def _without(campaign: Campaign, log: Log, blocks: Blocks, inside: np.ndarray) -> Campaign:
+    """The campaign without the rows from the stretch's first block to its last, recording by recording."""
+    kept = np.ones(len(log.time), bool)
+    for number in np.unique(log.recording[blocks.start[inside]]):
+        mine = np.flatnonzero(inside & (log.recording[blocks.start] == number))
+        kept[blocks.start[mine[0]] : blocks.stop[mine[-1]]] = False
+    recordings = []
+    for number, recording in enumerate(sorted(campaign.recordings, key=lambda r: r.time[0])):
+        own = kept[log.recording == number]
+        edges = np.flatnonzero(np.diff(np.r_[0, own.astype(int), 0]))
+        recordings += [recording[a:b] for a, b in zip(edges[::2], edges[1::2])]
+    return eqx.tree_at(lambda c: c.recordings, campaign, tuple(recordings))
 
 
 def leave_positions_out(
@@ -92,10 +106,10 @@ def leave_positions_out(
     **Returns** the diagnosis and one `Prediction` per chain: rms over positions, SI.
     """
     with jax.enable_x64(True):
-        log, triads = prepare(campaign, effects)
+        triads = prepare(campaign, effects).triads
         findings = find_all(triads, campaign.grade, progress)
         predictions = [p for f in findings for p in _positions_out(f)]
-        return conclude_findings(campaign, findings, effects, progress)[0], tuple(predictions)
+        return conclude_findings(findings, effects, progress)[0], tuple(predictions)
 
 
 def _positions_out(finding: Finding) -> list[Prediction]:
@@ -131,13 +145,14 @@ def _label(base: Baseline, chain: int) -> str:
 
 def _predict(
     prepared: Prepared,
+    model: CalibratedTriad,
     chosen: Sequence[Term],
     log: Log,
     left: Blocks,
     force: np.ndarray | None,
 ) -> list[Prediction]:
     base = prepared.system.base
-    other = rows_at(base, left, None if force is None else left.mean(force))
+    other = rows(model, left, None if force is None else left.mean(force))
     long = padded(prepared.signal, len(log.time))
     coarse = padded(coarsen(prepared.signal, left), left.num_blocks)
     made = []

@@ -33,14 +33,14 @@ def learn_noise(
         raise ValueError(
             f"`learn_noise(campaigns)`: {len(campaigns)} unit; at least {FEWEST} are needed, better four or more."
         )
-    taken: list[tuple[str, list[Prepared]]] = []
+    taken: list[tuple[str, Sequence[Prepared]]] = []
     left_out = []
     with jax.enable_x64(True):
         _require_one_rig(campaigns)
         for number, (name, campaign) in enumerate(campaigns, start=1):
             progress(f"unit {number} of {len(campaigns)}: {name}")
             try:
-                _, triads = prepare(campaign)
+                triads = prepare(campaign).triads
                 why = None if consistent else _lacking(triads, campaign.grade)
             except ValueError as error:  # one bad unit does not stop the others
                 triads, why = [], str(error)

@@ -9,27 +9,21 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
-from ..calibration.calibration import (
-    Calibration,
-    read_calibration,
-    TriadCalibration,
-    write_calibration,
-)
-from ..calibration.fitted_effects import FittedEffect
+from ..calibration.calibration import Calibration, read_calibration, write_calibration
 from ..data.campaign import load_campaign
 from ..data.recording import Campaign, Recording, Site
 from ..effects import CATALOGUE, Effect, Signal
-from ..physics.temperature import Constant, Curve, Polynomial
 from ..plausibility import require_plausible
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
 from .estimates.allan_check import allan_checks
 from .estimates.applied_effects import fitted_effects
+from .estimates.augmented_calibration import augmented_calibration, Beside
 from .estimates.calibration_chain import succeeding, taken_away
 from .estimates.cross_validation import held_out_rms, in_sample
 from .estimates.localisation import locate, tidy
-from .estimates.parameters import corrected, moved
+from .estimates.parameters import moved
 from .estimates.separable import refined, renewed
 from .estimates.transients import Burst, burst_places, find_bursts, swallows
 from .noise.observation_series import NoiseFit
@@ -39,9 +33,9 @@ from .noise.type_noise import TypeNoise
 from .observations.delay_ramps import Delay
 from .plan.detectability import Audited, conclude
 from .plan.limits import Audit
-from .problem import between_all, finer, prepare, Prepared
+from .problem import between_all, finer, prepare, Prepared, Problem
 from .residuals import residuals
-from .result import Detectable, Diagnosis, Explanation, Quality, with_findings
+from .result import Detectable, Diagnosis, Quality, with_findings
 from .selection.evidence import Candidate
 from .selection.score_test import Score, whiten_system
 from .selection.verdict import Answer, identify, Named
@@ -99,14 +93,37 @@ def diagnose_campaign(
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
-        _, triads = prepare(seen, effects, noise=noise)
-        progress("blocks, models and signatures made")
-        findings = find_all(triads, campaign.grade, progress)
-        found, second = conclude_findings(seen, findings, effects, progress)
+        problem = prepare(seen, effects, noise=noise)
+        progress("calibration, blocks and signatures made")
+        findings = find_all(problem.triads, campaign.grade, progress)
+        found, named = conclude_findings(findings, effects, progress)
         if noise is not None:
             found = replace(found, noise=(noise.origin(), *found.noise))
-        found = with_findings(found, found_odd)
+        found = with_findings(replace(found, model=problem.plain.model), found_odd)
+        found, second = _calibrated(problem, found, findings, named)
         return found, second if calibration is None else succeeding(calibration, second)
+
+
+def _calibrated(
+    problem: Problem, found: Diagnosis, findings: Sequence[Finding], named: Sequence[Beside]
+) -> tuple[Diagnosis, Calibration]:
+    """The diagnosis with the calibration that belongs to it: of the augmented model where effects were named and
+    nothing is left unexplained, else as it was before."""
+    plain = problem.plain.calibration
+    if found.verdict != "missing-physics":
+        return found, plain
+    log = problem.log
+    delays = [f.delay for f in findings if f.delay is not None]
+    forms = {f.prepared.form.triad: f.prepared.form for f in findings}
+    further = [e for d in delays for e in stored(d, log, forms[d.triad])]
+    notes = [
+        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.statement}" for e in found.effects
+    ]
+    try:
+        return found, augmented_calibration(problem, named, further, notes)
+    except ValueError as error:
+        why = f"calibration.json is that of the plain model, since beside the named effects {error}"
+        return replace(found, notes=(*found.notes, why)), plain
 
 
 def diagnose(
@@ -156,9 +173,7 @@ def diagnose_model(
         prepared = prepare_model(
             predict, parameters, campaign, catalogue, triad=triad, inputs=inputs
         )
-        return conclude_findings(campaign, [find(prepared, grade, progress)], catalogue, progress)[
-            0
-        ]
+        return conclude_findings([find(prepared, grade, progress)], catalogue, progress)[0]
 
 
 def run_diagnosis(
@@ -223,13 +238,13 @@ def find(
 
 
 def conclude_findings(
-    campaign: Campaign, findings: list[Finding], effects: Sequence[Effect], progress: Progress
-) -> tuple[Diagnosis, Calibration]:
-    """Quantify, prove and say: the diagnosis of all triads and the augmented calibration."""
+    findings: Sequence[Finding], effects: Sequence[Effect], progress: Progress
+) -> tuple[Diagnosis, list[Beside]]:
+    """Quantify, prove and say: the diagnosis of all triads, and what is named on each."""
     verdicts = [f.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
-    triads, qualities, added, rows, noise = [], [], [], [], []
+    beside, qualities, rows, noise = [], [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
         found = [n.candidate.term for n in answer.named]
@@ -243,7 +258,6 @@ def conclude_findings(
             assert prepared.log is not None
             explanations.append(explain_delay(finding.delay))
             where.extend(ramp_places(finding.delay, prepared.log))
-            added.extend(stored(finding.delay, prepared.log, prepared.system.base))
         for named, _, _ in named_terms:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
@@ -254,8 +268,8 @@ def conclude_findings(
             where.extend(places)
             empirical.append(burst.formula(places[0].start, places[-1].end))
         qualities.append((finding, *_quality(prepared, answer, terms)))
-        triads.append(_calibrated(prepared, stated, terms))
-        added.extend(fitted_effects(prepared, stated, terms))
+        if answer.verdict != "unexplained":
+            beside.append(_beside(prepared, stated, terms))
         rows.append(residuals(prepared, _everything(answer, terms)))
         if answer.alike:
             noise.append(TOLD.format(triad=prepared.form.triad))
@@ -285,7 +299,13 @@ def conclude_findings(
         audit=plan,
         residuals=tuple(rows),
     )
-    return diagnosis, _calibration(campaign, findings, triads, explanations, tuple(added))
+    return diagnosis, beside
+
+
+def _beside(prepared: Prepared, noise: NoiseFit, terms: Sequence[Term]) -> Beside:
+    """The named effects that have coefficients, with what is stored of each."""
+    pairs = fitted_effects(prepared, noise, terms)
+    return Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs))
 
 
 def tuned(
@@ -349,33 +369,3 @@ def _smallest(plan: Audit) -> tuple[Detectable, ...]:
         if key not in best or d.size < best[key].size:
             best[key] = d
     return tuple(best.values())
-
-
-def _calibrated(prepared: Prepared, noise: NoiseFit, terms: list) -> TriadCalibration:
-    """The triad's calibration from the augmented fit."""
-    form = prepared.form
-    values, spread = corrected(prepared.system, noise, terms)
-    basis = Constant() if form.degree == 0 else Polynomial(form.degree, form.low, form.high)
-    covariance = np.diag(np.square(spread.T).reshape(-1))
-    return TriadCalibration(Curve(basis, values.T), covariance, form.names, form.estimator)
-
-
-def _calibration(
-    campaign: Campaign,
-    findings: list[Finding],
-    triads: list,
-    explanations: list[Explanation],
-    effects: tuple[FittedEffect, ...],
-) -> Calibration:
-    by_name = {f.prepared.form.triad: t for f, t in zip(findings, triads)}
-    forms = [f.prepared.form for f in findings]
-    temperature = None
-    if findings[0].prepared.blocks.temperature is not None:
-        temperature = (forms[0].low, forms[0].high)
-    notes = tuple(
-        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.statement}" for e in explanations
-    )
-    return Calibration(
-        campaign.site.gravity, by_name.get("accel"), by_name.get("gyro"),
-        device=campaign.devices[0], temperature_range=temperature, notes=notes, effects=effects,
-    )  # fmt: skip

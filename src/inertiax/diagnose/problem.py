@@ -1,15 +1,17 @@
-"""From a campaign to one system of rows per triad, with candidates."""
+"""From a campaign to its calibration and one system of rows per triad, with candidates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import jax
+import equinox as eqx
 import numpy as np
 
-from ..calibration.calibration import Calibration
+from ..calibrate.pipeline import calibrate_device
+from ..calibrate.results import DeviceResult
 from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..numerics.compilation_cache import make_room
+from ..reduction.rig_errors import rig_covariance
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
 from .candidates.signatures import block_shapes, coarsen, in_other_form, padded, Term, terms
@@ -18,7 +20,7 @@ from .noise.observation_series import make, share, System
 from .noise.type_noise import TypeNoise
 from .observations.blocks import Blocks, cut, join, Log
 from .observations.delay_ramps import Delay, find_delay, without_delay
-from .observations.model_rows import Baseline, choose, fit, ModelForm, usable
+from .observations.model_rows import Baseline, calibrated, ModelForm, rows, usable
 from .observations.signals import build, specific_force
 
 
@@ -42,19 +44,29 @@ class Prepared:
     moved: float = 0.0  # s of rests left out, since the device moved in them
 
 
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A campaign with its calibration, and each calibrated triad ready to be diagnosed."""
+
+    campaign: Campaign  # without a delay that was found
+    plain: DeviceResult  # of the campaign as it was recorded
+    fitted: DeviceResult  # of the campaign here
+    log: Log
+    triads: tuple[Prepared, ...]
+
+
 def rig_variance(
     campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline
 ) -> list[np.ndarray]:
     """Variance that the rig's stated uncertainties give to each chain's rows at every positioning."""
     num = blocks.num_blocks
-    rows = [np.zeros(num) for _ in base.observed]
+    made = [np.zeros(num) for _ in base.observed]
     angle, rate = campaign.rig.position_uncertainty or 0.0, campaign.rig.rate_uncertainty or 0.0
     if form.estimator == "reference":
         given = getattr(blocks, f"reference_{form.triad}")
-        across = (given**2).sum(axis=1)[:, None] - given**2
-        square = angle**2 * across + (rate**2 * given**2 if form.triad == "gyro" else 0.0)
-        rows = [square[:, c] for c in range(3)]
-    return rows
+        square = rig_covariance(given, angle, rate if form.triad == "gyro" else 0.0)
+        made = [square[:, c, c] for c in range(3)]
+    return made
 
 
 def probe_error(
@@ -73,56 +85,81 @@ def probe_error(
 
 
 def prepare(
-    campaign: Campaign,
-    catalogue: Sequence[Effect] = CATALOGUE,
-    calibration: Calibration | None = None,
-    noise: TypeNoise | None = None,
-) -> tuple[Log, list[Prepared]]:
-    """Cut the recordings into blocks, fit the baseline of each triad and make all candidates.
+    campaign: Campaign, catalogue: Sequence[Effect] = CATALOGUE, noise: TypeNoise | None = None
+) -> Problem:
+    """Calibrate, cut the recordings into blocks, and make each triad's rows and all candidates.
 
-    `noise` is what other units tell of the variances. Raises `ValueError` where it is of another station or other rows.
+    The model that is judged is the one that the calibration fitted. `noise` is what other units tell of the variances.
+    Raises `ValueError` where the campaign cannot be calibrated or the noise is of another station or other rows.
     """
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
-    log = join(campaign)
-    if calibration is not None:
-        log = compensate(log, calibration)
-    blocks = cut(log)
-    accel_base, prepared = None, []
+    log, plain = join(campaign), calibrate_device(campaign, checked=True)
+    fitted = plain
+    delays: dict[str, Delay] = {}
+    if any(e.name == "time_delay" for e in catalogue):
+        log, delays = _delays(log, plain)
+    if any(d.found for d in delays.values()):
+        campaign = with_outputs(campaign, log)
+        fitted = calibrate_device(campaign, model=plain.model, checked=True)
+    blocks, prepared = cut(log), []
+    accel = calibrated(fitted, "accel")
+    force = specific_force(log, blocks, accel)
     for triad in ("accel", "gyro"):
-        form = choose(campaign, blocks, triad)
-        if form is None:
+        model = calibrated(fitted, triad)
+        if model is None:
             continue
+        form = model.form
         mine = blocks[usable(form, blocks)]
-        force = specific_force(log, blocks, accel_base)
-        base = fit(form, mine, None if force is None else mine.mean(force))
-        delay = find_delay(log, base) if any(e.name == "time_delay" for e in catalogue) else None
-        if delay is not None and delay.found:
-            log = without_delay(log, delay, base)
-            blocks = cut(log)
-            mine = blocks[usable(form, blocks)]
-            base = fit(form, mine, None if force is None else mine.mean(force))
-        if triad == "accel":
-            accel_base = base
-            force = specific_force(log, blocks, accel_base)
-        made = prepare_triad(campaign, log, mine, form, base, force, catalogue)
+        base = rows(model, mine, None if force is None else mine.mean(force))
+        made = prepare_triad(campaign, log, mine, base, force, catalogue)
         lost = blocks[blocks.moved & ~usable(form, blocks)]
-        made = replace(made, delay=delay, log=log, moved=float(lost.count.sum() * log.step))
+        moved = float(lost.count.sum() * log.step)
+        made = replace(made, delay=delays.get(triad), log=log, moved=moved)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
-    return log, prepared
+    return Problem(campaign, plain, fitted, log, tuple(prepared))
+
+
+def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:
+    """The delay of each triad that ramps tell one of, and the log without those that were found."""
+    delays = {}
+    for triad in ("accel", "gyro"):
+        model = calibrated(fitted, triad)
+        delay = None if model is None else find_delay(log, model)
+        if model is None or delay is None:
+            continue
+        delays[triad] = delay
+        if delay.found:
+            log = without_delay(log, delay, model)
+    return log, delays
+
+
+def with_outputs(campaign: Campaign, log: Log) -> Campaign:
+    """The campaign with the outputs of its log, whose rows are those of the recordings in order of time."""
+    recordings = sorted(campaign.recordings, key=lambda r: float(r.time[0]))
+    made = []
+    for number, recording in enumerate(recordings):
+        mine = log.recording == number
+        outputs = [None if x is None else x[mine] for x in (log.accel, log.gyro)]
+        made.append(
+            eqx.tree_at(
+                lambda r: (r.accel, r.gyro), recording, outputs, is_leaf=lambda x: x is None
+            )
+        )
+    return eqx.tree_at(lambda c: c.recordings, campaign, tuple(made))
 
 
 def prepare_triad(
     campaign: Campaign,
     log: Log,
     blocks: Blocks,
-    form: ModelForm,
     base: Baseline,
     force: np.ndarray | None,
     catalogue: Sequence[Effect],
 ) -> Prepared:
-    """Candidates and noise structure of one triad with a fitted baseline."""
+    """Candidates and noise structure of one calibrated triad."""
+    form = base.form
     signal = build(log, blocks, base, force)
     coarse = coarsen(signal, blocks)
     listed, missing = terms(tuple(catalogue), signal, blocks, base)
@@ -147,20 +184,6 @@ def prepare_triad(
         missing,
         log.clock,
     )
-
-
-def compensate(log: Log, calibration: Calibration) -> Log:
-    """The log with a known calibration taken away by equation (3), sample by sample."""
-    num = len(log.time)
-    accel = np.zeros((num, 3)) if log.accel is None else log.accel
-    gyro = np.zeros((num, 3)) if log.gyro is None else log.gyro
-    temperature = np.full(num, 20.0) if log.temperature is None else log.temperature
-    by_parameters = jax.jit(jax.vmap(calibration.without_effects()))
-    force, rate = by_parameters(accel, gyro, temperature)
-    changed = {"accel": np.asarray(force), "gyro": np.asarray(rate)}
-    columns = {k: getattr(log, k) for k in log.__dataclass_fields__}
-    columns |= {k: v for k, v in changed.items() if columns[k] is not None}
-    return Log(**columns)
 
 
 def retuned(prepared: Prepared, term: Term, values: Sequence[float]) -> list[Term]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import equinox as eqx
 
+from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding, statements
 from ..storage.whole_files import write_atomically
 from .plan.limits import Audit, Detectable as Detectable
@@ -94,6 +95,7 @@ class Diagnosis(eqx.Module):
     )  # where it was known from, and the fitted noise beside Allan deviations
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
     audit: Audit | None = None
+    model: ModelSpec | None = eqx.field(static=True, default=None)  # that was judged
     residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
 
     def as_dict(self) -> dict:
@@ -102,6 +104,7 @@ class Diagnosis(eqx.Module):
             "schema": SCHEMA,
             "verdict": self.verdict,
             "summary": self.summary,
+            "model": None if self.model is None else self.model.document(),
             "where": [_fields(w) for w in self.where],
             "effects": [_explanation(e) for e in self.effects],
             "fit": {

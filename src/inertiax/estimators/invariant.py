@@ -2,6 +2,9 @@
 
     r = (‖(E + Γ)⁻¹ (a' − a⁰)‖ − g) / σ,   Γ lower triangular; 9 parameters
 
+With `misalignments` False Γ is diagonal: 6 parameters, which six faces determine. On a face a misalignment m
+changes |a| by g m²/2 only.
+
 No orientation has to be known (paper's ref. [6], Egorov and Dzuev 2016).
 
 **Gauge.** Only |a| is used, so a rotation of the whole triad against the case is unobservable; it is
@@ -36,22 +39,29 @@ class Invariant(AbstractEstimator[AccelerometerErrors]):
     gravity: Scalar = eqx.field(converter=as_array)  # m/s²
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    misalignments: bool = eqx.field(static=True, default=True)  # False: Γ is diagonal
+
+    @property
+    def _elements(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Rows and columns of Γ's free elements."""
+        return (_ROWS, _COLUMNS) if self.misalignments else ((0, 1, 2), (0, 1, 2))
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
-            f"accel.matrix[{i},{j}]" for i, j in zip(_ROWS, _COLUMNS, strict=True)
+            f"accel.matrix[{i},{j}]" for i, j in zip(*self._elements, strict=True)
         )
 
     def unpack(self, vector: Float[AnyArray, " parameters"]) -> AccelerometerErrors:
         vector = jnp.asarray(vector)
-        matrix = jnp.zeros((3, 3), vector.dtype).at[jnp.array(_ROWS), jnp.array(_COLUMNS)]
+        rows, columns = self._elements
+        matrix = jnp.zeros((3, 3), vector.dtype).at[jnp.array(rows), jnp.array(columns)]
         return AccelerometerErrors(vector[:3], matrix.set(vector[3:]))
 
     def pack(self, errors: AccelerometerErrors) -> Float[Array, " parameters"]:
-        matrix = jnp.asarray(errors.matrix)
+        matrix, (rows, columns) = jnp.asarray(errors.matrix), self._elements
         return jnp.concatenate(
-            [jnp.asarray(errors.bias), matrix[jnp.array(_ROWS), jnp.array(_COLUMNS)]]
+            [jnp.asarray(errors.bias), matrix[jnp.array(rows), jnp.array(columns)]]
         )
 
     def residual(
@@ -87,7 +97,11 @@ class Invariant(AbstractEstimator[AccelerometerErrors]):
         return self.pack(compose_accel(self.unpack(first), self.unpack(second)))
 
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
-        return ellipsoid_start(jnp.asarray(dwells.accel), jnp.asarray(dwells.valid), self.gravity)
+        """The ellipsoid's, or zero where Γ is diagonal: faces alone determine no ellipsoid."""
+        outputs = jnp.asarray(dwells.accel)
+        if not self.misalignments:
+            return jnp.zeros(self.num_parameters, outputs.dtype)
+        return ellipsoid_start(outputs, jnp.asarray(dwells.valid), self.gravity)
 
 
 def _safe_sqrt(x: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator
+from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
 from ..model_selection.select_model import (
     build_estimators,
     choose_degree,
@@ -34,6 +35,7 @@ class LineModel(eqx.Module):
     gyro: TriadModel | None = eqx.field(static=True)
     g_sensitivity: bool = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)
+    spec: ModelSpec = eqx.field(static=True)  # the same as other commands describe it
 
 
 def choose_line_model(
@@ -60,7 +62,11 @@ def choose_line_model(
                 models[estimator.triad] = known.model
                 reasons.append(f"{estimator.triad}: the model of the prior")
                 continue
-            degree = chosen.degree if prior is None else campaign.model.temperature_degree
+            degree = (
+                chosen.degree(estimator.triad)
+                if prior is None
+                else campaign.model.temperature_degree
+            )
             if degree is None:
                 picked = [choose_degree(estimator, _for(estimator, chosen, d))[0] for d in trial]
                 degree = max(picked)
@@ -70,7 +76,16 @@ def choose_line_model(
                 )
             name = getattr(chosen, f"{estimator.triad}_estimator")
             models[estimator.triad] = TriadModel(name, estimator.names, degree, low, high)
-    return LineModel(models["accel"], models["gyro"], chosen.g_sensitivity, tuple(reasons))
+    specs = [_spec(models[triad]) for triad in ("accel", "gyro")]
+    spec = describe(campaign.model, *specs)
+    return LineModel(models["accel"], models["gyro"], chosen.g_sensitivity, tuple(reasons), spec)
+
+
+def _spec(model: TriadModel | None) -> TriadSpec | None:
+    if model is None:
+        return None
+    by_force = any("g_sensitivity" in n for n in model.names)
+    return TriadSpec(model.estimator, model.degree, model.names, by_force)
 
 
 def _trial(campaign: Campaign, tasks: Sequence[Task], read: Reader) -> list[Dwells]:

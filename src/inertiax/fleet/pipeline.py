@@ -12,7 +12,7 @@ import msgspec
 
 from ..data.campaign import load_settings
 from ..data.formats import ColumnMap
-from ..data.recording import Campaign
+from ..data.recording import Campaign, Rig
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
@@ -226,13 +226,20 @@ def _settled(
         _require_single(model.accel, asked.prior)
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
-        model.reasons, tasks, asked.prior, campaigns, precision=asked.precision,
+        model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
+        rig=_promised(campaign.rig),
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)
         manifest = msgspec.structs.replace(manifest, forms=forms)
     write_manifest(manifest, folder)
     return manifest
+
+
+def _promised(rig: Rig) -> tuple[float, float, float]:
+    said = rig.position_uncertainty, rig.rate_uncertainty, rig.temperature_uncertainty
+    angle, rate, temperature = (value or 0.0 for value in said)
+    return angle, rate, temperature
 
 
 def _require_single(accel: TriadModel | None, prior: Population | None) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..model_selection.model_spec import ModelSpec
 from ..physics.temperature import Curve
 from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest, read_manifest, read_parts, write_table
@@ -20,6 +21,7 @@ class FleetSummary(eqx.Module):
     set_aside: int = eqx.field(static=True)
     reasons: tuple[tuple[str, int], ...] = eqx.field(static=True)  # in words, most frequent first
     tasks_before: int = eqx.field(static=True)  # done by an earlier run
+    model: ModelSpec | None = eqx.field(static=True, default=None)
 
     def as_dict(self) -> dict[str, object]:
         """For summary.json and `--json`."""
@@ -28,13 +30,14 @@ class FleetSummary(eqx.Module):
             "devices": self.devices,
             "calibrated": self.calibrated,
             "set_aside": self.set_aside,
+            "model": None if self.model is None else self.model.document(),
             "reasons": [{"reason": r, "devices": n} for r, n in self.reasons],
         }
 
 
 def summarise(folder: Path, before: int) -> FleetSummary:
     """Count a run's devices and write its quarantine table; `before` tasks were done by an earlier run."""
-    table = read_parts(folder).select("device", "reason").collect()
+    table, manifest = read_parts(folder).select("device", "reason").collect(), read_manifest(folder)
     aside = table.filter(pl.col("reason") != "")
     write_table(aside, folder / "quarantine.parquet")
     return FleetSummary(
@@ -43,6 +46,7 @@ def summarise(folder: Path, before: int) -> FleetSummary:
         set_aside=aside.height,
         reasons=kinds_of_reasons(aside.get_column("reason")),
         tasks_before=before,
+        model=None if manifest is None else manifest.model,
     )
 
 
@@ -78,6 +82,7 @@ def calibration_of(row: dict, manifest: Manifest) -> Calibration:
         device=row["device"],
         temperature_range=(row["temperature_low"], row["temperature_high"]),
         notes=manifest.reasons,
+        model=manifest.model,
     )
 
 

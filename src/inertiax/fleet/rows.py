@@ -8,11 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import polars as pl
 
+from ..calibration.probe_error import probe_covariance
+from ..data.recording import Rig
 from ..estimators import AbstractEstimator, Invariant
 from ..model_selection.select_model import build_estimators, ChosenModel
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import Dwells
+from ..reduction.rig_errors import with_rig_errors
 from .effects.score_statistics import FleetScores, score
 from .population.empirical_bayes import fit_informed, judge_informed
 from .population.population import TriadPopulation
@@ -58,7 +61,7 @@ def _lacking(dwells: Dwells, manifest: Manifest) -> str:
 
 def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Columns:
     """What was found of the devices of a stack, by column of the results' table."""
-    together = stack.dwells
+    together = with_rig_errors(stack.dwells, Rig(*manifest.rig))
     temperature = np.asarray(together.temperature)
     columns: Columns = {
         "dwells": stack.counts,
@@ -74,13 +77,22 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         if observe is not None and scores is not None:
             observe(triad, scores)
         reasons = [first or second or "" for first, second in zip(reasons, found, strict=True)]
-        columns |= _entries(triad, fit)
+        columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
         if scores is not None:
             columns[f"{triad}_amplitudes"] = scores.amplitude
             columns[f"{triad}_amplitude_sigmas"] = scores.sigma
         if triad == "accel" and manifest.g_sensitivity:
             together = _with_force(estimator, basis, fit, together)
     return columns | {"reason": reasons}
+
+
+def _with_probe_error(fit: FleetFit, basis: AbstractBasis, sigma: float) -> FleetFit:
+    """The fit with the probe's promised error in its covariance."""
+    if sigma == 0.0:
+        return fit
+    coefficients = fit.parameters.reshape(len(fit.parameters), basis.size, -1)
+    wider = fit.covariance + probe_covariance(coefficients, basis, sigma)
+    return eqx.tree_at(lambda f: f.covariance, fit, wider)
 
 
 def _rows_for(model: TriadModel, dwells: Dwells) -> Dwells:
@@ -127,7 +139,7 @@ def estimators_of(manifest: Manifest, dwells: Dwells) -> list[tuple[AbstractEsti
     """The run's estimators with what the manifest says of each."""
     accel = manifest.accel.estimator if manifest.accel else None
     gyro = manifest.gyro.estimator if manifest.gyro else None
-    chosen = ChosenModel(accel, gyro, manifest.g_sensitivity, None, ())
+    chosen = ChosenModel(accel, gyro, manifest.g_sensitivity, (None, None), ())
     built = build_estimators(chosen, manifest.gravity, dwells, robust=None)
     pairs = zip(built, (manifest.accel, manifest.gyro), strict=True)
     return [(e, m) for e, m in pairs if e is not None and m is not None]

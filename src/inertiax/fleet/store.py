@@ -18,6 +18,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..data.json_documents import decode, encode
+from ..model_selection.model_spec import ModelSpec
 from ..storage.whole_files import write_atomically, written_beside
 from .effects.score_statistics import Form
 from .population.population import Population
@@ -46,6 +47,10 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     precision: Literal["float64", "float32"] = (
         "float64"  # of the invariant accelerometer problem's arithmetic
     )
+
+    model: ModelSpec | None = None  # as other commands describe it
+    # What the station promises, 1 sigma: rad of each positioning, part of the rate, °C.
+    rig: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def num_devices(self) -> int:

@@ -1,5 +1,6 @@
 """Which model to fit, from what the user asked for and which columns there are; said in words."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -12,24 +13,58 @@ from ..physics.temperature import AbstractBasis, Constant, Polynomial
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import shortfall, Turns
+from .model_spec import ModelSpec
 
 
 HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
 
+NOT_CALIBRATED = "none"  # in `[model]`, of a triad that is left as it is
+
+# Rests that are nearer to each other than this tell hardly more than one of them (convention: the tilt of a hand
+# that means to hold still), and an invariant fit of biases and scale factors has six unknowns.
+SAME_DIRECTION = np.radians(5.0)
+FEWEST_DIRECTIONS = 6
+
 
 class ChosenModel(eqx.Module):
-    """What is fitted, and why. `None` for a triad that is not recorded."""
+    """What is fitted, and why. `None` for a triad that is not recorded or not calibrated."""
 
     accel_estimator: str | None = eqx.field(static=True)
     gyro_estimator: str | None = eqx.field(static=True)
     g_sensitivity: bool = eqx.field(static=True)
-    degree: int | None = eqx.field(static=True)  # None: chosen from the data, see `choose_degree`
+    # Of the accelerometers' and the gyros' polynomials; None: chosen from the data, see `choose_degree`.
+    degrees: tuple[int | None, int | None] = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)
     together: bool = eqx.field(static=True, default=False)  # both triads in one least squares
     lever_arms: bool = eqx.field(static=True, default=False)
     misalignment: bool = eqx.field(
         static=True, default=True
     )  # of the triads; False holds it at zero
+    accel_misalignments: bool = eqx.field(static=True, default=True)  # of 'invariant'
+    fixed: bool = eqx.field(
+        static=True, default=False
+    )  # was fitted before; nothing is left to choose
+
+    def degree(self, triad: str) -> int | None:
+        """Degree over temperature of one triad's polynomials; `None` where the data are to decide."""
+        return self.degrees[triad == "gyro"]
+
+
+def fixed_model(spec: ModelSpec) -> ChosenModel:
+    """A model that was fitted before, asked for again: nothing is left to choose."""
+    of = lambda triad, key: None if triad is None else getattr(triad, key)
+    return ChosenModel(
+        of(spec.accel, "estimator"),
+        of(spec.gyro, "estimator"),
+        bool(spec.gyro is not None and spec.gyro.g_sensitivity),
+        (of(spec.accel, "temperature_degree"), of(spec.gyro, "temperature_degree")),
+        (),
+        spec.together,
+        spec.lever_arms,
+        spec.misalignment,
+        spec.accel is None or "accel.matrix[1,0]" in spec.accel.parameters,
+        fixed=True,
+    )
 
 
 def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenModel:
@@ -65,7 +100,7 @@ def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenM
         accel,
         gyro,
         g_sensitivity,
-        degree,
+        (degree, degree),
         tuple(reasons),
         together,
         bool(campaign.model.lever_arms),
@@ -101,6 +136,8 @@ def _together(campaign: Campaign, accel: str | None, gyro: str | None, where: st
 
 def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | None:
     asked = campaign.model.accel_estimator
+    if asked == NOT_CALIBRATED:
+        return None
     if not has("accel"):
         if asked is not None:
             raise ValueError(
@@ -113,7 +150,8 @@ def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | Non
         reasons.append(f"accelerometers: '{asked}' because {because} reference_accel")
     if asked not in ESTIMATORS["accel"]:
         raise ValueError(
-            f"{where} accel_estimator = {asked!r} is not one of {sorted(ESTIMATORS['accel'])}."
+            f"{where} accel_estimator = {asked!r} is not one of "
+            f"{sorted([*ESTIMATORS['accel'], NOT_CALIBRATED])}."
         )
     if asked == "reference" and not has("reference_accel"):
         raise ValueError(
@@ -125,6 +163,8 @@ def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | Non
 
 def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[str]) -> str | None:
     asked = campaign.model.gyro_estimator
+    if asked == NOT_CALIBRATED:
+        return None
     if not has("gyro"):
         if asked is not None:
             raise ValueError(
@@ -143,7 +183,8 @@ def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[
         return "static"
     if asked not in ESTIMATORS["gyro"]:
         raise ValueError(
-            f"{where} gyro_estimator = {asked!r} is not one of {sorted(ESTIMATORS['gyro'])}."
+            f"{where} gyro_estimator = {asked!r} is not one of "
+            f"{sorted([*ESTIMATORS['gyro'], NOT_CALIBRATED])}."
         )
     if asked == "reference" and not has("reference_gyro"):
         raise ValueError(
@@ -156,6 +197,62 @@ def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[
             f"'static'."
         )
     return asked
+
+
+def settle_accel(
+    campaign: Campaign, chosen: ChosenModel, dwells: Dwells
+) -> tuple[ChosenModel, str | None]:
+    """The model now that the rests are known, and what the reader should be warned of.
+
+    Where the choice was left open, one pose tells the accelerometers' bias only ('static'), and from fewer than
+    six directions of gravity without a reference they are not calibrated at all if there are gyros to calibrate.
+    """
+    if chosen.fixed or campaign.model.accel_estimator is not None:
+        return chosen, None
+    if chosen.accel_estimator != "invariant" or chosen.together:
+        return chosen, None
+    found = _directions(dwells)
+    if found == 1:
+        reason = "accelerometers: 'static' because all rests are in one pose"
+        return _with_accel(campaign, chosen, "static", reason), None
+    if found >= FEWEST_DIRECTIONS or chosen.gyro_estimator is None:
+        return chosen, None
+    warning = (
+        f"accelerometers are not calibrated: the rests show {found} directions of gravity and 'invariant' needs "
+        f"{FEWEST_DIRECTIONS}; record more positions, or give reference_accel_x/y/z"
+    )
+    return _with_accel(campaign, chosen, None, None), warning
+
+
+def _with_accel(
+    campaign: Campaign, chosen: ChosenModel, estimator: str | None, reason: str | None
+) -> ChosenModel:
+    """The model with another accelerometer estimator, which cannot carry gyros by gravity."""
+    if campaign.model.gyro_estimator == "gravity":
+        raise ValueError(
+            "[model] gyro_estimator = 'gravity' needs accelerometers calibrated in six directions of gravity or "
+            "more; record more positions, or use 'static'."
+        )
+    reasons = [r for r in chosen.reasons if not r.startswith("accelerometers:")]
+    reasons += [] if reason is None else [reason]
+    gyro = chosen.gyro_estimator
+    if gyro == "gravity":
+        gyro = "static"
+        reasons.append("gyros: 'static' because there are no calibrated accelerometers to turn by")
+    return dataclasses.replace(
+        chosen, accel_estimator=estimator, gyro_estimator=gyro, reasons=tuple(reasons)
+    )
+
+
+def _directions(dwells: Dwells) -> int:
+    """How many directions of gravity the rests show, each further than 5 degrees from all others."""
+    outputs = np.asarray(dwells.accel)[np.asarray(dwells.position) >= 0]
+    kept: list[np.ndarray] = []
+    for force in outputs:
+        unit = force / np.linalg.norm(force)
+        if all(unit @ other < np.cos(SAME_DIRECTION) for other in kept):
+            kept.append(unit)
+    return len(kept)
 
 
 def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:
@@ -251,7 +348,7 @@ def build_estimators(
     if chosen.accel_estimator is not None:
         cls = ESTIMATORS["accel"][chosen.accel_estimator]
         if chosen.accel_estimator == "invariant":
-            accel = cls(gravity=gravity, robust=robust)
+            accel = cls(gravity=gravity, robust=robust, misalignments=chosen.accel_misalignments)
         elif chosen.accel_estimator == "static":
             mean = np.mean(np.asarray(dwells.accel), axis=0)
             accel = cls(nominal=jnp.asarray(mean), robust=robust)

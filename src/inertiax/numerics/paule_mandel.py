@@ -31,7 +31,7 @@ def excess_deviation(
     low = 0.0 if np.all(s2 > 0) else high * np.finfo(float).tiny ** 0.5
     if excess(high) >= 0:
         return float(np.sqrt(high))
-    return float(np.sqrt(brentq(excess, low, high, xtol=1e-14 * high, rtol=1e-14)))
+    return float(np.sqrt(brentq(excess, low, high, xtol=1e-14 * high)))
 
 
 def batched_excess_deviation(

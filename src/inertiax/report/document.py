@@ -46,6 +46,7 @@ def _device(
         "report": str(folder / "report.html"),
         "temperature_range": list(calibration.temperature_range or ()) or None,
         "temperature": at if known else None,
+        "model": result.model.document(),
         "choices": list(result.choices),
         "warnings": list(result.warnings),
         "plausibility": [f.as_dict() for f in result.plausibility],

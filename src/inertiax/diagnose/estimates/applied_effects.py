@@ -338,7 +338,7 @@ def _none(x: object) -> bool:
 
 def fitted_effects(
     prepared: Prepared, noise: NoiseFit, terms: Sequence[Term]
-) -> tuple[FittedEffect, ...]:
+) -> list[tuple[Term, FittedEffect]]:
     """The terms of a triad's augmented fit as they are stored, with coefficients of the joint fit."""
     signal, clock = prepared.signal, prepared.clock
     temperature = None
@@ -352,7 +352,7 @@ def fitted_effects(
         found = whiten_system(prepared.system, noise, [term], others).scores
         if not found:
             continue
-        made.append(
+        stored = (
             FittedEffect(
                 term.name, term.triad, term.channels, tuple(sorted(term.variant.settings.items())),
                 np.asarray(found[0].coefficients), np.asarray(found[0].covariance),
@@ -362,4 +362,5 @@ def fitted_effects(
                 prepared.form.degree, (prepared.form.low, prepared.form.high),
             )
         )  # fmt: skip
-    return tuple(made)
+        made.append((term, stored))
+    return made

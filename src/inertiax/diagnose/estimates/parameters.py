@@ -240,8 +240,11 @@ def corrected(
 
 def moved(system: System, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[Moved, ...]:
     """Calibration parameters (at mid temperature) that the omission pulled by more than one sigma."""
-    before, _ = corrected(system, noise, [])
-    after, std = corrected(system, noise, chosen)
+    without, _ = corrected(system, noise, [])
+    beside, std = corrected(system, noise, chosen)
+    # What the calibration says, and how far the effects move it under one and the same weighting.
+    before = system.base.coefficients
+    after = before + (beside - without)
     size = before.shape[1]
     # Chebyshev series at x = 0: 1, 0, -1, 0, 1, ...
     middle = np.array([np.cos(0.5 * np.pi * k) for k in range(size)])

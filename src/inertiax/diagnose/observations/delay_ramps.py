@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from ..._typing import AnyArray
 from .blocks import Log
-from .model_rows import Baseline
+from .model_rows import CalibratedTriad
 from .signals import at_temperature
 
 
@@ -69,7 +69,7 @@ class _Seen:
         )
 
 
-def find_delay(log: Log, base: Baseline) -> Delay | None:
+def find_delay(log: Log, base: CalibratedTriad) -> Delay | None:
     """The delay of a triad that has a reference; `None` where the log holds too few ramps or too coarse ones."""
     triad = base.form.triad
     given, output = getattr(log, f"reference_{triad}"), getattr(log, triad)
@@ -93,7 +93,7 @@ def find_delay(log: Log, base: Baseline) -> Delay | None:
     return Delay(triad, value, std, freedom, p_value, _gain(seen), size, tuple(ramps), channels)
 
 
-def _seen(log: Log, base: Baseline, ramps: Sequence[Ramp]) -> _Seen:
+def _seen(log: Log, base: CalibratedTriad, ramps: Sequence[Ramp]) -> _Seen:
     """The ramps of a log under a fitted baseline."""
     triad = base.form.triad
     expected = _expected(log, base)
@@ -114,14 +114,14 @@ def _agreed(seen: _Seen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return value, np.maximum(np.sqrt(spread) / total, 1e-300), number
 
 
-def _expected(log: Log, base: Baseline) -> np.ndarray:
+def _expected(log: Log, base: CalibratedTriad) -> np.ndarray:
     """Outputs of the fitted baseline at the reference of every row."""
     temperature = np.zeros(len(log.time)) if log.temperature is None else log.temperature
     given = getattr(log, f"reference_{base.form.triad}")
     return np.asarray(at_temperature(base, given)(temperature))
 
 
-def without_delay(log: Log, delay: Delay, base: Baseline) -> Log:
+def without_delay(log: Log, delay: Delay, base: CalibratedTriad) -> Log:
     """The log with the outputs that a triad without those delays would have given."""
     expected = _expected(log, base)
     moved, near = getattr(log, delay.triad).copy(), np.zeros(len(log.time), bool)

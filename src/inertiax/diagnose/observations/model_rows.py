@@ -1,8 +1,10 @@
-"""The model that the user means to fit, on blocks: its fit, its residuals, its Jacobian.
+"""The model that was calibrated, on blocks: its residuals and their Jacobian, as its own estimator gives them.
 
 Rows are observations: |a| − g for the invariant accelerometer estimator, an output less the model for
-the others, one chain of rows per channel.
+the others, one chain of rows per channel. They are linearised at the calibration's own parameters.
 """
+
+import re
 
 import equinox as eqx
 import jax
@@ -11,41 +13,39 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._typing import AnyArray
-from ...data.recording import Campaign
-from ...physics.error_model import AccelerometerErrors, compensate_accel
+from ...calibrate.results import DeviceResult, TriadResult
+from ...estimators import AbstractEstimator, GravityRotation, size_effect, StaticGyro
+from ...physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
+from ...physics.temperature import Polynomial
+from ...procedure.single_device import linearise
+from ...reduction.dwells import Dwells
 from .blocks import Blocks
 
 
-LOWER = tuple((i, j) for i in range(3) for j in range(i + 1))
-FULL = tuple((i, j) for i in range(3) for j in range(3))
-MISALIGNED = 0.02  # rad, usual size of a misalignment
-CHANGING = 0.1  # part of it that usually changes with temperature
+_ELEMENT = re.compile(r"(\w+)\.(\w+)\[(\d)(?:,(\d))?\]")
 
 
 class ModelForm(eqx.Module):
-    """Which model of one triad: estimator, degree in temperature, and whether D is in it."""
+    """Which model of one triad, as it was calibrated."""
 
     triad: str = eqx.field(static=True)
-    estimator: str = eqx.field(static=True)  # invariant | reference | static
+    estimator: str = eqx.field(static=True)  # a name of `[model]`
     degree: int = eqx.field(static=True)
-    g_sensitivity: bool = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)  # parameters at one temperature, in order
     low: float = eqx.field(static=True)  # °C
     high: float = eqx.field(static=True)
     gravity: float = eqx.field(static=True)  # m/s²
 
     @property
     def matrix(self) -> tuple[tuple[int, int], ...]:
-        """Free elements of the matrix."""
-        return {"invariant": LOWER, "reference": FULL, "static": ()}[self.estimator]
+        """Free elements of the matrix, in the order of the parameters from the fourth on."""
+        found = [_ELEMENT.fullmatch(n) for n in self.names if ".matrix[" in n]
+        return tuple((int(m[3]), int(m[4])) for m in found if m is not None)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Parameters at one temperature, in order."""
-        names = [f"{self.triad}.bias[{i}]" for i in range(3)]
-        names += [f"{self.triad}.matrix[{i},{j}]" for i, j in self.matrix]
-        if self.g_sensitivity:
-            names += [f"{self.triad}.g_sensitivity[{i},{j}]" for i, j in FULL]
-        return tuple(names)
+    def of_channel(self, channel: int) -> list[int]:
+        """Numbers of the parameters that act on one channel's output."""
+        found = [_ELEMENT.fullmatch(n) for n in self.names]
+        return [k for k, m in enumerate(found) if m is not None and int(m[3]) == channel]
 
     def basis(
         self, temperature: Float[AnyArray, " time"] | None, num: int
@@ -58,7 +58,7 @@ class ModelForm(eqx.Module):
 
 
 class Baseline(eqx.Module):
-    """A fitted model of one triad, on blocks."""
+    """The calibrated model of one triad, on blocks."""
 
     form: ModelForm
     coefficients: Float[np.ndarray, "parameter size"]
@@ -79,41 +79,54 @@ class Baseline(eqx.Module):
         return [addition[:, c] for c in range(3)]
 
 
-def choose(campaign: Campaign, blocks: Blocks, triad: str) -> ModelForm | None:
-    """The form that `[model]` asks for, or what the columns allow; `None` where the triad is absent."""
-    if getattr(blocks, triad) is None:
+class CalibratedTriad(eqx.Module):
+    """What was calibrated of one triad: its form, its parameters, and the estimator of its rows."""
+
+    form: ModelForm
+    estimator: AbstractEstimator
+    coefficients: Float[np.ndarray, "parameter size"]
+
+
+def calibrated(result: DeviceResult, triad: str) -> CalibratedTriad | None:
+    """A triad's model from the device's calibration; `None` where it was not calibrated."""
+    found: TriadResult | None = getattr(result, triad)
+    spec = getattr(result.model, triad)
+    if found is None or spec is None:
         return None
-    model = campaign.model
-    asked = model.accel_estimator if triad == "accel" else model.gyro_estimator
-    rests = np.unique(blocks.position[~blocks.moving])
-    if asked is None:
-        if getattr(blocks, f"reference_{triad}") is not None:
-            asked = "reference"
-        elif triad == "accel" and len(rests) >= 9:
-            asked = "invariant"
-        else:
-            asked = "static"
-    # Rests only tell the bias: rotation between rests (`gravity`) is no row of theirs.
-    estimator = "static" if asked == "gravity" else asked
-    if estimator == "reference" and getattr(blocks, f"reference_{triad}") is None:
-        raise ValueError(
-            f"`diagnose(campaign)`: [model] {triad}_estimator is 'reference' but there are no "
-            f"reference_{triad}_x/y/z columns; add them or choose another estimator."
-        )
+    basis = found.solution.curve.basis
+    covered = result.calibration.temperature_range or (0.0, 1.0)
+    low, high = covered[0], max(covered[1], covered[0] + 1e-3)
+    if isinstance(basis, Polynomial):
+        low, high = float(basis.low), float(basis.high)
+    coefficients = np.asarray(found.solution.curve.coefficients, float).T
+    names = spec.parameters
+    if triad == "accel" and result.model.lever_arms:
+        names = (*names, *(f"accel.lever_arm[{i},{j}]" for i in range(3) for j in range(3)))
+        arms = np.zeros((9, coefficients.shape[1]))
+        effects = sorted(result.calibration.effects, key=lambda e: e.channels)
+        arms[:, 0] = np.concatenate([np.asarray(e.coefficients) for e in effects])
+        coefficients = np.concatenate([coefficients, arms])
+    gravity = float(result.calibration.gravity)
+    form = ModelForm(triad, spec.estimator, basis.size - 1, names, low, high, gravity)
+    return CalibratedTriad(form, _of_rests(found.estimator), coefficients)
+
+
+def of_means(triad: str, blocks: Blocks, gravity: float) -> Baseline:
+    """A model of three constants, for a triad whose own model is not one of a calibration."""
     low, high = 0.0, 1.0
     if blocks.temperature is not None:
         low, high = float(blocks.temperature.min()), float(blocks.temperature.max())
-        high = max(high, low + 1e-3)
-    degree = model.temperature_degree
-    if degree is None:
-        degree = 3 if blocks.temperature is not None and high - low > 8.0 else 0
-    if degree and blocks.temperature is None:
-        raise ValueError(
-            f"`diagnose(campaign)`: [model] temperature_degree is {degree} but there is no "
-            "'temperature' column; add it or set temperature_degree = 0."
-        )
-    d = bool(model.g_sensitivity) and triad == "gyro" and blocks.accel is not None
-    return ModelForm(triad, estimator, degree, d, low, high, campaign.site.gravity)
+    names = tuple(f"{triad}.bias[{i}]" for i in range(3))
+    form = ModelForm(triad, "static", 0, names, low, max(high, low + 1e-3), gravity)
+    means = np.mean(getattr(blocks, triad), axis=0)[:, None]
+    return Baseline(form, means, (), (), (), (), np.zeros((blocks.num_blocks, 3)))
+
+
+def _of_rests(estimator: AbstractEstimator) -> AbstractEstimator:
+    """The estimator of the rows at rest; gyros that gravity turns show their bias and D there."""
+    if isinstance(estimator, GravityRotation):
+        estimator = StaticGyro(gravity=estimator.gravity, g_sensitivity=estimator.g_sensitivity)
+    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.zeros(()))
 
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
@@ -138,6 +151,18 @@ def _specific_force(
     return jax.vmap(one)(jnp.asarray(bias), jnp.asarray(matrix), jnp.asarray(output))
 
 
+@jax.jit
+def _outputs(
+    bias: Float[AnyArray, "row 3"],
+    matrix: Float[AnyArray, "row 3 3"],
+    force: Float[AnyArray, "row 3"],
+) -> Float[Array, "row 3"]:
+    def one(b, m, a):
+        return distort_accel(AccelerometerErrors(b, m), a)
+
+    return jax.vmap(one)(jnp.asarray(bias), jnp.asarray(matrix), jnp.asarray(force))
+
+
 def errors_at(
     form: ModelForm, coefficients: np.ndarray, basis: np.ndarray
 ) -> tuple[Float[np.ndarray, "row 3"], Float[np.ndarray, "row 3 3"]]:
@@ -156,26 +181,143 @@ def compensated(
     return np.asarray(_specific_force(*errors_at(form, coefficients, basis), output))
 
 
-def _spread(per_parameter: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Columns of parameters at a temperature to columns of their coefficients, parameter-major."""
-    return (per_parameter[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
+def rows(
+    model: CalibratedTriad, blocks: Blocks, force: Float[np.ndarray, "block 3"] | None
+) -> Baseline:
+    """The model's residuals on the blocks and their Jacobian at its own parameters.
+
+    `force` is the specific force in g, for the gyros' matrix D.
+    """
+    form = model.form
+    basis = form.basis(blocks.temperature, blocks.num_blocks)
+    dwells = _as_dwells(form, blocks, force)
+    if form.estimator == "invariant":
+        return _invariant_rows(model, blocks, basis, dwells)
+    misfit, jacobian = _linearised(model, basis, dwells)
+    given = getattr(blocks, f"reference_{form.triad}")
+    given = np.zeros((blocks.num_blocks, 3)) if given is None else given
+    misfit, jacobian = _with_lever_arms(model, blocks, basis, misfit, jacobian)
+    observed, columns, index = [], [], []
+    size = basis.shape[1]
+    for c in range(3):
+        seen = [k for k in form.of_channel(c) if np.any(jacobian[:, c, k])]
+        observed.append(misfit[:, c])
+        columns.append(_spread(-jacobian[:, c, seen], basis, form, seen))
+        kept = [(k, size if ".lever_arm" not in form.names[k] else 1) for k in seen]
+        index.append(np.concatenate([np.arange(k * size, k * size + n) for k, n in kept]))
+    ones = tuple(np.ones((blocks.num_blocks, 1)) for _ in range(3))
+    return Baseline(
+        form, model.coefficients, tuple(observed), tuple(columns), tuple(index), ones, given
+    )
 
 
-def _invariant(form: ModelForm, coefficients: np.ndarray, blocks: Blocks, basis: np.ndarray):
-    """Residual g − |a|, its Jacobian with turned sign, loads of the three outputs on |a|, and a."""
-    bias, matrix = errors_at(form, coefficients, basis)
+def _invariant_rows(
+    model: CalibratedTriad, blocks: Blocks, basis: np.ndarray, dwells: Dwells
+) -> Baseline:
+    """Residual |a| − g, its Jacobian with turned sign, the outputs' loads on |a|, and a.
+
+    Regressors must not carry the residual: they are taken at outputs that the model itself gives for a force
+    of the size g in the mean direction of each rest.
+    """
+    form = model.form
+    bias, matrix = errors_at(form, model.coefficients, basis)
     force = np.asarray(_specific_force(bias, matrix, blocks.accel))
-    size = np.linalg.norm(force, axis=1)
-    # Regressors must not carry the residual: the force has the size g, and a rest has one direction.
-    mean = _dwell_mean(force / size[:, None], blocks.dwell)
-    direction = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-    force = form.gravity * direction
-    turned = np.swapaxes(np.eye(3) + matrix, 1, 2)
-    gain = np.linalg.solve(turned, direction[:, :, None])[:, :, 0]
-    per_parameter = [gain[:, i] for i in range(3)] + [
-        gain[:, i] * force[:, j] for i, j in form.matrix
+    mean = _dwell_mean(force / np.linalg.norm(force, axis=1, keepdims=True), blocks.dwell)
+    force = form.gravity * mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    clean = eqx.tree_at(lambda d: d.accel, dwells, np.asarray(_outputs(bias, matrix, force)))
+    misfit, _ = _linearised(model, basis, dwells)
+    _, jacobian = _linearised(model, basis, clean)
+    columns = -jacobian[:, 0]
+    return Baseline(
+        form,
+        model.coefficients,
+        (misfit[:, 0],),
+        (_spread(columns, basis, form, range(len(form.names))),),
+        (np.arange(len(form.names) * basis.shape[1]),),
+        (columns[:, :3],),  # an output acts as minus a bias does
+        force,
+    )
+
+
+def _linearised(
+    model: CalibratedTriad, basis: np.ndarray, dwells: Dwells
+) -> tuple[Float[np.ndarray, "block row"], Float[np.ndarray, "block row parameter"]]:
+    """Misfits in SI and their Jacobian by the parameters of the form; zero for those that rests do not show."""
+    form, estimator = model.form, model.estimator
+    place = [form.names.index(n) for n in estimator.names]
+    vectors = basis @ model.coefficients[place].T
+    count = len(vectors)
+    padded = _bucket(count)
+    index = np.minimum(np.arange(padded), count - 1)
+    longer = jax.tree.map(lambda x: np.asarray(x)[index], dwells)
+    residual, jacobian, _, _ = linearise(estimator, vectors[index], longer)
+    full = np.zeros((count, residual.shape[1], len(form.names)))
+    full[:, :, place] = np.asarray(jacobian)[:count]
+    return np.asarray(residual)[:count], full
+
+
+def _bucket(count: int) -> int:
+    """The next of 64, 128, 256, …: few lengths, so that campaigns share compiled programs."""
+    return max(64, 1 << (count - 1).bit_length())
+
+
+def _as_dwells(
+    form: ModelForm, blocks: Blocks, force: Float[np.ndarray, "block 3"] | None
+) -> Dwells:
+    """Blocks as an estimator takes them, each of unit covariance, so that residuals are in SI units."""
+    num = blocks.num_blocks
+    unit = np.broadcast_to(np.eye(3), (num, 3, 3))
+    by_force = None if force is None else force * form.gravity
+    accel, gyro = blocks.accel if form.triad == "accel" else by_force, None
+    if form.triad == "gyro":
+        gyro = blocks.gyro
+    return Dwells(
+        time=blocks.time,
+        duration=np.ones(num),
+        count=np.ones(num),
+        temperature=np.zeros(num) if blocks.temperature is None else blocks.temperature,
+        experiment=blocks.experiment,
+        position=blocks.position,
+        valid=np.ones(num, bool),
+        accel=accel,
+        accel_covariance=None if accel is None else unit,
+        gyro=gyro,
+        gyro_covariance=None if gyro is None else unit,
+        reference_accel=blocks.reference_accel if form.triad == "accel" else None,
+        reference_gyro=blocks.reference_gyro if form.triad == "gyro" else None,
+    )
+
+
+def _with_lever_arms(
+    model: CalibratedTriad,
+    blocks: Blocks,
+    basis: np.ndarray,
+    misfit: np.ndarray,
+    jacobian: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The rows beside lever arms that were fitted, with their columns: the size effect is linear in them."""
+    form = model.form
+    mine = [k for k, n in enumerate(form.names) if ".lever_arm" in n]
+    if not mine or blocks.reference_gyro is None:
+        return misfit, jacobian
+    unit = np.eye(9).reshape(9, 3, 3)
+    added = jax.vmap(lambda w: jax.vmap(lambda a: size_effect(a, w), out_axes=1)(unit))
+    shape = np.asarray(added(blocks.reference_gyro))  # (block, channel, arm)
+    jacobian = jacobian.copy()
+    jacobian[:, :, mine] = -shape
+    return misfit - shape @ model.coefficients[mine, 0], jacobian
+
+
+def _spread(per_parameter: np.ndarray, basis: np.ndarray, form: ModelForm, which) -> np.ndarray:
+    """Columns of parameters at a temperature to columns of their coefficients, parameter-major.
+
+    Lever arms are constant over temperature.
+    """
+    made = [
+        per_parameter[:, n, None] * (basis[:, :1] if ".lever_arm" in form.names[k] else basis)
+        for n, k in enumerate(which)
     ]
-    return size - form.gravity, _spread(np.stack(per_parameter, axis=1), basis), gain, force
+    return np.concatenate(made, axis=1)
 
 
 def _dwell_mean(values: np.ndarray, dwell: np.ndarray) -> np.ndarray:
@@ -184,123 +326,3 @@ def _dwell_mean(values: np.ndarray, dwell: np.ndarray) -> np.ndarray:
     total = np.zeros((len(count), values.shape[1]))
     np.add.at(total, which, values)
     return (total / count[:, None])[which]
-
-
-def _fit_invariant(form: ModelForm, blocks: Blocks, weights: np.ndarray) -> Baseline:
-    basis = form.basis(blocks.temperature, blocks.num_blocks)
-    assert blocks.accel is not None  # an accelerometer's form
-    coefficients = _start(form, blocks.accel, basis.shape[1])
-    tight = _firmness(form, basis.shape[1])
-    for _ in range(12):
-        residual, jacobian, gain, force = _invariant(form, coefficients, blocks, basis)
-        scatter = max(1.0, float(np.sqrt(np.mean(np.square(residual * weights)))))
-        rows = np.concatenate([jacobian * (weights / scatter)[:, None], np.diag(tight)])
-        right = np.concatenate([residual * weights / scatter, -tight * coefficients.reshape(-1)])
-        step = np.linalg.lstsq(rows, right, rcond=1e-12)[0]
-        coefficients = coefficients + step.reshape(coefficients.shape)
-        if np.linalg.norm(jacobian @ step) < 1e-10 * form.gravity * np.sqrt(len(residual)):
-            break
-    residual, jacobian, gain, force = _invariant(form, coefficients, blocks, basis)
-    return Baseline(
-        form,
-        coefficients,
-        (residual,),
-        (jacobian,),
-        (np.arange(jacobian.shape[1]),),
-        (gain,),
-        force,
-    )
-
-
-def _firmness(form: ModelForm, size: int) -> Float[np.ndarray, " coefficient"]:
-    """One over the usual size of misalignments, zero for everything else.
-
-    Positions along the axes tell |a| of a misalignment only in second order: without this, angles of tenths of a radian
-    would follow the noise, and their squares would bend the other parameters. Other positions tell far more than this.
-    """
-    made = np.zeros((len(form.names), size))
-    for k, (i, j) in enumerate(form.matrix):
-        if i != j:
-            made[3 + k] = 1.0 / (CHANGING * MISALIGNED)
-            made[3 + k, 0] = 1.0 / MISALIGNED
-    return made.reshape(-1)
-
-
-def _start(form: ModelForm, output: np.ndarray, size: int) -> np.ndarray:
-    """Bias and scale from the range of each output: near enough for Gauss-Newton."""
-    high, low = output.max(axis=0), output.min(axis=0)
-    coefficients = np.zeros((len(form.names), size))
-    scale = 0.5 * (high - low) / form.gravity
-    if np.all((scale > 0.8) & (scale < 1.25)):
-        return coefficients  # SI outputs of a fair triad: zero is nearer than the extremes
-    coefficients[:3, 0] = 0.5 * (high + low)
-    for k, (i, j) in enumerate(form.matrix):
-        if i == j:
-            coefficients[3 + k, 0] = scale[i] - 1.0
-    return coefficients
-
-
-def fit(
-    form: ModelForm,
-    blocks: Blocks,
-    force: Float[np.ndarray, "block 3"] | None,
-    weights: list[np.ndarray] | None = None,
-) -> Baseline:
-    """Least squares of the form on the blocks, weighted where `weights` gives 1/σ per chain.
-
-    `force` is the specific force in g, for the gyros' matrix D.
-    """
-    white = getattr(blocks, f"{form.triad}_white")
-    if form.estimator == "invariant":
-        if weights is None:
-            weights = [1.0 / np.sqrt(white.mean(axis=1))]
-        return _fit_invariant(form, blocks, weights[0])
-    basis = form.basis(blocks.temperature, blocks.num_blocks)
-    output = getattr(blocks, form.triad)
-    reference = getattr(blocks, f"reference_{form.triad}")
-    given = np.zeros_like(output) if reference is None else reference
-    felt = (
-        np.zeros_like(output) if force is None else force
-    )  # unknown: no g-sensitivity in the form
-    names = form.names
-    coefficients = np.zeros((len(names), basis.shape[1]))
-    observed, columns, index = [], [], []
-    for c in range(3):
-        mine = [k for k, name in enumerate(names) if name.split("[")[1][0] == str(c)]
-        parts = []
-        for k in mine:
-            kind = names[k].split(".")[1].split("[")[0]
-            j = int(names[k][-2])
-            parts.append(
-                np.ones(len(basis))
-                if kind == "bias"
-                else given[:, j]
-                if kind == "matrix"
-                else felt[:, j]
-            )
-        jacobian = _spread(np.stack(parts, axis=1), basis)
-        y = output[:, c] - given[:, c]
-        w = 1.0 / np.sqrt(white[:, c]) if weights is None else weights[c]
-        norm = np.linalg.norm(jacobian * w[:, None], axis=0) + 1e-300
-        solution = np.linalg.lstsq(jacobian * w[:, None] / norm, y * w, rcond=1e-10)[0] / norm
-        coefficients[mine] = solution.reshape(len(mine), -1)
-        observed.append(y - jacobian @ solution)
-        columns.append(jacobian)
-        size = basis.shape[1]
-        index.append(np.concatenate([np.arange(k * size, (k + 1) * size) for k in mine]))
-    ones = tuple(np.ones((blocks.num_blocks, 1)) for _ in range(3))
-    return Baseline(form, coefficients, tuple(observed), tuple(columns), tuple(index), ones, given)
-
-
-def rows_at(base: Baseline, blocks: Blocks, force: Float[np.ndarray, "block 3"] | None) -> Baseline:
-    """The rows of other blocks under a fitted baseline's coefficients; `force` as for `fit`."""
-    form = base.form
-    if form.estimator == "invariant":
-        basis = form.basis(blocks.temperature, blocks.num_blocks)
-        residual, jacobian, gain, felt = _invariant(form, base.coefficients, blocks, basis)
-        index = (np.arange(jacobian.shape[1]),)
-        return Baseline(form, base.coefficients, (residual,), (jacobian,), index, (gain,), felt)
-    own = fit(form, blocks, force)
-    change = (own.coefficients - base.coefficients).reshape(-1)
-    observed = tuple(y + x @ change[k] for y, x, k in zip(own.observed, own.columns, own.index))
-    return Baseline(form, base.coefficients, observed, own.columns, own.index, own.loads, own.input)

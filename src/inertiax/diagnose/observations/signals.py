@@ -10,7 +10,7 @@ from ...effects import Signal
 from ...effects.effect import chebyshev
 from .attitude import attitude
 from .blocks import block_mean, Blocks, EARTH_RATE, Log
-from .model_rows import Baseline, compensated
+from .model_rows import Baseline, CalibratedTriad, compensated
 from .vertical import upright_axis
 
 
@@ -40,7 +40,7 @@ class AtTemperature(eqx.Module):
         return at_temperature(changed, np.asarray(self.input))
 
 
-def at_temperature(base: Baseline, given: np.ndarray) -> AtTemperature:
+def at_temperature(base: Baseline | CalibratedTriad, given: np.ndarray) -> AtTemperature:
     """The fitted model as a function of the element's temperature."""
     form, size = base.form, base.coefficients.shape[1]
     matrix = np.zeros((3, 3, size))
@@ -71,7 +71,7 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
     return value, rate
 
 
-def specific_force(log: Log, blocks: Blocks, accel: Baseline | None) -> np.ndarray | None:
+def specific_force(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> np.ndarray | None:
     """Specific force in g, one row per sample: reference, or compensated outputs averaged over each rest.
 
     Without accelerometers the upright axis of a rate table tells it, where there is one.

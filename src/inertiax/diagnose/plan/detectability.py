@@ -6,7 +6,7 @@ this plan, whatever the noise; what remains is as large as its whitened length s
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -21,6 +21,7 @@ from ..candidates.empirical import PREFIX
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit, START, System
 from ..noise.reml import fit_noise
+from ..observations.model_rows import ModelForm
 from ..problem import prepare, Prepared
 from ..selection.evidence import count_forms, observations
 from ..selection.forward import GATE
@@ -65,8 +66,9 @@ def audit(
     moderate flicker beside the white noise is assumed. **Returns** an `Audit`.
     """
     with jax.enable_x64(True):
-        _, triads = prepare(campaign, effects)
-        return conclude([_audited(p, estimate_noise) for p in triads], effects)
+        problem = prepare(campaign, effects)
+        found = conclude([_audited(p, estimate_noise) for p in problem.triads], effects)
+        return replace(found, model=problem.plain.model)
 
 
 def _audited(prepared: Prepared, estimate_noise: bool) -> Audited:
@@ -249,13 +251,21 @@ def _parameter(system: System, flat: int) -> str:
     return names[number] if len(names) == len(system.base.coefficients) else f"parameters[{number}]"
 
 
+def _left_out(form: ModelForm) -> list[tuple[int, int]]:
+    """Elements of the invariant estimator's matrix that are no parameters of the model."""
+    if form.estimator != "invariant":
+        return []
+    return [(i, j) for i in range(3) for j in range(i) if (i, j) not in form.matrix]
+
+
 def _unobservable(system: System) -> list[str]:
     """Combinations of the calibration's own parameters that the plan does not excite.
 
     Columns of one kind of parameter are compared in the same unit, so that one which only feels what a
-    misalignment lets through counts as unexcited.
+    misalignment lets through counts as unexcited. Misalignments that the calibration left out, since the positions
+    do not determine them, are among them.
     """
-    lines = []
+    lines = [f"accel.matrix[{i},{j}]" for i, j in _left_out(system.base.form)]
     for chain, x in enumerate(system.base.columns):
         names = np.array([_parameter(system, int(k)) for k in system.base.index[chain]])
         kinds = np.array([n.partition("[")[0] for n in names])

@@ -2,6 +2,8 @@
 
 import equinox as eqx
 
+from ...model_selection.model_spec import ModelSpec
+
 
 POWER = 0.9  # chance with which an effect of the stated size is detected
 
@@ -51,6 +53,7 @@ class Audit(eqx.Module):
     absorbed: tuple[Absorbed, ...] = ()
     unobservable: tuple[str, ...] = eqx.field(static=True, default=())  # of the calibration itself
     sets: tuple[AliasSet, ...] = ()
+    model: ModelSpec | None = eqx.field(static=True, default=None)  # that the plan was audited for
 
     def lines(self) -> tuple[str, ...]:
         """The audit as lines of text."""
@@ -77,6 +80,7 @@ class Audit(eqx.Module):
         return {
             "schema": "inertiax.audit/1",
             "power": POWER,
+            "model": None if self.model is None else self.model.document(),
             "unobservable": list(self.unobservable),
             "absorbed": [
                 {"name": a.name, "channels": list(a.channels), "by": list(a.by)}

@@ -10,7 +10,7 @@ from ...calibration.fitted_effects import FittedEffect
 from ...effects.time_delay import EFFECT
 from ..observations.blocks import Log
 from ..observations.delay_ramps import Delay, LEVEL
-from ..observations.model_rows import Baseline
+from ..observations.model_rows import ModelForm
 from ..plan.limits import Audit, Detectable, POWER
 from ..result import Evidence, Explanation, Parameter, Where
 from .sentences import sentence
@@ -74,9 +74,9 @@ def ramp_places(delay: Delay, log: Log) -> list[Where]:
     return made
 
 
-def stored(delay: Delay, log: Log, base: Baseline) -> tuple[FittedEffect, ...]:
+def stored(delay: Delay, log: Log, form: ModelForm) -> tuple[FittedEffect, ...]:
     """The delays as `calibration.json` keeps them, channel by channel."""
-    form, given = base.form, getattr(log, f"reference_{delay.triad}")
+    given = getattr(log, f"reference_{delay.triad}")
     scale = form.gravity if delay.triad == "accel" else 1.0
     temperature = None
     if log.temperature is not None:

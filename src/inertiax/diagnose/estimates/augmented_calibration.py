@@ -1,0 +1,103 @@
+"""The calibration beside the named effects: the same model, estimated in the same way, on outputs without them.
+
+What a named effect adds to the outputs, with the coefficients of the joint fit, is taken away from every sample, and
+the campaign is calibrated again as it was before. The coefficients' own uncertainty passes into the parameters by
+
+    C ← C + S Σ Sᵀ,    S = −(XᵀWX)⁻¹ XᵀW E,
+
+with the model's columns X and the effects' columns E on the blocks, weighted by the white noise, and the covariance
+Σ of the effects' coefficients.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...calibrate.pipeline import calibrate_device
+from ...calibration.calibration import Calibration, TriadCalibration
+from ...calibration.fitted_effects import FittedEffect
+from ...effects import addition
+from ..candidates.signatures import Term
+from ..observations.blocks import Log
+from ..problem import Prepared, Problem, with_outputs
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """The effects that were named on one triad, with what is stored of each."""
+
+    prepared: Prepared
+    terms: tuple[Term, ...]
+    stored: tuple[FittedEffect, ...]
+
+
+def augmented_calibration(
+    problem: Problem, named: Sequence[Beside], further: Sequence[FittedEffect], notes: Sequence[str]
+) -> Calibration:
+    """The calibration of the campaign beside the named effects.
+
+    **Arguments:** `further` are effects that the problem's campaign was freed from before, such as a delay.
+    Raises `ValueError` where the campaign without the effects cannot be calibrated.
+    """
+    log = problem.log
+    for one in named:
+        log = _without(log, one)
+    campaign = with_outputs(problem.campaign, log)
+    found = calibrate_device(campaign, model=problem.plain.model, checked=True).calibration
+    for one in named:
+        triad = one.prepared.form.triad
+        widened = _widened(getattr(found, triad), one)
+        found = eqx.tree_at(lambda c, t=triad: getattr(c, t), found, widened)
+    stored = (effect for one in named for effect in one.stored)
+    return replace(
+        found,
+        notes=(*problem.plain.calibration.notes, *notes),
+        effects=(*found.effects, *stored, *further),
+    )
+
+
+def _without(log: Log, one: Beside) -> Log:
+    """The log with the outputs that the triad would have had without its named effects."""
+    triad = one.prepared.form.triad
+    added = np.zeros((len(log.time), 3))
+    for term, stored in zip(one.terms, one.stored):
+        count = len(np.asarray(stored.coefficients))
+        coefficients = np.zeros((3, count))
+        coefficients[list(term.channels)] = np.asarray(stored.coefficients)
+        shape = addition(term.known, coefficients, term.variant, one.prepared.signal)
+        added += np.asarray(shape)
+    # Where the device moves without a reference, an effect of the input may be no number; no row is made of it.
+    output = getattr(log, triad) - np.where(np.isfinite(added), added, 0.0)
+    return eqx.tree_at(lambda x: getattr(x, triad), log, output)
+
+
+def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
+    """The triad's calibration with the uncertainty of the effects beside it."""
+    size, count = np.asarray(triad.curve.coefficients).shape
+    covariance = np.array(triad.covariance, float)
+    for term, stored in zip(one.terms, one.stored):
+        slope = _slope(one.prepared, term, count, size)
+        covariance += slope @ np.asarray(stored.covariance) @ slope.T
+    return eqx.tree_at(lambda t: t.covariance, triad, covariance)
+
+
+def _slope(
+    prepared: Prepared, term: Term, count: int, size: int
+) -> Float[np.ndarray, "unknowns coefficients"]:
+    """Change of the calibration's coefficients, row-major (size, parameters), by the term's."""
+    system = prepared.system
+    slope = np.zeros((size * count, term.size))
+    for c, columns in zip(term.chains, term.columns):
+        weight = 1.0 / np.sqrt(system.chains[c].white)[:, None]
+        x = system.base.columns[c]
+        norm = np.linalg.norm(x * weight, axis=0) + 1e-300
+        step = np.linalg.lstsq(x * weight / norm, columns * weight, rcond=1e-10)[0] / norm[:, None]
+        number, power = np.divmod(system.base.index[c], size)
+        own = (
+            number < count
+        )  # lever arms are effects of the calibration, not parameters of the triad
+        slope[power[own] * count + number[own]] = -step[own]
+    return slope

@@ -1,0 +1,249 @@
+"""One model from calibrate to diagnose, audit and fleet: the same block, estimates and standard deviations."""
+
+import json
+
+import jax
+import numpy as np
+import polars as pl
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.calibrate.pipeline import calibrate, DeviceResult
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose import diagnose_campaign
+from inertiax.diagnose.problem import prepare
+from inertiax.effects import CATALOGUE
+from inertiax.fleet import run_fleet
+from inertiax.fleet.results import fleet_calibration
+
+
+G = 9.81
+MATRIX = np.array([[1.01, 0.0, 0.0], [0.004, 0.99, 0.0], [-0.003, 0.002, 1.005]])
+GYRO = np.array([[1.004, 0.002, -0.003], [0.001, 0.996, 0.002], [0.003, -0.001, 1.002]])
+FEW = tuple(e for e in CATALOGUE if e.name in ("drift", "second_order"))
+
+
+def outputs(force, rate, temperature, seed, slope=2e-3):
+    """What an imperfect device reads: its biases grow by `slope` (m/s²) and a hundredth of it (rad/s) per °C."""
+    rng = np.random.default_rng(seed)
+    warm = np.asarray(temperature)[:, None] - 25.0
+    accel = force @ MATRIX.T + [0.1, -0.05, 0.08] + slope * warm
+    gyro = rate @ GYRO.T + [0.01, -0.004, 0.006] + 0.01 * slope * warm
+    return (
+        accel + 2e-3 * rng.standard_normal(accel.shape),
+        gyro + 2e-4 * rng.standard_normal(gyro.shape),
+    )
+
+
+def hand(temperature=None, seed=1, model=None, device=""):
+    """24 rests of 3 s with tilts of 1 s between them, at 50 Hz, as a hand makes them."""
+    rng = np.random.default_rng(seed)
+    attitude, force, rate = Rotation.identity(), [], []
+    for _ in range(24):
+        force.append(np.tile(attitude.inv().apply([0.0, 0.0, G]), (150, 1)))
+        rate.append(np.zeros((150, 3)))
+        axis = rng.standard_normal(3)
+        turn = axis / np.linalg.norm(axis) * rng.uniform(0.7, 1.5)
+        for k in range(50):
+            share = 1.0 - np.cos(2.0 * np.pi * (k + 0.5) / 50)
+            step = turn * share / 50
+            attitude = attitude * Rotation.from_rotvec(step)
+            force.append(attitude.inv().apply([[0.0, 0.0, G]]))
+            rate.append(step[None] * 50)
+    force, rate = np.concatenate(force), np.concatenate(rate)
+    time = 0.02 * np.arange(len(force))
+    probe = np.full(len(time), 25.0)
+    if temperature:
+        probe = 25.0 + temperature * time / time[-1]
+    accel, gyro = outputs(force, rate, probe, seed + 10)
+    column = probe[:, None] if temperature else None
+    recording = Recording(time, accel=accel, gyro=gyro, temperature=column, device=device)
+    return Campaign((recording,), Site(G), Rig(), model or ModelChoice())
+
+
+def table(model=None, rig=None, temperature=(25.0,), triads=("accel", "gyro"), arms=None):
+    """Rests in 18 directions and plateaus of ±1 rad/s about six axes at each temperature, 10 Hz, with references."""
+    axes = np.array([[3, 1, 0], [0, 3, 1], [1, 0, 3], [1, 1, 1], [1, -1, 1], [-1, 1, 1]], float)
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    grid = np.array([[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)], float)
+    poses = grid[(np.abs(grid).sum(axis=1) > 0) & (np.abs(grid).sum(axis=1) < 3)]
+    poses = G * poses / np.linalg.norm(poses, axis=1, keepdims=True)
+    turns = [(G * a, s * a) for a in axes for s in (1.0, -1.0)]
+    pieces = [(p, np.zeros(3)) for p in poses] + turns
+    force = np.concatenate([np.tile(f, (40, 1)) for f, _ in pieces] * len(temperature))
+    rate = np.concatenate([np.tile(w, (40, 1)) for _, w in pieces] * len(temperature))
+    label = np.where(np.arange(len(pieces)) < len(poses), np.arange(len(pieces)), -1)
+    position = np.tile(np.repeat(label, 40), len(temperature))
+    probe = np.repeat(np.array(temperature, float), 40 * len(pieces))
+    felt = force
+    if arms is not None:
+        turned = np.cross(rate[:, None, :], np.cross(rate[:, None, :], arms[None]))
+        felt = force + np.einsum("tii->ti", turned)
+    accel, gyro = outputs(felt, rate, probe, 5)
+    columns = {"accel": accel, "reference_accel": force, "gyro": gyro, "reference_gyro": rate}
+    kept = {k: v for k, v in columns.items() if k.removeprefix("reference_") in triads}
+    recording = Recording(
+        0.1 * np.arange(len(force)), position=position,
+        temperature=probe[:, None] if len(temperature) > 1 else None,
+        experiment=np.repeat(np.arange(len(temperature)), 40 * len(pieces)), **kept,
+    )  # fmt: skip
+    return Campaign((recording,), Site(G), rig or Rig(), model or ModelChoice())
+
+
+def faces(seed=3):
+    """Six faces twice, 4 s each, no reference."""
+    poses = np.tile(np.concatenate([np.eye(3), -np.eye(3)]), (2, 1)) * G
+    force = np.repeat(poses, 40, axis=0)
+    accel, _ = outputs(force, 0.0 * force, np.full(480, 25.0), seed)
+    position = np.repeat(np.arange(12), 40)
+    recording = Recording(0.1 * np.arange(480), accel=accel, position=position)
+    return Campaign((recording,), Site(G))
+
+
+def one_pose(seed=4):
+    """One pose while the temperature goes up and down by 40 °C; both triads."""
+    time = 2.0 * np.arange(1200)
+    probe = 25.0 + 20.0 * np.sin(2.0 * np.pi * time / 2400.0)
+    force = np.tile([0.3, -0.2, G], (1200, 1))
+    accel, gyro = outputs(force, 0.0 * force, probe, seed)
+    recording = Recording(
+        time, accel=accel, gyro=gyro, temperature=probe[:, None], position=np.zeros(1200, int)
+    )
+    return Campaign((recording,), Site(G))
+
+
+def without(campaign, **columns):
+    (recording,) = campaign.recordings
+    kept = {k: getattr(recording, k) for k in recording.__dataclass_fields__}
+    return Campaign((Recording(**kept | columns),), campaign.site, campaign.rig, campaign.model)
+
+
+CAMPAIGNS = {
+    "hand": hand,
+    "hand with temperature": lambda: hand(12.0),
+    "hand, together": lambda: hand(model=ModelChoice(together=True)),
+    "hand, gyros left alone": lambda: hand(model=ModelChoice(gyro_estimator="none")),
+    "table": table,
+    "table with temperature": lambda: table(temperature=(0.0, 20.0, 40.0, 60.0)),
+    "table, rig stated": lambda: table(rig=Rig(position_uncertainty=5e-5, rate_uncertainty=1e-4)),
+    "table, g-sensitivity": lambda: table(ModelChoice(g_sensitivity=True)),
+    "rate table alone": lambda: table(triads=("gyro",)),
+    "together": lambda: table(ModelChoice(together=True)),
+    "lever arms": lambda: table(
+        ModelChoice(lever_arms=True),
+        arms=np.array([[0.03, 0, 0.01], [0, 0.02, 0], [0.01, 0, 0.04]]),
+    ),
+    "no misalignment of the triads": lambda: table(ModelChoice(misalignment=False)),
+    "faces only": faces,
+    "one pose": one_pose,
+    "three attitudes and gyros": lambda: without(
+        hand(), **{k: v[:600] for k, v in vars(hand().recordings[0]).items() if _is_column(v)}
+    ),
+}
+
+
+def _is_column(value):
+    return isinstance(value, np.ndarray)
+
+
+def calibrated(campaign):
+    with jax.enable_x64(True):
+        (result,) = calibrate(campaign)
+    assert isinstance(result, DeviceResult), result.reason
+    return result
+
+
+def same(one, other):
+    """Parameters within a thousandth of a standard deviation over the temperatures, those within 5 %."""
+    low, high = one.temperature_range or (25.0, 25.0)
+    grid = np.linspace(low, high, 7)
+    for triad in ("accel", "gyro"):
+        a, b = getattr(one, triad), getattr(other, triad)
+        assert (a is None) == (b is None)
+        if a is None:
+            continue
+        assert a.names == b.names
+        (values, sigmas), (others, again) = a.over(grid), b.over(grid)
+        assert np.all(np.abs(values - others) <= 1e-3 * sigmas + 1e-12)
+        np.testing.assert_allclose(again, sigmas, rtol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_a_diagnosis_judges_the_model_that_was_calibrated(name):
+    campaign = CAMPAIGNS[name]()
+    plain = calibrated(campaign)
+    with jax.enable_x64(True):
+        problem = prepare(campaign, FEW)
+    assert problem.plain.model == plain.model == problem.plain.calibration.model
+    same(plain.calibration, problem.plain.calibration)
+    for prepared in problem.triads:
+        spec = getattr(plain.model, prepared.form.triad)
+        named = [n for n in prepared.form.names if "lever_arm" not in n]
+        assert (prepared.form.estimator, prepared.form.degree) == (
+            spec.estimator,
+            spec.temperature_degree,
+        )
+        assert tuple(named) == spec.parameters
+
+
+@pytest.mark.slow
+def test_every_kind_of_model_is_among_them():
+    models = [calibrated(make()).model for make in CAMPAIGNS.values()]
+    used = {m.accel.estimator for m in models if m.accel} | {
+        m.gyro.estimator for m in models if m.gyro
+    }
+    assert used == {"invariant", "reference", "static", "gravity"}
+    assert {m.together for m in models} == {m.lever_arms for m in models} == {True, False}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ("hand with temperature", "table", "lever arms", "faces only"))
+def test_nothing_is_missing_where_the_model_is_right_and_the_calibration_stays(name):
+    campaign = CAMPAIGNS[name]()
+    plain = calibrated(campaign)
+    found, after = diagnose_campaign(campaign)
+    assert found.verdict == "consistent", found.summary
+    assert json.loads(found.to_json())["model"] == plain.model.document()
+    same(plain.calibration, after)
+    assert after.effects == () or plain.model.lever_arms
+
+
+FLEETS = (
+    "table",
+    "table with temperature",
+    "table, rig stated",
+    "table, g-sensitivity",
+    "rate table alone",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FLEETS)
+def test_a_fleet_says_the_same(name, tmp_path):
+    campaign = CAMPAIGNS[name]()
+    (recording,) = campaign.recordings
+    columns = {"time": recording.time, "position": recording.position}
+    for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
+        if getattr(recording, triad) is not None:
+            columns |= {
+                f"{triad}_{a}": getattr(recording, triad)[:, k] for k, a in enumerate("xyz")
+            }
+    if recording.temperature is not None:
+        columns |= {"temperature": recording.temperature[:, 0]}
+    columns["experiment"] = recording.experiment
+    table_ = pl.DataFrame(columns).with_columns(device=pl.lit("A-1"))
+    table_.write_parquet(tmp_path / "log.parquet")
+    rig = campaign.rig
+    text = f"[site]\ngravity = {G}\n[recordings]\nfiles = ['log.parquet']\n"
+    if rig.position_uncertainty:
+        arcsec = np.rad2deg(rig.position_uncertainty) * 3600.0
+        text += f"[rig]\nposition_uncertainty = {arcsec}\nrate_uncertainty = {1e6 * rig.rate_uncertainty}\n"
+    if campaign.model.g_sensitivity:
+        text += "[model]\ng_sensitivity = true\n"
+    (tmp_path / "campaign.toml").write_text(text)
+    alone = calibrated(load_campaign(tmp_path / "campaign.toml"))
+    summary = run_fleet(tmp_path / "campaign.toml", tmp_path / "out")
+    assert summary.as_dict()["model"] == alone.model.document()
+    same(alone.calibration, fleet_calibration(tmp_path / "out", "A-1"))

@@ -1,0 +1,90 @@
+"""What the rig promises enters the covariances of dwells and so the standard deviations of the answer."""
+
+import jax
+import numpy as np
+import pytest
+
+from inertiax.calibrate.pipeline import calibrate_device
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.reduction.rig_errors import rig_covariance
+
+
+G = 9.81
+ANGLE, RATE = 1e-3, 2e-3
+
+
+def test_the_covariance_is_that_of_drawn_errors():
+    rng = np.random.default_rng(1)
+    given = np.array([3.0, -2.0, 8.0])
+    turn, scale = (
+        ANGLE * rng.standard_normal((200_000, 3)),
+        1.0 + RATE * rng.standard_normal((200_000, 1)),
+    )
+    drawn = np.cov((scale * given + np.cross(turn, given)).T)
+    # 2e5 draws: a variance is known to sqrt(2 / 2e5) = 0.3 %; five of them, of the largest.
+    exact = rig_covariance(given, ANGLE, RATE)
+    np.testing.assert_allclose(drawn, exact, atol=0.016 * exact.max())
+
+
+def faces(rig, turned, seed):
+    """Six faces of 10 s twice, with a reference that is off by `turned` rad at each positioning."""
+    rng = np.random.default_rng(seed)
+    poses = np.concatenate([np.eye(3), -np.eye(3)] * 2) * G
+    angle = turned * rng.standard_normal((12, 3))
+    position = np.repeat(np.arange(12), 100)
+    accel = (poses + np.cross(angle, poses))[position] + 1e-4 * rng.standard_normal((1200, 3))
+    accel[:, 0] += 0.05
+    recording = Recording(
+        0.1 * np.arange(1200), accel=accel, reference_accel=poses[position], position=position
+    )
+    model = ModelChoice(accel_estimator="reference", temperature_degree=0)
+    return Campaign((recording,), Site(G), rig, model)
+
+
+def test_a_promise_widens_standard_deviations_as_a_hand_calculation_says():
+    with jax.enable_x64(True):
+        found = calibrate_device(faces(Rig(position_uncertainty=ANGLE), 0.0, 2)).calibration
+    assert found.accel is not None
+    sigma = dict(zip(found.accel.names, found.accel.standard_deviations(20.0)))
+    # The bias of x is the mean over twelve dwells; eight of them, off the x axis, err by ANGLE g.
+    # Weighted: the four along x err by the dwell's noise alone, 1e-5, and tell bias and scale between them.
+    assert float(sigma["accel.bias[0]"]) == pytest.approx(1e-5 / np.sqrt(4), rel=0.3)
+    # A misalignment is told by the dwells along the other axis: four of ±g with errors of ANGLE g.
+    assert float(sigma["accel.matrix[0,1]"]) == pytest.approx(ANGLE / np.sqrt(4), rel=0.05)
+
+
+@pytest.mark.slow
+def test_stated_and_actual_errors_agree():
+    # 60 campaigns whose rig errs as promised: the normalised misalignment has unit variance to sqrt(2 / 60) = 18 %.
+    with jax.enable_x64(True):
+        errors = []
+        for seed in range(60):
+            triad = calibrate_device(
+                faces(Rig(position_uncertainty=ANGLE), ANGLE, seed)
+            ).calibration.accel
+            assert triad is not None
+            at = triad.names.index("accel.matrix[0,1]")
+            value = float(np.asarray(triad.curve.coefficients)[0, at])
+            errors.append(value / float(triad.standard_deviations(20.0)[at]))
+    assert 0.5 < np.mean(np.square(errors)) < 1.6
+
+
+def test_a_probe_that_is_off_moves_the_curve_along_its_slope():
+    # Bias of x of 2 mm/s² per °C, faces warmed from 10 to 30 °C, a probe promised to 0.5 °C: 1 mm/s² of the bias.
+    position = np.repeat(np.arange(24), 50)
+    temperature = 10.0 + 20.0 * np.arange(1200) / 1199
+    poses = np.concatenate([np.eye(3), -np.eye(3)] * 4) * G
+    accel = poses[position] + 1e-5 * np.random.default_rng(3).standard_normal((1200, 3))
+    accel[:, 0] += 2e-3 * temperature
+    recording = Recording(
+        0.1 * np.arange(1200), accel=accel, reference_accel=poses[position], position=position,
+        temperature=temperature[:, None],
+    )  # fmt: skip
+    model = ModelChoice(accel_estimator="reference", temperature_degree=1)
+    campaign = Campaign((recording,), Site(G), Rig(temperature_uncertainty=0.5), model)
+    with jax.enable_x64(True):
+        triad = calibrate_device(campaign).calibration.accel
+        assert triad is not None
+        sigma = dict(zip(triad.names, triad.standard_deviations(15.0)))
+    assert float(sigma["accel.bias[0]"]) == pytest.approx(1e-3, rel=0.02)
+    assert float(sigma["accel.bias[1]"]) < 1e-4
