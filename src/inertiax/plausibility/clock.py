@@ -10,6 +10,7 @@ from .thresholds import Thresholds
 
 
 _GAP = 20.0  # usual steps
+_LOST = 0.02  # share of rows
 _RESTART = 60.0  # s, a gap after which a device may have been switched off
 _COOLED = 1.0  # °C across such a gap
 
@@ -80,6 +81,9 @@ def _bursts(log: Log) -> list[Finding]:
 
 def _gaps(log: Log, steps: np.ndarray) -> list[Finding]:
     gaps = np.flatnonzero(steps > _GAP * log.step)
+    lost = float(np.sum(np.maximum(np.round(steps[steps < _GAP * log.step] / log.step) - 1.0, 0.0)))
+    if lost > _LOST * len(steps) and host_stamps(log.recording.time) is None:
+        return [_lost(log, lost / len(steps))]
     if not len(gaps) or len(gaps) > 0.02 * len(steps):
         return []
     widest = int(gaps[np.argmax(steps[gaps])])
@@ -95,6 +99,11 @@ def _gaps(log: Log, steps: np.ndarray) -> list[Finding]:
             row=widest,
         )
     ]
+
+
+def _lost(log: Log, share: float) -> Finding:
+    text = f"{log.name}: by the stamps {share:.1%} of the rows are missing, a few here and there."
+    return finding("gap", "note", "time", text, share=share)
 
 
 def _restarts(log: Log, steps: np.ndarray) -> list[Finding]:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import minimize_scalar
 
 from . import remedies
 from .evidence import DeviceLogs, Log
@@ -31,6 +32,8 @@ FACTORS: tuple[float, ...] = (
     *(_DEG / c for c in (131, 65.5, 32.8, 16.4, 114.2857, 57.142857, 28.571429, 14.285714, 14.375)),
     *(0.5, 2.0, 0.25, 4.0, 0.125, 8.0),
 )
+_FOR_FACTOR = 12  # motions
+_FAR = 6.0  # times the median misfit
 _TIME_FACTORS = (1e-3, 1e3, 1e-6, 1e6)
 
 
@@ -65,7 +68,10 @@ def _judge(
 ) -> list[Finding]:
     given = float(_score(misfit_as_given(motions)))
     if given < limits.turn_agrees:
-        return _small_factor(device, logs, motions, limits)
+        return [
+            *_small_factor(device, logs, motions, limits),
+            *_single_motions(logs, motions, limits),
+        ]
     best = _search(motions, given, limits)
     if best is None:
         return _unexplained(logs, motions, given, limits)
@@ -109,12 +115,18 @@ def _cost(p: Float[np.ndarray, "3 3"]) -> int:
 
 
 def _refined(motions: Motions, best: _Best) -> float:
-    """The factor, to a percent."""
-    grid = best.factor * np.geomspace(0.85, 1.18, 34)
+    """The factor, to a percent, from some of the motions."""
+    some = slice(None, None, max(motions.count // _FOR_FACTOR, 1))
     turned = PERMUTATIONS[best.p] * DETERMINANTS[best.p]
-    moved = dataclasses.replace(motions, angle=motions.angle @ turned.T * DETERMINANTS[best.p])
-    scores = [_score(misfit_as_given(moved, float(f))) for f in grid]
-    return float(grid[int(np.argmin(scores))])
+    moved = dataclasses.replace(
+        motions,
+        angle=motions.angle[some] @ turned.T * DETERMINANTS[best.p],
+        before=motions.before[some],
+        after=motions.after[some],
+    )
+    score = lambda log: float(_score(misfit_as_given(moved, best.factor * float(np.exp(log)))))
+    found = minimize_scalar(score, bounds=(-0.17, 0.17), method="bounded", options={"xatol": 3e-3})
+    return best.factor * float(np.exp(found.x))
 
 
 def _unit(
@@ -132,7 +144,9 @@ def _unit(
         text = f"{turned}, and the usual step in time is {step:.3g} s: the unit of time is wrong{said}."
         return [finding("time_unit", "error", "time", text, remedy=remedy, step=step, **common)]
     remedy, unit = remedies.rescaled("gyro", device.columns, best.factor)
-    said = "the gyros' unit or scale is wrong" + ("" if unit is None else f", likely {unit}")
+    said = "the gyros' unit or scale is wrong" + (
+        ", or the sampling rate" if unit is None else f", likely {unit}"
+    )
     return [finding("gyro_unit", "error", "gyro", f"{turned}: {said}.", remedy=remedy, **common)]
 
 
@@ -203,6 +217,28 @@ def _small_factor(
             pairs=motions.count,
             misfit=float(better),
             as_given=float(given),
+        )
+    ]
+
+
+def _single_motions(logs: tuple[Log, ...], motions: Motions, limits: Thresholds) -> list[Finding]:
+    """Motions that turn gravity otherwise, among others that do not."""
+    misfit = misfit_as_given(motions)
+    limit = max(limits.turn_disagrees, _FAR * float(np.median(misfit)))
+    off = int(np.sum(misfit > limit))
+    if off < 2:
+        return []
+    return [
+        finding(
+            "motions",
+            "warning",
+            "gyro",
+            f"{_names(logs)}: in {off} of {motions.count} motions between rests the integrated rates miss gravity's "
+            f"turn by more than {limit:.2f} rad, in the others by {np.median(misfit):.2f} rad: rows were lost or gyros "
+            "clipped there.",
+            motions=off,
+            pairs=motions.count,
+            largest=float(misfit.max()),
         )
     ]
 

@@ -21,8 +21,10 @@ from .samples import (
     check_repeated_samples,
     check_saturation,
 )
+from .spikes import check_spikes
 from .temperature import check_temperature
 from .thresholds import DEFAULT, Thresholds
+from .zero_jump import check_zero_jump
 
 
 Check = Callable[[DeviceLogs, Thresholds], list[Finding]]
@@ -41,6 +43,8 @@ CHECKS: tuple[Check, ...] = (
     check_temperature,
     check_positions,
     check_rests,
+    check_zero_jump,
+    check_spikes,
     check_dropouts,
     check_saturation,
     check_repeated_samples,

@@ -190,8 +190,9 @@ def _held(
     # Coarse converters repeat channel by channel; a held row repeats them all together.
     share, chance = float(held.mean()), float(np.prod(same.mean(axis=0)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(np.int8)))
-    longest = int((edges[1::2] - edges[::2]).max()) if len(edges) else 0
-    usual = float(np.mean(edges[1::2] - edges[::2])) if len(edges) else 0.0
+    runs = np.sort(edges[1::2] - edges[::2])
+    longest = int(runs[-1]) if len(runs) else 0
+    usual = float(np.mean(runs[:-1])) if len(runs) > 1 else 0.0
     frozen = longest * log.step > limits.frozen and longest > 20 * max(usual, 1.0) and longest > 20
     frozen = frozen and len(held) * max(share, 1e-6) ** longest < 1e-3
     if not frozen and not (share > limits.repeated and chance < 0.5 * share):

@@ -118,9 +118,15 @@ def _quaternion(angle: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 4"]:
 
 def _product(a: Float[np.ndarray, "*n 4"], b: Float[np.ndarray, "*n 4"]) -> np.ndarray:
     """Hamilton's product: the turn b, then the turn a."""
-    w = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
-    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
-    return np.concatenate([w, v], axis=-1)
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    parts = [
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + bw * ax + ay * bz - az * by,
+        aw * by + bw * ay + az * bx - ax * bz,
+        aw * bz + bw * az + ax * by - ay * bx,
+    ]
+    return np.stack(parts, axis=-1)
 
 
 def _matrix(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 3 3"]:

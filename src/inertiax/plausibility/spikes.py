@@ -1,0 +1,58 @@
+"""Single samples far off in the midst of quiet ones, also where no rest is left because of them."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .evidence import DeviceLogs, Log
+from .finding import Finding, finding
+from .samples import triads
+from .thresholds import Thresholds
+
+
+_AROUND = 10  # rows to either side
+_TIMES = 12.0  # of the neighbours' standard deviation: a tap rings for several rows
+_OF_ALL = 6.0  # of the 98 % quantile of all rows' distances from their neighbours
+_LEAST = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
+_FEWEST = 3
+
+
+def check_spikes(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Rows that differ from both neighbours alike, while the rows around are quiet."""
+    del limits
+    found = []
+    for log in device.logs:
+        for name, values in triads(log):
+            rows = _rows(values, _LEAST[name])
+            if len(rows) >= _FEWEST:
+                found.append(_told(log, name, rows))
+    return found
+
+
+def _rows(values: Float[np.ndarray, "time 3"], least: float) -> Int[np.ndarray, " spike"]:
+    if len(values) < 100:
+        return np.zeros(0, np.int64)
+    off = np.zeros_like(values)
+    off[1:-1] = np.abs(values[1:-1] - 0.5 * (values[2:] + values[:-2]))
+    limit = np.maximum(_OF_ALL * np.quantile(off, 0.98, axis=0), least)
+    hits = []
+    for row, axis in zip(*np.nonzero(off > limit), strict=True):
+        if not _AROUND < row < len(values) - _AROUND:
+            continue
+        x = values[row - _AROUND : row + _AROUND + 1, axis]
+        others = np.delete(x, _AROUND)
+        quiet = 1.4826 * np.median(np.abs(others - np.median(others))) + np.std(others)
+        if abs(x[_AROUND] - np.median(others)) > _TIMES * quiet:
+            hits.append(int(row))
+    return np.unique(np.array(hits, np.int64))
+
+
+def _told(log: Log, name: str, rows: Int[np.ndarray, " spike"]) -> Finding:
+    times = ", ".join(f"{log.recording.time[k]:.6g} s" for k in rows[:4])
+    return finding(
+        "spikes",
+        "warning",
+        name,
+        f"{log.name}: {len(rows)} single samples of {name} are far off while their neighbours are quiet (at {times}): "
+        "transmission errors, not motion. Take them out.",
+        rows=len(rows),
+    )
