@@ -82,11 +82,13 @@ def _look(log: Log, k: int, limits: Thresholds) -> _Rest | None:
 
 def _ends(far: Bool[np.ndarray, " row"]) -> tuple[int, int]:
     """Rows at both ends that move: as far as half of the rows so far are off."""
-    count = np.arange(1, len(far) + 1)
-    half = len(far) // 2
-    head = np.flatnonzero((np.cumsum(far) > 0.5 * count)[:half])
-    tail = np.flatnonzero((np.cumsum(far[::-1]) > 0.5 * count)[:half])
-    return int(head[-1] + 1) if len(head) else 0, int(tail[-1] + 1) if len(tail) else 0
+    return _end(far), _end(far[::-1])
+
+
+def _end(far: Bool[np.ndarray, " row"]) -> int:
+    mostly = (np.cumsum(far) > 0.5 * np.arange(1, len(far) + 1)) & far
+    rows = np.flatnonzero(mostly[: len(far) // 2])
+    return int(rows[-1] + 1) if len(rows) else 0
 
 
 def _runs(far: Bool[np.ndarray, " row"]) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ...data.campaign import CampaignTable, find_files, load_campaign, load_settings
 from ...data.recording import Campaign
+from ...plausibility import require_plausible
 from ...reduction.segments import reduce_to_dwells
 from .many_dwells import Reduced, Reduction
 from .tasks import Stretch, Task
@@ -105,6 +106,7 @@ def _read(name: str, file: Path) -> Iterator[Reduced]:
     for serial in campaign.devices:
         full = f"{name}/{serial}" if several else name
         try:
+            require_plausible(campaign.of_device(serial))
             dwells = reduce_to_dwells(campaign.of_device(serial).recordings)
         except ValueError as error:
             yield Reduced(full, None, _reason(error, file))

@@ -33,6 +33,7 @@ from .columns import (
     TRIADS,
     wanted,
 )
+from .implausible_devices import implausible_devices
 from .locations import scan
 from .many_dwells import Reduction, Stack
 from .stacked_dwells import shared_length
@@ -213,6 +214,9 @@ def _reasons(blocks: Blocks, means: _Means, columns: ColumnMap) -> np.ndarray:
                 reasons[k] = reasons[k] or _held(
                     column, int(held[k]), int(k), blocks, means, highest
                 )
+    odd = implausible_devices(blocks.first_dwell, blocks.num_dwells, means.dwells)
+    for k, why in enumerate(odd):
+        reasons[k] = reasons[k] or why
     unsorted = blocks.any_of_device(means.span < 0) | _goes_back(
         blocks, np.asarray(means.dwells.time)
     )

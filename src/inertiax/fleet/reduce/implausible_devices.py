@@ -1,0 +1,79 @@
+"""Devices of a fleet whose means cannot be right: unit, dead gyros, temperature, another device's samples.
+
+The cheap part of `plausibility`, on means over dwells, for thousands of devices at once.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...plausibility.thresholds import DEFAULT
+from ...reduction.dwells import Dwells
+
+
+_GRAVITY = 9.80665  # m/s²; units are told apart by factors, not by the place
+
+
+def implausible_devices(
+    first: Int[np.ndarray, " device"], counts: Int[np.ndarray, " device"], dwells: Dwells
+) -> list[str]:
+    """For each device in words why its data cannot be right; empty where nothing tells so.
+
+    **Arguments:** `first` and `counts` say which dwells are whose.
+    """
+    reasons = [""] * len(first)
+    for k, (start, count) in enumerate(zip(first.tolist(), counts.tolist(), strict=True)):
+        mine = slice(start, start + count)
+        reasons[k] = _temperature(np.asarray(dwells.temperature)[mine]) or _triads(dwells, mine)
+    _copies(first, dwells, reasons)
+    return reasons
+
+
+def _temperature(degrees: Float[np.ndarray, " dwell"]) -> str:
+    low, high = float(degrees.min()), float(degrees.max())
+    span = f"the temperature goes from {low:.4g} to {high:.4g} °C"
+    if low < DEFAULT.coldest or high > DEFAULT.kelvin + 210.0:
+        return f"{span}, where no inertial sensor works: raw counts, or another unit"
+    if low > DEFAULT.kelvin:
+        return f"{span}, hotter than any inertial sensor works: likely kelvin"
+    return ""
+
+
+def _triads(dwells: Dwells, mine: slice) -> str:
+    if dwells.accel is not None:
+        accel = np.linalg.norm(np.asarray(dwells.accel)[mine], axis=1)
+        ratio = float(np.median(accel)) / _GRAVITY
+        if not 1 / DEFAULT.accel_ratio_error < ratio < DEFAULT.accel_ratio_error:
+            return f"accel has a norm of {ratio:.3g} times gravity at rest: look at its unit"
+    if dwells.gyro is None:
+        return ""
+    gyro = np.asarray(dwells.gyro)[mine]
+    still = float(np.median(np.linalg.norm(gyro, axis=1)))
+    if still > DEFAULT.resting_rate:
+        return f"gyro has a norm of {still:.3g} rad/s at rest: raw counts, or another unit"
+    covariance = dwells.gyro_covariance
+    if (
+        len(gyro) > 1
+        and not np.ptp(gyro, axis=0).any()
+        and covariance is not None
+        and not np.asarray(covariance)[mine].any()
+        and dwells.accel is not None
+        and np.ptp(np.asarray(dwells.accel)[mine], axis=0).any()
+    ):
+        return f"gyro_x, _y and _z never change ({gyro[0, 0]:.4g}): nothing was measured"
+    return ""
+
+
+def _copies(first: Int[np.ndarray, " device"], dwells: Dwells, reasons: list[str]) -> None:
+    """Devices whose first rest has the mean and the scatter of another's, to the last digit."""
+    if dwells.accel is None or dwells.accel_covariance is None:
+        return
+    start = np.asarray(first)
+    means = np.asarray(dwells.accel)[start]
+    noise = np.diagonal(np.asarray(dwells.accel_covariance)[start], axis1=1, axis2=2)
+    noisy = np.all(noise > 0, axis=1)  # without noise, two devices may well be alike
+    rows = np.concatenate([means, noise], axis=1)
+    _, group, sizes = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    for k in np.flatnonzero(noisy & (sizes[group.ravel()] > 1)):
+        reasons[k] = reasons[k] or (
+            "its samples are those of another device, to the last digit: a recording was copied"
+        )

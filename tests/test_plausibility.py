@@ -1,0 +1,278 @@
+"""What cannot be right in a campaign, by evidence that these tests compute on their own."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.calibrate.pipeline import calibrate, DeviceFailure
+from inertiax.cli import main
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.plausibility import check_campaign, Finding
+from inertiax.plausibility.gravity import normal_gravity
+from inertiax.plausibility.turns import misfits, Motions, PERMUTATIONS
+
+
+G = 9.81
+RATE = 100.0
+REST, MOVE, RESTS = 250, 100, 14
+
+
+def hand(seed: int = 0) -> dict[str, np.ndarray]:
+    """Rests with turns by SciPy's rotations between them; the errors of a consumer device."""
+    rng = np.random.default_rng(seed)
+    attitude, up, omega = Rotation.random(random_state=seed), [], []
+    fraction = np.arange(1, MOVE + 1) / MOVE
+    done = fraction - np.sin(2 * np.pi * fraction) / (2 * np.pi)
+    speed = (1 - np.cos(2 * np.pi * fraction)) * RATE / MOVE
+    for _ in range(RESTS):
+        up.append(np.tile(attitude.inv().apply([0, 0, 1.0]), (REST, 1)))
+        omega.append(np.zeros((REST, 3)))
+        axis = rng.standard_normal(3)
+        turn = rng.uniform(0.8, 2.0) * axis / np.linalg.norm(axis)
+        path = attitude * Rotation.from_rotvec(done[:, None] * turn)
+        up.append(path.inv().apply([0, 0, 1.0]))
+        omega.append(speed[:, None] * turn)
+        attitude = attitude * Rotation.from_rotvec(turn)
+    up, omega = np.concatenate(up), np.concatenate(omega)
+    n = len(up)
+    return {
+        "time": np.arange(n) / RATE,
+        "accel": 1.01 * G * up + [0.1, -0.15, 0.2] + 0.02 * rng.standard_normal((n, 3)),
+        "gyro": 0.99 * omega + [0.01, -0.008, 0.005] + 0.002 * rng.standard_normal((n, 3)),
+        "temperature": 25.0 + 0.01 * rng.standard_normal((n, 1)),
+    }
+
+
+def findings(columns: dict[str, np.ndarray], site: Site | None = None) -> list[Finding]:
+    recording = Recording(**columns, name="a.csv")
+    seen = check_campaign(Campaign((recording,), site or Site(gravity=G)))
+    return [f for f in seen.findings if f.severity != "note"]
+
+
+def only(columns: dict[str, np.ndarray], kind: str, severity: str = "error") -> Finding:
+    found = [f for f in findings(columns) if f.kind == kind]
+    assert found and found[0].severity == severity, findings(columns)
+    return found[0]
+
+
+def test_a_good_log_has_no_finding():
+    assert findings(hand()) == []
+
+
+def test_the_ratio_of_the_gyros_unit_is_that_of_scipys_rotations():
+    columns = hand()
+    # Independently: how much the rates have to shrink for SciPy to turn gravity as the accelerometers saw it.
+    rates = np.degrees(columns["gyro"])
+    zero = rates[:REST].mean(axis=0)
+    first, last = REST - 1, REST + MOVE
+    before, after = (
+        columns["accel"][a:b].mean(axis=0) for a, b in ((0, REST), (last, last + REST))
+    )
+    turned = []
+    factors = np.geomspace(0.014, 0.022, 60)
+    for factor in factors:
+        direction = before / np.linalg.norm(before)
+        for w in rates[first:last] - zero:
+            direction = Rotation.from_rotvec(-factor * w / RATE).apply(direction)
+        turned.append(np.linalg.norm(direction - after / np.linalg.norm(after)))
+    expected = 1.0 / factors[int(np.argmin(turned))]
+    found = only({**columns, "gyro": rates}, "gyro_unit")
+    ratio = dict(found.evidence)["ratio"]
+    assert ratio == pytest.approx(expected, rel=0.05)  # one motion against thirteen
+    assert ratio == pytest.approx(180 / np.pi, rel=0.03)
+    assert found.remedy == '[columns]\ngyro = { unit = "deg/s" }'
+
+
+def test_integrated_rates_of_all_exchanges_are_those_of_scipy():
+    rng = np.random.default_rng(4)
+    angle = 0.1 * rng.standard_normal((2, 30, 3))
+    before, after = rng.standard_normal((2, 2, 3))
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    after /= np.linalg.norm(after, axis=1, keepdims=True)
+    got = misfits(Motions(angle, before, after))
+    for k in (0, 5, 13, 30, 47):
+        for m in range(2):
+            u = before[m]
+            for step in angle[m] @ PERMUTATIONS[k].T:
+                u = Rotation.from_rotvec(-step).apply(u)
+            assert got[k, m] == pytest.approx(np.arccos(u @ after[m]), abs=1e-9)
+
+
+AXES = {
+    "gyro x and y": ("gyro", [[0, 1, 0], [1, 0, 0], [0, 0, 1]], "gyro x and y are exchanged"),
+    "gyro x mirrored": ("gyro", np.diag([-1, 1, 1]), "gyro x is mirrored"),
+    "accel z mirrored": ("accel", np.diag([1, 1, -1]), "accel z is mirrored"),
+    "accel y and z": ("accel", [[1, 0, 0], [0, 0, 1], [0, 1, 0]], "accel y and z are exchanged"),
+    "gyro all": ("gyro", -np.eye(3), "gyro x and y and z are mirrored"),
+}
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_exchanged_and_mirrored_axes_are_named_with_what_mends_them(name, tmp_path):
+    triad, matrix, words = AXES[name]
+    columns = hand()
+    right = columns[triad].copy()
+    columns[triad] = columns[triad] @ np.array(matrix, float).T
+    found = only(columns, "axes")
+    assert words in found.statement
+    # The remedy, as it stands in campaign.toml, gives the axes back.
+    assert found.remedy is not None
+    names = [f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz"]
+    rows = np.column_stack([columns["time"], columns["accel"], columns["gyro"]])
+    np.savetxt(
+        tmp_path / "a.csv", rows, delimiter=",", header=",".join(["time", *names]), comments=""
+    )
+    toml = f'[site]\ngravity = {G}\n[recordings]\nfiles = ["a.csv"]\n'
+    (tmp_path / "campaign.toml").write_text(toml + found.remedy)
+    mended = load_campaign(tmp_path)
+    assert check_campaign(mended).verdict == "plausible"
+    np.testing.assert_allclose(getattr(mended.recordings[0], triad), right, atol=1e-9)
+
+
+def test_milliseconds_read_as_seconds_are_an_error_of_the_clock():
+    columns = hand()
+    found = only({**columns, "time": 1e3 * columns["time"]}, "time_unit")
+    assert found.remedy == '[columns]\ntime = { unit = "ms" }'
+    assert dict(found.evidence)["step"] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1 / 9.80665, '"g"'), (1e3 / 9.80665, '"mg"'), (16384 / 9.80665, "16384")]
+)
+def test_the_accelerometers_unit(factor, unit):
+    columns = hand()
+    found = only({**columns, "accel": factor * columns["accel"]}, "accel_unit")
+    assert found.remedy is not None and unit in found.remedy
+
+
+def test_normal_gravity_is_that_of_the_geodetic_tables():
+    # GRS 80 (Moritz 1980): 9.7803267715 at the equator, 9.8321863685 at the poles, 9.806199203 at 45 degrees.
+    assert normal_gravity(0.0) == pytest.approx(9.7803267715, abs=1e-9)
+    assert normal_gravity(np.pi / 2) == pytest.approx(9.8321863685, abs=1e-8)
+    assert normal_gravity(np.pi / 4) == pytest.approx(9.8061992, abs=1e-6)
+    (found,) = findings(hand(), Site(gravity=G, latitude=0.0))
+    assert found.kind == "gravity" and found.severity == "warning"
+
+
+def test_kinds_of_broken_samples():
+    rng = np.random.default_rng(1)
+    columns = hand()
+    n = len(columns["time"])
+    dropped = columns["accel"].copy()
+    dropped[rng.integers(0, n, 12)] = 0.0
+    assert only({**columns, "accel": dropped}, "dropout", "warning")
+    held = {k: columns[k][np.arange(n) // 2 * 2] for k in ("accel", "gyro")}
+    assert dict(only({**columns, **held}, "repeated_samples", "warning").evidence)[
+        "share"
+    ] == pytest.approx(0.5, abs=0.01)
+    assert only({**columns, "gyro": np.zeros((n, 3))}, "constant_channel")
+    clipped = np.clip(columns["accel"], -8.0, 8.0)
+    assert only({**columns, "accel": clipped}, "saturation", "warning")
+    codes = np.round(columns["accel"] / 6e-4).astype(int) + 2**15
+    stuck = ((codes | 16) - 2**15) * 6e-4
+    found = only({**columns, "accel": stuck}, "stuck_bit", "warning")
+    assert dict(found.evidence)["size"] == pytest.approx(16 * 6e-4, rel=1e-3)
+    copied = columns["gyro"].copy(), columns["accel"].copy()
+    for x in copied:
+        x[2000:2200] = x[300:500]
+    assert only({**columns, "gyro": copied[0], "accel": copied[1]}, "repeated_samples", "warning")
+
+
+def faces(up: np.ndarray) -> list[Recording]:
+    rng = np.random.default_rng(2)
+    names = [f"{s}{a}.csv" for s in ("pos", "neg") for a in "XYZ"]
+    return [
+        Recording(
+            time=np.arange(300) / RATE,
+            accel=G * u + 0.02 * rng.standard_normal((300, 3)),
+            name=name,
+        )
+        for u, name in zip(up, names, strict=True)
+    ]
+
+
+def test_a_face_that_stands_twice_is_named_with_its_files():
+    up = np.concatenate([np.eye(3), -np.eye(3)])
+    good = Campaign(tuple(faces(up)), Site(gravity=G))
+    assert check_campaign(good).verdict == "plausible"
+    up[2] = up[5]
+    (found,) = check_campaign(Campaign(tuple(faces(up)), Site(gravity=G))).of("error")
+    assert found.kind == "positions"
+    assert "posZ.csv" in found.statement and "negZ.csv" in found.statement
+
+
+def table() -> dict[str, np.ndarray]:
+    """Ten labelled positions with the reference of each, and slews between them."""
+    rng = np.random.default_rng(3)
+    up = rng.standard_normal((10, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    path = np.concatenate(
+        [
+            np.concatenate([np.tile(a, (200, 1)), np.linspace(a, b, 50)])
+            for a, b in zip(up, np.roll(up, -1, 0))
+        ]
+    )
+    label = np.concatenate([np.r_[np.full(200, k), np.full(50, -1)] for k in range(10)])
+    return {
+        "time": np.arange(len(path)) / RATE,
+        "accel": G * path + 0.005 * rng.standard_normal(path.shape),
+        "position": label,
+        "reference_accel": G * path,
+    }
+
+
+def test_references_that_contradict_the_outputs():
+    good = table()
+    assert findings(good) == []
+    wrong = good["reference_accel"].copy()
+    wrong[good["position"] == 4] *= -1.0
+    assert "position 4" in only({**good, "reference_accel": wrong}, "reference").statement
+    wrong = good["reference_accel"].copy()
+    a, b = good["position"] == 2, good["position"] == 7
+    wrong[a], wrong[b] = good["reference_accel"][b], good["reference_accel"][a]
+    assert "exchanged" in only({**good, "reference_accel": wrong}, "positions").statement
+    turned = good["reference_accel"] @ np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])
+    assert "x and y are exchanged" in only({**good, "reference_accel": turned}, "axes").statement
+    other = only({**good, "reference_accel": 1.003 * good["reference_accel"]}, "gravity", "warning")
+    assert dict(other.evidence)["ppm"] == pytest.approx(3000, rel=0.01)
+    early = np.append(good["position"][30:], np.full(30, -1))
+    found = only({**good, "position": early}, "positions", "warning")
+    assert dict(found.evidence)["seconds"] == pytest.approx(0.3, abs=0.05)
+
+
+def test_calibrate_refuses_an_error_and_goes_on_by_force():
+    columns = hand()
+    columns["gyro"] = np.degrees(columns["gyro"])
+    campaign = Campaign((Recording(**columns),), Site(gravity=G))
+    (refused,) = calibrate(campaign)
+    assert isinstance(refused, DeviceFailure)
+    assert 'unit = "deg/s"' in refused.reason
+    (forced,) = calibrate(campaign, force=True)
+    assert not isinstance(forced, DeviceFailure)
+    assert [f.kind for f in forced.plausibility if f.severity == "error"] == ["gyro_unit"]
+    assert any("57" in w for w in forced.warnings)
+
+
+def test_the_command_prints_the_document(tmp_path: Path, capsys):
+    columns = hand()
+    names = [f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz"]
+    rows = np.column_stack([columns["time"], columns["accel"], np.degrees(columns["gyro"])])
+    np.savetxt(
+        tmp_path / "a.csv", rows, delimiter=",", header=",".join(["time", *names]), comments=""
+    )
+    toml = f'[site]\ngravity = {G}\n[recordings]\nfiles = ["a.csv"]\n'
+    (tmp_path / "campaign.toml").write_text(toml)
+    with pytest.raises(SystemExit) as ended:
+        main(["check", str(tmp_path), "--json"])
+    assert not ended.value.code
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "inertiax.check/1" and document["verdict"] == "implausible"
+    (found,) = document["findings"]
+    assert set(found) == {"kind", "severity", "what", "statement", "evidence", "remedy"}
+    assert found["kind"] == "gyro_unit" and found["evidence"]["pairs"] >= RESTS - 3
+    assert tomllib.loads(toml + found["remedy"])["columns"] == {"gyro": {"unit": "deg/s"}}
