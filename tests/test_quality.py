@@ -4,7 +4,15 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from inertiax.calibrate.fit_quality import empty_cone, judge, Quality
+from inertiax.calibrate.data_coverage import empty_cone
+from inertiax.calibrate.fit_quality import judge, Quality
+from inertiax.calibrate.goodness_of_fit import (
+    ATTENTION,
+    FINE,
+    grade_misfit,
+    grade_parameters,
+    UNUSABLE,
+)
 from inertiax.calibrate.pipeline import calibrate, DeviceResult
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 
@@ -124,3 +132,57 @@ def test_the_largest_empty_cone_by_hand(directions, angle):
     found, axis = empty_cone(directions)
     assert abs(found - angle) < 8.0  # the grid's spacing
     assert np.max(directions @ axis) < np.cos(np.deg2rad(angle - 10.0))
+
+
+def test_exchanged_positions_are_not_to_be_used():
+    forces = G * _directions(24)
+    campaign = _campaign(forces)
+    (recording,) = campaign.recordings
+    wrong = forces.copy()
+    wrong[[3, 11]] = forces[[11, 3]]
+    mixed = eqx.tree_at(lambda r: r.reference_accel, recording, np.repeat(wrong, 200, axis=0))
+    campaign = Campaign((mixed,), campaign.site, model=ModelChoice(accel_estimator="reference"))
+    quality, result = _judged(campaign, force=True)
+    assert result.accel is not None and result.accel.rms > 1.0
+    assert quality.verdict == "doubtful" and "exchanged positions" in quality.answer
+    (triad,) = quality.triads
+    assert triad.text.startswith("Accelerometers: do not use it yet;")
+
+
+@pytest.mark.parametrize(
+    "unit, rms, ratio, grade",
+    [
+        ("m/s^2", 1e-3, 1.0, FINE),
+        ("m/s^2", 1e-3, np.nan, FINE),  # the noise is not known
+        ("m/s^2", 4e-3, 7.8, ATTENTION),
+        ("m/s^2", 1e-4, 1000.0, ATTENTION),  # a navigation sensor's missing physics
+        ("m/s^2", 0.05, 150.0, UNUSABLE),
+        ("m/s^2", 1.55, np.nan, UNUSABLE),  # exchanged positions
+        ("rad/s", 1e-4, 1.9, FINE),
+        ("rad/s", 0.2, 2.0, UNUSABLE),
+        ("rad", 0.01, 2.0, FINE),
+        ("rad", 0.4, 20.0, UNUSABLE),
+        ("m/s^2", np.nan, np.nan, UNUSABLE),
+    ],
+)
+def test_misfits_are_graded_by_noise_and_by_size(unit, rms, ratio, grade):
+    assert grade_misfit(unit, rms, ratio) == grade
+    # A fleet's devices at once, as one alone.
+    many = grade_misfit(unit, np.array([rms, 1e-9]), np.array([ratio, 1.0]))
+    assert many.tolist() == [grade, FINE]
+
+
+@pytest.mark.parametrize(
+    "name, value, sigma, grade",
+    [
+        ("accel.matrix[1,0]", 0.040, 0.071, UNUSABLE),  # 40000 ± 71000 µrad
+        ("accel.matrix[1,0]", 0.004, 0.005, ATTENTION),
+        ("accel.matrix[1,0]", 0.030, 0.005, FINE),  # six sigma of its value
+        ("accel.matrix[1,0]", 0.0, 0.0002, FINE),  # a fiftieth of the usual size
+        ("gyro.bias[2]", 0.02, 0.0001, FINE),
+        ("gyro.g_sensitivity[0,1]", 0.0, 0.02, UNUSABLE),
+        ("accel.bias[0]", 0.1, np.nan, UNUSABLE),
+    ],
+)
+def test_a_parameter_is_fine_only_where_its_sigma_is_small(name, value, sigma, grade):
+    assert grade_parameters((name,), np.array([value]), np.array([sigma])).tolist() == [grade]

@@ -10,6 +10,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
+from inertiax.calibrate.fit_quality import judge, weakest
 from inertiax.calibrate.observability import Observability
 from inertiax.calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
 from inertiax.calibration.calibration import Calibration, TriadCalibration
@@ -32,7 +33,6 @@ from inertiax.reduction.dwells import Dwells
 from inertiax.report.calibration import FIGURES, report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.document import calibration_document
-from inertiax.report.judge import misfit_verdict, weakest
 
 
 EVIL = '"><script>alert(1)</script>'
@@ -167,10 +167,10 @@ def test_ids_in_the_page_are_unique(page):
 
 def test_the_page_says_verdict_key_figures_and_how_to_reproduce(page):
     parsed, folder = page
-    assert "does not explain everything" in parsed.text
-    assert "3.0 times what the noise of the dwells predicts" in parsed.text
+    assert "Calibrated, with a reservation." in parsed.text
+    assert "3.0 times the noise" in parsed.text
     assert "inertiax calibrate" in parsed.text and "jaxlib" in parsed.text
-    assert parsed.text.index("does not explain") < parsed.text.index("Accelerometers: parameters")
+    assert parsed.text.index("with a reservation") < parsed.text.index("Accelerometers: parameters")
     # Middle of the range: x = 0, so bias z is its first coefficient, 2e-3 m/s², ± 1e-4.
     assert re.search(r"bias z\s*0\.00200\s*0\.00010\s*m/s²", parsed.text)
 
@@ -183,16 +183,29 @@ def test_every_figure_of_the_page_is_also_on_disk(page):
 
 
 def test_misfit_is_judged_against_the_noise():
-    good = device_result().accel
-    bad = device_result(scatter=3e-4, chi2_per_dof=9.0).accel
-    unknown = device_result(chi2_per_dof=float("nan")).accel
-    assert good is not None and bad is not None and unknown is not None
-    assert (
-        misfit_verdict(good)[0]
-        and "what the noise of the dwells predicts" in misfit_verdict(good)[1]
-    )
-    assert not misfit_verdict(bad)[0]
-    assert "not known" in misfit_verdict(unknown)[1]
+    good = device_result()
+    bad = device_result(scatter=3e-4, chi2_per_dof=9.0)
+    unknown = device_result(chi2_per_dof=float("nan"))
+    found = {f.topic: f for f in judge(good).findings}["misfit"]
+    assert found.fine and "as the noise predicts" in found.text
+    found = {f.topic: f for f in judge(bad).findings}["misfit"]
+    assert not found.fine and "3.0 times the noise" in found.text
+    found = {f.topic: f for f in judge(unknown).findings}["misfit"]
+    assert found.fine and "not known" in found.text
+
+
+@pytest.mark.parametrize("chi2", [1.0, 4.0, 9.0, 1e8])
+def test_page_json_and_summary_say_one_thing(tmp_path, chi2):
+    result = device_result(device="A", scatter=0.0 if chi2 == 1.0 else 1e-4, chi2_per_dof=chi2)
+    quality = judge(result)
+    report_calibration(result, tmp_path, "inertiax")
+    text = _Page((tmp_path / "report.html").read_text("utf-8")).text
+    (device,) = calibration_document((result,), {"A": "a"}, tmp_path)["devices"]
+    assert device["quality"]["verdict"] == quality.verdict
+    (sentence,) = device["quality"]["triads"]
+    assert sentence["text"] in text and quality.answer in text
+    called_good = quality.verdict == "good"
+    assert ("the fit is good" in text) == called_good == ("Good" in quality.answer)
 
 
 def test_the_weakest_parameter_is_the_one_that_moves_the_output_most():

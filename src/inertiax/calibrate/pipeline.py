@@ -424,11 +424,6 @@ def _estimate(
         rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
         warning = rate_warning(procedure, rate, dwells)
         warnings.extend([] if warning is None else [warning])
-    if own_chi2 > 100.0:
-        warnings.append(
-            f"{estimator.triad}: the misfit is {np.sqrt(own_chi2):.0f} times what the dwells' own noise "
-            f"explains; the uncertainties allow for it, but `inertiax diagnose` may say what is missing"
-        )
     scatter = float(estimator.scatter)
     return TriadResult(
         estimator=estimator,

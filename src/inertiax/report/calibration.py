@@ -15,7 +15,7 @@ from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.style import drawing
 from ..reduction.segments import rests_are_searched, segment
-from .judge import coverage_sentence, misfit_verdict, TRIAD_NAMES, triads, weakest, weakest_sentence
+from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 
@@ -64,26 +64,20 @@ def _temperature_words(calibration: Calibration) -> str:
     return f"data from {low:.1f} to {high:.1f} °C"
 
 
+_HEADLINES = {
+    "good": ("good", "Calibrated: the fit is good."),
+    "usable": ("attention", "Calibrated, with a reservation."),
+    "doubtful": ("bad", "Calibrated, but do not use it yet."),
+}
+
+
 def _verdict(result: DeviceResult, quality: Quality) -> Verdict:
-    judged = {k: misfit_verdict(r) for k, (_, r) in triads(result).items()}
-    good = all(fine for fine, _ in judged.values())
-    lines = [f"Is it good? {quality.answer}"]
-    for name, (triad, estimate) in triads(result).items():
-        found = weakest(triad, estimate, result.calibration.temperature_range)
-        lines += [
-            judged[name][1],
-            coverage_sentence(result.calibration, estimate),
-            weakest_sentence(name, found),
-        ]
+    tone, headline = _HEADLINES[quality.verdict]
+    lines = [f"Is it good? {quality.answer}", *(t.text for t in quality.triads)]
+    lines += [coverage_sentence(result.calibration, r) for _, r in triads(result).values()]
     lines += [f"Warning: {w}" for w in result.warnings]
     lines += [f"Would improve it most: {n}" for n in quality.next]
-    if not good:
-        headline = "Calibrated, but the model does not explain everything in the data."
-    elif result.warnings:
-        headline = "Calibrated; read the warnings."
-    else:
-        headline = "Calibrated: the model explains the data."
-    return Verdict("good" if good and not result.warnings else "attention", headline, tuple(lines))
+    return Verdict(tone, headline, tuple(lines))
 
 
 def _keys(result: DeviceResult) -> list[Key]:
@@ -220,7 +214,9 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
 
 
 def _quality_section(quality: Quality) -> Section:
-    rows = tuple((f.topic, "fine" if f.fine else "attention", f.text) for f in quality.findings)
+    rows = tuple(
+        (f.topic, ("fine", "attention", "do not use")[f.grade], f.text) for f in quality.findings
+    )
     return Section("Is it good?", tables=(Table(("looked at", "", "found"), rows),))
 
 
@@ -265,10 +261,10 @@ def _summary_row(
         return (result.device, "failed", "", "", result.reason)
     device = result.calibration.device
     rms = {k: rms_text(r.misfit_unit, r.rms) for k, (_, r) in triads(result).items()}
-    fine = all(misfit_verdict(r)[0] for _, r in triads(result).values())
+    outcome = {"good": "calibrated", "usable": "with a reservation", "doubtful": "do not use yet"}
     return (
         Link(device, f"{folders[device]}/report.html"),
-        "calibrated" if fine else "calibrated, misfit beyond noise",
+        outcome[judge(result).verdict],
         rms.get("accel", ""),
         rms.get("gyro", ""),
         "; ".join(result.warnings),

@@ -61,6 +61,7 @@ def _quality(quality: Quality) -> dict[str, Value]:
         "answer": quality.answer,
         "findings": [{"topic": f.topic, "fine": f.fine, "text": f.text} for f in quality.findings],
         "next": list(quality.next),
+        "triads": [{"verdict": t.verdict, "text": t.text} for t in quality.triads],
     }
 
 

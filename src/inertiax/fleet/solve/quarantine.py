@@ -1,23 +1,22 @@
-"""Which devices of a fleet are set aside, and why, in one line each."""
+"""Which devices of a fleet are set aside, and why, in one line each: those that `calibrate` calls unusable."""
 
 import numpy as np
 from jaxtyping import Float
 
+from ...calibrate.goodness_of_fit import (
+    grade_misfit,
+    grade_parameters,
+    misfit_words,
+    UNUSABLE,
+    usual_size,
+)
 from ...estimators import AbstractEstimator
 from ...physics.temperature import AbstractBasis
 from ..reduce.blocks import means_of_runs
 from .batch import FleetFit
 
 
-# Beyond these a calibration is worse than none: 1 sigma of a curve's coefficient, and the misfit at rest.
-LARGEST_SIGMA = {
-    "accel.bias": 0.1,  # m/s²
-    "accel.matrix": 1e-2,
-    "gyro.bias": 1e-2,  # rad/s
-    "gyro.matrix": 1e-2,
-    "gyro.g_sensitivity": 1e-2,  # rad/s per g
-}
-LARGEST_MISFIT = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
+_UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 
 def judge(
@@ -29,12 +28,11 @@ def judge(
     """
     sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
     worst = sigma.reshape(len(sigma), basis.size, -1).max(axis=1)
-    limits = np.array([_limit(name) for name in estimator.names])
     rows = fit.valid.sum(axis=1) * fit.misfit.shape[2]
     rms = rms_misfit(fit)
-    # Comparisons with NaN are false.
-    good = fit.converged & np.all(worst <= limits[None], axis=1)
-    good &= rms <= LARGEST_MISFIT[estimator.triad]
+    grades = grade_parameters(estimator.names, np.zeros_like(worst), worst)
+    good = fit.converged & np.all(grades < UNUSABLE, axis=1)
+    good &= grade_misfit(_UNITS[estimator.triad], rms, np.sqrt(fit.chi2_per_dof)) < UNUSABLE
     if alone:
         good &= rows >= basis.size * estimator.num_parameters
     reasons: list[str | None] = [None] * len(good)
@@ -48,10 +46,6 @@ def rms_misfit(fit: FleetFit) -> Float[np.ndarray, " devices"]:
     kept = np.broadcast_to(fit.valid[:, :, None], fit.misfit.shape)
     counts = kept.sum(axis=(1, 2))
     return np.sqrt(means_of_runs(np.square(fit.misfit[kept]), counts))
-
-
-def _limit(name: str) -> float:
-    return LARGEST_SIGMA[name.partition("[")[0]]
 
 
 def _reason(
@@ -78,16 +72,13 @@ def _reason(
             f"{triad}: no convergence after {int(fit.num_steps[k])} steps; look for wrong units, a "
             "saturated axis or rests that are not at rest"
         )
-    if rms > LARGEST_MISFIT[triad]:
-        unit = "m/s²" if triad == "accel" else "rad/s"
-        return (
-            f"{triad}: the misfit is {rms:.2g} {unit} rms (limit {LARGEST_MISFIT[triad]:g}); look for wrong "
-            "units, a saturated axis or rests that are not at rest"
-        )
+    unit, ratio = _UNITS[triad], float(np.sqrt(fit.chi2_per_dof[k]))
+    if grade_misfit(unit, rms, ratio) == UNUSABLE:
+        return f"{triad}: {misfit_words(unit, rms, ratio, float(fit.scatter[k]))}"
     for name, worst in zip(estimator.names, sigma.tolist(), strict=True):
-        if worst > _limit(name):
+        if worst > usual_size(name):
             return (
-                f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {_limit(name):g}): "
+                f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {usual_size(name):g}): "
                 "record more positions"
             )
     return None

@@ -1,0 +1,138 @@
+"""When a fit is good: the one rule of the report's page, the JSON verdict and the fleet's quarantine.
+
+Two questions, each with three answers. *Misfit*: is it what the dwells' noise predicts, more than that, or more than
+any sensor's unmodelled effects leave? *Parameters*: is each one's sigma small against its value or usual size, not
+small, or larger than the usual size, so that no calibration at all would be as good?
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._typing import AnyArray
+from ..calibration.quantities import rms_text
+
+
+FINE, ATTENTION, UNUSABLE = 0, 1, 2  # grades, the worst last
+
+
+@dataclass(frozen=True)
+class FitLimits:
+    """Limits of a good fit; origin beside each."""
+
+    # Misfit over the dwells' noise from which it asks for an explanation. Below, the scatter between dwells is in the
+    # uncertainties. Convention.
+    noise_ratio: float = 3.0
+    # Misfit over noise from which, beyond `gross_misfit`, the data contradict each other. Exchanged positions, a
+    # duplicated block or two devices in one campaign leave 150 to 600; missing physics of the practice campaigns 8.
+    gross_ratio: float = 100.0
+    # Twice what unmodelled effects of consumer sensors leave at rest: 0.2 mg/°C over 30 °C without a temperature
+    # model have 1.7 mg rms; 0.1 °/s of g-sensitivity; half a degree of gravity's direction after a turn by hand.
+    gross_misfit: Mapping[str, float] = field(
+        default_factory=lambda: MappingProxyType({"m/s^2": 0.035, "rad/s": 0.0035, "rad": 0.017})
+    )
+    # What no calibration at all would leave, from `usual_size`: 0.1 m/s² and 1 % of g; 0.01 rad/s and 1 % of
+    # 5 rad/s; 1 % of a half turn and 0.01 rad/s for 4 s.
+    largest_misfit: Mapping[str, float] = field(
+        default_factory=lambda: MappingProxyType({"m/s^2": 0.14, "rad/s": 0.05, "rad": 0.05})
+    )
+    # Errors of a consumer sensor as it is sold, SI, by data sheets of MPU-6050, BMI160 and LSM6DS3.
+    usual_size: Mapping[str, float] = field(
+        default_factory=lambda: MappingProxyType(
+            {
+                "accel.bias": 0.1,
+                "accel.matrix": 1e-2,
+                "gyro.bias": 1e-2,
+                "gyro.matrix": 1e-2,
+                "gyro.g_sensitivity": 1e-2,  # rad/s per g
+            }
+        )
+    )
+    # Sigma over the larger of value and usual size up to which it is small: three sigma. Convention.
+    small: float = 1.0 / 3.0
+    # Half angle of a cone without any orientation, degrees; six faces leave 55. Convention.
+    empty_cone: float = 60.0
+    # Stretch of the temperature range without any dwell, as a share of it. Convention.
+    temperature_gap: float = 0.3
+    motions: int = 12  # between rests, for the gyros' nine matrix elements. Convention.
+    # A unit or a range is wrong: the widest tolerance of a data sheet is 10 % (ADXL335).
+    wrong_scale: float = 0.1
+    wrong_axis: float = 0.3  # rad; no misalignment inside a device is that large
+    outlier: float = 5.0  # robust standard deviations of one dwell's misfit. Convention.
+
+
+LIMITS = FitLimits()
+
+
+class Finding(eqx.Module):
+    """One thing that was looked at."""
+
+    topic: str = eqx.field(static=True)  # misfit | orientations | rates | temperature | weakest | …
+    grade: int = eqx.field(static=True)  # FINE, ATTENTION or UNUSABLE
+    text: str = eqx.field(static=True)  # one sentence
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing about it asks for attention."""
+        return self.grade == FINE
+
+
+def grade_misfit(
+    unit: str,
+    rms: Float[AnyArray, "*devices"] | float,
+    noise_ratio: Float[AnyArray, "*devices"] | float,
+    limits: FitLimits = LIMITS,
+) -> Int[np.ndarray, "*devices"]:
+    """Grades of misfits `rms` in `unit` (m/s^2, rad/s or rad), `noise_ratio` times the dwells' noise.
+
+    The ratio is NaN where the noise is not known; a misfit that is no number is unusable.
+    """
+    rms, ratio = np.asarray(rms), np.asarray(noise_ratio)
+    gross = (ratio > limits.gross_ratio) & (rms > limits.gross_misfit[unit])
+    unusable = gross | ~(rms <= limits.largest_misfit[unit])
+    return np.where(unusable, UNUSABLE, np.where(ratio >= limits.noise_ratio, ATTENTION, FINE))
+
+
+def grade_parameters(
+    names: tuple[str, ...],
+    values: Float[AnyArray, "*batch parameters"],
+    sigmas: Float[AnyArray, "*batch parameters"],
+    limits: FitLimits = LIMITS,
+) -> Int[np.ndarray, "*batch parameters"]:
+    """Grades of parameters by their sigmas, SI. A sigma that is no number is unusable."""
+    usual = np.array([usual_size(name, limits) for name in names])
+    sigma = np.asarray(sigmas)
+    size = np.maximum(np.abs(np.asarray(values)), usual)
+    return np.where(
+        ~(sigma <= usual), UNUSABLE, np.where(sigma > limits.small * size, ATTENTION, FINE)
+    )
+
+
+def usual_size(name: str, limits: FitLimits = LIMITS) -> float:
+    """The usual size of a parameter, SI, by its name, e.g. `accel.bias[0]`."""
+    return limits.usual_size[name.partition("[")[0]]
+
+
+def misfit_words(unit: str, rms: float, noise_ratio: float, scatter: float) -> str:
+    """A misfit in words, with the cause to look for where it is unusable."""
+    grade = int(grade_misfit(unit, rms, noise_ratio))
+    text = f"{rms_text(unit, rms)} rms is left"
+    if np.isnan(noise_ratio):
+        text += "; the noise itself is not known, so that the misfit sets the uncertainties"
+    elif scatter == 0.0:
+        text += f", as the noise predicts (χ² per degree of freedom {noise_ratio**2:.2f})"
+    else:
+        text += f", {noise_ratio:.{1 if noise_ratio < 100 else 0}f} times the noise"
+        text += f"; the uncertainties include the {rms_text(unit, scatter)} that dwells differ by"
+    if grade == UNUSABLE:
+        return (
+            f"{text}. Look for wrong units, exchanged positions, a saturated axis or rests that "
+            "are not at rest"
+        )
+    if grade == ATTENTION:
+        return f"{text}. 'inertiax diagnose' looks for what the model leaves out"
+    return text
