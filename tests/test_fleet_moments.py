@@ -5,10 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fleet_data import dwell_means, GRAVITY, parameters
+from fleet_data import COLUMNS, dwell_means, GRAVITY, parameters, ROWS
+from inertiax.estimators import Invariant
 from inertiax.fleet import fit_invariant
-from inertiax.fleet.solve.invariant import fit_chunks
+from inertiax.fleet.solve.invariant import fit_chunks, predicted
 from inertiax.fleet.solve.moments import gradient, normal_matrix
+from inertiax.fleet.solve.thermal import normal_matrices
+from inertiax.reduction.dwells import Dwells
 
 
 DIRECTIONS = ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2))
@@ -55,3 +58,69 @@ def test_chunks_are_the_batch_and_those_not_used_are_left_out():
         np.testing.assert_allclose(fit.parameters[k], alone.parameters, rtol=0, atol=1e-12)
         assert bool(alone.converged.all()) and bool(fit.converged[k].all())
     assert not np.asarray(fit.parameters[2]).any() and not np.asarray(fit.converged[2]).any()
+
+
+# The first form: `estimators.Invariant`, one dwell at a time ------------------------------------------
+
+
+def _one(output: np.ndarray) -> Dwells:
+    zero = jnp.zeros(())
+    label = jnp.zeros((), int)
+    return Dwells(
+        zero, zero, zero, zero, label, label, jnp.ones((), bool),
+        accel=jnp.asarray(output), accel_covariance=jnp.eye(3),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def first_form():
+    """Outputs of 18 rests, parameters, and the estimator's |a| − g with its derivatives."""
+    rng = np.random.default_rng(11)
+    theta = parameters(rng, 0)
+    outputs = dwell_means(rng, theta, 1)[0] + rng.normal(0, 1e-2, (18, 3))
+    estimator = Invariant(GRAVITY)
+    misfit = lambda v, output: estimator.misfit(v, _one(output))[0][0]
+    both = jax.jit(jax.vmap(jax.value_and_grad(misfit), in_axes=(None, 0)))
+    return outputs, theta[0], *(np.asarray(x) for x in both(jnp.asarray(theta[0]), outputs))
+
+
+UNITS = np.r_[
+    np.full(3, GRAVITY), np.ones(6)
+]  # of a parameter in the batched forms, which count in g
+
+
+def test_predicted_is_the_estimators_residual(first_form):
+    outputs, theta, misfit, jacobian = first_form
+    size, columns = jax.jit(predicted)(list(theta / UNITS), list(outputs.T / GRAVITY))
+    # Rounding of some thirty operations.
+    np.testing.assert_allclose((size - 1.0) * GRAVITY, misfit, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(-np.stack(columns, axis=1), jacobian * UNITS / GRAVITY, atol=1e-14)
+
+
+def test_the_frame_of_moments_gives_the_estimators_normal_matrix(first_form):
+    outputs, theta, misfit, jacobian = first_form
+    matrix = np.eye(3)
+    matrix[ROWS, COLUMNS] += theta[3:]
+    force = np.linalg.solve(matrix, (outputs - theta[:3]).T) / GRAVITY
+    weight = jnp.ones((18, 1))
+    normal = np.asarray(normal_matrix(jnp.asarray(force[:, :, None]), weight))[:, :, 0]
+    pull = np.asarray(gradient(jnp.asarray(force[:, :, None]), weight))[:, 0]
+    # A step β, G of the frame moves the parameters by (E + Γ) β and (E + Γ) G.
+    move = np.zeros((9, 9))
+    move[:3, :3] = matrix
+    for k, (i, j) in enumerate(DIRECTIONS):
+        change = np.zeros((3, 3))
+        change[i, j] = 1.0
+        move[3:, 3 + k] = (matrix @ change)[ROWS, COLUMNS]
+    own = jacobian * UNITS / GRAVITY @ move
+    np.testing.assert_allclose(normal, own.T @ own, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(pull, -own.T @ misfit / GRAVITY, rtol=0, atol=1e-13)
+
+
+def test_thermal_normal_matrices_are_those_of_the_kronecker_rows():
+    rng = np.random.default_rng(5)
+    phi, rows = rng.normal(size=(4, 3, 30)), rng.normal(size=(4, 9, 30))
+    found = jax.jit(normal_matrices)(phi, rows)
+    for k in range(4):
+        design = np.stack([np.kron(p, g) for p, g in zip(phi[k].T, rows[k].T, strict=True)])
+        np.testing.assert_allclose(found[k], design.T @ design, rtol=0, atol=1e-12)

@@ -7,7 +7,14 @@ import pytest
 from numpy.polynomial import chebyshev, polynomial
 from scipy.interpolate import CubicSpline as ScipySpline
 
-from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial, to_powers
+from inertiax.physics.temperature import (
+    chebyshev_rows,
+    Constant,
+    CubicSpline,
+    Curve,
+    Polynomial,
+    to_powers,
+)
 
 
 TEMPERATURES = np.array([-55.0, -31.3, -5.0, 0.0, 2.5, 17.9, 60.0])
@@ -72,3 +79,14 @@ def test_constant_never_looks_at_the_temperature():
 def test_messages(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("degree", [0, 1, 6])
+def test_rows_on_the_host_are_the_polynomial_and_its_cosines(degree):
+    low, high = -30.0, 60.0
+    temperature = np.linspace(low, high, 13)
+    angle = np.arccos((2.0 * temperature - (low + high)) / (high - low))
+    rows = chebyshev_rows(temperature, degree, low, high)
+    np.testing.assert_allclose(rows, np.cos(np.outer(angle, np.arange(degree + 1))), atol=1e-13)
+    basis = jax.vmap(Polynomial(degree, low, high))(jnp.asarray(temperature))
+    np.testing.assert_allclose(rows, basis, rtol=0, atol=1e-13)

@@ -132,6 +132,14 @@ class Polynomial(AbstractBasis):
         return jnp.stack(values[: self.size])
 
 
+def chebyshev_rows(
+    temperature: Float[np.ndarray, " row"], degree: int, low: float, high: float
+) -> Float[np.ndarray, "row size"]:
+    """`Polynomial(degree, low, high)` at many temperatures, °C, on the host: its second form, by NumPy."""
+    x = (2.0 * temperature - (low + high)) / (high - low)
+    return np.polynomial.chebyshev.chebvander(x, degree)
+
+
 class CubicSpline(AbstractBasis):
     """Natural cubic spline in its cardinal basis: $\\phi_k$ is 1 at knot $k$, 0 at the others.
 

@@ -1,6 +1,7 @@
 """The invariant accelerometer problem for many devices in one program.
 
-Same residual, parameters and gauge as `estimators.Invariant`, in units of g, written out for a batch:
+Second form of the residual of `estimators.Invariant`, with its parameters and gauge, in units of g, written out for a
+batch (`tests/test_fleet_moments.py` holds the two together to rounding, `tests/test_fleet.py` the fits to 1e-5 sigma):
 
     r = w (‖f‖ − 1),   f = (E + Γ)⁻¹ (a' − a⁰) = X (a'; 1),
 
@@ -44,7 +45,10 @@ class BatchFit(eqx.Module):
 
 
 def predicted(p: Array | list[Array], outputs: Array | list[Array]) -> tuple[Array, list[Array]]:
-    """‖f‖ and minus its derivatives by the nine parameters, elementwise; outputs in g."""
+    """‖f‖ and minus its derivatives by the nine parameters, elementwise; outputs in g.
+
+    Second form of `estimators.Invariant.misfit` and its derivative.
+    """
     b0, b1, b2, g00, g10, g11, g20, g21, g22 = p
     d0, d1, d2 = 1.0 / (1.0 + g00), 1.0 / (1.0 + g11), 1.0 / (1.0 + g22)
     f0 = (outputs[0] - b0) * d0

@@ -1,5 +1,6 @@
 """Estimators whose residuals are linear in the parameters (reference, static), for many devices in one program.
 
+Second form of `procedure.thermal_iterations.joint_fit` for them, held to it to 1e-6 sigma by `tests/test_fleet.py`.
 One Gauss-Newton step from anywhere is the answer. The normal matrix is a sum of Kronecker products of the
 basis and the dwells' parameter Jacobians, as in `thermal`; the formulas are the estimators' own.
 """

@@ -6,7 +6,8 @@ derivatives by a shift β and a lower-triangular change G of that frame, u' = u 
     ∂‖u‖/∂β_i = −u_i/‖u‖,   ∂‖u‖/∂G_ij = −u_i u_j/‖u‖.
 
 So the normal matrix holds nothing but the moments Σ w² u_i u_j …/‖u‖² of second to fourth order: 31 different
-numbers for its 81 elements. Nothing is left out: it is the Gauss-Newton matrix in other coordinates.
+numbers for its 81 elements. Nothing is left out: it is the Gauss-Newton matrix of `estimators.Invariant`, second
+form, in other coordinates; `tests/test_fleet_moments.py` holds them together to rounding.
 The nine unknowns are β₀ β₁ β₂ G₀₀ G₁₀ G₂₀ G₁₁ G₂₁ G₂₂.
 """
 

@@ -5,10 +5,11 @@ Parameters are curves θ(T) = φ(T) C. A dwell's Jacobian by the coefficients C 
 
     gradient = Σ φ gᵀ r,    normal matrix = Σ φφᵀ ⊗ ggᵀ,
 
-two matrix products per device. Devices on the same plan have nearly the same normal matrix, so one
-inverse, of their mean, serves all for the first steps, which leave a few per cent of the way. There each
-device gets its own normal matrix, which serves for the steps that are left, until they are small, and
-for the covariance.
+two matrix products per device: the second form of `procedure.thermal_iterations.normal_matrix` for
+`estimators.Invariant`, held to it by `tests/test_fleet.py` through the fits (1e-5 sigma) and to the Kronecker rows by
+`tests/test_fleet_moments.py`. Devices on the same plan have nearly the same normal matrix, so one inverse, of their
+mean, serves all for the first steps, which leave a few per cent of the way. There each device gets its own normal
+matrix, which serves for the steps that are left, until they are small, and for the covariance.
 """
 
 import jax

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from ...physics.temperature import AbstractBasis, Constant, Polynomial
+from ...physics.temperature import AbstractBasis, chebyshev_rows, Constant, Polynomial
 
 
 class TriadModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -30,11 +30,10 @@ def basis_of(model: TriadModel) -> AbstractBasis:
 def basis_values(
     model: TriadModel, temperatures: Float[np.ndarray, " grid"]
 ) -> Float[np.ndarray, "grid size"]:
-    """`basis_of(model)` at many temperatures (°C), in NumPy: Chebyshev polynomials."""
+    """`basis_of(model)` at many temperatures (°C), in NumPy."""
     if model.degree == 0:
         return np.ones((len(temperatures), 1))
-    x = (2.0 * temperatures - (model.low + model.high)) / (model.high - model.low)
-    return np.polynomial.chebyshev.chebvander(x, model.degree)
+    return chebyshev_rows(temperatures, model.degree, model.low, model.high)
 
 
 def curve_covariance(
