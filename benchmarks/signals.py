@@ -70,7 +70,7 @@ COMMANDS = {
         "out/c.csv",
         "-q",
     ],
-    "export": ["export", "known/calibration.json", "--to", "c-header", "-o", "out/c.h", "-q"],
+    "export": ["export", "known/calibration.json", "--to", "c", "-o", "out/c.h", "-q"],
     "simulate": ["simulate", "gyro-table", "-o", "out", "-q"],
     "learn-noise": ["learn-noise", "one", "--consistent", "-o", "out/noise.json", "-q"],
     "fleet": ["fleet", "line", "-o", "out", "-q"],
