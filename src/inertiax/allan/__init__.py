@@ -10,3 +10,8 @@ from .deviations import (
 from .identify import identify as identify
 from .logs import ChannelNoise as ChannelNoise, LogNoise as LogNoise, noise_of as noise_of
 from .model import NoiseModel as NoiseModel, NoiseTerm as NoiseTerm, TERMS as TERMS
+from .process_noise import (
+    read_triad_noise as read_triad_noise,
+    triad_noise as triad_noise,
+    TriadNoise as TriadNoise,
+)

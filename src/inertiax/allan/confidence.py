@@ -10,11 +10,12 @@ the averaging time, beyond which the sum does not change. The total deviations h
 35th PTTI (2003), 267-280, equations (7) to (10); NIST SP 1065, tables 7 and 8.
 """
 
+from functools import lru_cache
 from math import comb
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .deviations import Deviations
 
@@ -35,6 +36,7 @@ _MODIFIED_TOTAL = {
 }
 
 
+@lru_cache(maxsize=4096)  # channels of one log ask the same
 def degrees_of_freedom(kind: str, samples: int, factor: int, exponent: int) -> float:
     """Equivalent degrees of freedom of one deviation of a log of that many rates.
 
@@ -104,6 +106,6 @@ def interval(
         ]
     )
     low, high = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
-    lower = found.deviation * np.sqrt(freedom / chi2.ppf(high, freedom))
-    upper = found.deviation * np.sqrt(freedom / chi2.ppf(low, freedom))
+    lower = found.deviation * np.sqrt(freedom / chdtri(freedom, 1.0 - high))
+    upper = found.deviation * np.sqrt(freedom / chdtri(freedom, 1.0 - low))
     return lower, upper

@@ -1,42 +1,52 @@
-"""N, B, K and Q from a log by maximum likelihood on its spectrum; R by generalised least squares.
+"""Noise terms of a log at rest: N, B, K and Q by maximum likelihood on its spectrum, R by least squares.
 
 The spectrum of the log's differences has under each term an expectation known up to the coefficient's
-square (see `spectrum`), so the likelihood of independent χ² ordinates (Whittle's) is a regression with four
-non-negative unknowns. The uncertainties allow for the correlation of neighbouring ordinates. The ramp R
-comes from means of blocks with their full covariance under the other terms, and is taken out first.
+square (see `spectrum`), behind a low-pass filter of the sensor's own (see `band`), so that the likelihood of
+independent χ² ordinates is a regression (`likelihood`), and the limits are those of its profile (`limits`).
+The ramp R comes from means of blocks with their full covariance under the other terms (`ramp`), and is taken
+out first.
 
-**References:** Whittle, *Ark. Mat.* 2 (1953) 423; IEEE Std 952-1997, annex C.
+**Reference:** IEEE Std 952-1997, annex C.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.fft import next_fast_len
-from scipy.linalg import solve_toeplitz, toeplitz
-from scipy.optimize import nnls
-from scipy.sparse import csr_array
-from scipy.stats import chi2, t as student
 
-from .model import NoiseModel, NoiseTerm
-from .spectrum import Spectrum, spectrum_of, TAPERS
+from ..reduction.mean_noise import quantisation_step
+from .band import Band, corner_of, find_band, misfit
+from .likelihood import covariance, Fit, maximum_likelihood, model_of, Problem, variances
+from .limits import terms_of
+from .model import NoiseModel, NoiseTerm, TERMS
+from .ramp import plain_slope, ramp_term, slope
+from .repeats import own_samples
+from .spectrum import fast_length, Spectrum, spectrum_of
+from .statement import band_statement
 
 
-_BLOCKS = 256  # means for the ramp
-_MOST_PASSES = 100
-_LEAST_STEP = 1e-3
-_SETTLED = 1e-7  # of the deviance, whose limits are some units away
-_RANDOM = ("Q", "N", "B", "K")
+FEWEST = 256  # samples
+RANDOM = ("Q", "N", "B", "K")
+WIDE = 32.0  # ordinates of a bin whose mean tells a density to a fifth
+ROUNDED = 1.2  # of the least density that a log shows, up to which rounding may be a part of it
+UNKNOWN = NoiseTerm(None, None, 0.0, float("inf"))
+# Of the samples' scatter: rounding to coarser steps is no noise that adds to the sensor's.
+COARSE = 1.5
+RISING = 0.5  # of the density in the highest third, what a rounded integral's log has in the lowest at most
+_FOR_SCATTER = 20_000  # samples
+# χ² per degree of freedom up to which limits are widened, and beyond which the terms have no values.
+FAILED = 4.0
+# Relative error of N, one sigma, beyond which it has no value.
+LOOSEST = 0.3
 
 
 def identify(log: Float[np.ndarray, " time"], *, rate: float, triad: str = "gyro") -> NoiseModel:
     """Noise coefficients of a log at rest, sampled at a constant `rate` (Hz), in SI units.
 
-    `triad` ("accel" or "gyro") tells the units, nothing else. Intervals are 95 %.
+    `triad` ("accel" or "gyro") tells the units, nothing else. Intervals are 95 %. Where the log repeats each of the
+    sensor's samples, the sensor's own are used, at their rate.
     Raises `ValueError` where the log is too short (256 samples), not finite or constant.
     """
     log = np.asarray(log, float)
-    if log.ndim != 1 or len(log) < 256 or not np.all(np.isfinite(log)):
+    if log.ndim != 1 or len(log) < FEWEST or not np.all(np.isfinite(log)):
         raise ValueError(
             f"`identify(log)`: 256 or more finite samples of one channel are needed, got shape "
             f"{log.shape}."
@@ -45,283 +55,114 @@ def identify(log: Float[np.ndarray, " time"], *, rate: float, triad: str = "gyro
         raise ValueError(
             "`identify(log)`: the log is constant: a dead channel, or filled-in values."
         )
-    log = log[: _fast_length(len(log))]
-    times = np.arange(len(log)) / rate
-    ramp = float(np.polyfit(times - times.mean(), log, 1)[0])
-    # The ramp is taken out by least squares first, then with the weights of the noise found.
-    first = _maximum_likelihood(spectrum_of(np.diff(log) - ramp / rate, rate))
-    ramp, _ = _ramp(log, rate, first)
-    spectrum = spectrum_of(np.diff(log) - ramp / rate, rate)
-    squares = _maximum_likelihood(spectrum)
-    ramp, shares = _ramp(log, rate, squares)
-    terms = _terms(spectrum, squares)
-    variances, _ = _variances(spectrum, squares)
-    terms["R"] = _ramp_term(ramp, spectrum, squares, variances, shares)
-    return NoiseModel(triad, rate, len(log) / rate, terms, _chi2_per_dof(spectrum, squares))
+    own = own_samples(log[:, None])
+    log, rate = own.of(log), own.rate(rate, len(log))
+    if len(log) < FEWEST:
+        raise ValueError(
+            f"`identify(log)`: {len(log)} of the samples are new ones, the others repeat them; 256 are "
+            f"needed."
+        )
+    return identify_samples(log, rate=rate, triad=triad)
 
 
-def _fast_length(samples: int) -> int:
-    """The longest part of a log whose transform is quick, a few samples shorter at most."""
-    for length in range(samples, 0, -1):
-        if next_fast_len(2 * length, real=True) == 2 * length:
-            return length
-    return samples
-
-
-# The coefficients ------------------------------------------------------------------------------------
-
-
-def _maximum_likelihood(
-    spectrum: Spectrum, *, held: tuple[int, float] | None = None
-) -> Float[np.ndarray, " term"]:
-    """Squares of the coefficients that minimise Σ n (log m + p / m), m = Σ θ e, θ ≥ 0.
-
-    `held` keeps one term (its index) at a given square.
-    """
-    which, kept = (-1, 0.0) if held is None else held
-    free = np.arange(spectrum.expected.shape[1]) != which
-    if not free.any():
-        return np.array([kept])
-    expected, weight = spectrum.expected[:, free], np.sqrt(spectrum.width)
-    offset = 0.0 if held is None else kept * spectrum.expected[:, which]
-
-    def scored(model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fisher's scoring: the next squares, and the scale of each."""
-        rows = expected / model[:, None] * weight[:, None]
-        scale = np.linalg.norm(rows, axis=0)
-        return nnls(rows / scale, (spectrum.power - offset) / model * weight)[0] / scale, scale
-
-    theta, _ = scored(spectrum.power)
-    model = np.maximum(offset + expected @ theta, 1e-6 * spectrum.power)
-    now = _misfit(spectrum, model)
-    for _ in range(_MOST_PASSES):
-        new, scale = scored(model)
-        step = 1.0
-        # Whole steps may swing between two terms of nearly the same shape.
-        while step > _LEAST_STEP:
-            trial = theta + step * (new - theta)
-            model = np.maximum(offset + expected @ trial, 1e-6 * spectrum.power)
-            fallen = now - _misfit(spectrum, model)
-            if fallen > 0.0:
-                break
-            step *= 0.5
-        else:
-            break
-        theta, now = trial, now - fallen
-        if fallen < _SETTLED or np.max(np.abs(new - theta) * scale) < 1e-6:
-            break
-    result = np.empty(len(free))
-    result[free] = theta
-    if held is not None:
-        result[which] = kept
-    return result
-
-
-def _deviance(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> float:
-    """−2 log L of independent ordinates, each the mean of the tapers', up to a constant."""
-    model = spectrum.expected @ squares
-    return _misfit(spectrum, model) if np.all(model > 0) else np.inf
-
-
-def _misfit(spectrum: Spectrum, model: Float[np.ndarray, " bin"]) -> float:
-    return 2.0 * float(spectrum.width @ (np.log(model) + spectrum.power / model))
-
-
-def _variances(
-    spectrum: Spectrum, squares: Float[np.ndarray, " term"]
-) -> tuple[Float[np.ndarray, " term"], Float[np.ndarray, " term"]]:
-    """Variances of the squares: the diagonals of H⁻¹ J H⁻¹ and of H⁻¹.
-
-    J is the covariance of the score: ordinates within a taper's width correlate. Terms that were found
-    to be zero are left out for the others' uncertainty; their own is that of being let free.
-    """
-    right, naive = np.empty(len(squares)), np.empty(len(squares))
-    free = np.flatnonzero(squares > 0)
-    for own in range(len(squares)):
-        used = np.union1d(free, [own])
-        both = _covariance(spectrum, squares, used)
-        right[own], naive[own] = (c[used == own, used == own][0] for c in both)
-    return right, naive
-
-
-def _covariance(
-    spectrum: Spectrum, squares: Float[np.ndarray, " term"], used: np.ndarray
-) -> tuple[Float[np.ndarray, "used used"], Float[np.ndarray, "used used"]]:
-    """H⁻¹ J H⁻¹ and H⁻¹ of the squares of the terms `used`, the others held."""
-    model = spectrum.expected @ squares
-    rows = spectrum.expected[:, used] / model[:, None] * np.sqrt(spectrum.width)[:, None]
-    scale = np.linalg.norm(rows, axis=0)
-    rows = rows / scale
-    bread = np.linalg.pinv(rows.T @ rows)
-    right = bread @ (rows.T @ _correlation(spectrum.width)(rows)) @ bread
-    return right / np.outer(scale, scale), bread / np.outer(scale, scale)
-
-
-def _correlation(width: Float[np.ndarray, " bin"]):
-    """v ↦ C v for the covariance C of relative bin means times √width."""
-    lags, alone = _ordinate_covariance()
-    inside = alone[0] + 2.0 * alone[1:].sum()
-    single = int(np.sum(width == 1.0))
-    matrix = toeplitz(np.concatenate([alone, np.zeros(max(single - len(alone), 0))])[:single])
-    # Near zero frequency an ordinate meets its mirror image as well.
-    index = np.arange(1, single + 1)
-    together = index[:, None] + index[None, :]
-    matrix = matrix + np.where(
-        together < len(lags), alone[np.minimum(together, len(lags) - 1)], 0.0
+def identify_samples(log: Float[np.ndarray, " time"], *, rate: float, triad: str) -> NoiseModel:
+    """As `identify`, of a checked log without repeated samples."""
+    step, duration = quantisation_step(log), len(log) / rate
+    log = log[: fast_length(len(log))]
+    ramp = plain_slope(log, rate)
+    spectrum = spectrum_of(log, rate, ramp)
+    rounding = _rounding(spectrum, step)
+    band = find_band(spectrum, rounding)
+    problem, names = band.problem(spectrum, rounding)
+    fit = maximum_likelihood(problem)
+    # The ramp was taken out by least squares; now it is with the weights of the noise found.
+    better, _ = slope(log, rate, _every(names, fit.squares))
+    if _matters(better - ramp, spectrum, len(log)):
+        ramp, spectrum = better, spectrum_of(log, rate, better)
+        problem, names = band.problem(spectrum, rounding)
+        fit = maximum_likelihood(problem)
+    chi2, _ = misfit(problem, fit)
+    terms = terms_of(problem, fit, names, 1.0 if band.passes else max(chi2, 1.0))
+    terms["R"] = _ramp(log, rate, problem, fit, names)
+    terms = _judged(
+        terms,
+        band,
+        failed=not band.passes and chi2 > FAILED,
+        coarse=_is_coarse(log, step, spectrum),
+    )
+    return NoiseModel(
+        triad=triad,
+        rate=rate,
+        duration=duration,
+        terms={name: terms.get(name, UNKNOWN) for name in TERMS},
+        chi2_per_dof=_misfit_with_lines(spectrum, band, fit, rounding),
+        band=(band.lower, band.upper),
+        corner=corner_of(band, fit, rate) if band.seen else None,
+        rounding=step,
+        statement=band_statement(spectrum, band, fit),
     )
 
-    matrix = csr_array(matrix)
 
-    def apply(v: np.ndarray) -> np.ndarray:
-        result = inside * v
-        result[:single] = matrix @ v[:single]
-        return result
-
-    return apply
-
-
-def _ordinate_covariance() -> tuple[np.ndarray, np.ndarray]:
-    """Covariance of two relative ordinates by the steps between them: Σ |Σ h_a h_b e^{iωt}|² / T²."""
-    size, lags = 4096, np.arange(2 * TAPERS)
-    t = np.arange(size)
-    tapers = np.sqrt(2.0 / size) * np.sin(np.pi * np.arange(1, TAPERS + 1)[:, None] * t / size)
-    products = tapers[:, None, :] * tapers[None, :, :]
-    transform = np.fft.rfft(products, axis=2)[:, :, : len(lags)]
-    return lags, np.sum(np.square(np.abs(transform)), axis=(0, 1)) / TAPERS**2
+def _rounding(spectrum: Spectrum, step: float) -> float:
+    """Density of rounding to a `step`, (unit)²/Hz; zero where the log shows less, as of a rounded integral."""
+    density = step**2 / 12.0 / spectrum.rate
+    wide = spectrum.width >= WIDE
+    least = np.min(spectrum.power[wide] / spectrum.expected[wide, 1], initial=np.inf)
+    return density if density < ROUNDED * least else 0.0
 
 
-def _terms(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> dict[str, NoiseTerm]:
-    """The four random terms. Limits hold whether the terms that the log does not show are there or not.
-
-    A term that is absent is still estimated as zero or more, never less, and what it takes is missing
-    in the others: limits from a fit with all terms alone would be too low. So they are joined with those of a
-    fit without the terms that do not show.
-    """
-    every = _limited(spectrum, squares)
-    shown = np.array([term.shown for term in every])
-    if shown.any() and not shown.all():
-        fewer = Spectrum(spectrum.power, spectrum.expected[:, shown], spectrum.width)
-        alone = _limited(fewer, _maximum_likelihood(fewer))
-        for k, other in zip(np.flatnonzero(shown), alone, strict=True):
-            own = every[k]
-            lower, upper = min(own.lower, other.lower), max(own.upper, other.upper)
-            every[k] = NoiseTerm(own.value, own.std, lower, upper)
-    return dict(zip(_RANDOM, every, strict=True))
+def _every(names: tuple[str, ...], squares: Float[np.ndarray, " term"]) -> Float[np.ndarray, "4"]:
+    """Squares of all four random terms, zero for those that have no place in the fit."""
+    known = dict(zip(names, squares, strict=True))
+    return np.array([known.get(name, 0.0) for name in RANDOM])
 
 
-def _limited(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> list[NoiseTerm]:
-    variances, naive = _variances(spectrum, squares)
-    return [_term(spectrum, squares, k, variances[k], naive[k]) for k in range(len(squares))]
-
-
-def _term(
-    spectrum: Spectrum,
-    squares: Float[np.ndarray, " term"],
-    which: int,
-    variance: float,
-    naive: float,
-) -> NoiseTerm:
-    """A coefficient with the limits at which the profile of the likelihood falls by its 95 % point.
-
-    `variance / naive` is by how much the ordinates' correlation dulls the likelihood.
-    """
-    square, std = float(squares[which]), float(np.sqrt(variance))
-    limit = _deviance(spectrum, squares) + float(chi2.ppf(0.95, 1)) * variance / naive
-
-    def excess(candidate: float) -> float:
-        held = _maximum_likelihood(spectrum, held=(which, candidate))
-        return _deviance(spectrum, held) - limit
-
-    lower = 0.0
-    if square > 0.0 and excess(0.0) > 0.0:
-        lower = _crossing(excess, square, 0.5)
-    upper = _crossing(excess, square if square > 0.0 else 0.1 * std, 2.0)
-    value = float(np.sqrt(square))
-    spread = float(std / (2.0 * value)) if value > 0 else float("inf")
-    return NoiseTerm(value, spread, float(np.sqrt(lower)), float(np.sqrt(upper)))
-
-
-def _crossing(excess: Callable[[float], float], start: float, factor: float) -> float:
-    """Where a profile's excess turns positive, going from `start` by factors and then bisecting."""
-    inside, outside = start, factor * start
-    for _ in range(100):
-        if excess(outside) > 0.0:
-            break
-        inside, outside = outside, factor * outside
-    for _ in range(10):
-        middle = float(np.sqrt(inside * outside))
-        inside, outside = (inside, middle) if excess(middle) > 0.0 else (middle, outside)
-    return float(np.sqrt(inside * outside))
-
-
-def _chi2_per_dof(spectrum: Spectrum, squares: Float[np.ndarray, " term"]) -> float:
-    """Of the relative misfit in groups of bins, each wide enough to be nearly Gaussian."""
-    model = spectrum.expected @ squares
-    relative = spectrum.power / model - 1.0
-    total = np.cumsum(spectrum.width)
-    # Thirds of octaves, from eight ordinates up.
-    group = np.floor(3.0 * np.log2(np.maximum(total, 8.0))).astype(int)
-    _, starts = np.unique(group, return_index=True)
-    width = np.add.reduceat(spectrum.width, starts)
-    mean = np.add.reduceat(relative * spectrum.width, starts) / width
-    _, alone = _ordinate_covariance()
-    variance = (alone[0] + 2.0 * alone[1:].sum()) / width
-    dof = len(mean) - int(np.sum(squares > 0))
-    return float(np.sum(mean**2 / variance) / max(dof, 1))
-
-
-# The ramp --------------------------------------------------------------------------------------------
+def _matters(change: float, spectrum: Spectrum, samples: int) -> bool:
+    """Whether a change of the ramp moves the lowest ordinate by a hundredth of itself."""
+    return (change / spectrum.rate) ** 2 * samples > 0.01 * float(spectrum.power[0])
 
 
 def _ramp(
-    log: Float[np.ndarray, " time"], rate: float, squares: Float[np.ndarray, " term"]
-) -> tuple[float, Float[np.ndarray, " term"]]:
-    """Slope of the log from the differences of block means, and its variance per square of each term."""
-    length = max(len(log) // _BLOCKS, 1)
-    means = log[: len(log) // length * length].reshape(-1, length).mean(axis=1)
-    step, count = length / rate, len(means) - 1
-    weights = solve_toeplitz(_block_covariance(count, length, step, squares), np.ones(count))
-    weights = weights / weights.sum()
-    lagged = np.correlate(weights, weights, mode="full")[count - 1 :]
-    lagged[1:] *= 2.0
-    shares = [lagged @ _block_covariance(count, length, step, one) for one in np.eye(len(squares))]
-    return float(weights @ np.diff(means) / step), np.array(shares) / step**2
-
-
-def _block_covariance(
-    count: int, length: int, step: float, squares: Float[np.ndarray, " term"]
-) -> Float[np.ndarray, " lag"]:
-    """Autocovariance of the differences of block means `step` seconds long under the four terms."""
-    quantisation, white, flicker, walk = squares
-    result = np.zeros(max(count, 3))
-    result[:3] += quantisation / step**2 * np.array([6.0, -4.0, 1.0])
-    result[:2] += white / step * np.array([2.0, -1.0])
-    within = 1.0 / (6.0 * length**2)
-    result[:2] += walk * step * np.array([2.0 / 3.0 + 2.0 * within, 1.0 / 6.0 - within])
-    t = np.abs(np.arange(-2, len(result) + 2).astype(float))
-    phase = t**2 * np.log(np.where(t > 0, t, 1.0)) / (2.0 * np.pi)
-    fourth = np.convolve(phase, [1.0, -4.0, 6.0, -4.0, 1.0], mode="valid")
-    return (result + flicker * fourth)[:count]
-
-
-def _ramp_term(
-    slope: float,
-    spectrum: Spectrum,
-    squares: Float[np.ndarray, " term"],
-    variances: Float[np.ndarray, " term"],
-    shares: Float[np.ndarray, " term"],
+    log: Float[np.ndarray, " time"], rate: float, problem: Problem, fit: Fit, names: tuple[str, ...]
 ) -> NoiseTerm:
-    """The slope's size; limits by Student's t, since its variance V = Σ v θ is itself an estimate.
+    squares = _every(names, fit.squares)
+    found, shares = slope(log, rate, squares)
+    spread, _ = variances(problem, fit)
+    free = np.flatnonzero(fit.squares > 0)
+    of_free = np.array([RANDOM.index(names[k]) for k in free])
+    both = np.zeros((len(RANDOM), len(RANDOM)))
+    both[np.ix_(of_free, of_free)] = covariance(problem, fit, free)[0]
+    # Flicker and walk that were found to be zero count with their one sigma.
+    slow = np.array([name in ("B", "K") for name in names])
+    possible = np.where(slow & (fit.squares == 0.0), np.sqrt(spread), fit.squares)
+    return ramp_term(found, shares, squares, both, _every(names, possible))
 
-    V rests on few low frequencies where random walk prevails: its degrees of freedom are ν = 2 V² / Var V
-    (Satterthwaite). For the limits, flicker and walk that were found to be zero count with their 1 sigma.
-    """
-    free = np.flatnonzero(squares > 0)
-    covariance, _ = _covariance(spectrum, squares, free)
-    variance = float(shares @ squares)
-    slow = [k for k in (_RANDOM.index("B"), _RANDOM.index("K")) if squares[k] == 0.0]
-    possible = variance + float(shares[slow] @ np.sqrt(variances[slow]))
-    freedom = 2.0 * possible**2 / float(shares[free] @ covariance @ shares[free])
-    wide = float(student.ppf(0.975, max(freedom, 1.0)) * np.sqrt(possible))
-    value = abs(slope)
-    return NoiseTerm(value, float(np.sqrt(variance)), max(value - wide, 0.0), value + wide)
+
+def _is_coarse(log: Float[np.ndarray, " time"], step: float, spectrum: Spectrum) -> bool:
+    """Whether rounding hides the noise; an integral that is rounded (an angle) is no such case."""
+    if step <= COARSE * float(np.std(log[:_FOR_SCATTER])):
+        return False
+    density, third = spectrum.power / spectrum.expected[:, 1], spectrum.upper[-1] / 3.0
+    mean = lambda part: float(np.average(density[part], weights=spectrum.width[part]))
+    low, high = spectrum.upper <= third, spectrum.upper > 2.0 * third
+    return mean(low) > RISING * mean(high)
+
+
+def _judged(
+    terms: dict[str, NoiseTerm], band: Band, *, failed: bool, coarse: bool
+) -> dict[str, NoiseTerm]:
+    """The terms that the fit determines; the others have no value, and no limit where the model fails."""
+    if failed or coarse:
+        return {}
+    white = terms["N"]
+    if white.value is not None and white.std is not None and white.std > LOOSEST * white.value:
+        terms["N"] = NoiseTerm(None, None, 0.0, white.upper)
+    # What happens below the band is not described, so that it tells nothing of the slow terms.
+    return {k: v for k, v in terms.items() if band.lower == 0.0 or k in ("Q", "N")}
+
+
+def _misfit_with_lines(spectrum: Spectrum, band: Band, fit: Fit, rounding: float) -> float:
+    """χ² per degree of freedom in the band, what was left out of it as lines included."""
+    whole, _ = band.whole().problem(spectrum, rounding)
+    model = model_of(whole, fit.squares, fit.filter)
+    return misfit(whole, Fit(fit.squares, fit.filter, model, 0.0))[0]

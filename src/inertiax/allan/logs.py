@@ -11,12 +11,15 @@ from ..reduction.host_stamps import remark
 from ..reduction.rests import PAUSE, usual_step
 from ..reduction.segments import segment
 from .confidence import interval
-from .deviations import Deviations, deviations
-from .identify import identify
+from .deviations import Deviations, deviations, usual_factors
+from .identify import FEWEST, identify_samples
 from .model import NoiseModel
+from .repeats import own_samples
 
 
-_FEWEST = 256  # samples
+_LONG = 1 << 18  # samples from which on long averaging times use means of neighbours
+_THINNED = 16  # samples to such a mean
+UNLIKE = 5.0  # chi2_per_dof above which the terms do not describe a channel
 
 
 class ChannelNoise(eqx.Module):
@@ -54,15 +57,27 @@ def noise_of(recording: Recording, *, progress: Callable[[str], None] | None = N
         values = getattr(rest, triad)
         if values is None:
             continue
+        own = own_samples(values)
+        own_rate = own.rate(rate, len(values))
+        if own.rows is not None:
+            notes.append(
+                f"{100.0 * own.share:.0f} % of the {triad} rows repeat the row before: the sensor's own "
+                f"samples are used, {own_rate:.4g} a second"
+            )
+            if len(own.rows) < FEWEST:
+                notes.append(f"{triad} has {len(own.rows)} samples of its own; {FEWEST} are needed")
+                continue
         for axis, letter in enumerate("xyz"):
             name = f"{triad}_{letter}"
             tell(f"noise of {name}")
-            if np.ptp(values[:, axis]) == 0.0:
+            log = np.ascontiguousarray(own.of(values[:, axis]))
+            if np.ptp(log) == 0.0:
                 notes.append(f"{name} is constant: a dead channel, or filled-in values")
                 continue
-            channels.append(_channel(name, triad, values[:, axis], rate))
+            channels.append(_channel(name, triad, log, own_rate))
     if not channels:
-        raise ValueError(f"{recording.name or 'the recording'}: every channel is constant.")
+        reason = "; ".join(notes) if notes else "every channel is constant"
+        raise ValueError(f"{recording.name or 'the recording'}: no channel tells noise: {reason}.")
     notes += _remarks(channels)
     return LogNoise(
         recording.name,
@@ -75,10 +90,36 @@ def noise_of(recording: Recording, *, progress: Callable[[str], None] | None = N
 
 
 def _channel(name: str, triad: str, log: Float[np.ndarray, " time"], rate: float) -> ChannelNoise:
-    model = identify(log, rate=rate, triad=triad)
-    curve = deviations(log, rate=rate)
+    model = identify_samples(log, rate=rate, triad=triad)
+    curve = _curve(log, rate)
     lower, upper = interval(curve, model.exponents(curve.tau))
     return ChannelNoise(name, curve, lower, upper, model)
+
+
+def _curve(log: Float[np.ndarray, " time"], rate: float) -> Deviations:
+    """Overlapping Allan deviations; of a long log those of long times from means of neighbours.
+
+    Differences that begin at every sample or at every sixteenth tell the same where they span hundreds.
+    """
+    factors = usual_factors(len(log))
+    if len(log) < _LONG:
+        return deviations(log, rate=rate, factors=factors)
+    short = deviations(log, rate=rate, factors=factors[factors < _THINNED**2])
+    means = log[: len(log) // _THINNED * _THINNED].reshape(-1, _THINNED).mean(axis=1)
+    longer = np.unique(factors[factors >= _THINNED**2] // _THINNED)
+    long = deviations(means, rate=rate / _THINNED, factors=longer)
+    join = lambda name, factor=1: np.concatenate(
+        [getattr(short, name), getattr(long, name) * factor]
+    )
+    return Deviations(
+        "oadev",
+        rate,
+        len(log),
+        join("factor", _THINNED),
+        join("tau"),
+        join("deviation"),
+        join("count"),
+    )
 
 
 def _longest_rest(recording: Recording) -> tuple[Recording, list[str]]:
@@ -91,9 +132,9 @@ def _longest_rest(recording: Recording) -> tuple[Recording, list[str]]:
         for piece in _without_pauses(recording, int(start), int(stop))
     ]
     start, stop = max(ranges, key=lambda r: r[1] - r[0], default=(0, 0))
-    if stop - start < _FEWEST:
+    if stop - start < FEWEST:
         raise ValueError(
-            f"{where}: the longest rest has {stop - start} samples; noise needs a log of {_FEWEST} or "
+            f"{where}: the longest rest has {stop - start} samples; noise needs a log of {FEWEST} or "
             f"more at rest, and hours of it for bias instability and random walk.{remark(recording)}"
         )
     rest, notes = recording[slice(start, stop)], []
@@ -122,17 +163,17 @@ def _without_pauses(recording: Recording, start: int, stop: int) -> list[tuple[i
 
 
 def _remarks(channels: list[ChannelNoise]) -> list[str]:
-    unlike = [c.channel for c in channels if c.model.chi2_per_dof > 5.0]
+    unlike = [c.channel for c in channels if c.model.chi2_per_dof > UNLIKE]
     remarks: list[str] = []
     if unlike:
         remarks.append(
-            f"the five terms do not describe {', '.join(unlike)} (see chi2_per_dof): look for "
-            f"vibration, filtering in the sensor, or temperature; the limits are too narrow there"
+            f"the terms do not describe {', '.join(unlike)} (see chi2_per_dof): look for vibration or a drifting "
+            f"temperature"
         )
-    faint = [c.channel for c in channels if not c.model.terms["K"].shown]
-    if faint:
-        remarks.append(
-            f"random walk does not show in {', '.join(faint)}: its value is an upper limit until the "
-            f"log is longer"
-        )
+    for term, what in (("N", "white noise"), ("B", "bias instability"), ("K", "random walk")):
+        untold = [c.channel for c in channels if not c.model.terms[term].shown]
+        if untold:
+            remarks.append(
+                f"the log does not determine {what} ({term}) of {', '.join(untold)}: no value, and not exported"
+            )
     return remarks

@@ -15,12 +15,12 @@ from .confidence import EXPONENTS
 
 TERMS = ("Q", "N", "B", "K", "R")
 
-_FLICKER = 2.0 * np.log(2.0) / np.pi  # of B² in the Allan variance
+FLICKER = 2.0 * np.log(2.0) / np.pi  # of B² in the Allan variance
 
 _SHAPES = {
     "Q": lambda tau: 3.0 / tau**2,
     "N": lambda tau: 1.0 / tau,
-    "B": lambda tau: np.full_like(tau, _FLICKER),
+    "B": lambda tau: np.full_like(tau, FLICKER),
     "K": lambda tau: tau / 3.0,
     "R": lambda tau: 0.5 * tau**2,
 }
@@ -69,29 +69,44 @@ USUAL_UNITS = {
 
 
 class NoiseTerm(eqx.Module):
-    """One coefficient with its 95 % interval; `lower` is zero where the log does not show the term."""
+    """One coefficient with its 95 % interval; it has a value only where the log determines it.
 
-    value: float  # SI, see `SI_UNITS`
-    std: float  # of the value; infinite where the value is zero
+    Where it does not, `value` and `std` are `None`, `lower` is zero, and `upper` is what the log proves: infinity
+    where it proves nothing.
+    """
+
+    value: float | None  # SI, see `SI_UNITS`
+    std: float | None  # of the value
     lower: float
     upper: float
 
     @property
     def shown(self) -> bool:
-        """Whether the log shows the term at all (95 %)."""
-        return self.lower > 0.0
+        """Whether the log shows the term at all."""
+        return self.value is not None
+
+    @property
+    def known(self) -> float:
+        """The value, zero where there is none: the least noise that explains the log."""
+        return 0.0 if self.value is None else self.value
 
 
 class NoiseModel(eqx.Module):
     """Noise of one channel as coefficients of IEEE Std 952, and how well they describe the log."""
 
     triad: str = eqx.field(static=True)  # "accel" or "gyro": tells the units
-    rate: float = eqx.field(static=True)  # Hz
+    rate: float = eqx.field(static=True)  # Hz, of the sensor's own samples
     duration: float = eqx.field(static=True)  # s
     terms: dict[str, NoiseTerm]
-    chi2_per_dof: (
-        float  # of the spectrum, in thirds of octaves; far above 1: something else is there
+    chi2_per_dof: float  # of the spectrum in the band, in parts of octaves; far above 1: something else is there
+    band: tuple[float, float]  # Hz, in which the terms were fitted; N is from here
+    corner: float | None = (
+        None  # Hz, where the sensor's filter has halved the power; None: not in the band
     )
+    rounding: float = 0.0  # the step that values are rounded to, in their unit; 0: none seen
+    statement: str = eqx.field(
+        static=True, default=""
+    )  # one line: from which band, and where the model fails
 
     def deviation(self, tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:
         """Allan deviation that the model predicts, in the log's unit."""
@@ -99,7 +114,7 @@ class NoiseModel(eqx.Module):
 
     def share(self, name: str, tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:
         """One term's part of the Allan variance."""
-        return self.terms[name].value ** 2 * _SHAPES[name](np.asarray(tau, float))
+        return self.terms[name].known ** 2 * _SHAPES[name](np.asarray(tau, float))
 
     def exponents(self, tau: Float[np.ndarray, " tau"]) -> Int[np.ndarray, " tau"]:
         """Exponent of the spectrum of the term that prevails at each averaging time."""
@@ -108,11 +123,16 @@ class NoiseModel(eqx.Module):
         return np.array([EXPONENTS[name] for name in random])[largest]
 
     @property
-    def discrete_sigma(self) -> float:
-        """Standard deviation of the white part of one sample at this rate: N √rate, m/s² or rad/s."""
-        return float(self.terms["N"].value * np.sqrt(self.rate))
+    def discrete_sigma(self) -> float | None:
+        """Standard deviation of the white part of one sample at this rate, N √rate, m/s² or rad/s; `None` without N.
+
+        Of a filtered log a sample scatters less than this; its mean over times longer than the filter's does not.
+        """
+        white = self.terms["N"].value
+        return None if white is None else float(white * np.sqrt(self.rate))
 
     @property
-    def discrete_walk(self) -> float:
-        """Standard deviation of the random walk's step from sample to sample: K / √rate."""
-        return float(self.terms["K"].value / np.sqrt(self.rate))
+    def discrete_walk(self) -> float | None:
+        """Standard deviation of the random walk's step from sample to sample, K / √rate; `None` without K."""
+        walk = self.terms["K"].value
+        return None if walk is None else float(walk / np.sqrt(self.rate))

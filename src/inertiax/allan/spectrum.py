@@ -7,16 +7,22 @@ has under each term an expectation known exactly, leakage included, up to the co
 106 (2019) 251 (expectations instead of the spectrum).
 """
 
+from functools import cache
+
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
-from scipy.fft import rfft
+from jaxtyping import Bool, Float
+from scipy.fft import next_fast_len, rfft
 
 
 TAPERS = 5
 _SINGLE = 256  # ordinates kept one by one; above them they are averaged
 _PER_OCTAVE = 24  # averaged bins
 _SMALL = 1 << 14  # samples at which flicker's leakage is computed; it scales
+_LONG = 1 << 19  # samples of a log that is transformed as a whole; longer ones in two parts
+_SEGMENT = 1 << 16  # samples of a part of the log, for the higher frequencies
+_THINNED = 32  # samples to one of the thinned log, for the lower frequencies
+_SEAM = 1.0 / 128.0  # of the rate: where both meet, half the thinned log's Nyquist frequency
 
 
 class Spectrum(eqx.Module):
@@ -24,25 +30,105 @@ class Spectrum(eqx.Module):
 
     power: Float[np.ndarray, " bin"]
     expected: Float[np.ndarray, "bin term"]  # for unit coefficients, in the order Q, N, B, K
-    width: Float[np.ndarray, " bin"]  # ordinates in the bin
+    width: Float[np.ndarray, " bin"]  # ordinates of the whole log in the bin
+    frequency: Float[np.ndarray, " bin"]  # Hz, mean
+    upper: Float[np.ndarray, " bin"]  # Hz, of the last ordinate
+    rate: float = eqx.field(static=True)  # Hz
+
+    def of(self, kept: Bool[np.ndarray, " bin"]) -> "Spectrum":
+        """The bins `kept`."""
+        columns = (self.power, self.expected, self.width, self.frequency, self.upper)
+        return Spectrum(*(c[kept] for c in columns), self.rate)
 
 
-def spectrum_of(differences: Float[np.ndarray, " step"], rate: float) -> Spectrum:
-    """The multitaper spectrum of a log's differences (at `rate` Hz) in bands, with what each noise
-    term would give there."""
-    power = tapered(differences)
-    size = len(differences) + 1
-    ordinates = np.arange(1, len(power) + 1)
-    expected = expected_of(size, ordinates, rate)
+def spectrum_of(log: Float[np.ndarray, " time"], rate: float, ramp: float = 0.0) -> Spectrum:
+    """The multitaper spectrum of a log's differences (at `rate` Hz, the `ramp` a second taken out) in bins.
+
+    A log of more than half a million samples is thinned for its lowest frequencies and cut into segments for
+    the others, whose spectra are averaged, so that the memory taken does not grow much with the log.
+    """
+    log = log[: fast_length(len(log))]
+    if len(log) <= _LONG:
+        power = tapered(np.diff(log) - ramp / rate)
+        ordinates = np.arange(1, len(power) + 1)
+        expected = expected_of(len(log), ordinates, rate)
+        return _binned(power, expected, ordinates * (rate / len(log)), 1.0, rate, _SINGLE)
+    return _joined(_thinned(log, rate, ramp), _segments(log, rate, ramp))
+
+
+def fast_length(samples: int) -> int:
+    """The longest part of a log whose transform is quick, a few samples shorter at most."""
+    for length in range(samples, 0, -1):
+        if next_fast_len(2 * length, real=True) == 2 * length:
+            return length
+    return samples
+
+
+def _segments(log: np.ndarray, rate: float, ramp: float) -> Spectrum:
+    """Mean over segments, above the seam."""
+    count = len(log) // _SEGMENT
+    first = int(_SEAM * _SEGMENT) + 1
+    power = np.zeros(_SEGMENT // 2 - first + 1)
+    for k in range(count):
+        part = log[k * _SEGMENT : (k + 1) * _SEGMENT]
+        power += tapered(np.diff(part) - ramp / rate)[first - 1 :]
+    ordinates = np.arange(first, _SEGMENT // 2 + 1)
+    expected = expected_of(_SEGMENT, ordinates, rate)
+    frequency = ordinates * (rate / _SEGMENT)
+    return _binned(power / count, expected, frequency, len(log) / _SEGMENT, rate, 0)
+
+
+def _thinned(log: np.ndarray, rate: float, ramp: float) -> Spectrum:
+    """The spectrum of a log low-passed and thinned, up to the seam."""
+    from scipy.signal import firwin, upfirdn
+
+    taps = firwin(
+        20 * _THINNED + 1, 1.0 / _THINNED
+    )  # flat to 1e-4 up to half the new Nyquist frequency
+    slow = np.asarray(upfirdn(taps, log - log[0], 1, _THINNED))[20:-20]
+    slow = slow[: fast_length(len(slow))]
+    slower = rate / _THINNED
+    last = int(_SEAM * _THINNED * len(slow))
+    power = tapered(np.diff(slow) - ramp / slower)[:last]
+    ordinates = np.arange(1, last + 1)
+    frequency = ordinates * (slower / len(slow))
+    expected = expected_of(len(slow), ordinates, slower)
+    # At the slower rate the differences of the terms bend away from powers of f sooner.
+    bend = slower * np.sin(np.pi * frequency / slower)
+    bend /= rate * np.sin(np.pi * frequency / rate)
+    expected *= bend[:, None] ** np.array([-2.0, 0.0, 1.0, 2.0])
+    return _binned(power, expected, frequency, 1.0, rate, _SINGLE)
+
+
+def _binned(
+    power: Float[np.ndarray, " ordinate"],
+    expected: Float[np.ndarray, "ordinate term"],
+    frequency: Float[np.ndarray, " ordinate"],
+    each: float,
+    rate: float,
+    single: int,
+) -> Spectrum:
+    """Averages of ordinates, of which each counts for `each` of the whole log's; the first `single` stay alone."""
     last = len(power)
-    edges = _SINGLE * 2.0 ** (
-        np.arange(1, 1 + np.log2(max(last / _SINGLE, 1.0)) * _PER_OCTAVE) / _PER_OCTAVE
+    first = max(single, 1)
+    # Where the lowest ordinates are missing an octave is what their frequencies say.
+    before = (
+        round(frequency[0] / (frequency[-1] - frequency[0]) * (last - 1)) - 1 if last > 1 else 0
     )
-    starts = np.unique(np.concatenate([np.arange(min(_SINGLE, last)), edges.astype(int)]))
-    starts = starts[starts < last]
-    width = np.diff(np.append(starts, last)).astype(float)
-    mean = lambda x: np.add.reduceat(x, starts, axis=0) / (width if x.ndim == 1 else width[:, None])
-    return Spectrum(mean(power), mean(expected), width)
+    octaves = np.log2(max((last + before) / (first + before), 1.0))
+    edges = (first + before) * 2.0 ** (np.arange(1, 1 + octaves * _PER_OCTAVE) / _PER_OCTAVE)
+    starts = np.concatenate([np.arange(min(first, last)), edges.astype(int) - before])
+    starts = np.unique(starts[starts < last])
+    count = np.diff(np.append(starts, last)).astype(float)
+    mean = lambda x: np.add.reduceat(x, starts, axis=0) / (count if x.ndim == 1 else count[:, None])
+    upper = frequency[np.append(starts[1:], last) - 1]
+    return Spectrum(mean(power), mean(expected), count * each, mean(frequency), upper, rate)
+
+
+def _joined(low: Spectrum, high: Spectrum) -> Spectrum:
+    names = ("power", "expected", "width", "frequency", "upper")
+    columns = (np.concatenate([getattr(low, n), getattr(high, n)]) for n in names)
+    return Spectrum(*columns, low.rate)
 
 
 def tapered(z: Float[np.ndarray, " step"]) -> Float[np.ndarray, " ordinate"]:
@@ -55,20 +141,16 @@ def tapered(z: Float[np.ndarray, " step"]) -> Float[np.ndarray, " ordinate"]:
     padded = np.zeros(2 * size)
     padded[1:size] = z
     transform = np.asarray(rfft(padded))
-    ordinates = np.arange(1, size // 2 + 1)
-    power = np.zeros(len(ordinates))
+    # A real signal's transform goes on at either end as its own mirror image.
+    before, after = transform[TAPERS:0:-1].conj(), transform[-2 : -2 - TAPERS : -1].conj()
+    transform = np.concatenate([before, transform, after])
+    count = size // 2
+    at = lambda offset: transform[TAPERS + 2 + offset :: 2][:count]
+    power = np.zeros(count)
     for a in range(1, TAPERS + 1):
-        apart = _at(transform, 2 * ordinates - a, size) - _at(transform, 2 * ordinates + a, size)
-        power += np.square(np.abs(apart))
+        apart = at(-a) - at(a)
+        power += np.square(apart.real) + np.square(apart.imag)
     return power / (2.0 * size * TAPERS)
-
-
-def _at(transform: np.ndarray, index: np.ndarray, size: int) -> np.ndarray:
-    """A real signal's transform of length 2 size at any index."""
-    index = np.mod(index, 2 * size)
-    mirrored = index > size
-    values = transform[np.where(mirrored, 2 * size - index, index)]
-    return np.where(mirrored, values.conj(), values)
 
 
 def expected_of(
@@ -106,6 +188,7 @@ def _expected_flicker(size: int, ordinates: np.ndarray) -> Float[np.ndarray, " o
     return result
 
 
+@cache
 def _leaked_flicker(size: int) -> Float[np.ndarray, " ordinate"]:
     # Fractional noise of order −1/2: γ(k) = γ(k−1) (k − 3/2) / (k + 1/2), γ(0) = 4/π.
     k = np.arange(1, size)

@@ -104,7 +104,7 @@ def export(
         if noise is not None:
             from ..exports.noise import settings_from_noise
 
-            told = settings_from_noise(noise.read_bytes(), by_name(to), known.device)
+            told = settings_from_noise(noise.read_bytes(), by_name(to), known.device, values)
             values, notes = {**told.values, **values}, told.notes
         result = write(known, to, **values)
         result = result._replace(notes=(*notes, *result.notes))

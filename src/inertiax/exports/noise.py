@@ -1,11 +1,11 @@
 """Noise figures for formats that need them, from the document that `inertiax noise` writes.
 
 A filter has one figure per triad: the worst axis' is taken, as a filter with too small a noise trusts its sensor
-too much. Where a log does not show random walk, its 95 % upper limit is taken, for the same reason.
+too much. What a log does not determine is not exported: the user states it, knowing the 95 % limit.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import ModuleType
 
 import msgspec
@@ -23,8 +23,8 @@ class _Value(msgspec.Struct):
 
 class _Term(msgspec.Struct):
     shown: bool
-    value: float
-    upper_95: float
+    value: float | None
+    upper_95: float | None
 
 
 class _Channel(msgspec.Struct):
@@ -43,31 +43,44 @@ class _Document(msgspec.Struct):
 
 
 class NoiseSettings(msgspec.Struct, frozen=True):
-    """Settings of a format, and a line for each figure that is a limit only."""
+    """Settings of a format, and a line for each figure that not all axes tell."""
 
     values: Mapping[str, float]
     notes: tuple[str, ...]
 
 
-def settings_from_noise(content: bytes, module: ModuleType, device: str) -> NoiseSettings:
+def settings_from_noise(
+    content: bytes, module: ModuleType, device: str, given: Collection[str] = ()
+) -> NoiseSettings:
     """The noise settings of an export format, SI densities, from the bytes of a `noise.json`.
 
     `module.NOISE` names the format's settings with triad and term of each, `module.RATE` the one that takes the
-    log's sampling rate. Where the document holds several logs, that of `device` is taken.
+    log's sampling rate. Where the document holds several logs, that of `device` is taken. Settings in `given` have a
+    value of the user's own, which goes before.
 
-    Raises `ValueError` where the format takes no noise, for another document, or where a triad or the
-    device's log is missing.
+    Raises `ValueError` where the format takes no noise, for another document, where a triad or the
+    device's log is missing, and where the log does not determine a term that is not given.
     """
     wanted = getattr(module, "NOISE", None)
     if wanted is None:
         raise ValueError(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
     document = decode(content, _Document, "--noise", "a document of `inertiax noise`", SCHEMA)
     log = _log_of(document, device)
-    values, notes = {module.RATE: log.rate.value}, []
+    values, notes, missing = {module.RATE: log.rate.value}, [], []
     for key, (triad, term) in wanted.items():
-        values[key], shown = _worst(log, triad, term)
-        if not shown:
-            notes.append(f"{key} is an upper limit (95 %): the log does not show it")
+        if key in given:
+            continue
+        value, said = _worst(log, triad, term)
+        if value is None:
+            missing.append(f"{key} ({said})")
+            continue
+        values[key] = value
+        if said:
+            notes.append(f"{key}: {said}")
+    if missing:
+        raise ValueError(
+            f"--noise: the log does not determine {', '.join(missing)}; state it with --set KEY=VALUE."
+        )
     return NoiseSettings(values, tuple(notes))
 
 
@@ -82,16 +95,26 @@ def _log_of(document: _Document, device: str) -> _Log:
     return logs[0]
 
 
-def _worst(log: _Log, triad: str, term: str) -> tuple[float, bool]:
-    """The largest figure of a triad's axes, and whether the log shows it on that axis."""
+def _worst(log: _Log, triad: str, term: str) -> tuple[float | None, str]:
+    """The largest figure of a triad's axes that have one, and what is to be said of the others."""
     channels = {n: c.terms for n, c in log.channels.items() if n.startswith(f"{triad}_")}
     for name, terms in channels.items():
         if term not in terms:
             raise ValueError(f"--noise: {name} has no term {term}; it has {', '.join(terms)[:60]}.")
-    found = [terms[term] for terms in channels.values()]
-    if not found:
+    if not channels:
         raise ValueError(f"--noise: the log has no {triad} channels.")
-    value, shown = max((t.value if t.shown else t.upper_95, t.shown) for t in found)
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"--noise: the log tells no {term} of the {triad} channels.")
-    return value, shown
+    told = [t[term].value for t in channels.values() if t[term].shown]
+    values = [v for v in told if v is not None and math.isfinite(v) and v > 0.0]
+    if len(values) < len(told):
+        raise ValueError(f"--noise: {term} of the {triad} channels is not a positive number.")
+    untold = [name for name, terms in channels.items() if not terms[term].shown]
+    if not values:
+        return None, f"{term} of {triad}; {_limit(log, untold, term)}"
+    said = f"{', '.join(untold)} do not show {term}, the other axes do" if untold else ""
+    return max(values), said
+
+
+def _limit(log: _Log, names: list[str], term: str) -> str:
+    limits = [log.channels[n].terms[term].upper_95 for n in names]
+    known = [v for v in limits if v is not None and math.isfinite(v)]
+    return f"at most {max(known):.2g} at 95 %" if len(known) == len(limits) else "no limit known"

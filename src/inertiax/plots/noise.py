@@ -2,8 +2,9 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
-from ..allan import LogNoise
+from ..allan import ChannelNoise, LogNoise
 from .style import COLOURS, legend_above, new_figure
 
 
@@ -11,7 +12,8 @@ _LABELS = {"accel": "Allan deviation, m/s²", "gyro": "Allan deviation, rad/s"}
 
 
 def allan(noise: LogNoise) -> Figure:
-    """One panel a triad: measured deviations with 68 % limits (bands), the fitted model (lines)."""
+    """One panel a triad: measured deviations with 68 % limits (bands), the fitted model (lines, from where
+    no filter bends the curve)."""
     triads = [t for t in _LABELS if any(c.channel.startswith(t) for c in noise.channels)]
     figure, axes = new_figure(1, len(triads), height=3.4)
     for ax, triad in zip(axes, triads, strict=True):
@@ -20,11 +22,23 @@ def allan(noise: LogNoise) -> Figure:
             tau = found.curve.tau
             ax.fill_between(tau, found.lower, found.upper, color=colour, alpha=0.25, lw=0)
             ax.plot(tau, found.curve.deviation, ".", ms=2.5, color=colour, label=found.channel)
-            fine = np.geomspace(tau[0], tau[-1], 200)
+            fine = np.geomspace(max(tau[0], _shortest(found)), tau[-1], 200)
             ax.plot(fine, found.model.deviation(fine), "-", lw=0.9, color=colour)
         ax.set_xscale("log")
         ax.set_yscale("log")
+        # Plain labels and few ticks: mathematical text and minor ticks take most of the drawing's time.
+        ax.minorticks_off()
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.set_xlabel("averaging time τ, s")
         ax.set_ylabel(_LABELS[triad])
         legend_above(ax)
     return figure
+
+
+def _shortest(found: ChannelNoise) -> float:
+    """The averaging time from which on the sensor's filter no longer bends the curve, s."""
+    model = found.model
+    if model.corner is not None:
+        return 1.0 / model.corner
+    return 0.5 / model.band[1] if model.band[1] < 0.49 * model.rate else 0.0

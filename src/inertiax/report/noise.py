@@ -1,5 +1,6 @@
 """Noise of logs as a document, as text, and as a figure on disk."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,6 +40,11 @@ def _channel(found: ChannelNoise) -> dict[str, object]:
             "white": {"value": model.discrete_sigma, "unit": rate_unit},
             "random_walk_step": {"value": model.discrete_walk, "unit": rate_unit},
         },
+        "rate": {"value": model.rate, "unit": "Hz"},
+        "band": {"lower": model.band[0], "upper": model.band[1], "unit": "Hz"},
+        "filter_corner": {"value": model.corner, "unit": "Hz"},
+        "rounding_step": {"value": model.rounding, "unit": rate_unit},
+        "statement": model.statement,
         "chi2_per_dof": float(model.chi2_per_dof),
         "allan_deviation": {
             "kind": found.curve.kind,
@@ -53,16 +59,17 @@ def _channel(found: ChannelNoise) -> dict[str, object]:
 
 
 def _term(found: ChannelNoise, name: str) -> dict[str, object]:
+    """A term; `value` is null where the log does not determine it, `upper_95` where it does not even limit it."""
     term, triad = found.model.terms[name], found.model.triad
     unit, factor = USUAL_UNITS[triad][name]
     return {
         "name": NAMES[triad][name],
-        "shown": bool(term.shown),
+        "shown": term.shown,
         "value": term.value,
         "lower_95": term.lower,
-        "upper_95": term.upper,
+        "upper_95": term.upper if math.isfinite(term.upper) else None,
         "unit": SI_UNITS[triad][name],
-        "usual": {"value": factor * term.value, "unit": unit},
+        "usual": {"value": None if term.value is None else factor * term.value, "unit": unit},
     }
 
 
@@ -85,6 +92,8 @@ def print_noise(logs: Sequence[LogNoise]) -> None:
             channels = [c for c in found.channels if c.model.triad == triad]
             if channels:
                 console.print(_table(triad, channels))
+        for channel in found.channels:
+            console.print(f"{channel.channel}: {channel.model.statement}")
         for note in found.notes:
             console.print(f"note: {note}")
 
@@ -104,7 +113,7 @@ def _table(triad: str, channels: Sequence[ChannelNoise]) -> Table:
 
 
 def _cells(term: NoiseTerm, factor: float) -> tuple[str, str]:
-    """Value and limits; a term that does not show has only an upper limit."""
-    if not term.shown:
-        return "", f"< {factor * term.upper:.2g}"
+    """Value and limits; a term that the log does not determine has only an upper limit, or none."""
+    if term.value is None:
+        return "", f"< {factor * term.upper:.2g}" if math.isfinite(term.upper) else "not told"
     return f"{factor * term.value:.3g}", f"{factor * term.lower:.3g}…{factor * term.upper:.3g}"
