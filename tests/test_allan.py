@@ -119,7 +119,7 @@ for _ in range(runs):
         term = model.terms[name]
         inside[name] += bool(term.lower <= true <= term.upper)
     for name in truth:
-        value[name].append(model.terms[name].value)
+        value[name].append(model.terms[name].known)
 print(json.dumps([inside, {{k: float(np.mean(v)) for k, v in value.items()}}]))
 """
 
