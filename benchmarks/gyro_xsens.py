@@ -28,8 +28,8 @@ from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, ModelChoice
 from inertiax.physics.temperature import Constant
 from inertiax.procedure.single_device import iterate_one, joint_fit_one, Problem
+from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rotations_between_rests import bias_scatter
-from inertiax.reduction.segments import reduce_to_dwells
 
 
 CAMPAIGN = """

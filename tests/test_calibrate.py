@@ -82,7 +82,7 @@ def test_command_calibrates_the_raw_recording_with_its_own_rests(tmp_path):
 @needs_recordings
 def test_own_detection_finds_38_rests(tmp_path):
     from inertiax.data.campaign import load_campaign
-    from inertiax.reduction.segments import reduce_to_dwells
+    from inertiax.reduction.dwell_means import reduce_to_dwells
 
     shutil.copy(_xsens("xsens_acc.mat"), tmp_path)
     (tmp_path / "campaign.toml").write_text(

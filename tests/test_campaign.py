@@ -14,7 +14,8 @@ import pytest
 
 from inertiax.data.campaign import find_files, load_campaign
 from inertiax.plausibility import check_campaign
-from inertiax.reduction.segments import reduce_to_dwells, segment
+from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.segments import segment
 
 
 REAL = os.environ.get("INERTIAX_RECORDINGS")

@@ -18,9 +18,9 @@ from inertiax.estimators.gravity_rotation import across, tilt
 from inertiax.model_selection.select_model import settle_gyro
 from inertiax.physics.temperature import Constant
 from inertiax.procedure.single_device import joint_fit_one
+from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.motions import carry, rotate, step_angle
 from inertiax.reduction.rotations_between_rests import bias_scatter, shortfall, with_motions
-from inertiax.reduction.segments import reduce_to_dwells
 
 
 GRAVITY = 9.81

@@ -17,13 +17,14 @@ from scipy.signal import lfilter
 from inertiax.data.formats import ColumnMap, Layout, read_recordings
 from inertiax.data.formats.columns import TimeColumn, TriadColumns
 from inertiax.data.recording import Recording
+from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.mean_noise import (
     fit_noise_shape,
     NoiseShape,
     quantisation_floor,
     quantisation_step,
 )
-from inertiax.reduction.segments import reduce_to_dwells, segment
+from inertiax.reduction.segments import segment
 
 
 REAL = os.environ.get("INERTIAX_RECORDINGS")

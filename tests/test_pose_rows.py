@@ -5,7 +5,7 @@ import pytest
 
 from inertiax.data.campaign import load_campaign
 from inertiax.plausibility import require_plausible
-from inertiax.reduction.segments import reduce_to_dwells
+from inertiax.reduction.dwell_means import reduce_to_dwells
 
 
 RNG = np.random.default_rng(3)

@@ -11,8 +11,8 @@ from inertiax.calibrate.pipeline import calibrate
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import ColumnMap, Layout, read_recordings
 from inertiax.data.formats.columns import TimeColumn
+from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.manual_turns import ANGLE_UNCERTAINTY
-from inertiax.reduction.segments import reduce_to_dwells
 from readers_cases import campaign, made_up, refusal
 
 

@@ -74,8 +74,8 @@ if TYPE_CHECKING:
         joint_fit as joint_fit,
         PaperIteration as PaperIteration,
     )
+    from .reduction.dwell_means import reduce_to_dwells as reduce_to_dwells
     from .reduction.dwells import Dwells as Dwells
-    from .reduction.segments import reduce_to_dwells as reduce_to_dwells
 
 
 __version__ = importlib.metadata.version("inertiax")
@@ -93,7 +93,7 @@ _HOME = {
     "Rig": "data.recording",
     "ModelChoice": "data.recording",
     "Dwells": "reduction.dwells",
-    "reduce_to_dwells": "reduction.segments",
+    "reduce_to_dwells": "reduction.dwell_means",
     "AccelerometerErrors": "physics.error_model",
     "GyroErrors": "physics.error_model",
     "compensate_accel": "physics.error_model",

@@ -39,10 +39,12 @@ from ..plausibility import require_plausible, statements
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
 from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
+from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
+from ..reduction.handling import kept_sentence, left_out_sentence
 from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import Turns, with_motions
-from ..reduction.segments import reduce_to_dwells
+from ..reduction.segments import segment_all
 from .between_dwell_variance import (
     chi2_per_dof,
     judged,
@@ -122,13 +124,16 @@ def calibrate_device(
     fixed = None if model is None else fixed_model(model)
     chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
     progress("reducing recordings to dwells")
-    dwells = with_rig_errors(reduce_to_dwells(campaign.recordings), campaign.rig)
+    segments = segment_all(campaign.recordings)
+    handling = tuple(d for s in segments for d in s.disturbances)
+    dwells = reduce_to_dwells(campaign.recordings, segments=segments)
+    dwells = with_rig_errors(dwells, campaign.rig)
     warning = None
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
-    choices = list(chosen.reasons)
+    choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
     warnings = [*campaign.notes, *statements(found_odd)]
-    warnings.extend([] if warning is None else [warning])
+    warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells
     if chosen.accel_estimator is not None:
         accel_result, chosen = _calibrate_accel(
@@ -159,7 +164,7 @@ def calibrate_device(
         model=spec,
     )
     return DeviceResult(
-        calibration, accel_result, gyro_result, spec, tuple(choices), tuple(warnings), found_odd
+        calibration, accel_result, gyro_result, spec, tuple(choices), tuple(warnings), found_odd, handling
     )
 
 

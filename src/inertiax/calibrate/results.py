@@ -11,6 +11,7 @@ from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
+from ..reduction.handling import Disturbance
 from .observability import Observability
 
 
@@ -49,6 +50,7 @@ class DeviceResult(eqx.Module):
     choices: tuple[str, ...] = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
+    handling: tuple[Disturbance, ...] = ()  # where rests were disturbed
 
 
 class DeviceFailure(eqx.Module):

@@ -14,6 +14,7 @@ from ..data.campaign import load_campaign
 from ..data.recording import Campaign, Recording, Site
 from ..effects import CATALOGUE, Effect, Signal
 from ..plausibility import require_plausible
+from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
@@ -280,10 +281,12 @@ def conclude_findings(
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
     plan = conclude([_audited(f) for f in findings], effects)
     plan = with_delays(plan, [f.prepared.delay for f in findings if f.prepared.delay is not None])
+    said = summary(verdict, explanations, where, empirical, [f.prepared.form for f in findings])
+    handling = _handling(findings)
     diagnosis = Diagnosis(
         verdict=verdict,
-        summary=summary(
-            verdict, explanations, where, empirical, [f.prepared.form for f in findings]
+        summary=" ".join(
+            s for s in (said, left_out_sentence(handling), kept_sentence(handling)) if s
         ),
         where=tidy(where),
         effects=tuple(explanations),
@@ -294,7 +297,7 @@ def conclude_findings(
         detectable=_smallest(plan) if verdict == "consistent" else (),
         empirical="; ".join(empirical) or None,
         notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
-        left_out=tuple(_left_out(f.prepared) for f in findings if f.prepared.moved > 0.0),
+        handling=handling,
         noise=tuple(noise),
         audit=plan,
         residuals=tuple(rows),
@@ -333,15 +336,10 @@ def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, 
     return made[0], made[1]
 
 
-def _left_out(prepared: Prepared) -> str:
-    """What of a triad's rests was not judged, in a sentence."""
-    rows = prepared.blocks
-    kept = float(rows.count.sum()) * (0.0 if prepared.log is None else prepared.log.step)
-    return (
-        f"{prepared.form.triad}: {prepared.moved:.3g} s of rest are left out and {kept:.3g} s judged: the rests were "
-        "found in the data, and in these stretches the gyros read what a knock or a hand makes them read. A column "
-        "`position` that says which rows rest has all of them judged."
-    )
+def _handling(findings: Sequence[Finding]) -> tuple[Disturbance, ...]:
+    """What was left out of the rests, of all triads alike."""
+    logs = [f.prepared.log for f in findings if f.prepared.log is not None]
+    return logs[0].segments.disturbances if logs else ()
 
 
 def _everything(answer: Answer, terms: list) -> list:

@@ -41,7 +41,6 @@ class Prepared:
         None  # what the ramps between plateaus say; taken away from the rows where it is found
     )
     log: Log | None = None
-    moved: float = 0.0  # s of rests left out, since the device moved in them
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +113,7 @@ def prepare(
         mine = blocks[usable(form, blocks)]
         base = rows(model, mine, None if force is None else mine.mean(force))
         made = prepare_triad(campaign, log, mine, base, force, catalogue)
-        lost = blocks[blocks.moved & ~usable(form, blocks)]
-        moved = float(lost.count.sum() * log.step)
-        made = replace(made, delay=delays.get(triad), log=log, moved=moved)
+        made = replace(made, delay=delays.get(triad), log=log)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
 

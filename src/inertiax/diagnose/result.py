@@ -8,6 +8,7 @@ import equinox as eqx
 
 from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding, statements
+from ..reduction.handling import Disturbance
 from ..storage.whole_files import write_atomically
 from .plan.limits import Audit, Detectable as Detectable
 from .residuals import Residuals
@@ -89,7 +90,7 @@ class Diagnosis(eqx.Module):
     detectable: tuple[Detectable, ...] = ()
     empirical: str | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
-    left_out: tuple[str, ...] = eqx.field(static=True, default=())  # rows that were not judged
+    handling: tuple[Disturbance, ...] = ()  # stretches of rests that were not judged
     noise: tuple[str, ...] = eqx.field(
         static=True, default=()
     )  # where it was known from, and the fitted noise beside Allan deviations
@@ -114,7 +115,8 @@ class Diagnosis(eqx.Module):
             "not_testable": list(self.not_testable),
             "parameters_moved": [_fields(m) for m in self.parameters_moved],
             "detectable": [_fields(d) for d in self.detectable],
-            "notes": [*self.notes, *self.left_out],
+            "handling": [d.as_dict() for d in self.handling],
+            "notes": list(self.notes),
             "noise": list(self.noise),
             "plausibility": [f.as_dict() for f in self.plausibility],
         }

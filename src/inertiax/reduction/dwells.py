@@ -40,6 +40,9 @@ class Dwells(eqx.Module):
     reference_accel: Float[AnyArray, "*dwell 3"] | None = None  # m/s²
     reference_gyro: Float[AnyArray, "*dwell 3"] | None = None  # rad/s
     motion: Motions | None = None  # the motion that led to each dwell, where an estimator needs it
+    rows: Int[AnyArray, "*dwell 4"] | None = (
+        None  # recording, first row, one past the last, segment
+    )
 
     def __check_init__(self):
         shape = jnp.shape(self.time)

@@ -1,56 +1,269 @@
-"""Where a device moved in a rest that was found in its own data: a knock, or a hand that held it.
+"""Where a device was disturbed at rest: knocks, slips, slow tilts, ends that still move, spikes and clipped rests.
 
-Who states the positions of a recording vouches for its rests. Where they are searched in the data, a rest may hold
-a second of motion, or be held by hand altogether; the gyros see it long before it matters to the accelerometers, and
-in a model of rests it would pass for a jump or a bump of the sensor. What one gyro shows for a second or two cannot
-be told from a turn about its axis there, so it is left out and said; what lasts longer stays.
+All of it is handling, or a fault of the read-out, and none is physics of the sensor: it is left out, counted and said.
+What a device does at rest is seen by both triads together (`knocks`, `tilts`); what one triad alone shows is left to
+the diagnosis. One exception: where rests were found in the data, nobody vouches for them, and a burst of the gyros
+alone may be a turn about the vertical.
 """
 
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..data.recording import Recording
+from .clipping import clipped
+from .knocks import knocked, spiked
+from .mean_noise import quantisation_step
+from .quiet_level import runs_of
+from .rest_ends import quiet_part
+from .rests import usual_step
+from .tilts import slips, tilting
 
-MOVED = 5.0  # standard deviations from what the rest says around it
-AROUND = 2.0  # s, to either side: what lasts longer is no knock
-REACH = 0.5  # s, to either side of a motion, and at both ends of a rest
-SHORT = 4.0  # times REACH: shorter rests keep their ends
-HELD = 0.2  # of a rest's blocks, from which all of it is motion
-LEAST_KEPT = 0.3  # of all blocks: below, nothing is known of what is usual
+
+KINDS = ("knock", "slip", "slow tilt", "not at rest", "spike", "clipped", "held")
 
 
-def knocked(
-    gyro: Float[np.ndarray, "block 3"],
-    time: Float[np.ndarray, " block"],
-    dwell: Int[np.ndarray, " block"],
-) -> Bool[np.ndarray, " block"]:
-    """Blocks of rests in which the device moved, by the gyros' means; none where that cannot be told.
+@dataclass(frozen=True)
+class HandlingThresholds:
+    """What becomes of a disturbed rest."""
 
-    A block counts that is off the median of its rest within `AROUND` by more than `MOVED` standard deviations
-    ($1.4826$ times the median distance of all blocks) on any axis. Blocks of the rest within `REACH` go with it, and
-    the whole rest where a part `HELD` does. The ends of a rest may still hold some of the motion between rests.
-    """
-    off = np.zeros_like(gyro)
-    rests = [np.flatnonzero(dwell == number) for number in np.unique(dwell)]
-    for rest in rests:
-        first = np.searchsorted(time[rest], time[rest] - AROUND)
-        last = np.searchsorted(time[rest], time[rest] + AROUND, side="right")
-        for k, a, b in zip(rest, first, last):
-            off[k] = np.abs(gyro[k] - np.median(gyro[rest[a:b]], axis=0))
-    usual = 1.4826 * np.median(off, axis=0)
-    # An axis whose converter shows most blocks as alike tells nothing, nor do blocks longer than `AROUND`.
-    ratio = np.where(usual > 0.0, off / np.where(usual > 0.0, usual, 1.0), 0.0)
-    sudden = ratio.max(axis=1) > MOVED
-    if not sudden.any():
-        return sudden
-    moved = np.zeros(len(gyro), bool)
-    for rest in rests:
-        t = time[rest]
-        near = np.zeros(len(rest), bool)
-        for moment in t[sudden[rest]]:
-            near |= np.abs(t - moment) <= REACH
-        if near.mean() > HELD:
-            near[:] = True
-        if t[-1] - t[0] > SHORT * REACH:
-            near |= (t - t[0] < REACH) | (t[-1] - t < REACH)
-        moved[rest] = near
-    return moved if moved.mean() <= 1.0 - LEAST_KEPT else np.zeros(len(gyro), bool)
+    held: float = 0.3  # of a rest: where more is disturbed, it was held by hand, and all of it goes (convention)
+    least_rests: float = (
+        0.5  # of the rests stay: where more would go, what is usual is not known, and all stay
+    )
+
+
+THRESHOLDS = HandlingThresholds()
+MOST_SLIPS = 3  # of a rest that are looked for, one after another
+
+
+class Disturbance(eqx.Module):
+    """A stretch of a rest that was disturbed."""
+
+    recording: str = eqx.field(static=True)  # its name
+    start: float = eqx.field(static=True)  # s, on the recording's clock
+    end: float = eqx.field(static=True)
+    kind: str = eqx.field(static=True)  # one of `KINDS`
+    position: int = eqx.field(static=True)
+    left_out: bool = eqx.field(
+        static=True, default=True
+    )  # False: kept, since it is so in most rests
+
+    def as_dict(self) -> dict:
+        """The entry of a result's `handling`."""
+        return {k: getattr(self, k) for k in self.__dataclass_fields__}
+
+
+class Undisturbed(eqx.Module):
+    """What is left of the rests of one recording: their ends, and which rows count."""
+
+    start: Int[np.ndarray, " rest"]  # start = stop where nothing is left of a rest
+    stop: Int[np.ndarray, " rest"]
+    position: Int[np.ndarray, " rest"]
+    used: Bool[np.ndarray, " time"]  # True outside the rests
+    disturbances: tuple[Disturbance, ...]
+
+    def ranges(self) -> Iterator[tuple[int, slice]]:
+        """Number and rows of each rest of which something is left."""
+        for k, (a, b) in enumerate(zip(self.start, self.stop)):
+            if a < b:
+                yield k, slice(int(a), int(b))
+
+    def noted(
+        self,
+        recording: Recording,
+        kind: str,
+        rest: int,
+        first: int,
+        last: int,
+        left_out: bool = True,
+    ) -> Disturbance:
+        """The rows `[first, last)` of a rest as a disturbance."""
+        time = recording.time
+        end = float(time[min(int(last), len(time) - 1)])
+        where = int(self.position[rest])
+        return Disturbance(recording.name, float(time[int(first)]), end, kind, where, left_out)
+
+    def without(
+        self, recording: Recording, kind: str, marked: Bool[np.ndarray, " rest"]
+    ) -> "Undisturbed":
+        """Without whole rests; all stay, and are noted, where too few would."""
+        there = self.stop > self.start
+        marked = marked & there
+        out = bool((there & ~marked).sum() >= THRESHOLDS.least_rests * len(there))
+        found = [
+            self.noted(recording, kind, k, self.start[k], self.stop[k], out)
+            for k in np.flatnonzero(marked)
+        ]
+        stop = np.where(marked & out, self.start, self.stop)
+        return Undisturbed(self.start, stop, self.position, self.used, (*self.disturbances, *found))
+
+
+Step = Callable[[Recording, "Undisturbed"], "Undisturbed"]
+
+
+def undisturbed(
+    recording: Recording,
+    start: Int[np.ndarray, " rest"],
+    stop: Int[np.ndarray, " rest"],
+    position: Int[np.ndarray, " rest"],
+) -> Undisturbed:
+    """The rests of one recording without what was disturbed, and what that was."""
+    left = Undisturbed(start, stop, position, np.ones(recording.num_samples, bool), ())
+    if not len(start):
+        return left
+    for step in STEPS:
+        left = step(recording, left)
+    order = sorted(left.disturbances, key=lambda d: (d.start, d.end))
+    return eqx.tree_at(lambda u: u.disturbances, left, tuple(order))
+
+
+def _without_moving_ends(recording: Recording, left: Undisturbed) -> Undisturbed:
+    """Rests whose position is stated may begin before the device has stopped."""
+    if recording.position is None:
+        return left
+    step = usual_step(recording)
+    start, stop, found = left.start.copy(), left.stop.copy(), list(left.disturbances)
+    for k, rows in left.ranges():
+        triads = [None if x is None else x[rows] for x in (recording.accel, recording.gyro)]
+        if all(x is None for x in triads):
+            continue
+        first, last = quiet_part(*triads, step)
+        start[k], stop[k] = left.start[k] + first, left.start[k] + last
+        for a, b in ((left.start[k], start[k]), (stop[k], left.stop[k])):
+            if a < b:
+                found.append(left.noted(recording, "not at rest", k, a, b))
+    return Undisturbed(start, stop, left.position, left.used, tuple(found))
+
+
+def _without_clipped(recording: Recording, left: Undisturbed) -> Undisturbed:
+    marked = np.zeros(len(left.start), bool)
+    for values in (recording.accel, recording.gyro):
+        if values is not None:
+            marked |= clipped(values, left.start, left.stop)
+    return left.without(recording, "clipped", marked)
+
+
+def _without_slips(recording: Recording, left: Undisturbed) -> Undisturbed:
+    """Of a rest with a slip the longer part stays; it may hold another one."""
+    accel, gyro = recording.accel, recording.gyro
+    if accel is None or gyro is None:
+        return left
+    for _ in range(MOST_SLIPS):
+        rests = [(accel[rows], gyro[rows]) for _, rows in left.ranges()]
+        moments = slips(rests, usual_step(recording))
+        if all(m is None for m in moments):
+            break
+        start, stop, found = left.start.copy(), left.stop.copy(), list(left.disturbances)
+        for (k, rows), moment in zip(left.ranges(), moments):
+            if moment is None:
+                continue
+            first, last = rows.start + moment[0], rows.start + moment[1]
+            found.append(left.noted(recording, "slip", k, first, last))
+            longer = first - rows.start >= rows.stop - last
+            start[k], stop[k] = (rows.start, first) if longer else (last, rows.stop)
+        left = Undisturbed(start, stop, left.position, left.used, tuple(found))
+    return left
+
+
+def _without_knocks(recording: Recording, left: Undisturbed) -> Undisturbed:
+    accel, gyro = recording.accel, recording.gyro
+    if accel is None or gyro is None:
+        return left
+    converter = _converter_step(accel), _converter_step(gyro)
+    searched = recording.position is None and recording.reference_gyro is None
+    used, found = left.used.copy(), list(left.disturbances)
+    held = np.zeros(len(left.start), bool)
+    for k, rows in left.ranges():
+        marked = knocked(accel[rows], gyro[rows], usual_step(recording), converter, searched)
+        held[k] = marked.mean() > THRESHOLDS.held
+        if marked.any() and not held[k]:
+            used[rows] &= ~marked
+            found += [
+                left.noted(recording, "knock", k, rows.start + a, rows.start + b)
+                for a, b in zip(*runs_of(marked))
+            ]
+    left = Undisturbed(left.start, left.stop, left.position, used, tuple(found))
+    return left.without(recording, "held", held)
+
+
+def _without_tilts(recording: Recording, left: Undisturbed) -> Undisturbed:
+    accel, gyro = recording.accel, recording.gyro
+    if accel is None or gyro is None:
+        return left
+    inside = list(left.ranges())
+    rests = [(accel[rows][left.used[rows]], gyro[rows][left.used[rows]]) for _, rows in inside]
+    marked = np.zeros(len(left.start), bool)
+    marked[[k for k, _ in inside]] = tilting(rests, usual_step(recording))[0]
+    return left.without(recording, "slow tilt", marked)
+
+
+def _without_spikes(recording: Recording, left: Undisturbed) -> Undisturbed:
+    step, used, found = usual_step(recording), left.used.copy(), list(left.disturbances)
+    for values in (recording.accel, recording.gyro):
+        if values is None:
+            continue
+        converter = _converter_step(values)
+        for k, rows in left.ranges():
+            marked = spiked(values[rows], step, converter) & used[rows]
+            used[rows] &= ~marked
+            found += [
+                left.noted(recording, "spike", k, rows.start + a, rows.start + b)
+                for a, b in zip(*runs_of(marked))
+            ]
+    return Undisturbed(left.start, left.stop, left.position, used, tuple(found))
+
+
+def _converter_step(values: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "3"]:
+    return np.array([quantisation_step(values[:, axis]) for axis in range(3)])
+
+
+STEPS: tuple[Step, ...] = (
+    _without_moving_ends,
+    _without_clipped,
+    _without_slips,
+    _without_knocks,
+    _without_tilts,
+    _without_spikes,
+)
+
+
+NOUNS = {
+    "knock": ("knock", "knocks"),
+    "slip": ("slip", "slips"),
+    "slow tilt": ("rest that tilts slowly", "rests that tilt slowly"),
+    "not at rest": (
+        "end of a labelled rest that still moves",
+        "ends of labelled rests that still move",
+    ),
+    "spike": ("spike of one channel", "spikes of one channel"),
+    "clipped": ("clipped rest", "clipped rests"),
+    "held": ("rest held by hand", "rests held by hand"),
+}
+
+
+def left_out_sentence(found: Sequence[Disturbance]) -> str | None:
+    """What was left out of the rests, in one sentence; `None` where nothing was."""
+    out = [d for d in found if d.left_out]
+    seconds = sum(d.end - d.start for d in out)
+    return f"Handling: {_counted(out)} left out, {seconds:.3g} s of rest in all." if out else None
+
+
+def kept_sentence(found: Sequence[Disturbance]) -> str | None:
+    """What was seen and kept all the same, in one sentence; `None` where nothing was."""
+    kept = [d for d in found if not d.left_out]
+    if not kept:
+        return None
+    return (
+        f"Handling: {_counted(kept)} kept, since too few rests are left without; the uncertainties do not hold "
+        "that, so let the device lie untouched and record it again."
+    )
+
+
+def _counted(found: Sequence[Disturbance]) -> str:
+    number = Counter(d.kind for d in found)
+    return ", ".join(f"{n} {NOUNS[k][n > 1]}" for k in KINDS if (n := number[k]))

@@ -1,6 +1,7 @@
 """The turns between rests, gathered from recordings for the gyro estimator by gravity rotation."""
 
 from collections.abc import Sequence
+from typing import NoReturn
 
 import equinox as eqx
 import numpy as np
@@ -11,7 +12,6 @@ from ..numerics.paule_mandel import excess_deviation
 from .dwells import Dwells
 from .motions import Motions
 from .rests import PAUSE, usual_step
-from .segments import segment
 
 
 _LONGEST = 60.0  # s; by then a consumer gyro's bias has wandered off by degrees
@@ -28,6 +28,7 @@ class _Rest(eqx.Module):
     recording: int = eqx.field(static=True)
     start: int = eqx.field(static=True)
     stop: int = eqx.field(static=True)
+    segment: int = eqx.field(static=True)
 
 
 class Turns(eqx.Module):
@@ -47,13 +48,12 @@ def with_motions(
     dwells: Dwells,
     *,
     force: Sequence[Float[np.ndarray, "time 3"]] | None = None,
-    window: float = 1.0,
 ) -> Turns:
     """The rests among `dwells`, each with the motion that led to it from the rest before.
 
     **Arguments:**
 
-    - `dwells`: all that `reduce_to_dwells(recordings, window=window)` gave, in its order, with
+    - `dwells`: all that `reduce_to_dwells(recordings)` gave, in its order, with
       accelerometer means that have been compensated (and covariances that say how well).
     - `force`: compensated specific force of every sample, m/s², for each recording; needed for
       g-sensitivity alone.
@@ -72,7 +72,7 @@ def with_motions(
             f"`with_motions(recordings, dwells)`: gravity's rotation needs both triads, but there are "
             f"no {absent} columns; use the gyro estimator 'static'."
         )
-    found = _rows_of(recordings, dwells, window)
+    found = _rows_of(recordings, dwells)
     resting = np.flatnonzero(np.asarray(dwells.position) >= 0)
     rests = [found[k] for k in resting]
     dwells = dwells[resting]
@@ -145,28 +145,21 @@ def _motions(dwells: Dwells) -> Motions:
     return dwells.motion
 
 
-def _rows_of(recordings: Sequence[Recording], dwells: Dwells, window: float) -> list[_Rest]:
-    """The rows that each dwell was reduced from: dwells come in the segments' order, cut in blocks."""
-    counts = np.asarray(dwells.count).round().astype(np.int64)
-    rests: list[_Rest] = []
-    for number, recording in enumerate(recordings):
-        found = segment(recording, window=window)
-        for start, stop in zip(found.start, found.stop, strict=True):
-            at = int(start)
-            while at < stop and len(rests) < len(counts):
-                rests.append(_Rest(number, at, at + int(counts[len(rests)])))
-                at = rests[-1].stop
-            if at != stop:
-                _refuse_dwells()
-    if len(rests) != len(counts):
+def _rows_of(recordings: Sequence[Recording], dwells: Dwells) -> list[_Rest]:
+    """The rows that each dwell is the mean of."""
+    if dwells.rows is None:
         _refuse_dwells()
-    return rests
+    rows = np.asarray(dwells.rows)
+    ends = np.array([r.num_samples for r in recordings])
+    if np.any(rows[:, 0] >= len(ends)) or np.any(rows[:, 2] > ends[rows[:, 0] % len(ends)]):
+        _refuse_dwells()
+    return [_Rest(*(int(x) for x in row)) for row in rows]
 
 
-def _refuse_dwells() -> None:
+def _refuse_dwells() -> NoReturn:
     raise ValueError(
         "`with_motions(recordings, dwells)`: the dwells are not those of these recordings; give what "
-        "`reduce_to_dwells(recordings, window=...)` returned, all of it and in its order."
+        "`reduce_to_dwells(recordings)` returned, all of it and in its order."
     )
 
 
@@ -184,8 +177,10 @@ def _pairs(
     dropped: dict[str, int] = {}
     for k in range(1, len(rests)):
         before, after = rests[k - 1], rests[k]
+        if (before.recording, before.segment) == (after.recording, after.segment):
+            continue  # the same rest cut in blocks
         if before.recording != after.recording or before.stop == after.start:
-            continue  # no motion: the same rest cut in blocks, or another recording
+            continue  # no motion, or another recording
         why = _flaw(recordings[after.recording], before.stop - 1, after.start, bias[k])
         kept[k] = why is None
         if why is not None:

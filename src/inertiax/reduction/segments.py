@@ -4,33 +4,27 @@ What the recording says decides first: `position` (rests, and with `reference_gy
 rows of position −1), then `reference_gyro` alone; a recording with neither is searched for rests.
 """
 
-import math
 from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from ..data.recording import Recording
 from ..physics.earth import EARTH_RATE
-from .dwells import Dwells
-from .host_stamps import remark
-from .manual_turns import turned_by_hand, with_known_angles
-from .mean_covariance import covariances_of_means, Scatter
-from .mean_noise import quantisation_step
+from .handling import Disturbance, undisturbed
+from .plateaus import plateaus, steady_steps, without_ramps
 from .rests import find_rests, PAUSE, usual_step
 
 
-_SAMPLES_FOR_SLOPE = 8
-_SHORTEST_PLATEAU = 0.5  # s; a smooth ramp's flat top is far shorter
-
-
 class Segments(eqx.Module):
-    """Ranges `[start, stop)` of rows, in order, at rest or at a constant rate."""
+    """Ranges `[start, stop)` of rows, in order, at rest or at a constant rate, and which of the rows count."""
 
     start: Int[np.ndarray, " segment"]
     stop: Int[np.ndarray, " segment"]
     position: Int[np.ndarray, " segment"]  # -1 at constant rate
+    used: Bool[np.ndarray, " time"]  # rows of a segment that nothing disturbs
+    disturbances: tuple[Disturbance, ...] = ()  # what was left out, and why
     threshold: float | None = eqx.field(static=True, default=None)  # times the quietest level
     statement: str = eqx.field(static=True, default="")  # how they were found, for a report
 
@@ -44,23 +38,85 @@ class Segments(eqx.Module):
         """Which segments are rests; the others are plateaus of constant rate."""
         return self.position >= 0
 
+    def runs(
+        self,
+    ) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+        """Ranges of rows without a gap that count, and the segment that each belongs to."""
+        edge = np.zeros(len(self.used) + 1, bool)
+        edge[self.start] = edge[self.stop] = True
+        fresh = self.used & (edge[:-1] | ~np.append(False, self.used[:-1]))
+        start = np.flatnonzero(fresh)
+        ends = self.used & (edge[1:] | ~np.append(self.used[1:], False))
+        stop = np.flatnonzero(ends) + 1
+        return start, stop, np.searchsorted(self.start, start, side="right") - 1
+
 
 def rests_are_searched(recording: Recording) -> bool:
     """Whether a recording does not say itself when it rests, so that this is sought in its data."""
     return recording.position is None and recording.reference_gyro is None
 
 
-def segment(recording: Recording, *, window: float = 1.0) -> Segments:
+def segment(recording: Recording, *, window: float = 1.0, handling: bool = True) -> Segments:
     """Rests and constant-rate plateaus of one recording.
 
     **Arguments:** `window` (s) is used only where rests are searched in the data: over how long the
-    motion is judged, the shortest rest, and twice what is cut off a rest's two ends together.
+    motion is judged, the shortest rest, and twice what is cut off a rest's two ends together. With
+    `handling`, rows in which a rest was disturbed are left out (`handling.undisturbed`).
 
     Raises `ValueError` for a window that is not positive. A recording without any rest gives no
     segments and says so in `statement`.
     """
     if not window > 0:
         raise ValueError(f"`segment(window=...)` must be positive seconds; got {window}.")
+    found = _found(recording, window)
+    if not handling:
+        return found
+    rests = np.flatnonzero(found.resting)
+    kept = undisturbed(recording, found.start[rests], found.stop[rests], found.position[rests])
+    start, stop = found.start.copy(), found.stop.copy()
+    start[rests], stop[rests] = kept.start, kept.stop
+    left = start < stop
+    start, stop = start[left], stop[left]
+    used = _inside(start, stop, recording.num_samples) & kept.used
+    return Segments(
+        start, stop, found.position[left], used, kept.disturbances, found.threshold, found.statement
+    )
+
+
+def segment_all(
+    recordings: Sequence[Recording], *, window: float = 1.0, handling: bool = True
+) -> tuple[Segments, ...]:
+    """The segments of each recording; positions that no recording states are numbered through all of them."""
+    made, first = [], 0
+    for recording in recordings:
+        found = segment(recording, window=window, handling=handling)
+        if recording.position is None:  # numbers of our own: no two recordings share a position
+            position = np.where(found.position >= 0, found.position + first, found.position)
+            first = max(first, int(position.max(initial=-1)) + 1)
+            found = eqx.tree_at(lambda s: s.position, found, position)
+        made.append(found)
+    return tuple(made)
+
+
+def disturbances_of(recordings: Sequence[Recording]) -> tuple[Disturbance, ...]:
+    """Where rests were disturbed, in the order of the recordings: what calibration and diagnosis leave out alike."""
+    return tuple(d for found in segment_all(recordings) for d in found.disturbances)
+
+
+def joined(segments: Sequence[Segments]) -> Segments:
+    """The segments of recordings that are put behind each other, row after row."""
+    sizes = [len(s.used) for s in segments]
+    offsets = np.cumsum([0, *sizes[:-1]])
+    return Segments(
+        np.concatenate([s.start + k for s, k in zip(segments, offsets)]),
+        np.concatenate([s.stop + k for s, k in zip(segments, offsets)]),
+        np.concatenate([s.position for s in segments]),
+        np.concatenate([s.used for s in segments]),
+        tuple(d for s in segments for d in s.disturbances),
+    )
+
+
+def _found(recording: Recording, window: float) -> Segments:
     if recording.position is not None:
         return _planned(recording, recording.position)
     if recording.reference_gyro is not None:
@@ -70,7 +126,18 @@ def segment(recording: Recording, *, window: float = 1.0) -> Segments:
         return _planned(recording, np.where(still, runs // 2, -1), "the reference rates say")
     found = find_rests(recording, window=window)
     labels = np.arange(len(found.start))
-    return Segments(found.start, found.stop, labels, found.threshold, found.statement)
+    used = _inside(found.start, found.stop, recording.num_samples)
+    return Segments(found.start, found.stop, labels, used, (), found.threshold, found.statement)
+
+
+def _inside(
+    start: Int[np.ndarray, " segment"], stop: Int[np.ndarray, " segment"], rows: int
+) -> Bool[np.ndarray, " time"]:
+    """Rows of any of the ranges."""
+    change = np.zeros(rows + 1, np.int64)
+    np.add.at(change, start, 1)
+    np.add.at(change, stop, -1)
+    return np.cumsum(change[:-1]) > 0
 
 
 def _planned(
@@ -81,279 +148,24 @@ def _planned(
     if recording.experiment is not None:
         breaks |= np.diff(recording.experiment) != 0
     breaks |= np.diff(recording.time) > PAUSE * usual_step(recording)
-    if recording.reference_gyro is not None:
+    rate = recording.reference_gyro
+    if rate is not None:
         turning = (position[1:] < 0) & (position[:-1] < 0)
-        breaks |= turning & ~_constant(recording)
+        breaks |= turning & ~steady_steps(recording)
     edges = np.concatenate([[0], np.flatnonzero(breaks) + 1, [len(position)]])
     start, stop = edges[:-1], edges[1:]
-    kept = position[start] >= 0
-    if recording.reference_gyro is not None:
-        long = recording.time[stop - 1] - recording.time[start] >= _SHORTEST_PLATEAU
-        kept |= long & (stop - start >= 4)
+    kept = resting = position[start] >= 0
+    if rate is not None:
+        first, last = without_ramps(rate, position, start, stop)
+        start, stop = np.where(resting, start, first), np.where(resting, stop, last)
+        long = np.flatnonzero(~resting & (start < stop))
+        kept = resting.copy()
+        kept[long] = plateaus(recording, start[long], stop[long])
     start, stop = start[kept], stop[kept]
     rests = int((position[start] >= 0).sum())
     statement = f"{rests} rests"
-    if recording.reference_gyro is not None:
+    if rate is not None:
         statement += f" and {len(start) - rests} plateaus of constant rate"
     where = np.maximum(position[start], -1).astype(np.int64)
-    return Segments(start, stop, where, statement=f"{statement}, as {source}")
-
-
-def _constant(recording: Recording) -> Bool[np.ndarray, " steps"]:
-    """Steps over which the commanded rate stays: it may change by 0.1 % of itself a second, and as
-    fast as Earth rate turns in the case at that rate."""
-    assert recording.reference_gyro is not None
-    rate = recording.reference_gyro
-    change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
-    allowed = 1e-3 * np.linalg.norm(rate[1:], axis=1) + 2 * EARTH_RATE
-    return change <= allowed * np.maximum(np.diff(recording.time), usual_step(recording))
-
-
-def reduce_to_dwells(
-    recordings: Sequence[Recording],
-    *,
-    longest: float | None = None,
-    temperature_step: float | None = 1.0,
-    window: float = 1.0,
-) -> Dwells:
-    """Means over the rests and constant-rate plateaus of one device's recordings, with covariances.
-
-    **Arguments:**
-
-    - `longest`: dwells are cut into equal blocks of at most this many seconds. `None`: no limit.
-    - `temperature_step`: dwells are cut into equal blocks in which the temperature moves by at most
-      about this much, °C, so that a sweep of hours in one pose is not one mean. `None`: never.
-    - `window`: s, see `segment`.
-
-    Experiments without a column are numbered by recording. At a plateau (position −1) the
-    accelerometers turn through gravity: their mean is right for linear terms such as
-    g-sensitivity, their covariance large, and the invariant estimator has no use for them.
-
-    **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
-    covariances see `covariances.covariances_of_means`: they hold what the scatter within a dwell
-    says about its mean, not what changes from dwell to dwell (positioning, bias wander).
-
-    Raises `ValueError` for several devices, for recordings with different columns, and where
-    nothing rests.
-    """
-    _check_together(recordings)
-    for name, value in (("longest", longest), ("temperature_step", temperature_step)):
-        if value is not None and not value > 0:
-            raise ValueError(f"`reduce_to_dwells({name}=...)` must be positive; got {value}.")
-    labels = _experiments(recordings)
-    parts, first_position = [], 0
-    for recording, experiment in zip(recordings, labels, strict=True):
-        segments = segment(recording, window=window)
-        position = segments.position
-        if recording.position is None:  # numbers of our own: no two recordings share a position
-            position = np.where(position >= 0, position + first_position, position)
-            first_position = max(first_position, int(position.max(initial=-1)) + 1)
-        parts.append(_blocks(recording, segments, position, experiment, longest, temperature_step))
-    if not any(len(p.start) for p in parts):
-        raise ValueError(
-            f"{', '.join(r.name or 'recording' for r in recordings)}: no rest and no plateau of "
-            "constant rate; a column 'position' of 0 or more at rest (or reference_gyro) is needed."
-            + next(filter(None, map(remark, recordings)), "")
-        )
-    return _means(recordings, parts)
-
-
-def _check_together(recordings: Sequence[Recording]) -> None:
-    if not recordings:
-        raise ValueError("`reduce_to_dwells(recordings)`: no recordings; at least one is needed.")
-    devices = list(dict.fromkeys(r.device for r in recordings))
-    if len(devices) > 1:
-        raise ValueError(
-            f"`reduce_to_dwells(recordings)`: {len(devices)} devices {devices[:6]}; reduce each "
-            "alone, with `Campaign.of_device`."
-        )
-    for column in ("accel", "gyro", "temperature", "reference_accel", "reference_gyro"):
-        absent = [r.name for r in recordings if getattr(r, column) is None]
-        if absent and len(absent) < len(recordings):
-            other = next(r.name for r in recordings if getattr(r, column) is not None)
-            raise ValueError(
-                f"recording '{absent[0]}' has no {column} but '{other}' has; recordings of one "
-                "device must have the same columns, so calibrate them as separate campaigns."
-            )
-
-
-def _experiments(recordings: Sequence[Recording]) -> list[Int[np.ndarray, " time"]]:
-    """Experiment numbers of every row; recordings without any get the numbers after the last."""
-    known = [r.experiment for r in recordings if r.experiment is not None]
-    fresh = max((int(e.max()) for e in known), default=-1) + 1
-    labels = []
-    for recording in recordings:
-        if recording.experiment is not None:
-            labels.append(recording.experiment)
-        else:
-            labels.append(np.full(recording.num_samples, fresh))
-            fresh += 1
-    return labels
-
-
-class _Blocks(eqx.Module):
-    """Ranges of rows of one recording, one for each dwell."""
-
-    start: Int[np.ndarray, " block"]
-    stop: Int[np.ndarray, " block"]
-    position: Int[np.ndarray, " block"]
-    experiment: Int[np.ndarray, " block"]
-
-
-def _blocks(
-    recording: Recording,
-    segments: Segments,
-    position: Int[np.ndarray, " segment"],
-    experiment: Int[np.ndarray, " time"],
-    longest: float | None,
-    temperature_step: float | None,
-) -> _Blocks:
-    counts = segments.stop - segments.start
-    pieces = np.ones(len(counts), np.int64)
-    if longest is not None:
-        duration = counts * usual_step(recording)
-        pieces = np.maximum(pieces, np.ceil(duration / longest * (1 - 1e-9)).astype(np.int64))
-    if temperature_step is not None and recording.temperature is not None:
-        by_temperature = _pieces_by_temperature(recording, segments, temperature_step)
-        pieces = np.maximum(pieces, by_temperature)
-    pieces = np.minimum(pieces, counts)
-    owner = np.repeat(np.arange(len(counts)), pieces)
-    within = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    start = segments.start[owner] + within * counts[owner] // pieces[owner]
-    stop = segments.start[owner] + (within + 1) * counts[owner] // pieces[owner]
-    return _Blocks(start, stop, position[owner], experiment[start])
-
-
-def _pieces_by_temperature(
-    recording: Recording, segments: Segments, step: float
-) -> Int[np.ndarray, " segment"]:
-    """Equal pieces of a segment in which even the steepest part moves by `step` °C at most."""
-    assert recording.temperature is not None
-    probe = recording.temperature[:, 0]
-    pieces = np.ones(segments.num_segments, np.int64)
-    if not len(pieces):
-        return pieces
-    edges = np.column_stack([segments.start, segments.stop]).ravel()
-    last = edges[-1] == len(probe)  # reduceat takes no edge past the end
-    spread = np.maximum.reduceat(probe, edges[:-1] if last else edges)[::2]
-    spread = spread - np.minimum.reduceat(probe, edges[:-1] if last else edges)[::2]
-    for k in np.flatnonzero(spread > step):
-        t = probe[segments.start[k] : segments.stop[k]]
-        chunks = min(64, max(2, len(t) // 32))
-        bounds = np.arange(chunks + 1) * len(t) // chunks
-        means = np.add.reduceat(t, bounds[:-1]) / np.diff(bounds)
-        noise = np.std(np.diff(t)) / math.sqrt(bounds[1])  # of a difference of two chunk means
-        steepest = float(np.abs(np.diff(means)).max()) - 4.0 * noise
-        pieces[k] = min(math.ceil(max(steepest * chunks / step, 1.0)), max(1, len(t) // 8))
-    return pieces
-
-
-class _Samples(eqx.Module):
-    """The rows that belong to dwells, gathered one dwell after another."""
-
-    recordings: tuple[Recording, ...]
-    rows: tuple[Int[np.ndarray, " _"], ...]  # of each recording, which differ in length
-    starts: Int[np.ndarray, " dwell"]
-    counts: Int[np.ndarray, " dwell"]
-
-    def gather(self, column: str) -> np.ndarray | None:
-        """A column's rows, `None` where it was not recorded."""
-        if getattr(self.recordings[0], column) is None:
-            return None
-        pairs = zip(self.recordings, self.rows, strict=True)
-        return np.concatenate([getattr(r, column)[i] for r, i in pairs])
-
-    def mean(self, column: str) -> np.ndarray | None:
-        """A column's mean over each dwell."""
-        x = self.gather(column)
-        if x is None:
-            return None
-        return np.add.reduceat(x, self.starts, axis=0) / self.counts.reshape(
-            -1, *[1] * (x.ndim - 1)
-        )
-
-
-def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
-    counts = np.concatenate([p.stop - p.start for p in parts])
-    pairs = list(zip(recordings, parts, strict=True))
-    step = np.concatenate([np.full(len(p.start), usual_step(r)) for r, p in pairs])
-    position = np.concatenate([p.position for p in parts])
-    rows = tuple(_rows(p.start, p.stop) for p in parts)
-    samples = _Samples(tuple(recordings), rows, np.cumsum(counts) - counts, counts)
-    time, temperature = samples.mean("time"), samples.mean("temperature")
-    assert time is not None
-    return Dwells(
-        time=time,
-        duration=counts * step,
-        count=counts.astype(float),
-        temperature=np.zeros(len(counts)) if temperature is None else temperature[:, 0],
-        experiment=np.concatenate([p.experiment for p in parts]),
-        position=position,
-        valid=np.ones(len(counts), bool),
-        accel=samples.mean("accel"),
-        accel_covariance=_covariances(samples, parts, "accel", position >= 0),
-        gyro=samples.mean("gyro"),
-        gyro_covariance=_covariances(samples, parts, "gyro", position >= 0),
-        reference_accel=samples.mean("reference_accel"),
-        reference_gyro=samples.mean("reference_gyro"),
-    )
-
-
-def _covariances(
-    samples: _Samples, parts: list[_Blocks], triad: str, resting: Bool[np.ndarray, " dwell"]
-) -> Float[np.ndarray, "dwell 3 3"] | None:
-    x, ideal, time = (samples.gather(c) for c in (triad, f"reference_{triad}", "time"))
-    if x is None or time is None:
-        return None
-    step = _converter_steps(samples.recordings, parts, triad)
-    scatter = _scatter(x if ideal is None else x - ideal, time, samples.starts, step)
-    covariance = covariances_of_means(scatter, resting)
-    if triad == "accel" or ideal is None:
-        return covariance
-    pairs = zip(samples.recordings, parts, strict=True)
-    duration = np.concatenate([(p.stop - p.start) * usual_step(r) for r, p in pairs])
-    turns = turned_by_hand(x, ideal, samples.starts, resting)
-    return with_known_angles(covariance, duration, turns, resting)
-
-
-def _rows(
-    start: Int[np.ndarray, " block"], stop: Int[np.ndarray, " block"]
-) -> Int[np.ndarray, " row"]:
-    counts = stop - start
-    return np.arange(counts.sum()) + np.repeat(start - (np.cumsum(counts) - counts), counts)
-
-
-def _converter_steps(
-    recordings: Sequence[Recording], parts: list[_Blocks], triad: str
-) -> Float[np.ndarray, "dwell 3"]:
-    steps = []
-    for recording, part in zip(recordings, parts, strict=True):
-        x = getattr(recording, triad)
-        lsb = np.array([quantisation_step(x[:, axis]) for axis in range(3)])
-        steps.append(np.broadcast_to(lsb, (len(part.start), 3)))
-    return np.concatenate(steps)
-
-
-def _scatter(
-    x: Float[np.ndarray, "row 3"],
-    time: Float[np.ndarray, " row"],
-    starts: Int[np.ndarray, " dwell"],
-    step: Float[np.ndarray, "dwell 3"],
-) -> Scatter:
-    """Deviations from each dwell's straight line in time (from its mean, where samples are few).
-
-    A steady drift through a dwell, such as temperature brings, belongs to the dwell's mean time and
-    temperature and is no error of the mean; left in, it would look like noise of infinite memory.
-    """
-    counts = np.diff(np.append(starts, len(x)))
-
-    def centred(v: np.ndarray) -> np.ndarray:
-        return v - np.repeat(np.add.reduceat(v, starts, axis=0) / counts[:, None], counts, axis=0)
-
-    deviations = centred(x)
-    sloping = counts >= _SAMPLES_FOR_SLOPE
-    t = centred(time[:, None])
-    square = np.add.reduceat(t**2, starts, axis=0)
-    slope = np.add.reduceat(t * deviations, starts, axis=0) / np.where(square > 0, square, 1.0)
-    deviations = deviations - t * np.repeat(slope * sloping[:, None], counts, axis=0)
-    return Scatter(deviations, starts, sloping, step)
+    used = _inside(start, stop, len(position))
+    return Segments(start, stop, where, used, statement=f"{statement}, as {source}")

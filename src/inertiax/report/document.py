@@ -50,6 +50,7 @@ def _device(
         "choices": list(result.choices),
         "warnings": list(result.warnings),
         "plausibility": [f.as_dict() for f in result.plausibility],
+        "handling": [d.as_dict() for d in result.handling],
         "quality": _quality(judge(result)),
         **{name: _triad(c, r, at) for name, (c, r) in triads(result).items()},
     }

@@ -177,7 +177,7 @@ def _log(recording: Recording, rests: bool) -> Log:
             lambda r: r.position, recording, np.zeros(recording.num_samples, int),
             is_leaf=lambda x: x is None,
         )  # fmt: skip
-    return join(Campaign((recording,)))
+    return join(Campaign((recording,)), handling=rests)
 
 
 class Course(eqx.Module):

@@ -11,17 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ...data.recording import Campaign, Recording
-from ...reduction.handling import knocked
-from ...reduction.segments import rests_are_searched, segment
+from ...physics.earth import EARTH_RATE as EARTH_RATE
+from ...reduction.segments import joined, segment_all, Segments
 
 
-EARTH_RATE = 7.292115e-5  # rad/s
 MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
-SLOWEST = 4.0  # Earth rates; a plateau is faster
-FAST = 20.0  # Earth rates, from which one sample's change in the Earth's direction is small
-STEADY = 0.05  # change of a slower rate from sample to sample that is still constant
 
 
 class Log(eqx.Module):
@@ -37,9 +33,9 @@ class Log(eqx.Module):
     gyro: Float[np.ndarray, "time 3"] | None
     reference_accel: Float[np.ndarray, "time 3"] | None
     reference_gyro: Float[np.ndarray, "time 3"] | None
+    segments: Segments  # in rows of the log
     latitude: float | None = None  # rad
     supply: Float[np.ndarray, " time"] | None = None  # V
-    searched: Bool[np.ndarray, " time"] | None = None  # rows whose rests were found in the data
 
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
@@ -73,7 +69,6 @@ class Blocks(eqx.Module):
         Float[np.ndarray, "block 3"] | None
     )  # variance of the mean by scatter inside blocks
     gyro_white: Float[np.ndarray, "block 3"] | None
-    moved: Bool[np.ndarray, " block"]  # though at rest, as the gyros say; see `knocks`
 
     @property
     def num_blocks(self) -> int:
@@ -102,9 +97,10 @@ def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.nd
     return (total[stop] - total[start]) / (stop - start).reshape(shape) + offset
 
 
-def join(campaign: Campaign) -> Log:
+def join(campaign: Campaign, *, handling: bool = True) -> Log:
     """Put the recordings of a one-device campaign behind each other.
 
+    With `handling`, rows in which a rest was disturbed have no part in blocks, and what is cut off its ends is no rest.
     A recording whose clock starts again is set 60 s after the one before. Raises `ValueError`
     where recordings of several devices come together, or where only some carry a column.
     """
@@ -125,23 +121,22 @@ def join(campaign: Campaign) -> Log:
         for k, r in enumerate(recordings)
     ]
     probe = _column(recordings, "temperature")
+    segments = segment_all(recordings, handling=handling)
     return Log(
         time=time - time[0],
         clock=np.concatenate([r.time for r in recordings]),
         recording=np.repeat(np.arange(len(recordings)), [r.num_samples for r in recordings]),
         experiment=np.concatenate(experiment),
-        position=np.concatenate([_positions(r) for r in recordings]),
+        position=np.concatenate([_positions(r, s) for r, s in zip(recordings, segments)]),
         temperature=None if probe is None else probe[:, 0],
         **{
             k: _column(recordings, k)
             for k in ("accel", "gyro", "reference_accel", "reference_gyro")
         },
+        segments=joined(segments),
         latitude=campaign.site.latitude,
         # Optional even where some files have it: what only some tell is not tested.
         supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
-        searched=np.concatenate(
-            [np.full(r.num_samples, rests_are_searched(r)) for r in recordings]
-        ),
     )
 
 
@@ -158,60 +153,32 @@ def _column(recordings: list[Recording], label: str) -> np.ndarray | None:
     return np.concatenate([v if label != "temperature" else v[:, :1] for v in values])
 
 
-def _positions(recording: Recording) -> np.ndarray:
-    """Positions as recorded, or numbered static intervals where none are."""
-    if recording.position is not None:
-        return recording.position
-    position = np.full(recording.num_samples, -1)
-    found = segment(recording)
-    for start, stop, number in zip(found.start, found.stop, found.position):
-        position[start:stop] = number
-    return position
-
-
-def _plateaus(log: Log) -> np.ndarray:
-    """True where the table turns at a constant rate: above a few Earth rates, by its reference."""
-    if log.reference_gyro is None:
-        return np.zeros(len(log.time), bool)
-    rate = log.reference_gyro
-    speed = np.linalg.norm(rate, axis=1)
-    # Earth's rate turns in the device's frame while the table turns: it may change by twice itself.
-    change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
-    calm = change <= 3.0 * EARTH_RATE + 1e-4 * speed[1:]
-    # A slow rate would pass for constant while it still grows.
-    calm &= (speed[1:] > FAST * EARTH_RATE) | (change <= STEADY * speed[1:])
-    turning = speed > SLOWEST * EARTH_RATE
-    return (log.position < 0) & turning & np.r_[False, calm] & np.r_[calm, False]
+def _positions(recording: Recording, segments: Segments) -> np.ndarray:
+    """Positions as recorded, or those of the rests that were found; -1 where a labelled rest is not at rest."""
+    found = np.full(recording.num_samples, -1)
+    for start, stop, number in zip(segments.start, segments.stop, segments.position):
+        found[start:stop] = number
+    if recording.position is None:
+        return found
+    return np.where(recording.position >= 0, found, recording.position)
 
 
 def cut(log: Log) -> Blocks:
-    """Cut a log into blocks of rests (`position` ≥ 0) and of constant-rate plateaus.
+    """Cut a log's segments into blocks: rests and constant-rate plateaus, without the rows that do not count.
 
-    Raises `ValueError` where the log has neither.
+    Raises `ValueError` where the log has no segment of `FEWEST_SAMPLES`.
     """
-    plateau = _plateaus(log)
-    label = np.where(log.position >= 0, log.position, np.where(plateau, -2, -1))
-    change = (np.diff(label) != 0) | (np.diff(log.experiment) != 0) | (np.diff(log.recording) != 0)
-    if log.reference_gyro is not None:
-        turn = np.linalg.norm(np.diff(log.reference_gyro, axis=0), axis=1)
-        change |= (
-            plateau[1:]
-            & plateau[:-1]
-            & (turn > 4.0 * EARTH_RATE + 1e-3 * np.abs(log.reference_gyro[1:]).max(axis=1))
-        )
-    edge = np.r_[0, np.flatnonzero(change) + 1, len(label)]
-    runs = [
-        (a, b) for a, b in zip(edge[:-1], edge[1:]) if label[a] != -1 and b - a >= FEWEST_SAMPLES
-    ]
-    if not runs:
+    first, last, owner = log.segments.runs()
+    runs = [(int(a), int(b), int(k)) for a, b, k in zip(first, last, owner)]
+    if not any(b - a >= FEWEST_SAMPLES for a, b, _ in runs):
         raise ValueError(
             "`diagnose(campaign)`: no rest of at least "
             f"{FEWEST_SAMPLES} samples (position >= 0) and no constant-rate plateau was found."
         )
-    total = sum(b - a for a, b in runs)
+    total = sum(b - a for a, b, _ in runs)
     coarsest = max(FEWEST_SAMPLES, -(-total // MOST_BLOCKS))
     start, stop, dwell = [], [], []
-    for number, (a, b) in enumerate(runs):
+    for a, b, number in runs:
         pieces = max(
             1,
             min(
@@ -223,22 +190,16 @@ def cut(log: Log) -> Blocks:
         start.extend(cuts[:-1])
         stop.extend(cuts[1:])
         dwell.extend([number] * pieces)
-    return _summarise(log, np.array(start), np.array(stop), np.array(dwell), label)
+    return _summarise(log, np.array(start), np.array(stop), np.array(dwell))
 
 
-def _summarise(
-    log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray, label: np.ndarray
-) -> Blocks:
+def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray) -> Blocks:
     def mean(values):
         return None if values is None else block_mean(values, start, stop)
 
-    moving = label[start] == -2
+    position = log.segments.position[dwell]
+    moving = position < 0
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
-    moved = np.zeros(len(start), bool)
-    if log.searched is not None and gyro is not None:
-        asked = ~moving & log.searched[start]
-        if asked.any():
-            moved[asked] = knocked(gyro[asked], time[asked], dwell[asked])
     return Blocks(
         start=start,
         stop=stop,
@@ -246,7 +207,7 @@ def _summarise(
         moving=moving,
         time=time,
         experiment=log.experiment[start],
-        position=np.where(moving, -1, label[start]),
+        position=position,
         cycle=log.cycle[start],
         temperature=mean(log.temperature),
         accel=mean(log.accel),
@@ -255,7 +216,6 @@ def _summarise(
         reference_gyro=mean(log.reference_gyro),
         accel_white=_white(log.accel, log.reference_accel, start, stop, moving),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, moving),
-        moved=moved,
     )
 
 

@@ -130,13 +130,10 @@ def _of_rests(estimator: AbstractEstimator) -> AbstractEstimator:
 
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
-    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests.
-
-    The gyros' only where the device did not move in a rest that was found in the data.
-    """
+    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests."""
     if form.estimator == "reference":
         return np.ones(blocks.num_blocks, bool)
-    return ~blocks.moving & ~(blocks.moved & (form.triad == "gyro"))
+    return ~blocks.moving
 
 
 @jax.jit

@@ -13,7 +13,7 @@ from pathlib import Path
 from ...data.campaign import CampaignTable, find_files, load_campaign, load_settings
 from ...data.recording import Campaign
 from ...plausibility import require_plausible
-from ...reduction.segments import reduce_to_dwells
+from ...reduction.dwell_means import reduce_to_dwells
 from .many_dwells import Reduced, Reduction
 from .tasks import Stretch, Task
 

@@ -1,0 +1,46 @@
+"""Rests in which a converter has reached its end."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .mean_noise import quantisation_step
+
+
+@dataclass(frozen=True)
+class ClipThresholds:
+    """When a rest is clipped: one value, the channel's extreme in the whole recording, holds many of its samples."""
+
+    share: float = (
+        0.2  # of a rest's samples (convention); noise of 1.5 steps gives its extreme 1 in 100
+    )
+    fewest: int = 20  # samples
+    noise: float = (
+        1.5  # steps of the converter, that the other rests scatter by: else levels repeat anyway
+    )
+
+
+THRESHOLDS = ClipThresholds()
+
+
+def clipped(
+    values: Float[np.ndarray, "time 3"],
+    start: Int[np.ndarray, " rest"],
+    stop: Int[np.ndarray, " rest"],
+    limits: ClipThresholds = THRESHOLDS,
+) -> Bool[np.ndarray, " rest"]:
+    """Which rests hold samples of a channel at the end of its range."""
+    marked = np.zeros(len(start), bool)
+    for x in values.T:
+        extremes = x.min(), x.max()
+        rests = [x[a:b] for a, b in zip(start, stop)]
+        at_end = np.array([max(np.sum(r == e) for e in extremes) for r in rests])
+        size = stop - start
+        suspect = (at_end >= limits.fewest) & (at_end >= limits.share * size)
+        if not suspect.any() or suspect.all():
+            continue
+        noise = np.median([np.std(r) for r, bad in zip(rests, suspect) if not bad])
+        if noise > max(limits.noise * quantisation_step(x), 0.0):
+            marked |= suspect
+    return marked

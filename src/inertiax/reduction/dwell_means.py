@@ -1,0 +1,291 @@
+"""Means over segments, cut where they are long: one row per dwell, with the covariance of its mean."""
+
+import math
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..data.recording import Recording
+from .dwells import Dwells
+from .host_stamps import remark
+from .manual_turns import turned_by_hand, with_known_angles
+from .mean_covariance import covariances_of_means, Scatter
+from .mean_noise import quantisation_step
+from .rests import usual_step
+from .segments import segment_all, Segments
+
+
+_SAMPLES_FOR_SLOPE = 8
+
+
+def reduce_to_dwells(
+    recordings: Sequence[Recording],
+    *,
+    longest: float | None = None,
+    temperature_step: float | None = 1.0,
+    window: float = 1.0,
+    segments: Sequence[Segments] | None = None,
+) -> Dwells:
+    """Means over the rests and constant-rate plateaus of one device's recordings, with covariances.
+
+    **Arguments:**
+
+    - `longest`: dwells are cut into equal blocks of at most this many seconds. `None`: no limit.
+    - `temperature_step`: dwells are cut into equal blocks in which the temperature moves by at most
+      about this much, °C, so that a sweep of hours in one pose is not one mean. `None`: never.
+    - `window`: s, see `segment`.
+    - `segments`: what `segment_all` gave for these recordings, where it is known already.
+
+    Experiments without a column are numbered by recording. At a plateau (position −1) the
+    accelerometers turn through gravity: their mean is right for linear terms such as
+    g-sensitivity, their covariance large, and the invariant estimator has no use for them.
+
+    **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
+    covariances see `covariances.covariances_of_means`: they hold what the scatter within a dwell
+    says about its mean, not what changes from dwell to dwell (positioning, bias wander).
+
+    Raises `ValueError` for several devices, for recordings with different columns, and where
+    nothing rests.
+    """
+    _check_together(recordings)
+    for name, value in (("longest", longest), ("temperature_step", temperature_step)):
+        if value is not None and not value > 0:
+            raise ValueError(f"`reduce_to_dwells({name}=...)` must be positive; got {value}.")
+    labels = _experiments(recordings)
+    found = segment_all(recordings, window=window) if segments is None else segments
+    parts = [
+        _blocks(recording, part, experiment, longest, temperature_step)
+        for recording, part, experiment in zip(recordings, found, labels, strict=True)
+    ]
+    if not any(len(p.start) for p in parts):
+        raise ValueError(
+            f"{', '.join(r.name or 'recording' for r in recordings)}: no rest and no plateau of "
+            "constant rate; a column 'position' of 0 or more at rest (or reference_gyro) is needed."
+            + next(filter(None, map(remark, recordings)), "")
+        )
+    return _means(recordings, parts)
+
+
+def _check_together(recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise ValueError("`reduce_to_dwells(recordings)`: no recordings; at least one is needed.")
+    devices = list(dict.fromkeys(r.device for r in recordings))
+    if len(devices) > 1:
+        raise ValueError(
+            f"`reduce_to_dwells(recordings)`: {len(devices)} devices {devices[:6]}; reduce each "
+            "alone, with `Campaign.of_device`."
+        )
+    for column in ("accel", "gyro", "temperature", "reference_accel", "reference_gyro"):
+        absent = [r.name for r in recordings if getattr(r, column) is None]
+        if absent and len(absent) < len(recordings):
+            other = next(r.name for r in recordings if getattr(r, column) is not None)
+            raise ValueError(
+                f"recording '{absent[0]}' has no {column} but '{other}' has; recordings of one "
+                "device must have the same columns, so calibrate them as separate campaigns."
+            )
+
+
+def _experiments(recordings: Sequence[Recording]) -> list[Int[np.ndarray, " time"]]:
+    """Experiment numbers of every row; recordings without any get the numbers after the last."""
+    known = [r.experiment for r in recordings if r.experiment is not None]
+    fresh = max((int(e.max()) for e in known), default=-1) + 1
+    labels = []
+    for recording in recordings:
+        if recording.experiment is not None:
+            labels.append(recording.experiment)
+        else:
+            labels.append(np.full(recording.num_samples, fresh))
+            fresh += 1
+    return labels
+
+
+class _Blocks(eqx.Module):
+    """Ranges of rows of one recording, one for each dwell, and which rows of the recording count."""
+
+    start: Int[np.ndarray, " block"]
+    stop: Int[np.ndarray, " block"]
+    segment: Int[np.ndarray, " block"]
+    position: Int[np.ndarray, " block"]
+    experiment: Int[np.ndarray, " block"]
+    used: Bool[np.ndarray, " time"]
+
+    @property
+    def counts(self) -> Int[np.ndarray, " block"]:
+        """Rows of each range that count."""
+        total = np.append(0, np.cumsum(self.used))
+        return total[self.stop] - total[self.start]
+
+    @property
+    def rows(self) -> Int[np.ndarray, " row"]:
+        """Those rows, range after range."""
+        lengths = self.stop - self.start
+        first = np.repeat(self.start - (np.cumsum(lengths) - lengths), lengths)
+        inside = np.arange(lengths.sum()) + first
+        return inside[self.used[inside]]
+
+
+def _blocks(
+    recording: Recording,
+    segments: Segments,
+    experiment: Int[np.ndarray, " time"],
+    longest: float | None,
+    temperature_step: float | None,
+) -> _Blocks:
+    counts = segments.stop - segments.start
+    pieces = np.ones(len(counts), np.int64)
+    if longest is not None:
+        duration = counts * usual_step(recording)
+        pieces = np.maximum(pieces, np.ceil(duration / longest * (1 - 1e-9)).astype(np.int64))
+    if temperature_step is not None and recording.temperature is not None:
+        by_temperature = _pieces_by_temperature(recording, segments, temperature_step)
+        pieces = np.maximum(pieces, by_temperature)
+    pieces = np.minimum(pieces, counts)
+    owner = np.repeat(np.arange(len(counts)), pieces)
+    within = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    start = segments.start[owner] + within * counts[owner] // pieces[owner]
+    stop = segments.start[owner] + (within + 1) * counts[owner] // pieces[owner]
+    total = np.append(0, np.cumsum(segments.used))
+    filled = total[stop] > total[start]  # a piece may be disturbed from end to end
+    start, stop, owner = start[filled], stop[filled], owner[filled]
+    where = segments.position[owner]
+    return _Blocks(start, stop, owner, where, experiment[start], segments.used)
+
+
+def _pieces_by_temperature(
+    recording: Recording, segments: Segments, step: float
+) -> Int[np.ndarray, " segment"]:
+    """Equal pieces of a segment in which even the steepest part moves by `step` °C at most."""
+    assert recording.temperature is not None
+    probe = recording.temperature[:, 0]
+    pieces = np.ones(segments.num_segments, np.int64)
+    if not len(pieces):
+        return pieces
+    edges = np.column_stack([segments.start, segments.stop]).ravel()
+    last = edges[-1] == len(probe)  # reduceat takes no edge past the end
+    spread = np.maximum.reduceat(probe, edges[:-1] if last else edges)[::2]
+    spread = spread - np.minimum.reduceat(probe, edges[:-1] if last else edges)[::2]
+    for k in np.flatnonzero(spread > step):
+        t = probe[segments.start[k] : segments.stop[k]]
+        chunks = min(64, max(2, len(t) // 32))
+        bounds = np.arange(chunks + 1) * len(t) // chunks
+        means = np.add.reduceat(t, bounds[:-1]) / np.diff(bounds)
+        noise = np.std(np.diff(t)) / math.sqrt(bounds[1])  # of a difference of two chunk means
+        steepest = float(np.abs(np.diff(means)).max()) - 4.0 * noise
+        pieces[k] = min(math.ceil(max(steepest * chunks / step, 1.0)), max(1, len(t) // 8))
+    return pieces
+
+
+class _Samples(eqx.Module):
+    """The rows that belong to dwells, gathered one dwell after another."""
+
+    recordings: tuple[Recording, ...]
+    rows: tuple[Int[np.ndarray, " _"], ...]  # of each recording, which differ in length
+    starts: Int[np.ndarray, " dwell"]
+    counts: Int[np.ndarray, " dwell"]
+
+    def gather(self, column: str) -> np.ndarray | None:
+        """A column's rows, `None` where it was not recorded."""
+        if getattr(self.recordings[0], column) is None:
+            return None
+        pairs = zip(self.recordings, self.rows, strict=True)
+        return np.concatenate([getattr(r, column)[i] for r, i in pairs])
+
+    def mean(self, column: str) -> np.ndarray | None:
+        """A column's mean over each dwell."""
+        x = self.gather(column)
+        if x is None:
+            return None
+        return np.add.reduceat(x, self.starts, axis=0) / self.counts.reshape(
+            -1, *[1] * (x.ndim - 1)
+        )
+
+
+def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
+    counts = np.concatenate([p.counts for p in parts])
+    pairs = list(zip(recordings, parts, strict=True))
+    step = np.concatenate([np.full(len(p.start), usual_step(r)) for r, p in pairs])
+    position = np.concatenate([p.position for p in parts])
+    rows = tuple(p.rows for p in parts)
+    samples = _Samples(tuple(recordings), rows, np.cumsum(counts) - counts, counts)
+    time, temperature = samples.mean("time"), samples.mean("temperature")
+    assert time is not None
+    return Dwells(
+        time=time,
+        duration=counts * step,
+        count=counts.astype(float),
+        temperature=np.zeros(len(counts)) if temperature is None else temperature[:, 0],
+        experiment=np.concatenate([p.experiment for p in parts]),
+        position=position,
+        valid=np.ones(len(counts), bool),
+        accel=samples.mean("accel"),
+        accel_covariance=_covariances(samples, parts, "accel", position >= 0),
+        gyro=samples.mean("gyro"),
+        gyro_covariance=_covariances(samples, parts, "gyro", position >= 0),
+        reference_accel=samples.mean("reference_accel"),
+        reference_gyro=samples.mean("reference_gyro"),
+        rows=_ranges(parts),
+    )
+
+
+def _ranges(parts: list[_Blocks]) -> Int[np.ndarray, "dwell 4"]:
+    """Number of the recording, first row, one past the last, and number of the segment of each dwell."""
+    ranges = [
+        np.column_stack([np.full(len(p.start), k), p.start, p.stop, p.segment])
+        for k, p in enumerate(parts)
+    ]
+    return np.concatenate(ranges).astype(np.int64)
+
+
+def _covariances(
+    samples: _Samples, parts: list[_Blocks], triad: str, resting: Bool[np.ndarray, " dwell"]
+) -> Float[np.ndarray, "dwell 3 3"] | None:
+    x, ideal, time = (samples.gather(c) for c in (triad, f"reference_{triad}", "time"))
+    if x is None or time is None:
+        return None
+    step = _converter_steps(samples.recordings, parts, triad)
+    scatter = _scatter(x if ideal is None else x - ideal, time, samples.starts, step)
+    covariance = covariances_of_means(scatter, resting)
+    if triad == "accel" or ideal is None:
+        return covariance
+    pairs = zip(samples.recordings, parts, strict=True)
+    duration = np.concatenate([p.counts * usual_step(r) for r, p in pairs])
+    turns = turned_by_hand(x, ideal, samples.starts, resting)
+    return with_known_angles(covariance, duration, turns, resting)
+
+
+def _converter_steps(
+    recordings: Sequence[Recording], parts: list[_Blocks], triad: str
+) -> Float[np.ndarray, "dwell 3"]:
+    steps = []
+    for recording, part in zip(recordings, parts, strict=True):
+        x = getattr(recording, triad)
+        lsb = np.array([quantisation_step(x[:, axis]) for axis in range(3)])
+        steps.append(np.broadcast_to(lsb, (len(part.start), 3)))
+    return np.concatenate(steps)
+
+
+def _scatter(
+    x: Float[np.ndarray, "row 3"],
+    time: Float[np.ndarray, " row"],
+    starts: Int[np.ndarray, " dwell"],
+    step: Float[np.ndarray, "dwell 3"],
+) -> Scatter:
+    """Deviations from each dwell's straight line in time (from its mean, where samples are few).
+
+    A steady drift through a dwell, such as temperature brings, belongs to the dwell's mean time and
+    temperature and is no error of the mean; left in, it would look like noise of infinite memory.
+    """
+    counts = np.diff(np.append(starts, len(x)))
+
+    def centred(v: np.ndarray) -> np.ndarray:
+        return v - np.repeat(np.add.reduceat(v, starts, axis=0) / counts[:, None], counts, axis=0)
+
+    deviations = centred(x)
+    sloping = counts >= _SAMPLES_FOR_SLOPE
+    t = centred(time[:, None])
+    square = np.add.reduceat(t**2, starts, axis=0)
+    slope = np.add.reduceat(t * deviations, starts, axis=0) / np.where(square > 0, square, 1.0)
+    deviations = deviations - t * np.repeat(slope * sloping[:, None], counts, axis=0)
+    return Scatter(deviations, starts, sloping, step)

@@ -1,0 +1,70 @@
+"""Where a table turns at a constant rate, by the reference rates of a recording."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..data.recording import Recording
+from ..physics.earth import EARTH_RATE
+from .rests import usual_step
+
+
+SHORTEST = 0.5  # s; a smooth ramp's flat top is far shorter
+FEWEST = 4  # samples
+TURNING = 4.0  # Earth rates, from which a table turns; a rest whose label is -1 is no plateau
+RELATIVE = 1e-3  # 1/s, change of the rate over itself that is still constant
+BY_EARTH = 2.0  # Earth rates a second: the Earth's rate turns in the case at the table's rate
+FAST = 20.0  # Earth rates, from which one sample's change in the Earth's direction is small
+GROWING = 0.05  # of a slower rate: what it may change from sample to sample
+NOISE = 4.0  # times the change that a quarter of the steps stay below: the noise of a measured reference
+MOST_NOISE = (
+    3.0,
+    1e-4,
+)  # Earth rates, and of the rate: a measured reference is not noisier than that
+
+
+def steady_steps(recording: Recording) -> Bool[np.ndarray, " step"]:
+    """Steps from sample to sample over which the commanded rate stays.
+
+    It may change by 0.1 % of itself a second, and as fast as the Earth rate turns in the case at that rate; where it
+    was measured, by its noise, too. A slow rate may change by a twentieth of itself from sample to sample: else it
+    would pass for constant while it still grows.
+    """
+    assert recording.reference_gyro is not None
+    rate = recording.reference_gyro
+    speed = np.linalg.norm(rate, axis=1)[1:]
+    change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
+    step = np.maximum(np.diff(recording.time), usual_step(recording))
+    allowed = (RELATIVE * speed + BY_EARTH * EARTH_RATE) * step
+    turning = speed > TURNING * EARTH_RATE
+    if turning.any():
+        noise = NOISE * float(np.quantile(change[turning], 0.25))
+        least = MOST_NOISE[0] * EARTH_RATE + MOST_NOISE[1] * speed
+        allowed = np.maximum(allowed, np.minimum(noise, least))
+    return (change <= allowed) & ((speed > FAST * EARTH_RATE) | (change <= GROWING * speed))
+
+
+def plateaus(
+    recording: Recording, start: Int[np.ndarray, " run"], stop: Int[np.ndarray, " run"]
+) -> Bool[np.ndarray, " run"]:
+    """Which runs of steady rows are plateaus: they turn, and last for half a second and four samples."""
+    assert recording.reference_gyro is not None
+    middle = recording.reference_gyro[(start + stop) // 2]
+    turns = np.linalg.norm(middle, axis=1) > TURNING * EARTH_RATE
+    lasts = recording.time[stop - 1] - recording.time[start] >= SHORTEST
+    return turns & lasts & (stop - start >= FEWEST)
+
+
+def without_ramps(
+    rate: Float[np.ndarray, "time 3"],
+    position: Int[np.ndarray, " time"],
+    start: Int[np.ndarray, " run"],
+    stop: Int[np.ndarray, " run"],
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """Plateaus without their first and last sample where a ramp leads to them or away.
+
+    The output of that sample may still lag on the ramp. A turn by hand begins and ends at rest: its reference is the
+    mean rate over all of its samples.
+    """
+    turning = (position < 0) & (np.linalg.norm(rate, axis=1) > TURNING * EARTH_RATE)
+    beside = np.concatenate([[False], turning, [False]])
+    return start + beside[start], stop - beside[stop + 1]

@@ -1,0 +1,67 @@
+"""A rest's samples about their slow course, in standard deviations of what the rest reads undisturbed."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+MAD = 1.4826  # standard deviations of a normal distribution in one median distance
+FEWEST_AROUND = 9  # samples that a slow course is the mean of
+
+
+def moving_mean(x: Float[np.ndarray, "row *axis"], width: int) -> Float[np.ndarray, "row *axis"]:
+    """Mean over the `width` rows around each row, over fewer at both ends."""
+    num, half = len(x), max(width // 2, 1)
+    total = np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)])
+    row = np.arange(num)
+    first, last = np.maximum(row - half, 0), np.minimum(row + half + 1, num)
+    return (total[last] - total[first]) / (last - first).reshape(-1, *[1] * (x.ndim - 1))
+
+
+def robust_deviation(x: Float[np.ndarray, "row axis"]) -> Float[np.ndarray, " axis"]:
+    """Standard deviation about the median, by the median distance."""
+    return MAD * np.median(np.abs(x - np.median(x, axis=0)), axis=0)
+
+
+def in_quiet_levels(
+    x: Float[np.ndarray, "row 3"], around: int, step: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "row 3"]:
+    """Samples of one rest less their mean over `around` rows, in standard deviations of the rest's noise.
+
+    The noise is at least one `step` of the converter, unit of x: where most samples are alike, one that is not is no
+    event. A channel that never changes reads zero.
+    """
+    offset = x - np.median(x, axis=0)
+    course = moving_mean(offset, max(around, FEWEST_AROUND))
+    left = offset - course
+    sigma = np.maximum(robust_deviation(left), step)
+    return np.where(sigma > 0.0, left / np.where(sigma > 0.0, sigma, 1.0), 0.0)
+
+
+def burst_deviates(levels: Float[np.ndarray, "row 3"], width: int) -> Float[np.ndarray, " row"]:
+    """How far the energy of `width` rows around each row is from the rest's usual, as a standard normal deviate.
+
+    The sum of squares of n normal numbers over n, its cube root made normal (Wilson and Hilferty, PNAS 17, 1931). Noise
+    with memory scatters more: the deviates are divided by their own robust spread where that is above one.
+    """
+    freedom = 3.0 * width
+    power = moving_mean(np.sum(np.square(levels), axis=1), width) / 3.0
+    spread = 2.0 / (9.0 * freedom)
+    deviate = (np.cbrt(power) - (1.0 - spread)) / np.sqrt(spread)
+    middle = np.median(deviate)
+    own = MAD * float(np.median(np.abs(deviate - middle)))
+    return (deviate - middle) / max(own, 1.0)
+
+
+def runs_of(marked: np.ndarray) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """Ranges `[start, stop)` of true values."""
+    edge = np.diff(np.concatenate([[0], marked.astype(np.int8), [0]]))
+    return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+
+
+def widened(marked: np.ndarray, reach: int) -> np.ndarray:
+    """True values and what lies within `reach` of them."""
+    start, stop = runs_of(marked)
+    change = np.zeros(len(marked) + 1, np.int64)
+    np.add.at(change, np.maximum(start - reach, 0), 1)
+    np.add.at(change, np.minimum(stop + reach, len(marked)), -1)
+    return np.cumsum(change[:-1]) > 0

@@ -1,0 +1,79 @@
+"""Ends of a labelled rest that are not at rest: labels that come before the table has stopped, or after it started."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .quiet_level import MAD
+
+
+@dataclass(frozen=True)
+class EndThresholds:
+    """When the end of a rest is motion. Settling after a move, of the sensor or the table, is far below and is kept."""
+
+    rate: float = (
+        0.02  # rad/s, 1.1 deg/s, off the middle's: tables and hands turn faster (convention)
+    )
+    force: float = 0.02  # of the specific force, off the middle's: 1.1 deg of tilt (convention)
+    quiet: float = 5.0  # standard deviations of a block's mean, below which motion has ended
+    block: float = 0.05  # s
+    fewest: int = 16  # blocks
+    most: float = 0.375  # of a rest, at either end: its middle quarter must be quiet
+    longest: float = 5.0  # s, at either end: what lasts longer is no slew but a drift
+    margin: float = 0.5  # of what is cut off, cut off besides: a smooth stop goes below the noise before its end
+
+
+THRESHOLDS = EndThresholds()
+
+
+def quiet_part(
+    accel: Float[np.ndarray, "row 3"] | None,
+    gyro: Float[np.ndarray, "row 3"] | None,
+    step: float,
+    limits: EndThresholds = THRESHOLDS,
+) -> tuple[int, int]:
+    """Rows `[first, last)` of one labelled rest without the motion at its ends, by either triad; all where none shows.
+
+    A rest whose middle moves, too, is left as it is.
+    """
+    triads = [x for x in (accel, gyro) if x is not None]
+    num = len(triads[0])
+    size = max(round(limits.block / step), 1) if step > 0.0 else 1
+    blocks = num // size
+    if blocks < limits.fewest:
+        return 0, num
+    head = tail = 0
+    for values, least in ((accel, None), (gyro, limits.rate)):
+        if values is None:
+            continue
+        off, noise = _off_the_middle(values, size, blocks)
+        if least is None:
+            least = limits.force * float(np.linalg.norm(np.median(values, axis=0)))
+        most = min(int(limits.most * blocks), max(int(limits.longest / (size * step)), 1))
+        if off[most : blocks - most].max() > least:
+            return 0, num
+        head = max(head, _moving(off[:most], least, limits.quiet * noise))
+        tail = max(tail, _moving(off[blocks - most :][::-1], least, limits.quiet * noise))
+    cut = lambda moving: min(int(np.ceil(moving * (1.0 + limits.margin))), blocks // 2 - 1) * size
+    return cut(head), num - cut(tail)
+
+
+def _off_the_middle(
+    values: np.ndarray, size: int, blocks: int
+) -> tuple[Float[np.ndarray, " block"], float]:
+    """Distance of each block's mean from the middle's, and the noise of such a distance."""
+    means = values[: size * blocks].reshape(blocks, size, 3).mean(axis=1)
+    inner = means[blocks // 4 : blocks - blocks // 4]
+    centre = np.median(inner, axis=0)
+    noise = MAD * np.median(np.abs(inner - centre), axis=0)
+    return np.linalg.norm(means - centre, axis=1), float(np.linalg.norm(noise))
+
+
+def _moving(off: Float[np.ndarray, " block"], least: float, quiet: float) -> int:
+    """Blocks from the outer end on that belong to a motion; 0 where none reaches `least`."""
+    fast = np.flatnonzero(off > least)
+    if not len(fast):
+        return 0
+    still = np.flatnonzero(off[fast[-1] :] <= quiet)
+    return int(fast[-1] + (still[0] if len(still) else len(off) - fast[-1]))
