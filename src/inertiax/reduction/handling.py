@@ -9,6 +9,7 @@ alone may be a turn about the vertical.
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import SupportsIndex
 
 import equinox as eqx
 import numpy as np
@@ -16,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from .clipping import clipped
-from .knocks import knocked, spiked
+from .knocks import knocked, levels_of, spiked
 from .mean_noise import quantisation_step
 from .quiet_level import runs_of
 from .rest_ends import quiet_part
@@ -77,16 +78,16 @@ class Undisturbed(eqx.Module):
         self,
         recording: Recording,
         kind: str,
-        rest: int,
-        first: int,
-        last: int,
+        rest: SupportsIndex,
+        first: SupportsIndex,
+        last: SupportsIndex,
         left_out: bool = True,
     ) -> Disturbance:
         """The rows `[first, last)` of a rest as a disturbance."""
         time = recording.time
-        end = float(time[min(int(last), len(time) - 1)])
+        end = float(time[min(last.__index__(), len(time) - 1)])
         where = int(self.position[rest])
-        return Disturbance(recording.name, float(time[int(first)]), end, kind, where, left_out)
+        return Disturbance(recording.name, float(time[first]), end, kind, where, left_out)
 
     def without(
         self, recording: Recording, kind: str, marked: Bool[np.ndarray, " rest"]
@@ -170,23 +171,26 @@ def _without_slips(recording: Recording, left: Undisturbed) -> Undisturbed:
     return left
 
 
-def _without_knocks(recording: Recording, left: Undisturbed) -> Undisturbed:
-    accel, gyro = recording.accel, recording.gyro
-    if accel is None or gyro is None:
-        return left
-    converter = _converter_step(accel), _converter_step(gyro)
+def _without_bursts(recording: Recording, left: Undisturbed) -> Undisturbed:
+    """Knocks by both triads, and single samples of either."""
+    step = usual_step(recording)
+    triads = [x for x in (recording.accel, recording.gyro) if x is not None]
+    converters = [_converter_step(x) for x in triads]
     searched = recording.position is None and recording.reference_gyro is None
     used, found = left.used.copy(), list(left.disturbances)
     held = np.zeros(len(left.start), bool)
     for k, rows in left.ranges():
-        marked = knocked(accel[rows], gyro[rows], usual_step(recording), converter, searched)
-        held[k] = marked.mean() > THRESHOLDS.held
-        if marked.any() and not held[k]:
+        levels = [levels_of(x[rows], step, c) for x, c in zip(triads, converters)]
+        knock = np.zeros(rows.stop - rows.start, bool)
+        if len(levels) == 2:
+            knock = knocked(*levels, step, searched)
+        held[k] = knock.mean() > THRESHOLDS.held
+        if held[k]:
+            continue
+        for kind, marked in (("knock", knock), *(("spike", spiked(x)) for x in levels)):
+            for a, b in zip(*runs_of(marked & used[rows])):
+                found.append(left.noted(recording, kind, k, rows.start + a, rows.start + b))
             used[rows] &= ~marked
-            found += [
-                left.noted(recording, "knock", k, rows.start + a, rows.start + b)
-                for a, b in zip(*runs_of(marked))
-            ]
     left = Undisturbed(left.start, left.stop, left.position, used, tuple(found))
     return left.without(recording, "held", held)
 
@@ -202,22 +206,6 @@ def _without_tilts(recording: Recording, left: Undisturbed) -> Undisturbed:
     return left.without(recording, "slow tilt", marked)
 
 
-def _without_spikes(recording: Recording, left: Undisturbed) -> Undisturbed:
-    step, used, found = usual_step(recording), left.used.copy(), list(left.disturbances)
-    for values in (recording.accel, recording.gyro):
-        if values is None:
-            continue
-        converter = _converter_step(values)
-        for k, rows in left.ranges():
-            marked = spiked(values[rows], step, converter) & used[rows]
-            used[rows] &= ~marked
-            found += [
-                left.noted(recording, "spike", k, rows.start + a, rows.start + b)
-                for a, b in zip(*runs_of(marked))
-            ]
-    return Undisturbed(left.start, left.stop, left.position, used, tuple(found))
-
-
 def _converter_step(values: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "3"]:
     return np.array([quantisation_step(values[:, axis]) for axis in range(3)])
 
@@ -226,9 +214,8 @@ STEPS: tuple[Step, ...] = (
     _without_moving_ends,
     _without_clipped,
     _without_slips,
-    _without_knocks,
+    _without_bursts,
     _without_tilts,
-    _without_spikes,
 )
 
 

@@ -17,7 +17,7 @@ class KnockThresholds:
     """
 
     together: float = 8.0  # sum of both triads' deviates (derived: 2^-0.5 of it is 5.7 sigma)
-    each: float = 2.5  # of either triad at least, so that none speaks alone
+    each: float = 3.0  # of either triad at least, so that none speaks alone (1.3e-3 a window)
     gyro_alone: float = 10.0  # where the rests were found in the data: see `knocked`
     windows: tuple[float, ...] = (
         0.03,
@@ -38,56 +38,78 @@ class KnockThresholds:
 THRESHOLDS = KnockThresholds()
 
 
-def knocked(
-    accel: Float[np.ndarray, "row 3"],
-    gyro: Float[np.ndarray, "row 3"],
+def levels_of(
+    values: Float[np.ndarray, "row 3"],
     step: float,
-    converter: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
+    converter: Float[np.ndarray, "3"],
+    limits: KnockThresholds = THRESHOLDS,
+) -> Float[np.ndarray, "row 3"]:
+    """One rest's samples in quiet levels; `step` from sample to sample in s, `converter` its LSB in their unit."""
+    around = round(limits.around / step) if step > 0.0 else 0
+    return in_quiet_levels(values, min(around, len(values) // 4), converter)
+
+
+def knocked(
+    felt: Float[np.ndarray, "row 3"],
+    turned: Float[np.ndarray, "row 3"],
+    step: float,
     searched: bool,
     limits: KnockThresholds = THRESHOLDS,
 ) -> Bool[np.ndarray, " row"]:
     """Rows of one rest in which the device was knocked, with `reach` to either side.
 
-    **Arguments:** both triads (any unit), `step` from sample to sample in s, and the steps of the converters. A burst
+    **Arguments:** the accelerometers' and the gyros' `levels_of` the rest, `step` from sample to sample in s. A burst
     counts that both triads show together. With `searched`, where the rest was found in the data and nobody vouches for
     it, what the gyros alone show counts too: a turn about the vertical moves nothing else.
     """
-    num = len(accel)
+    num = len(felt)
     marked = np.zeros(num, bool)
     if num < limits.shortest or not 0.0 < step <= limits.slowest:
         return marked
-    around = round(limits.around / step)
-    felt = in_quiet_levels(accel, around, converter[0])
-    turned = in_quiet_levels(gyro, around, converter[1])
+    energies = [_energy(x) for x in (felt, turned)]
     for seconds in limits.windows:
         width = max(round(seconds / step), limits.fewest)
         if 4 * width > num:
             continue
-        a, g = burst_deviates(felt, width), burst_deviates(turned, width)
-        hit = (a + g > limits.together) & (np.minimum(a, g) > limits.each)
+        force, rate = (burst_deviates(e, f, width) if f else np.zeros(num) for e, f in energies)
+        hit = (force + rate > limits.together) & (force > limits.each) & (rate > limits.each)
         if searched:
-            hit |= g > limits.gyro_alone
-        marked |= widened(hit, width // 2)
-    return widened(marked, max(round(limits.reach / step), 1))
+            hit |= rate > limits.gyro_alone
+        for a, b in zip(*runs_of(hit)):
+            marked[slice(*_inside(int(a), int(b), width))] = True
+    return widened(marked, max(round(limits.reach / step), 1)) if marked.any() else marked
+
+
+def _inside(first: int, last: int, width: int) -> tuple[int, int]:
+    """Where a burst lies that windows of so many rows show whose middles are `[first, last)`.
+
+    A burst is in every window that it reaches: half a window within both ends of the run, or, of a run shorter than a
+    window, about its middle.
+    """
+    if last - first >= width:
+        return first + width // 2, last - width // 2
+    middle = (first + last) // 2
+    return max(middle - width // 2, 0), middle + width // 2 + 1
+
+
+def _energy(levels: np.ndarray) -> tuple[np.ndarray, float]:
+    """Sum of squares of each row, and of how many channels that are not constant."""
+    return np.einsum("ij,ij->i", levels, levels), float(np.any(levels != 0.0, axis=0).sum())
 
 
 def spiked(
-    values: Float[np.ndarray, "row 3"],
-    step: float,
-    converter: Float[np.ndarray, "3"],
-    limits: KnockThresholds = THRESHOLDS,
+    levels: Float[np.ndarray, "row 3"], limits: KnockThresholds = THRESHOLDS
 ) -> Bool[np.ndarray, " row"]:
-    """Rows of one rest in which one or two samples of a channel stand out alone."""
-    num = len(values)
+    """Rows of one rest in which one or two samples of a channel stand out alone, by a triad's `levels_of` the rest."""
+    num = len(levels)
     marked = np.zeros(num, bool)
     if num < limits.shortest:
         return marked
-    around = round(limits.around / step) if step > 0.0 else 0
-    levels = np.abs(in_quiet_levels(values, min(around, num // 4), converter))
-    for axis in range(3):
-        start, stop = runs_of(levels[:, axis] > limits.spike)
+    size = np.abs(levels)
+    for axis in np.flatnonzero(size.max(axis=0) > limits.spike):
+        start, stop = runs_of(size[:, axis] > limits.spike)
         for a, b in zip(start, stop):
-            beside = np.r_[levels[max(a - 2, 0) : a, axis], levels[b : b + 2, axis]]
+            beside = np.r_[size[max(a - 2, 0) : a, axis], size[b : b + 2, axis]]
             if b - a <= 2 and a >= 2 and b <= num - 2 and beside.max() < limits.beside:
                 marked[a:b] = True
     return marked

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .quiet_level import ordered
+
 
 @dataclass(frozen=True)
 class TiltThresholds:
@@ -98,10 +100,7 @@ def _turns(
 def _quiet(turns: _Turns) -> Float[np.ndarray, "2"]:
     """Standard deviation of one component of the turns by either triad, from the quieter moments of a rest."""
     return np.array(
-        [
-            np.quantile(np.linalg.norm(x, axis=1), 0.25) / 0.7585
-            for x in (turns.seen, turns.integrated)
-        ]
+        [ordered(np.linalg.norm(x, axis=1), 0.25) / 0.7585 for x in (turns.seen, turns.integrated)]
     )
 
 

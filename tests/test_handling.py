@@ -1,0 +1,286 @@
+"""Rests in which the device was knocked, slipped or tilted: found by both triads, left out, counted and said."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, norm
+
+from inertiax import reduce_to_dwells
+from inertiax.calibrate.pipeline import calibrate
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose.observations.blocks import cut, join
+from inertiax.reduction.clipping import clipped
+from inertiax.reduction.handling import kept_sentence, left_out_sentence
+from inertiax.reduction.knocks import levels_of, spiked
+from inertiax.reduction.quiet_level import burst_deviates
+from inertiax.reduction.rest_ends import quiet_part
+from inertiax.reduction.segments import disturbances_of, segment
+from inertiax.reduction.tilts import tilting
+
+
+RATE = 100.0  # Hz
+G = 9.81
+ACCEL, GYRO = 0.02, 1e-3  # 1 sigma of one sample, m/s² and rad/s
+GYRO_BIAS = np.array([0.01, -0.02, 0.005])
+REST, MOVE = 800, 200  # rows
+
+
+class Hand:
+    """Rests in random poses joined by turns, made with SciPy's rotations; `turns[k]` is what rest k does, rad."""
+
+    def __init__(self, rng, rests=12, turns=None):
+        turns = turns or {}
+        attitude, position = [], []
+        pose = Rotation.random(rng=rng)
+        for k in range(rests):
+            own = turns.get(k, np.zeros((REST, 3)))
+            path = [pose * Rotation.from_rotvec(v) for v in own]
+            following = Rotation.random(rng=rng)
+            between = (path[-1].inv() * following).as_rotvec()
+            share = 0.5 - 0.5 * np.cos(np.pi * (np.arange(MOVE) + 1) / MOVE)
+            path += [path[-1] * Rotation.from_rotvec(s * between) for s in share]
+            attitude += path
+            position += [k] * REST + [-1] * MOVE
+            pose = following
+        self.position = np.array(position)
+        steps = [(a.inv() * b).as_rotvec() for a, b in zip(attitude[:-1], attitude[1:])]
+        rate = np.array([np.zeros(3), *steps]) * RATE
+        force = np.array([a.inv().apply([0.0, 0.0, G]) for a in attitude])
+        self.accel = force + ACCEL * rng.standard_normal(force.shape)
+        self.gyro = rate + GYRO_BIAS + GYRO * rng.standard_normal(rate.shape)
+
+    def recording(self, labelled=True):
+        return Recording(
+            time=np.arange(len(self.accel)) / RATE, accel=self.accel, gyro=self.gyro,
+            position=self.position if labelled else None,
+        )  # fmt: skip
+
+    def campaign(self, labelled=True):
+        return Campaign(
+            (self.recording(labelled),),
+            Site(G),
+            Rig(),
+            ModelChoice("invariant", "static", False, 0),
+        )
+
+
+def tap(hand, row, size=15.0, rng=None):
+    """A ringing of 15 Hz that dies out in 40 ms, `size` sigma of either triad."""
+    t = np.arange(40) / RATE
+    ring = size * np.exp(-t / 0.04) * np.cos(2 * np.pi * 15 * t)
+    hand.accel[row : row + 40] += ACCEL * ring[:, None] * [0.6, 0.0, 0.8]
+    hand.gyro[row : row + 40] += GYRO * ring[:, None] * [0.8, -0.6, 0.0]
+
+
+def slip(angle, row=400, length=20):
+    """A smooth turn by `angle` (rad) about x, then about y where x is up: across gravity in most poses."""
+    u = np.clip((np.arange(REST) - row) / length, 0.0, 1.0)
+    return (3 * u**2 - 2 * u**3)[:, None] * angle * np.array([0.7, 0.5, -0.5])
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_quiet_rests_have_nothing_left_out(labelled):
+    found = segment(Hand(np.random.default_rng(1)).recording(labelled))
+    assert found.num_segments == 12 and found.disturbances == ()
+    assert left_out_sentence(()) is None and kept_sentence(()) is None
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_a_tap_is_cut_out_of_its_rest(labelled):
+    hand = Hand(np.random.default_rng(2))
+    row = 5 * (REST + MOVE) + 350
+    tap(hand, row)
+    found = segment(hand.recording(labelled))
+    (one,) = found.disturbances
+    assert one.kind == "knock" and one.left_out and one.position == 5
+    assert one.start <= row / RATE and row / RATE + 0.1 < one.end < row / RATE + 1.0
+    assert not found.used[row : row + 10].any() and found.used[row - 100] and found.used[row + 100]
+    assert found.num_segments == 12  # the rest stays one rest
+    first, last, owner = found.runs()
+    assert len(first) == 13 and np.sum(owner == 5) == 2
+    assert left_out_sentence(found.disturbances).startswith("Handling: 1 knock left out, 0.")  # s
+
+
+def test_a_dwell_is_the_mean_of_what_is_left_and_blocks_are_cuts_of_the_same_rows():
+    hand = Hand(np.random.default_rng(3))
+    row = 7 * (REST + MOVE) + 500
+    tap(hand, row, size=40.0)
+    campaign = hand.campaign()
+    dwells, blocks = reduce_to_dwells(campaign.recordings), cut(join(campaign))
+    used = segment(campaign.recordings[0]).used
+    mine = np.flatnonzero(used & (hand.position == 7))
+    assert REST - 100 < len(mine) < REST
+    np.testing.assert_allclose(dwells.accel[7], hand.accel[mine].mean(axis=0), rtol=1e-12)
+    assert dwells.count[7] == len(mine)
+    covered = np.concatenate([np.arange(a, b) for a, b in zip(blocks.start, blocks.stop)])
+    np.testing.assert_array_equal(covered, np.flatnonzero(used))
+    assert len(np.unique(blocks.dwell)) == dwells.num_dwells == 12
+
+
+@pytest.mark.parametrize("degrees", [0.6, 1.0, 2.0])
+def test_the_shorter_side_of_a_slip_is_left_out(degrees):
+    hand = Hand(np.random.default_rng(4), turns={4: slip(np.deg2rad(degrees), row=500)})
+    (one,) = segment(hand.recording()).disturbances
+    assert one.kind == "slip" and one.position == 4
+    begin = 4 * (REST + MOVE)
+    assert abs(one.start - (begin + 500) / RATE) < 0.5
+    found = segment(hand.recording())
+    assert found.start[4] == begin and begin + 440 < found.stop[4] <= begin + 500
+
+
+def test_what_only_one_triad_shows_is_no_handling():
+    hand = Hand(np.random.default_rng(5))
+    begin = 3 * (REST + MOVE)
+    hand.accel[begin + 400 : begin + REST, 1] += 0.05  # a jump of a bias: 0.3 deg, and no rate
+    hand.gyro[begin + REST + MOVE : begin + 2 * REST + MOVE, 0] += (
+        2e-3  # a bias that differs in one rest
+    )
+    assert segment(hand.recording()).disturbances == ()
+
+
+def test_a_rest_that_tilts_slowly_is_left_out():
+    turn = np.linspace(0.0, 1.0, REST)[:, None] * np.deg2rad(0.5) * np.array([0.7, 0.5, -0.5])
+    found = segment(Hand(np.random.default_rng(6), turns={2: turn}).recording())
+    (one,) = found.disturbances
+    assert (one.kind, one.position, one.left_out) == ("slow tilt", 2, True)
+    assert list(found.position) == [0, 1, *range(3, 12)]
+
+
+def test_where_every_rest_tilts_all_stay_and_the_calibration_warns():
+    turn = np.linspace(0.0, 1.0, REST)[:, None] * np.deg2rad(0.5) * np.array([0.7, 0.5, -0.5])
+    hand = Hand(np.random.default_rng(7), turns=dict.fromkeys(range(12), turn))
+    found = segment(hand.recording())
+    assert found.num_segments == 12
+    assert {d.kind for d in found.disturbances} == {"slow tilt"} and len(found.disturbances) >= 11
+    assert not any(d.left_out for d in found.disturbances)
+    (result,) = calibrate(hand.campaign())
+    assert any("tilt slowly kept" in w for w in result.warnings)
+    assert len(result.handling) == len(found.disturbances)
+
+
+def test_the_tilt_that_is_said_is_the_turn_across_gravity():
+    turn = np.linspace(0.0, 1.0, REST)[:, None] * np.deg2rad(1.0) * np.array([1.0, 0.0, 0.0])
+    hand = Hand(np.random.default_rng(8), rests=6, turns={3: turn})
+    rests = [slice(k * (REST + MOVE), k * (REST + MOVE) + REST) for k in range(6)]
+    marked, angle = tilting([(hand.accel[r], hand.gyro[r]) for r in rests], 1.0 / RATE)
+    up = hand.accel[rests[3]].mean(axis=0) / G
+    across = np.deg2rad(1.0) * np.hypot(up[1], up[2])
+    assert list(marked) == [False] * 3 + [True] + [False] * 2
+    # A slope of 800 samples of 0.02 m/s² over 8 s: 0.02 sqrt(12 / 800) / 9.81 = 2.5e-4 rad; four of them.
+    assert angle[3] == pytest.approx(across, abs=1e-3)
+
+
+@pytest.mark.parametrize("early", [10, 30, 100])
+def test_labels_that_come_early_lose_the_samples_of_the_slew(early):
+    hand = Hand(np.random.default_rng(9))
+    hand.position = np.r_[hand.position[early:], np.full(early, -1)]
+    found = segment(hand.recording())
+    assert found.num_segments == 12
+    truly = np.arange(12) * (REST + MOVE)
+    # The turn's last hundredths of a second are slower than 0.02 rad/s; the first rest has none before it.
+    assert np.all(found.start[1:] >= truly[1:] - 4) and np.all(found.start[1:] < truly[1:] + 80)
+    assert {d.kind for d in found.disturbances} == {"not at rest"} and len(found.disturbances) == 11
+    dwells = reduce_to_dwells([hand.recording()])
+    white = ACCEL**2 / np.asarray(dwells.count)
+    variance = np.einsum("kii->ki", dwells.accel_covariance)
+    assert np.all(variance < 3.0 * white[:, None])
+
+
+def test_settling_after_a_move_is_no_motion():
+    rng = np.random.default_rng(10)
+    course = np.exp(-np.arange(REST) / 100.0)[:, None]
+    accel = np.array([0.0, 0.0, G]) + 0.05 * course + 1e-3 * rng.standard_normal((REST, 3))
+    gyro = 5e-3 * course + 1e-4 * rng.standard_normal((REST, 3))
+    assert quiet_part(accel, gyro, 1.0 / RATE) == (0, REST)
+    assert quiet_part(accel, None, 1.0 / RATE) == (0, REST)
+
+
+def test_a_drift_over_a_long_rest_is_no_motion():
+    rng = np.random.default_rng(11)
+    rows = 4000
+    gyro = np.linspace(-0.1, 0.1, rows)[:, None] + 1e-3 * rng.standard_normal((rows, 3))
+    assert quiet_part(None, gyro, 1.0) == (0, rows)
+
+
+def test_spikes_of_one_channel_are_left_out_one_by_one():
+    hand = Hand(np.random.default_rng(12))
+    rows = np.flatnonzero(hand.position >= 0)[37::160]
+    rows = rows[np.isin(rows % (REST + MOVE), np.arange(10, REST - 10))]
+    hand.accel[rows, 2] += 1.0
+    found = segment(hand.recording())
+    assert len(rows) > 50 and not found.used[rows].any()
+    kinds = [d.kind for d in found.disturbances]
+    # Now and then the gyros' noise is high beside one, and both together look like a knock: 60 times 1.3e-3 times the
+    # windows of three lengths that hold the spike, some ten of which are independent.
+    assert kinds.count("spike") >= len(rows) - 5 and set(kinds) <= {"spike", "knock"}
+    assert (~found.used & (hand.position >= 0)).sum() < 60 * 5 + 2 * len(rows)
+
+
+def test_a_coarse_converter_has_no_spikes():
+    rng = np.random.default_rng(13)
+    values = np.round(0.2 * rng.standard_normal((2000, 3)))  # mostly zero, sometimes one step
+    assert not spiked(levels_of(values, 0.01, np.ones(3))).any()
+
+
+def test_a_clipped_rest_is_left_out_and_said():
+    hand = Hand(np.random.default_rng(14))
+    limit = np.sort(np.abs(hand.accel[hand.position >= 0][:, 0]))[-REST // 2]
+    hand.accel[:, 0] = np.clip(hand.accel[:, 0], -limit, limit)
+    found = segment(hand.recording())
+    assert {d.kind for d in found.disturbances} == {"clipped"} and found.num_segments < 12
+    assert "clipped rest" in left_out_sentence(found.disturbances)
+
+
+def test_a_quiet_channel_of_a_coarse_converter_is_not_clipped():
+    rng = np.random.default_rng(15)
+    start = np.arange(6) * 100
+    values = np.repeat(rng.integers(-50, 50, (6, 3)).astype(float), 100, axis=0)
+    assert not clipped(values, start, start + 100).any()
+
+
+def test_energy_of_a_window_is_a_standard_normal_deviate():
+    # Outside value: the same tail probability by SciPy's chi-square and normal distributions.
+    width = 11
+    energy = np.ones(1000)  # of a chi² with one degree of freedom, whose mean is one
+    rng = np.random.default_rng(16)
+    energy = rng.chisquare(1.0, 200_000)
+    deviates = burst_deviates(energy, 1.0, width)
+    for z in (-1.0, 0.0, 1.0, 2.0, 3.0):
+        share = np.mean(deviates > z)
+        # Neighbours share rows: 200 000 / 11 independent windows, four standard deviations.
+        expected = norm.sf(z)
+        assert share == pytest.approx(expected, abs=4 * np.sqrt(expected / (200_000 / 11)) + 0.004)
+    largest = chi2.ppf(norm.cdf(4.0), width) / width
+    spread = 2 / (9 * width)
+    assert (np.cbrt(largest) - 1 + spread) / np.sqrt(spread) == pytest.approx(4.0, abs=0.06)
+
+
+def test_calibration_and_diagnosis_leave_out_the_same_and_both_are_right():
+    hand = Hand(np.random.default_rng(17), rests=24, turns={11: slip(np.deg2rad(2.0))})
+    for k in (3, 8, 15):
+        tap(hand, k * (REST + MOVE) + 300, size=60.0)
+    campaign = hand.campaign()
+    (result,) = calibrate(campaign)
+    assert [d.kind for d in result.handling] == ["knock", "knock", "slip", "knock"]
+    assert (
+        result.handling
+        == join(campaign).segments.disturbances
+        == disturbances_of(campaign.recordings)
+    )
+    assert any(c.startswith("Handling: 3 knocks, 1 slip left out") for c in result.choices)
+    bias = np.asarray(result.gyro.solution.curve(20.0)[:3])
+    # 24 rests of 8 s at 1e-3 rad/s a sample: 1e-3 / sqrt(24 * 800) = 7e-6 rad/s; five of them.
+    np.testing.assert_allclose(bias, GYRO_BIAS, atol=4e-5)
+
+
+def test_diagnosis_is_consistent_with_what_is_left():
+    from inertiax.diagnose import diagnose
+
+    hand = Hand(np.random.default_rng(18), rests=14)
+    for k in (3, 8, 12):
+        tap(hand, k * (REST + MOVE) + 300, size=60.0)
+    found = diagnose(hand.campaign())
+    assert found.verdict == "consistent"
+    assert [d.kind for d in found.handling] == ["knock"] * 3
+    assert "Handling: 3 knocks left out" in found.summary
+    assert [d["kind"] for d in found.as_dict()["handling"]] == ["knock"] * 3
