@@ -7,7 +7,7 @@ alone may be a turn about the vertical.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import SupportsIndex
 
@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from .clipping import clipped
+from .hand_motion import moved_by_hand
 from .knocks import knocked, levels_of, spiked
 from .mean_noise import quantisation_step
 from .quiet_level import runs_of
@@ -25,14 +26,14 @@ from .rests import usual_step
 from .tilts import slips, tilting
 
 
-KINDS = ("knock", "slip", "slow tilt", "not at rest", "spike", "clipped", "held")
+KINDS = ("knock", "motion", "slip", "slow tilt", "not at rest", "spike", "clipped", "held")
 
 
 @dataclass(frozen=True)
 class HandlingThresholds:
     """What becomes of a disturbed rest."""
 
-    held: float = 0.3  # of a rest: where more is disturbed, it was held by hand, and all of it goes (convention)
+    held: float = 0.5  # of a rest: where more is disturbed, it was held by hand, and all of it goes (convention)
     least_rests: float = (
         0.5  # of the rests stay: where more would go, what is usual is not known, and all stay
     )
@@ -103,6 +104,25 @@ class Undisturbed(eqx.Module):
         stop = np.where(marked & out, self.start, self.stop)
         return Undisturbed(self.start, stop, self.position, self.used, (*self.disturbances, *found))
 
+    def without_rows(
+        self, recording: Recording, kind: str, marked: Mapping[int, Bool[np.ndarray, " _"]]
+    ) -> "Undisturbed":
+        """Without rows of rests, by number of the rest; a rest of which too much would go was held, and goes whole."""
+        used, found = self.used.copy(), list(self.disturbances)
+        held = np.zeros(len(self.start), bool)
+        for k, rows in self.ranges():
+            if k not in marked:
+                continue
+            out = marked[k] & used[rows]
+            held[k] = (out | ~used[rows]).mean() > THRESHOLDS.held and out.any()
+            if held[k]:
+                continue
+            for a, b in zip(*runs_of(out)):
+                found.append(self.noted(recording, kind, k, rows.start + a, rows.start + b))
+            used[rows] &= ~out
+        left = Undisturbed(self.start, self.stop, self.position, used, tuple(found))
+        return left.without(recording, "held", held)
+
 
 Step = Callable[[Recording, "Undisturbed"], "Undisturbed"]
 
@@ -171,28 +191,29 @@ def _without_slips(recording: Recording, left: Undisturbed) -> Undisturbed:
     return left
 
 
+def _without_hand_motion(recording: Recording, left: Undisturbed) -> Undisturbed:
+    """Slow motion by hand, where rests were found in the data."""
+    gyro = recording.gyro
+    if gyro is None or recording.position is not None or recording.reference_gyro is not None:
+        return left
+    inside = list(left.ranges())
+    marked = moved_by_hand([gyro[rows] for _, rows in inside], usual_step(recording))
+    return left.without_rows(recording, "motion", {k: m for (k, _), m in zip(inside, marked)})
+
+
 def _without_bursts(recording: Recording, left: Undisturbed) -> Undisturbed:
     """Knocks by both triads, and single samples of either."""
     step = usual_step(recording)
     triads = [x for x in (recording.accel, recording.gyro) if x is not None]
     converters = [_converter_step(x) for x in triads]
     searched = recording.position is None and recording.reference_gyro is None
-    used, found = left.used.copy(), list(left.disturbances)
-    held = np.zeros(len(left.start), bool)
+    knocks, spikes = {}, {}
     for k, rows in left.ranges():
         levels = [levels_of(x[rows], step, c) for x, c in zip(triads, converters)]
-        knock = np.zeros(rows.stop - rows.start, bool)
         if len(levels) == 2:
-            knock = knocked(*levels, step, searched)
-        held[k] = knock.mean() > THRESHOLDS.held
-        if held[k]:
-            continue
-        for kind, marked in (("knock", knock), *(("spike", spiked(x)) for x in levels)):
-            for a, b in zip(*runs_of(marked & used[rows])):
-                found.append(left.noted(recording, kind, k, rows.start + a, rows.start + b))
-            used[rows] &= ~marked
-    left = Undisturbed(left.start, left.stop, left.position, used, tuple(found))
-    return left.without(recording, "held", held)
+            knocks[k] = knocked(*levels, step, searched)
+        spikes[k] = np.any([spiked(x) for x in levels], axis=0)
+    return left.without_rows(recording, "knock", knocks).without_rows(recording, "spike", spikes)
 
 
 def _without_tilts(recording: Recording, left: Undisturbed) -> Undisturbed:
@@ -214,6 +235,7 @@ STEPS: tuple[Step, ...] = (
     _without_moving_ends,
     _without_clipped,
     _without_slips,
+    _without_hand_motion,
     _without_bursts,
     _without_tilts,
 )
@@ -221,6 +243,7 @@ STEPS: tuple[Step, ...] = (
 
 NOUNS = {
     "knock": ("knock", "knocks"),
+    "motion": ("motion by hand", "motions by hand"),
     "slip": ("slip", "slips"),
     "slow tilt": ("rest that tilts slowly", "rests that tilt slowly"),
     "not at rest": (
