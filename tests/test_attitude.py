@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from inertiax.diagnose.observations.attitude import attitude
 from inertiax.diagnose.observations.blocks import EARTH_RATE, Log
 from inertiax.diagnose.observations.signals import room_axes
+from inertiax.reduction.segments import Segments
 
 
 STEP = 0.05
@@ -44,9 +45,11 @@ def _log(sessions, earth):
     if earth:
         rate = rate + path @ EARTH
     none = dict.fromkeys(["temperature", "accel", "gyro", "reference_accel"])
+    begin = np.array([0])
+    whole = Segments(begin, begin + len(time), begin, np.ones(len(time), bool))
     return Log(
         time=time, clock=time, recording=recording, experiment=recording, position=position,
-        reference_gyro=rate, **none,
+        reference_gyro=rate, segments=whole, **none,
     ), path  # fmt: skip
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from inertiax.allan import noise_of
 from inertiax.data.recording import Recording
-from inertiax.reduction.host_stamps import host_stamps, usual_rate
 from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.host_stamps import host_stamps, usual_rate
 
 
 def burst_stamps(rate=100.0, count=6000, burst=20, seed=0):

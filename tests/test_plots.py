@@ -141,7 +141,7 @@ def test_a_spike_of_one_sample_in_a_long_log_is_drawn():
     recording = _recording(200_000)
     assert recording.accel is not None
     recording.accel[123_456, 1] = 77.0
-    found = Segments(np.array([0]), np.array([1000]), np.array([0]))
+    found = Segments(np.array([0]), np.array([1000]), np.array([0]), np.ones(1000, bool))
     with drawing():
         figure = plots.rests([recording], [found])
     heights = [c.get_paths()[0].vertices[:, 1].max() for c in figure.axes[0].collections]

@@ -25,8 +25,15 @@ from .estimates.calibration_chain import succeeding, taken_away
 from .estimates.cross_validation import held_out_rms, in_sample
 from .estimates.localisation import locate, tidy
 from .estimates.parameters import moved
+from .estimates.persistence import persists
 from .estimates.separable import refined, renewed
-from .estimates.transients import Burst, burst_places, find_bursts, swallows
+from .estimates.transients import (
+    Burst,
+    burst_places,
+    find_bursts,
+    may_be_handling,
+    swallows,
+)
 from .noise.observation_series import NoiseFit
 from .noise.pooled_channels import TOLD
 from .noise.reml import interval_noise
@@ -227,6 +234,7 @@ def find(
     bursts: list[Burst] = []
     if answer.verdict != "unexplained":
         bursts = find_bursts(prepared, outputs, answer.noise, chosen)
+        bursts = [b for b in bursts if not may_be_handling(prepared, b)]
     if answer.verdict == "missing-physics":
         bursts = [b for b in bursts if any(swallows(prepared, b, t) for t in chosen)]
         kept = tuple(
@@ -235,7 +243,21 @@ def find(
             if not any(swallows(prepared, b, n.candidate.term) for b in bursts)
         )
         answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
+    answer = _persistent(prepared, answer)
     return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1]))
+
+
+def _persistent(prepared: Prepared, answer: Answer) -> Answer:
+    """The answer without jumps that do not persist."""
+    terms = [n.candidate.term for n in answer.named]
+    kept = tuple(
+        n
+        for k, n in enumerate(answer.named)
+        if persists(prepared, terms[k], terms[:k] + terms[k + 1 :])
+    )
+    if answer.verdict != "missing-physics" or len(kept) == len(answer.named):
+        return answer
+    return replace(answer, named=kept, verdict="missing-physics" if kept else "consistent")
 
 
 def conclude_findings(

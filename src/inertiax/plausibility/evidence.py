@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int
 from ..data.formats.columns import ColumnMap
 from ..data.recording import Campaign, Recording, Site
 from ..data.settings import read_table
-from ..reduction.rests import find_rests, usual_step
-from ..reduction.segments import segment, Segments
+from ..reduction.rests import usual_step
+from ..reduction.segments import segment
 
 
 _MOST_RESTS = 2000  # of one recording: more are labels that do not mean rests
@@ -111,7 +111,7 @@ def look_at(campaign: Campaign, device: str) -> DeviceLogs:
 
 def look_at_one(recording: Recording) -> Log:
     """A recording with its rests; without, where its labels do not mean rests."""
-    found = _segments(recording)
+    found = segment(recording, handling=False)  # as recorded: what disturbs them is looked for
     rests, plateaus = found.resting.copy(), ~found.resting
     if rests.sum() > _MOST_RESTS:
         rests &= np.arange(len(rests)) < _MOST_RESTS
@@ -124,12 +124,3 @@ def look_at_one(recording: Recording) -> Log:
         found.stop[plateaus],
         usual_step(recording),
     )
-
-
-def _segments(recording: Recording) -> Segments:
-    if recording.position is not None or recording.reference_gyro is not None:
-        return segment(recording)
-    # A window of at least a second; where the stamps are no seconds, of at least 16 samples.
-    found = find_rests(recording, window=1.0)
-    labels = np.arange(len(found.start))
-    return Segments(found.start, found.stop, labels, found.threshold, found.statement)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from ...data.recording import Campaign, Recording
 from ...physics.earth import EARTH_RATE as EARTH_RATE
-from ...reduction.segments import joined, segment_all, Segments
+from ...reduction.segments import joined, rests_are_searched, segment_all, Segments
 
 
 MOST_BLOCKS = 1600
@@ -36,6 +36,7 @@ class Log(eqx.Module):
     segments: Segments  # in rows of the log
     latitude: float | None = None  # rad
     supply: Float[np.ndarray, " time"] | None = None  # V
+    searched: bool = False  # whether rests were found in the data, so that nobody vouches for them
 
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
@@ -137,6 +138,7 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
         latitude=campaign.site.latitude,
         # Optional even where some files have it: what only some tell is not tested.
         supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
+        searched=any(rests_are_searched(r) for r in recordings),
     )
 
 
