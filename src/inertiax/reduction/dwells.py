@@ -19,6 +19,18 @@ from . import arrays
 from .motions import Motions
 
 
+# Shapes of one dwell's columns that are no single number.
+_INNER = {
+    "accel": (3,),
+    "gyro": (3,),
+    "reference_accel": (3,),
+    "reference_gyro": (3,),
+    "accel_covariance": (3, 3),
+    "gyro_covariance": (3, 3),
+    "rows": (4,),
+}
+
+
 class Dwells(eqx.Module):
     """Means over dwells. The leading axis counts dwells; absent columns are `None`.
 
@@ -50,14 +62,11 @@ class Dwells(eqx.Module):
             value = getattr(self, field.name)
             if value is None or field.name == "motion":
                 continue
-            inner = {"accel": 1, "gyro": 1, "reference_accel": 1, "reference_gyro": 1}.get(
-                field.name, 0
-            )
-            inner = 2 if field.name.endswith("covariance") else inner
-            if jnp.shape(value) != (*shape, *(3,) * inner):
+            inner = _INNER.get(field.name, ())
+            if jnp.shape(value) != (*shape, *inner):
                 raise ValueError(
                     f"`Dwells({field.name}=...)`: shape {jnp.shape(value)}, but `time` has {shape}, so it must be "
-                    f"{(*shape, *(3,) * inner)}."
+                    f"{(*shape, *inner)}."
                 )
 
     @classmethod
