@@ -191,7 +191,7 @@ def test_mpu9150_recordings_have_22_or_23_rests(number):
         ColumnMap(time=TimeColumn(rate=100.0)),
         Layout(names=names),
     )
-    assert segment(r).num_segments in (22, 23)
+    assert segment(r, handling=False).num_segments in (22, 23)
 
 
 # --- means and blocks ----------------------------------------------------------------------------
@@ -398,7 +398,7 @@ def test_white_noise_is_called_white():
     assert sum(len(red) > 0 for red in called) <= 5
 
 
-def test_a_million_rows_are_reduced_within_two_seconds():
+def test_a_million_rows_are_reduced_within_three_seconds():
     rng = np.random.default_rng(21)
     count = 1_000_000
     r = Recording(
@@ -410,7 +410,8 @@ def test_a_million_rows_are_reduced_within_two_seconds():
     reduce_to_dwells([r[:1000]])  # what is imported or compiled once does not count
     begin = time.process_time()
     reduce_to_dwells([r])
-    assert time.process_time() - begin < 4.0  # 2 s of one core, twice for a busy machine
+    # 3 s of one core, half of it to look for disturbances in 1000 rests by two triads; twice for a busy machine.
+    assert time.process_time() - begin < 6.0
 
 
 # --- what is refused -----------------------------------------------------------------------------

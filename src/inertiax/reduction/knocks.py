@@ -1,6 +1,7 @@
 """Knocks and taps: short bursts of both triads within a rest, and single samples that stand out in one."""
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -38,6 +39,7 @@ class KnockThresholds:
 THRESHOLDS = KnockThresholds()
 
 
+@no_type_check  # as in `quiet_level`
 def levels_of(
     values: Float[np.ndarray, "row 3"],
     step: float,
@@ -49,6 +51,7 @@ def levels_of(
     return in_quiet_levels(values, min(around, len(values) // 4), converter)
 
 
+@no_type_check  # as in `quiet_level`
 def knocked(
     felt: Float[np.ndarray, "row 3"],
     turned: Float[np.ndarray, "row 3"],
@@ -80,6 +83,7 @@ def knocked(
     return widened(marked, max(round(limits.reach / step), 1)) if marked.any() else marked
 
 
+@no_type_check  # as in `quiet_level`
 def _inside(first: int, last: int, width: int) -> tuple[int, int]:
     """Where a burst lies that windows of so many rows show whose middles are `[first, last)`.
 
@@ -92,11 +96,13 @@ def _inside(first: int, last: int, width: int) -> tuple[int, int]:
     return max(middle - width // 2, 0), middle + width // 2 + 1
 
 
+@no_type_check  # as in `quiet_level`
 def _energy(levels: np.ndarray) -> tuple[np.ndarray, float]:
     """Sum of squares of each row, and of how many channels that are not constant."""
     return np.einsum("ij,ij->i", levels, levels), float(np.any(levels != 0.0, axis=0).sum())
 
 
+@no_type_check  # as in `quiet_level`
 def spiked(
     levels: Float[np.ndarray, "row 3"], limits: KnockThresholds = THRESHOLDS
 ) -> Bool[np.ndarray, " row"]:

@@ -1,6 +1,7 @@
 """Ends of a labelled rest that are not at rest: labels that come before the table has stopped, or after it started."""
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
@@ -60,6 +61,7 @@ def quiet_part(
     return cut(head), num - cut(tail)
 
 
+@no_type_check  # as in `quiet_level`
 def _off_the_middle(
     values: np.ndarray, size: int, blocks: int
 ) -> tuple[Float[np.ndarray, " block"], float]:
@@ -71,6 +73,7 @@ def _off_the_middle(
     return np.linalg.norm(medians - centre, axis=1), float(np.linalg.norm(noise))
 
 
+@no_type_check  # as in `quiet_level`
 def _moving(off: Float[np.ndarray, " block"], least: float, quiet: float, spikes: bool) -> int:
     """Blocks from the outer end on that belong to a motion; 0 where none reaches `least`.
 

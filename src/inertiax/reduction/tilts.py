@@ -5,6 +5,7 @@ accelerometer's drift changes its output and no rate; a gyro's changes a rate an
 """
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -74,6 +75,7 @@ def slips(
     return found
 
 
+@no_type_check  # as in `quiet_level`
 def _turns(
     accel: np.ndarray, gyro: np.ndarray, step: float, limits: TiltThresholds
 ) -> _Turns | None:
@@ -97,6 +99,7 @@ def _turns(
     return _Turns(row + gap // 2, seen, across)
 
 
+@no_type_check  # as in `quiet_level`
 def _quiet(turns: _Turns) -> Float[np.ndarray, "2"]:
     """Standard deviation of one component of the turns by either triad, from the quieter moments of a rest."""
     return np.array(
@@ -104,6 +107,7 @@ def _quiet(turns: _Turns) -> Float[np.ndarray, "2"]:
     )
 
 
+@no_type_check  # as in `quiet_level`
 def _slip(turns: _Turns, sigma: Float[np.ndarray, "2"], limits: TiltThresholds) -> int | None:
     seen, integrated = (np.linalg.norm(x, axis=1) for x in (turns.seen, turns.integrated))
     least = np.minimum(seen / max(sigma[0], 1e-12), integrated / max(sigma[1], 1e-12))
@@ -149,6 +153,7 @@ def tilting(
     return marked, turn
 
 
+@no_type_check  # as in `quiet_level`
 def _course(
     accel: np.ndarray, gyro: np.ndarray, step: float, blocks: int
 ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
