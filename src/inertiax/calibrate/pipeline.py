@@ -164,7 +164,14 @@ def calibrate_device(
         model=spec,
     )
     return DeviceResult(
-        calibration, accel_result, gyro_result, spec, tuple(choices), tuple(warnings), found_odd, handling
+        calibration,
+        accel_result,
+        gyro_result,
+        spec,
+        tuple(choices),
+        tuple(warnings),
+        found_odd,
+        handling,
     )
 
 

@@ -246,8 +246,21 @@ def _moved_row(moved: Moved) -> tuple[str, ...]:
 
 
 def _left_out_section(found: Diagnosis) -> list[Section]:
-    """Rows that were not judged, and why."""
-    return [Section("Left out", items=found.left_out)] if found.left_out else []
+    """Stretches of rests that were not judged, and why."""
+    if not found.handling:
+        return []
+    rows = tuple(
+        (
+            d.recording,
+            f"{d.start:.2f}",
+            f"{d.end:.2f}",
+            d.kind,
+            "left out" if d.left_out else "kept",
+        )
+        for d in found.handling
+    )
+    table = Table(("recording", "from, s", "to, s", "what", ""), rows, numeric=(1, 2))
+    return [Section("Rests that were disturbed", tables=(table,))]
 
 
 def _noise_section(found: Diagnosis) -> list[Section]:
