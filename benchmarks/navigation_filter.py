@@ -2,8 +2,10 @@
 
     python benchmarks/navigation_filter.py [--runs 50] [--out scores.jsonl] [--seconds 400] [--tune]
 
-Each run draws a flight, a device from the calibration's covariance, noise and an initial error (`navigation_truth.py`, in
-NumPy alone), and gives the same outputs and fixes to every filter. Fixes (1 Hz) are away for 60 s at a time. The filters:
+Each run draws a flight, a device from the calibration's covariance, noise and an initial error
+(`navigation_truth.py`, in
+NumPy alone), and gives the same outputs and fixes to every filter. Fixes (1 Hz) are away for 60 s at a time. The
+filters:
 
     full      all coefficients over temperature, with the calibration's full covariance as prior
     known     told the true calibration
@@ -12,7 +14,8 @@ NumPy alone), and gives the same outputs and fixes to every filter. Fixes (1 Hz)
     15w       15 with the walk that makes its likelihood largest, on separate runs
 
 Printed: NEES/n of attitude, velocity and position over the run (n = 9), of the calibration states and of both at its
-end; the root mean square of the horizontal position error at the ends of the outages; the time of a run. Scores are kept in a
+end; the root mean square of the horizontal position error at the ends of the outages; the time of a run. Scores are
+kept in a
 file, and runs that are in it are not repeated.
 """
 
@@ -39,9 +42,6 @@ from navigation_truth import (
     Sizes,
     temperature,
 )
-
-
-jax.config.update("jax_enable_x64", True)
 
 import inertiax as ix
 from inertiax.calibration.calibration import TriadCalibration
@@ -94,9 +94,7 @@ class Run:
         ]
         accel = distort(force, ACCEL, self.true[0], warm)
         gyro = distort(rate, GYRO, self.true[1], warm)
-        accel += noise(
-            count, STEP, sizes.accel_white, sizes.accel_flicker, sizes.accel_walk, rng
-        )
+        accel += noise(count, STEP, sizes.accel_white, sizes.accel_flicker, sizes.accel_walk, rng)
         gyro += noise(count, STEP, sizes.gyro_white, sizes.gyro_flicker, sizes.gyro_walk, rng)
         self.data = ImuData(accel, gyro, warm, np.asarray(STEP))
         ends = np.arange(1, count // SAMPLES + 1) * STEP * SAMPLES
@@ -163,7 +161,10 @@ def filters(calibration, sizes):
 
 def told(filter_, run):
     """The filter with the run's true coefficients as its calibration."""
-    where = lambda f: [f.calibration.accel.curve.coefficients, f.calibration.gyro.curve.coefficients]
+    where = lambda f: [
+        f.calibration.accel.curve.coefficients,
+        f.calibration.gyro.curve.coefficients,
+    ]
     calibration = eqx.tree_at(where, filter_, run.true).calibration
     model = filter_.model
     return Filter(calibration, (), noise=model.noise, frame=model.frame, samples=model.samples)
@@ -262,7 +263,9 @@ def main():
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--out", default="navigation_filter.jsonl", help="scores, one run a line")
     parser.add_argument("--seconds", type=float, default=np.inf, help="stop after the run in hand")
-    parser.add_argument("--without", default="", help="filters that are left out, such as trusted,15w")
+    parser.add_argument(
+        "--without", default="", help="filters that are left out, such as trusted,15w"
+    )
     parser.add_argument("--tune", action="store_true", help="find the walk of 15w")
     options = parser.parse_args()
     began, sizes = time.monotonic(), Sizes()
@@ -287,4 +290,5 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    with jax.enable_x64(True):
+        main()

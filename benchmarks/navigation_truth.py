@@ -1,6 +1,7 @@
 """The truth of `navigation_filter.py`: a flight, an IMU and its fixes, in NumPy alone and without the package.
 
-The vehicle flies within 2 km of an origin on the WGS 84 ellipsoid, in axes east, north and up at the origin that turn with
+The vehicle flies within 2 km of an origin on the WGS 84 ellipsoid, in axes east, north and up at the origin that
+turn with
 the Earth. Gravity comes from geodetic latitude and height of each point. What an ideal IMU reads is averaged over each
 sample by Gauss and Legendre's rule of three points. Its errors are a' = (E + Γ(T)) a + b(T) + drift + white, with
 Chebyshev polynomials in T drawn from the calibration's covariance.
@@ -90,7 +91,9 @@ def gravity(position):
     m = 0.00344978650684
     h = height / A
     size = surface * (1 - 2 * h * (1 + F + m - 2 * F * sin2) + 3 * h**2)
-    up = np.stack([x / across * np.cos(latitude), y / across * np.cos(latitude), np.sin(latitude)], 1)
+    up = np.stack(
+        [x / across * np.cos(latitude), y / across * np.cos(latitude), np.sin(latitude)], 1
+    )
     return -size[:, None] * (up @ axes)
 
 

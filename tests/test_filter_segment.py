@@ -55,7 +55,10 @@ def calibration():
         gravity=9.81,
         accel=_triad(ACCEL, {"bias": 1e-2, "matrix": 1e-3}, basis, rng),
         gyro=_triad(
-            GYRO, {"bias": 1e-3, "matrix": 1e-3, "g_sensitivity": 1e-4}, Polynomial(2, 0.0, 50.0), rng
+            GYRO,
+            {"bias": 1e-3, "matrix": 1e-3, "g_sensitivity": 1e-4},
+            Polynomial(2, 0.0, 50.0),
+            rng,
         ),
         temperature_range=(0.0, 50.0),
     )
@@ -222,7 +225,9 @@ def segment(calibration):
         jnp.array([900.0, 400.0, 50.0]),
     )
     estimate = Estimate(
-        pose, jnp.asarray(rng.normal(size=24)), jnp.asarray(0.3 * rng.normal(size=len(states.names)))
+        pose,
+        jnp.asarray(rng.normal(size=24)),
+        jnp.asarray(0.3 * rng.normal(size=len(states.names))),
     )
 
     @jax.jit
@@ -278,7 +283,9 @@ def test_white_noise_is_the_samples_variance_through_the_step(segment):
     unit = np.sqrt(np.diagonal(expected))
     found = np.asarray(transition.noise)
     # Coning and sculling terms, 2 rad/s × 0.01 s / 12 of a sample's response, are left out of the noise.
-    np.testing.assert_allclose(found / np.outer(unit, unit), expected / np.outer(unit, unit), atol=0.02)
+    np.testing.assert_allclose(
+        found / np.outer(unit, unit), expected / np.outer(unit, unit), atol=0.02
+    )
 
 
 def test_means_agree_with_forty_times_finer_steps(calibration):

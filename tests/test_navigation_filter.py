@@ -1,7 +1,4 @@
-"""The filter and the smoother against a plain Kalman filter and batch least squares in NumPy, and what goes through them."""
-
-import re
-from pathlib import Path
+"""Filter and smoother against a plain Kalman filter and batch least squares in NumPy; precision and gradients."""
 
 import equinox as eqx
 import jax
@@ -11,16 +8,7 @@ import pytest
 import scipy.linalg
 
 import inertiax.navigation as navigation
-from hard_limit import run_limited
-from inertiax.calibration.calibration import (
-    Calibration,
-    read_calibration,
-    TriadCalibration,
-    write_calibration,
-)
-from inertiax.navigation.filter_state import Estimate
-from inertiax.navigation.se23 import ExtendedPose
-from inertiax.navigation.updates import innovation
+from inertiax.calibration.calibration import Calibration, TriadCalibration
 from inertiax.physics import rotation
 from inertiax.physics.temperature import Curve, Polynomial
 
@@ -35,6 +23,11 @@ ACCEL = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
 )
 GYRO = tuple(f"gyro.bias[{i}]" for i in range(3)) + tuple(
     f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3)
+)
+# Compiling is what these runs cost.
+QUICK = {"xla_backend_optimization_level": 0}
+RUN = jax.jit(
+    lambda filter_, start, data, fixes: filter_.run(start, data, fixes), compiler_options=QUICK
 )
 SIGMAS = {"attitude_sigma": 2e-3, "velocity_sigma": 0.05, "position_sigma": 0.5}
 
@@ -81,7 +74,7 @@ def biases(calibration):
 def rested(biases, resting):
     attitude, data, fixes, valid = resting
     start = biases.start(attitude, np.zeros(3), np.zeros(3), **SIGMAS)
-    return biases.run(start, data, [navigation.Position(fixes, 0.1, valid)])
+    return RUN(biases, start, data, [navigation.Position(fixes, 0.1, valid)])
 
 
 # A plain Kalman filter ----------------------------------------------------------------------------
@@ -137,7 +130,7 @@ def free(calibration, resting):
     """Positions of the same outputs integrated without fixes: what the errors' linear filter is told."""
     blind = navigation.Filter(calibration, (), noise=NOISE, frame=FRAME, samples=SAMPLES)
     start = blind.start(resting[0], np.zeros(3), np.zeros(3), **SIGMAS)
-    return np.asarray(blind.run(start, resting[1]).estimate.navigation.position)
+    return np.asarray(RUN(blind, start, resting[1], []).estimate.navigation.position)
 
 
 def _plain(calibration, resting, free):
@@ -177,20 +170,19 @@ def test_smoother_is_batch_least_squares(calibration, resting, free, rested):
     """All fixes at once, as correlated Gaussian variables: mean and covariance of every time's errors."""
     _, _, fixes, valid = resting
     f, q, h = _discrete(resting)
-    times = range(SEGMENTS + 1)
     # Cov(x_i, x_j) = F^(i−j) P_j without fixes.
     free_p = [_prior(calibration)]
     for _ in range(SEGMENTS):
         free_p.append(f @ free_p[-1] @ f.T + q)
-    cov = lambda i, j: (
-        np.linalg.matrix_power(f, i - j) @ free_p[j] if i >= j else cov(j, i).T
-    )
+    cov = lambda i, j: np.linalg.matrix_power(f, i - j) @ free_p[j] if i >= j else cov(j, i).T
     rows = [k + 1 for k in range(SEGMENTS) if valid[k]]
-    spread = np.block([[h @ cov(i, j) @ h.T + 0.01 * (i == j) * np.eye(3) for j in rows] for i in rows])
+    spread = np.block(
+        [[h @ cov(i, j) @ h.T + 0.01 * (i == j) * np.eye(3) for j in rows] for i in rows]
+    )
     told = np.concatenate([fixes[k - 1] - free[k - 1] for k in rows])
     smoothed = navigation.smooth(rested)
     position = np.asarray(smoothed.estimate.navigation.position)
-    for i in list(times)[1:]:
+    for i in range(1, SEGMENTS + 1):
         across = np.hstack([cov(i, j) @ h.T for j in rows])
         mean = across @ np.linalg.solve(spread, told)
         p = cov(i, i) - across @ np.linalg.solve(spread, across.T)
@@ -235,7 +227,7 @@ def test_likelihood_is_the_innovations_and_has_a_gradient_by_the_noise(
     assert float(rested.log_likelihood) == pytest.approx(total, abs=0.02)
     start = biases.start(attitude, np.zeros(3), np.zeros(3), **SIGMAS)
     loss = lambda white: _likelihood(white, start, data, fixes, valid, calibration)
-    run = jax.jit(jax.value_and_grad(loss))
+    run = jax.jit(jax.value_and_grad(loss), compiler_options=QUICK)
     white, h = 3e-3, 1e-5
     value, slope = run(white)
     up, down = run(white + h)[0], run(white - h)[0]
@@ -253,10 +245,13 @@ def test_runs_go_through_vmap_and_gradients_through_the_outputs(resting, biases,
         track = biases.run(start, changed, [navigation.Position(fixes, 0.1, valid)])
         return track.last.estimate.navigation.position
 
-    many = jax.vmap(last)(np.stack([data.accel, data.accel + 1e-3]), np.stack([fixes, fixes]))
+    many = jax.jit(jax.vmap(last), compiler_options=QUICK)(
+        np.stack([data.accel, data.accel + 1e-3]), np.stack([fixes, fixes])
+    )
     alone = rested.last.estimate.navigation.position
     np.testing.assert_allclose(many[0], alone, atol=1e-12)
-    slope = jax.grad(lambda a: last(a, fixes)[2])(jnp.asarray(data.accel))
+    height = jax.jit(jax.grad(lambda a: last(a, fixes)[2]), compiler_options=QUICK)
+    slope = height(jnp.asarray(data.accel))
     assert np.all(np.isfinite(slope))
     moved = float(many[1][2] - many[0][2])
     # The response to 1 mm/s² on all samples is linear to its 1e-3 relative size.
@@ -266,14 +261,16 @@ def test_runs_go_through_vmap_and_gradients_through_the_outputs(resting, biases,
 def test_single_precision_agrees_to_a_hundredth_of_a_standard_deviation(resting, biases, rested):
     attitude, data, fixes, valid = resting
     low = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (attitude, data, fixes))
-    far = jnp.array([5e3, -5e3, 100.0], jnp.float32)  # far from the origin, where single precision is 0.5 mm
+    far = jnp.array(
+        [5e3, -5e3, 100.0], jnp.float32
+    )  # far from the origin, where single precision is 0.5 mm
     zero = jnp.zeros(3, jnp.float32)
     start = biases.start(low[0], zero, far, **SIGMAS)
-    track = biases.run(start, low[1], [navigation.Position(low[2] + far[None], 0.1, valid)])
+    track = RUN(biases, start, low[1], [navigation.Position(low[2] + far[None], 0.1, valid)])
     assert track.rows.dtype == jnp.float32
     moved = biases.start(attitude, np.zeros(3), np.asarray(far, float), **SIGMAS)
-    exact = biases.run(
-        moved, data, [navigation.Position(fixes + np.asarray(far, float), 0.1, valid)]
+    exact = RUN(
+        biases, moved, data, [navigation.Position(fixes + np.asarray(far, float), 0.1, valid)]
     )
     pair = [t.estimate.navigation for t in (track, exact)]
     off = np.asarray(pair[0].position, float) - np.asarray(pair[1].position)

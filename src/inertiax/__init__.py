@@ -114,6 +114,8 @@ _HOME = {
 def __getattr__(name: str):
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name == "navigation":
+        return importlib.import_module(f"{__name__}.navigation")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

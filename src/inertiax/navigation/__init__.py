@@ -1,4 +1,4 @@
-"""Navigation with the calibration inside: a strapdown navigator, and a filter that estimates the calibration on the way."""
+"""Navigation with the calibration inside: a navigator, and a filter that estimates the calibration on the way."""
 
 from .filter import Filter as Filter, Track as Track
 from .filter_state import Estimate as Estimate, FilterState as FilterState

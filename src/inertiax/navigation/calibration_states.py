@@ -29,7 +29,9 @@ def place_of(name: str) -> tuple[int, int]:
     """Row and regressor of a parameter such as `gyro.matrix[1,0]`."""
     match = _NAME.fullmatch(name)
     if match is None:
-        raise ValueError(f"{name!r} is not a parameter such as 'accel.bias[0]' or 'gyro.matrix[1,0]'.")
+        raise ValueError(
+            f"{name!r} is not a parameter such as 'accel.bias[0]' or 'gyro.matrix[1,0]'."
+        )
     kind, row, column = match.groups()
     return int(row), _FIRST[kind] + int(column or 0)
 
@@ -87,6 +89,9 @@ class CalibrationStates(eqx.Module):
     scale: Float[AnyArray, " states"]  # SI per state: prior standard deviations
     correlation: Float[AnyArray, "states states"]  # prior covariance of the states
     names: tuple[str, ...] = eqx.field(static=True)  # parameter of each state
+    rows: tuple[int, ...] = eqx.field(
+        static=True
+    )  # of the states among the calibration's coefficients
     functions: tuple[int, ...] = eqx.field(static=True)  # its function of temperature
     thermal: bool = eqx.field(static=True)
 
@@ -124,14 +129,20 @@ def calibration_states(
         )
     _check_patterns(patterns, calibration)
     triads = [_triad(calibration, name, patterns, thermal) for name in ("accel", "gyro")]
-    covariance = _joint([t[1] for t in triads])
+    first = 0 if calibration.accel is None else jnp.size(calibration.accel.curve.coefficients)
+    rows = (*triads[0][3], *(first + r for r in triads[1][3])) if thermal else ()
+    if thermal and rows:
+        chosen = np.array(rows)
+        covariance = jnp.asarray(calibration.covariance)[chosen[:, None], chosen[None, :]]
+    else:
+        covariance = _apart([t[1] for t in triads])
     scale = jnp.sqrt(jnp.diagonal(covariance))
     # A coefficient of no variance stays where it is: its scale is 0, whatever its state does.
     safe = jnp.where(scale > 0.0, scale, jnp.ones_like(scale))
     correlation = covariance / (safe[:, None] * safe[None, :])
     return CalibrationStates(
         triads[0][0], triads[1][0], scale, correlation,
-        tuple(n for t in triads for n in t[2]),
+        tuple(n for t in triads for n in t[2]), rows,
         tuple(p[0] for t in triads for p in t[0].places), thermal,
     )  # fmt: skip
 
@@ -148,7 +159,7 @@ def _check_patterns(patterns: Sequence[str], calibration: Calibration) -> None:
             )
 
 
-def _joint(blocks: list[Array]) -> Float[Array, "states states"]:
+def _apart(blocks: list[Array]) -> Float[Array, "states states"]:
     first, second = blocks
     corner = jnp.zeros((first.shape[0], second.shape[0]), first.dtype)
     return jnp.block([[first, corner], [corner.T, second]])
@@ -156,15 +167,15 @@ def _joint(blocks: list[Array]) -> Float[Array, "states states"]:
 
 def _triad(
     calibration: Calibration, name: str, patterns: Sequence[str], thermal: bool
-) -> tuple[TriadStates, Float[Array, "states states"], tuple[str, ...]]:
-    """A triad's states, their prior covariance in SI, and the parameter of each."""
+) -> tuple[TriadStates, Float[Array, "states states"], tuple[str, ...], tuple[int, ...]]:
+    """A triad's states, their prior covariance in SI, the parameter of each, and its row among the coefficients."""
     triad: TriadCalibration | None = getattr(calibration, name)
-    dtype = jnp.result_type(calibration.gravity)
+    dtype = jnp.asarray(calibration.gravity).dtype
     if triad is None:
         empty = TriadStates(
             Constant(), jnp.zeros((1, 3, REGRESSORS[name]), dtype), jnp.ones((1, 1), dtype), ()
         )
-        return empty, jnp.zeros((0, 0), dtype), ()
+        return empty, jnp.zeros((0, 0), dtype), (), ()
     basis, values = triad.curve.basis, jnp.asarray(triad.curve.coefficients)
     rows, regressors = np.array([place_of(n) for n in triad.names]).T
     dense = jnp.zeros((basis.size, 3, REGRESSORS[name]), values.dtype)
@@ -185,4 +196,5 @@ def _triad(
         covariance = jnp.einsum("ta,aibj,tb->ij", nodes, blocks, nodes) / len(basis.nodes)
     places = tuple((a, int(rows[k]), int(regressors[k])) for a in range(count) for k in chosen)
     names = tuple(triad.names[k] for _ in range(count) for k in chosen)
-    return TriadStates(basis, dense, directions, places), covariance, names
+    rows_of = tuple(a * len(triad.names) + int(k) for a in range(count) for k in chosen)
+    return TriadStates(basis, dense, directions, places), covariance, names, rows_of

@@ -64,7 +64,9 @@ class Track(eqx.Module):
     start: FilterState
     time: Float[Array, " segments"]  # s from the start of the data
     estimate: Estimate
-    rows: Float[Array, "segments d n"]  # covariance of the first d states, those that change, with all
+    rows: Float[
+        Array, "segments d n"
+    ]  # covariance of the first d states, those that change, with all
     transition: Transition
     corrections: tuple[Correction, ...]
     log_likelihood: Float[Array, ""]  # of all measurements

@@ -15,6 +15,8 @@ from jaxtyping import Array, Float
 
 from .._typing import Scalar, Vec3
 from ..physics import earth, rotation
+from ..physics.leaves import is_traced
+from .strapdown import radii
 
 
 class LevelFrame(eqx.Module):
@@ -30,17 +32,12 @@ class LevelFrame(eqx.Module):
     gravity: Scalar | float | None = None  # m/s² at the origin
 
     def __check_init__(self):
-        # Traced values cannot be looked at.
-        if not isinstance(self.latitude, jax.core.Tracer) and not abs(self.latitude) <= 1.5708:
+        if not is_traced(self.latitude) and not abs(self.latitude) <= 1.5708:
             raise ValueError(
                 f"`LevelFrame(latitude=...)` is in rad, from −π/2 to π/2; got {self.latitude}."
             )
         given = self.gravity
-        if (
-            given is not None
-            and not isinstance(given, jax.core.Tracer)
-            and not 9.7 < given < 9.9
-        ):
+        if given is not None and not is_traced(given) and not 9.7 < given < 9.9:
             raise ValueError(f"`LevelFrame(gravity=...)` is in m/s², 9.7 to 9.9; got {given}.")
 
     def earth_rate(self, like: Array) -> Float[Array, "3"]:
@@ -70,15 +67,9 @@ class LevelFrame(eqx.Module):
         latitude = jnp.asarray(self.latitude, p.dtype)
         meridian, normal = radii(latitude)
         g = earth.gravity(latitude)
-        return jnp.diag(jnp.stack([-g / normal, -g / meridian, 2.0 * g / jnp.sqrt(meridian * normal)]))
-
-
-def radii(latitude: Scalar | float) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Meridian and normal radius of curvature of WGS 84 at a latitude (rad), m."""
-    e2 = earth.FLATTENING * (2.0 - earth.FLATTENING)
-    root = 1.0 - e2 * jnp.sin(jnp.asarray(latitude)) ** 2
-    normal = earth.SEMI_MAJOR_AXIS / jnp.sqrt(root)
-    return normal * (1.0 - e2) / root, normal
+        return jnp.diag(
+            jnp.stack([-g / normal, -g / meridian, 2.0 * g / jnp.sqrt(meridian * normal)])
+        )
 
 
 def earth_turn(frame: LevelFrame, times: Float[Array, " time"]) -> Float[Array, "time 3 3"]:

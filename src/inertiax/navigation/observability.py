@@ -4,16 +4,21 @@ With Ψ_k the transition of errors from the start to segment k (drift left out, 
 
     I = Σ_k (H_k Ψ_k)ᵀ R_k⁻¹ (H_k Ψ_k)
 
-is the observability Gramian weighted by what the measurements are worth. The navigation states, whose prior at the start counts,
+is the observability Gramian weighted by what the measurements are worth. The navigation states, whose prior at the
+start counts,
 are eliminated (Schur complement), and the rest is put in units of the calibration's prior, whose covariance becomes the
-identity. An eigenvalue λ then tells a direction of coefficients whose standard deviation the run brings to 1/√(1 + λ) of the
-prior. Where a motion is degenerate - a rate or a specific force that is constant along an axis, a temperature that does not
+identity. An eigenvalue λ then tells a direction of coefficients whose standard deviation the run brings to 1/√(1 +
+λ) of the
+prior. Where a motion is degenerate - a rate or a specific force that is constant along an axis, a temperature that
+does not
 change - columns of the model are proportional to the bias, and directions with λ = 0 appear.
 
 It leaves out the process noise, so that a direction counted as unobservable is so with any IMU's noise.
 
-**Reference:** Yang, Geneva, Zuo and Huang, "Online self-calibration for visual-inertial navigation: models, analysis and
-degeneracy", IEEE Trans. Robotics 39 (2023), 3479-3498 (arXiv 2201.09170): the primitive degenerate motions of IMU intrinsics.
+**Reference:** Yang, Geneva, Zuo and Huang, "Online self-calibration for visual-inertial navigation: models, analysis
+and
+degeneracy", IEEE Trans. Robotics 39 (2023), 3479-3498 (arXiv 2201.09170): the primitive degenerate motions of IMU
+intrinsics.
 """
 
 import equinox as eqx
@@ -43,9 +48,13 @@ class Observability(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)  # as `Filter.names`
     information: Float[np.ndarray, " directions"]  # λ, ascending, relative to the prior
     directions: Float[np.ndarray, "directions states"]  # each in prior standard deviations
-    share: Float[np.ndarray, " states"]  # of each state's prior variance, in unobservable directions
+    share: Float[
+        np.ndarray, " states"
+    ]  # of each state's prior variance, in unobservable directions
     reduction: Float[np.ndarray, " states"]  # of each state's standard deviation, posterior/prior
-    unobservable: tuple[str, ...] = eqx.field(static=True)  # coefficients in unobservable directions
+    unobservable: tuple[str, ...] = eqx.field(
+        static=True
+    )  # coefficients in unobservable directions
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -64,14 +73,14 @@ class Observability(eqx.Module):
 
 
 def observability(
-    filter_: Filter, track: Track, thresholds: Thresholds = Thresholds()
+    filter_: Filter, track: Track, thresholds: Thresholds | None = None
 ) -> Observability:
     """The calibration states that a run shows and those that it cannot, from the filter's own linearisation.
 
     Raises `ValueError` for a filter without calibration states.
     """
     states = filter_.model.states
-    count = len(states.names)
+    count, thresholds = len(states.names), thresholds or Thresholds()
     if not count:
         raise ValueError("`observability(filter_, track)`: the filter has no calibration states.")
     gramian = np.asarray(_gramian(track.transition, track.corrections), float)

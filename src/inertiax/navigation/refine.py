@@ -1,21 +1,17 @@
 """The calibration as a filter's run leaves it: coefficients and covariance after what the run has shown.
 
-With c the estimated coefficients (prior mean m, covariance C_cc, posterior mean m + d, covariance P) and b the others of the
-same triad, the others follow by their prior correlation, G = C_bc C_cc⁻¹:
+With c the estimated coefficients (prior mean m, covariance C_cc, posterior mean m + d, covariance P) and b the
+others, these
+follow by their prior correlation, G = C_bc C_cc⁻¹:
 
     b ← b + G d,     C_bb ← C_bb − G (C_cc − P) Gᵀ,     C_bc ← G P
-
-The accelerometers' and the gyros' coefficients come out correlated with each other, which a calibration's two covariances do
-not hold; `coefficient_covariance` has it.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..calibration.calibration import Calibration, TriadCalibration
-from .calibration_states import place_of, TriadStates
+from ..calibration.calibration import Calibration
 from .filter import Filter
 from .filter_state import FilterState
 
@@ -43,30 +39,14 @@ def refined(filter_: Filter, state: FilterState) -> Calibration:
             "`refined(filter_, state)`: the filter was made with thermal=False; its constants are not coefficients of "
             "the calibration. Use `Filter(thermal=True)`."
         )
-    moves = states.split(state.estimate.calibration)
-    covariance = coefficient_covariance(filter_, state)
-    count = len(states.accel.places)
-    blocks = (covariance[:count, :count], covariance[count:, count:])
     calibration = filter_.calibration
-    for name, move, block in zip(("accel", "gyro"), moves, blocks, strict=True):
-        triad = getattr(calibration, name)
-        if triad is not None and move.shape[0]:
-            new = _refined_triad(triad, getattr(states, name), np.asarray(move), np.asarray(block))
-            calibration = eqx.tree_at(lambda c, k=name: getattr(c, k), calibration, new)
-    return calibration
-
-
-def _refined_triad(
-    triad: TriadCalibration, states: TriadStates, move: np.ndarray, after: np.ndarray
-) -> TriadCalibration:
-    parameters = {place_of(n): k for k, n in enumerate(triad.names)}
-    size = len(triad.names)
-    chosen = np.array([a * size + parameters[(i, c)] for a, i, c in states.places])
-    prior = np.asarray(triad.covariance, float)
+    move = np.concatenate([np.asarray(m, float) for m in states.split(state.estimate.calibration)])
+    after = np.asarray(coefficient_covariance(filter_, state), float)
+    chosen, prior = np.array(states.rows, int), np.asarray(calibration.covariance, float)
     other = np.setdiff1d(np.arange(len(prior)), chosen)
     inside, across = prior[np.ix_(chosen, chosen)], prior[np.ix_(other, chosen)]
     gain = across @ _inverse(inside)
-    values = np.asarray(triad.curve.coefficients, float).reshape(-1)
+    values = np.array(calibration.coefficients, float)
     values[chosen] += move
     values[other] += gain @ move
     new = prior.copy()
@@ -74,9 +54,8 @@ def _refined_triad(
     new[np.ix_(other, chosen)] = gain @ after
     new[np.ix_(chosen, other)] = (gain @ after).T
     new[np.ix_(other, other)] -= gain @ (inside - after) @ gain.T
-    coefficients = jnp.asarray(values.reshape(-1, size))
-    where = lambda t: [t.curve.coefficients, t.covariance]
-    return eqx.tree_at(where, triad, [coefficients, jnp.asarray(0.5 * (new + new.T))])
+    moved = calibration.with_values("*", jnp.asarray(values))
+    return moved.with_covariance(jnp.asarray(0.5 * (new + new.T)))
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._typing import AnyArray, Mat3, Vec3
+from .._typing import AnyArray, Vec3
 from ..physics import rotation
 
 
@@ -66,9 +66,7 @@ def so3_left_jacobian(vector: Vec3) -> Float[Array, "3 3"]:
     """J(φ) = E + (1 − cos θ)/θ² φ× + (θ − sin θ)/θ³ φ×², for a rotation vector φ (rad), θ = |φ|."""
     v = jnp.asarray(vector)
     square, small, theta = _angle(v)
-    second = jnp.where(
-        small, _series(_SINE_2, square), 2.0 * jnp.sin(0.5 * theta) ** 2 / theta**2
-    )
+    second = jnp.where(small, _series(_SINE_2, square), 2.0 * jnp.sin(0.5 * theta) ** 2 / theta**2)
     third = jnp.where(small, _series(_SINE_3, square), (theta - jnp.sin(theta)) / theta**3)
     cross = rotation.skew(v)
     return jnp.eye(3, dtype=v.dtype) + second * cross + third * (cross @ cross)
@@ -89,9 +87,7 @@ def _coupling(phi: Array, nu: Array) -> Float[Array, "3 3"]:
     square, small, theta = _angle(phi)
     sine, cosine = jnp.sin(theta), jnp.cos(theta)
     third = jnp.where(small, _series(_SINE_3, square), (theta - sine) / theta**3)
-    fourth = jnp.where(
-        small, _series(_SINE_4, square), (0.5 * theta**2 + cosine - 1.0) / theta**4
-    )
+    fourth = jnp.where(small, _series(_SINE_4, square), (0.5 * theta**2 + cosine - 1.0) / theta**4)
     closed = 0.5 * (2.0 * theta - 3.0 * sine + theta * cosine) / theta**5
     fifth = jnp.where(small, _series(_SINE_5, square), closed)
     p, n = rotation.skew(phi), rotation.skew(nu)
@@ -148,9 +144,7 @@ def inverse(pose: ExtendedPose) -> ExtendedPose:
 def adjoint(pose: ExtendedPose) -> Float[Array, "9 9"]:
     """Ad_X, with X exp(ξ) X⁻¹ = exp(Ad_X ξ)."""
     turn = jnp.asarray(pose.attitude)
-    return _blocks(
-        turn, rotation.skew(pose.velocity) @ turn, rotation.skew(pose.position) @ turn
-    )
+    return _blocks(turn, rotation.skew(pose.velocity) @ turn, rotation.skew(pose.position) @ turn)
 
 
 def left_jacobian(xi: Float[AnyArray, "9"]) -> Float[Array, "9 9"]:

@@ -10,7 +10,8 @@ the frame fixed to the Earth moves
     C ← exp(−ω_ie h) C exp(α*),    v ← v + C β* + h (g(p) − 2 ω_ie × v),    p ← p + h (v + v₊)/2
 
 Attitudes are a running product, velocities and positions running sums, so that a segment has no loop over samples.
-Errors (see `filter_state`) obey θ' = −ω_ie × θ + C δω, ν' = −C f × θ + C δf − 2 ω_ie × ν + Γ ρ, ρ' = ν; over a segment of
+Errors (see `filter_state`) obey θ' = −ω_ie × θ + C δω, ν' = −C f × θ + C δf − 2 ω_ie × ν + Γ ρ, ρ' = ν; over a
+segment of
 length T, with S = ∫ C f and D = ∫ (T − t) C f, to first order in ω_ie T and Γ T²,
 
     θ⁺ = (E − W T) θ,   ν⁺ = (E − 2WT) ν + Γ T ρ − (S× − 2 W D× − (T S − D)× W) θ,   ρ⁺ = ρ + T (E − W T) ν − D× θ
@@ -85,13 +86,16 @@ def advance(
         estimate.navigation, found.force, found.rate, samples.step, frame
     )
     by_accel, by_gyro = _output_responses(found, force_response, rate_response)
-    calibrated = jnp.concatenate(
-        [
-            states.accel.gather(_by_coefficient(by_accel, found.accel_regressors, 4)),
-            states.gyro.gather(_by_coefficient(by_gyro, found.gyro_regressors, 7)),
-        ],
-        axis=1,
-    ) * jnp.asarray(states.scale)[None, :]
+    calibrated = (
+        jnp.concatenate(
+            [
+                states.accel.gather(_by_coefficient(by_accel, found.accel_regressors, 4)),
+                states.gyro.gather(_by_coefficient(by_gyro, found.gyro_regressors, 7)),
+            ],
+            axis=1,
+        )
+        * jnp.asarray(states.scale)[None, :]
+    )
     drifts = jnp.concatenate([by_accel.sum(0), by_gyro.sum(0)], axis=1)
     outputs = jnp.concatenate([by_accel, by_gyro], axis=2) * slow.white[None, None, :]
     noise = jnp.einsum("kai,kbi->ab", outputs, outputs) / samples.step
@@ -113,7 +117,9 @@ def _compensate(
 
     def one(accel: Array, gyro: Array, temperature: Array) -> tuple[Array, ...]:
         a, g, accel_p, gyro_p = parameters(temperature)
-        force = compensate_accel(AccelerometerErrors(accel_p[:, 0], accel_p[:, 1:]), accel - off[:3])
+        force = compensate_accel(
+            AccelerometerErrors(accel_p[:, 0], accel_p[:, 1:]), accel - off[:3]
+        )
         errors = GyroErrors(gyro_p[:, 0], gyro_p[:, 1:4], gyro_p[:, 4:])
         rate = compensate_gyro(errors, gyro - off[3:], force, gravity)
         unit = jnp.ones((1,), force.dtype)
@@ -156,7 +162,9 @@ def _through(
     middle_frames = earth_turn(frame, middles) @ attitude
     level_gain = jnp.einsum("kij,kj->ki", middle_frames @ turned[:-1], along)
     velocity, position = _integrate(start, level_gain, step, frame)
-    pose = ExtendedPose(earth_turn(frame, whole[-1:])[0] @ attitude @ turned[-1], velocity, position)
+    pose = ExtendedPose(
+        earth_turn(frame, whole[-1:])[0] @ attitude @ turned[-1], velocity, position
+    )
     left = whole[-1] - middles
     # What is still to come after a sample's middle: half its own share, all of the later ones'.
     later = jnp.cumsum(level_gain[::-1], axis=0)[::-1] - 0.5 * level_gain

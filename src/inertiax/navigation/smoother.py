@@ -1,7 +1,8 @@
 """The fixed-interval smoother of a filter's run: every time's estimate from the measurements of the whole run.
 
 It is Rauch, Tung and Striebel's smoother in Bryson and Frazier's form, which inverts no covariance of the state. A
-calibration's covariance may therefore be singular, and constants (the calibration) cost nothing. Going back from the end with
+calibration's covariance may therefore be singular, and constants (the calibration) cost nothing. Going back from the
+end with
 λ = 0, Λ = 0, through each update (gain K, slope H, innovation y, its covariance S) and each segment (transition F),
 
     λ ← −Hᵀ S⁻¹ y + (E − KH)ᵀ λ,    Λ ← Hᵀ S⁻¹ H + (E − KH)ᵀ Λ (E − KH);    λ ← Fᵀ λ,    Λ ← Fᵀ Λ F

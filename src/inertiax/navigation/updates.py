@@ -1,6 +1,7 @@
 """What else than the IMU tells of the state: positions, velocities, standstills, attitudes, any residual function.
 
-An update holds one row per segment, at the segments' ends: the value, its standard deviations, and whether there is one.
+An update holds one row per segment, at the segments' ends: the value, its standard deviations, and whether there is
+one.
 Its residual r(state, value), measured less predicted, is all that it adds; derivatives are JAX's.
 """
 
@@ -77,7 +78,9 @@ def rows_of(update: AbstractUpdate, segments: int, like: Array) -> Rows:
             f"`{name}(sigma=...)` has shape {sigma.shape}; it must be a number, ({count},) or "
             f"({segments}, {count})."
         )
-    sigma = jnp.broadcast_to(sigma.reshape((1,) * (2 - sigma.ndim) + sigma.shape), (segments, count))
+    sigma = jnp.broadcast_to(
+        sigma.reshape((1,) * (2 - sigma.ndim) + sigma.shape), (segments, count)
+    )
     # The same for the standard deviations of absent rows.
     variance = jnp.where(valid[:, None], sigma, jnp.ones_like(sigma)) ** 2
     return Rows(value, variance, valid)
@@ -110,7 +113,10 @@ class Position(AbstractUpdate):
     gate: float | None = None
     lever_arm: Float[AnyArray, "3"] | None = None  # m
 
-    neutral = property(lambda self: np.zeros(3))
+    @property
+    def neutral(self) -> Float[np.ndarray, "..."]:
+        """Zero."""
+        return np.zeros(3)
 
     def residual(self, estimate: Estimate, value: Array) -> Float[Array, "3"]:
         """Fix less predicted position."""
@@ -129,7 +135,10 @@ class Velocity(AbstractUpdate):
     valid: Bool[AnyArray, " segments"] | None = None
     gate: float | None = None
 
-    neutral = property(lambda self: np.zeros(3))
+    @property
+    def neutral(self) -> Float[np.ndarray, "..."]:
+        """Zero."""
+        return np.zeros(3)
 
     def residual(self, estimate: Estimate, value: Array) -> Float[Array, "3"]:
         """Measured less predicted velocity."""
@@ -151,7 +160,10 @@ class Attitude(AbstractUpdate):
     valid: Bool[AnyArray, " segments"] | None = None
     gate: float | None = None
 
-    neutral = property(lambda self: np.eye(3))
+    @property
+    def neutral(self) -> Float[np.ndarray, "..."]:
+        """No rotation."""
+        return np.eye(3)
 
     def residual(self, estimate: Estimate, value: Array) -> Float[Array, "3"]:
         """Rotation vector from the predicted to the measured attitude, level axes, rad."""
@@ -202,7 +214,8 @@ def on_segments(
     lost = np.flatnonzero(inside & (near.min(axis=1) > tolerance))
     if len(lost):
         raise ValueError(
-            f"`on_segments(times, ends)`: {len(lost)} fixes are at no segment's end, the first at {times[lost[0]]:g} s, "
+            f"`on_segments(times, ends)`: {len(lost)} fixes are at no segment's end, the first at {times[lost[0]]:g} "
+            f"s, "
             f"{near[lost[0]].min():.2g} s from the nearest; choose segments whose ends are the fixes' times."
         )
     index = near.argmin(axis=0)
