@@ -19,8 +19,8 @@ calibration calibrate simulate analysis navigation design diagnose exports fleet
 STAGES = {
     "diagnose": """observations candidates noise problem selection plan residuals result estimates custom_model
 wording pipeline held_out_stretch learn_type_noise __init__""".split(),
-    "fleet": """reduce solve effects population model_choice store rows overview results cluster pipeline
-__init__""".split(),
+    "fleet": """reduce solve effects population model_choice store rows fit derivatives overview results cluster
+pipeline __init__""".split(),
     "data": """frames plausible_units recording compensated formats pairing pose_rows model_columns settings
 json_documents campaign""".split(),
 }

@@ -44,15 +44,47 @@ if TYPE_CHECKING:
     from .calibration.calibration import (
         Calibration as Calibration,
         read_calibration as read_calibration,
+        TriadCalibration as TriadCalibration,
         write_calibration as write_calibration,
     )
-    from .data.campaign import load_campaign as load_campaign
+    from .calibration.coefficients import (
+        Block as Block,
+    )
+    from .calibration.fitted_effects import (
+        FittedEffect as FittedEffect,
+    )
+    from .calibration.stacking import (
+        stack as stack,
+        unstack as unstack,
+    )
+    from .data.campaign import (
+        load_campaign as load_campaign,
+    )
     from .data.recording import (
         Campaign as Campaign,
         ModelChoice as ModelChoice,
         Recording as Recording,
         Rig as Rig,
         Site as Site,
+    )
+    from .estimators import (
+        Invariant as Invariant,
+        ReferenceAccel as ReferenceAccel,
+        ReferenceGyro as ReferenceGyro,
+        StaticAccel as StaticAccel,
+        StaticGyro as StaticGyro,
+    )
+    from .fleet.derivatives import (
+        Derivatives as Derivatives,
+        derivatives as derivatives,
+    )
+    from .fleet.fit import (
+        Fit as Fit,
+        fit as fit,
+    )
+    from .navigation.twin import (
+        Twin as Twin,
+        TwinState as TwinState,
     )
     from .physics.error_model import (
         AccelerometerErrors as AccelerometerErrors,
@@ -84,8 +116,13 @@ __version__ = importlib.metadata.version("inertiax")
 # them: `inertiax.calibrate` is the module of that name.
 _HOME = {
     "Calibration": "calibration.calibration",
+    "TriadCalibration": "calibration.calibration",
     "read_calibration": "calibration.calibration",
     "write_calibration": "calibration.calibration",
+    "Block": "calibration.coefficients",
+    "stack": "calibration.stacking",
+    "unstack": "calibration.stacking",
+    "FittedEffect": "calibration.fitted_effects",
     "load_campaign": "data.campaign",
     "Campaign": "data.recording",
     "Recording": "data.recording",
@@ -104,20 +141,33 @@ _HOME = {
     "Polynomial": "physics.temperature",
     "CubicSpline": "physics.temperature",
     "Curve": "physics.temperature",
+    "Invariant": "estimators",
+    "ReferenceAccel": "estimators",
+    "ReferenceGyro": "estimators",
+    "StaticAccel": "estimators",
+    "StaticGyro": "estimators",
+    "fit": "fleet.fit",
+    "Fit": "fleet.fit",
+    "derivatives": "fleet.derivatives",
+    "Derivatives": "fleet.derivatives",
+    "Twin": "navigation.twin",
+    "TwinState": "navigation.twin",
     "iterate": "procedure.thermal_iterations",
     "joint_fit": "procedure.thermal_iterations",
     "PaperIteration": "procedure.thermal_iterations",
     "GaussNewtonIteration": "procedure.thermal_iterations",
 }
+# Second layers, modules of their own.
+_MODULES = {"navigation": "navigation", "sources": "analysis.sources"}
 
 
 def __getattr__(name: str):
     if name in _HOME:
         return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    if name == "navigation":
-        return importlib.import_module(f"{__name__}.navigation")
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*_HOME, "__version__"])
+    return sorted([*_HOME, *_MODULES, "__version__"])

@@ -1,6 +1,7 @@
 """Array aliases, so that signatures stay short and say the shape."""
 
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
@@ -16,3 +17,6 @@ Times: TypeAlias = Float[AnyArray, " time"]
 Triad: TypeAlias = Float[AnyArray, "time 3"]
 Labels: TypeAlias = Int[AnyArray, " time"]
 Mask: TypeAlias = Bool[AnyArray, " time"]
+
+# What a user may give for an array: its shape and numbers are checked where it is taken.
+Given: TypeAlias = AnyArray | Sequence[Any] | float | int | bool

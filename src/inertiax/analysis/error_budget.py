@@ -22,6 +22,7 @@ from .._typing import AnyArray, Vec3
 from ..estimators import AbstractEstimator
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.error_model import AccelerometerErrors, compensate_accel
+from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
 from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
 from ..reduction.dwells import Dwells
@@ -57,31 +58,49 @@ def _errors(estimator: AbstractEstimator, vector: Array) -> AccelerometerErrors:
     return errors
 
 
-def heating(dwells: Dwells) -> Float[np.ndarray, " dwells"]:
-    """dT/dt at each dwell, °C/s, by central differences within its experiment."""
-    time, temperature = np.asarray(dwells.time), np.asarray(dwells.temperature)
-    label, valid = np.asarray(dwells.experiment), np.asarray(dwells.valid)
-    rate = np.zeros(len(time))
-    for number in np.unique(label[valid]):
-        rows = np.flatnonzero(valid & (label == number))
-        rows = rows[np.argsort(time[rows], kind="stable")]
-        if len(rows) > 1:
-            rate[rows] = np.gradient(temperature[rows], time[rows])
-    return rate
+def heating(dwells: Dwells) -> Float[Array, " dwells"]:
+    """dT/dt at each dwell, °C/s, by central differences within its experiment; zero where it has no neighbour."""
+    valid, label = jnp.asarray(dwells.valid), jnp.asarray(dwells.experiment)
+    order = jnp.lexsort((jnp.asarray(dwells.time), label, ~valid))
+    time, temperature = (jnp.asarray(x)[order] for x in (dwells.time, dwells.temperature))
+    near = (label[order][1:] == label[order][:-1]) & valid[order][1:]
+    zero, none = jnp.zeros((1,), time.dtype), jnp.zeros((1,), bool)
+    step = jnp.where(near, jnp.diff(time), 1.0)
+    slope = jnp.where(near, jnp.diff(temperature) / jnp.where(step != 0.0, step, 1.0), 0.0)
+    # By Fornberg's weights for unequal steps: each side's slope weighs with the other side's step.
+    before, after = jnp.concatenate([none, near]), jnp.concatenate([near, none])
+    h0, h1 = jnp.concatenate([zero, step]), jnp.concatenate([step, zero])
+    s0, s1 = jnp.concatenate([zero, slope]), jnp.concatenate([slope, zero])
+    w0, w1 = (
+        jnp.where(before, jnp.where(after, h1, 1.0), 0.0),
+        jnp.where(after, jnp.where(before, h0, 1.0), 0.0),
+    )
+    total = w0 + w1
+    rate = (w0 * s0 + w1 * s1) / jnp.where(total > 0.0, total, 1.0)
+    return jnp.zeros_like(rate).at[order].set(rate)
 
 
-def _groups(source: Source, dwells: Dwells) -> Int[np.ndarray, " dwells"]:
-    """Which draw each dwell takes: its own, its experiment's or the campaign's."""
+def _groups(source: Source, dwells: Dwells) -> tuple[Int[AnyArray, " dwells"], int]:
+    """Which draw each dwell takes, its own, its experiment's or the campaign's, and how many draws there are.
+
+    In traced code an experiment's draw has the number of its first dwell, as the count must be known.
+    """
+    count = dwells.num_dwells
     if source.per == "dwell":
-        return np.arange(dwells.num_dwells)
-    if source.per == "experiment":
-        return np.unique(np.asarray(dwells.experiment), return_inverse=True)[1]
-    return np.zeros(dwells.num_dwells, int)
+        return np.arange(count), count
+    if source.per == "campaign":
+        return np.zeros(count, int), 1
+    label = dwells.experiment
+    if is_traced(label):
+        same = jnp.asarray(label)[:, None] == jnp.asarray(label)[None, :]
+        return jnp.argmax(same, axis=1), count
+    found = np.unique(np.asarray(label), return_inverse=True)[1]
+    return found, int(found.max()) + 1
 
 
 def no_draws(sources: Sequence[Source], dwells: Dwells) -> list[Float[Array, "_ _"]]:
     """Zero disturbance of every source: the point at which derivatives are taken."""
-    return [jnp.zeros((int(_groups(s, dwells).max()) + 1, s.width)) for s in sources]
+    return [jnp.zeros((_groups(s, dwells)[1], s.width)) for s in sources]
 
 
 def disturbed(
@@ -98,7 +117,7 @@ def disturbed(
     references and covariances stay what the station stated.
     """
     for source, own in zip(sources, draws, strict=True):
-        values = jnp.asarray(own)[_groups(source, dwells)]
+        values = jnp.asarray(own)[_groups(source, dwells)[0]]
         dwells = _disturbed_by(source, values, dwells, scene, curve, estimator)
     return dwells
 
@@ -196,6 +215,15 @@ def error_budget(
 
     Raises `ValueError` where a source does not touch anything that the dwells hold.
     """
+    check_sources(estimator, curve, dwells, sources)
+    found = source_derivatives(estimator, curve, dwells, sources)
+    return Budget(tuple(sources), curve, estimator.names, tuple(np.asarray(x) for x in found))
+
+
+def check_sources(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, sources: Sequence[Source]
+) -> None:
+    """Raise `ValueError` where a source does not touch anything that the dwells hold."""
     scene = make_scene(estimator, curve, dwells)
     for source in sources:
         change = source.effect(jnp.zeros((dwells.num_dwells, source.width)), scene, dwells)
@@ -204,20 +232,27 @@ def error_budget(
                 f"`error_budget(...)`: the source '{source.name}' changes nothing that these dwells "
                 f"hold; leave it out or give dwells with the column that it disturbs."
             )
-    hessian, mixed = (np.asarray(x) for x in _second_derivatives(estimator, curve, dwells))
-    inverse = scaled_inverse(hessian)
 
-    def derivative(source: Source) -> np.ndarray:
+
+def source_derivatives(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, sources: Sequence[Source]
+) -> tuple[Float[Array, "unknowns _"], ...]:
+    """Derivative of the coefficients by each source's draws, in standard deviations; pure, see `error_budget`."""
+    scene = make_scene(estimator, curve, dwells)
+    hessian, mixed = _second_derivatives(estimator, curve, dwells)
+    scale = 1.0 / jnp.sqrt(jnp.diagonal(hessian))
+    inverse = jnp.linalg.inv(hessian * scale[:, None] * scale[None, :])
+
+    def derivative(source: Source) -> Array:
         # A disturbance reaches its own dwell only: by chain rule dwell by dwell, summed over a draw's dwells.
         felt = _column_slopes(source, dwells, scene, curve, estimator)
-        each = np.einsum("nuk,nkw->nuw", mixed, felt, optimize=True)
-        groups = _groups(source, dwells)
-        rows = np.zeros((int(groups.max()) + 1, *each.shape[1:]))
-        np.add.at(rows, groups, each)
-        flat = np.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
-        return -inverse @ flat
+        each = jnp.einsum("nuk,nkw->nuw", mixed, felt)
+        groups, count = _groups(source, dwells)
+        rows = jax.ops.segment_sum(each, groups, count)
+        flat = jnp.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
+        return -scale[:, None] * (inverse @ (scale[:, None] * flat))
 
-    return Budget(tuple(sources), curve, estimator.names, tuple(derivative(s) for s in sources))
+    return tuple(derivative(s) for s in sources)
 
 
 _Columns = dict[str, Array]
@@ -264,7 +299,7 @@ def _second_derivatives(
 
 def _column_slopes(
     source: Source, dwells: Dwells, scene: Scene, curve: Curve, estimator: AbstractEstimator
-) -> Float[np.ndarray, "dwells columns width"]:
+) -> Float[Array, "dwells columns width"]:
     """Derivative of every dwell's columns (`_columns`) by its own draw of a source, at zero."""
     zero = jnp.zeros((dwells.num_dwells, source.width))
     moved = lambda draws: _columns(_disturbed_by(source, draws, dwells, scene, curve, estimator))
@@ -274,7 +309,7 @@ def _column_slopes(
         slopes = jax.jvp(moved, (zero,), (jnp.tile(direction[None], (len(zero), 1)),))[1]
         return jnp.concatenate([x.reshape(len(zero), -1) for x in slopes.values()], axis=1)
 
-    return np.asarray(jax.jit(jax.vmap(along, out_axes=2))(jnp.eye(source.width)))
+    return jax.jit(jax.vmap(along, out_axes=2))(jnp.eye(source.width))
 
 
 def magnitude_gradient(

@@ -88,9 +88,23 @@ def output_noise() -> Source:
     return Source("output noise", "1", 1.0, "dwell", 6, effect)
 
 
-def _roots(covariances: AnyArray) -> Float[np.ndarray, "dwells 3 3"]:
-    values, vectors = np.linalg.eigh(np.asarray(covariances))
-    return vectors * np.sqrt(np.clip(values, 0.0, None))[:, None, :]
+def _roots(covariances: AnyArray) -> Float[Array, "dwells 3 3"]:
+    """Lower triangular L with L Lᵀ = C; a direction without variance has a column of zeros."""
+    c = jnp.moveaxis(jnp.asarray(covariances), 0, -1)
+    zero = jnp.zeros_like(c[0, 0])
+
+    def pivot(variance: Array) -> tuple[Array, Array]:
+        kept = variance > 0.0
+        root = jnp.sqrt(jnp.where(kept, variance, 1.0))
+        return jnp.where(kept, root, 0.0), jnp.where(kept, 1.0 / root, 0.0)
+
+    l00, i00 = pivot(c[0, 0])
+    l10, l20 = c[1, 0] * i00, c[2, 0] * i00
+    l11, i11 = pivot(c[1, 1] - l10**2)
+    l21 = (c[2, 1] - l20 * l10) * i11
+    l22, _ = pivot(c[2, 2] - l20**2 - l21**2)
+    rows = [l00, zero, zero, l10, l11, zero, l20, l21, l22]
+    return jnp.moveaxis(jnp.stack(rows).reshape(3, 3, -1), -1, 0)
 
 
 def repositioning(size: float, *, triad: str = "accel") -> Source:

@@ -9,8 +9,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from numpy.typing import ArrayLike
 
+from .._typing import Given
 from .frames import columns_of, Names, TRIADS
 from .plausible_units import check_force, check_rate, check_temperature
 
@@ -71,14 +71,14 @@ class Recording(eqx.Module):
     @classmethod
     def from_arrays(
         cls,
-        time: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-        gyro: ArrayLike | None = None,
-        temperature: ArrayLike | None = None,
+        time: Given | None = None,
+        accel: Given | None = None,
+        gyro: Given | None = None,
+        temperature: Given | None = None,
         *,
         sample_rate: float | None = None,
         device: str = "",
-        **columns: ArrayLike | None,
+        **columns: Given | None,
     ) -> "Recording":
         """A recording from arrays of samples.
 

@@ -82,7 +82,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
             columns[f"{triad}_amplitudes"] = scores.amplitude
             columns[f"{triad}_amplitude_sigmas"] = scores.sigma
         if triad == "accel" and manifest.g_sensitivity:
-            together = _with_force(estimator, basis, fit, together)
+            together = with_force(estimator, basis, fit, together)
     return columns | {"reason": reasons}
 
 
@@ -145,7 +145,7 @@ def estimators_of(manifest: Manifest, dwells: Dwells) -> list[tuple[AbstractEsti
     return [(e, m) for e, m in pairs if e is not None and m is not None]
 
 
-def _with_force(
+def with_force(
     estimator: AbstractEstimator, basis: AbstractBasis, fit: FleetFit, dwells: Dwells
 ) -> Dwells:
     """Dwells with compensated accelerometer outputs, for the gyros' D term."""

@@ -12,9 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 
-from .._typing import AnyArray
+from .._typing import AnyArray, Given
 from . import arrays
 from .motions import Motions
 
@@ -72,16 +71,16 @@ class Dwells(eqx.Module):
     @classmethod
     def from_arrays(
         cls,
-        accel: ArrayLike | None = None,
-        gyro: ArrayLike | None = None,
+        accel: Given | None = None,
+        gyro: Given | None = None,
         *,
-        temperature: ArrayLike | None = None,
-        experiment: ArrayLike | None = None,
-        position: ArrayLike | None = None,
-        sigma: ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
-        reference_accel: ArrayLike | None = None,
-        reference_gyro: ArrayLike | None = None,
-        valid: ArrayLike | None = None,
+        temperature: Given | None = None,
+        experiment: Given | None = None,
+        position: Given | None = None,
+        sigma: Given | None = None,
+        reference_accel: Given | None = None,
+        reference_gyro: Given | None = None,
+        valid: Given | None = None,
     ) -> "Dwells":
         """Dwell means from arrays; any leading axes are devices.
 
@@ -120,6 +119,18 @@ class Dwells(eqx.Module):
     def __getitem__(self, rows: slice | int | np.ndarray) -> "Dwells":
         """The same columns, only those dwells."""
         return jax.tree.map(lambda x: x[rows], self)
+
+
+def with_harmless_padding(dwells: Dwells) -> Dwells:
+    """Rows that are not valid, where they hold zeros or no numbers, as each device's first valid row."""
+    valid = np.asarray(dwells.valid)
+    outputs = [x for x in (dwells.accel, dwells.gyro) if x is not None]
+    padding = [np.square(np.asarray(x)[~valid]).sum(axis=-1) for x in outputs]
+    if valid.all() or all(np.all((p > 0.0) & np.isfinite(p)) for p in padding):
+        return dwells
+    kept = eqx.tree_at(lambda d: d.valid, dwells, None)
+    filled = jax.tree.map(lambda x: arrays.filled(np.asarray(x), valid), kept)
+    return eqx.tree_at(lambda d: d.valid, filled, valid, is_leaf=lambda x: x is None)
 
 
 def _turns(reference_gyro: AnyArray) -> np.ndarray | jax.Array:

@@ -21,7 +21,7 @@ from scipy.special import chdtri
 from ...estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
 from ...numerics.paule_mandel import batched_excess_deviation
 from ...physics.temperature import AbstractBasis, Constant
-from ...reduction.dwells import Dwells
+from ...reduction.dwells import Dwells, with_harmless_padding
 from .invariant import BatchFit, fit_chunks
 from .linear import fit_linear
 from .thermal import fit_thermal_invariant
@@ -80,6 +80,7 @@ def fit_fleet(
             "`fit_fleet(precision='float32')` is for the invariant estimator without robust loss; got "
             f"{type(estimator).__name__}. Leave it out."
         )
+    dwells = with_harmless_padding(dwells)
     count, cores = len(dwells.valid), threads or os.cpu_count() or 1
     size = _chunk(estimator, basis, count)
     # Parts enough for several cores, but of a size that is not that of the machine, so that results are not either.

@@ -1,0 +1,122 @@
+"""How a fit depends on rig, reference and data: its derivatives, one device or many at once."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray
+from ..analysis.error_budget import check_sources, source_derivatives
+from ..analysis.sources import Source
+from ..calibration.calibration import Calibration
+from ..physics.leaves import is_traced
+from ..physics.temperature import Curve
+from ..reduction.dwells import Dwells
+from .fit import Fit
+
+
+class Derivatives(eqx.Module):
+    """Derivative of all coefficients by each source; leading axes are devices.
+
+    `by_source[k]` has shape (…, coefficients, draws), in SI per standard deviation of the source `sources[k]`.
+    """
+
+    by_source: tuple[Float[AnyArray, "*devices coefficients _"], ...]
+    sources: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)  # of the coefficients
+    units: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def sigma(self) -> Float[Array, "*devices sources coefficients"]:
+        """1 sigma of every coefficient from each source."""
+        each = [jnp.sqrt(jnp.sum(jnp.square(jnp.asarray(d)), axis=-1)) for d in self.by_source]
+        return jnp.stack(each, axis=-2)
+
+    def covariance(self, source: str) -> Float[Array, "*devices coefficients coefficients"]:
+        """Covariance of the coefficients from one source. Raises `ValueError` for a name that is none."""
+        if source not in self.sources:
+            raise ValueError(
+                f"`table.covariance({source!r})`: there are {', '.join(self.sources)}."
+            )
+        d = jnp.asarray(self.by_source[self.sources.index(source)])
+        return d @ jnp.swapaxes(d, -1, -2)
+
+
+def derivatives(fit: Fit, sources: Sequence[Source]) -> Derivatives:
+    """How the answer of `fit` moves with what went into it, to first order (`analysis.error_budget`).
+
+    **Arguments:** `sources` of `analysis.sources`, such as `gravity(1e-4)`, `positioning(1e-5)`, `output_noise()`.
+    A source that does not touch a triad has derivatives of zero there. Pure: `jax.vmap` it over a fit's devices,
+    or give the whole fit. Outside traced code in 64 bits whatever JAX is set to; inside, in JAX's precision, where
+    32 bits give about three digits.
+
+    Raises `ValueError` for a source that touches nothing that the dwells hold.
+    """
+    if is_traced(fit.succeeded):
+        return _derivatives(fit, tuple(sources))
+    with jax.enable_x64(True):
+        return jax.tree.map(np.asarray, _many(fit, tuple(sources)))
+
+
+@eqx.filter_jit
+def _many(fit: Fit, sources: tuple[Source, ...]) -> Derivatives:
+    one = lambda f: _derivatives(f, sources)
+    for _ in range(np.ndim(fit.succeeded)):
+        one = jax.vmap(one)
+    return one(fit)
+
+
+def _derivatives(fit: Fit, sources: tuple[Source, ...]) -> Derivatives:
+    calibration: Calibration = fit.calibration
+    dwells, parts, touched = fit.dwells, [], set()
+    for name in ("accel", "gyro"):
+        estimator, triad = getattr(fit, name), getattr(calibration, name)
+        if estimator is None:
+            continue
+        mine = [s for s in sources if _touches(s, estimator, triad.curve, dwells)]
+        touched |= {s.name for s in mine}
+        found = dict(
+            zip((id(s) for s in mine), source_derivatives(estimator, triad.curve, dwells, mine))
+        )
+        parts.append((jnp.size(triad.curve.coefficients), found))
+        if name == "accel":
+            dwells = _with_force(calibration, dwells)
+    idle = [s.name for s in sources if s.name not in touched]
+    if idle:
+        raise ValueError(
+            f"`derivatives(fit, sources)`: the source '{idle[0]}' changes nothing that these dwells hold; leave it out."
+        )
+    whole = tuple(_joined(parts, id(s)) for s in sources)
+    return Derivatives(
+        whole,
+        tuple(s.name for s in sources),
+        calibration.coefficient_names,
+        calibration.coefficient_units,
+    )
+
+
+def _touches(source: Source, estimator: Any, curve: Curve, dwells: Dwells) -> bool:
+    """Whether a source acts on what a triad's estimator reads."""
+    try:
+        check_sources(estimator, curve, dwells, [source])
+    except (ValueError, AssertionError):
+        return False
+    return True
+
+
+def _with_force(calibration: Calibration, dwells: Dwells) -> Dwells:
+    """Dwells with compensated accelerometer outputs, as the gyros' estimator had them."""
+    one = lambda a, t: calibration.without_effects()(a, jnp.zeros_like(a), t)[0]
+    force = jax.vmap(one)(jnp.asarray(dwells.accel), jnp.asarray(dwells.temperature))
+    return eqx.tree_at(lambda d: d.accel, dwells, force)
+
+
+def _joined(parts: list[tuple[int, dict[int, Array]]], source: int) -> Array:
+    width = next(found[source].shape[1] for _, found in parts if source in found)
+    return jnp.concatenate(
+        [found[source] if source in found else jnp.zeros((size, width)) for size, found in parts]
+    )

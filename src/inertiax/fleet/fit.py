@@ -1,0 +1,191 @@
+"""Dwell means in arrays to calibrations, for one device or many at once."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.labels import register_labelled
+from ..calibration.stacking import unstack
+from ..estimators import AbstractEstimator, GravityRotation, Invariant
+from ..physics.leaves import is_traced
+from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
+from ..reduction.dwells import Dwells
+from .rows import with_force
+from .solve.batch import fit_fleet, FleetFit
+from .solve.quarantine import judge
+
+
+STANDARD_GRAVITY = 9.80665  # m/s², where none is given
+LEAST_GRAVITY, GREATEST_GRAVITY = (
+    9.5,
+    10.1,
+)  # m/s²: the Earth's is from 9.76 to 9.83, a sensor's own unit apart
+# Condition of the coefficients' correlation, beyond which rounding decides: half the digits of 64 bits.
+LARGEST_CONDITION = 1e8
+HIGHEST_DEGREE = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What `fit` found; arrays lead with the axes of the dwells' devices.
+
+    `succeeded` implies that the dwells determine every coefficient, that the solve converged, and that no
+    coefficient's standard deviation or misfit is beyond use; `reasons` says in a line why not.
+    """
+
+    calibration: Calibration  # stacked where there are devices
+    succeeded: Bool[np.ndarray, "*devices"]
+    dwells: Dwells
+    accel: AbstractEstimator | None  # with the scatter between dwells that was found
+    gyro: AbstractEstimator | None
+    reasons: tuple[str | None, ...] = ()  # of each device, devices flattened
+
+
+register_labelled(
+    Fit,
+    leaves=("calibration", "succeeded", "dwells", "accel", "gyro"),
+    structure=(),
+    labels={"reasons": ()},
+)
+
+
+def fit(
+    dwells: Dwells,
+    *,
+    accel: AbstractEstimator | None = None,
+    gyro: AbstractEstimator | None = None,
+    degree: int = 0,
+) -> Fit:
+    """Calibrate the devices of `dwells`, whose leading axes are devices, in one batch.
+
+    **Arguments:** `accel` and `gyro` are estimators (`Invariant(gravity=9.81)`, `ReferenceAccel()`,
+    `ReferenceGyro(gravity=9.81)`, `StaticGyro(gravity=9.81)`, …); where neither is given the accelerometers are
+    calibrated by `Invariant` with standard gravity. `degree` of the parameters' polynomial over temperature, 0 to 6.
+    Arithmetic is in 64 bits whatever JAX is set to.
+
+    Raises `ValueError` for a triad or a temperature that the dwells lack, and in traced code: give `dwells` leading
+    axes instead of `vmap`.
+    """
+    notes: tuple[str, ...] = ()
+    if accel is None and gyro is None:
+        accel = Invariant(gravity=STANDARD_GRAVITY)
+        notes = (f"gravity was not given; {STANDARD_GRAVITY} m/s² is assumed",)
+    _check(dwells, accel, gyro, degree)
+    lead = dwells.valid.shape[:-1]
+    flat = jax.tree.map(lambda x: np.asarray(x).reshape(-1, *np.shape(x)[len(lead) :]), dwells)
+    basis = _basis(flat, degree)
+    with jax.enable_x64(True):
+        triads, weights, seen = {}, {}, flat
+        reasons: list[str | None] = [None] * len(flat.valid)
+        for estimator in (e for e in (accel, gyro) if e is not None):
+            found = fit_fleet(estimator, basis, seen)
+            said = _reasons(estimator, basis, found)
+            reasons = [first or second for first, second in zip(reasons, said, strict=True)]
+            triads[estimator.triad] = _triad(estimator, basis, found)
+            weights[estimator.triad] = found.scatter.reshape(lead)
+            if estimator is accel and gyro is not None:
+                seen = with_force(estimator, basis, found, flat)
+    gravity = next((e.gravity for e in (accel, gyro) if hasattr(e, "gravity")), STANDARD_GRAVITY)
+    many = Calibration(gravity=float(gravity), notes=notes).changed(
+        gravity=np.full(len(flat.valid), float(gravity)), temperature_range=_range(flat), **triads
+    )
+    succeeded = np.array([r is None for r in reasons])
+    one = not lead
+    shaped = lambda tree: jax.tree.map(lambda x: np.reshape(x, (*lead, *np.shape(x)[1:])), tree)
+    repeated = lambda e: None if e is None else _repeated(e, lead, weights[e.triad])
+    calibration = unstack(many)[0] if one else shaped(many)
+    return Fit(
+        calibration,
+        succeeded.reshape(lead),
+        dwells,
+        repeated(accel),
+        repeated(gyro),
+        tuple(reasons),
+    )
+
+
+def _repeated(
+    estimator: AbstractEstimator, lead: tuple[int, ...], scatter: np.ndarray
+) -> AbstractEstimator:
+    """An estimator for each device, with the scatter between dwells that was found."""
+    repeat = lambda x: np.broadcast_to(np.asarray(x), (*lead, *np.shape(x)))
+    return eqx.tree_at(lambda e: e.scatter, jax.tree.map(repeat, estimator), scatter)
+
+
+def _check(
+    dwells: Dwells, accel: AbstractEstimator | None, gyro: AbstractEstimator | None, degree: int
+) -> None:
+    if any(is_traced(x) for x in jax.tree.leaves(dwells)):
+        raise ValueError(
+            "`fit(dwells)`: does not work in traced code; give the dwells leading axes, which it fits in one batch."
+        )
+    if not 0 <= degree <= HIGHEST_DEGREE:
+        raise ValueError(f"`fit(degree={degree})`: must be from 0 to {HIGHEST_DEGREE}.")
+    for triad, estimator in (("accel", accel), ("gyro", gyro)):
+        if estimator is None:
+            continue
+        if estimator.triad != triad or isinstance(estimator, GravityRotation):
+            raise ValueError(
+                f"`fit({triad}=...)`: {type(estimator).__name__} is no estimator for it."
+            )
+        if getattr(dwells, triad) is None:
+            raise ValueError(f"`fit({triad}=...)`: the dwells have no {triad} outputs.")
+        reference = f"reference_{triad}"
+        if type(estimator).__name__.startswith("Reference") and getattr(dwells, reference) is None:
+            raise ValueError(
+                f"`fit({triad}={type(estimator).__name__}(...))`: the dwells have no {reference}."
+            )
+        gravity = float(getattr(estimator, "gravity", STANDARD_GRAVITY))
+        if not LEAST_GRAVITY <= gravity <= GREATEST_GRAVITY:
+            raise ValueError(
+                f"`fit({triad}=...)`: gravity is {gravity:g}; it is in m/s², about 9.8 (in g?)."
+            )
+    if degree and not np.ptp(np.asarray(dwells.temperature)[np.asarray(dwells.valid)]) > 0.0:
+        raise ValueError(f"`fit(degree={degree})`: the dwells' temperature does not change.")
+
+
+def _basis(dwells: Dwells, degree: int) -> AbstractBasis:
+    if degree == 0:
+        return Constant()
+    probe = np.asarray(dwells.temperature)[np.asarray(dwells.valid)]
+    return Polynomial(degree, float(probe.min()), float(probe.max()))
+
+
+def _reasons(
+    estimator: AbstractEstimator, basis: AbstractBasis, found: FleetFit
+) -> list[str | None]:
+    """`judge`, and dwells whose normal matrix is singular but for rounding."""
+    reasons = list(judge(estimator, basis, found))
+    usable = np.flatnonzero(np.isfinite(found.covariance).all(axis=(1, 2)))
+    spread = found.covariance[usable]
+    scale = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(spread / (scale[:, :, None] * scale[:, None, :]))
+    # Of the accelerometers' or gyros' own coefficients, whose size cancels.
+    smallest = np.linalg.eigvalsh(correlation)[:, 0]
+    for k in usable[smallest * LARGEST_CONDITION < 1.0]:
+        reasons[k] = reasons[k] or (
+            f"{estimator.triad}: the dwells do not determine all {spread.shape[1]} coefficients; record more "
+            f"positions{'' if basis.size == 1 else ' or temperatures'}"
+        )
+    return reasons
+
+
+def _triad(estimator: AbstractEstimator, basis: AbstractBasis, found: FleetFit) -> TriadCalibration:
+    coefficients = found.parameters.reshape(len(found.parameters), basis.size, -1)
+    many = jax.tree.map(lambda x: np.full(len(coefficients), float(x)), basis)
+    name = {"Invariant": "invariant", "StaticAccel": "static", "StaticGyro": "static"}
+    kind = name.get(type(estimator).__name__, "reference")
+    return TriadCalibration(Curve(many, coefficients), found.covariance, estimator.names, kind)
+
+
+def _range(dwells: Dwells) -> tuple[np.ndarray, np.ndarray] | None:
+    probe, valid = np.asarray(dwells.temperature), np.asarray(dwells.valid)
+    if not np.any(probe):
+        return None
+    low = np.where(valid, probe, np.inf).min(axis=1)
+    return low, np.where(valid, probe, -np.inf).max(axis=1)

@@ -1,0 +1,194 @@
+"""Noise of six channels, sample by sample: the terms of IEEE Std 952 and the read-out.
+
+    white    N √f                                each sample
+    flicker  Σ Gauss-Markov, variance B² ln r/π  time constants a factor r apart
+    walk     K / √f                              each step
+    ramp     R t
+    Q        (θ_k − θ_{k−1}) f                   θ white with standard deviation Q
+
+Sums of Gauss-Markov processes have the spectrum s²/(2 f ln r) where their time constants lie, which is flicker noise's
+B²/(2π f) for s² = B² ln r/π.
+
+**Reference:** IEEE Std 952-2020, annex C; Keshner, *1/f noise*, Proc. IEEE 70 (1982).
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from .._typing import AnyArray
+from ..physics.leaves import is_traced
+
+
+RATIO = 6.0  # between time constants: the Allan variance is flat to 2 % (tested)
+SHORTEST, LONGEST = 1.0, 1e5  # of the time constants, in samples and in s
+# SI; ten times the noise of the worst sensors that are sold, so beyond it the unit is another one.
+GREATEST = {"accel": 1.0, "gyro": 0.5}
+
+
+class TriadNoise(eqx.Module):
+    """One triad's noise and read-out in SI, each a number or one per axis; `None`: none of it."""
+
+    N: Any = None  # m/s²/√Hz or rad/s/√Hz
+    B: Any = None  # m/s² or rad/s
+    K: Any = None  # m/s²/√s or rad/s/√s
+    R: Any = None  # m/s³ or rad/s²
+    Q: Any = None  # m/s or rad
+    resolution: Any = None  # least step of the output
+    full_scale: Any = None  # greatest output
+
+
+def triad_noise(triad: str, given: Any) -> TriadNoise:
+    """`TriadNoise` of a mapping, of three channels' `allan.model.NoiseModel`, or as it is.
+
+    Raises `ValueError` for names that are none, or sizes that are implausible in SI.
+    """
+    if given is None or isinstance(given, TriadNoise):
+        made = given or TriadNoise()
+    elif isinstance(given, Mapping):
+        unknown = sorted(set(given) - set(TriadNoise.__dataclass_fields__))
+        if unknown:
+            names = ", ".join(TriadNoise.__dataclass_fields__)
+            raise ValueError(
+                f"`Twin(noise=...)`: {triad} has no {unknown[0]!r}; there are {names}."
+            )
+        made = TriadNoise(**{k: _axes(triad, k, v) for k, v in given.items()})
+    else:
+        models = list(given)
+        if len(models) != 3 or any(m.triad != triad for m in models):
+            raise ValueError(
+                f"`Twin(noise=...)`: {triad} needs the noise models of its three axes."
+            )
+        made = TriadNoise(**{k: np.array([m.terms[k].value for m in models]) for k in "NBKRQ"})
+    for name in "NBKRQ":
+        value = getattr(made, name)
+        if value is None or is_traced(value):
+            continue
+        if not (np.all(np.asarray(value) >= 0.0) and np.all(np.asarray(value) <= GREATEST[triad])):
+            raise ValueError(
+                f"`Twin(noise=...)`: {triad} {name} is {np.max(np.abs(value)):g}; it is in SI, from 0 to "
+                f"{GREATEST[triad]:g} (another unit?)."
+            )
+    return made
+
+
+def _axes(triad: str, name: str, value: Any) -> AnyArray:
+    array = value if isinstance(value, jax.Array) else np.asarray(value, float)
+    if array.shape not in ((), (3,)):
+        raise ValueError(
+            f"`Twin(noise=...)`: {triad} {name} has shape {array.shape}; it is () or (3,)."
+        )
+    return array
+
+
+class NoiseState(eqx.Module):
+    """What the noise remembers; the six channels are the accelerometers' and the gyros'."""
+
+    key: PRNGKeyArray
+    walk: Float[Array, "6"]
+    markov: Float[Array, "processes 6"]
+    last: Float[Array, "6"]  # θ of the sample before
+
+
+class SensorNoise(eqx.Module):
+    """The noise of both triads at a sample rate."""
+
+    accel: TriadNoise
+    gyro: TriadNoise
+    sample_rate: float = eqx.field(static=True)
+
+    def term(self, name: str) -> Float[Array, "6"] | None:
+        """One coefficient of all channels; `None` where no channel has it."""
+        pair = [getattr(t, name) for t in (self.accel, self.gyro)]
+        if all(x is None for x in pair):
+            return None
+        full = lambda x: jnp.broadcast_to(jnp.zeros(()) if x is None else jnp.asarray(x), (3,))
+        return jnp.concatenate([full(x) for x in pair])
+
+    @property
+    def time_constants(self) -> np.ndarray:
+        """Of the Gauss-Markov processes, s."""
+        first = SHORTEST / self.sample_rate
+        count = int(np.ceil(np.log(LONGEST / first) / np.log(RATIO))) + 1
+        return first * RATIO ** np.arange(count)
+
+    def begin(self, key: PRNGKeyArray) -> NoiseState:
+        """Flicker in equilibrium, the walk at zero."""
+        key, first, second = jax.random.split(key, 3)
+        count = 0 if self.term("B") is None else len(self.time_constants)
+        markov = jax.random.normal(first, (count, 6))
+        if count:
+            markov = markov * self._flicker_sigma()
+        last = jax.random.normal(second, (6,))
+        return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")))
+
+    def _flicker_sigma(self) -> Float[Array, "6"]:
+        return _or_zero(self.term("B")) * np.sqrt(np.log(RATIO) / np.pi)
+
+    def follow(
+        self, state: NoiseState, count: Int[Array, ""]
+    ) -> tuple[NoiseState, Float[Array, "6"]]:
+        """The next state and the noise of sample `count` (from 0)."""
+        names = [n for n in "NKQ" if self.term(n) is not None]
+        rows = len(names) + 2 * bool(len(state.markov))
+        total = jnp.zeros(6)
+        ramp = self.term("R")
+        if ramp is not None:
+            total = total + ramp * (count.astype(total.dtype) / self.sample_rate)
+        if not rows:
+            return state, total
+        draws = jax.random.normal(jax.random.fold_in(state.key, count), (rows, 6))
+        own = dict(zip(names, draws))
+        rate, walk, last, markov = self.sample_rate, state.walk, state.last, state.markov
+        if "N" in own:
+            total = total + own["N"] * _or_zero(self.term("N")) * np.sqrt(rate)
+        if "K" in own:
+            walk = walk + own["K"] * _or_zero(self.term("K")) / np.sqrt(rate)
+            total = total + walk
+        if "Q" in own:
+            angle = own["Q"] * _or_zero(self.term("Q"))
+            total, last = total + (angle - last) * rate, angle
+        if len(markov):
+            fresh = draws[len(names) :] * self._flicker_sigma()[None]
+            markov = self._flicker(markov, fresh, count)
+            total = total + markov.sum(axis=0)
+        return NoiseState(state.key, walk, markov, last), total
+
+    def _flicker(
+        self, markov: Float[Array, "processes 6"], fresh: Float[Array, "2 6"], count: Int[Array, ""]
+    ) -> Float[Array, "processes 6"]:
+        """The fastest process each sample and, of the others, number j every 2^j samples (Voss' order).
+
+        Their time constants grow by `RATIO` > 2, so that each is renewed often enough to be smooth.
+        """
+        last = len(self.time_constants) - 1
+        stretch = np.minimum(2.0 ** np.arange(last + 1), 2.0 ** (last - 1))
+        ratio = stretch / (self.sample_rate * self.time_constants)
+        decay, drive = np.exp(-ratio), np.sqrt(-np.expm1(-2.0 * ratio))
+        take = lambda values, k: jnp.asarray(values, fresh.dtype)[k]
+        markov = markov.at[0].set(take(decay, 0) * markov[0] + take(drive, 0) * fresh[0])
+        zeros = 31 - jax.lax.clz(count & -count)  # at the end of the count's binary digits
+        turn = jnp.clip(zeros + 1, 1, last)
+        return markov.at[turn].set(take(decay, turn) * markov[turn] + take(drive, turn) * fresh[1])
+
+    def read_out(self, outputs: Float[Array, "6"]) -> Float[Array, "6"]:
+        """The outputs within the range and on the grid of the read-out."""
+        parts = []
+        for own, triad in ((outputs[:3], self.accel), (outputs[3:], self.gyro)):
+            if triad.full_scale is not None:
+                limit = jnp.asarray(triad.full_scale, own.dtype)
+                own = jnp.clip(own, -limit, limit)
+            if triad.resolution is not None:
+                step = jnp.asarray(triad.resolution, own.dtype)
+                own = step * jnp.round(own / step)
+            parts.append(own)
+        return jnp.concatenate(parts)
+
+
+def _or_zero(values: Float[Array, "6"] | None) -> Float[Array, "6"]:
+    return jnp.zeros(6) if values is None else values
