@@ -34,18 +34,18 @@ class Hand:
         pose = Rotation.random(rng=rng)
         for k in range(rests):
             own = turns.get(k, np.zeros((REST, 3)))
-            path = [pose * Rotation.from_rotvec(v) for v in own]
+            rest = pose * Rotation.from_rotvec(own)
             following = Rotation.random(rng=rng)
-            between = (path[-1].inv() * following).as_rotvec()
+            between = (rest[-1].inv() * following).as_rotvec()
             share = 0.5 - 0.5 * np.cos(np.pi * (np.arange(MOVE) + 1) / MOVE)
-            path += [path[-1] * Rotation.from_rotvec(s * between) for s in share]
-            attitude += path
+            attitude += [rest, rest[-1] * Rotation.from_rotvec(share[:, None] * between)]
             position += [k] * REST + [-1] * MOVE
             pose = following
         self.position = np.array(position)
-        steps = [(a.inv() * b).as_rotvec() for a, b in zip(attitude[:-1], attitude[1:])]
-        rate = np.array([np.zeros(3), *steps]) * RATE
-        force = np.array([a.inv().apply([0.0, 0.0, G]) for a in attitude])
+        path = Rotation.concatenate(attitude)
+        steps = (path[:-1].inv() * path[1:]).as_rotvec()
+        rate = np.concatenate([np.zeros((1, 3)), steps]) * RATE
+        force = path.inv().apply([0.0, 0.0, G])
         self.accel = force + ACCEL * rng.standard_normal(force.shape)
         self.gyro = rate + GYRO_BIAS + GYRO * rng.standard_normal(rate.shape)
 
