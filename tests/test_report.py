@@ -27,6 +27,7 @@ from inertiax.diagnose.result import (
     Where,
 )
 from inertiax.estimators import Invariant
+from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.physics.temperature import Curve, Polynomial
 from inertiax.procedure.thermal_iterations import ThermalSolution
 from inertiax.reduction.dwells import Dwells
@@ -93,7 +94,8 @@ def device_result(
         device=device,
         temperature_range=(-40.0, 60.0),
     )
-    return DeviceResult(calibration, result, None, ("degree 1 by BIC",), warnings)
+    model = ModelSpec(TriadSpec("invariant", 1, NAMES, False), None)
+    return DeviceResult(calibration, result, None, model, ("degree 1 by BIC",), warnings)
 
 
 class _Page(html.parser.HTMLParser):
