@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.pipeline import calibrate, DeviceFailure
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
@@ -256,6 +257,8 @@ def test_calibrate_refuses_an_error_and_goes_on_by_force():
     assert not isinstance(forced, DeviceFailure)
     assert [f.kind for f in forced.plausibility if f.severity == "error"] == ["gyro_unit"]
     assert any("57" in w for w in forced.warnings)
+    quality = judge(forced)
+    assert quality.verdict == "doubtful" and "57" in quality.answer
 
 
 def test_the_command_prints_the_document(tmp_path: Path, capsys):

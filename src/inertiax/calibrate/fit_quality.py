@@ -69,6 +69,9 @@ def judge(result: DeviceResult) -> Quality:
     findings: list[Finding] = []
     advice: list[str] = []
     triads: list[TriadVerdict] = []
+    # Errors of plausibility that the user forced the run past.
+    forced = [f.statement for f in result.plausibility if f.severity == "error"]
+    findings += [Finding("plausibility", UNUSABLE, text) for text in forced]
     for triad, estimate in _both(result):
         name = TRIAD_NAMES[estimate.estimator.triad]
         own = [*_mistakes(name, triad, estimate, result.calibration), _misfit(name, estimate)]
@@ -79,7 +82,8 @@ def judge(result: DeviceResult) -> Quality:
         own += _outliers(name, estimate)
         triads.append(_triad_verdict(name, own))
         findings += own
-    findings += [Finding("warning", ATTENTION, w[0].upper() + w[1:]) for w in result.warnings]
+    said = [w for w in result.warnings if w not in forced]
+    findings += [Finding("warning", ATTENTION, w[0].upper() + w[1:]) for w in said]
     # The sort is stable: of like grade, the first that was looked at.
     ranked = sorted(findings, key=lambda f: -f.grade)
     verdict, start = _WORDS[ranked[0].grade]
