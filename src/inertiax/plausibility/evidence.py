@@ -105,7 +105,9 @@ def look_at(campaign: Campaign, device: str) -> DeviceLogs:
     **Arguments:** `device` is a serial number of the campaign.
     """
     recordings = campaign.of_device(device).recordings
-    columns = ColumnMap() if campaign.path is None else read_table(campaign.path).columns
+    # A campaign outlives its file, which only says how to write a remedy.
+    file = campaign.path if campaign.path is not None and campaign.path.is_file() else None
+    columns = ColumnMap() if file is None else read_table(file).columns
     return DeviceLogs(tuple(look_at_one(r) for r in recordings), campaign.site, columns, device)
 
 
