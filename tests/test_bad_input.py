@@ -126,7 +126,7 @@ TOML = {
     "unknown estimator": (
         GOOD + '[model]\naccel_estimator = "invarient"\n',
         "[model] accel_estimator: did you mean 'invariant'? it must be one of invariant, reference, "
-        "static; found 'invarient'.",
+        "static, none; found 'invarient'.",
     ),
     "estimator without its columns": (
         GOOD + '[model]\naccel_estimator = "reference"\n',

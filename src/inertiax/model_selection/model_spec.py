@@ -26,7 +26,7 @@ class ModelSpec(msgspec.Struct, frozen=True):
 
     def document(self) -> dict:
         """The `model` block of every JSON result."""
-        return msgspec.to_builtins(to_model_entry(self))
+        return msgspec.json.decode(msgspec.json.encode(to_model_entry(self)))
 
 
 class ModelEntry(msgspec.Struct, forbid_unknown_fields=True):

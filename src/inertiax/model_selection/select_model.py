@@ -24,6 +24,9 @@ NOT_CALIBRATED = "none"  # in `[model]`, of a triad that is left as it is
 # that means to hold still), and an invariant fit of biases and scale factors has six unknowns.
 SAME_DIRECTION = np.radians(5.0)
 FEWEST_DIRECTIONS = 6
+LEAST_SPAN = (
+    1.0  # °C; over less, parameters are constants, and one pose tells nothing of an accelerometer
+)
 
 
 class ChosenModel(eqx.Module):
@@ -204,16 +207,20 @@ def settle_accel(
 ) -> tuple[ChosenModel, str | None]:
     """The model now that the rests are known, and what the reader should be warned of.
 
-    Where the choice was left open, one pose tells the accelerometers' bias only ('static'), and from fewer than
-    six directions of gravity without a reference they are not calibrated at all if there are gyros to calibrate.
+    Where the choice was left open, one pose tells how the accelerometers' bias changes with temperature ('static'),
+    and from fewer than six directions of gravity without a reference they are not calibrated at all if there are
+    gyros to calibrate.
     """
     if chosen.fixed or campaign.model.accel_estimator is not None:
         return chosen, None
     if chosen.accel_estimator != "invariant" or chosen.together:
         return chosen, None
     found = _directions(dwells)
-    if found == 1:
-        reason = "accelerometers: 'static' because all rests are in one pose"
+    if found == 1 and np.ptp(np.asarray(dwells.temperature)) >= LEAST_SPAN:
+        reason = (
+            "accelerometers: 'static' because all rests are in one pose, which tells how the bias changes "
+            "with temperature"
+        )
         return _with_accel(campaign, chosen, "static", reason), None
     if found >= FEWEST_DIRECTIONS or chosen.gyro_estimator is None:
         return chosen, None
@@ -302,7 +309,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     """
     temperature = np.asarray(dwells.temperature)
     span = float(np.ptp(temperature))
-    if span < 1.0:
+    if span < LEAST_SPAN:
         return 0, f"the temperature moves by only {span:.2f} °C, so the parameters are constants"
     problem = Problem(estimator, Constant(), dwells)
     now = problem.at(problem.start())

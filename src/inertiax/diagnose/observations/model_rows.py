@@ -95,7 +95,7 @@ def calibrated(result: DeviceResult, triad: str) -> CalibratedTriad | None:
         return None
     basis = found.solution.curve.basis
     covered = result.calibration.temperature_range or (0.0, 1.0)
-    low, high = covered[0], max(covered[1], covered[0] + 1e-3)
+    low, high = float(covered[0]), max(float(covered[1]), float(covered[0]) + 1e-3)
     if isinstance(basis, Polynomial):
         low, high = float(basis.low), float(basis.high)
     coefficients = np.asarray(found.solution.curve.coefficients, float).T
