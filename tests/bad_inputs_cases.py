@@ -30,12 +30,12 @@ CORNERS = np.array([[a, b, c] for a in (1, -1) for b in (1, -1) for c in (1, -1)
 DIRECTIONS = np.concatenate([FACES, CORNERS])
 
 
-def rests(positions: int = 14, same: bool = False) -> pl.DataFrame:
-    """Rests of twenty samples in so many positions, or as often in the same one."""
+def rests(positions: int = 14, same: bool = False, seed: int = 1) -> pl.DataFrame:
+    """Rests of twenty samples in so many positions, or as often in the same one; each seed another device's noise."""
     force = 9.81 * DIRECTIONS[:positions]
     force = np.repeat(force[:1] if same else force, 20 * (positions if same else 1), axis=0)
     output = (
-        force + [0.1, -0.2, 0.05] + 1e-4 * np.random.default_rng(1).standard_normal(force.shape)
+        force + [0.1, -0.2, 0.05] + 1e-4 * np.random.default_rng(seed).standard_normal(force.shape)
     )
     number = np.repeat(np.arange(positions), 20)
     columns = {"time": 0.1 * np.arange(len(force)) + number}
@@ -225,7 +225,11 @@ def pipe(path: Path) -> None:
 
 FLEET = {
     "c/campaign.toml": TOML,
-    "c/a.parquet": parquet(pl.concat([TABLE.with_columns(device=pl.lit(d)) for d in "ABCDEF"])),
+    "c/a.parquet": parquet(
+        pl.concat(
+            [rests(seed=k).with_columns(device=pl.lit(d)) for k, d in enumerate("ABCDEF", start=1)]
+        )
+    ),
 }
 GLOB = SITE + "[recordings]\nfiles = [{!r}]\n"
 CASES: dict[str, Case] = {

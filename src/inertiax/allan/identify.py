@@ -129,7 +129,7 @@ def _ramp(
     found, shares = slope(log, rate, squares)
     spread, _ = variances(problem, fit)
     free = np.flatnonzero(fit.squares > 0)
-    of_free = np.array([RANDOM.index(names[k]) for k in free])
+    of_free = np.array([RANDOM.index(names[k]) for k in free], int)  # there may be none
     both = np.zeros((len(RANDOM), len(RANDOM)))
     both[np.ix_(of_free, of_free)] = covariance(problem, fit, free)[0]
     # Flicker and walk that were found to be zero count with their one sigma.
