@@ -273,6 +273,7 @@ def test_calibration_and_diagnosis_leave_out_the_same_and_both_are_right():
     np.testing.assert_allclose(bias, GYRO_BIAS, atol=4e-5)
 
 
+@pytest.mark.slow
 def test_diagnosis_is_consistent_with_what_is_left():
     from inertiax.diagnose import diagnose
 
