@@ -4,6 +4,7 @@ A term that the log does not show has no value, only an upper limit: it could be
 """
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 from scipy.optimize import brentq
@@ -67,7 +68,8 @@ def _term(problem: Problem, fit: Fit, which: int, variance: float, naive: float)
     far = square + np.sqrt(LIMIT) * std
     if at_zero <= SHOWN:
         return NoiseTerm(None, None, 0.0, float(np.sqrt(_upper(beyond, square, far))))
-    lower, value = brentq(beyond, 0.0, square, xtol=_NEAR * std), float(np.sqrt(square))
+    lower = cast(float, brentq(beyond, 0.0, square, xtol=_NEAR * std))
+    value = float(np.sqrt(square))
     upper = _upper(beyond, square, far)
     return NoiseTerm(value, std / (2.0 * value), float(np.sqrt(lower)), float(np.sqrt(upper)))
 
@@ -77,6 +79,6 @@ def _upper(beyond: Callable[[float], float], inside: float, outside: float) -> f
     step = outside - inside
     for _ in range(_DOUBLINGS):
         if beyond(outside) > 0.0:
-            return float(brentq(beyond, inside, outside, xtol=_NEAR * step))
+            return cast(float, brentq(beyond, inside, outside, xtol=_NEAR * step))
         inside, outside = outside, inside + 2.0 * (outside - inside)
     return float("inf")

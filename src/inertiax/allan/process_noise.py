@@ -60,12 +60,22 @@ class TriadNoise(eqx.Module):
         """The same with the 95 % limits for terms that are not determined, where there is a limit."""
         chosen = np.isfinite(self.upper) & ~self.determined
         names = ("white", "instability", "walk", "ramp", "quantisation")
-        values = [
+        white, instability, walk, ramp, quantisation = (
             np.where(chosen[k], self.upper[k], getattr(self, name)) for k, name in enumerate(names)
-        ]
-        time = correlation_time(values[0], values[1], values[2], self.duration)
+        )
+        time = correlation_time(white, instability, walk, self.duration)
         return TriadNoise(
-            *values, time, self.bandwidth, self.rate, self.duration, self.upper, self.determined
+            white,
+            instability,
+            walk,
+            ramp,
+            quantisation,
+            time,
+            self.bandwidth,
+            self.rate,
+            self.duration,
+            self.upper,
+            self.determined,
         )
 
 

@@ -37,8 +37,10 @@ class Spectrum(eqx.Module):
 
     def of(self, kept: Bool[np.ndarray, " bin"]) -> "Spectrum":
         """The bins `kept`."""
-        columns = (self.power, self.expected, self.width, self.frequency, self.upper)
-        return Spectrum(*(c[kept] for c in columns), self.rate)
+        return Spectrum(
+            self.power[kept], self.expected[kept], self.width[kept], self.frequency[kept],
+            self.upper[kept], self.rate,
+        )  # fmt: skip
 
 
 def spectrum_of(log: Float[np.ndarray, " time"], rate: float, ramp: float = 0.0) -> Spectrum:
@@ -149,7 +151,7 @@ def tapered(z: Float[np.ndarray, " step"]) -> Float[np.ndarray, " ordinate"]:
     power = np.zeros(count)
     for a in range(1, TAPERS + 1):
         apart = at(-a) - at(a)
-        power += np.square(apart.real) + np.square(apart.imag)
+        power += np.square(np.real(apart)) + np.square(np.imag(apart))
     return power / (2.0 * size * TAPERS)
 
 

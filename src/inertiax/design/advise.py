@@ -135,7 +135,9 @@ def _temperatures(
 ) -> tuple[Float[np.ndarray, " experiments"], float]:
     """The optimal temperatures, and the efficiency of equal steps against them."""
     count = len(steps)
-    found = optimal_temperatures(basis, count, low=basis.low, high=basis.high, criterion=criterion)
+    found = optimal_temperatures(
+        basis, count, low=float(basis.low), high=float(basis.high), criterion=criterion
+    )
     values = lambda at: np.asarray(jax.vmap(basis)(jnp.asarray(at)))
     over = values(np.linspace(basis.low, basis.high, 201))
     weight = over.T @ over / len(over)

@@ -108,8 +108,8 @@ def _curves(prefix: str, triad: TriadCalibration | None, real: str) -> str:
         prefix=prefix,
         real=real,
         terms=basis.size,
-        middle=_literal(0.5 * (low + high), real),
-        half=_literal(0.5 * (high - low), real),
+        middle=_literal(float(0.5 * (low + high)), real),
+        half=_literal(float(0.5 * (high - low)), real),
         table=_table(rows, real),
     )
 

@@ -89,7 +89,8 @@ def fit(
             weights[estimator.triad] = found.scatter.reshape(lead)
             if estimator is accel and gyro is not None:
                 seen = with_force(estimator, basis, found, flat)
-    gravity = next((e.gravity for e in (accel, gyro) if hasattr(e, "gravity")), STANDARD_GRAVITY)
+    stated = [getattr(e, "gravity", None) for e in (accel, gyro)]
+    gravity = next((g for g in stated if g is not None), STANDARD_GRAVITY)
     many = Calibration(gravity=float(gravity), notes=notes).changed(
         gravity=np.full(len(flat.valid), float(gravity)), temperature_range=_range(flat), **triads
     )

@@ -216,7 +216,7 @@ def run(
     def one(state: FilterState, inputs: tuple[Samples, tuple[Rows, ...]]):
         samples, measured = inputs
         estimate, transition = advance(
-            state.estimate, samples, model.states, slow, model.frame, model.gravity
+            state.estimate, samples, model.states, slow, model.frame, jnp.asarray(model.gravity)
         )
         covariance = _propagate(jnp.asarray(state.covariance), transition, slow.variance)
         state, corrections, likelihood = FilterState(estimate, covariance), [], jnp.zeros((), dtype)

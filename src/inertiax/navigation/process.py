@@ -49,7 +49,7 @@ class TriadNoise(eqx.Module):
             raise ValueError(
                 f"`TriadNoise.from_models(models)` takes the three channels of one triad; got {kinds}."
             )
-        term = lambda name: np.array([float(m.terms[name].value) for m in models])
+        term = lambda name: np.array([float(m.terms[name].value or 0.0) for m in models])
         return TriadNoise(white=term("N"), flicker=term("B"), walk=term("K"))
 
 

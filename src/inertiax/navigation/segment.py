@@ -172,7 +172,9 @@ def _through(
     later_moment = jnp.cumsum(moment[::-1], axis=0)[::-1] - 0.5 * moment
     cases = middle_frames @ turned[:-1] @ half
     responses = _sample_responses(cases, later, later_moment, left, step)
-    transition = _transition(level_gain.sum(0), moment.sum(0), whole[-1], frame, start.position)
+    transition = _transition(
+        level_gain.sum(0), moment.sum(0), whole[-1], frame, jnp.asarray(start.position)
+    )
     return pose, responses, transition
 
 

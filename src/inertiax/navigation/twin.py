@@ -78,8 +78,8 @@ class Twin(eqx.Module):
                 raise ValueError(
                     f"`Twin(noise=...)`: {unknown[0]!r} is neither 'accel' nor 'gyro'."
                 )
-            triads = (triad_noise(t, given.get(t)) for t in ("accel", "gyro"))
-            noise = SensorNoise(*triads, float(sample_rate))
+            accel, gyro = (triad_noise(t, given.get(t)) for t in ("accel", "gyro"))
+            noise = SensorNoise(accel, gyro, float(sample_rate))
         self.calibration = calibration
         self.noise = noise
         self.sample_rate = float(sample_rate)
@@ -104,7 +104,7 @@ class Twin(eqx.Module):
             for k, name in zip(keys, ("accel", "gyro"))
             if getattr(population, name) is not None
         }
-        return cls(Calibration(gravity=gravity, **triads), **options)
+        return cls(Calibration(gravity, triads.get("accel"), triads.get("gyro")), **options)
 
     def init(self, key: PRNGKeyArray, temperature: Scalar | float) -> TwinState:
         """The state at power-on, in equilibrium at a temperature (°C)."""

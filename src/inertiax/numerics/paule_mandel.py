@@ -8,6 +8,8 @@ there is one root or, where the stated noise explains the residuals already, non
 **Reference:** Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87: 377.
 """
 
+from typing import cast
+
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import brentq
@@ -31,7 +33,8 @@ def excess_deviation(
     low = 0.0 if np.all(s2 > 0) else high * np.finfo(float).tiny ** 0.5
     if excess(high) >= 0:
         return float(np.sqrt(high))
-    return float(np.sqrt(brentq(excess, low, high, xtol=1e-14 * high)))
+    root = cast(float, brentq(excess, low, high, xtol=1e-14 * high))
+    return float(np.sqrt(root))
 
 
 def batched_excess_deviation(

@@ -150,10 +150,10 @@ def _without_moving_ends(recording: Recording, left: Undisturbed) -> Undisturbed
     step = usual_step(recording)
     start, stop, found = left.start.copy(), left.stop.copy(), list(left.disturbances)
     for k, rows in left.ranges():
-        triads = [None if x is None else x[rows] for x in (recording.accel, recording.gyro)]
-        if all(x is None for x in triads):
+        accel, gyro = (None if x is None else x[rows] for x in (recording.accel, recording.gyro))
+        if accel is None and gyro is None:
             continue
-        first, last = quiet_part(*triads, step)
+        first, last = quiet_part(accel, gyro, step)
         start[k], stop[k] = left.start[k] + first, left.start[k] + last
         for a, b in ((left.start[k], start[k]), (stop[k], left.stop[k])):
             if a < b:
@@ -211,7 +211,7 @@ def _without_bursts(recording: Recording, left: Undisturbed) -> Undisturbed:
     for k, rows in left.ranges():
         levels = [levels_of(x[rows], step, c) for x, c in zip(triads, converters)]
         if len(levels) == 2:
-            knocks[k] = knocked(*levels, step, searched)
+            knocks[k] = knocked(levels[0], levels[1], step, searched)
         spikes[k] = np.any([spiked(x) for x in levels], axis=0)
     return left.without_rows(recording, "knock", knocks).without_rows(recording, "spike", spikes)
 
