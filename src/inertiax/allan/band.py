@@ -103,7 +103,7 @@ def _tried(
     """The lowest order that passes in one band, lines left out where it takes that; its misfit first."""
     lower = 0.0 if kept[0] else float(spectrum.upper[kept][0])
     upper = float(spectrum.upper[kept][-1])
-    used = kept
+    used, misfits = kept, []
     for _ in range(_ROUNDS):
         fits = _fits(_problem(spectrum, used, rounding, _MOST, upper))
         misfits = [misfit(p, f) for p, f in fits]
@@ -190,7 +190,7 @@ def _problem(
     upper: float,
 ) -> Problem:
     part = spectrum.of(kept)
-    x = abscissa(part.frequency, spectrum.rate) / abscissa(upper, spectrum.rate)
+    x = np.asarray(abscissa(part.frequency, spectrum.rate) / abscissa(upper, spectrum.rate))
     powers = x[:, None] ** np.arange(1, order + 1)
     return Problem(part.power, part.expected, part.width, rounding * part.expected[:, 1], powers)
 

@@ -107,7 +107,7 @@ class Recording(eqx.Module):
         else:
             made["time"] = _samples(call, "time", time)
         _check_units(call, made)
-        return cls(**made, device=device)
+        return cls(**made, device=device, name="")
 
     @classmethod
     def from_frame(

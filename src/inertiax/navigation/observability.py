@@ -113,7 +113,7 @@ def _gramian(
     count = others.shape[2]
     start = jnp.eye(NAVIGATION, NAVIGATION + count, dtype=others.dtype)
 
-    def one(moved: Array, inputs: tuple) -> tuple[Array, None]:
+    def one(moved: tuple[Array, Array], inputs: tuple) -> tuple[tuple[Array, Array], None]:
         chain, total = moved
         navigation, calibrated, measured = inputs
         chain = navigation @ chain

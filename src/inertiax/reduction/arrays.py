@@ -81,9 +81,9 @@ def finite(name: str, values: Any, valid: Any) -> None:
     own = np.isfinite(values).reshape(*valid.shape, -1).all(axis=-1)
     bad = np.argwhere(valid & ~own)
     if len(bad):
-        place = tuple(bad[0].tolist())
+        place = bad[0].tolist()
         raise ValueError(
-            f"`{CALL}({name}=...)`: not a finite number at dwell {place if len(place) > 1 else place[0]}; drop it or "
+            f"`{CALL}({name}=...)`: not a finite number at dwell {tuple(place) if len(place) > 1 else place[0]}; drop it or "
             f"make it invalid by `valid`."
         )
 
