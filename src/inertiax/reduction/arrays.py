@@ -83,8 +83,8 @@ def finite(name: str, values: Any, valid: Any) -> None:
     if len(bad):
         place = bad[0].tolist()
         raise ValueError(
-            f"`{CALL}({name}=...)`: not a finite number at dwell {tuple(place) if len(place) > 1 else place[0]}; drop it or "
-            f"make it invalid by `valid`."
+            f"`{CALL}({name}=...)`: not a finite number at dwell "
+            f"{tuple(place) if len(place) > 1 else place[0]}; drop it or make it invalid by `valid`."
         )
 
 
