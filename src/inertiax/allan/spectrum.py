@@ -128,9 +128,10 @@ def _binned(
 
 
 def _joined(low: Spectrum, high: Spectrum) -> Spectrum:
-    names = ("power", "expected", "width", "frequency", "upper")
-    columns = (np.concatenate([getattr(low, n), getattr(high, n)]) for n in names)
-    return Spectrum(*columns, low.rate)
+    both = lambda name: np.concatenate([getattr(low, name), getattr(high, name)])
+    return Spectrum(
+        both("power"), both("expected"), both("width"), both("frequency"), both("upper"), low.rate
+    )
 
 
 def tapered(z: Float[np.ndarray, " step"]) -> Float[np.ndarray, " ordinate"]:
