@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fleet_data import GRAVITY, write_line
-from inertiax.cli import app
+from inertiax.cli.app import app
 from inertiax.fleet import read_parts, run_fleet
 
 

@@ -71,13 +71,15 @@ def test_outputs_without_any_noise_are_calibrated_all_the_same():
 def test_an_axis_of_the_wrong_sign_is_a_mistake():
     quality, _ = _judged(_campaign(G * _directions(24), flip=1), force=True)
     assert quality.verdict == "doubtful"
-    assert "axis y has the wrong sign" in quality.answer
+    assert "accel y is mirrored" in quality.answer
+    assert any("axis y has the wrong sign" in f.text for f in quality.findings)
 
 
 def test_a_wrong_unit_is_a_mistake():
     # Twice the truth: beyond any sensor's scale-factor error, so that only `force` calibrates at all.
     quality, _ = _judged(_campaign(G * _directions(24), scale=2.0), force=True)
-    assert quality.verdict == "doubtful" and "reads 2.02 times the truth" in quality.answer
+    assert quality.verdict == "doubtful" and "2 times what it should be" in quality.answer
+    assert any("reads 2.02 times the truth" in f.text for f in quality.findings)
 
 
 def test_a_rest_that_was_touched_is_named_by_its_time():
@@ -144,7 +146,7 @@ def test_exchanged_positions_are_not_to_be_used():
     campaign = Campaign((mixed,), campaign.site, model=ModelChoice(accel_estimator="reference"))
     quality, result = _judged(campaign, force=True)
     assert result.accel is not None and result.accel.rms > 1.0
-    assert quality.verdict == "doubtful" and "exchanged positions" in quality.answer
+    assert quality.verdict == "doubtful" and "positions are exchanged" in quality.answer
     (triad,) = quality.triads
     assert triad.text.startswith("Accelerometers: do not use it yet;")
 

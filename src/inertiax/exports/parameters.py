@@ -59,7 +59,8 @@ def temperature_span(calibration: Calibration) -> tuple[float, float]:
     Raises `ValueError` for a calibration that depends on temperature and does not say its range.
     """
     if calibration.temperature_range is not None:
-        return calibration.temperature_range
+        low, high = calibration.temperature_range  # leaves: arrays, NumPy's numbers or floats
+        return float(low), float(high)
     if varies(calibration):
         raise ValueError(
             "the calibration depends on temperature but has no temperature_range; write the range "

@@ -30,7 +30,7 @@ class AbstractBasis(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def nodes(self) -> tuple[float, ...]:
+    def nodes(self) -> tuple[Float[AnyArray, "*batch"] | float, ...]:
         """As many temperatures, °C, at which values determine the coefficients."""
 
     @property
@@ -65,7 +65,7 @@ class Constant(AbstractBasis):
         return 1
 
     @property
-    def nodes(self) -> tuple[float, ...]:
+    def nodes(self) -> tuple[Float[AnyArray, "*batch"] | float, ...]:
         return (0.0,)
 
     @property
@@ -109,9 +109,10 @@ class Polynomial(AbstractBasis):
         return self.degree + 1
 
     @property
-    def nodes(self) -> tuple[float, ...]:
+    def nodes(self) -> tuple[Float[AnyArray, "*batch"] | float, ...]:
         # Zeros of T_{degree+1}: interpolation there is as well conditioned as the basis.
-        return tuple(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * self._zeros)
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        return tuple(middle + half * zero for zero in self._zeros.tolist())
 
     @property
     def at_nodes(self) -> Float[np.ndarray, "size size"]:
@@ -166,7 +167,7 @@ class CubicSpline(AbstractBasis):
         return len(self.knots)
 
     @property
-    def nodes(self) -> tuple[float, ...]:
+    def nodes(self) -> tuple[Float[AnyArray, "*batch"] | float, ...]:
         return self.knots
 
     @property
