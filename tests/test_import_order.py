@@ -13,7 +13,8 @@ SOURCE = Path(inertiax.__file__).parent
 # Folders (and single modules) from the top down; `docs/design.md` says what each holds.
 FOLDERS = """_typing storage
 physics numerics data reduction campaign_draft plausibility effects estimators procedure allan model_selection
-calibration calibrate simulate analysis navigation design diagnose exports fleet plots report cli __main__""".split()
+calibration calibrate simulate analysis navigation design diagnose exports fleet live plots
+report cli __main__""".split()
 
 # The same inside the folders that have stages of their own.
 STAGES = {

@@ -24,6 +24,7 @@ from . import (
     fleet,
     init,
     learn_noise,
+    live,
     noise,
     simulate,
 )
@@ -47,6 +48,7 @@ app.command("export")(export.export)
 app.command("fleet")(fleet.fleet)
 app.command("init")(init.init)
 app.command("learn-noise")(learn_noise.learn_noise)
+app.command("live")(live.live)
 app.command("noise")(noise.noise)
 app.command("simulate")(simulate.simulate)
 

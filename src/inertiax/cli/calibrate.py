@@ -85,7 +85,7 @@ def calibrate(
         stages("reading recordings")
         loaded = load_campaign(campaign)
         results = run(loaded, method=method, robust=robust, force=force, progress=stages)
-        folders = _write(results, loaded, output, stages)
+        folders = write_results(results, loaded, output, stages)
     _tell(results, folders, output, as_json=as_json, quiet=quiet)
 
 
@@ -100,7 +100,7 @@ def _check_options(method: str, robust: float | None) -> None:
         )
 
 
-def _write(
+def write_results(
     results: "tuple[DeviceResult | DeviceFailure, ...]",
     campaign: "Campaign",
     output: Path,

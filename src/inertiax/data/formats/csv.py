@@ -38,7 +38,9 @@ def read_table(
     """
     data = text_of(path)
     layout = find_layout(data, path.name, header_line)
-    return _parse(data[layout.start :], layout, _column_names(layout, names, path.name), path.name)
+    return parse_rows(
+        data[layout.start :], layout, column_names(layout, names, path.name), path.name
+    )
 
 
 def text_of(path: Path) -> bytes:
@@ -64,7 +66,8 @@ def text_of(path: Path) -> bytes:
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 
-def _column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) -> tuple[str, ...]:
+def column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) -> tuple[str, ...]:
+    """Names of the columns, by the header or by the campaign. Raises `ValueError` where both or none say them."""
     if layout.names is None and names is None:
         raise ValueError(
             f"{where}: no header line, the first line of data holds values, not names; give the "
@@ -79,7 +82,8 @@ def _column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str)
     )
 
 
-def _parse(data: bytes, layout: TextLayout, names: tuple[str, ...], where: str) -> pl.DataFrame:
+def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: str) -> pl.DataFrame:
+    """Lines of data as a table of text. Raises `ValueError` where they are not as the layout says."""
     delimiter = layout.delimiter
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)

@@ -43,7 +43,7 @@ def to_recordings(
         )
     table = table.slice(layout.start_row)
     values = {
-        "time": _time(table, columns, name),
+        "time": stamps_of(table, columns, name),
         "accel": None if layout.triad == "gyro" else _triad(table, columns.accel, "accel", name),
         "gyro": None if layout.triad == "accel" else _triad(table, columns.gyro, "gyro", name),
         "temperature": _temperature(table, columns.temperature, name),
@@ -124,7 +124,8 @@ def _clock(
     return time
 
 
-def _time(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.ndarray, " rows"]:
+def stamps_of(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.ndarray, " rows"]:
+    """Stamps in s as they stand, in whatever order, or row numbers over the rate that the campaign gives."""
     said = columns.time
     if isinstance(said, str):
         said = TimeColumn(name=said)

@@ -1,0 +1,216 @@
+"""`inertiax live`: follows a recording while it is made, says where to turn next, and when to stop."""
+
+import datetime
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from . import calibrate as calibrate_command, console, environment, outputs
+from .calibrate import CampaignPath, Force, Quiet
+
+
+def live(
+    campaign: CampaignPath,
+    source: Annotated[
+        str | None, typer.Argument(metavar="[-]", help="- reads rows from standard input.")
+    ] = None,
+    follow: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG",
+            help="A text log that grows, or a serial line or pipe that gives rows; by default the one file that the "
+            "campaign names.",
+        ),
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIMITS",
+            help='What the errors are to stay below, such as "accel.bias=0.3 mg, accel.scale=200 ppm" (all of them '
+            "together with 95 %); by default what is usual for [device] grade.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="New folder for what is recorded and for the results; by default live-DATE-TIME beside the campaign.",
+        ),
+    ] = None,
+    hold: Annotated[
+        float,
+        typer.Option(
+            min=1.0, max=600.0, help="s that a rest lasts when the next position is told."
+        ),
+    ] = 4.0,
+    idle: Annotated[
+        float,
+        typer.Option(min=0.1, help="s without a row after which the input counts as ended."),
+    ] = 15.0,
+    force: Force = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="One JSON object a line on standard output for each event."),
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Follow a recording while it is made: what is covered, where to turn next, when to stop.
+
+    Rows are recorded as they come. When the target is reached, nothing gains or the input ends (Ctrl-C ends it), the
+    recording is calibrated as `inertiax calibrate DIR` would.
+    """
+    if source is not None and source != "-":
+        raise typer.BadParameter(
+            f"'{source}' is not -; a log to follow is given with --follow LOG.", param_hint="'[-]'"
+        )
+    if source is not None and follow is not None:
+        raise typer.BadParameter(
+            "give either - or --follow LOG, not both.", param_hint="'--follow'"
+        )
+    outputs.require_campaign(campaign)
+    folder = outputs.require_folder(_new_folder(campaign) if output is None else output)
+    if (folder / "campaign.toml").exists():
+        raise typer.BadParameter(
+            f"'{folder}' holds a campaign already; name a new folder.", param_hint="'-o'"
+        )
+    _prepare()
+    from ..live.follow import events, plan
+    from ..live.recorder import Recorder
+
+    made = plan(campaign, follow, piped=source is not None, target=target)
+    with outputs.owned_results(folder):
+        assert made.campaign.path is not None
+        recorder = Recorder(folder, made.campaign.path)
+        tell = _Json() if as_json else _Words(quiet=quiet)
+        with _ends_on_interrupt() as stopped:
+            for event in events(made, recorder, idle=idle, hold=hold, stopped=stopped):
+                tell(event)
+        recorder.close()
+    _results(folder, force=force, quiet=quiet or as_json)
+
+
+def _new_folder(campaign: Path) -> Path:
+    home = campaign if campaign.is_dir() else campaign.absolute().parent
+    return home / f"live-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+
+
+def _prepare() -> None:
+    """JAX is set up for the calibration at the end; until then nothing is compiled."""
+    environment.prepare()
+
+
+def _results(folder: Path, *, force: bool, quiet: bool) -> None:
+    """What `inertiax calibrate` writes of what was recorded."""
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(folder):
+        from ..calibrate.pipeline import calibrate, DeviceFailure
+        from ..data.campaign import load_campaign
+
+        stages("reading what was recorded")
+        loaded = load_campaign(folder)
+        results = calibrate(loaded, force=force, progress=stages)
+        calibrate_command.write_results(results, loaded, folder, stages)
+    failed = [r for r in results if isinstance(r, DeviceFailure)]
+    if failed:
+        console.warn(f"{folder}: recorded, but not calibrated: {failed[0].reason}")
+        raise typer.Exit(1)
+    if not quiet:
+        console.say(f"recorded and calibrated: {folder}")
+
+
+@contextmanager
+def _ends_on_interrupt() -> Iterator:
+    """Ctrl-C ends the input, not the run; a second one ends the run."""
+    asked: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+
+    def arrived(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    try:
+        signal.signal(signal.SIGINT, arrived)
+    except ValueError:  # not the main thread
+        yield lambda: False
+        return
+    try:
+        yield lambda: bool(asked)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _Json:
+    """Events as they come, one JSON object a line."""
+
+    def __init__(self) -> None:
+        import msgspec
+
+        self._encode = msgspec.json.encode
+
+    def __call__(self, event: dict) -> None:
+        sys.stdout.write(self._encode(event).decode() + "\n")
+        sys.stdout.flush()
+
+
+class _Words:
+    """Events as lines of text, with a bell where the device should be turned or is done."""
+
+    def __init__(self, *, quiet: bool):
+        self._quiet = quiet
+        self._last = ""
+
+    def __call__(self, event: dict) -> None:
+        made = getattr(self, f"_{event['event']}")(event)
+        if made and not self._quiet:
+            console.say(console.one_line(made))
+            sys.stdout.flush()
+        new = event["event"] == "next" and event["statement"] != self._last
+        if new:
+            self._last = event["statement"]
+        if new or event["event"] == "done":
+            _ring()
+
+    def _start(self, event: dict) -> str:
+        return f"target: {event['target']}. Lay the device down and leave it alone for {event['hold']:g} s."
+
+    def _rest(self, event: dict) -> str:
+        when = f"rest {event['number']}, {event['start']:.1f} to {event['end']:.1f} s"
+        if not event["accepted"]:
+            return f"{when}: refused: {event['why']}"
+        out = [f"{d['kind']} at {d['start']:.1f} s" for d in event["left_out"]]
+        return f"{when}: accepted" + (f", without {', '.join(out)}" if out else "")
+
+    def _problem(self, event: dict) -> str:
+        remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""
+        return f"{event['severity']}: {event['statement']}{remedy}"
+
+    def _progress(self, event: dict) -> str:
+        if event["worst"] is None:
+            return ""
+        worst = event["parameters"][event["worst"]]
+        unit = "" if worst["unit"] == "1" else f" {worst['unit']}"
+        return (
+            f"{event['ratio']:.2g} times the target; worst {event['worst']} = {worst['value']:.4g} "
+            f"± {worst['std']:.2g}{unit}"
+        )
+
+    def _next(self, event: dict) -> str:
+        said = f"next: {event['statement']} (gains {100 * event['gain']:.0f} %)"
+        return "" if event["statement"] == self._last and not event["provisional"] else said
+
+    def _done(self, event: dict) -> str:
+        return f"done: {event['reason']}; {event['rests']} rests in {event['seconds']:.0f} s"
+
+
+def _ring() -> None:
+    """The terminal's bell, where there is a terminal."""
+    if sys.stdout.isatty():
+        os.write(sys.stdout.fileno(), b"\a")

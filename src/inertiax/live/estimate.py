@@ -1,0 +1,191 @@
+"""What the rests so far tell of the parameters, how far that is from the target, and where to turn next."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ..data.recording import Campaign
+from .accel_rows import accel_posterior, AccelModel, ByMagnitude, ByReference, RestMeans
+from .next_position import best_position, followed, hand_directions, NextPosition, Part
+from .posterior import Posterior, posterior_of, Rows
+from .rest_ledger import Rest
+from .target import CONFIDENCE, Target
+
+
+# A misalignment that the rests tell no better than this is left out by the batch estimate (see
+# `calibrate.pipeline.MISALIGNED`), which must not happen after the target is said to be reached.
+MISALIGNED = 0.02  # rad
+FEWEST_DIRECTIONS = 6  # of gravity, that the batch estimate asks for
+SAME_DIRECTION = np.radians(5.0)
+PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
+MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
+JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Triad:
+    """Names, posterior and limits of one triad's parameters."""
+
+    names: tuple[str, ...]
+    posterior: Posterior
+    limits: Float[np.ndarray, " parameter"]  # ∞ where nothing is asked
+    own_variance: float  # of a row, by the noise within a rest
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimate:
+    """The answer so far."""
+
+    triads: tuple[Triad, ...]
+    model: AccelModel | None
+    rests: int  # that are used
+    determined: bool  # the batch estimate will have all parameters
+
+    @property
+    def ratio(self) -> float:
+        """By how much the limits would have to be wider to hold together with 95 %; ∞ where nothing is known."""
+        asked = [t for t in self.triads if np.isfinite(t.limits).any()]
+        if not asked or not self.rests:
+            return float("inf")
+        return max(t.posterior.ratio(t.limits, CONFIDENCE ** (1.0 / len(asked))) for t in asked)
+
+    @property
+    def reached(self) -> bool:
+        """Whether the target is reached and the batch estimate will say so, too."""
+        return self.determined and self.ratio <= 1.0
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the rests that are still needed are beyond what a person does: n (ρ² − 1) for a ratio of ρ."""
+        further = self.rests * (self.ratio**2 - 1.0)
+        return self.rests >= JUDGED_FROM and self.determined and further > MOST_FURTHER
+
+    @property
+    def worst(self) -> str | None:
+        """The parameter that is furthest from its limit."""
+        found = [
+            (s / t, n) for x in self.triads for n, s, t in zip(x.names, x.posterior.std, x.limits)
+        ]
+        found = [(ratio, name) for ratio, name in found if ratio > 0.0]
+        return max(found)[1] if found else None
+
+    def parameters(self) -> dict[str, dict[str, object]]:
+        """Value, standard deviation and unit of each parameter."""
+        return {
+            name: {"value": float(value), "std": float(std), "unit": unit_of(name)}
+            for t in self.triads
+            for name, value, std in zip(t.names, t.posterior.mean, t.posterior.std)
+        }
+
+    def next_position(self) -> NextPosition | None:
+        """Where to turn next; `None` where no direction of gravity helps."""
+        up = hand_directions()
+        around = followed(up)
+        parts = []
+        for triad in self.triads:
+            if self.model is None or triad.names != self.model.names:
+                continue
+            rows = self.model.tried(triad.posterior.mean, around.reshape(-1, 3))
+            rows = rows.reshape(*around.shape[:2], *rows.shape[1:])
+            variance = triad.own_variance + triad.posterior.scatter_variance
+            parts.append(Part(triad.posterior.covariance, triad.limits, rows, variance))
+        if not any(np.isfinite(p.limits).any() for p in parts):
+            return None
+        return best_position(up, parts)
+
+
+def unit_of(name: str) -> str:
+    """Unit of a parameter in SI."""
+    if ".matrix" in name:
+        return "1"
+    return "m/s^2" if name.startswith("accel") else "rad/s"
+
+
+def estimate(
+    rests: list[Rest], campaign: Campaign, target: Target, before: Estimate | None = None
+) -> Estimate:
+    """The estimate from accepted rests, with the model that `calibrate` would choose for these columns.
+
+    **Arguments:** `before` is the estimate before the last rests, where the linearisation starts.
+    """
+    model = accel_model(rests, campaign)
+    triads, determined = [], True
+    if model is not None:
+        start = None
+        if before is not None and before.model is not None:
+            start = next(t.posterior for t in before.triads if t.names == before.model.names)
+        means = _rest_means(rests)
+        found = accel_posterior(model, means, campaign.grade, start)
+        rows = model.rows(found.mean, means)
+        triads.append(_triad(model.names, found, target, rows))
+        determined = _determined(model, rows, means, found)
+    if rests and rests[0].gyro is not None:
+        triads.append(_gyro_biases(rests, target))
+    return Estimate(tuple(triads), model, len(rests), determined)
+
+
+def accel_model(rests: list[Rest], campaign: Campaign) -> AccelModel | None:
+    """The accelerometers' model by the campaign's choice or the columns; `None` where directions tell nothing."""
+    asked = campaign.model.accel_estimator
+    if not rests or rests[0].accel is None or asked in ("none", "static"):
+        return None
+    by_reference = rests[0].reference is not None and asked != "invariant"
+    gravity = campaign.site.gravity
+    return ByReference(gravity) if by_reference else ByMagnitude(gravity)
+
+
+def limits_of(names: tuple[str, ...], target: Target) -> Float[np.ndarray, " parameter"]:
+    """Limit of each parameter, SI; ∞ where nothing is asked."""
+    said = [target.limit(name) for name in names]
+    return np.array([np.inf if limit is None else limit for limit in said])
+
+
+def _triad(names: tuple[str, ...], found: Posterior, target: Target, rows: Rows) -> Triad:
+    usual = float(np.median(rows.variance)) if len(rows.variance) else 0.0
+    return Triad(names, found, limits_of(names, target), usual)
+
+
+def _rest_means(rests: list[Rest]) -> RestMeans:
+    accel = np.array([r.accel for r in rests])
+    covariance = np.array([r.accel_covariance for r in rests])
+    known = rests[0].reference is not None
+    reference = np.array([r.reference for r in rests]) if known else None
+    return RestMeans(accel, covariance, reference)
+
+
+def _gyro_biases(rests: list[Rest], target: Target) -> Triad:
+    """Biases of the gyros: what they read at rest, with a scatter from rest to rest that all axes share."""
+    names = tuple(f"gyro.bias[{i}]" for i in range(3))
+    value = np.array([r.gyro for r in rests]).reshape(-1)
+    covariance = np.array([r.gyro_covariance for r in rests])
+    variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(-1)
+    rows = Rows(np.tile(np.eye(3), (len(rests), 1)), value, variance)
+    found = posterior_of(rows, np.zeros(3), np.full(3, PRIOR_RATE))
+    return _triad(names, found, target, rows)
+
+
+def _determined(model: AccelModel, rows: Rows, means: RestMeans, found: Posterior) -> bool:
+    """Whether rests alone, without priors, tell all parameters well enough for the batch estimate to keep them."""
+    if isinstance(model, ByMagnitude) and _directions(means.accel) < FEWEST_DIRECTIONS:
+        return False
+    if len(rows.value) <= len(model.names):
+        return False
+    weight = 1.0 / (np.maximum(rows.variance, 1e-14) + found.scatter_variance)
+    information = (rows.jacobian * weight[:, None]).T @ rows.jacobian
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    values = np.linalg.eigvalsh(information * np.outer(scale, scale))
+    if values[0] < 1e-10 * values[-1]:
+        return False
+    std = np.sqrt(np.diagonal(np.linalg.inv(information)))
+    angles = [s for s, n in zip(std, model.names) if ".matrix[" in n and n[-4] != n[-2]]
+    return bool(max(angles) <= MISALIGNED)
+
+
+def _directions(outputs: Float[np.ndarray, "rest 3"]) -> int:
+    """How many directions there are that are apart from each other."""
+    kept: list[np.ndarray] = []
+    for unit in outputs / np.linalg.norm(outputs, axis=1, keepdims=True):
+        if all(unit @ other < np.cos(SAME_DIRECTION) for other in kept):
+            kept.append(unit)
+    return len(kept)

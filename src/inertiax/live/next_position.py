@@ -1,0 +1,125 @@
+"""Where to turn next: the direction of gravity that brings the parameters nearest to their targets, in words.
+
+What is far from its target counts: with standard deviations s_i and limits t_i the distance is
+
+    Φ = (Σ (s_i / t_i)^p)^(1/p),   p = 6,
+
+nearly the worst ratio, but smooth, so that a direction that helps one of several bad parameters is worth something.
+A rest adds its rows to the information (a step of rank k), averaged over how a person follows: about 10° off.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+from jaxtyping import Float
+
+
+POWER = 6.0
+FOLLOWED = np.radians(10.0)  # how far off a hand is from what it was told (convention)
+_AROUND = 6  # directions on that circle
+_NEARLY = 0.03  # of the gain: among directions this near the best, the easiest to hold is told
+_TILT = np.radians(30.0)
+_AXES = ("x", "y", "z")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Part:
+    """Parameters that are known together, and the rows that each candidate would add."""
+
+    covariance: Float[np.ndarray, "parameter parameter"]
+    limits: Float[np.ndarray, " parameter"]  # ∞ where nothing is asked
+    rows: Float[np.ndarray, "candidate around row parameter"]
+    variance: float  # of one row
+
+
+@dataclasses.dataclass(frozen=True)
+class NextPosition:
+    """A direction of the specific force in the case, what it gains, and how to say it."""
+
+    up: tuple[float, float, float]
+    statement: str
+    gain: float  # of the distance Φ, 0 to 1
+
+
+def hand_directions() -> Float[np.ndarray, "candidate 3"]:
+    """What a hand can do: six faces, twelve edges, eight corners up, and the faces tilted by 30°; easiest first."""
+    signs = (-1.0, 0.0, 1.0)
+    cube = [np.array(v) for v in itertools.product(signs, signs, signs) if any(v)]
+    cube.sort(key=lambda v: (np.count_nonzero(v), *(-v)))
+    tilted = []
+    for face in cube[:6]:
+        for towards in cube[:6]:
+            if face @ towards == 0.0:
+                tilted.append(np.cos(_TILT) * face + np.sin(_TILT) * towards)
+    made = np.array([v / np.linalg.norm(v) for v in [*cube, *tilted]])
+    return made + 0.0  # no negative zeros
+
+
+def followed(up: Float[np.ndarray, "candidate 3"]) -> Float[np.ndarray, "candidate around 3"]:
+    """Directions on a circle about each, as a person follows them."""
+    least = np.eye(3)[np.argmin(np.abs(up), axis=1)]
+    first = np.cross(up, least)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(up, first)
+    angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
+    across = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+    return np.cos(FOLLOWED) * up[:, None] + np.sin(FOLLOWED) * across
+
+
+def best_position(candidates: Float[np.ndarray, "candidate 3"], parts: list[Part]) -> NextPosition:
+    """The candidate of the greatest expected gain; among those nearly as good the first, which is the easiest.
+
+    Raises `ValueError` where no part asks for anything.
+    """
+    if not any(np.isfinite(p.limits).any() for p in parts):
+        raise ValueError("`best_position(parts)`: no parameter has a limit.")
+    before = sum(_powers(np.diagonal(p.covariance), p.limits) for p in parts)
+    after = sum(_powers(_variances(p), p.limits) for p in parts)
+    distance = np.mean(np.power(after, 1.0 / POWER), axis=1) / np.power(before, 1.0 / POWER)
+    gain = 1.0 - distance
+    good = np.flatnonzero(gain >= (1.0 - _NEARLY) * gain.max())
+    best = int(good[0])
+    x, y, z = (float(c) for c in np.round(candidates[best], 6))
+    return NextPosition((x, y, z), in_words(candidates[best]), float(np.clip(gain[best], 0.0, 1.0)))
+
+
+def in_words(up: Float[np.ndarray, "3"]) -> str:
+    """How to hold the device so that this direction of the case points up."""
+    order = np.argsort(-np.abs(up), kind="stable")
+    order = sorted(order[np.abs(up[order]) > np.sin(np.radians(3.0))], key=lambda k: -abs(up[k]))
+    size = np.abs(up)
+    name = lambda k: f"{'+' if up[k] > 0 else '−'}{_AXES[k]}"
+    if len(order) == 1:
+        return f"turn the device so that {name(order[0])} points up"
+    alike = all(abs(size[k] - size[order[0]]) < 0.05 for k in order)
+    if alike and len(order) == 2:
+        first, second = sorted(order)
+        return f"turn the device so that {name(first)} and {name(second)} point up alike"
+    if alike:
+        x, y, z = sorted(order)
+        return f"turn the device so that {name(x)}, {name(y)} and {name(z)} point up alike"
+    tilts = [
+        f"{name(k)} by {np.degrees(np.arctan2(size[k], size[order[0]])):.0f} deg" for k in order[1:]
+    ]
+    return (
+        f"turn the device so that {name(order[0])} points up, tilted towards {' and '.join(tilts)}"
+    )
+
+
+def _powers(
+    variance: Float[np.ndarray, "*any parameter"], limits: Float[np.ndarray, " parameter"]
+) -> Float[np.ndarray, "*any"]:
+    """Σ (s_i / t_i)^p over the parameters that are asked for."""
+    asked = np.isfinite(limits)
+    ratio = np.sqrt(np.maximum(variance[..., asked], 0.0)) / limits[asked]
+    return np.asarray((ratio**POWER).sum(axis=-1))
+
+
+def _variances(part: Part) -> Float[np.ndarray, "candidate around parameter"]:
+    """Variances after the rows of each candidate: diag(C − C Jᵀ (v E + J C Jᵀ)⁻¹ J C)."""
+    spread = part.rows @ part.covariance  # J C
+    inner = spread @ np.swapaxes(part.rows, -1, -2)
+    inner = inner + part.variance * np.eye(part.rows.shape[-2])
+    solved = np.linalg.solve(inner, spread)
+    return np.diagonal(part.covariance) - np.sum(spread * solved, axis=-2)

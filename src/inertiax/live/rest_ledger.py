@@ -1,0 +1,153 @@
+"""Rests of a recording as it grows: the batch finder's on the rows so far, what disturbed them, their means."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..data.recording import Recording
+from ..reduction.handling import Disturbance, NOUNS, undisturbed
+from ..reduction.rests import find_rests, usual_step
+from ..reduction.segments import segment
+
+
+WINDOW = 1.0  # s, of the batch finder
+BLOCK = 0.25  # s, of rows whose mean is one number about the noise of a rest's mean (convention)
+POOLED = 20.0  # degrees of freedom, of all rests for one (convention: that of two rests of 3 s)
+RECENT = 7  # rests that say what is usual when a new one is judged at once
+
+
+@dataclasses.dataclass(eq=False)
+class Rest:
+    """One rest as it was said last."""
+
+    number: int
+    part: int  # recording
+    start: int  # thinned rows [start, stop) of the recording, as found
+    stop: int
+    time: tuple[float, float]  # s, first and last row
+    accepted: bool = True
+    why: str | None = None
+    disturbances: tuple[Disturbance, ...] = ()
+    accel: Float[np.ndarray, "3"] | None = None  # m/s², mean
+    accel_covariance: Float[np.ndarray, "3 3"] | None = None
+    reference: Float[np.ndarray, "3"] | None = None
+    gyro: Float[np.ndarray, "3"] | None = None  # rad/s
+    gyro_covariance: Float[np.ndarray, "3 3"] | None = None
+
+    def overlaps(self, start: int, stop: int) -> bool:
+        """Whether other ends mean the same rest: half of the shorter one is in both."""
+        both = min(self.stop, stop) - max(self.start, start)
+        return 2 * both > min(self.stop - self.start, stop - start)
+
+
+def labelled(recording: Recording) -> bool:
+    """Whether the recording says itself when it rests."""
+    return recording.position is not None or recording.reference_gyro is not None
+
+
+def found_rests(recording: Recording) -> tuple[list[tuple[int, int, int]], float | None]:
+    """Rests as (start, stop, position) before anything is said of disturbances, and the finder's threshold."""
+    if labelled(recording):
+        found = segment(recording, window=WINDOW, handling=False)
+        kept = np.flatnonzero(found.resting)
+        rows = zip(found.start[kept], found.stop[kept], found.position[kept])
+        return [(int(a), int(b), int(p)) for a, b, p in rows], None
+    rests = find_rests(recording, window=WINDOW)
+    ends = [(int(a), int(b), k) for k, (a, b) in enumerate(zip(rests.start, rests.stop))]
+    return ends, rests.threshold
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Judged:
+    """One rest after what disturbed it was looked for."""
+
+    start: int
+    stop: int
+    why: str | None  # `None`: accepted
+    disturbances: tuple[Disturbance, ...]
+    means: "Means | None"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Means:
+    """Means over one rest without what was disturbed."""
+
+    accel: Float[np.ndarray, "3"] | None
+    accel_covariance: Float[np.ndarray, "3 3"] | None
+    reference: Float[np.ndarray, "3"] | None
+    gyro: Float[np.ndarray, "3"] | None
+    gyro_covariance: Float[np.ndarray, "3 3"] | None
+
+
+def judge(
+    picked: Recording, averaged: Recording, rests: list[tuple[int, int, int]]
+) -> list[Judged]:
+    """What is left of rests of one recording, each judged by what is usual among them.
+
+    **Arguments:** samples as they came, for what looks at samples, and means over the rows that each stands for.
+    """
+    start, stop, position = (np.array(x, dtype=np.int64) for x in zip(*rests))
+    left = undisturbed(picked, start, stop, position)
+    kept = np.flatnonzero(left.stop > left.start).tolist()
+    rows = [np.arange(left.start[k], left.stop[k]) for k in kept]
+    means = dict(zip(kept, _means(averaged, [r[left.used[r]] for r in rows])))
+    made = []
+    for k, (a, b, label) in enumerate(rests):
+        mine = tuple(
+            d for d in left.disturbances if d.position == label and _inside(d, picked, a, b)
+        )
+        why = None if k in means else _why(mine)
+        made.append(Judged(a, b, why, mine, means.get(k)))
+    return made
+
+
+def _inside(found: Disturbance, recording: Recording, start: int, stop: int) -> bool:
+    time = recording.time
+    return bool(time[start] <= found.start <= time[stop - 1])
+
+
+def _why(found: tuple[Disturbance, ...]) -> str:
+    """Why nothing is left of a rest."""
+    out = [d for d in found if d.left_out]
+    if not out:
+        return "nothing of it is at rest"
+    words = dict.fromkeys(f"{NOUNS[d.kind][0]} at {d.start:.1f} s" for d in out)
+    return ", ".join(list(words)[-3:])
+
+
+def _means(recording: Recording, rests: list[Int[np.ndarray, " _"]]) -> list[Means]:
+    """Means over the rows of each rest."""
+    step = usual_step(recording)
+
+    def of(values: Float[np.ndarray, "time 3"] | None):
+        if values is None:
+            return [(None, None)] * len(rests)
+        parts = [values[rows] for rows in rests]
+        return [(x.mean(axis=0), c) for x, c in zip(parts, mean_covariances(parts, step))]
+
+    known = recording.reference_accel
+    references = [None if known is None else known[rows].mean(axis=0) for rows in rests]
+    both = zip(of(recording.accel), references, of(recording.gyro))
+    return [Means(a, va, r, g, vg) for (a, va), r, (g, vg) in both]
+
+
+def mean_covariances(
+    rests: list[Float[np.ndarray, "_ 3"]], step: float
+) -> list[Float[np.ndarray, "3 3"]]:
+    """Covariance of the mean of each rest, by how the means of short blocks scatter within it (batch means).
+
+    Blocks hold noise with a memory shorter than they are. A rest has few of them, so its variance is drawn towards that
+    of all rests together, as if those were worth `POOLED` degrees of freedom. **Arguments:** `step` from row to row, s.
+    """
+    size = max(round(BLOCK / step), 1) if step > 0.0 else 1
+    own, freedom = np.zeros((len(rests), 3)), np.zeros(len(rests))
+    for k, x in enumerate(rests):
+        blocks = len(x) // size
+        if blocks > 1:
+            means = x[: blocks * size].reshape(blocks, size, 3).mean(axis=1)
+            own[k], freedom[k] = means.var(axis=0, ddof=1), blocks - 1.0
+    pooled = freedom @ own / max(freedom.sum(), 1.0)
+    variance = (POOLED * pooled + freedom[:, None] * own) / (POOLED + freedom)[:, None]
+    counts = [max(len(x) / size, 1.0) for x in rests]
+    return [np.diag(v / n) for v, n in zip(variance, counts)]

@@ -1,0 +1,396 @@
+"""A recording while it is made: rows in, events out.
+
+An event is a mapping that goes out as one line of JSON: `start`, `rest`, `problem`, `progress`, `next`, `done`
+(docs/live.md). A rest that is said again under its number is one whose verdict changed, since later rests showed what
+is usual.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from ..data.recording import Campaign, Recording
+from ..plausibility import check_campaign
+from .estimate import Estimate, estimate
+from .rest_ledger import found_rests, judge, Judged, labelled, RECENT, Rest, WINDOW
+from .row_detector import MotionDetector
+from .row_store import RowStore
+from .target import Target
+
+
+Event = dict[str, object]
+
+LOOK = 0.1  # s of rows between two looks at the newest ones
+RETRY = 0.5  # s of motion after which the rests are asked for again
+HOLD = 4.0  # s that a rest lasts when the next position is told, unless asked otherwise
+CHECKED = (1, 2, 4, 7, 12, 20, 40)  # rests after which the plausibility is looked at
+AFFORDABLE = 4000  # thinned rows at rest that are judged anew together within a tenth of a second
+REFRESHED = 10  # rests after which all are judged anew where that takes longer
+_STEADY = 2000  # thinned rows that tell the usual step
+LONGEST = 180_000  # thinned rows, half an hour, in which rests are searched
+
+
+@dataclasses.dataclass(eq=False)
+class Session:
+    """State of one session. `feed` and `end` give events; `finished` says that nothing more is needed."""
+
+    campaign: Campaign  # settings; its recordings are not looked at
+    target: Target
+    hold: float = HOLD
+    finished: bool = False
+    rests: list[Rest] = dataclasses.field(default_factory=list)
+    estimate: Estimate | None = None
+
+    def __post_init__(self) -> None:
+        self._stores: list[RowStore] = []
+        self._told: set[tuple[str, str]] = set()
+        self._seconds = 0.0
+        self._exhausted = 0
+        self._checked = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._stores.append(RowStore(f"recording-{len(self._stores) + 1}"))
+        self._detector = MotionDetector()
+        self._looked = 0  # thinned rows that were looked at
+        self._moved: int | None = None  # last row of a window in which the device moved
+        self._asked: float | None = None  # when rests were last asked for, s
+        self._step: float | None = None  # s, between thinned rows
+        self._held = 0.0  # s of the present rest at which it was last told
+
+    @property
+    def store(self) -> RowStore:
+        """Rows of the present recording."""
+        return self._stores[-1]
+
+    @property
+    def seconds(self) -> float:
+        """How long was recorded."""
+        return self._seconds
+
+    @property
+    def accepted(self) -> list[Rest]:
+        """Rests that are used."""
+        return [r for r in self.rests if r.accepted]
+
+    def leap(self, statement: str) -> Iterator[Event]:
+        """The clock leapt, or the log began anew: the next rows are another recording."""
+        yield self._problem("clock", "warning", statement)
+        if self.store.count:
+            yield from self._refresh(self.store.count, ended=True)
+            self._begin()
+
+    def feed(self, rows: Recording, stamps: Float[np.ndarray, " time"]) -> Iterator[Event]:
+        """Further rows of the present recording, with increasing stamps."""
+        if len(stamps):
+            begin = self.store.last if self.store.last is not None else float(stamps[0])
+            self._seconds += float(stamps[-1]) - begin
+        self.store.add(rows, stamps)
+        while not self.finished and self._looked < self.store.count:
+            step = self._usual_step()
+            ahead = self._looked + max(round(LOOK / step), 1)
+            if ahead > self.store.count:
+                break
+            self._looked = ahead
+            yield from self._look(ahead, step)
+
+    def end(self) -> Iterator[Event]:
+        """The input ended."""
+        if self.finished:
+            return
+        if self.store.count:
+            yield from self._refresh(self.store.count, ended=False)
+        reached = self.estimate is not None and self.estimate.reached
+        yield self._done("target reached" if reached else "input ended")
+
+    # --- rests -----------------------------------------------------------------------------------
+
+    def _usual_step(self) -> float:
+        if self._step is None or self.store.count < _STEADY:
+            stamps = self.store.recording(0, min(self.store.count, _STEADY)).time
+            self._step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.01
+        return self._step
+
+    def _look(self, row: int, step: float) -> Iterator[Event]:
+        """One look at the newest rows, up to `row`."""
+        width = max(round(WINDOW / step), 16)
+        if row < width:
+            return
+        window = self.store.recording(row - width, row)
+        if self._checked == 0 and row * step > 3.0 * WINDOW:
+            yield from self._check(row)
+        moves = self._moves(window)
+        now = float(window.time[-1])
+        if moves:
+            began = self._moved is None or self._moved < row - 2 * max(round(LOOK / step), 1)
+            self._moved, self._held = row, 0.0
+            if began or self._asked is None or now - self._asked >= RETRY:
+                self._asked = now
+                yield from self._ended(row)
+            return
+        rested = (row - (self._moved or 0)) * step - WINDOW * (self._moved is not None)
+        due = self.hold if self._held == 0.0 else 2.0 * self._held
+        if rested >= due:
+            self._held = rested
+            yield from self._resting(row)
+
+    def _moves(self, window: Recording) -> bool:
+        if window.position is not None:
+            return bool(window.position[-1] < 0 or window.position[-1] != window.position[-2])
+        return self._detector.moves(window)
+
+    def _search(self, row: int) -> list[tuple[int, int, int]]:
+        """Rests among the rows so far."""
+        first = max(row - LONGEST, 0)
+        found, threshold = found_rests(self.store.recording(first, row))
+        if threshold is not None:
+            self._detector.threshold = threshold
+        return [(first + a, first + b, label) for a, b, label in found]
+
+    def _ended(self, row: int) -> Iterator[Event]:
+        """Rests that ended before `row`."""
+        ended = [r for r in self._search(row) if r[1] <= row and self._is_over(r, row)]
+        fresh = [r for r in ended if not self._known(r)]
+        if not fresh:
+            return
+        if self._affordable(fresh):
+            yield from self._refresh(row, ended=True)
+        else:
+            yield from self._rests(self._judged(fresh, row))
+            yield from self._answer()
+            if len(self.rests) % REFRESHED == 0:
+                yield from self._refresh(row, ended=True)
+        yield from self._stop(row)
+        yield from self._check(row)
+
+    def _is_over(self, rest: tuple[int, int, int], row: int) -> bool:
+        if labelled(self.store.recording(row - 1, row)):
+            return rest[1] < row
+        return self._moved is not None and rest[1] <= self._moved
+
+    def _known(self, rest: tuple[int, int, int]) -> bool:
+        part = len(self._stores)
+        return any(r.part == part and r.overlaps(rest[0], rest[1]) for r in self.rests)
+
+    def _judged(self, fresh: list[tuple[int, int, int]], row: int) -> list[Rest]:
+        """Further rests, judged by those shortly before."""
+        part = len(self._stores)
+        mine = [r for r in self.rests if r.part == part][-RECENT:]
+        both = [(r.start, r.stop, k) for k, r in enumerate(mine)]
+        both += [(a, b, len(mine) + k) for k, (a, b, _) in enumerate(fresh)]
+        first = min(a for a, _, _ in both)
+        moved = [(a - first, b - first, label) for a, b, label in both]
+        found = judge(
+            self.store.recording(first, row), self.store.recording(first, row, means=True), moved
+        )
+        made = []
+        for judged, (a, b, _) in zip(found[len(mine) :], fresh):
+            rest = self._made(a, b)
+            _take(rest, judged)
+            made.append(rest)
+        return made
+
+    def _made(self, start: int, stop: int) -> Rest:
+        time_ = self.store.recording(start, stop).time
+        ends = float(time_[0]), float(time_[-1])
+        return Rest(len(self.rests) + 1, len(self._stores), start, stop, ends)
+
+    def _rests(self, added: list[Rest]) -> Iterator[Event]:
+        for rest in added:
+            rest.number = len(self.rests) + 1
+            self.rests.append(rest)
+            yield self._rest_event(rest)
+
+    def _resting(self, row: int) -> Iterator[Event]:
+        """The device still rests: where to turn next, or that this rest was the last one needed."""
+        found = self._search(row)
+        if not found or self._known(found[-1]) or found[-1][1] <= (self._moved or 0):
+            return
+        (rest,) = self._judged([found[-1]], row)
+        if not rest.accepted:
+            return
+        tried = self._estimated([*self.accepted, rest])
+        if tried.reached or self._is_exhausted(tried, count=False):
+            yield from self._rests([rest])
+            yield from self._refresh(row, ended=False)
+            yield from self._answer(provisional=True)
+            yield from self._stop(row)
+        elif (position := tried.next_position()) is not None:
+            yield self._next(position, provisional=True)
+
+    # --- answers ---------------------------------------------------------------------------------
+
+    def _estimated(self, rests: list[Rest]) -> Estimate:
+        return estimate(rests, self.campaign, self.target, self.estimate)
+
+    def _answer(self, *, provisional: bool = False) -> Iterator[Event]:
+        """Progress and the next position."""
+        self.estimate = self._estimated(self.accepted)
+        if not self.accepted:
+            return
+        yield self._progress(self.estimate)
+        position = self.estimate.next_position()
+        if position is not None and not provisional:
+            yield self._next(position)
+
+    def _stop(self, row: int) -> Iterator[Event]:
+        """Done, where all rests judged anew still say so."""
+        if self.estimate is None:
+            return
+        if not (self.estimate.reached or self._is_exhausted(self.estimate)):
+            return
+        yield from self._refresh(row, ended=False)
+        assert self.estimate is not None
+        if self.estimate.reached:
+            yield self._done("target reached")
+        elif self._is_exhausted(self.estimate, count=False):
+            yield self._done("nothing more to gain")
+
+    def _is_exhausted(self, found: Estimate, *, count: bool = True) -> bool:
+        """Whether nothing gains, twice in a row."""
+        if not found.exhausted:
+            self._exhausted = 0
+            return False
+        self._exhausted += count
+        return self._exhausted >= 2
+
+    def _affordable(self, fresh: list[tuple[int, int, int]]) -> bool:
+        """Whether all rests of the present recording can be judged anew at once."""
+        part = len(self._stores)
+        rows = sum(r.stop - r.start for r in self.rests if r.part == part)
+        return rows + sum(b - a for a, b, _ in fresh) <= AFFORDABLE
+
+    def _refresh(self, row: int, *, ended: bool) -> Iterator[Event]:
+        """All rests of the present recording judged together, as the batch command will; tells what changed.
+
+        With `ended` a rest at the very end is left for later.
+        """
+        found = self._search(row)
+        if ended and found and not self._is_over(found[-1], row):
+            found = found[:-1]
+        if not found:
+            return
+        averaged = self.store.recording(0, row, means=True)
+        judged = judge(self.store.recording(0, row), averaged, found)
+        part, changed = len(self._stores), []
+        left = [r for r in self.rests if r.part == part]
+        fresh = []
+        for one in judged:
+            match = next((r for r in left if r.overlaps(one.start, one.stop)), None)
+            if match is None:
+                fresh.append(one)
+                continue
+            left.remove(match)
+            was = match.accepted
+            match.start, match.stop = one.start, one.stop
+            match.time = self._made(one.start, one.stop).time
+            _take(match, one)
+            if match.accepted != was:
+                changed.append(match)
+        for rest in left:  # the longer recording shows no such rest
+            if rest.accepted:
+                rest.accepted, rest.why = False, "motion, by what the longer recording shows"
+                changed.append(rest)
+        for rest in changed:
+            yield self._rest_event(rest)
+        added = []
+        for one in fresh:
+            rest = self._made(one.start, one.stop)
+            _take(rest, one)
+            added.append(rest)
+        yield from self._rests(added)
+        if changed or added:
+            yield from self._answer()
+        elif self.accepted:
+            self.estimate = self._estimated(self.accepted)
+
+    def _check(self, row: int) -> Iterator[Event]:
+        """What cannot be right, told once each."""
+        count = len(self.rests)
+        if self._checked and not any(self._checked <= n <= count for n in CHECKED):
+            return
+        self._checked = count + 1
+        recording = self.store.recording(0, row)
+        seen = check_campaign(dataclasses.replace(self.campaign, recordings=(recording,)))
+        for found in seen.findings:
+            key = found.kind, found.what
+            if key not in self._told and found.severity != "note":
+                self._told.add(key)
+                yield self._problem(found.kind, found.severity, found.statement, found.remedy)
+
+    # --- events ----------------------------------------------------------------------------------
+
+    def start_event(self) -> Event:
+        """What is asked for; the first event."""
+        limits = {name: limit for name, limit in self.target.limits}
+        return {"event": "start", "target": self.target.text, "limits": limits, "hold": self.hold}
+
+    def _rest_event(self, rest: Rest) -> Event:
+        accel = rest.accel
+        if accel is None:
+            recording = self._stores[rest.part - 1].recording(rest.start, rest.stop, means=True)
+            accel = None if recording.accel is None else recording.accel.mean(axis=0)
+        return {
+            "event": "rest",
+            "number": rest.number,
+            "start": rest.time[0],
+            "end": rest.time[1],
+            "mean_accel": None if accel is None else [float(x) for x in accel],
+            "accepted": rest.accepted,
+            "why": rest.why,
+            "left_out": [
+                {"kind": d.kind, "start": d.start, "end": d.end}
+                for d in rest.disturbances
+                if d.left_out
+            ],
+        }
+
+    def _problem(
+        self, kind: str, severity: str, statement: str, remedy: str | None = None
+    ) -> Event:
+        return {
+            "event": "problem",
+            "kind": kind,
+            "severity": severity,
+            "statement": statement,
+            "remedy": remedy,
+        }
+
+    def _progress(self, found: Estimate) -> Event:
+        return {
+            "event": "progress",
+            "worst": found.worst,
+            "ratio": found.ratio,
+            "parameters": found.parameters(),
+        }
+
+    def _next(self, position, *, provisional: bool = False) -> Event:
+        return {
+            "event": "next",
+            "up": list(position.up),
+            "statement": position.statement,
+            "gain": position.gain,
+            "temperature": None,
+            "rate": None,
+            "provisional": provisional,
+        }
+
+    def _done(self, reason: str) -> Event:
+        self.finished = True
+        return {
+            "event": "done",
+            "reason": reason,
+            "rests": len(self.accepted),
+            "seconds": self._seconds,
+        }
+
+
+def _take(rest: Rest, judged: Judged) -> None:
+    """What was judged of a rest."""
+    rest.accepted, rest.why = judged.why is None, judged.why
+    rest.disturbances = judged.disturbances
+    found = judged.means
+    for key in ("accel", "accel_covariance", "reference", "gyro", "gyro_covariance"):
+        setattr(rest, key, None if found is None else getattr(found, key))

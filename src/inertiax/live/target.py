@@ -1,0 +1,147 @@
+"""The precision that is asked for: `accel.bias=0.3 mg, accel.scale=200 ppm`.
+
+A target is what the error of every named parameter is to stay below, with a probability of 95 % for all of them
+together (`posterior.Posterior.within`).
+"""
+
+import dataclasses
+import fnmatch
+import math
+import re
+
+from ..data.formats.columns import nearest
+
+
+GRAVITY = 9.80665  # m/s², of a mg: the standard one, as sensor makers use it
+CONFIDENCE = 0.95  # that the errors of all named parameters together are within their targets
+
+_DEGREE = math.pi / 180.0
+_ACCELERATION = {
+    "m/s^2": 1.0,
+    "m/s2": 1.0,
+    "m/s²": 1.0,
+    "g": GRAVITY,
+    "mg": 1e-3 * GRAVITY,
+    "ug": 1e-6 * GRAVITY,
+    "µg": 1e-6 * GRAVITY,
+}
+_RATE = {"rad/s": 1.0, "deg/s": _DEGREE, "deg/h": _DEGREE / 3600.0}
+_RATIO = {"ppm": 1e-6, "%": 1e-2, "1": 1.0}
+_ANGLE = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": _DEGREE,
+    "arcmin": _DEGREE / 60.0,
+    "arcsec": _DEGREE / 3600.0,
+}
+_KINDS = ("bias", "scale", "misalignment", "matrix")
+_NAME = re.compile(r"(accel|gyro)\.(?:(bias)\[([0-2])\]|(matrix)\[([0-2]),([0-2])\])")
+_AMOUNT = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\S+)")
+
+# Where nobody says what is wanted: a tenth of what such devices are off by, from data sheets (convention).
+USUAL = {
+    "consumer": "accel.bias=2 mg, accel.scale=1000 ppm, accel.misalignment=1 mrad",
+    "tactical": "accel.bias=0.2 mg, accel.scale=100 ppm, accel.misalignment=0.1 mrad",
+    "navigation": "accel.bias=20 ug, accel.scale=20 ppm, accel.misalignment=5 arcsec",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """What is asked of each parameter, as written and in SI, in the order in which it was said."""
+
+    text: str
+    limits: tuple[tuple[str, float], ...]  # name of a group or a parameter, m/s², rad/s, 1 or rad
+
+    def limit(self, parameter: str) -> float | None:
+        """The limit of a parameter such as `accel.matrix[1,0]`, SI; the last one said that names it.
+
+        `None` where it may be anything.
+        """
+        found = [limit for name, limit in self.limits if _names(name, parameter)]
+        return found[-1] if found else None
+
+    def asks_for(self, triad: str) -> bool:
+        """Whether any parameter of "accel" or "gyro" is named."""
+        return any(name.startswith(f"{triad}.") for name, _ in self.limits)
+
+
+def parse_target(text: str) -> Target:
+    """A target from its text, entries separated by commas.
+
+    Raises `ValueError`, one line that repeats the entry, for an unknown name or unit and for a limit that is not above
+    zero.
+    """
+    limits: list[tuple[str, float]] = []
+    entries = [e.strip() for e in re.split(r",(?![^\[]*\])", text)]
+    for entry in entries:
+        name, equals, amount = (part.strip() for part in entry.partition("="))
+        if not equals or not name or not amount:
+            raise ValueError(
+                f'target "{entry}": write a name, "=" and a limit with its unit, such as '
+                '"accel.bias=0.3 mg, accel.scale=200 ppm".'
+            )
+        limits.append((_known_name(name, entry), _amount(name, amount, entry)))
+    return Target(text.strip(), tuple(limits))
+
+
+def kind_of(parameter: str) -> str:
+    """ "bias", "scale" (diagonal of a matrix) or "misalignment" (off it)."""
+    found = _NAME.fullmatch(parameter)
+    if found is None:
+        raise ValueError(f"`kind_of({parameter!r})`: is no parameter, such as accel.matrix[1,0].")
+    if found[2]:
+        return "bias"
+    return "scale" if found[5] == found[6] else "misalignment"
+
+
+def _known_name(name: str, entry: str) -> str:
+    groups = [f"{triad}.{kind}" for triad in ("accel", "gyro") for kind in _KINDS]
+    if name in groups or _NAME.fullmatch(name):
+        return name
+    raise ValueError(
+        f'target "{entry}": {name!r} is no parameter; {nearest(name, groups)}one of {", ".join(groups)}, or one '
+        "element such as accel.bias[0] or gyro.matrix[2,1]."
+    )
+
+
+def _amount(name: str, amount: str, entry: str) -> float:
+    units = _units(name)
+    found = _AMOUNT.fullmatch(amount)
+    if found is None:
+        raise ValueError(
+            f'target "{entry}": {amount!r} is no number with a unit; units of {name} are {", ".join(units)}.'
+        )
+    unit = found[2]
+    if unit not in units:
+        raise ValueError(
+            f'target "{entry}": unit {unit!r} does not belong to {name}; {nearest(unit, units)}use one of '
+            f"{', '.join(units)}."
+        )
+    try:
+        value = float(found[1])
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f'target "{entry}": the limit must be a number above 0.')
+    return value * units[unit]
+
+
+def _units(name: str) -> dict[str, float]:
+    kind = kind_of(name) if "[" in name else name.partition(".")[2]
+    if kind == "bias":
+        return _ACCELERATION if name.startswith("accel") else _RATE
+    if kind == "matrix":
+        return {**_RATIO, **_ANGLE}
+    return _RATIO if kind == "scale" else _ANGLE
+
+
+def _names(name: str, parameter: str) -> bool:
+    triad, _, kind = name.partition(".")
+    if not parameter.startswith(f"{triad}."):
+        return False
+    if "[" in kind:
+        return name == parameter
+    if kind == "matrix":
+        return fnmatch.fnmatchcase(parameter, f"{triad}.matrix*")
+    return kind_of(parameter) == kind

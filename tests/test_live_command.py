@@ -1,0 +1,376 @@
+"""`inertiax live`: the contract's events, what is recorded, and what a log in the making does to it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign, Recording, Rig, Site
+from inertiax.live.follow import events, plan
+from inertiax.live.recorder import Recorder
+from inertiax.live.session import Session
+from inertiax.live.target import parse_target
+from inertiax.reduction.segments import segment_all
+
+
+GRAVITY = 9.81
+BIAS = np.array([0.08, -0.12, 0.2])
+MATRIX = np.eye(3) + np.array([[0.01, 0, 0], [0.004, -0.008, 0], [-0.003, 0.005, 0.012]])
+HEADER = "time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"
+CAMPAIGN = '[site]\ngravity = 9.81\n\n[recordings]\nfiles = ["log.csv"]\n'
+
+
+def turn_to(before, after):
+    """Rotation vector that takes one direction of gravity in the case to another (the case turns against it)."""
+    axis = np.cross(after, before)
+    size = np.linalg.norm(axis)
+    axis = np.cross(before, [0.3, 0.5, 0.8]) if size < 1e-9 else axis
+    return axis / np.linalg.norm(axis) * np.arctan2(size, before @ after)
+
+
+class Person:
+    """Someone who lays a device down and turns it, by NumPy alone: 100 rows a second."""
+
+    def __init__(self, seed, noise=0.01):
+        self.rng, self.noise = np.random.default_rng(seed), noise
+        self.up, self.time = np.array([0.0, 0.0, 1.0]), 0.0
+
+    def _rows(self, up, rate):
+        count = len(up)
+        accel = GRAVITY * up @ MATRIX.T + BIAS + self.noise * self.rng.standard_normal((count, 3))
+        gyro = rate + [0.01, -0.02, 0.005] + 1e-3 * self.rng.standard_normal((count, 3))
+        stamps = self.time + 0.01 * np.arange(count)
+        self.time += 0.01 * count
+        return np.column_stack([stamps, accel, gyro])
+
+    def rest(self, seconds, tap=None):
+        rows = self._rows(np.tile(self.up, (round(seconds * 100), 1)), np.zeros(3))
+        if tap is not None:
+            k = round(tap * 100)
+            ring = np.exp(-np.arange(30) / 4.0) * np.cos(np.arange(30))
+            rows[k : k + 30, 1:4] += 0.15 * ring[:, None]
+            rows[k : k + 30, 4:7] += 0.015 * ring[:, None]
+        return rows
+
+    def turn(self, up, seconds=1.5):
+        up = np.asarray(up, float) / np.linalg.norm(up)
+        vector, count = turn_to(self.up, up), round(seconds * 100)
+        share = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, count + 1) / count)
+        axis, angle = vector / np.linalg.norm(vector), np.linalg.norm(vector)
+        a = (-angle * share)[:, None]  # the direction turns against the case
+        u = self.up
+        ups = u * np.cos(a) + np.cross(axis, u) * np.sin(a) + axis * (axis @ u) * (1 - np.cos(a))
+        rate = np.gradient(angle * share, 0.01)[:, None] * axis
+        self.up = up
+        return self._rows(ups, rate)
+
+
+def text(rows):
+    return "".join(",".join(f"{x:.6f}" for x in row) + "\n" for row in rows)
+
+
+POSES = [
+    (0, 0, -1),
+    (0, 1, 0),
+    (0, -1, 0),
+    (1, 0, 0),
+    (-1, 0, 0),
+    (1, 1, 0),
+    (1, 0, 1),
+    (0, 1, 1),
+    (-1, 1, 0),
+    (-1, 0, 1),
+    (0, -1, 1),
+]
+
+
+def session_rows(seed, poses=POSES, noise=0.01, taps=()):
+    person = Person(seed, noise)
+    rows = [person.rest(5.0)]
+    for k, up in enumerate(poses):
+        rows += [person.turn(up), person.rest(5.0, tap=2.5 if k in taps else None)]
+    return np.concatenate(rows)
+
+
+def campaign(tmp_path, body=CAMPAIGN):
+    folder = tmp_path / "campaign"
+    folder.mkdir(exist_ok=True)
+    (folder / "campaign.toml").write_text(body)
+    return folder
+
+
+def followed(tmp_path, content, *, target="accel.bias=1 ug", body=CAMPAIGN):
+    """Events of a log that is there already, and the folder of what was recorded."""
+    folder = campaign(tmp_path, body)
+    (folder / "log.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    made = plan(folder, None, piped=False, target=target)
+    recorder = Recorder(tmp_path / "out", made.campaign.path)
+    found = list(events(made, recorder, idle=0.1))
+    recorder.close()
+    return found, tmp_path / "out"
+
+
+def of(found, kind):
+    return [e for e in found if e["event"] == kind]
+
+
+def accepted(found):
+    last = {e["number"]: e["accepted"] for e in of(found, "rest")}
+    return sum(last.values())
+
+
+def test_events_are_those_of_the_contract(tmp_path):
+    found, folder = followed(tmp_path, f"{HEADER}\n" + text(session_rows(1)))
+    assert found[0]["event"] == "start" and found[-1]["event"] == "done"
+    rests = of(found, "rest")
+    assert [e["number"] for e in rests] == list(range(1, 13))
+    for rest, up in zip(rests, [(0, 0, 1), *POSES]):
+        assert rest["accepted"] and rest["why"] is None
+        assert 3.0 < rest["end"] - rest["start"] < 5.2
+        expected = GRAVITY * MATRIX @ np.array(up) / np.linalg.norm(up) + BIAS
+        np.testing.assert_allclose(rest["mean_accel"], expected, atol=0.01 / 17 * 5)
+    for event in of(found, "next"):
+        np.testing.assert_allclose(np.linalg.norm(event["up"]), 1.0, atol=1e-5)
+        assert event["statement"].startswith("turn the device so that ")
+        assert 0.0 <= event["gain"] <= 1.0 and event["temperature"] is None is event["rate"]
+    last = of(found, "progress")[-1]
+    assert last["ratio"] > 1.0 and last["worst"].startswith("accel.bias")
+    assert set(last["parameters"]["accel.bias[0]"]) == {"value", "std", "unit"}
+    for axis in range(3):
+        one = last["parameters"][f"accel.bias[{axis}]"]
+        assert abs(one["value"] - BIAS[axis]) < 4 * one["std"] and one["unit"] == "m/s^2"
+    assert found[-1]["reason"] == "input ended" and found[-1]["rests"] == 12
+    (batch,) = segment_all(load_campaign(folder).recordings)
+    assert batch.num_segments == 12
+
+
+def test_a_target_that_is_reached_ends_the_session_with_what_it_says_true(tmp_path):
+    poses = [p for k in range(4) for p in POSES + [(0, 0, 1)]]
+    rows = session_rows(2, poses, noise=0.003)
+    found, folder = followed(
+        tmp_path, f"{HEADER}\n" + text(rows), target="accel.bias=1 mg, accel.scale=500 ppm"
+    )
+    assert found[-1]["reason"] == "target reached" and found[-1]["rests"] < 30
+    last = of(found, "progress")[-1]
+    assert last["ratio"] <= 1.0
+    for axis in range(3):
+        one = last["parameters"][f"accel.bias[{axis}]"]
+        assert abs(one["value"] - BIAS[axis]) < 1e-3 * 9.80665
+        scale = last["parameters"][f"accel.matrix[{axis},{axis}]"]
+        assert abs(scale["value"] - (MATRIX[axis, axis] - 1)) < 5e-4
+    recorded = load_campaign(folder).recordings[0]
+    assert recorded.num_samples < len(rows)
+
+
+def test_a_tap_is_left_out_and_a_rest_that_was_held_is_refused(tmp_path):
+    person = Person(3)
+    rows = [person.rest(5.0)]
+    for k, up in enumerate(POSES):
+        rows += [person.turn(up), person.rest(6.0, tap=2.5 if k == 7 else None)]
+        if k == 4:  # in a hand: four short turns by half a degree
+            held = rows[-1]
+            for begin in (0.0, 1.7, 3.4, 5.0):
+                share = (np.arange(len(held)) * 0.01 - begin) / 0.5
+                inside = (share > 0) & (share < 1)
+                turn = np.where(inside, 0.03 * np.sin(np.pi * share) ** 2, 0.0)
+                held[:, 4:7] += turn[:, None] * np.array([0.6, -0.5, 0.4])
+    found, _ = followed(tmp_path, f"{HEADER}\n" + text(np.concatenate(rows)))
+    rests = {e["number"]: e for e in of(found, "rest")}
+    refused = [e for e in rests.values() if not e["accepted"]]
+    assert [e["number"] for e in refused] == [6] and "held by hand" in refused[0]["why"]
+    tapped = [e for e in rests.values() for d in e["left_out"] if d["kind"] == "knock"]
+    assert [e["number"] for e in tapped] == [9] and tapped[0]["accepted"]
+
+
+def test_a_wrong_unit_is_a_problem_before_any_rest_is_trusted(tmp_path):
+    rows = session_rows(4, POSES[:4])
+    rows[:, 1:4] /= 9.80665  # g
+    found, _ = followed(tmp_path, f"{HEADER}\n" + text(rows))
+    problems = of(found, "problem")
+    assert problems[0]["kind"] == "accel_unit" and problems[0]["severity"] == "error"
+    assert "accel" in problems[0]["remedy"]
+    first_rest = next(k for k, e in enumerate(found) if e["event"] == "rest")
+    assert found.index(problems[0]) <= first_rest + 3
+
+
+def test_half_a_line_and_lines_that_are_no_rows_stop_nothing_and_are_kept(tmp_path):
+    lines = text(session_rows(5, POSES[:3])).splitlines(keepends=True)
+    lines[500] = "#### serial line reset ####\n"
+    lines[900] = lines[900][:20] + "\n"
+    lines[1000] = "1,2,nonsense,4,5,6,7\n"
+    found, folder = followed(tmp_path, f"{HEADER}\n" + "".join(lines) + lines[-1][:25])
+    assert [e["kind"] for e in of(found, "problem")].count("garbled") == 1
+    assert found[-1]["rests"] == 4
+    aside = (folder / "left-out.txt").read_text().splitlines()
+    assert aside == [lines[k].rstrip("\n") for k in (500, 900, 1000)] + [lines[-1][:25]]
+    recorded = (folder / "recording-1.csv").read_text()
+    assert recorded == f"{HEADER}\n" + "".join(
+        x for k, x in enumerate(lines) if k not in (500, 900, 1000)
+    )
+
+
+def test_a_clock_that_jumps_is_told_and_survived(tmp_path):
+    rows = session_rows(6)
+    half = len(rows) // 2
+    rows[half:, 0] -= 3600.0
+    rows[half + 50, 0] = rows[half + 49, 0]  # and a stamp that stands twice
+    found, folder = followed(tmp_path, f"{HEADER}\n" + text(rows))
+    clock = [e for e in of(found, "problem") if e["kind"] == "clock"]
+    assert "went back" in clock[0]["statement"] and any("twice" in e["statement"] for e in clock)
+    recordings = load_campaign(folder).recordings
+    assert [r.num_samples for r in recordings] == [half, len(rows) - half - 1]
+    batch = sum(s.num_segments for s in segment_all(recordings))
+    assert abs(accepted(found) - batch) <= 1
+    assert found[-1]["seconds"] < 0.01 * len(rows) + 1
+
+
+def test_a_log_that_is_replaced_begins_another_recording(tmp_path):
+    folder = campaign(tmp_path)
+    log = folder / "log.csv"
+    first, second = session_rows(7, POSES[:2]), session_rows(8, POSES[:3])
+    log.write_text(f"{HEADER}\n" + text(first))
+    made = plan(folder, None, piped=False, target=None)
+    recorder = Recorder(tmp_path / "out", made.campaign.path)
+    found, replaced = [], False
+    for event in events(made, recorder, idle=0.4):
+        found.append(event)
+        if not replaced and event["event"] == "rest":
+            other = folder / "other"
+            other.write_text(f"{HEADER}\n" + text(second))
+            os.replace(other, log)
+            replaced = True
+    recorder.close()
+    assert [r.num_samples for r in load_campaign(tmp_path / "out").recordings][-1] == len(second)
+
+
+def test_names_units_and_rates_of_the_campaign_hold(tmp_path):
+    rows = session_rows(9, POSES[:6])
+    rows[:, 1:4] /= 9.80665
+    rows[:, 4:7] = np.degrees(rows[:, 4:7])
+    body = (
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["log.csv"]\n'
+        'names = ["n", "ax", "ay", "az", "wx", "wy", "wz"]\nstart_row = 3\n'
+        '[columns]\ntime = { rate = 100.0 }\naccel = { names = ["ax", "ay", "az"], unit = "g" }\n'
+        'gyro = { names = ["wx", "wy", "wz"], unit = "deg/s" }\n'
+    )
+    found, folder = followed(tmp_path, text(rows), body=body)
+    assert found[-1]["rests"] == 7 and not of(found, "problem")
+    recording = load_campaign(folder).recordings[0]
+    assert recording.num_samples == len(rows) - 3
+    np.testing.assert_allclose(recording.accel, rows[3:, 1:4] * 9.80665, atol=1e-5)
+
+
+def test_columns_that_are_not_there_are_one_line(tmp_path):
+    with pytest.raises(ValueError, match="neither accel_x/y/z nor gyro_x/y/z") as caught:
+        followed(tmp_path, "time,a,b,c\n" + "1,2,3,4\n" * 60)
+    assert "\n" not in str(caught.value)
+
+
+def test_rows_a_thousand_times_a_second_are_thinned_to_the_same_rests(tmp_path):
+    slow = session_rows(10, POSES[:5])
+    stamps = np.arange(0.0, slow[-1, 0], 0.001)
+    fast = np.column_stack([stamps, *(np.interp(stamps, slow[:, 0], c) for c in slow[:, 1:].T)])
+    fast[:, 1:4] += 0.03 * np.random.default_rng(1).standard_normal((len(fast), 3))
+    found, folder = followed(tmp_path, f"{HEADER}\n" + text(fast))
+    (batch,) = segment_all(load_campaign(folder).recordings)
+    assert accepted(found) == batch.num_segments == 6
+
+
+def test_the_next_position_comes_soon_after_a_rest():
+    """Of a long session, 30 rests and more, from the row that shows that a rest ended."""
+    rows = session_rows(11, POSES * 3)
+    campaign_ = Campaign((), Site(GRAVITY), Rig())
+    session = Session(campaign_, parse_target("accel.bias=0.03 mg"))
+
+    took = []
+    for k in range(0, len(rows) - 5, 5):
+        part = rows[k : k + 5]
+        begin = time.process_time()
+        row = Recording(time=part[:, 0], accel=part[:, 1:4], gyro=part[:, 4:7])
+        kinds = []
+        for event in session.feed(row, part[:, 0]):
+            kinds.append(event["event"])
+            if event["event"] == "next" and "rest" in kinds:
+                took.append(time.process_time() - begin)
+    assert len(took) >= 30
+    # Of the processor, so that other work on the machine does not count; the tests' type checks do.
+    assert np.median(took) < 0.3
+
+
+ENVIRONMENT = {**os.environ, "INERTIAX_TRACEBACK": "1"}
+
+
+def started(*arguments, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "inertiax", "live", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=ENVIRONMENT,
+        **options,
+    )
+
+
+def test_the_command_reads_standard_input_and_writes_what_the_batch_command_gives(tmp_path):
+    folder, out = campaign(tmp_path), tmp_path / "out"
+    process = started(
+        folder, "-", "--json", "-o", out, "--target", "accel.bias=1 ug", stdin=subprocess.PIPE
+    )
+    said, errors = process.communicate((f"{HEADER}\n" + text(session_rows(12))).encode(), 240)
+    assert process.returncode == 0, errors.decode()
+    found = [json.loads(line) for line in said.decode().splitlines()]
+    assert found[-1]["event"] == "done" and accepted(found) == 12
+    assert (out / "report.html").is_file()
+    mine = json.loads((out / "calibration.json").read_text())
+    again = subprocess.run(
+        [sys.executable, "-m", "inertiax", "calibrate", out, "-o", tmp_path / "batch", "-q"],
+        env=ENVIRONMENT,
+        timeout=240,
+    )
+    assert again.returncode == 0
+    batch = json.loads((tmp_path / "batch" / "calibration.json").read_text())
+    assert mine["accel"] == batch["accel"] and mine["gyro"] == batch["gyro"]
+
+
+def test_a_killed_run_loses_nothing_that_came(tmp_path):
+    folder, out = campaign(tmp_path), tmp_path / "out"
+    rows = session_rows(13, POSES[:3])
+    process = started(folder, "-", "--json", "-o", out, stdin=subprocess.PIPE)
+    sent = f"{HEADER}\n" + text(rows)
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(sent.encode())
+    process.stdin.flush()
+    for line in process.stdout:  # it has read as far as the third rest
+        if json.loads(line).get("number") == 3:
+            break
+    deadline, recorded = time.monotonic() + 30, ""
+    while time.monotonic() < deadline and recorded != sent:
+        time.sleep(0.1)
+        recorded = (out / "recording-1.csv").read_text()
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert (out / "recording-1.csv").read_text() == sent
+    assert load_campaign(out).recordings[0].num_samples == len(rows)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--target", "accel.bias=3"], "no number with a unit"),
+        (["x"], "is not -"),
+        (["-", "--follow", "log.csv"], "not both"),
+    ],
+)
+def test_wrong_usage_is_one_line(tmp_path, arguments, said, capsys):
+    from inertiax.cli.app import run
+
+    with pytest.raises(SystemExit) as caught:
+        run(["live", str(campaign(tmp_path)), "-o", str(tmp_path / "out"), *arguments])
+    assert caught.value.code in (1, 2)
+    shown = capsys.readouterr().err
+    assert said in shown and shown.count("\n") == 1

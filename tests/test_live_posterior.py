@@ -1,0 +1,195 @@
+"""The live posterior against the batch estimators, numerical integration and least squares of SciPy."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from inertiax.estimators import Invariant, ReferenceAccel
+from inertiax.live.accel_rows import accel_posterior, ByMagnitude, ByReference, RestMeans
+from inertiax.live.next_position import best_position, followed, hand_directions, in_words, Part
+from inertiax.live.posterior import posterior_of, Rows
+from inertiax.live.rest_ledger import mean_covariances
+from inertiax.reduction.dwells import Dwells
+
+
+GRAVITY = 9.81
+
+
+def rests(rng, count, sigma, vector, reference=False):
+    """Means of an accelerometer triad in random poses, by NumPy alone."""
+    up = rng.standard_normal((count, 3))
+    force = GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True)
+    matrix = np.eye(3)
+    matrix[np.tril_indices(3)] += vector[3:]
+    accel = force @ matrix.T + vector[:3] + sigma * rng.standard_normal((count, 3))
+    covariance = np.broadcast_to(sigma**2 * np.eye(3), (count, 3, 3))
+    return RestMeans(accel, covariance, force if reference else None)
+
+
+VECTOR = np.array([0.1, -0.2, 0.05, 0.01, -0.004, -0.02, 0.006, 0.003, 0.015])
+
+
+@pytest.mark.parametrize("by_reference", [False, True])
+def test_rows_are_those_of_the_batch_estimator(by_reference):
+    means = rests(np.random.default_rng(1), 5, 0.01, VECTOR, reference=True)
+    model = ByReference(GRAVITY) if by_reference else ByMagnitude(GRAVITY)
+    estimator = ReferenceAccel() if by_reference else Invariant(gravity=GRAVITY)
+    assert model.names == estimator.names
+    at = np.random.default_rng(2).normal(0.0, 0.02, len(model.names))
+    rows = model.rows(at, means)
+    zeros = np.zeros(5)
+    dwells = Dwells(
+        time=zeros,
+        duration=zeros + 1.0,
+        count=zeros + 1.0,
+        temperature=zeros,
+        experiment=zeros.astype(int),
+        position=zeros.astype(int),
+        valid=zeros == 0.0,
+        accel=means.accel,
+        accel_covariance=means.covariance,
+        reference_accel=means.reference,
+    )
+    misfit = lambda v: jax.vmap(lambda d: estimator.misfit(v, d)[0])(dwells).reshape(-1)
+    sign = -1.0 if by_reference else 1.0  # output less model there, model less output here
+    found = sign * np.asarray(misfit(at))
+    np.testing.assert_allclose(rows.jacobian @ at - rows.value, found, atol=1e-12)
+    np.testing.assert_allclose(rows.jacobian, sign * np.asarray(jax.jacfwd(misfit)(at)), atol=1e-10)
+    np.testing.assert_allclose(rows.variance, 1e-4, rtol=1e-9)
+
+
+def test_many_rests_give_what_least_squares_gives():
+    means = rests(np.random.default_rng(3), 60, 0.003, VECTOR)
+    found = accel_posterior(ByMagnitude(GRAVITY), means, "consumer")
+
+    def residual(vector):
+        matrix = np.eye(3)
+        matrix[np.tril_indices(3)] += vector[3:]
+        force = np.linalg.solve(matrix, (means.accel - vector[:3]).T)
+        return (np.linalg.norm(force, axis=0) - GRAVITY) / 0.003
+
+    solved = least_squares(residual, np.zeros(9), xtol=1e-14, ftol=1e-14)
+    std = np.sqrt(np.diag(np.linalg.inv(solved.jac.T @ solved.jac)))
+    # The priors' pull is (std / prior)², at most (4e-3 / 2)² of a deviation here.
+    np.testing.assert_allclose((found.mean - solved.x) / std, 0.0, atol=0.05)
+    # The scatter between rests is zero, but 60 rests leave it open: some hundredths.
+    np.testing.assert_allclose(found.std / std, 1.0, atol=0.15)
+    assert np.all(found.std >= std)
+
+
+def test_an_unknown_scatter_widens_as_the_integral_over_it_does():
+    """Mean of four numbers of own variance v and unknown scatter: by numerical integration over the scatter."""
+    value, v = np.array([0.3, -0.9, 1.4, 0.2]), 0.04
+    found = posterior_of(Rows(np.ones((4, 1)), value, np.full(4, v)), np.zeros(1), np.full(1, 1e3))
+    mean = value.mean()
+
+    def weight(tau, power):
+        total = v + tau**2
+        likelihood = total**-1.5 * np.exp(-0.5 * np.sum((value - mean) ** 2) / total)
+        return likelihood / (1.0 + tau**2 / v) * (total / 4.0) ** power
+
+    variance = (
+        quad(weight, 0, 200, args=(1,), limit=500)[0]
+        / quad(weight, 0, 200, args=(0,), limit=500)[0]
+    )
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-5)
+    np.testing.assert_allclose(found.std, np.sqrt(variance), rtol=0.03)  # a grid of 41 scatters
+    assert found.std > 1.5 * np.sqrt((v + value.var(ddof=1)) / 4) / 1.5  # no narrower than known
+
+
+def test_the_probability_of_being_within_limits_is_that_of_samples():
+    rng = np.random.default_rng(4)
+    means = rests(rng, 14, 0.01, VECTOR)
+    found = accel_posterior(ByMagnitude(GRAVITY), means, "consumer")
+    limits = np.where(np.arange(9) < 6, 2.2 * found.std, np.inf)
+    drawn = rng.choice(len(found.weight), 20_000, p=found.weight)
+    roots = np.linalg.cholesky(found.covariances)
+    x = found.means[drawn] + np.einsum("nij,nj->ni", roots[drawn], rng.standard_normal((20_000, 9)))
+    share = np.mean(np.all(np.abs(x - found.mean) < limits, axis=1))
+    # The product of single probabilities is at most the joint one (Šidák), and near it.
+    assert share - 0.05 < found.within(limits) < share + 0.006
+    ratio = found.ratio(limits, 0.95)
+    np.testing.assert_allclose(found.within(ratio * limits), 0.95, atol=1e-6)
+
+
+def test_intervals_of_unknown_scatter_cover_as_they_say():
+    """Twelve rests, a scatter that changes from device to device: 95 % intervals hold the truth in 95 % of them."""
+    rng, inside = np.random.default_rng(5), []
+    for _ in range(400):
+        scatter = 0.003 * abs(rng.standard_cauchy())
+        made = rests(rng, 14, np.hypot(0.003, min(scatter, 0.1)), VECTOR)
+        covariance = np.broadcast_to(9e-6 * np.eye(3), (14, 3, 3))
+        found = accel_posterior(ByMagnitude(GRAVITY), RestMeans(made.accel, covariance), "consumer")
+        inside.append(np.abs(found.mean - VECTOR) < 1.96 * found.std)
+    # 3600 intervals, correlated within a device: standard deviation below 1 %.
+    assert 0.93 < np.mean(inside) < 0.98
+
+
+@pytest.mark.parametrize(
+    ("up", "words"),
+    [
+        ([0, 0, 1], "turn the device so that +z points up"),
+        ([0, 1, 1], "turn the device so that +y and +z point up alike"),
+        ([-1, 0, 1], "turn the device so that −x and +z point up alike"),
+        ([1, -1, 1], "turn the device so that +x, −y and +z point up alike"),
+        (
+            [0.5, 3**0.5 / 2, 0],
+            "turn the device so that +y points up, tilted towards +x by 30 deg",
+        ),
+    ],
+)
+def test_a_direction_is_said_in_words(up, words):
+    up = np.array(up, float)
+    assert in_words(up / np.linalg.norm(up)) == words
+
+
+def test_the_next_position_is_the_one_that_tells_what_is_missing():
+    """Rests with x, y up and down and between: z is missing, and where it is said, it gains most."""
+    faces = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0], [1, -1, 0]], float)
+    force = GRAVITY * faces / np.linalg.norm(faces, axis=1, keepdims=True)
+    means = RestMeans(force, np.broadcast_to(1e-6 * np.eye(3), (6, 3, 3)))
+    model = ByMagnitude(GRAVITY)
+    found = accel_posterior(model, means, "consumer")
+    up = hand_directions()
+    around = followed(up)
+    rows = model.tried(found.mean, around.reshape(-1, 3)).reshape(len(up), -1, 1, 9)
+    limits = np.array([0.02] * 3 + [1e-3, np.inf, 1e-3, np.inf, np.inf, 1e-3])
+    chosen = best_position(up, [Part(found.covariance, limits, rows, 1e-6)])
+    assert abs(chosen.up[2]) > 0.85 and 0.0 < chosen.gain <= 1.0
+    # The gain by brute force: information with the rows of one direction added, averaged over the circle.
+    k = int(np.argmin(np.linalg.norm(up - chosen.up, axis=1)))
+    asked = np.isfinite(limits)
+    distance = lambda c: np.sum((np.sqrt(np.diag(c))[asked] / limits[asked]) ** 6) ** (1 / 6)
+    after = [
+        distance(np.linalg.inv(np.linalg.inv(found.covariance) + r.T @ r / 1e-6)) for r in rows[k]
+    ]
+    np.testing.assert_allclose(
+        chosen.gain, 1 - np.mean(after) / distance(found.covariance), rtol=1e-4
+    )
+
+
+def test_directions_are_followed_ten_degrees_off():
+    up = hand_directions()
+    assert up.shape == (50, 3)
+    np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1.0)
+    angle = np.degrees(np.arccos(np.einsum("caj,cj->ca", followed(up), up)))
+    np.testing.assert_allclose(angle, 10.0)
+
+
+def test_the_covariance_of_a_mean_holds_noise_with_a_memory():
+    """First-order noise of 50 ms besides white noise: the scatter of many means is what is said of each."""
+    rng, step, rows, memory = np.random.default_rng(6), 0.01, 500, 5.0
+    decay = np.exp(-1.0 / memory)
+    white = rng.standard_normal((200, rows, 3))
+    red = lfilter(
+        [np.sqrt(1 - decay**2)], [1.0, -decay], rng.standard_normal((200, rows + 200, 3)), axis=1
+    )
+    samples = white + 2.0 * red[:, 200:]
+    said = np.mean([np.diag(c) for c in mean_covariances(list(samples), step)])
+    # By theory, of a mean of n samples: 1/n + 4 (1 + a)/(1 - a)/n for n far above the memory.
+    expected = 1.0 / rows + 4.0 * (1 + decay) / (1 - decay) / rows
+    np.testing.assert_allclose(samples.mean(axis=1).var(), expected, rtol=0.15)
+    np.testing.assert_allclose(said, expected, rtol=0.25)  # blocks of 25 rows lose a fifth of it
