@@ -10,7 +10,9 @@ from inertiax.estimators import Invariant
 from inertiax.fleet import fit_invariant
 from inertiax.fleet.solve.invariant import fit_chunks, predicted
 from inertiax.fleet.solve.moments import gradient, normal_matrix
+from inertiax.fleet.solve.refined_noise import refined_sigma
 from inertiax.fleet.solve.thermal import normal_matrices
+from inertiax.physics.temperature import Polynomial
 from inertiax.reduction.dwells import Dwells
 
 
@@ -124,3 +126,28 @@ def test_thermal_normal_matrices_are_those_of_the_kronecker_rows():
     for k in range(4):
         design = np.stack([np.kron(p, g) for p, g in zip(phi[k].T, rows[k].T, strict=True)])
         np.testing.assert_allclose(found[k], design.T @ design, rtol=0, atol=1e-12)
+
+
+def test_refined_noise_is_that_of_compensated_dwells():
+    """`Invariant.misfit` of dwells that `Invariant.compensate` refined, at no further error."""
+    rng = np.random.default_rng(9)
+    count, rests = 3, 20
+    basis = Polynomial(1, 0.0, 40.0)
+    outputs = rng.standard_normal((count, rests, 3))
+    outputs *= GRAVITY / np.linalg.norm(outputs, axis=-1, keepdims=True)
+    root = 1e-3 * rng.standard_normal((count, rests, 3, 3))
+    temperature = rng.uniform(0.0, 40.0, (count, rests))
+    dwells = Dwells.from_arrays(outputs, temperature=temperature, sigma=root @ root.mT)
+    coefficients = rng.normal(0.0, 0.03, (count, 2, 9))
+    coefficients[2] = np.nan  # of a device that was not solved
+    own = np.full((count, rests, 1), 7.0)
+    found = refined_sigma(basis, dwells, coefficients.reshape(count, -1), own)
+    estimator = Invariant(gravity=GRAVITY)
+    with jax.enable_x64(True):
+        for k in range(2):
+            for n in range(rests):
+                one = jax.tree.map(lambda x, k=k, n=n: jnp.asarray(x[k, n]), dwells)
+                vector = np.array([1.0, temperature[k, n] / 20.0 - 1.0]) @ coefficients[k]
+                _, sigma = estimator.misfit(np.zeros(9), estimator.compensate(vector, one))
+                np.testing.assert_allclose(found[k, n], sigma, rtol=1e-12)
+    np.testing.assert_array_equal(found[2], own[2])

@@ -7,9 +7,11 @@ import pytest
 
 from fleet_data import device_table, parameters
 from inertiax.data.formats import ColumnMap
+from inertiax.data.recording import Recording
 from inertiax.fleet.reduce.blocks import BLOCKS
 from inertiax.fleet.reduce.many_dwells import Reduced, Reduction
 from inertiax.fleet.reduce.raw_rows import reduce_table
+from inertiax.reduction.dwell_means import reduce_to_dwells
 
 
 def _spoil(k: int, table: pl.DataFrame, rng: np.random.Generator) -> pl.DataFrame:
@@ -112,3 +114,73 @@ def test_stacks_give_back_what_was_put_in(tables):
         assert (one.device, one.reason) == (other.device, other.reason)
         for x, y in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             np.testing.assert_array_equal(x, y)
+
+
+def _rate_table(rng: np.random.Generator, rests: int = 3) -> pl.DataFrame:
+    """Rests of 64 samples at 10 Hz, then ramps of 20 rows and plateaus of 40 at ±1 rad/s about three axes."""
+    rates, position = [np.zeros((64 * rests, 3))], [np.repeat(np.arange(rests), 64)]
+    for axis in np.concatenate([np.eye(3), -np.eye(3)]):
+        ramp = np.linspace(0.0, 1.0, 20)[:, None] * axis
+        rates += [ramp, np.tile(axis, (40, 1)), ramp[::-1]]
+        position.append(np.full(80, -1))
+    rate, where = np.concatenate(rates), np.concatenate(position)
+    force = np.tile([0.0, 0.0, 9.81], (len(rate), 1))
+    gyro = 1.01 * rate + 0.02 + 1e-3 * rng.standard_normal(rate.shape)
+    accel = force + 2e-3 * rng.standard_normal(rate.shape)
+    columns = {"time": 0.1 * np.arange(len(rate)), "position": where.astype(np.int64)}
+    named = {"accel": accel, "gyro": gyro, "reference_gyro": rate}
+    return pl.DataFrame(
+        columns | {f"{k}_{a}": v[:, i] for k, v in named.items() for i, a in enumerate("xyz")}
+    )
+
+
+def _as_recording(table: pl.DataFrame) -> Recording:
+    triads = {
+        name: table.select(f"{name}_{a}" for a in "xyz").to_numpy()
+        for name in ("accel", "gyro", "reference_gyro")
+        if f"{name}_x" in table.columns
+    }
+    probe = table["temperature"].to_numpy()[:, None] if "temperature" in table.columns else None
+    experiment = table["experiment"].to_numpy() if "experiment" in table.columns else None
+    return Recording(
+        table["time"].to_numpy(), temperature=probe, experiment=experiment,
+        position=table["position"].to_numpy(), **triads,
+    )  # fmt: skip
+
+
+def _same_dwells(one, other):
+    for name in one.__dataclass_fields__:
+        if name != "rows":
+            first, second = getattr(one, name), getattr(other, name)
+            assert (first is None) == (second is None), name
+            if first is not None:
+                np.testing.assert_allclose(first, second, rtol=1e-13, atol=1e-15, err_msg=name)
+
+
+@pytest.mark.parametrize("rests", [3, 0])
+@pytest.mark.parametrize("exact", [False, True])
+def test_plateaus_of_constant_rate_count(rests, exact):
+    """Also where the device never rests, and beside devices that are reduced by sums."""
+    rng = np.random.default_rng(8)
+    turning, other = _rate_table(rng, rests), _rate_table(rng)
+    resting = other.filter(pl.col("position") >= 0)
+    table, rows = pl.concat([turning, resting]), np.array([len(turning), len(resting)])
+    found, beside = reduce_table(table, rows, ("turns", "rests"), ColumnMap(), exact=exact)
+    assert (found.device, found.reason, beside.device, beside.reason) == ("turns", "", "rests", "")
+    assert found.dwells is not None and beside.dwells is not None
+    np.testing.assert_array_equal(found.dwells.position, [*range(rests), *[-1] * 6])
+    np.testing.assert_allclose(
+        found.dwells.reference_gyro[rests:], np.concatenate([np.eye(3), -np.eye(3)]), atol=1e-12
+    )
+    _same_dwells(found.dwells, reduce_to_dwells([_as_recording(turning)]))
+    np.testing.assert_array_equal(beside.dwells.position, [0, 1, 2])
+
+
+def test_exact_dwells_are_those_of_one_device_alone(tables):
+    rows, names = np.array([len(t) for t in tables]), tuple(f"D{k}" for k in range(len(tables)))
+    quick = _reduced(tables)
+    exact = list(reduce_table(pl.concat(tables), rows, names, ColumnMap(), exact=True))
+    for table, one, other in zip(tables, quick, exact, strict=True):
+        assert (one.device, one.reason) == (other.device, other.reason)
+        if other.dwells is not None and not table["position"].null_count():
+            _same_dwells(other.dwells, reduce_to_dwells([_as_recording(table)]))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from inertiax.calibrate.pipeline import calibrate, DeviceResult
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
-from inertiax.diagnose import diagnose_campaign
+from inertiax.diagnose import audit, diagnose_campaign
 from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
 from inertiax.fleet import run_fleet
@@ -113,6 +113,34 @@ def one_pose(seed=4):
     return Campaign((recording,), Site(G))
 
 
+def ferraris():
+    """Six faces at rest and a full turn by hand about each axis, whose mean rate is the reference, at 50 Hz."""
+    force, rate, stated, label = [], [], [], []
+    for k, axis in enumerate(np.concatenate([np.eye(3), -np.eye(3)])):
+        force += [np.tile(G * axis, (150, 1))]
+        rate += [np.zeros((150, 3))]
+        stated += [np.zeros((150, 3))]
+        label += [np.full(150, k)]
+        if k < 3:
+            share = 1.0 - np.cos(2.0 * np.pi * (np.arange(200) + 0.5) / 200)
+            force += [np.tile(G * axis, (200, 1))]
+            rate += [share[:, None] * axis * np.pi / 2.0]
+            stated += [np.tile(axis * np.pi / 2.0, (200, 1))]
+            label += [np.full(200, -1)]
+    recordings, start = [], 0.0
+    for part, (f, w) in enumerate(
+        zip(force, rate, strict=True)
+    ):  # a recording each: turned over in between
+        accel, gyro = outputs(f, w, np.full(len(f), 25.0), 60 + part)
+        recording = Recording(
+            start + 0.02 * np.arange(len(f)), accel=accel, gyro=gyro, position=label[part],
+            reference_accel=f, reference_gyro=stated[part],
+        )  # fmt: skip
+        recordings.append(recording)
+        start += 100.0
+    return Campaign(tuple(recordings), Site(G))
+
+
 def without(campaign, **columns):
     (recording,) = campaign.recordings
     kept = {k: getattr(recording, k) for k in recording.__dataclass_fields__}
@@ -140,6 +168,11 @@ CAMPAIGNS = {
         triads=("accel",), temperature=(0.0, 20.0, 40.0, 60.0)
     ),
     "the same, rig stated": lambda: table(triads=("accel",), rig=Rig(position_uncertainty=5e-5)),
+    "paper plan": lambda: without(
+        table(triads=("accel",), temperature=(-40.0, -20.0, 0.0, 20.0, 40.0, 60.0)),
+        reference_accel=None,
+    ),
+    "Ferraris": ferraris,
     "faces only": faces,
     "one pose": one_pose,
     "three attitudes and gyros": lambda: without(
@@ -182,6 +215,7 @@ def test_a_diagnosis_judges_the_model_that_was_calibrated(name):
     with jax.enable_x64(True):
         problem = prepare(campaign, FEW)
     assert problem.plain.model == plain.model == problem.plain.calibration.model
+    assert audit(campaign, effects=FEW).as_dict()["model"] == plain.model.document()
     same(plain.calibration, problem.plain.calibration)
     for prepared in problem.triads:
         spec = getattr(plain.model, prepared.form.triad)
@@ -215,15 +249,46 @@ def test_nothing_is_missing_where_the_model_is_right_and_the_calibration_stays(n
     assert after.effects == () or plain.model.lever_arms
 
 
-FLEETS = ("table, accelerometers", "the same with temperature", "the same, rig stated")
+FLEETS = (
+    "table",
+    "table with temperature",
+    "table, rig stated",
+    "table, g-sensitivity",
+    "rate table alone",
+    "table, accelerometers",
+    "the same with temperature",
+    "the same, rig stated",
+    "paper plan",
+    "hand, gyros left alone",
+)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FLEETS)
-def test_a_fleet_says_the_same(name, tmp_path):
-    campaign = CAMPAIGNS[name]()
+def written(campaign, folder, devices):
+    """A campaign of like devices as a Parquet file with its `campaign.toml`; a log without positions in a folder of its
+    own, as a fleet of them stands."""
+    tables = [rows(made, name) for name, made in devices.items()]
+    place = folder if "position" in tables[0].columns else folder / "line" / "A-1"
+    place.mkdir(parents=True, exist_ok=True)
+    pl.concat(tables).write_parquet(place / "log.parquet")
+    rig, asked = campaign.rig, campaign.model
+    text = f"[site]\ngravity = {G}\n[recordings]\nfiles = ['log.parquet']\n"
+    if rig.position_uncertainty:
+        arcsec = np.rad2deg(rig.position_uncertainty) * 3600.0
+        text += f"[rig]\nposition_uncertainty = {arcsec}\nrate_uncertainty = {1e6 * (rig.rate_uncertainty or 0.0)}\n"
+    text += "[model]\n"
+    text += "g_sensitivity = true\n" if asked.g_sensitivity else ""
+    text += f"gyro_estimator = '{asked.gyro_estimator}'\n" if asked.gyro_estimator else ""
+    (place / "campaign.toml").write_text(text)
+    return place, folder if place == folder else folder / "line"
+
+
+def rows(campaign, device):
+    """A campaign's recording as a table of one device."""
     (recording,) = campaign.recordings
-    columns = {"time": recording.time, "position": recording.position}
+    columns = {"time": recording.time}
+    for label in ("position", "experiment"):
+        if getattr(recording, label) is not None:
+            columns[label] = getattr(recording, label)
     for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
         if getattr(recording, triad) is not None:
             columns |= {
@@ -231,18 +296,30 @@ def test_a_fleet_says_the_same(name, tmp_path):
             }
     if recording.temperature is not None:
         columns |= {"temperature": recording.temperature[:, 0]}
-    columns["experiment"] = recording.experiment
-    table_ = pl.DataFrame(columns).with_columns(device=pl.lit("A-1"))
-    table_.write_parquet(tmp_path / "log.parquet")
-    rig = campaign.rig
-    text = f"[site]\ngravity = {G}\n[recordings]\nfiles = ['log.parquet']\n"
-    if rig.position_uncertainty:
-        arcsec = np.rad2deg(rig.position_uncertainty) * 3600.0
-        text += f"[rig]\nposition_uncertainty = {arcsec}\nrate_uncertainty = {1e6 * (rig.rate_uncertainty or 0.0)}\n"
-    if campaign.model.g_sensitivity:
-        text += "[model]\ng_sensitivity = true\n"
-    (tmp_path / "campaign.toml").write_text(text)
-    alone = calibrated(load_campaign(tmp_path / "campaign.toml"))
-    summary = run_fleet(tmp_path / "campaign.toml", tmp_path / "out")
+    return pl.DataFrame(columns).with_columns(device=pl.lit(device))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FLEETS)
+def test_a_fleet_says_the_same(name, tmp_path):
+    campaign = CAMPAIGNS[name]()
+    place, line = written(campaign, tmp_path, {"A-1": campaign})
+    alone = calibrated(load_campaign(place / "campaign.toml"))
+    summary = run_fleet(line, tmp_path / "out")
     assert summary.as_dict()["model"] == alone.model.document()
     same(alone.calibration, fleet_calibration(tmp_path / "out", "A-1"))
+
+
+@pytest.mark.slow
+def test_a_fleet_of_two_devices_says_the_same_of_each(tmp_path):
+    first = table()
+    (recording,) = first.recordings
+    second = without(first, accel=2.0 * recording.reference_accel - recording.accel)
+    written(first, tmp_path, {"A-1": first, "A-2": second})
+    with jax.enable_x64(True):
+        results = calibrate(load_campaign(tmp_path / "campaign.toml"))
+    summary = run_fleet(tmp_path / "campaign.toml", tmp_path / "out")
+    assert [r.calibration.device for r in results] == ["A-1", "A-2"]
+    for alone in results:
+        assert alone.model.document() == summary.as_dict()["model"]
+        same(alone.calibration, fleet_calibration(tmp_path / "out", alone.calibration.device))

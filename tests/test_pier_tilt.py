@@ -93,3 +93,16 @@ def test_a_level_pier_is_left_alone(seed):
     with jax.enable_x64(True):
         found = diagnose(tumble(np.zeros(2), seed))
     assert found.verdict == "consistent"
+
+
+def test_turning_through_gravity_is_no_noise():
+    """Errors of the matrix, 1e-3 of gravity, follow each turn and are 30 times the noise of 3e-4 m/s²."""
+    tilt = [e for e in CATALOGUE if e.name == "pier_tilt"]
+    with jax.enable_x64(True):
+        (prepared,) = prepare(tumble(np.zeros(2)), tilt).triads
+    blocks = prepared.blocks
+    per_sample = np.sqrt(blocks.accel_white * blocks.count[:, None])
+    assert blocks.moving.any()
+    # 53 plateaus of two blocks of four samples: 318 degrees of freedom, so 4 % (1 sigma) each.
+    np.testing.assert_allclose(per_sample[blocks.moving], 3e-4, rtol=0.16)
+    np.testing.assert_allclose(per_sample[~blocks.moving], 3e-4, rtol=0.16)

@@ -18,9 +18,9 @@ from .candidates.signatures import block_shapes, coarsen, in_other_form, padded,
 from .candidates.smooth import flexible
 from .noise.observation_series import make, share, System
 from .noise.type_noise import TypeNoise
-from .observations.blocks import Blocks, cut, join, Log
+from .observations.blocks import Blocks, cut, join, Log, with_scatter_about
 from .observations.delay_ramps import Delay, find_delay, without_delay
-from .observations.model_rows import Baseline, calibrated, ModelForm, rows, usable
+from .observations.model_rows import Baseline, calibrated, expected_output, ModelForm, rows, usable
 from .observations.signals import build, specific_force
 
 
@@ -110,7 +110,9 @@ def prepare(
         if model is None:
             continue
         form = model.form
-        mine = blocks[usable(form, blocks)]
+        expected = expected_output(model, log, blocks)
+        seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
+        mine = seen[usable(form, blocks)]
         base = rows(model, mine, None if force is None else mine.mean(force))
         made = prepare_triad(campaign, log, mine, base, force, catalogue)
         made = replace(made, delay=delays.get(triad), log=log)

@@ -39,6 +39,10 @@ from .store import fingerprint, is_done, Manifest, read_manifest, SCHEMA, write_
 
 # Devices that compile ahead: as many as fill the smallest shape of the programs over temperature.
 AHEAD = 16
+# Rows of a run up to which every device is reduced as `calibrate` does, and has its very weights, for some ten
+# milliseconds a device. Beyond, the covariance of a mean comes from sums over blocks, and estimates move by some
+# hundredths of a sigma.
+EXACT_ROWS = 4_000_000
 
 Report = Callable[[int, int], None]  # tasks done, tasks in all
 
@@ -90,13 +94,13 @@ def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     _write_population(folder, manifest)
     if manifest.forms is not None:
-        write_line(folder, manifest, _reader(manifest.campaigns, columns))
+        write_line(folder, manifest, _reader(manifest.campaigns, columns, manifest.exact))
     return summary
 
 
-def _reader(campaigns: bool, columns: ColumnMap) -> Reader:
+def _reader(campaigns: bool, columns: ColumnMap, exact: bool) -> Reader:
     """What turns a task into dwells."""
-    return read_campaigns if campaigns else lambda task: read(task, columns)
+    return read_campaigns if campaigns else functools.partial(read, columns=columns, exact=exact)
 
 
 def _write_population(folder: Path, manifest: Manifest) -> None:
@@ -116,11 +120,16 @@ class Context(eqx.Module):
     folder: str = eqx.field(static=True)
 
 
+def _reader_of(context: Context) -> Reader:
+    manifest = context.manifest
+    return _reader(manifest.campaigns, context.columns, manifest.exact)
+
+
 def run_task(task: Task, context: Context) -> int:
     """Read, reduce, solve and store one task; returns its number. Runs wherever a worker is."""
     # A worker process has JAX's defaults; the precision is local to this call.
     with jax.enable_x64(True):
-        reduced = _reader(context.manifest.campaigns, context.columns)(task)
+        reduced = _reader_of(context)(task)
         write_part(Path(context.folder), task.number, calibrate_reduced(reduced, context.manifest))
     return task.number
 
@@ -129,7 +138,7 @@ def _some_dwells(tasks: Sequence[Task], context: Context) -> Reduction:
     """A few devices of the first task."""
     task = msgspec.structs.replace(tasks[0], devices=tasks[0].devices[:AHEAD])
     with jax.enable_x64(True):
-        return _reader(context.manifest.campaigns, context.columns)(task)
+        return _reader_of(context)(task)
 
 
 def _compile(some: Reduction, context: Context) -> None:
@@ -196,8 +205,10 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
         tasks = split([s.address for s in sources], columns)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    reader = _reader(False, columns)
-    return _settled(campaign, tasks, reader, mark, folder, asked, campaigns=False), columns
+    exact = sum(t.rows for t in tasks) <= EXACT_ROWS
+    reader = _reader(False, columns, exact)
+    found = _settled(campaign, tasks, reader, mark, folder, asked, campaigns=False, exact=exact)
+    return found, columns
 
 
 def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _Asked) -> Manifest:
@@ -207,7 +218,9 @@ def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _A
     if known is not None:
         return known
     tasks = split_campaigns(files)
-    return _settled(campaign, tasks, read_campaigns, mark, folder, asked, campaigns=True)
+    return _settled(
+        campaign, tasks, read_campaigns, mark, folder, asked, campaigns=True, exact=True
+    )
 
 
 def _settled(
@@ -219,6 +232,7 @@ def _settled(
     asked: _Asked,
     *,
     campaigns: bool,
+    exact: bool,
 ) -> Manifest:
     """The plan of a new run, stored."""
     model = choose_line_model(campaign, tasks, reader, asked.prior)
@@ -227,7 +241,7 @@ def _settled(
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
-        rig=_promised(campaign.rig),
+        rig=_promised(campaign.rig), exact=exact,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)

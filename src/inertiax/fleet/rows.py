@@ -112,7 +112,13 @@ def _solved(
     )
     if prior is None:
         single = isinstance(estimator, Invariant) and manifest.precision == "float32"
-        fit = fit_fleet(estimator, basis, dwells, precision="float32" if single else "float64")
+        fit = fit_fleet(
+            estimator,
+            basis,
+            dwells,
+            precision="float32" if single else "float64",
+            refined=manifest.exact,
+        )
         return fit, judge(estimator, basis, fit)
     found = fit_informed(estimator, basis, dwells, prior)
     reasons = zip(

@@ -52,6 +52,8 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     # What the station promises, 1 sigma: rad of each positioning, part of the rate, °C.
     rig: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    exact: bool = False  # every device was reduced as `calibrate` does, not by sums over blocks
+
     @property
     def num_devices(self) -> int:
         """Devices in all tasks."""

@@ -155,14 +155,23 @@ def _hadamard(
 
 
 _GAIN = 9.0  # in χ², for which another component is taken
+_DISTINCT = (
+    1e-24  # part of a component's square that must lie outside those chosen: rounding leaves less
+)
 
 
-def _left(
-    design: Float[np.ndarray, "level component"], target: Float[np.ndarray, " level"]
+def _most_gain(
+    design: Float[np.ndarray, "level component"],
+    residual: Float[np.ndarray, " level"],
+    chosen: list[int],
 ) -> float:
-    """Sum of squares that least squares leave."""
-    shares, *_ = np.linalg.lstsq(design, target)
-    return float(np.sum(np.square(target - design @ shares)))
+    """By how much one more component lowers the sum of squares at most, shares of either sign allowed."""
+    span, _ = np.linalg.qr(design[:, chosen])
+    beside = design - span @ (span.T @ design)
+    square = np.sum(np.square(beside), axis=0)
+    new = square > _DISTINCT * np.sum(np.square(design), axis=0)
+    gain = np.square(beside.T @ residual)[new] / square[new]
+    return float(gain.max(initial=0.0))
 
 
 def _grow(
@@ -176,7 +185,9 @@ def _grow(
     while len(chosen) < min(4, len(target)):
         trials = [k for k in range(design.shape[1]) if k not in chosen]
         # Shares of either sign leave no more than positive ones: where they gain too little, these do.
-        if residual**2 - min(_left(design[:, [*chosen, k]], target) for k in trials) <= _GAIN:
+        shown = target - design[:, chosen] @ np.linalg.lstsq(design[:, chosen], target)[0]
+        free = residual**2 - float(shown @ shown)
+        if free + _most_gain(design, shown, chosen) <= _GAIN:
             break
         # White noise alone needs none, and the import takes a quarter of a second.
         from scipy.optimize import nnls

@@ -221,6 +221,17 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
     )
 
 
+def with_scatter_about(
+    blocks: Blocks, log: Log, triad: str, expected: Float[np.ndarray, "time 3"]
+) -> Blocks:
+    """The blocks with one triad's white variance by the scatter about what it is expected to read.
+
+    While a device turns, an error of its matrix makes output less reference follow the turn: that is no noise.
+    """
+    white = _white(getattr(log, triad), expected, blocks.start, blocks.stop, blocks.moving)
+    return eqx.tree_at(lambda b: getattr(b, f"{triad}_white"), blocks, white)
+
+
 def _white(
     values: np.ndarray | None,
     reference: np.ndarray | None,

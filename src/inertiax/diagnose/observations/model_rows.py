@@ -19,7 +19,7 @@ from ...physics.error_model import AccelerometerErrors, compensate_accel, distor
 from ...physics.temperature import Polynomial
 from ...procedure.single_device import linearise
 from ...reduction.dwells import Dwells
-from .blocks import Blocks
+from .blocks import Blocks, Log
 
 
 _ELEMENT = re.compile(r"(\w+)\.(\w+)\[(\d)(?:,(\d))?\]")
@@ -158,6 +158,21 @@ def _outputs(
         return distort_accel(AccelerometerErrors(b, m), a)
 
     return jax.vmap(one)(jnp.asarray(bias), jnp.asarray(matrix), jnp.asarray(force))
+
+
+def expected_output(
+    model: CalibratedTriad, log: Log, blocks: Blocks
+) -> Float[np.ndarray, "time 3"] | None:
+    """(E + Γ) times the reference at every sample, which is the output but for the bias; `None` without a reference.
+
+    Γ is that of the blocks' mean temperature: its change over temperature moves nothing within a block.
+    """
+    given = getattr(log, f"reference_{model.form.triad}")
+    if model.form.estimator != "reference" or given is None:
+        return None
+    basis = model.form.basis(blocks.temperature, blocks.num_blocks).mean(axis=0, keepdims=True)
+    _, (matrix,) = errors_at(model.form, model.coefficients, basis)
+    return given @ (np.eye(3) + matrix).T
 
 
 def errors_at(

@@ -30,6 +30,17 @@ class Stack(eqx.Module):
     counts: Int[np.ndarray, " devices"]  # dwells; what follows only pads
     dwells: Dwells  # leads with the device
 
+    def without(self, numbers: Int[np.ndarray, " some"]) -> "Stack":
+        """The devices that are not among some."""
+        left = ~np.isin(self.members, numbers)
+        if left.all():
+            return self
+        return Stack(
+            self.members[left],
+            self.counts[left],
+            jax.tree.map(lambda x: np.asarray(x)[left], self.dwells),
+        )
+
 
 class Reduction(eqx.Module):
     """Devices in order; each is in one stack, or has a reason. Iterates over `Reduced`, one by one."""
@@ -55,6 +66,19 @@ class Reduction(eqx.Module):
             for (length, _), mine in groups.items()
         )
         return cls(tuple(r.device for r in reduced), tuple(r.reason for r in reduced), stacks)
+
+    def with_reduced(
+        self, numbers: Int[np.ndarray, " some"], reduced: Sequence[Reduced]
+    ) -> "Reduction":
+        """The same with some devices, by number, reduced otherwise."""
+        again = Reduction.of(reduced)
+        reasons = list(self.reasons)
+        for k, one in zip(numbers.tolist(), reduced, strict=True):
+            reasons[k] = one.reason
+        kept = [s.without(numbers) for s in self.stacks]
+        moved = [Stack(numbers[s.members], s.counts, s.dwells) for s in again.stacks]
+        stacks = tuple(s for s in (*kept, *moved) if len(s.members))
+        return Reduction(self.devices, tuple(reasons), stacks)
 
     def __iter__(self) -> Iterator[Reduced]:
         place = {int(k): (s, row) for s in self.stacks for row, k in enumerate(s.members)}

@@ -36,18 +36,25 @@ from .columns import (
 from .implausible_devices import implausible_devices
 from .locations import scan
 from .many_dwells import Reduction, Stack
+from .single_devices import labels, reduce_alone, with_plateaus
 from .stacked_dwells import shared_length
 from .tasks import Stretch, Task
 
 
-def read(task: Task, columns: ColumnMap) -> Reduction:
-    """The dwells of a task's devices. Raises `ValueError` for what is wrong with a file as a whole."""
+NO_REST = "no rest: no row has a position of 0 or more"
+
+
+def read(task: Task, columns: ColumnMap, *, exact: bool = False) -> Reduction:
+    """The dwells of a task's devices; for `exact` see `reduce_table`.
+
+    Raises `ValueError` for what is wrong with a file as a whole.
+    """
     stretches = [s for _, mine in task.devices for s in mine]
     rows = np.array([sum(s.rows for s in mine) for _, mine in task.devices])
     # Neighbours are read in one go: a row group holds many devices, and would be decoded for each.
     tables = [_rows(s.file, s.start, s.rows, columns) for s in _joined(stretches)]
     table = tables[0] if len(tables) == 1 else pl.concat(tables, how="vertical_relaxed")
-    return reduce_table(table, rows, tuple(d for d, _ in task.devices), columns)
+    return reduce_table(table, rows, tuple(d for d, _ in task.devices), columns, exact=exact)
 
 
 def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
@@ -83,16 +90,43 @@ def reduce_table(
     rows: Int[np.ndarray, " device"],
     devices: tuple[str, ...],
     columns: ColumnMap,
+    *,
+    exact: bool = False,
 ) -> Reduction:
-    """Dwells of each device; the table holds `rows[0]` rows of the first device, then those of the second …"""
-    reasons = np.array(["no rest: no row has a position of 0 or more"] * len(devices), object)
+    """Dwells of each device; the table holds `rows[0]` rows of the first device, then those of the second …
+
+    A device that turns at a constant rate, by its reference, is reduced alone as `inertiax calibrate` does, since its
+    plateaus count; with `exact` so is every device, whose weights are then calibrate's own.
+    """
+    quick = _by_sums(table, rows, devices, columns)
+    ends = np.cumsum(rows)
+    turning = with_plateaus(table, ends, columns)
+    usable = np.array(
+        [r in ("", NO_REST) if t else r == "" for r, t in zip(quick.reasons, turning)]
+    )
+    alone = np.flatnonzero(usable & (turning | exact))
+    if not len(alone):
+        return quick
+    slices = (table.slice(int(ends[k] - rows[k]), int(rows[k])) for k in alone)
+    made = [reduce_alone(t, columns, devices[k]) for t, k in zip(slices, alone)]
+    return quick.with_reduced(alone, made)
+
+
+def _by_sums(
+    table: pl.DataFrame,
+    rows: Int[np.ndarray, " device"],
+    devices: tuple[str, ...],
+    columns: ColumnMap,
+) -> Reduction:
+    """Dwells at rest of each device by sums over blocks of rows."""
+    reasons = np.array([NO_REST] * len(devices), object)
     blocks, position, experiment = _cut(table, rows, columns)
     if blocks is None:
         return Reduction(devices, tuple(reasons), ())
-    labels = (position_name(columns), experiment_name(columns))
+    numbers = (position_name(columns), experiment_name(columns))
     # A device with a number that is not finite is found after it went through the sums with the others.
     with np.errstate(invalid="ignore", over="ignore"):
-        values = {c: blocks.means(table.get_column(c)) for c in table.columns if c not in labels}
+        values = {c: blocks.means(table.get_column(c)) for c in table.columns if c not in numbers}
         means = _means(blocks, values, position, experiment, columns)
         reasons[blocks.devices] = _reasons(blocks, means, columns)
     usable = reasons[blocks.devices] == ""
@@ -103,9 +137,9 @@ def _cut(
     table: pl.DataFrame, rows: np.ndarray, columns: ColumnMap
 ) -> tuple[Blocks | None, np.ndarray, np.ndarray]:
     """The stretches at rest (same device, position and experiment), with their positions and experiments."""
-    position = _labels(table, position_name(columns))
+    position = labels(table, position_name(columns))
     name = experiment_name(columns)
-    experiment = _labels(table, name) if name in table.columns else None
+    experiment = labels(table, name) if name in table.columns else None
     ends = np.cumsum(rows)
     changes = position[1:] != position[:-1]
     if experiment is not None:
@@ -120,17 +154,6 @@ def _cut(
     if len(start):
         blocks = Blocks.cut(np.searchsorted(ends, start, side="right"), start, stop)
     return blocks, position[start].astype(np.int64), of_dwell.astype(np.int64)
-
-
-def _labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
-    series = table.get_column(column)
-    if not series.dtype.is_numeric():
-        raise ValueError(
-            f"column '{column}' is of type {series.dtype}; it must hold whole numbers."
-        )
-    if series.dtype.is_integer() and not series.null_count():
-        return series.to_numpy()
-    return series.cast(pl.Int64, strict=False).fill_null(-1).to_numpy()
 
 
 def _means(

@@ -24,6 +24,7 @@ from ...physics.temperature import AbstractBasis, Constant
 from ...reduction.dwells import Dwells, with_harmless_padding
 from .invariant import BatchFit, fit_chunks
 from .linear import fit_linear
+from .refined_noise import refined_sigma
 from .thermal import fit_thermal_invariant
 
 
@@ -64,6 +65,7 @@ def fit_fleet(
     *,
     threads: int | None = None,
     precision: Precision = "float64",
+    refined: bool = False,
 ) -> FleetFit:
     """Calibrate one triad of many devices, as `calibrate` does one: joint fit, then weights with the scatter
     between dwells that the misfit shows (Paule and Mandel 1982), then again.
@@ -89,10 +91,10 @@ def fit_fleet(
     parts = [slice(s, min(s + step, count)) for s in range(0, count, step)]
     fit = _unsolved(estimator, basis, dwells)
     if len(parts) <= 1:
-        _fit_part(estimator, basis, dwells, fit, size, precision)
+        _fit_part(estimator, basis, dwells, fit, size, precision, refined)
         return fit
     one = lambda part: _fit_part(
-        estimator, basis, _part(dwells, part), _part(fit, part), size, precision
+        estimator, basis, _part(dwells, part), _part(fit, part), size, precision, refined
     )
     # The first part compiles; the others then run the same program side by side.
     one(parts[0])
@@ -126,6 +128,7 @@ def _fit_part(
     fit: FleetFit,
     size: int,
     precision: Precision,
+    refined: bool,
 ) -> None:
     """`fit_fleet` of some of the devices into `fit`, in calls of `size`."""
     own, scatter, unknowns = fit.own_sigma, fit.scatter, fit.parameters.shape[1]
@@ -136,8 +139,12 @@ def _fit_part(
     dof = kept.sum(axis=1) - unknowns
     scatter[:] = np.where(known, 0.0, NOMINAL_SIGMA)
     solved: Rows = slice(0, len(scatter))
+    weighed = own
+    if refined and isinstance(estimator, Invariant) and _is_batched(estimator):
+        _solve(estimator, basis, dwells, fit, weighed, solved, size, precision)
+        weighed = refined_sigma(basis, dwells, fit.parameters, own)
     for k in range(3):
-        _solve(estimator, basis, dwells, fit, solved, size, precision)
+        _solve(estimator, basis, dwells, fit, weighed, solved, size, precision)
         square = np.square(fit.misfit[solved]).reshape(-1, kept.shape[1])
         square = np.where(kept[solved], square, 0.0)
         chi2 = _chi2(square, variance[solved])
@@ -194,6 +201,7 @@ def _solve(
     basis: AbstractBasis,
     dwells: Dwells,
     fit: FleetFit,
+    own: np.ndarray,
     rows: Rows,
     size: int,
     precision: Precision,
@@ -202,7 +210,10 @@ def _solve(
     for some in _calls(rows, size):
         # JAX's precision is a setting of each thread.
         with jax.enable_x64(True):
-            found = _solve_call(estimator, basis, dwells, fit, some, size, precision)
+            found = _solve_call(
+                estimator, basis, dwells, own[some], fit.scatter[some], fit.valid[some], some,
+                size, precision,
+            )  # fmt: skip
         for name in ("parameters", "covariance", "misfit", "converged", "num_steps"):
             place = getattr(fit, name)
             count = some.stop - some.start if isinstance(some, slice) else len(some)
@@ -221,16 +232,17 @@ def _solve_call(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
     dwells: Dwells,
-    fit: FleetFit,
+    own: np.ndarray,
+    scatter: np.ndarray,
+    valid: np.ndarray,
     rows: Rows,
     size: int,
     precision: Precision,
 ) -> BatchFit:
     """At most `size` devices; those that fill up to it may follow in the result."""
-    scatter = fit.scatter[rows]
     if isinstance(estimator, Invariant) and _is_batched(estimator):
-        sigma = np.sqrt(np.square(fit.own_sigma[rows][:, :, 0]) + np.square(scatter)[:, None])
-        weights = np.where(fit.valid[rows], 1.0 / sigma, 0.0)
+        sigma = np.sqrt(np.square(own[:, :, 0]) + np.square(scatter)[:, None])
+        weights = np.where(valid, 1.0 / sigma, 0.0)
         gravity = np.asarray(estimator.gravity, precision)
         outputs = np.asarray(dwells.accel)[rows]
         if isinstance(basis, Constant):
