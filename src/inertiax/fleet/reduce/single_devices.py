@@ -71,8 +71,10 @@ def with_plateaus(
     """
     found = np.zeros(len(ends), bool)
     names = triad_names(columns.reference_gyro, "reference_gyro")
+    if names[0] not in table.columns:
+        return found
     moving = labels(table, position_name(columns)) < 0
-    if names[0] not in table.columns or not moving.any():
+    if not moving.any():
         return found
     rate = _triad(table, columns, "reference_gyro")
     assert rate is not None
