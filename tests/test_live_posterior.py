@@ -89,7 +89,7 @@ def test_an_unknown_scatter_widens_as_the_integral_over_it_does():
     def weight(tau, power):
         total = v + tau**2
         likelihood = total**-1.5 * np.exp(-0.5 * np.sum((value - mean) ** 2) / total)
-        return likelihood / (1.0 + tau**2 / v) * (total / 4.0) ** power
+        return likelihood / (1.0 + tau**2 / (16.0 * v)) * (total / 4.0) ** power
 
     variance = (
         quad(weight, 0, 200, args=(1,), limit=500)[0]

@@ -18,6 +18,9 @@ from .target import CONFIDENCE, Target
 MISALIGNED = 0.02  # rad
 FEWEST_DIRECTIONS = 6  # of gravity, that the batch estimate asks for
 SAME_DIRECTION = np.radians(5.0)
+# Degrees of freedom that the batch estimate is left with: its standard deviations do not widen for want of them, and
+# Student's 95 % are 2.6 standard deviations with 5 and 4.3 with 2.
+FEWEST_FREEDOM = 5
 PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
 MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
 JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
@@ -122,6 +125,8 @@ def estimate(
         determined = _determined(model, rows, means, found)
     if rests and rests[0].gyro is not None:
         triads.append(_gyro_biases(rests, target))
+    if rests:
+        _require_known(target, triads)
     return Estimate(tuple(triads), model, len(rests), determined)
 
 
@@ -139,6 +144,16 @@ def limits_of(names: tuple[str, ...], target: Target) -> Float[np.ndarray, " par
     """Limit of each parameter, SI; ∞ where nothing is asked."""
     said = [target.limit(name) for name in names]
     return np.array([np.inf if limit is None else limit for limit in said])
+
+
+def _require_known(target: Target, triads: list[Triad]) -> None:
+    """A target that no rest can reach is said at the first one. Raises `ValueError`."""
+    names = [name for triad in triads for name in triad.names]
+    for said, _ in target.limits:
+        if all(Target("", ((said, 1.0),)).limit(name) is None for name in names):
+            raise ValueError(
+                f"target {said}: `live` does not tell it from these columns; it tells {', '.join(names)}."
+            )
 
 
 def _triad(names: tuple[str, ...], found: Posterior, target: Target, rows: Rows) -> Triad:
@@ -169,7 +184,7 @@ def _determined(model: AccelModel, rows: Rows, means: RestMeans, found: Posterio
     """Whether rests alone, without priors, tell all parameters well enough for the batch estimate to keep them."""
     if isinstance(model, ByMagnitude) and _directions(means.accel) < FEWEST_DIRECTIONS:
         return False
-    if len(rows.value) <= len(model.names):
+    if len(rows.value) < len(model.names) + FEWEST_FREEDOM:
         return False
     weight = 1.0 / (np.maximum(rows.variance, 1e-14) + found.scatter_variance)
     information = (rows.jacobian * weight[:, None]).T @ rows.jacobian
