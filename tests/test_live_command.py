@@ -168,6 +168,25 @@ def test_a_target_that_is_reached_ends_the_session_with_what_it_says_true(tmp_pa
     assert recorded.num_samples < len(rows)
 
 
+def test_turns_tell_the_scale_factors_of_the_gyros(tmp_path):
+    poses = [p for k in range(3) for p in POSES + [(0, 0, 1)]]
+    rows = session_rows(21, poses, noise=0.003)
+    scale = np.array([1.02, 0.985, 1.01])
+    rows[:, 4:7] = (rows[:, 4:7] - [0.01, -0.02, 0.005]) * scale + [0.01, -0.02, 0.005]
+    found, _ = followed(tmp_path, f"{HEADER}\n" + text(rows), target="gyro.scale=3000 ppm")
+    assert found[-1]["reason"] == "target reached" and found[-1]["rests"] < len(poses)
+    last = of(found, "progress")[-1]["parameters"]
+    for axis in range(3):
+        one = last[f"gyro.matrix[{axis},{axis}]"]
+        assert abs(one["value"] - (scale[axis] - 1.0)) < 3e-3 and 0.0 < one["std"] < 1.5e-3
+
+
+def test_a_target_that_the_columns_cannot_tell_is_one_line(tmp_path):
+    rows = session_rows(22, POSES[:2])
+    with pytest.raises(ValueError, match=r"target accel.matrix\[0,1\]: `live` does not tell it"):
+        followed(tmp_path, f"{HEADER}\n" + text(rows), target="accel.matrix[0,1]=1 mrad")
+
+
 def test_a_tap_is_left_out_and_a_rest_that_was_held_is_refused(tmp_path):
     person = Person(3)
     rows = [person.rest(5.0)]

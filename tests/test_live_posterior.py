@@ -6,9 +6,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.live.accel_rows import accel_posterior, ByMagnitude, ByReference, RestMeans
+from inertiax.live.gyro_rows import integrated, planned_rows, Turn, turn_rows
 from inertiax.live.next_position import best_position, followed, hand_directions, in_words, Part
 from inertiax.live.posterior import posterior_of, Rows
 from inertiax.live.rest_ledger import mean_covariances
@@ -193,3 +195,49 @@ def test_the_covariance_of_a_mean_holds_noise_with_a_memory():
     expected = 1.0 / rows + 4.0 * (1 + decay) / (1 - decay) / rows
     np.testing.assert_allclose(samples.mean(axis=1).var(), expected, rtol=0.15)
     np.testing.assert_allclose(said, expected, rtol=0.25)  # blocks of 25 rows lose a fifth of it
+
+
+def test_rows_of_a_turn_are_those_of_finite_differences_and_tell_the_matrix():
+    """Turns about changing axes, integrated by SciPy's rotations; the matrix comes back from the tilts."""
+    rng, step = np.random.default_rng(8), 0.01
+    truth = 0.01 * rng.standard_normal((3, 3))
+    turns, ends = [], []
+    for _ in range(12):
+        ramp = np.sin(np.pi * np.arange(150) / 150)[:, None]
+        rate = ramp * (2.0 * rng.standard_normal(3) + np.cos(np.arange(150) / 40.0)[:, None])
+        whole = Rotation.identity()
+        for omega in rate:
+            whole = whole * Rotation.from_rotvec(omega * step)
+        start = rng.standard_normal(3)
+        start *= GRAVITY / np.linalg.norm(start)
+        end = whole.inv().apply(start)
+        turns.append(Turn(rate @ (np.eye(3) + truth).T, step, start, end, 1e-10))
+        ends.append((start, end))
+    before, after = (np.array(x) for x in zip(*ends))
+    variance = np.full(12, 1e-8)
+    of = lambda m: turn_rows([integrated(t, m) for t in turns], before, after, variance)
+    residual = lambda m: of(m).jacobian @ m.reshape(9) - of(m).value
+    np.testing.assert_allclose(residual(truth), 0.0, atol=1e-9)
+    at = 0.3 * truth
+    slope = [
+        (residual(at + 1e-6 * e.reshape(3, 3)) - residual(at - 1e-6 * e.reshape(3, 3))) / 2e-6
+        for e in np.eye(9)
+    ]
+    # Across the measured direction only: of second order in the tilt, 1e-2 here.
+    np.testing.assert_allclose(of(at).jacobian, np.array(slope).T, atol=2e-2 * np.abs(slope).max())
+    matrix = np.zeros((3, 3))
+    for _ in range(4):
+        matrix = posterior_of(of(matrix), np.zeros(9), np.full(9, 0.1)).mean.reshape(3, 3)
+    np.testing.assert_allclose(matrix, truth, atol=1e-5)
+
+
+def test_rows_of_a_planned_turn_are_those_of_the_turn():
+    now, up = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])
+    planned = planned_rows(now, up)
+    for one, rows in zip(up, planned):
+        axis = np.cross(one, now)
+        angle = np.arcsin(np.linalg.norm(axis)) if one @ now >= 0 else np.pi
+        rate = np.tile(axis / np.linalg.norm(axis) * angle, (400, 1))
+        turn = Turn(rate, 1.0 / 400, now, one, 0.0)
+        made = turn_rows([integrated(turn, np.zeros((3, 3)))], now[None], one[None], np.ones(1))
+        np.testing.assert_allclose(rows, made.jacobian, atol=5e-3)

@@ -1,12 +1,22 @@
 """What the rests so far tell of the parameters, how far that is from the target, and where to turn next."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from ..data.recording import Campaign
-from .accel_rows import accel_posterior, AccelModel, ByMagnitude, ByReference, RestMeans
+from .accel_rows import (
+    accel_posterior,
+    AccelModel,
+    ByMagnitude,
+    ByReference,
+    compensated,
+    PRIOR_MATRIX,
+    RestMeans,
+)
+from .gyro_rows import integrated, NAMES as TURNED, planned_rows, Turn, turn_rows, Turned
 from .next_position import best_position, followed, hand_directions, NextPosition, Part
 from .posterior import Posterior, posterior_of, Rows
 from .rest_ledger import Rest
@@ -21,6 +31,8 @@ SAME_DIRECTION = np.radians(5.0)
 # Degrees of freedom that the batch estimate is left with: its standard deviations do not widen for want of them, and
 # Student's 95 % are 2.6 standard deviations with 5 and 4.3 with 2.
 FEWEST_FREEDOM = 5
+LINEAR = 2e-3  # change of the gyros' matrix over which a turn by radians is linear to 1e-5 rad (its square)
+_MOST_STEPS = 6
 PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
 MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
 JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
@@ -44,6 +56,7 @@ class Estimate:
     model: AccelModel | None
     rests: int  # that are used
     determined: bool  # the batch estimate will have all parameters
+    now: Float[np.ndarray, "3"] | None = None  # direction of the last rest, by the outputs
 
     @property
     def ratio(self) -> float:
@@ -87,9 +100,14 @@ class Estimate:
         around = followed(up)
         parts = []
         for triad in self.triads:
-            if self.model is None or triad.names != self.model.names:
+            if self.model is None:
                 continue
-            rows = self.model.tried(triad.posterior.mean, around.reshape(-1, 3))
+            if triad.names == self.model.names:
+                rows = self.model.tried(triad.posterior.mean, around.reshape(-1, 3))
+            elif triad.names == TURNED and self.now is not None:
+                rows = planned_rows(self.now, around.reshape(-1, 3))
+            else:
+                continue
             rows = rows.reshape(*around.shape[:2], *rows.shape[1:])
             variance = triad.own_variance + triad.posterior.scatter_variance
             parts.append(Part(triad.posterior.covariance, triad.limits, rows, variance))
@@ -106,11 +124,16 @@ def unit_of(name: str) -> str:
 
 
 def estimate(
-    rests: list[Rest], campaign: Campaign, target: Target, before: Estimate | None = None
+    rests: list[Rest],
+    campaign: Campaign,
+    target: Target,
+    before: Estimate | None = None,
+    turns: Sequence[Turn] = (),
 ) -> Estimate:
     """The estimate from accepted rests, with the model that `calibrate` would choose for these columns.
 
-    **Arguments:** `before` is the estimate before the last rests, where the linearisation starts.
+    **Arguments:** `before` is the estimate before the last rests, where the linearisation starts; `turns` are those
+    between rests that follow each other. Raises `ValueError` for a target that these columns cannot tell.
     """
     model = accel_model(rests, campaign)
     triads, determined = [], True
@@ -125,9 +148,13 @@ def estimate(
         determined = _determined(model, rows, means, found)
     if rests and rests[0].gyro is not None:
         triads.append(_gyro_biases(rests, target))
+        if model is not None and campaign.model.gyro_estimator in (None, "gravity"):
+            triads.append(_gyro_matrix(turns, triads[0], target, campaign, before))
     if rests:
         _require_known(target, triads)
-    return Estimate(tuple(triads), model, len(rests), determined)
+    last = rests[-1].accel if rests and model is not None else None
+    now = None if last is None else last / np.linalg.norm(last)
+    return Estimate(tuple(triads), model, len(rests), determined, now)
 
 
 def accel_model(rests: list[Rest], campaign: Campaign) -> AccelModel | None:
@@ -178,6 +205,44 @@ def _gyro_biases(rests: list[Rest], target: Target) -> Triad:
     rows = Rows(np.tile(np.eye(3), (len(rests), 1)), value, variance)
     found = posterior_of(rows, np.zeros(3), np.full(3, PRIOR_RATE))
     return _triad(names, found, target, rows)
+
+
+def _gyro_matrix(
+    turns: Sequence[Turn],
+    accel: Triad,
+    target: Target,
+    campaign: Campaign,
+    before: Estimate | None,
+) -> Triad:
+    """The gyros' matrix by gravity's rotation; the prior alone while there is no turn."""
+    std = np.full(9, PRIOR_MATRIX[campaign.grade or "consumer"])
+    known = None
+    if before is not None:
+        known = next((t.posterior.mean for t in before.triads if t.names == TURNED), None)
+    start = np.zeros(9) if known is None else known
+    force = lambda outputs: compensated(accel.posterior.mean, np.array(outputs).reshape(-1, 3))
+    first, last = force([t.before for t in turns]), force([t.after for t in turns])
+    direction = 2.0 * (accel.own_variance + accel.posterior.scatter_variance)
+    variance = np.array([t.walk for t in turns]) + direction / campaign.site.gravity**2
+    rows, found = None, None
+    for _ in range(_MOST_STEPS):
+        turned = [_integrated(t, start.reshape(3, 3)) for t in turns]
+        rows = turn_rows(turned, first, last, variance)
+        found = posterior_of(rows, np.zeros(9), std)
+        moved, start = found.mean - start, found.mean
+        if np.all(np.abs(moved) < LINEAR):
+            break
+    assert rows is not None and found is not None
+    return _triad(TURNED, found, target, rows)
+
+
+def _integrated(turn: Turn, matrix: Float[np.ndarray, "3 3"]) -> Turned:
+    """A turn integrated with a matrix near enough to this one, kept with it."""
+    kept = turn.kept
+    if not kept or np.abs(kept[-1].matrix - matrix).max() > LINEAR:
+        kept.append(integrated(turn, matrix))
+        del kept[:-1]
+    return kept[-1]
 
 
 def _determined(model: AccelModel, rows: Rows, means: RestMeans, found: Posterior) -> bool:

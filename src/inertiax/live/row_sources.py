@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 READ = 1 << 16  # bytes at once
 WAIT = 0.05  # s, between two looks at a file that does not grow
+GATHER = 0.1  # s of rows that are taken together: each piece costs some milliseconds, however short
 _LONGEST_LINE = 1 << 20  # bytes; what has no line feed for so long is no delimited text
 
 
@@ -96,6 +97,8 @@ def _stream(handle: int, idle: float) -> Iterator[Piece]:
             break
         silence.heard()
         yield Piece(lines.of(data))
+        if len(data) < READ // 2:
+            time.sleep(GATHER)
     yield Piece([], half=lines.half)
 
 
@@ -112,6 +115,8 @@ def _file(path: Path, idle: float) -> Iterator[Piece]:
                 silence.heard()
                 position += len(data)
                 yield Piece(lines.of(data))
+                if len(data) < READ // 2:
+                    time.sleep(GATHER)
             elif handle is not None and _replaced(path, handle.fileno(), position):
                 handle.close()
                 half, handle, position, lines = lines.half, None, 0, Lines()

@@ -14,10 +14,12 @@ from jaxtyping import Float
 from ..data.recording import Campaign, Recording
 from ..plausibility import check_campaign
 from .estimate import Estimate, estimate
+from .gyro_rows import Turn
 from .rest_ledger import found_rests, judge, Judged, labelled, RECENT, Rest, WINDOW
 from .row_detector import MotionDetector
 from .row_store import RowStore
 from .target import Target
+from .turns import turns_between
 
 
 Event = dict[str, object]
@@ -45,6 +47,7 @@ class Session:
 
     def __post_init__(self) -> None:
         self._stores: list[RowStore] = []
+        self._turns: dict[tuple[int, int, int], Turn] = {}
         self._told: set[tuple[str, str]] = set()
         self._seconds = 0.0
         self._exhausted = 0
@@ -223,7 +226,13 @@ class Session:
     # --- answers ---------------------------------------------------------------------------------
 
     def _estimated(self, rests: list[Rest]) -> Estimate:
-        return estimate(rests, self.campaign, self.target, self.estimate)
+        return estimate(
+            rests,
+            self.campaign,
+            self.target,
+            self.estimate,
+            turns_between(rests, self._stores, self._turns),
+        )
 
     def _answer(self, *, provisional: bool = False) -> Iterator[Event]:
         """Progress and the next position."""

@@ -1,0 +1,118 @@
+"""Rows of a turn between two rests for the gyros' matrix: gravity's direction turns as the integrated rates say.
+
+With the rates y less their bias, ω = (E + Θ)⁻¹ y, the case turns by R = Π exp[ω_i dt], and the direction u of the
+specific force from u₀ to p = Rᵀ u₀. The row is the small tilt between p and the direction m that the accelerometers
+read after the turn, in the two components across m (`estimators.gravity_rotation`). Of a change of Θ:
+
+    δp = p × η,   η = −Σ S_iᵀ (E + Θ)⁻¹ δΘ ω_i dt,   S_i = Π_{j>i} exp[ω_j dt]
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from .posterior import Rows
+
+
+NAMES = tuple(f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3))
+LONGEST = 60.0  # s, as in the batch estimate: by then a bias has wandered off
+_STEPS = 8  # of a turn that is only planned
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Turn:
+    """Rates between two rests, and what the accelerometers read in both."""
+
+    rate: Float[np.ndarray, "time 3"]  # rad/s, less the bias
+    step: float  # s
+    before: Float[np.ndarray, "3"]  # mean output of the accelerometers at rest, m/s²
+    after: Float[np.ndarray, "3"]
+    walk: float  # variance of the integrated rate about an axis, rad²
+    kept: list["Turned"] = dataclasses.field(default_factory=list)  # as it was integrated last
+
+    @property
+    def seconds(self) -> float:
+        """How long it took."""
+        return len(self.rate) * self.step
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Turned:
+    """A turn integrated with one Θ: R and how it changes."""
+
+    matrix: Float[np.ndarray, "3 3"]  # Θ
+    rotation: Float[np.ndarray, "3 3"]
+    change: Float[np.ndarray, "3 9"]  # ∂η/∂Θ, row by row of Θ
+
+
+def integrated(turn: Turn, matrix: Float[np.ndarray, "3 3"]) -> Turned:
+    """The turn by the rates that a matrix Θ makes of the outputs."""
+    inverse = np.linalg.inv(np.eye(3) + matrix)
+    rate = turn.rate @ inverse.T
+    steps = exponentials(rate * turn.step)
+    later, change = np.eye(3), np.zeros((3, 3, 3))
+    for step, omega in zip(steps[::-1], rate[::-1]):
+        change -= (later.T @ inverse)[:, :, None] * (omega * turn.step)
+        later = step @ later
+    return Turned(matrix, later, change.reshape(3, 9))
+
+
+def turn_rows(
+    turned: list[Turned],
+    before: Float[np.ndarray, "turn 3"],
+    after: Float[np.ndarray, "turn 3"],
+    variance: Float[np.ndarray, " turn"],
+) -> Rows:
+    """Two rows a turn, linear about each one's Θ. **Arguments:** specific forces before and after, m/s²."""
+    jacobian, value = [], []
+    for one, start, end in zip(turned, before, after):
+        m = end / np.linalg.norm(end)
+        p = one.rotation.T @ (start / np.linalg.norm(start))
+        across = _across(m[None])[0]
+        jacobian.append(across @ _cross(p) @ one.change)
+        residual = 2.0 * (across @ p) / (1.0 + m @ p)
+        value.append(jacobian[-1] @ one.matrix.reshape(9) - residual)
+    if not jacobian:
+        return Rows(np.zeros((0, 9)), np.zeros(0), np.zeros(0))
+    return Rows(np.concatenate(jacobian), np.concatenate(value), np.repeat(variance, 2))
+
+
+def planned_rows(
+    now: Float[np.ndarray, "3"], up: Float[np.ndarray, "candidate 3"]
+) -> Float[np.ndarray, "candidate 2 9"]:
+    """Rows of the shortest turns from the direction `now` to each of `up` (unit vectors), with an ideal gyro."""
+    axis = np.cross(up, now)
+    size = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(size, up @ now)
+    axis = axis / np.maximum(size, 1e-12)[:, None]
+    change = np.zeros((len(up), 3, 3, 3))
+    for share in (np.arange(_STEPS) + 0.5) / _STEPS:
+        later = exponentials(axis * (angle * (1.0 - share))[:, None])
+        rate = axis * (angle / _STEPS)[:, None]
+        change -= np.einsum("cji,cb->cijb", later, rate)
+    crosses = np.stack([_cross(u) for u in up])
+    return np.einsum("crk,ckl,clp->crp", _across(up), crosses, change.reshape(-1, 3, 9))
+
+
+def exponentials(vectors: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "time 3 3"]:
+    """Rotation matrices of rotation vectors (Rodrigues)."""
+    angle = np.linalg.norm(vectors, axis=1)
+    axis = vectors / np.maximum(angle, 1e-300)[:, None]
+    k = np.zeros((len(vectors), 3, 3))
+    k[:, 0, 1], k[:, 0, 2], k[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+    k -= np.swapaxes(k, 1, 2)
+    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + sine * k + (1.0 - cosine) * (k @ k)
+
+
+def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _across(up: Float[np.ndarray, "candidate 3"]) -> Float[np.ndarray, "candidate 2 3"]:
+    """Two unit vectors across each direction."""
+    least = np.eye(3)[np.argmin(np.abs(up), axis=1)]
+    first = np.cross(up, least)
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(up, first)], axis=1)
