@@ -82,7 +82,8 @@ def live(
         raise typer.BadParameter(
             f"'{folder}' holds a campaign already; name a new folder.", param_hint="'-o'"
         )
-    _prepare()
+    # JAX is set up for the calibration at the end; until then nothing is compiled.
+    environment.prepare()
     from ..live.follow import events, plan
     from ..live.recorder import Recorder
 
@@ -103,13 +104,10 @@ def _new_folder(campaign: Path) -> Path:
     return home / f"live-{datetime.datetime.now():%Y%m%d-%H%M%S}"
 
 
-def _prepare() -> None:
-    """JAX is set up for the calibration at the end; until then nothing is compiled."""
-    environment.prepare()
-
-
 def _results(folder: Path, *, force: bool, quiet: bool) -> None:
     """What `inertiax calibrate` writes of what was recorded."""
+    if not any(folder.glob("recording-*.csv")):
+        raise ValueError(f"{folder}: no rows came, so nothing was recorded.")
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(folder):
         from ..calibrate.pipeline import calibrate, DeviceFailure
         from ..data.campaign import load_campaign
