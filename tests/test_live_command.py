@@ -301,6 +301,7 @@ def test_rows_a_thousand_times_a_second_are_thinned_to_the_same_rests(tmp_path):
     assert accepted(found) == batch.num_segments == 6
 
 
+@pytest.mark.slow
 def test_the_next_position_comes_soon_after_a_rest():
     """Of a long session, 30 rests and more, from the row that shows that a rest ended."""
     rows = session_rows(11, POSES * 3)

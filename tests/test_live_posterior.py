@@ -117,6 +117,7 @@ def test_the_probability_of_being_within_limits_is_that_of_samples():
     np.testing.assert_allclose(found.within(ratio * limits), 0.95, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_intervals_of_unknown_scatter_cover_as_they_say():
     """Twelve rests, a scatter that changes from device to device: 95 % intervals hold the truth in 95 % of them."""
     rng, inside = np.random.default_rng(5), []

@@ -68,20 +68,9 @@ def live(
     Rows are recorded as they come. When the target is reached, nothing gains or the input ends (Ctrl-C ends it), the
     recording is calibrated as `inertiax calibrate DIR` would.
     """
-    if source is not None and source != "-":
-        raise typer.BadParameter(
-            f"'{source}' is not -; a log to follow is given with --follow LOG.", param_hint="'[-]'"
-        )
-    if source is not None and follow is not None:
-        raise typer.BadParameter(
-            "give either - or --follow LOG, not both.", param_hint="'--follow'"
-        )
+    _check_source(source, follow)
     outputs.require_campaign(campaign)
-    folder = outputs.require_folder(_new_folder(campaign) if output is None else output)
-    if (folder / "campaign.toml").exists():
-        raise typer.BadParameter(
-            f"'{folder}' holds a campaign already; name a new folder.", param_hint="'-o'"
-        )
+    folder = _folder(campaign, output)
     # JAX is set up for the calibration at the end; until then nothing is compiled.
     environment.prepare()
     from ..live.follow import events, plan
@@ -99,9 +88,27 @@ def live(
     _results(folder, force=force, quiet=quiet or as_json)
 
 
-def _new_folder(campaign: Path) -> Path:
+def _check_source(source: str | None, follow: Path | None) -> None:
+    if source is not None and source != "-":
+        raise typer.BadParameter(
+            f"'{source}' is not -; a log to follow is given with --follow LOG.", param_hint="'[-]'"
+        )
+    if source is not None and follow is not None:
+        raise typer.BadParameter(
+            "give either - or --follow LOG, not both.", param_hint="'--follow'"
+        )
+
+
+def _folder(campaign: Path, asked: Path | None) -> Path:
+    """A folder without a campaign: what was recorded before is never mixed with what comes."""
     home = campaign if campaign.is_dir() else campaign.absolute().parent
-    return home / f"live-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    new = home / f"live-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    folder = outputs.require_folder(new if asked is None else asked)
+    if (folder / "campaign.toml").exists():
+        raise typer.BadParameter(
+            f"'{folder}' holds a campaign already; name a new folder.", param_hint="'-o'"
+        )
+    return folder
 
 
 def _results(folder: Path, *, force: bool, quiet: bool) -> None:

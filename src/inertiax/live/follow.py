@@ -11,9 +11,10 @@ from ..data.campaign import load_settings
 from ..data.formats import Layout
 from ..data.model_columns import check_model_columns
 from ..data.recording import Campaign, Recording
+from .events import Event, problem_event
 from .recorder import LEAP, Recorder
 from .row_sources import follow, Piece
-from .session import Event, HOLD, Session
+from .session import HOLD, Session
 from .target import parse_target, Target, USUAL
 from .text_rows import Chunk, TextRows
 
@@ -131,8 +132,9 @@ class _Follower:
             self._recorder.aside(chunk.garbled)
             self._garbled += len(chunk.garbled)
             if self._garbled == len(chunk.garbled):
-                yield _problem(
+                yield problem_event(
                     "garbled",
+                    "warning",
                     f"{len(chunk.garbled)} lines are no rows of this log; they are kept in left-out.txt.",
                 )
         if chunk.lines:
@@ -164,8 +166,10 @@ class _Follower:
         """Rows that repeat the stamp before."""
         self._recorder.aside(lines)
         if not self._repeated:
-            yield _problem(
-                "clock", "a stamp stands twice; rows that repeat one are kept in left-out.txt."
+            yield problem_event(
+                "clock",
+                "warning",
+                "a stamp stands twice; rows that repeat one are kept in left-out.txt.",
             )
         self._repeated += len(lines)
 
@@ -175,16 +179,6 @@ class _Follower:
         yield from self._session.leap(
             f"the clock went {back} from {before:.3f} s to {after:.3f} s; what comes now is another recording."
         )
-
-
-def _problem(kind: str, statement: str) -> Event:
-    return {
-        "event": "problem",
-        "kind": kind,
-        "severity": "warning",
-        "statement": statement,
-        "remedy": None,
-    }
 
 
 _COLUMNS = (

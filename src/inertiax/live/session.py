@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..data.recording import Campaign, Recording
 from ..plausibility import check_campaign
 from .estimate import Estimate, estimate
+from .events import Event, next_event, problem_event, progress_event, rest_event
 from .gyro_rows import Turn
 from .rest_ledger import found_rests, judge, Judged, labelled, RECENT, Rest, WINDOW
 from .row_detector import MotionDetector
@@ -21,8 +22,6 @@ from .row_store import RowStore
 from .target import Target
 from .turns import turns_between
 
-
-Event = dict[str, object]
 
 LOOK = 0.1  # s of rows between two looks at the newest ones
 RETRY = 0.5  # s of motion after which the rests are asked for again
@@ -80,7 +79,7 @@ class Session:
 
     def leap(self, statement: str) -> Iterator[Event]:
         """The clock leapt, or the log began anew: the next rows are another recording."""
-        yield self._problem("clock", "warning", statement)
+        yield problem_event("clock", "warning", statement)
         if self.store.count:
             yield from self._refresh(self.store.count, ended=True)
             self._begin()
@@ -204,7 +203,7 @@ class Session:
         for rest in added:
             rest.number = len(self.rests) + 1
             self.rests.append(rest)
-            yield self._rest_event(rest)
+            yield rest_event(rest, self._stores[rest.part - 1])
 
     def _resting(self, row: int) -> Iterator[Event]:
         """The device still rests: where to turn next, or that this rest was the last one needed."""
@@ -221,7 +220,7 @@ class Session:
             yield from self._answer(provisional=True)
             yield from self._stop(row)
         elif (position := tried.next_position()) is not None:
-            yield self._next(position, provisional=True)
+            yield next_event(position, provisional=True)
 
     # --- answers ---------------------------------------------------------------------------------
 
@@ -239,10 +238,10 @@ class Session:
         self.estimate = self._estimated(self.accepted)
         if not self.accepted:
             return
-        yield self._progress(self.estimate)
+        yield progress_event(self.estimate)
         position = self.estimate.next_position()
         if position is not None and not provisional:
-            yield self._next(position)
+            yield next_event(position)
 
     def _stop(self, row: int) -> Iterator[Event]:
         """Done, where all rests judged anew still say so."""
@@ -283,18 +282,29 @@ class Session:
             return
         averaged = self.store.recording(0, row, means=True)
         judged = judge(self.store.recording(0, row), averaged, found)
-        part, changed = len(self._stores), []
-        left = [r for r in self.rests if r.part == part]
-        fresh = []
+        changed, added = self._matched(judged, max(row - LONGEST, 0))
+        for rest in changed:
+            yield rest_event(rest, self._stores[rest.part - 1])
+        yield from self._rests(added)
+        if changed or added:
+            yield from self._answer()
+        elif self.accepted:
+            self.estimate = self._estimated(self.accepted)
+
+    def _matched(self, judged: list[Judged], first: int) -> tuple[list[Rest], list[Rest]]:
+        """Rests whose verdict changed, and those that are new. Rests before the row `first` stay as they are."""
+        part, changed, added = len(self._stores), [], []
+        left = [r for r in self.rests if r.part == part and r.start >= first]
         for one in judged:
             match = next((r for r in left if r.overlaps(one.start, one.stop)), None)
+            fresh = self._made(one.start, one.stop)
             if match is None:
-                fresh.append(one)
+                _take(fresh, one)
+                added.append(fresh)
                 continue
             left.remove(match)
             was = match.accepted
-            match.start, match.stop = one.start, one.stop
-            match.time = self._made(one.start, one.stop).time
+            match.start, match.stop, match.time = fresh.start, fresh.stop, fresh.time
             _take(match, one)
             if match.accepted != was:
                 changed.append(match)
@@ -302,18 +312,7 @@ class Session:
             if rest.accepted:
                 rest.accepted, rest.why = False, "motion, by what the longer recording shows"
                 changed.append(rest)
-        for rest in changed:
-            yield self._rest_event(rest)
-        added = []
-        for one in fresh:
-            rest = self._made(one.start, one.stop)
-            _take(rest, one)
-            added.append(rest)
-        yield from self._rests(added)
-        if changed or added:
-            yield from self._answer()
-        elif self.accepted:
-            self.estimate = self._estimated(self.accepted)
+        return changed, added
 
     def _check(self, row: int) -> Iterator[Event]:
         """What cannot be right, told once each."""
@@ -327,64 +326,12 @@ class Session:
             key = found.kind, found.what
             if key not in self._told and found.severity != "note":
                 self._told.add(key)
-                yield self._problem(found.kind, found.severity, found.statement, found.remedy)
-
-    # --- events ----------------------------------------------------------------------------------
+                yield problem_event(found.kind, found.severity, found.statement, found.remedy)
 
     def start_event(self) -> Event:
         """What is asked for; the first event."""
-        limits = {name: limit for name, limit in self.target.limits}
+        limits = dict(self.target.limits)
         return {"event": "start", "target": self.target.text, "limits": limits, "hold": self.hold}
-
-    def _rest_event(self, rest: Rest) -> Event:
-        accel = rest.accel
-        if accel is None:
-            recording = self._stores[rest.part - 1].recording(rest.start, rest.stop, means=True)
-            accel = None if recording.accel is None else recording.accel.mean(axis=0)
-        return {
-            "event": "rest",
-            "number": rest.number,
-            "start": rest.time[0],
-            "end": rest.time[1],
-            "mean_accel": None if accel is None else [float(x) for x in accel],
-            "accepted": rest.accepted,
-            "why": rest.why,
-            "left_out": [
-                {"kind": d.kind, "start": d.start, "end": d.end}
-                for d in rest.disturbances
-                if d.left_out
-            ],
-        }
-
-    def _problem(
-        self, kind: str, severity: str, statement: str, remedy: str | None = None
-    ) -> Event:
-        return {
-            "event": "problem",
-            "kind": kind,
-            "severity": severity,
-            "statement": statement,
-            "remedy": remedy,
-        }
-
-    def _progress(self, found: Estimate) -> Event:
-        return {
-            "event": "progress",
-            "worst": found.worst,
-            "ratio": found.ratio,
-            "parameters": found.parameters(),
-        }
-
-    def _next(self, position, *, provisional: bool = False) -> Event:
-        return {
-            "event": "next",
-            "up": list(position.up),
-            "statement": position.statement,
-            "gain": position.gain,
-            "temperature": None,
-            "rate": None,
-            "provisional": provisional,
-        }
 
     def _done(self, reason: str) -> Event:
         self.finished = True
