@@ -137,9 +137,11 @@ def test_noise_terms_come_back_with_right_intervals(monkeypatch, absent):
     # 95 % intervals; binomial limits that 1 in 250 sets of four would leave.
     few = binom.ppf(1e-3, runs, 0.95)
     assert min(inside.values()) >= few, inside
-    for name, tolerance in (("N", 0.01), ("B", 0.2), ("K", 0.1)):
-        if not absent:
-            assert abs(mean[name] / truth[name] - 1.0) < tolerance, (name, mean)
+    if not absent:
+        assert abs(mean["N"] / truth["N"] - 1.0) < 0.01, mean
+        assert abs(mean["K"] / truth["K"] - 1.0) < 0.1, mean
+        # 11 minutes tell flicker from white noise and walk in two logs of five, and `known` is zero in the others.
+        assert 0.4 * truth["B"] < mean["B"] < 1.1 * truth["B"], mean
 
 
 def test_white_noise_is_told_in_both_conventions():

@@ -40,7 +40,9 @@ def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted
     # Bias alone, by ordinary least squares on the rests: 0.051, 0.090, 0.073 deg/s; rests are cut slightly
     # differently here.
     np.testing.assert_allclose(before, [0.051, 0.090, 0.073], rtol=0.08)
-    assert np.all(after <= 0.019)
+    # 0.0188, 0.0187, 0.0156 with all of the rests; without three knocks of half a second 0.0185, 0.0193, 0.0155.
+    # 38 rests tell such an rms to a ninth.
+    assert np.all(after <= 0.0195)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
