@@ -97,7 +97,7 @@ def prepare(
     log, plain = join(campaign), calibrate_device(campaign, checked=True)
     fitted = plain
     delays: dict[str, Delay] = {}
-    if any(e.name == "time_delay" for e in catalogue):
+    if any(e.stream_delay for e in catalogue):
         log, delays = _delays(log, plain)
     if any(d.found for d in delays.values()):
         campaign = with_outputs(campaign, log)

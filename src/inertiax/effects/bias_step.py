@@ -64,4 +64,6 @@ EFFECT = Effect(
     slow=True,
     nuisance="time",
     online=Online(_begin, _follow),
+    clocked=True,
+    jump=True,
 )

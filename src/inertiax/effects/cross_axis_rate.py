@@ -48,4 +48,5 @@ EFFECT = Effect(
     sentence="The output of {channels} depends on the rates about the other axes, beyond misalignment.",
     separating="rates about skew axes",
     instant=True,
+    seen_in_means=True,
 )

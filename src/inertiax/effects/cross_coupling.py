@@ -40,4 +40,5 @@ EFFECT = Effect(
     sentence="The output of {channels} depends on products of the specific force along two axes.",
     separating="positions along body diagonals; remount by 90 degrees to tell it from the table",
     instant=True,
+    seen_in_means=True,
 )

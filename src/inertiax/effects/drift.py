@@ -60,4 +60,6 @@ EFFECT = Effect(
     separating="return to the first temperature and position; temperatures in random order",
     slow=True,
     online=Online(_begin, _follow),
+    seen_in_means=True,
+    clocked=True,
 )

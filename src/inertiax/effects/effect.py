@@ -57,6 +57,18 @@ class Effect(eqx.Module):
     unit_amplitude: bool = eqx.field(static=True, default=False)  # the coefficient is 1 by theory
     once: bool = eqx.field(static=True, default=False)  # a channel has one of it, of one setting
     instant: bool = eqx.field(static=True, default=False)  # force, rate and temperature tell it
+    # Whether dwell means show it, as a fleet has them; the others need the samples.
+    seen_in_means: bool = eqx.field(static=True, default=False)
+    # Depends on the moment, not on what the device goes through.
+    clocked: bool = eqx.field(static=True, default=False)
+    jump: bool = eqx.field(static=True, default=False)  # of a bias, at a moment; must persist
+    branched: bool = eqx.field(
+        static=True, default=False
+    )  # by the temperature's branch; held at its ends
+    wants_rests: bool = eqx.field(static=True, default=False)  # to be computed for a recording
+    # Of the outputs of one stream as a whole: measured and taken out before the rest is looked for.
+    stream_delay: bool = eqx.field(static=True, default=False)
+    lost: str = eqx.field(static=True, default="")  # why it cannot be compensated, if so
     online: Online | None = eqx.field(
         static=True, default=None
     )  # where it depends on what went before

@@ -44,4 +44,5 @@ EFFECT = Effect(
     separating="centrifuge or vibration",
     requires=("force",),
     instant=True,
+    seen_in_means=True,
 )

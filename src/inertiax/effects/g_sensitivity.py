@@ -35,4 +35,5 @@ EFFECT = Effect(
     separating="turn the heading in the same position: specific force stays, Earth rate and magnetic field turn",
     requires=("force",),
     instant=True,
+    seen_in_means=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     sentence="The assumed gravity is wrong.",
     separating="a gravity reference; the same scale change on all three axes points to it",
     common=True,
+    seen_in_means=True,
 )

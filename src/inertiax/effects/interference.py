@@ -68,4 +68,5 @@ EFFECT = Effect(
     nuisance_unit="Hz",
     slow=True,
     online=Online(_begin, _follow),
+    lost="its phase is known in the diagnosed recordings only",
 )

@@ -48,4 +48,5 @@ EFFECT = Effect(
     requires=("resolution", "scatter"),
     unit_amplitude=True,
     once=True,
+    lost="rounding cannot be undone",
 )

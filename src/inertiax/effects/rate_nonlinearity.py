@@ -32,4 +32,5 @@ EFFECT = Effect(
     sentence="The scale factor of {channels} depends on the rate.",
     separating="more rates of both signs, integer turns",
     instant=True,
+    seen_in_means=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     sentence="The table's rate or the clock is wrong by the same part on all axes.",
     separating="compare with a time standard; integer turns",
     common=True,
+    seen_in_means=True,
 )

@@ -36,4 +36,5 @@ EFFECT = Effect(
     sentence="The scale factor of {channels} differs between positive and negative input.",
     separating="fine steps of input near zero; rate table in both directions",
     instant=True,
+    seen_in_means=True,
 )

@@ -32,4 +32,5 @@ EFFECT = Effect(
     sentence="{channels} has a second-order term in specific force.",
     separating="centrifuge, or vibration; positions every 30 degrees",
     instant=True,
+    seen_in_means=True,
 )

@@ -96,4 +96,5 @@ EFFECT = Effect(
     nuisance="time_constant",
     once=True,
     online=Online(_begin, _follow),
+    wants_rests=True,
 )

@@ -75,4 +75,5 @@ EFFECT = Effect(
     separating="remount the device by 90 and 180 degrees: the error stays with the table",
     requires=("force",),
     common=True,
+    seen_in_means=True,
 )

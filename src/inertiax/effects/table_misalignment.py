@@ -41,4 +41,5 @@ EFFECT = Effect(
     sentence="The device stands on the table with a small constant rotation.",
     separating="remount by 90 and 180 degrees",
     common=True,
+    seen_in_means=True,
 )

@@ -57,4 +57,5 @@ EFFECT = Effect(
     separating="return to the first temperature; the same programme at another constant temperature",
     requires=("temperature",),
     instant=True,
+    seen_in_means=True,
 )

@@ -58,4 +58,5 @@ EFFECT = Effect(
     separating="more soak temperatures, each reached from both sides; hold out whole temperatures",
     requires=("temperature",),
     instant=True,
+    seen_in_means=True,
 )

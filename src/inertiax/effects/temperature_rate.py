@@ -86,4 +86,5 @@ EFFECT = Effect(
     separating="constant-rate ramps of both signs at several rates with soaks between them",
     requires=("temperature", "temperature_rate"),
     online=Online(_begin, _follow),
+    seen_in_means=True,
 )

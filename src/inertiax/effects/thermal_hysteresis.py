@@ -125,4 +125,6 @@ EFFECT = Effect(
     separating="soaks at the same temperature on both branches, two cycles, two amplitudes",
     requires=("temperature",),
     online=Online(_begin, _follow),
+    seen_in_means=True,
+    branched=True,
 )

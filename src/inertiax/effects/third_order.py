@@ -32,4 +32,5 @@ EFFECT = Effect(
     sentence="{channels} has a third-order term in specific force.",
     separating="centrifuge with three or more levels",
     instant=True,
+    seen_in_means=True,
 )

@@ -59,4 +59,6 @@ EFFECT = Effect(
     sentence="The output of {channels} lags the reference.",
     separating="reverse the direction of rotation: the error changes sign",
     online=Online(_begin, _follow),
+    wants_rests=True,
+    stream_delay=True,
 )

@@ -32,4 +32,5 @@ EFFECT = Effect(
     separating="shaker or table drive on and off; log the vibration",
     requires=("vibration",),
     slow=True,
+    wants_rests=True,
 )

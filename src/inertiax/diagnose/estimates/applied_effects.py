@@ -38,12 +38,6 @@ from ..problem import Prepared
 from ..selection.score_test import whiten_system
 
 
-CLOCKED = ("drift", "bias_step")  # depend on the moment, not on what the device goes through
-WANTS_RESTS = ("settling", "vibration_rectification", "time_delay")
-LOST = {
-    "quantization": "rounding cannot be undone",
-    "interference": "its phase is known in the diagnosed recordings only",
-}
 ITERATIONS = 12
 SETTLED = 1e-10  # change of the additions, relative to the largest output, at which iteration stops
 
@@ -151,18 +145,21 @@ def _setting(
     calibration: Calibration, recording: Recording, catalogue: Sequence[Effect]
 ) -> tuple[Log, Usable, tuple[str, ...]]:
     """The recording as a log, the effects that it lets compute, and a line for each other."""
-    log = _log(recording, any(e.name in WANTS_RESTS for e in calibration.effects))
+    effects = [
+        known_effect(e.name, f"calibration: effect {e.name!r}", catalogue)
+        for e in calibration.effects
+    ]
+    log = _log(recording, any(effect.wants_rests for effect in effects))
     course = Course(calibration, log)
     usable, notes = [], []
-    for fitted in calibration.effects:
-        effect = known_effect(fitted.name, f"calibration: effect {fitted.name!r}", catalogue)
+    for fitted, effect in zip(calibration.effects, effects):
         why = course.obstacle(fitted, effect)
         channels = ", ".join(fitted.channel_names)
         if why:
             notes.append(f"{fitted.name} on {channels} is not taken into account: {why}")
             continue
         usable.append((fitted, effect))
-        if fitted.name in CLOCKED and course.outside(fitted):
+        if effect.clocked and course.outside(fitted):
             notes.append(
                 f"{fitted.name} on {channels}: the recording's clock is outside that of the diagnosed "
                 f"ones, so its value at their nearer end is taken"
@@ -190,13 +187,13 @@ class Course(eqx.Module):
         """Why the effect cannot be computed for this recording, or an empty text."""
         if effect.common:
             return "it belongs to the test station, not to the device"
-        if fitted.name in LOST:
-            return LOST[fitted.name]
-        if fitted.name in CLOCKED and fitted.clock is None:
+        if effect.lost:
+            return effect.lost
+        if effect.clocked and fitted.clock is None:
             return "the diagnosed recordings have no common clock"
         if getattr(self.log, fitted.triad) is None:
             return f"the recording has no {fitted.triad} columns"
-        if fitted.name in WANTS_RESTS and not (self.log.position >= 0).any():
+        if effect.wants_rests and not (self.log.position >= 0).any():
             return "the recording has no rest"
         signal = self.signal(fitted.triad, *(np.zeros((len(self.log.time), 3)),) * 2)
         lacking = [k for k in effect.requires if getattr(signal, k) is None]
@@ -223,7 +220,7 @@ class Course(eqx.Module):
                 continue
             signal = self.signal(triad, force, rate)
             for fitted, effect in mine:
-                own = within(signal, fitted, float(self.log.clock[0]))
+                own = within(signal, fitted, effect, float(self.log.clock[0]))
                 count = len(np.asarray(fitted.coefficients))
                 coefficients = np.zeros((3, count))
                 coefficients[list(fitted.channels)] = np.asarray(fitted.coefficients)
@@ -284,7 +281,7 @@ def _scale(
     return low, high, triad.curve.basis.size - 1
 
 
-def within(signal: Signal, fitted: FittedEffect, start: float) -> Signal:
+def within(signal: Signal, fitted: FittedEffect, effect: Effect, start: float) -> Signal:
     """The signal with one row before and three rows after it that carry the extent of the fit.
 
     Shapes are scaled by the span of time, the range of temperature and the greatest input of the
@@ -310,7 +307,7 @@ def within(signal: Signal, fitted: FittedEffect, start: float) -> Signal:
         )
         made = eqx.tree_at(lambda s: s.at_temperature, made, at, is_leaf=_none)
     time = time[rows]
-    if fitted.name in CLOCKED and fitted.clock is not None:
+    if effect.clocked and fitted.clock is not None:
         span = fitted.clock[1] - fitted.clock[0]
         time = np.clip(time + (start - fitted.clock[0]), 0.0, span)
         time[0], time[-3:] = 0.0, span
@@ -326,7 +323,7 @@ def within(signal: Signal, fitted: FittedEffect, start: float) -> Signal:
         return made
     low, high = fitted.temperature
     temperature = np.array(made.temperature)
-    if fitted.name == "thermal_hysteresis":
+    if effect.branched:
         temperature = np.clip(temperature, low, high)
         temperature[-2], temperature[-1] = low, high
     return eqx.tree_at(lambda s: s.temperature, made, temperature)

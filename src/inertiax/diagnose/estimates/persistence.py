@@ -19,7 +19,7 @@ def persists(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
     **Arguments:** `others` are the effects named beside it. The jump must leave `SIDE` dwells on both sides, in a
     campaign of `MANY` or more, and the rms of data left out must be lower with it than without.
     """
-    if term.name != "bias_step":
+    if term.effect is None or not term.effect.jump:
         return True
     moment = float(term.variant.settings["time"])
     dwell, time = prepared.blocks.dwell, np.asarray(prepared.coarse.time)

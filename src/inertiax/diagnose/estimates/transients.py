@@ -210,7 +210,7 @@ def burst_places(prepared: Prepared, burst: Burst) -> list[Where]:
 
 def swallows(prepared: Prepared, burst: Burst, term: Term) -> bool:
     """Whether a named jump is but a moment of the disturbance: within it, or nearer than its length."""
-    if term.name != "bias_step":
+    if term.effect is None or not term.effect.jump:
         return False
     time = prepared.coarse.time
     begin, end = float(time[burst.first]), float(time[burst.last])

@@ -29,13 +29,6 @@ from ...reduction.dwells import Dwells
 from ..solve.batch import FleetFit
 
 
-# Effects that dwell means show; the others need the samples, see `inertiax diagnose`.
-SEEN_IN_MEANS = (
-    "temperature_order", "temperature_rate", "thermal_hysteresis", "temperature_dependence", "drift",
-    "second_order", "third_order", "odd_quadratic", "scale_asymmetry", "cross_coupling",
-    "g_sensitivity", "g2_sensitivity", "rate_nonlinearity", "cross_axis_rate",
-    "table_misalignment", "table_axis_error", "gravity_error", "rate_scale_error",
-)  # fmt: skip
 FORMS = 3  # of one effect, at most: spread over its grid
 ABSORBED = 0.02  # part of a signature's size that must be left beside the calibration
 
@@ -151,7 +144,7 @@ def choose_forms(
     found: list[Form] = []
     for effect in CATALOGUE:
         lacking = [k for k in effect.requires if getattr(signal, k) is None]
-        if effect.name not in SEEN_IN_MEANS or estimator.triad not in effect.triads or lacking:
+        if not effect.seen_in_means or estimator.triad not in effect.triads or lacking:
             continue
         variants = [v for v in effect.variants(signal) if v.settings.get("on", "bias") == "bias"]
         chosen = np.unique(np.linspace(0, len(variants) - 1, min(FORMS, len(variants))).round())
