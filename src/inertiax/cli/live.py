@@ -161,7 +161,7 @@ class _Json:
         self._encode = msgspec.json.encode
 
     def __call__(self, event: dict) -> None:
-        sys.stdout.write(self._encode(event).decode() + "\n")
+        outputs.print_document(self._encode(event).decode())
         sys.stdout.flush()
 
 
