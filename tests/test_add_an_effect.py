@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hard_limit import run_limited
 from inertiax.effects import CATALOGUE
@@ -17,6 +18,7 @@ def code(page: str) -> str:
     return "\n".join(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL))
 
 
+@pytest.mark.slow
 def test_the_page_adds_an_effect_and_the_diagnosis_finds_it():
     found, size, left = run_limited(code("add-an-effect.md"), seconds=300.0).splitlines()
     assert found == "missing-physics [('index_gear', ('accel_x',))]"
@@ -26,6 +28,7 @@ def test_the_page_adds_an_effect_and_the_diagnosis_finds_it():
     assert float(left.split(":")[1]) < 4.5e-4
 
 
+@pytest.mark.slow
 def test_the_tutorial_names_the_concealed_effect_and_predicts_the_unseen_recording(tmp_path):
     script = DOCS / "tutorials" / "concealed_effect.py"
     out = run_limited(

@@ -38,6 +38,7 @@ def told(system, chain):
     return mean, np.sqrt(covariance[k, k] - SCATTER**2)
 
 
+@pytest.mark.slow
 def test_two_channels_tell_the_textbooks_variance_of_the_third():
     campaign = unit(5)
     with jax.enable_x64(True):
@@ -67,6 +68,7 @@ def test_a_noisier_channel_says_so_itself():
     assert own - np.log((2.0 * DWELL) ** 2) == pytest.approx(-0.2, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_drift_shows_more_clearly_beside_channels_that_are_alike():
     # As with the noise of a type: six standard deviations, 36 in the likelihood ratio under the true noise.
     alone, helped = [], []
@@ -85,6 +87,7 @@ def test_a_drift_shows_more_clearly_beside_channels_that_are_alike():
     assert np.mean(alone) + 2.0 < np.mean(helped) < 36.0
 
 
+@pytest.mark.slow
 def test_what_was_chosen_on_one_channel_is_no_noise_of_the_others():
     with jax.enable_x64(True):
         system, candidates = system_of(unit(7, dwells=24, added=6e-3), FEW)
@@ -100,6 +103,7 @@ def test_what_was_chosen_on_one_channel_is_no_noise_of_the_others():
         assert np.abs(kept - true).max() < 1.0 < np.abs(raised - true).max()
 
 
+@pytest.mark.slow
 def test_a_diagnosis_beside_alike_channels_invents_nothing():
     found = diagnose(unit(33, dwells=12, added=1.5e-3), effects=FEW)
     assert [(e.name, e.channels) for e in found.effects] == [("drift", ("accel_y",))]
@@ -108,6 +112,7 @@ def test_a_diagnosis_beside_alike_channels_invents_nothing():
     assert TOLD.format(triad="accel") in clean.as_dict()["noise"]
 
 
+@pytest.mark.slow
 def test_rows_of_one_chain_and_known_noise_stay_as_they_are():
     campaign = unit(8)
     model = ModelChoice(accel_estimator="invariant", temperature_degree=0)
@@ -142,6 +147,7 @@ def test_the_draws_likelihood_is_that_of_one_fit_at_a_time():
     assert made[1] - made[0] == pytest.approx(single[1] - single[0], rel=1e-7)
 
 
+@pytest.mark.slow
 def test_channels_that_are_not_alike_are_left_to_themselves():
     campaign = unit(6, dwell=DWELL * np.array([1.0, 4.0, 16.0]))
     with jax.enable_x64(True):

@@ -43,6 +43,7 @@ def command(*arguments: object, **environment: str) -> subprocess.CompletedProce
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_results_reach_standard_output_in_any_encoding(tmp_path, encoding):
     folder = campaign(tmp_path / "c", "Gerät σ 7")
@@ -100,6 +101,7 @@ def seen_on_a_terminal(arguments: list[object]) -> str:
     return seen.decode()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="terminals of POSIX")
 @pytest.mark.parametrize("name", ["calibrate", "fleet"])
 def test_a_device_of_escape_sequences_steers_no_terminal(tmp_path, name):

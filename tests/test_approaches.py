@@ -45,6 +45,7 @@ def _errors(curve, device):
     return difference[:, :3].max(), difference[:, 3:].max()
 
 
+@pytest.mark.slow
 def test_traditional_needs_a_held_temperature(device):
     held, _ = simulate_dwells(jax.random.PRNGKey(1), paper_set(3), device)
     drifting, _ = simulate_dwells(jax.random.PRNGKey(1), paper_set(1), device)
@@ -57,6 +58,7 @@ def test_traditional_needs_a_held_temperature(device):
     assert bad_bias > 5 * good_bias and bad_matrix > 5 * good_matrix
 
 
+@pytest.mark.slow
 def test_passes_from_the_host_are_those_of_the_compiled_iteration(device):
     dwells, _ = simulate_dwells(jax.random.PRNGKey(1), paper_set(1), device)
     procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
@@ -73,6 +75,7 @@ def test_passes_from_the_host_are_those_of_the_compiled_iteration(device):
     )
 
 
+@pytest.mark.slow
 def test_first_approach_takes_one_sweep_and_half_the_dwells(device):
     dwells, _ = simulate_dwells(jax.random.PRNGKey(2), _sweep(), device)
     assert dwells.num_dwells < 0.55 * 13 * 18

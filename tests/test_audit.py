@@ -51,6 +51,7 @@ def scores_of(campaign, theta):
     return prepared, whiten_system(prepared.system, noise, prepared.candidates).scores
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
     # Textbook: a slope fitted with a mean to N samples over T has σ √12 / (T √N), for N large.
     white, seconds = 1e-4, 2000.0
@@ -115,6 +116,7 @@ def test_assumed_flicker_makes_everything_harder_to_see():
             assert loud[key] > sigma(s)
 
 
+@pytest.mark.slow
 def test_six_positions_leave_three_combinations_unobserved_and_say_what_absorbs():
     found = audit(tumble(step=90.0, sessions=1))
     # Γ is lower triangular with 6 elements; with f along single axes only |a| feels its diagonal.
@@ -125,6 +127,7 @@ def test_six_positions_leave_three_combinations_unobserved_and_say_what_absorbs(
     assert not {"second_order", "third_order"} & {d.name for d in found.detectable}
 
 
+@pytest.mark.slow
 def test_sets_name_all_that_looks_alike_once_and_the_experiments():
     found = audit(tumble(sessions=1))
     sets = {s.names: s for s in found.sets}
@@ -134,6 +137,7 @@ def test_sets_name_all_that_looks_alike_once_and_the_experiments():
     assert len(sets) == len(found.sets)
 
 
+@pytest.mark.slow
 def test_nothing_is_detectable_that_the_recording_cannot_hold():
     found = audit(sweep())
     names = {d.name for d in found.detectable}
@@ -186,6 +190,7 @@ def written(campaign, folder):
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_audits_a_campaign(tmp_path):
     folder = written(tumble(sessions=1), tmp_path)
     told = CliRunner().invoke(

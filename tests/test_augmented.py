@@ -349,6 +349,7 @@ def test_an_effect_of_ones_own_is_read_with_the_catalogue_that_has_it(tmp_path):
     assert read_calibration(tmp_path / "c.json", effects=[k2]).effects[0].name == "second_order"
 
 
+@pytest.mark.slow
 def test_a_diagnosis_after_a_known_calibration_gives_one_calibration_for_raw_outputs():
     # Truth: raw = M0 (M1 a + b1 + e) + b0, with e = K2 f² on y; the second stage is what is left after M0.
     rng = np.random.default_rng(8)
@@ -409,6 +410,7 @@ def test_taking_a_known_calibration_away_needs_the_temperature_it_depends_on():
         taken_away(campaign, thermal_device(60.0))
 
 
+@pytest.mark.slow
 def test_a_diagnosis_after_its_own_calibration_finds_nothing():
     truth = 8e-4
 

@@ -50,6 +50,7 @@ def remember(name: str, told: str) -> None:
     GOLDEN.write_text("".join(f"{n} | {lines[n]}\n" for n in CASES if n in lines), "utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_bad_input_is_refused_in_its_one_line(name, tmp_path, capfd, monkeypatch):
     case = CASES[name]

@@ -35,6 +35,7 @@ main(sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, suffix):
@@ -119,6 +120,7 @@ def test_of_two_runs_into_one_folder_one_is_refused_in_a_line(tmp_path, there):
 HOSTILE = "<img src=x onerror=alert(1)>\"'&</script><script>alert(2)</script>"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["calibrate", "fleet"])
 def test_markup_in_a_serial_number_stays_text_in_every_page(tmp_path, monkeypatch, capfd, command):
     # Of a fleet, the page names devices that were set aside: this one has too few positions.

@@ -53,6 +53,7 @@ def on_x(prepared):
     return term, fit_noise(prepared.system, [term])
 
 
+@pytest.mark.slow
 def test_the_slopes_that_a_lag_has_bent_are_fitted_beside_it():
     with jax.enable_x64(True):
         (prepared,) = prepare(bent(), LAG).triads
@@ -74,6 +75,7 @@ def test_the_slopes_that_a_lag_has_bent_are_fitted_beside_it():
     assert renewed(prepared, noise, [term])[0].setting == last.setting
 
 
+@pytest.mark.slow
 def test_the_lag_is_named_sized_and_taken_away():
     campaign = bent(1)
     found, calibration = diagnose_campaign(campaign)
@@ -88,6 +90,7 @@ def test_the_lag_is_named_sized_and_taken_away():
     assert np.sqrt(np.mean(means**2, axis=0)).max() < 1.5 * NOISE / np.sqrt(100)
 
 
+@pytest.mark.slow
 def test_a_users_model_is_fitted_beside_the_lag_as_well():
     campaign = bent(2)
 

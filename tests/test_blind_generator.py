@@ -31,6 +31,7 @@ def suite(tmp_path_factory):
     return folder, generate.generate(3, 19, folder, kinds=KINDS)
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_cases_and_hash(suite, tmp_path):
     folder, answers = suite
     again = generate.generate(1, 19, tmp_path, kinds=KINDS[:1])
@@ -123,6 +124,7 @@ def test_generator_and_marks_import_nothing_of_the_package():
             assert not {n.split(".")[0] for n in names} & {"inertiax", "jax", "equinox"}, file
 
 
+@pytest.mark.slow
 def test_siblings_share_plan_and_station_and_nothing_else():
     case = draw.case("single", np.random.default_rng([5, 1]))
     one, other = (draw.sibling(case, np.random.default_rng([5, 1, k])) for k in (1, 2))
@@ -149,6 +151,7 @@ def test_a_pier_tilt_comes_with_the_rates_that_tell_how_each_position_was_turned
     assert np.abs(case.reference["gyro"][~rest]).max() > 0.1
 
 
+@pytest.mark.slow
 def test_sizes_asked_for_are_the_sizes_of_single_effects(tmp_path):
     answers = generate.generate(2, 23, tmp_path, kinds=["single", "single"], sizes=(6.0,))
     assert answers["sizes"] == [6.0]

@@ -47,6 +47,7 @@ def _in_imu_tk_units(calibration):
 PUBLISHED_VECTOR = np.concatenate([PUBLISHED[k] for k in ("misalignment", "scale", "bias")])
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_command_reproduces_the_published_optimum_on_the_given_means(tmp_path):
     counts = np.loadtxt(_xsens("interval_means.txt"))
@@ -64,6 +65,7 @@ def test_command_reproduces_the_published_optimum_on_the_given_means(tmp_path):
     np.testing.assert_allclose(deviations, SIGMAS, rtol=0.05)  # two digits are published
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_command_calibrates_the_raw_recording_with_its_own_rests(tmp_path):
     shutil.copy(_xsens("xsens_acc.mat"), tmp_path)
@@ -118,6 +120,7 @@ def _without_references(recording, serial="A", rows=slice(None)):
     return kept[rows]
 
 
+@pytest.mark.slow
 def test_campaign_to_calibration_within_its_uncertainty(recordings):
     device, made = recordings
     campaign = Campaign(
@@ -147,6 +150,7 @@ def test_what_was_chosen_is_said(recordings):
     assert any("temperature degree 4 by BIC" in c for c in result.choices)
 
 
+@pytest.mark.slow
 def test_a_bad_device_does_not_stop_the_others(recordings):
     _, made = recordings
     good = tuple(_without_references(r) for r in made)

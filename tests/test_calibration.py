@@ -44,6 +44,7 @@ def calibration(request, getkey):
     )
 
 
+@pytest.mark.slow
 def test_compensates_what_the_model_distorts(calibration, getkey):
     force, rate = 5.0 * jax.random.normal(getkey(), (20, 3)), jax.random.normal(getkey(), (20, 3))
     temperature = jnp.linspace(-40.0, 70.0, 20)
@@ -105,6 +106,7 @@ def test_standard_deviations_by_numpy(calibration):
         np.testing.assert_allclose(triad.standard_deviations(12.0)[i], expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_output_covariance_is_that_of_sampled_calibrations(calibration, getkey):
     accel, gyro = jnp.array([1.0, -3.0, 9.0]), jnp.array([0.2, 0.1, -0.4])
     runs = 4000

@@ -369,6 +369,7 @@ def test_a_cache_that_cannot_be_written_fails_nothing(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "3.0 float64\n", "")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     "INERTIAX_RECORDINGS" not in os.environ,
     reason="needs the imu_tk recording (set INERTIAX_RECORDINGS)",

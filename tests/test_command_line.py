@@ -45,6 +45,7 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", QUICK)
 def test_json_is_all_that_a_pipe_gets(command, tmp_path, capfd, monkeypatch):
     place(tmp_path, FILES)
@@ -54,6 +55,7 @@ def test_json_is_all_that_a_pipe_gets(command, tmp_path, capfd, monkeypatch):
     assert err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_offers_json_and_quiet_and_says_what_it_does(command):
     said = python(command, "--help", COLUMNS="200", NO_COLOR="1")

@@ -120,6 +120,7 @@ def test_printed_bias_line_is_off_by_twice_the_matrix(getkey):
     assert np.max(np.abs(printed.bias - exact.bias)) > 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compose", [compose_accel, compose_accel_as_printed])
 def test_exact_and_printed_composition_reach_the_same_fixed_point(compose, getkey):
     # Stage k+1 sees what stage k left over, halved: an estimator that takes half of what remains.

@@ -53,6 +53,7 @@ def seen(campaign):
         return prepare(campaign, DELAY).triads[0].delay
 
 
+@pytest.mark.slow
 def test_a_delay_of_two_gyros_is_named_and_sized_and_the_third_left_alone():
     with jax.enable_x64(True):
         found = diagnose(rate_table((3e-3, 0.0, -1e-3)))
@@ -66,6 +67,7 @@ def test_a_delay_of_two_gyros_is_named_and_sized_and_the_third_left_alone():
     assert "time_delay" not in found.not_testable
 
 
+@pytest.mark.slow
 def test_stated_errors_are_those_of_repetitions():
     pulls = []
     for seed in range(30):
@@ -76,6 +78,7 @@ def test_stated_errors_are_those_of_repetitions():
     assert abs(np.mean(pulls)) < 0.45  # 1.05 / sqrt(90), four of that
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("curve", [0.0, 2e-3])
 def test_no_delay_is_found_where_there_is_none_even_if_the_scale_factor_bends(curve):
     delays = [seen(rate_table(curve=curve, seed=seed)) for seed in range(10)]
@@ -94,6 +97,7 @@ def test_a_coarse_log_has_no_ramps_to_show():
     assert seen(rate_table((0.1, 0.1, 0.1), rate=5.0)) is None
 
 
+@pytest.mark.slow
 def test_the_augmented_calibration_takes_the_delay_away(tmp_path):
     campaign = rate_table((4e-3, 4e-3, 4e-3))
     with jax.enable_x64(True):

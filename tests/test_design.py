@@ -178,6 +178,7 @@ def _simulated(programme, device, runs):
     return refitted(ESTIMATOR, start, clean, accel, np.tile(clean.temperature, (runs, 1)))[:, 0]
 
 
+@pytest.mark.slow
 def test_predicted_precision_of_optimised_programme_is_the_simulated_one(best):
     device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=1))
     determinants = []
@@ -195,6 +196,7 @@ def test_predicted_precision_of_optimised_programme_is_the_simulated_one(best):
     assert ratio > 1.0
 
 
+@pytest.mark.slow
 def test_precision_over_temperature_is_the_covariance_of_the_fit():
     at = np.array([-55.0, -20.0, 20.0, 60.0])
     plan = Plan(PROGRAMME_18, Chamber(jnp.asarray(at), 0.0))

@@ -99,6 +99,7 @@ def only(channel, values):
     return added
 
 
+@pytest.mark.slow
 def test_a_campaign_without_omissions_is_consistent_and_says_what_it_could_have_seen():
     found = diagnose(tumble(seed=3))
     assert found.verdict == "consistent"
@@ -109,6 +110,7 @@ def test_a_campaign_without_omissions_is_consistent_and_says_what_it_could_have_
     assert {"gravity_error", "supply", "g_sensitivity"} <= set(found.not_testable)
 
 
+@pytest.mark.slow
 def test_second_order_is_named_located_and_measured():
     truth = 8e-4
     found = diagnose(tumble(seed=4, effect=lambda f, t: only(1, truth * f[:, 1] ** 2)))
@@ -124,6 +126,7 @@ def test_second_order_is_named_located_and_measured():
     )  # 1 ± sqrt(2/500) if noise is right
 
 
+@pytest.mark.slow
 def test_thermal_lag_gives_its_time_constant():
     tau = 90.0
 
@@ -146,6 +149,7 @@ def test_thermal_lag_gives_its_time_constant():
     assert {w.driver for w in found.where} == {"temperature_rate"}
 
 
+@pytest.mark.slow
 def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_a_formula():
     found = diagnose(
         sweep(
@@ -159,6 +163,7 @@ def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_a_formula():
     assert not any(e.name in found.empirical for e in CATALOGUE)
 
 
+@pytest.mark.slow
 def test_a_bump_in_time_between_the_grids_points_is_not_taken_for_slow_noise():
     """Its middle lies half-way between those of the grid, and its width too."""
     rng = np.random.default_rng(8)
@@ -175,6 +180,7 @@ def test_a_bump_in_time_between_the_grids_points_is_not_taken_for_slow_noise():
     assert abs(middle - 1600.0) < 130.0  # half its width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("level", "formula"), [(0.5, "exp(-((f - "), (-0.7, "|f + 0.")])
 def test_what_happens_at_one_level_of_the_input_is_not_taken_for_a_catalogued_effect(
     level, formula
@@ -193,6 +199,7 @@ def test_what_happens_at_one_level_of_the_input_is_not_taken_for_a_catalogued_ef
     assert "accel_y" in found.empirical and formula in found.empirical
 
 
+@pytest.mark.slow
 def test_an_effect_is_as_certain_beside_another_as_alone():
     """Channels of their own have nothing in common, so that the jump of one must not make the other's p smaller."""
 
@@ -209,6 +216,7 @@ def test_an_effect_is_as_certain_beside_another_as_alone():
     assert both[1].evidence.p_value == pytest.approx(alone[0].evidence.p_value, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_file_has_the_public_fields(tmp_path):
     campaign = tumble(seed=4, effect=lambda f, t: only(1, 8e-4 * f[:, 1] ** 2))
     recording = campaign.recordings[0]
@@ -244,6 +252,7 @@ def test_the_file_has_the_public_fields(tmp_path):
     assert (tmp_path / "out" / "calibration.json").exists()
 
 
+@pytest.mark.slow
 def test_an_effect_added_by_the_user_is_found():
     def shape(signal):
         """cos of four times the angle of the specific force in the x-y plane."""
@@ -264,6 +273,7 @@ def test_an_effect_added_by_the_user_is_found():
     assert [e.name for e in found.effects] == ["fourth_harmonic"]
 
 
+@pytest.mark.slow
 def test_a_plan_of_six_positions_cannot_show_second_or_third_order():
     # With f in {-1, 0, 1}, f² acts on |a| as f³ = f, a bias, and f³ as f⁴ = f², a scale factor.
     report = audit(tumble(step=90.0))
@@ -278,6 +288,7 @@ def test_a_tumble_in_steps_of_30_degrees_shows_both_but_not_apart_from_their_kin
     assert frozenset(("third_order", "odd_quadratic")) in aliased
 
 
+@pytest.mark.slow
 def test_any_differentiable_model_can_be_diagnosed():
     campaign = sweep(seed=8, effect=lambda probe, t: only(1, 8e-6 * (t > 2700.0)))
 
@@ -310,6 +321,7 @@ def test_a_stretch_of_more_scatter_is_found_but_neither_noise_nor_one_loud_block
     assert abs(found.first - 500) <= 12 and abs(found.last - 539) <= 12
 
 
+@pytest.mark.slow
 def test_a_short_oscillation_of_one_channel_is_unexplained_and_located():
     def packet(force, time):
         return only(2, 8e-4 * np.sin(2.0 * np.pi * time / 1.3) * (np.abs(time - 400.0) < 30.0))

@@ -41,6 +41,7 @@ def only_dwells(monkeypatch):
     monkeypatch.setattr(variance_fit, "BOUNDS", nothing)
 
 
+@pytest.mark.slow
 def test_a_variance_loses_one_degree_of_freedom_more(monkeypatch):
     only_dwells(monkeypatch)
     num = 7
@@ -87,6 +88,7 @@ def humming(frequency, seconds=4000.0, seed=3):
     return Campaign((recording,), Site(G), Rig(), model, "navigation")
 
 
+@pytest.mark.slow
 def test_a_frequency_is_found_from_a_neighbouring_lobe():
     true, seconds = 0.0131, 4000.0
     effect = next(e for e in CATALOGUE if e.name == "interference")
@@ -104,6 +106,7 @@ def test_a_frequency_is_found_from_a_neighbouring_lobe():
     assert abs(term.setting - true) < 4.0 * expected
 
 
+@pytest.mark.slow
 def test_lobes_that_cannot_be_told_apart_widen_the_frequency():
     # Two minutes at either end of an hour and a half: each lobe of 1/T is nearly as high as the next.
     campaign = humming(0.0131, 6000.0)

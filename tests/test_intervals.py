@@ -398,6 +398,7 @@ def test_white_noise_is_called_white():
     assert sum(len(red) > 0 for red in called) <= 5
 
 
+@pytest.mark.slow
 def test_a_million_rows_are_reduced_within_three_seconds():
     rng = np.random.default_rng(21)
     count = 1_000_000

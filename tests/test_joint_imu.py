@@ -136,6 +136,7 @@ print(json.dumps([np.mean(squares), variance.tolist(), mean.tolist(), np.mean(ro
 """
 
 
+@pytest.mark.slow
 def test_covariance_of_both_triads_and_lever_arms_is_right():
     code = MONTE_CARLO.format(tests=str(Path(__file__).parent))
     squares, variance, mean, rotations = json.loads(run_limited(code, seconds=300))
@@ -153,6 +154,7 @@ def _polar(matrix: np.ndarray) -> np.ndarray:
     return u @ v
 
 
+@pytest.mark.slow
 def test_lever_arms_that_are_left_out_bias_the_accelerometers():
     arms = np.diag([0.03, -0.02, 0.025])
     dwells, truth = _table(np.random.default_rng(1), arms=arms)
@@ -207,6 +209,7 @@ def _campaign(dwells: Dwells, model: ModelChoice) -> Campaign:
     return Campaign((recording,), Site(gravity=G), model=model)
 
 
+@pytest.mark.slow
 def test_lever_arms_of_a_campaign_are_stored_and_taken_away(tmp_path):
     arms = np.array([[0.03, 0.01, -0.02], [0.0, -0.02, 0.01], [0.015, 0.02, 0.025]])
     dwells, truth = _table(np.random.default_rng(6), arms=arms)

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 
 SETUP = """
 import numpy as np, jax, inertiax as ix
@@ -98,6 +100,7 @@ for case in json.load(sys.stdin):
 """
 
 
+@pytest.mark.slow
 def test_each_says_the_field_in_one_line():
     ran = subprocess.run(
         [sys.executable, "-c", SETUP + RUN],

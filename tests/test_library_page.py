@@ -21,6 +21,7 @@ for k, block in enumerate(re.findall(r"```python\\n(.*?)```", open(sys.argv[1], 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wide", ["0", "1"])
 def test_blocks_run(wide):
     assert len(BLOCKS) == 5

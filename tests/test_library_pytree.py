@@ -118,6 +118,7 @@ def test_stacked_devices_are_mapped_like_each_alone():
     assert outside.tolist() == [True, True, False, False]
 
 
+@pytest.mark.slow
 def test_a_thousand_read_calibrations_stack(tmp_path):
     path = tmp_path / "calibration.json"
     write_calibration(device(1), path)

@@ -125,6 +125,7 @@ def accepted(found):
     return sum(last.values())
 
 
+@pytest.mark.slow
 def test_events_are_those_of_the_contract(tmp_path):
     found, folder = followed(tmp_path, f"{HEADER}\n" + text(session_rows(1)))
     assert found[0]["event"] == "start" and found[-1]["event"] == "done"
@@ -150,6 +151,7 @@ def test_events_are_those_of_the_contract(tmp_path):
     assert batch.num_segments == 12
 
 
+@pytest.mark.slow
 def test_a_target_that_is_reached_ends_the_session_with_what_it_says_true(tmp_path):
     poses = [p for k in range(4) for p in POSES + [(0, 0, 1)]]
     rows = session_rows(2, poses, noise=0.003)
@@ -168,6 +170,7 @@ def test_a_target_that_is_reached_ends_the_session_with_what_it_says_true(tmp_pa
     assert recorded.num_samples < len(rows)
 
 
+@pytest.mark.slow
 def test_turns_tell_the_scale_factors_of_the_gyros(tmp_path):
     poses = [p for k in range(3) for p in POSES + [(0, 0, 1)]]
     rows = session_rows(21, poses, noise=0.003)
@@ -187,6 +190,7 @@ def test_a_target_that_the_columns_cannot_tell_is_one_line(tmp_path):
         followed(tmp_path, f"{HEADER}\n" + text(rows), target="accel.matrix[0,1]=1 mrad")
 
 
+@pytest.mark.slow
 def test_a_tap_is_left_out_and_a_rest_that_was_held_is_refused(tmp_path):
     person = Person(3)
     rows = [person.rest(5.0)]
@@ -234,6 +238,7 @@ def test_half_a_line_and_lines_that_are_no_rows_stop_nothing_and_are_kept(tmp_pa
     )
 
 
+@pytest.mark.slow
 def test_a_clock_that_jumps_is_told_and_survived(tmp_path):
     rows = session_rows(6)
     half = len(rows) // 2
@@ -336,6 +341,7 @@ def started(*arguments, **options):
     )
 
 
+@pytest.mark.slow
 def test_the_command_reads_standard_input_and_writes_what_the_batch_command_gives(tmp_path):
     folder, out = campaign(tmp_path), tmp_path / "out"
     process = started(
@@ -357,6 +363,7 @@ def test_the_command_reads_standard_input_and_writes_what_the_batch_command_give
     assert mine["accel"] == batch["accel"] and mine["gyro"] == batch["gyro"]
 
 
+@pytest.mark.slow
 def test_a_killed_run_loses_nothing_that_came(tmp_path):
     folder, out = campaign(tmp_path), tmp_path / "out"
     rows = session_rows(13, POSES[:3])

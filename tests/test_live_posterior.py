@@ -34,6 +34,7 @@ def rests(rng, count, sigma, vector, reference=False):
 VECTOR = np.array([0.1, -0.2, 0.05, 0.01, -0.004, -0.02, 0.006, 0.003, 0.015])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_reference", [False, True])
 def test_rows_are_those_of_the_batch_estimator(by_reference):
     means = rests(np.random.default_rng(1), 5, 0.01, VECTOR, reference=True)

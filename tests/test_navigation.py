@@ -103,6 +103,7 @@ def test_transport_rate_going_east_by_hand():
     np.testing.assert_allclose(rate, [0.0, 100.0 / normal, 100.0 / normal], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_ideal_triads_at_rest_stay_where_they_are():
     data, start, truth = _ideal(_standing, 1.0)
     # What they read is gravity and Earth rate (an independent formula).
@@ -114,6 +115,7 @@ def test_ideal_triads_at_rest_stay_where_they_are():
     assert np.max(np.abs(off[:3])) < 1e-4 and np.max(np.abs(off[6:])) < 5e-11
 
 
+@pytest.mark.slow
 def test_ideal_triads_follow_a_moving_vehicle():
     offs = []
     for step, row in ((0.2, 299), (0.1, 599)):  # both after a minute
@@ -173,6 +175,7 @@ def _measured(calibration, data):
     return ImuData(accel, gyro, data.temperature, data.step)
 
 
+@pytest.mark.slow
 def test_calibration_inside_the_loop_restores_the_ideal_run(calibration):
     data, start, truth = _ideal(_path, 0.1)
     plain = RUN(_keep, data, start)
@@ -192,6 +195,7 @@ def moving(calibration):
     return raw, start, end, np.asarray(exact)
 
 
+@pytest.mark.slow
 def test_sensitivities_match_finite_differences_to_1e_5(calibration, moving):
     raw, start, end, exact = moving
     values = coefficients_of(calibration)
@@ -219,6 +223,7 @@ def test_sensitivities_match_finite_differences_to_1e_5(calibration, moving):
         assert np.max(difference[seen] / size[seen]) < 1e-5
 
 
+@pytest.mark.slow
 def test_navigator_goes_through_vmap_and_reverse_mode(calibration, moving):
     raw, start, end, exact = moving
 
@@ -233,6 +238,7 @@ def test_navigator_goes_through_vmap_and_reverse_mode(calibration, moving):
     np.testing.assert_array_equal(many[0], many[1])
 
 
+@pytest.mark.slow
 def test_refinement_from_position_fixes_finds_a_changed_bias(calibration):
     data, start, truth = _ideal(_path, 0.2)
     raw = _measured(calibration, data)
@@ -284,6 +290,7 @@ os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
 """
 
 
+@pytest.mark.slow
 def test_tutorial_runs():
     page = TUTORIAL.read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)

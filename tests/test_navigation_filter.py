@@ -147,6 +147,7 @@ def _plain(calibration, resting, free):
     return out
 
 
+@pytest.mark.slow
 def test_filter_is_a_plain_kalman_filter_where_all_is_linear(
     calibration, resting, free, biases, rested
 ):
@@ -210,6 +211,7 @@ def _likelihood(white, start, data, fixes, valid, calibration):
     return filter_.run(start, data, [navigation.Position(fixes, 0.1, valid)]).log_likelihood
 
 
+@pytest.mark.slow
 def test_likelihood_is_the_innovations_and_has_a_gradient_by_the_noise(
     calibration, resting, biases, rested, free
 ):
@@ -236,6 +238,7 @@ def test_likelihood_is_the_innovations_and_has_a_gradient_by_the_noise(
     assert float(slope) == pytest.approx(float(up - down) / (2 * h), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_runs_go_through_vmap_and_gradients_through_the_outputs(resting, biases, rested):
     attitude, data, fixes, valid = resting
 
@@ -258,6 +261,7 @@ def test_runs_go_through_vmap_and_gradients_through_the_outputs(resting, biases,
     assert float(jnp.sum(slope)) * 1e-3 == pytest.approx(moved, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_single_precision_agrees_to_a_hundredth_of_a_standard_deviation(resting, biases, rested):
     attitude, data, fixes, valid = resting
     low = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), (attitude, data, fixes))

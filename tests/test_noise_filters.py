@@ -90,6 +90,7 @@ def test_a_line_is_left_out_and_named():
     assert model.chi2_per_dof > 10.0
 
 
+@pytest.mark.slow
 def test_a_transient_hides_the_slow_terms_but_not_n():
     log = second_order(white(8, 60_000), 20.0)
     model = identify(log + 0.1 * np.exp(-np.arange(len(log)) / RATE / 3.0), rate=RATE)
@@ -209,6 +210,7 @@ def _real():
         yield from ((name, columns[:, k]) for k in (1, 2, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not RECORDINGS, reason="INERTIAX_RECORDINGS names no folder of recordings")
 def test_n_of_real_logs_is_the_flat_part_of_their_spectrum():
     for name, log in _real():

@@ -53,6 +53,7 @@ def ramps(seed=0):
     return Campaign((recording,), Site(G), Rig(1e-5), model, "tactical")
 
 
+@pytest.mark.slow
 def test_a_lag_of_all_channels_is_one_candidate_and_shows_where_no_single_one_does():
     with jax.enable_x64(True):
         (prepared,) = prepare(ramps(), LAG).triads
@@ -88,6 +89,7 @@ def test_rows_of_three_channels_hold_the_joint_lag_in_each():
         assert np.allclose(joint.columns[c], alone.columns[0], rtol=1e-12, atol=0.0)
 
 
+@pytest.mark.slow
 def test_the_lag_of_a_package_is_named_with_one_time_constant():
     found = diagnose(ramps(seed=1))
     assert [e.name for e in found.effects] == ["thermal_lag"]

@@ -36,6 +36,7 @@ def pyright() -> str | None:
     return str(beside) if beside.is_file() else shutil.which("pyright")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(pyright() is None, reason="pyright is not installed (inertiax[dev])")
 def test_a_users_script_passes_strict_typing(tmp_path):
     script = (ROOT / "tests" / "typing_user.py").read_text("utf-8")

@@ -64,6 +64,7 @@ def tumble(tilt, seed=3):
     return Campaign((recording,), Site(G), Rig(1e-5), model, "tactical")
 
 
+@pytest.mark.slow
 def test_a_pier_out_of_level_from_the_start_is_named_and_sized():
     with jax.enable_x64(True):
         found = diagnose(tumble(TILT))
@@ -88,6 +89,7 @@ def test_the_vertical_axis_of_a_tilt_is_no_candidate_for_accelerometers():
     assert columns == {"24 h": 4, "linear": 2, "constant": 2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12])
 def test_a_level_pier_is_left_alone(seed):
     with jax.enable_x64(True):

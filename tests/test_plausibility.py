@@ -246,6 +246,7 @@ def test_references_that_contradict_the_outputs():
     assert dict(found.evidence)["seconds"] == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.slow
 def test_calibrate_refuses_an_error_and_goes_on_by_force():
     columns = hand()
     columns["gyro"] = np.degrees(columns["gyro"])

@@ -189,6 +189,7 @@ def _result(misfit: np.ndarray, sigma: np.ndarray, dwells: Dwells) -> TriadResul
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 3])
 def test_misfits_are_drawn_against_order_temperature_and_position(rows):
     rng = np.random.default_rng(1)

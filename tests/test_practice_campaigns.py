@@ -23,6 +23,7 @@ def test_there_are_campaigns():
     assert len(_keys()) >= 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", _keys(), ids=lambda key: key["case"])
 def test_a_campaign_gets_the_answer_of_its_key(key, tmp_path):
     run_diagnosis(Path(PRACTICE) / key["case"], tmp_path)

@@ -52,6 +52,7 @@ def _greatest_error(coefficients, device):
     return float(error[:, :3].max()), float(error[:, 3:].max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 @pytest.mark.parametrize("drift", ["centred", "alternating", "settling"])
 def test_default_is_as_good_as_the_joint_fit_on_every_plan(drift, number, device):
@@ -65,6 +66,7 @@ def test_default_is_as_good_as_the_joint_fit_on_every_plan(drift, number, device
     assert np.max(difference) < 0.05
 
 
+@pytest.mark.slow
 def test_without_noise_the_paper_iteration_finds_the_truth(device):
     dwells = _dwells(device, 2, "centred", seed=None)
     solution = iterate(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)

@@ -96,7 +96,9 @@ def _joined(triad: str, first: Calibration, second: Calibration) -> TriadCalibra
                     lambda s: getattr(s, triad), stage, changed, is_leaf=lambda x: x is None
                 )
             )
-        values = [_parameters(triad, stages[0], stages[1], float(t))[: len(names)] for t in basis.nodes]
+        values = [
+            _parameters(triad, stages[0], stages[1], float(t))[: len(names)] for t in basis.nodes
+        ]
         return interpolate(basis, jnp.stack(values)).ravel()
 
     a, b = jnp.asarray(one.curve.coefficients), jnp.asarray(two.curve.coefficients)
