@@ -89,6 +89,7 @@ def test_first_approach_takes_one_sweep_and_half_the_dwells(device):
     assert curve_bias < bias and curve_matrix < matrix
 
 
+@pytest.mark.slow
 def test_first_approach_is_exact_where_dependence_is_linear():
     device = Device(accel=draw_accelerometers(jax.random.PRNGKey(4), degree=1))
     dwells, _ = simulate_dwells(None, _sweep(), device)
@@ -117,6 +118,7 @@ def test_pieces_that_cannot_work_are_refused(device):
         first_approach(ESTIMATOR, BASIS, dwells, pieces=30)
 
 
+@pytest.mark.slow
 def test_traditional_refuses_too_few_experiments(device):
     dwells, _ = simulate_dwells(None, paper_set(2, temperatures=(0.0, 30.0)), device)
     with pytest.raises(ValueError, match="2 experiments cannot determine curves with 7"):

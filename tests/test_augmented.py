@@ -78,6 +78,7 @@ def left(calibration, recording, truth):
 NOISE = 1.05 * WHITE
 
 
+@pytest.mark.slow
 def test_second_order_is_taken_away_down_to_the_noise():
     time, force, position, noise = tumble()
     k2 = 4e-3  # m/s²/g²
@@ -89,6 +90,7 @@ def test_second_order_is_taken_away_down_to_the_noise():
     assert left(calibrated(effect), recording, force) < NOISE
 
 
+@pytest.mark.slow
 def test_a_bias_step_is_taken_away_at_its_moment_by_the_recorded_clock():
     time, force, position, noise = tumble(seed=1)
     output = force @ (np.eye(3) + MATRIX).T + BIAS + noise
@@ -144,6 +146,7 @@ def thermal_device(lag):
     )
 
 
+@pytest.mark.slow
 def test_a_thermal_lag_is_taken_away_down_to_the_noise():
     rng = np.random.default_rng(3)
     time = np.arange(4000) * 1.0
@@ -169,6 +172,7 @@ def test_a_thermal_lag_is_taken_away_down_to_the_noise():
     np.testing.assert_array_equal(after[:, 1:], before[:, 1:])
 
 
+@pytest.mark.slow
 def test_g_sensitivity_is_taken_away_with_the_compensated_specific_force():
     time, force, position, noise = tumble(seed=4)
     rng = np.random.default_rng(5)

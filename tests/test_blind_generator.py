@@ -76,6 +76,7 @@ def test_specific_force_and_rates_agree_with_each_other():
     assert np.abs(turned + np.cross(middle(plan.rate), middle(plan.up))).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_size_estimates_scatter_as_the_true_covariance_says():
     """48 runs: the normalised estimate has standard deviation 1 ± 0.1, χ² per degree 1 ± 0.01."""
     rng = np.random.default_rng([5, 2])

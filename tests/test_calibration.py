@@ -59,6 +59,7 @@ def test_compensates_what_the_model_distorts(calibration, getkey):
     np.testing.assert_allclose(refined[1], rate, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_goes_through_scan(calibration):
     samples = jnp.ones((5, 3)), jnp.ones((5, 3)), jnp.linspace(0.0, 20.0, 5)
     _, scanned = jax.lax.scan(lambda carry, x: (carry, calibration(*x)), None, samples)

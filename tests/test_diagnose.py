@@ -334,6 +334,7 @@ def test_a_short_oscillation_of_one_channel_is_unexplained_and_located():
     assert overlap > 0.6  # the ends of rests are left out, and a window has a length of 2^k blocks
 
 
+@pytest.mark.slow
 def test_a_stretch_kept_out_is_predicted_better_by_an_effect_that_the_rest_has_named():
     def held(probe, time):
         x = np.empty_like(probe)

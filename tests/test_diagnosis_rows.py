@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import pytest
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose.noise.observation_series import variances
@@ -41,12 +42,14 @@ def prepared(campaign):
         return prepare(campaign, ()).triads[0]
 
 
+@pytest.mark.slow
 def test_misalignments_that_faces_do_not_determine_are_no_parameters():
     # |a| on a face knows a misalignment m by m²/2 alone.
     base = prepared(faces(3e-3, turns=20, degree=3)).system.base
     assert base.form.matrix == ((0, 0), (1, 1), (2, 2))
 
 
+@pytest.mark.slow
 def test_the_probe_counts_by_the_slope_of_the_outputs_and_its_stated_uncertainty():
     campaign = faces(0.0, turns=8, degree=1, bias_slope=2e-3, rig=Rig(temperature_uncertainty=0.1))
     one = prepared(campaign)
@@ -105,6 +108,7 @@ def test_an_unlabelled_rest_is_no_plateau():
     assert len(rest) >= 8 and not np.isin(rest, covered).any()
 
 
+@pytest.mark.slow
 def test_the_rigs_promise_is_a_limit_that_the_rows_may_undercut():
     # Positions repeat to 2e-5 rad where 1e-4 is promised: angle errors of a reference on faces, 9.81 m/s² times that.
     rng = np.random.default_rng(4)

@@ -3,12 +3,15 @@
 import re
 from pathlib import Path
 
+import pytest
+
 from hard_limit import run_limited
 
 
 HOME = Path(__file__).parents[1] / "docs" / "index.md"
 
 
+@pytest.mark.slow
 def test_home_page_example_runs():
     blocks = re.findall(r"```python\n(.*?)```", HOME.read_text(encoding="utf-8"), flags=re.DOTALL)
     assert len(blocks) == 1

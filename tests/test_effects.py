@@ -63,6 +63,7 @@ def test_the_catalogue_has_exactly_the_public_names():
     assert sorted(e.name for e in CATALOGUE) == sorted(NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect, triad", CASES, ids=lambda x: getattr(x, "name", x))
 def test_an_effect_is_identity_at_zero_and_its_shape_is_its_jacobian(effect, triad):
     signal, variants = forms(effect, triad)

@@ -70,6 +70,7 @@ print(float(jax.jit(doubled)(0.0)))
 """
 
 
+@pytest.mark.slow
 def test_a_damaged_entry_of_the_cache_is_written_anew_without_a_word(tmp_path):
     cache = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
     run = lambda: subprocess.run(

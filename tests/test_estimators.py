@@ -73,6 +73,7 @@ def _distorted(estimator, truth, dwells):
     return eqx.tree_at(lambda d: d.gyro, dwells, gyro)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_recovers_the_truth_without_noise(name, getkey):
     estimator = CASES[name]
@@ -151,6 +152,7 @@ def test_softened_residual_is_the_pseudo_huber_loss():
     np.testing.assert_array_equal(np.sign(softened), np.sign(residual))
 
 
+@pytest.mark.slow
 def test_robust_option_withstands_a_bad_dwell(getkey):
     truth = 0.02 * jax.random.normal(getkey(), (9,))
     dwells = _distorted(Invariant(gravity=GRAVITY), truth, _dwells(getkey))
@@ -193,6 +195,7 @@ def to_imu_tk(vector):
     return jnp.concatenate([jnp.stack([-unit[0, 1], unit[0, 2], -unit[1, 2]]), scale, bias])
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_published_optimum_of_the_xsens_recording():
     path = Path(str(recordings)) / "imu_tk-xsens" / "interval_means.txt"

@@ -78,6 +78,7 @@ def noise_file(folder, logs):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, density, walks, rate",
     [
@@ -113,6 +114,7 @@ def test_noise_comes_from_the_noise_commands_document(
     assert numbers(walks[0]) == [2e-5] and numbers(walks[1]) == [3e-6]
 
 
+@pytest.mark.slow
 def test_noise_that_does_not_fit_is_refused_in_one_line(capsys, monkeypatch, file, tmp_path):
     noise = noise_file(tmp_path, ["A", "B"])
     arguments = ["export", file, "--to", "kalibr", "-o", tmp_path / "x", "--noise"]

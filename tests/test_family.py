@@ -55,6 +55,7 @@ def jumps():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forms", [bumps, jumps])
 def test_a_dense_setting_counts_as_more_tests_the_rarer_the_best_of_it_is(forms):
     shapes, effect = forms()
@@ -86,6 +87,7 @@ def test_each_effect_pays_for_its_own_forms_times_the_number_of_effects():
         assert shares.p_value(made) == pytest.approx(1.0 - (1.0 - single) ** tests, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_coefficient_carries_the_uncertainty_of_its_time_constant():
     def warm(probe, time):
         return only(1, 2e-5 * np.exp(-time / 400.0))
@@ -121,6 +123,7 @@ def projected(system: System, noise, chain, columns):
     return left - q @ (q.T @ left)
 
 
+@pytest.mark.slow
 def test_a_jump_in_a_pause_is_put_in_its_middle_with_the_pause_as_uncertainty():
     campaign = still(2000.0)
     recording = campaign.recordings[0]

@@ -157,6 +157,7 @@ def test_patterns_choose_parameters():
     assert place_of("gyro.g_sensitivity[2,1]") == (2, 5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("patterns", "thermal", "count"),
     [("*", True, 9 * 2 + 21 * 3), ("*.bias", True, 3 * 2 + 3 * 3), ("*.bias", False, 6),
@@ -237,6 +238,7 @@ def segment(calibration):
     return estimate, samples, step
 
 
+@pytest.mark.slow
 def test_transition_is_the_derivative_of_the_nonlinear_step(segment):
     estimate, samples, step = segment
     after, transition = step(estimate, samples)
@@ -265,6 +267,7 @@ def test_transition_is_the_derivative_of_the_nonlinear_step(segment):
     np.testing.assert_allclose(found[:9, 3:9], exact[:9, 3:9], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_white_noise_is_the_samples_variance_through_the_step(segment):
     estimate, samples, step = segment
     after, transition = step(estimate, samples)
@@ -288,6 +291,7 @@ def test_white_noise_is_the_samples_variance_through_the_step(segment):
     )
 
 
+@pytest.mark.slow
 def test_means_agree_with_forty_times_finer_steps(calibration):
     """Averages over 0.01 s of a smooth motion, integrated by 20 samples, against an ODE solver's fine steps."""
     states = calibration_states(
@@ -343,6 +347,7 @@ def _runge_kutta(force, rate, start, count=2000):
     return x[:9].reshape(3, 3), x[9:12], x[12:]
 
 
+@pytest.mark.slow
 def test_reset_jacobian_is_the_derivative_of_the_error_from_the_moved_estimate():
     pose = ExtendedPose(rotation.exp(jnp.array([0.3, 0.2, -1.0])), jnp.ones(3), jnp.arange(3.0))
     estimate = Estimate(pose, jnp.zeros(0), jnp.zeros(0))

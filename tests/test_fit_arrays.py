@@ -35,6 +35,7 @@ def found(made):
     return ix.fit(dwells, **estimators)
 
 
+@pytest.mark.slow
 def test_truth_is_found_within_its_covariance(made, found):
     assert found.succeeded.shape == (DEVICES,) and found.succeeded.all()
     calibration = found.calibration
@@ -79,6 +80,7 @@ def test_positions_that_do_not_determine_the_model_do_not_succeed(made):
     assert not fit.succeeded.any() and "do not determine" in fit.reasons[0]
 
 
+@pytest.mark.slow
 def test_derivatives_by_gravity_are_those_of_solving_again(made, found):
     step = 1e-4
     table = ix.derivatives(found, [ix.sources.gravity(step), ix.sources.output_noise()])
@@ -100,6 +102,7 @@ def test_derivatives_by_gravity_are_those_of_solving_again(made, found):
     np.testing.assert_allclose(table.sigma[quiet, 1, :9], own[quiet], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_derivatives_are_mapped_over_devices(found):
     sources = [ix.sources.gravity(1e-4)]
     whole = ix.derivatives(found, sources)

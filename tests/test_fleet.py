@@ -116,6 +116,7 @@ def test_constant_parameters_are_scipys():
         np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance[k])), sigma, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 2])
 def test_batched_fit_is_the_joint_fit(degree):
     devices, _ = _fleet(degree, 5)
@@ -131,6 +132,7 @@ def test_batched_fit_is_the_joint_fit(degree):
         np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance[k])), sigma, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_linear_estimators_are_the_joint_fit():
     devices, _ = _fleet(2, 3)
     rng = np.random.default_rng(8)
@@ -182,6 +184,7 @@ def test_one_bad_device_leaves_the_others_as_they_were():
     assert np.abs((fit.parameters[rest] - good.parameters[rest]) / sigma).max() < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 2])
 def test_single_precision_loses_what_is_said(degree):
     devices, _ = _fleet(degree, 20)
@@ -203,6 +206,7 @@ def test_single_precision_is_refused_to_other_estimators():
         fit_fleet(ReferenceAccel(), Constant(), stack_dwells(devices), precision="float32")
 
 
+@pytest.mark.slow
 def test_every_chunk_is_solved_in_double_precision_whatever_jax_is_set_to():
     """A Dask worker has JAX's defaults, and the chunks of a solve run in threads of their own."""
     out = run_limited(
@@ -223,6 +227,7 @@ print(float(np.abs(fit.parameters[-3:] - last.parameters).max()))
     assert float(out) < 1e-14
 
 
+@pytest.mark.slow
 def test_no_hang_at_any_batch_size():
     out = run_limited(
         """
@@ -249,6 +254,7 @@ def line(tmp_path_factory):
     return folder, write_line(folder, 14)
 
 
+@pytest.mark.slow
 def test_raw_rows_to_calibrations_within_their_uncertainty(line, tmp_path):
     folder, truth = line
     summary = run_fleet(folder, tmp_path / "out")
@@ -267,6 +273,7 @@ def test_raw_rows_to_calibrations_within_their_uncertainty(line, tmp_path):
     assert abs(np.mean(squares) - 18.0) < 6.4
 
 
+@pytest.mark.slow
 def test_bad_devices_are_set_aside_with_the_reason(line, tmp_path):
     folder, _ = line
     table = pl.read_parquet(sorted(folder.glob("*.parquet")))
@@ -319,6 +326,7 @@ def test_what_is_wrong_with_the_files_is_said_in_one_line(line, tmp_path, change
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_folder_with_another_run_is_refused(line, tmp_path):
     folder, _ = line
     run_fleet(folder, tmp_path / "out")
@@ -338,6 +346,7 @@ run.run_fleet(sys.argv[1], sys.argv[2], workers=1)
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
     """Kill −9 at several moments; every device is there once, as in an undisturbed run."""
     folder, truth = line
@@ -368,6 +377,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
     assert tables[0].equals(tables[1])
 
 
+@pytest.mark.slow
 def test_worker_processes_give_the_same_table(line, tmp_path):
     folder, _ = line
     run_fleet(folder, tmp_path / "here")
@@ -406,6 +416,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_killed_dask_workers_leave_the_table_as_it_is(line, tmp_path):
     """Kill −9 of the only worker, twice, while it is at a task."""
     folder, truth = line
@@ -419,6 +430,7 @@ def test_killed_dask_workers_leave_the_table_as_it_is(line, tmp_path):
     assert tables[0].equals(tables[1])
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
     from dask import config
 
@@ -433,6 +445,7 @@ def test_a_scheduler_that_does_not_answer_is_said_so(line, tmp_path):
             run_fleet(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 
 
+@pytest.mark.slow
 def test_a_scheduler_whose_workers_are_gone_is_said_so_and_the_rest_can_be_done(
     line, tmp_path, monkeypatch
 ):

@@ -53,6 +53,7 @@ def read(dwells: Dwells):
     return scores, read_line("accel", [f"SN{d}" for d in range(DEVICES)], scores)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_line_without_effects_is_left_alone(seed):
     scores, found = read(line(seed))
@@ -120,6 +121,7 @@ def test_few_devices_are_refused():
         read_line("accel", ["a"] * 5, few)
 
 
+@pytest.mark.slow
 def test_the_command_names_what_a_line_has_in_common(tmp_path):
     from typer.testing import CliRunner
 

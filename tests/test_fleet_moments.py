@@ -19,6 +19,7 @@ from inertiax.reduction.dwells import Dwells
 DIRECTIONS = ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dwells", [18, 50])  # in one expression, and in three parts
 def test_moments_are_the_normal_matrix_of_numerical_derivatives(dwells):
     rng = np.random.default_rng(4)
@@ -45,6 +46,7 @@ def test_moments_are_the_normal_matrix_of_numerical_derivatives(dwells):
         )
 
 
+@pytest.mark.slow
 def test_chunks_are_the_batch_and_those_not_used_are_left_out():
     rng = np.random.default_rng(6)
     made = [dwell_means(rng, parameters(rng, 0), 2)[0] for _ in range(12)]
@@ -128,6 +130,7 @@ def test_thermal_normal_matrices_are_those_of_the_kronecker_rows():
         np.testing.assert_allclose(found[k], design.T @ design, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_refined_noise_is_that_of_compensated_dwells():
     """`Invariant.misfit` of dwells that `Invariant.compensate` refined, at no further error."""
     rng = np.random.default_rng(9)

@@ -220,6 +220,7 @@ def _errors(folder, truth):
     return np.array(errors), np.array(covariances)
 
 
+@pytest.mark.slow
 def test_a_run_ends_with_its_population(known):
     folder, _ = known
     found = read_population(folder / "results").accel
@@ -249,6 +250,7 @@ print(run_fleet({str(folder / "short")!r}, {str(folder / "out")!r}, prior=prior)
     return folder, truth
 
 
+@pytest.mark.slow
 def test_short_programmes_get_an_honest_calibration(short):
     """The errors of the 40 devices are what the posterior says."""
     folder, truth = short
@@ -289,6 +291,7 @@ def test_a_device_unlike_the_line_is_set_aside_where_only_the_line_could_tell(sh
     )
 
 
+@pytest.mark.slow
 def test_without_a_prior_the_same_devices_are_set_aside(known, tmp_path):
     _, truth = known
     some = dict(list(truth.items())[:6])
@@ -311,6 +314,7 @@ def test_a_prior_of_another_model_is_refused(known, tmp_path):
         run_fleet(tmp_path / "short", tmp_path / "out", prior=read_population(folder / "results"))
 
 
+@pytest.mark.slow
 def test_a_linear_problem_with_a_prior_is_bayesian_regression():
     """Against (Σ⁻¹ + Hᵀ R⁻¹ H)⁻¹ and its mean in NumPy: four positions for twelve unknowns."""
     rng = np.random.default_rng(9)

@@ -31,6 +31,7 @@ def _array(folder, column) -> np.ndarray:
     return np.array(table.get_column(column).to_list())
 
 
+@pytest.mark.slow
 def test_the_command_calibrates_in_single_precision_within_the_loss_it_states(
     line, whole, tmp_path
 ):

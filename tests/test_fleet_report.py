@@ -111,6 +111,7 @@ def line(tmp_path_factory):
     return folder, truth, names
 
 
+@pytest.mark.slow
 def test_page_tells_yield_and_reasons(line):
     folder, _, _ = line
     text, _ = _read(folder / "report.html")
@@ -180,6 +181,7 @@ def test_curves_are_those_of_the_temperature_basis():
             )
 
 
+@pytest.mark.slow
 def test_drift_is_the_difference_in_its_own_sigmas(line, tmp_path):
     folder, truth, names = line
     moved = truth[10:60].copy()
@@ -202,6 +204,7 @@ def test_drift_is_the_difference_in_its_own_sigmas(line, tmp_path):
     assert re.search(r"<td>SN00013</td><td>bias z</td><td>15 °C</td>", text)
 
 
+@pytest.mark.slow
 def test_many_changes_ask_for_attention_and_chance_does_not(line, tmp_path):
     folder, truth, names = line
     good = slice(10, 60)
@@ -233,6 +236,7 @@ def test_few_devices_and_none_have_a_page(tmp_path):
     assert "No device could be calibrated." in _read(tmp_path / "none" / "report.html")[0]
 
 
+@pytest.mark.slow
 def test_page_of_twenty_thousand_devices_stays_small(tmp_path):
     truth = _truth(20_000, 0)
     truth[::100] *= 30.0  # 200 unlike the others, more than are listed
@@ -252,6 +256,7 @@ def test_command_writes_one_devices_page_beside_its_calibration(line):
     assert json.loads((folder / "calibration-SN00008.json").read_text())["device"] == "SN00008"
 
 
+@pytest.mark.slow
 def test_command_ends_with_the_page(tmp_path):
     write_line(tmp_path / "line", 6, files=1, experiments=2)
     command = ["fleet", str(tmp_path / "line"), "-o", str(tmp_path / "out"), "--json", "-q"]

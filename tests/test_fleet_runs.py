@@ -35,6 +35,7 @@ def run(capfd, *arguments: object) -> tuple[int, str, str]:
     return int(exit.value.code or 0), said.out, said.err
 
 
+@pytest.mark.slow
 def test_a_fleet_of_which_nothing_was_calibrated_fails_and_says_why(tmp_path, capfd, monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     aside = lambda estimator, basis, fit, alone=True: (
@@ -51,6 +52,7 @@ def test_a_fleet_of_which_nothing_was_calibrated_fails_and_says_why(tmp_path, ca
     assert (tmp_path / "out" / "quarantine.parquet").exists()
 
 
+@pytest.mark.slow
 def test_scores_asked_for_a_second_time_are_those_of_the_first(tmp_path, capfd, monkeypatch):
     """Whole numbers of an effect's settings came back from the manifest as floats, which index nothing."""
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")

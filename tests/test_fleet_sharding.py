@@ -41,6 +41,7 @@ print(json.dumps(answer))
 """
 
 
+@pytest.mark.slow
 def test_answers_do_not_depend_on_how_many_accelerators_share_the_work():
     from pathlib import Path
 
@@ -65,6 +66,7 @@ def test_a_mesh_of_two_axes_is_refused():
         fit_sharded(np.ones((1, 12, 3)), rows, rows, 9.8, Constant(), mesh=mesh)
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_accelerators_runs_through_on_the_processor(tmp_path):
     """Its form only: equal answers, and every figure there."""
     import subprocess

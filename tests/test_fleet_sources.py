@@ -53,6 +53,7 @@ def test_campaigns_are_found_in_natural_order(bench):
     assert names == ["unit1", "unit2", "unit3", "unit10", "unit11"]
 
 
+@pytest.mark.slow
 def test_every_campaign_is_there_once_and_bad_ones_are_set_aside(bench, tmp_path):
     summary = run_fleet(bench, tmp_path / "out")
     assert (summary.devices, summary.calibrated) == (6, 4)
@@ -66,6 +67,7 @@ def test_every_campaign_is_there_once_and_bad_ones_are_set_aside(bench, tmp_path
     assert again.tasks_before == 1 and again.devices == 6
 
 
+@pytest.mark.slow
 def test_a_campaign_in_a_fleet_is_calibrated_as_alone(bench, tmp_path):
     run_fleet(bench, tmp_path / "out")
     for unit in ("unit1", "unit2"):
@@ -99,6 +101,7 @@ def test_campaigns_that_do_not_fit_together_are_refused(tmp_path):
         run_fleet(tmp_path / "c", tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["memory", "file"])
 def test_an_address_gives_the_table_that_a_path_gives(protocol, tmp_path):
     """`file` is a path, `memory` is read through fsspec."""

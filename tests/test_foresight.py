@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import pytest
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
@@ -97,6 +98,7 @@ def one_turn(seed, loop):
     return Campaign((recording,), Site(9.81), Rig(), model, "consumer")
 
 
+@pytest.mark.slow
 def test_a_thermal_loop_that_channels_share_is_named_although_a_jump_at_its_turn_looks_alike():
     # Half a loop of 1e-3 rad/s against a walk that reaches 1.8e-4 rad/s in an hour.
     found = diagnose(one_turn(1, (1e-3, -8e-4, 0.0)))
@@ -105,6 +107,7 @@ def test_a_thermal_loop_that_channels_share_is_named_although_a_jump_at_its_turn
     assert "gyro_z" not in named["thermal_hysteresis"]
 
 
+@pytest.mark.slow
 def test_walks_alone_are_not_taken_for_a_thermal_loop():
     assert diagnose(one_turn(2, (0.0, 0.0, 0.0))).verdict == "consistent"
 

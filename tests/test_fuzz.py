@@ -47,6 +47,7 @@ def test_small_valid_files_are_taken(name, places):
     assert attempt(TARGETS[name], folder, seeds[0]) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TARGETS)
 # The same damage every time: a change is judged by what it does; `fuzz.drive` looks for new damage.
 @settings(

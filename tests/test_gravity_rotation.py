@@ -272,6 +272,7 @@ def test_bias_scatter_finds_the_wander_between_rests():
 # Recovery of simulated truth ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_truth_with_g_sensitivity_comes_back_from_a_clean_log():
     rng = np.random.default_rng(8)
     truth = _truth(rng, d=1e-3)
@@ -371,6 +372,7 @@ def _imu_tk_scale(gyro, accel_matrix):
     return jnp.asarray(NOMINAL) / jnp.diagonal(q.T @ matrix)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     "INERTIAX_RECORDINGS" not in os.environ,
     reason="needs the imu_tk recording (set INERTIAX_RECORDINGS)",

@@ -146,6 +146,7 @@ def test_a_rest_that_tilts_slowly_is_left_out():
     assert list(found.position) == [0, 1, *range(3, 12)]
 
 
+@pytest.mark.slow
 def test_where_every_rest_tilts_all_stay_and_the_calibration_warns():
     turn = np.linspace(0.0, 1.0, REST)[:, None] * np.deg2rad(0.5) * np.array([0.7, 0.5, -0.5])
     hand = Hand(np.random.default_rng(7), turns=dict.fromkeys(range(12), turn))
@@ -255,6 +256,7 @@ def test_energy_of_a_window_is_a_standard_normal_deviate():
     assert (np.cbrt(largest) - 1 + spread) / np.sqrt(spread) == pytest.approx(4.0, abs=0.06)
 
 
+@pytest.mark.slow
 def test_calibration_and_diagnosis_leave_out_the_same_and_both_are_right():
     hand = Hand(np.random.default_rng(17), rests=24, turns={11: slip(np.deg2rad(2.0))})
     for k in (3, 8, 15):

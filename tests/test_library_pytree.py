@@ -70,6 +70,7 @@ def by_hand(calibration, accel, gyro, temperature):
     return np.linalg.solve(m, accel - a[:3]), np.linalg.solve(n, gyro - w[:3])
 
 
+@pytest.mark.slow
 def test_second_device_of_a_model_is_not_compiled_again():
     traces = []
 
@@ -154,6 +155,7 @@ def test_devices_of_other_models_do_not_stack_and_the_message_says_why(other, wo
         stack([device(0), other()])
 
 
+@pytest.mark.slow
 def test_scan_checkpoint_and_cond_take_a_calibration():
     calibration = device(3)
     want = by_hand(calibration, *SAMPLE)[0]

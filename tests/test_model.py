@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from inertiax.physics.error_model import (
     AccelerometerErrors,
@@ -65,6 +66,7 @@ def test_cramer_is_numpys_solve():
         )
 
 
+@pytest.mark.slow
 def test_compensate_inverts_distort(getkey):
     accel, gyro = _errors(getkey)
     force, rate = jax.random.normal(getkey(), (3,)) * 10.0, jax.random.normal(getkey(), (3,))

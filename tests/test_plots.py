@@ -87,6 +87,7 @@ def test_the_check_for_readability_can_fail():
         assert_readable(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [ACCEL_NAMES, GYRO_NAMES])
 def test_curves_are_the_polynomials_with_95_percent_bands(names):
     one = triad(names, Polynomial(2, -40.0, 60.0))

@@ -86,6 +86,7 @@ def test_two_iterations_reach_the_noise_floor_at_4_degrees(device):
     assert np.max(np.abs(after_two - converged) / sigma) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number, rate_range", [(2, (0.3, 0.6)), (1, (1.5, 3.0))])
 def test_predicted_rate_is_the_observed_rate(number, rate_range, device):
     # Noise free, so that the fixed point is the truth: start a little off it and watch the steps
@@ -104,6 +105,7 @@ def test_predicted_rate_is_the_observed_rate(number, rate_range, device):
     assert abs(rate.radius / observed - 1.0) < 0.1
 
 
+@pytest.mark.slow
 def test_divergent_plan_is_predicted_and_named(device):
     dwells = _dwells(device, 1, "alternating")
     procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
@@ -126,6 +128,7 @@ def test_divergent_plan_is_predicted_and_named(device):
     )
 
 
+@pytest.mark.slow
 def test_spline_temperature_model_recovers_the_truth(device):
     dwells = _dwells(device, 2, "centred", seed=None)
     basis = CubicSpline(tuple(np.linspace(-57.0, 62.0, 9)))
@@ -137,6 +140,7 @@ def test_spline_temperature_model_recovers_the_truth(device):
     assert np.max(np.abs(error)) < 1e-4
 
 
+@pytest.mark.slow
 def test_gyros_go_through_the_same_procedure():
     device = Device(gyro=draw_gyros(jax.random.PRNGKey(3)))
     plan = paper_set(1, turns=turns_about_three_axes(float(np.deg2rad(30.0))))
@@ -150,6 +154,7 @@ def test_gyros_go_through_the_same_procedure():
     np.testing.assert_allclose(fitted, truth, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_padding_changes_nothing(device):
     dwells = _dwells(device, 1, "centred")
     rows = np.concatenate([np.arange(dwells.num_dwells), np.zeros(7, int)])
@@ -208,6 +213,7 @@ def _perturbed(dwells, steps):
 STEPS = {"accel": 1e-4, "temperature": 1e-2, "gravity": 1e-4}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["joint", "gauss-newton"])
 def test_derivatives_of_the_answer_are_finite_differences(method, device):
     dwells = _dwells(device, 1, "centred")
@@ -228,6 +234,7 @@ def test_derivatives_of_the_answer_are_finite_differences(method, device):
         assert np.max(error) < 1e-6 * np.max(size), which
 
 
+@pytest.mark.slow
 def test_derivatives_work_in_reverse_and_under_vmap(device):
     dwells = _dwells(device, 1, "centred")
 

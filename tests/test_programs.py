@@ -32,6 +32,7 @@ def test_nothing_is_cleared_up_to_half_of_what_is_granted(tmp_path, doubled):
     assert doubled._cache_size() == 1
 
 
+@pytest.mark.slow
 def test_programs_go_beyond_half_and_come_back_when_called(tmp_path, doubled):
     assert programs.make_room(*told(tmp_path, 51, "100\n"))
     assert doubled._cache_size() == 0

@@ -73,6 +73,7 @@ def test_an_effect_that_the_model_holds_already_changes_nothing():
     np.testing.assert_allclose(said, nothing, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_stretches_are_shorter_where_one_alone_shows_a_parameter():
     with jax.enable_x64(True):
         (prepared,) = prepare(tumble(seed=5, step=15.0)).triads
@@ -90,6 +91,7 @@ def test_stretches_are_shorter_where_one_alone_shows_a_parameter():
         assert all(len(set(fold[dwell == d])) == 1 for d in range(144))
 
 
+@pytest.mark.slow
 def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign():
     with jax.enable_x64(True):
         (prepared,) = prepare(sweep(seed=7)).triads
@@ -103,6 +105,7 @@ def test_a_warm_up_of_one_stretch_does_not_spoil_the_prediction_of_the_campaign(
         assert held_out_rms(prepared, [term]) < 1.01 * plain
 
 
+@pytest.mark.slow
 def test_an_effect_seen_everywhere_is_predicted_as_before():
     with jax.enable_x64(True):
         (prepared,) = prepare(

@@ -39,6 +39,7 @@ def _plan(tilt: float) -> Dwells:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt, rank", [(0.0, 8), (3e-5, 8), (3e-3, 9)])
 def test_succeeded_implies_full_rank(tilt, rank):
     dwells = _plan(tilt)

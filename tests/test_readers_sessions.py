@@ -122,6 +122,7 @@ def quiet(tmp_path_factory):
     return folder, result.calibration
 
 
+@pytest.mark.slow
 def test_known_parameters_come_back_from_a_session(quiet):
     _, found = quiet
     accel, gyro = found.accel_errors(20.0), found.gyro_errors(20.0)

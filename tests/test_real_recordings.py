@@ -27,6 +27,7 @@ def recordings():
     return module
 
 
+@pytest.mark.slow
 def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted_to():
     found, predicted = leave_positions_out(recordings().xsens())
     # One named effect, on the gyros alone: the accelerometers agree with their model.
@@ -45,6 +46,7 @@ def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted
     assert np.all(after <= 0.0195)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_logs_of_mpu_9150s_hold_nothing_beyond_their_model(number):
     found = diagnose(recordings().mpu(number))
@@ -53,6 +55,7 @@ def test_logs_of_mpu_9150s_hold_nothing_beyond_their_model(number):
     assert len(found.handling) > 5 and "Handling: " in found.summary
 
 
+@pytest.mark.slow
 def test_g_sensitivity_added_to_a_log_of_an_mpu_9150_is_found_in_what_is_left_of_it():
     campaign = recordings().mpu(1)
     (log,) = campaign.recordings
@@ -66,6 +69,7 @@ def test_g_sensitivity_added_to_a_log_of_an_mpu_9150_is_found_in_what_is_left_of
     assert effect.name == "g_sensitivity" and effect.channels == ("gyro_z",)
 
 
+@pytest.mark.slow
 def test_thermal_hysteresis_of_a_sweep_predicts_the_branch_kept_out():
     campaign, start = recordings().sweep()
     found, predicted = hold_out(campaign, start=start)

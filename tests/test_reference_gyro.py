@@ -67,6 +67,7 @@ print(json.dumps([np.mean(error**2, axis=0).tolist(), np.mean(error, axis=0).tol
 """
 
 
+@pytest.mark.slow
 def test_every_parameter_errs_as_its_covariance_says():
     # Bias, Θ and D, quadratic over the range: 63 coefficients, 200 runs. In a process of its own.
     tests = __file__.rsplit("/", 1)[0]
@@ -82,6 +83,7 @@ def test_every_parameter_errs_as_its_covariance_says():
 # The paper's procedure ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_papers_procedure_converges_with_gyros_as_with_accelerometers():
     device, plan = _device(), _plan()
     dwells = simulate_dwells(jax.random.PRNGKey(1), plan, device)[0]
@@ -107,6 +109,7 @@ def test_the_papers_procedure_converges_with_gyros_as_with_accelerometers():
     assert np.max(np.abs(default.curve.coefficients - joint.curve.coefficients) / sigma) < 0.05
 
 
+@pytest.mark.slow
 def test_driven_from_the_host_the_passes_are_the_same():
     device, plan = _device(), _plan()
     dwells = simulate_dwells(jax.random.PRNGKey(2), plan, device)[0]
@@ -216,6 +219,7 @@ def _on_a_faulty_rig(seed: int):
     return dwells, errors
 
 
+@pytest.mark.slow
 def test_mounting_and_rate_error_as_nuisance_parameters_set_theta_right():
     dwells, truth = _on_a_faulty_rig(0)
     n = dwells.num_dwells

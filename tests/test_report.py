@@ -146,6 +146,7 @@ def page(tmp_path_factory) -> tuple[_Page, Path]:
     return _Page((folder / "report.html").read_text("utf-8")), folder
 
 
+@pytest.mark.slow
 def test_the_page_loads_nothing_from_elsewhere(page):
     parsed, folder = page
     assert {"script", "link", "img", "iframe", "object"}.isdisjoint(parsed.tags)

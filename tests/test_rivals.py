@@ -47,6 +47,7 @@ def candidate(name, evidence, ratio=0.0):
     return Candidate(term, replace(made, term=term), ratio, evidence)
 
 
+@pytest.mark.slow
 def test_two_simple_effects_stand_before_one_of_three_coefficients():
     k2, kio = 3e-3, -1.5e-3  # m/s²/g², on accel x and of f_y f_x on accel y
 
@@ -71,6 +72,7 @@ def test_two_simple_effects_stand_before_one_of_three_coefficients():
     assert second.std < 0.05 * k2 and product.std < 0.2 * abs(kio)
 
 
+@pytest.mark.slow
 def test_what_is_scored_beside_the_rigs_errors_is_no_rival_of_what_is_not(monkeypatch):
     with jax.enable_x64(True):
         system = prepare(oblique(2), ()).triads[0].system

@@ -47,6 +47,7 @@ def test_log_of_half_a_turn_is_pi_long(axis):
     np.testing.assert_allclose(np.abs(rotation.log(half)), np.pi * axis, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.0099, 0.0101, 1.0])
 def test_gradients_are_finite_and_right_also_at_zero(angle):
     v = jnp.asarray(vectors(angle)[0])
@@ -69,6 +70,7 @@ def test_the_derivative_at_zero_is_the_cross_product():
     np.testing.assert_allclose(back, expected, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_second_derivatives_are_finite_at_zero():
     second = jax.hessian(lambda v: rotation.exp(v)[0, 0])(jnp.zeros(3))
     # R₀₀ = 1 − (v₁² + v₂²)/2 + …

@@ -94,6 +94,7 @@ def test_jacobians_against_finite_differences(angle):
     )
 
 
+@pytest.mark.slow
 def test_gradients_are_finite_at_zero_and_agree_with_the_jacobian():
     zero = jnp.zeros(9)
     derivative = jax.jacfwd(lambda x: se23.exp(x).matrix())(zero)

@@ -76,6 +76,7 @@ def test_rows_with_shared_errors_become_white():
     assert np.allclose(s @ (np.eye(9) + u @ u.T) @ s.T, np.eye(9), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_joint_likelihood_is_that_of_the_dense_covariance():
     with jax.enable_x64(True):
         (prepared,) = prepare(oblique(5), ()).triads
@@ -107,6 +108,7 @@ def test_the_joint_likelihood_is_that_of_the_dense_covariance():
     assert found == pytest.approx(expected, rel=1e-5, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_rows_tell_the_rigs_errors_from_each_channels_own():
     with jax.enable_x64(True):
         (prepared,) = prepare(oblique(2, promised=0.7), ()).triads
@@ -122,6 +124,7 @@ def test_the_rows_tell_the_rigs_errors_from_each_channels_own():
     assert dwell == pytest.approx([2e-5] * 3, rel=0.5)
 
 
+@pytest.mark.slow
 def test_what_one_channel_says_alone_is_seen_beyond_the_rigs_errors():
     few = [e for e in CATALOGUE if e.name in ("cross_axis_rate", "rate_nonlinearity")]
     # Alone, gyro x has errors of 3e-4 · 1.2 rad/s in half of its oblique dwells at 100 deg/s, ten times its own.

@@ -75,6 +75,7 @@ def gyro(rows):
 # --- the table -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_attitude_is_outer_then_inner_rotation():
     # SciPy: upper-case letters are intrinsic rotations, here about x and then the carried z.
     angles = np.random.default_rng(0).uniform(-3, 3, (10, 2))
@@ -199,6 +200,7 @@ def test_lag_solves_its_differential_equation():
     np.testing.assert_allclose(ours, solved.y[0], atol=5e-6)
 
 
+@pytest.mark.slow
 def test_no_lag_is_the_probe_and_its_gradient_is_finite():
     time, path = np.arange(5.0), np.array([1.0, 2.0, 4.0, 4.0, 3.0])
     np.testing.assert_array_equal(first_order_lag(time, path, 0.0), path)
@@ -251,6 +253,7 @@ def test_an_unknown_grade_is_named():
 # --- dwell means -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_paper_sets_are_the_papers(number):
     dwells, _ = simulate_dwells(jax.random.key(0), paper_set(number), device())
@@ -263,6 +266,7 @@ def test_paper_sets_are_the_papers(number):
     np.testing.assert_allclose(temperature.mean(1), PAPER_TEMPERATURES, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_level_device_reads_equation_one_by_hand():
     # Bias 0.1 m/s² and 1 % scale on z, 2 mrad of z into y is not possible (lower triangular);
     # position 0 is level, so an ideal triad reads (0, 0, g) and (0, Ω cos φ, Ω sin φ).
@@ -282,6 +286,7 @@ def test_a_level_device_reads_equation_one_by_hand():
     )
 
 
+@pytest.mark.slow
 def test_compensating_with_the_truth_gives_the_references():
     unit = device(5)
     triad, gyros = unit.accel, unit.gyro
@@ -304,6 +309,7 @@ def test_compensating_with_the_truth_gives_the_references():
     np.testing.assert_allclose(np.linalg.norm(truth.rate[rests], axis=1), EARTH_RATE, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_noise_has_the_stated_covariance():
     plan = paper_set(3, temperatures=(0.0, 20.0))
     unit = device()
@@ -325,6 +331,7 @@ def test_noise_has_the_stated_covariance():
     np.testing.assert_allclose(probe.std(), 0.5 / np.sqrt(600), rtol=0.03)
 
 
+@pytest.mark.slow
 def test_seeds_repeat_and_differ():
     plan = paper_set(2, temperatures=(20.0,))
     a, b, c = (accel(simulate_dwells(jax.random.key(s), plan, device())[0]) for s in (1, 1, 2))
@@ -360,6 +367,7 @@ def short_plan(**settings):
     )
 
 
+@pytest.mark.slow
 def test_integrated_rate_is_the_attitude():
     plan = short_plan(turns=turns_about_three_axes(1.0))
     step = 0.005
@@ -389,6 +397,7 @@ def test_rates_are_zero_at_rest_and_never_jump():
     assert np.abs(np.diff(motion.rates, axis=0)).max() < 0.013
 
 
+@pytest.mark.slow
 def test_recordings_agree_with_the_dwell_means():
     # A revolution in 6 s, so that every stretch is a whole number of samples.
     plan = short_plan(turns=turns_about_three_axes(2 * np.pi / 6))
@@ -410,6 +419,7 @@ def test_recordings_agree_with_the_dwell_means():
         np.testing.assert_allclose(log.temperature[rows].mean(), dwells.temperature[row], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_recordings_are_noisy_as_stated():
     plan = short_plan()
     noise = Noise(accel=1e-3, gyro=1e-5, probe=0.2)
@@ -487,6 +497,7 @@ def small(tmp_path, text=SMALL):
     return load_scenario(file)
 
 
+@pytest.mark.slow
 def test_a_written_campaign_is_read_back_by_the_package(tmp_path):
     folder = write_campaign(small(tmp_path), tmp_path / "out")
     campaign = load_campaign(folder)
@@ -504,6 +515,7 @@ def test_a_written_campaign_is_read_back_by_the_package(tmp_path):
     assert list(np.unique(first.position)) == [-1, 0, 1, 2, 3, 4, 5]
 
 
+@pytest.mark.slow
 def test_truth_compensates_what_was_written(tmp_path):
     quiet = SMALL.replace("rate = 20.0", "rate = 20.0\nnoise = false")
     folder = write_campaign(small(tmp_path, quiet), tmp_path / "out")

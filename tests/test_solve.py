@@ -21,6 +21,7 @@ from inertiax.numerics.linear_algebra import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 3, 9, 12, 13, 63])  # unrolled up to 12, a loop beyond
 def test_cholesky_is_numpys(size):
     rng = np.random.default_rng(size)
@@ -35,6 +36,7 @@ def test_cholesky_is_numpys(size):
     np.testing.assert_allclose(spd_inverse(jnp.asarray(matrix)), np.linalg.inv(matrix), 1e-8, 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [9, 30])
 def test_dense_normal_is_numpys_least_squares(size):
     rng = np.random.default_rng(0)
@@ -63,6 +65,7 @@ def _misra1a():
     return jnp.asarray(time), jnp.asarray(value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [(500.0, 1e-4), (250.0, 5e-4)])
 def test_certified_values_of_misra1a(start):
     solution = least_squares(
@@ -87,6 +90,7 @@ def test_agrees_with_scipy_near_the_solution():
     np.testing.assert_allclose(ours.parameters, expected.x, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_outcomes_are_data():
     args = _misra1a()
     start = jnp.array([240.0, 5.5e-4])
@@ -101,6 +105,7 @@ def test_outcomes_are_data():
     assert not bool(singular.succeeded)
 
 
+@pytest.mark.slow
 def test_a_bad_member_does_not_spoil_a_batch():
     time, value = _misra1a()
     values = jnp.stack([value, value.at[0].set(jnp.nan), 1.01 * value])
@@ -111,6 +116,7 @@ def test_a_bad_member_does_not_spoil_a_batch():
     np.testing.assert_allclose(batch.parameters[2] / batch.parameters[0], [1.01, 1.0], rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transform", ["plain", "jit", "vmap", "reverse"])
 def test_gradient_through_the_solve(transform):
     time, value = _misra1a()
@@ -162,11 +168,13 @@ print("done")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 300, 1000, 4096])
 def test_no_hang_at_any_batch_size(count):
     assert run_limited(BATCHES.format(count=count), seconds=120.0) == "done\n"
 
 
+@pytest.mark.slow
 def test_derivative_of_the_solution_where_two_columns_are_nearly_alike():
     rng = np.random.default_rng(0)
     design, measured = rng.normal(size=(40, 4)), rng.normal(size=40)

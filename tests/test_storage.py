@@ -23,6 +23,7 @@ from inertiax.storage.whole_files import (
 posix = pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "evil",
     [

@@ -126,6 +126,7 @@ def load(table, folder, with_voltage):
     return recording
 
 
+@pytest.mark.slow
 def test_the_sensitivity_is_named_and_sized(diagnosed):
     (effect,) = json.loads((diagnosed / "diagnosis.json").read_text())["effects"]
     assert (effect["name"], effect["channels"]) == ("supply", ["accel_y"])

@@ -50,6 +50,7 @@ def test_spline_is_scipys_natural_spline(knots):
     np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_spline_continues_as_a_straight_line():
     curve = Curve(CubicSpline((-20.0, 0.0, 30.0)), np.array([[1.0], [-2.0], [4.0]]))
     outside = jax.vmap(curve)(jnp.array([60.0, 70.0, 80.0]))[:, 0]

@@ -109,6 +109,7 @@ def _asked(drift, lag, seed=2):
     return alone, pair
 
 
+@pytest.mark.slow
 def test_two_slow_effects_show_together_that_do_not_alone():
     with jax.enable_x64(True):
         alone, pair = _asked(8e-6, -6e-7)

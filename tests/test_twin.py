@@ -82,6 +82,7 @@ def run():
     return calibration, [np.asarray(a) - np.asarray(b) for a, b in zip(outputs, plain)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EFFECTS)
 def test_effects_are_those_of_the_diagnosis(run, name):
     calibration, added = run

@@ -75,6 +75,7 @@ def known(alike):
     return pooled(alike)
 
 
+@pytest.mark.slow
 def test_what_is_known_enters_as_a_student_t_distribution():
     with jax.enable_x64(True):
         (prepared,) = prepare(unit(1), ()).triads
@@ -90,6 +91,7 @@ def test_what_is_known_enters_as_a_student_t_distribution():
     assert float(held - free) == pytest.approx(5.5 * np.log1p(distance / 4.0), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_noise_of_four_units_is_that_of_the_textbook(alike, known):
     assert [c.label for c in known.chains] == ["accel_x", "accel_y", "accel_z"]
     for c, chain in enumerate(known.chains):
@@ -106,6 +108,7 @@ def test_the_noise_of_four_units_is_that_of_the_textbook(alike, known):
         assert walk < DWELL**2
 
 
+@pytest.mark.slow
 def test_units_that_differ_widen_what_is_known(known):
     k = ORDER.index("dwell")
     # Of units alike each score is its own deviation: 0.11 · 2 of scatter at most in most cases, beside the least.
@@ -119,6 +122,7 @@ def test_units_that_differ_widen_what_is_known(known):
 FEW = [e for e in CATALOGUE if e.name in ("drift", "warm_up", "second_order")]
 
 
+@pytest.mark.slow
 def test_a_drift_shows_more_clearly_with_the_noise_of_the_type(known):
     # Twelve dwells of 3e-4 under a ramp of ±9e-4: sqrt(12 / 3) · 3 = 6 standard deviations, 36 in the likelihood ratio
     # under the true noise. Alone, a walk or a larger dwell noise explains a good part of it.
@@ -137,6 +141,7 @@ def test_a_drift_shows_more_clearly_with_the_noise_of_the_type(known):
     assert np.mean(alone) < 20.0 < np.mean(helped) < 36.0
 
 
+@pytest.mark.slow
 def test_a_diagnosis_uses_what_is_known_and_invents_nothing(known):
     found = diagnose(unit(33, dwells=12, added=9e-4), effects=FEW, noise=known)
     assert [e.name for e in found.effects] == ["drift"]
@@ -145,6 +150,7 @@ def test_a_diagnosis_uses_what_is_known_and_invents_nothing(known):
     assert nothing.verdict == "consistent"
 
 
+@pytest.mark.slow
 def test_a_unit_that_lacks_something_is_left_out_and_named(alike):
     lacking = unit(40, added=5e-3)
     (recording,) = alike[2].recordings
@@ -160,6 +166,7 @@ def test_a_unit_that_lacks_something_is_left_out_and_named(alike):
         learn_noise([("one", alike[0]), ("bad", lacking)])
 
 
+@pytest.mark.slow
 def test_units_known_to_be_consistent_are_not_diagnosed_again(alike, monkeypatch):
     (recording,) = alike[2].recordings
     moving = eqx.tree_at(lambda r: r.position, recording, np.full_like(recording.position, -1))
@@ -176,6 +183,7 @@ def test_units_known_to_be_consistent_are_not_diagnosed_again(alike, monkeypatch
         np.testing.assert_array_equal(a.covariance, b.covariance)
 
 
+@pytest.mark.slow
 def test_campaigns_that_do_not_go_together_are_refused(alike, known):
     with pytest.raises(ValueError, match="1 unit; at least 2 are needed"):
         learn_noise([("one", alike[0])])
@@ -268,6 +276,7 @@ def _folder(path, seed):
     return path
 
 
+@pytest.mark.slow
 def test_the_commands_learn_and_use_the_noise(tmp_path, capsys, monkeypatch):
     units = [_folder(tmp_path / f"unit-{k}", k) for k in range(2)]
     file = tmp_path / "type-noise.json"

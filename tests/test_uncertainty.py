@@ -57,6 +57,7 @@ def test_clustered_sandwich_of_a_mean_is_that_of_the_experiments_means():
     np.testing.assert_allclose(found, np.cov(values[::6].T) / 10, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_sandwich_sees_noise_of_twice_the_stated_size():
     device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=2))
     estimator, basis = Invariant(gravity=PAPER_GRAVITY), device.accel.curve.series.basis

@@ -72,6 +72,7 @@ def test_no_vertical_where_the_axis_leans_or_the_latitude_is_unknown_or_another(
     assert upright_axis(join(rate_table(0 * D, lean, latitude)[0])) is None
 
 
+@pytest.mark.slow
 def test_g_sensitivity_is_found_without_accelerometers():
     with jax.enable_x64(True):
         found = diagnose(rate_table(D)[0])
@@ -83,6 +84,7 @@ def test_g_sensitivity_is_found_without_accelerometers():
     assert np.all(errors < 1e-5)
 
 
+@pytest.mark.slow
 def test_faces_alone_do_not_alarm():
     with jax.enable_x64(True):
         found = diagnose(rate_table(0 * D, seed=2)[0])

@@ -62,6 +62,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @linux
 def test_local_workers_open_no_port(tmp_path):
     write_line(tmp_path / "line", 3, files=1, experiments=2)
@@ -97,6 +98,7 @@ def killed_always(task: Task) -> int:
     return task.number
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_tasks_of_a_worker_that_died_are_done_again(tmp_path):
     tasks = [Task(k, ((str(tmp_path / "mark"), ()),)) for k in range(4)]
@@ -104,6 +106,7 @@ def test_tasks_of_a_worker_that_died_are_done_again(tmp_path):
     assert (tmp_path / "mark").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_a_task_that_always_kills_its_worker_ends_in_one_line():
     with pytest.raises(ValueError, match="died 4 times with 1 of 1 tasks left") as caught:
@@ -129,6 +132,7 @@ def wait(task):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_workers_end_with_a_process_that_is_killed(tmp_path):
     (tmp_path / "long_task.py").write_text(LONG_TASK)
