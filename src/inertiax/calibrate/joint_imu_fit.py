@@ -74,7 +74,7 @@ class Together(eqx.Module):
     def statements(self) -> tuple[str, ...]:
         """What the joint estimate says beyond the two triads', one line each."""
         nodes = self.curve.basis.nodes
-        middle = sorted(nodes)[len(nodes) // 2]
+        middle = float(sorted(nodes)[len(nodes) // 2])
         rotation = self.alignment(middle)
         sigma = np.sqrt(np.diagonal(np.asarray(rotation.covariance)))
         lines = ["accelerometers and gyros: one least squares over both"]

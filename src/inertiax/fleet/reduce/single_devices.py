@@ -5,19 +5,14 @@ of each mean from all of its samples. It takes some ten milliseconds a device, w
 """
 
 import equinox as eqx
+import msgspec
 import numpy as np
 import polars as pl
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
-from ...data.formats import ColumnMap
-from ...data.formats.columns import (
-    ProbeColumns,
-    temperature_factors,
-    time_scale,
-    TimeColumn,
-    triad_factors,
-    TriadColumns,
-)
+from ...data.formats import ColumnMap, Layout
+from ...data.formats.columns import ProbeColumns, triad_factors, TriadColumns
+from ...data.formats.table import to_recordings
 from ...data.recording import Recording
 from ...physics.earth import EARTH_RATE
 from ...reduction.dwell_means import reduce_to_dwells
@@ -27,29 +22,25 @@ from .columns import (
     experiment_name,
     position_name,
     temperature_name,
-    time_name,
     triad_names,
 )
 from .many_dwells import Reduced
 
 
 def recording_of(table: pl.DataFrame, columns: ColumnMap, name: str) -> Recording:
-    """One device's rows as a recording, SI. Raises `ValueError` as `Recording` does."""
-    said = columns.time if isinstance(columns.time, TimeColumn) else TimeColumn()
-    experiment = experiment_name(columns)
-    return Recording(
-        time=_floats(table, time_name(columns)) * time_scale(said, "[columns]"),
-        temperature=_temperature(table, columns),
-        position=labels(table, position_name(columns)).astype(np.int64),
-        experiment=labels(table, experiment).astype(np.int64)
-        if experiment in table.columns
-        else None,
-        accel=_triad(table, columns, "accel"),
-        gyro=_triad(table, columns, "gyro"),
-        reference_accel=_triad(table, columns, "reference_accel"),
-        reference_gyro=_triad(table, columns, "reference_gyro"),
-        name=name,
+    """One device's rows as a recording, SI, as a campaign of it alone would read them; labels left empty are -1.
+
+    Raises `ValueError` as the reader of tables and `Recording` do.
+    """
+    labels = [c for c in (position_name(columns), experiment_name(columns)) if c in table.columns]
+    probe = columns.temperature
+    if isinstance(probe, ProbeColumns):  # a fleet reads the device's own probe
+        probe = msgspec.structs.replace(probe, name=temperature_name(columns), names=None)
+    own = msgspec.structs.replace(columns, device=None, supply=None, temperature=probe)
+    (recording,) = to_recordings(
+        table.with_columns(pl.col(labels).fill_null(-1)), own, Layout(), name=name
     )
+    return recording
 
 
 def reduce_alone(table: pl.DataFrame, columns: ColumnMap, name: str) -> Reduced:
@@ -76,8 +67,11 @@ def with_plateaus(
     moving = labels(table, position_name(columns)) < 0
     if not moving.any():
         return found
-    rate = _triad(table, columns, "reference_gyro")
-    assert rate is not None
+    offset, factor = triad_factors(
+        columns.reference_gyro or TriadColumns(), "gyro", "[columns] reference_gyro"
+    )
+    stated = table.select(pl.col(names).cast(pl.Float64, strict=False)).to_numpy()
+    rate = (stated - offset) * factor
     with np.errstate(invalid="ignore", over="ignore"):
         turning = moving & (np.linalg.norm(rate, axis=1) > TURNING * EARTH_RATE)
     starts = np.append(0, ends[:-1])
@@ -102,30 +96,3 @@ def labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
     if series.dtype.is_integer() and not series.null_count():
         return series.to_numpy()
     return series.cast(pl.Int64, strict=False).fill_null(-1).to_numpy()
-
-
-def _floats(table: pl.DataFrame, column: str) -> Float[np.ndarray, " row"]:
-    series = table.get_column(column).cast(pl.Float64, strict=False)
-    return series.fill_null(float("nan")).to_numpy()
-
-
-def _triad(
-    table: pl.DataFrame, columns: ColumnMap, triad: str
-) -> Float[np.ndarray, "row 3"] | None:
-    said: TriadColumns | None = getattr(columns, triad)
-    names = triad_names(said, triad)
-    if names[0] not in table.columns:
-        return None
-    kind = "accel" if triad.endswith("accel") else "gyro"
-    offset, factor = triad_factors(said or TriadColumns(), kind, f"[columns] {triad}")
-    return (np.stack([_floats(table, n) for n in names], axis=1) - offset) * factor
-
-
-def _temperature(table: pl.DataFrame, columns: ColumnMap) -> Float[np.ndarray, "row 1"] | None:
-    probe = temperature_name(columns)
-    if probe not in table.columns:
-        return None
-    said = columns.temperature
-    column = said if isinstance(said, ProbeColumns) else ProbeColumns()
-    factor, shift = temperature_factors(column, "[columns] temperature")
-    return factor * (_floats(table, probe) + shift)[:, None]

@@ -1,0 +1,97 @@
+"""The accelerometers' estimate, with misalignments where the positions determine them."""
+
+import dataclasses
+
+import numpy as np
+
+from ..data.recording import Campaign
+from ..model_selection.select_model import build_estimators, ChosenModel
+from ..physics.temperature import Constant
+from ..procedure.single_device import Problem
+from ..reduction.dwells import Dwells
+from .between_dwell_variance import with_provisional_scatter
+from .one_triad import (
+    estimate_triad,
+    Progress,
+    require_observable,
+    rows_for,
+)
+from .results import TriadResult
+
+
+# Usual size of a misalignment, rad (from MEMS data sheets): rests that tell it no better than that tell
+# nothing of it, and it only bends the other parameters.
+MISALIGNED = 0.02
+
+
+def calibrate_accelerometers(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    dwells: Dwells,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> tuple[TriadResult, ChosenModel]:
+    """The accelerometers' estimate, and the model without misalignments where the rests do not determine them."""
+    used = rows_for("accel", chosen, dwells)
+
+    def estimate(model: ChosenModel, said: list[str]) -> TriadResult:
+        accel, _ = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
+        assert accel is not None
+        return estimate_triad(accel, used, model, method, progress, said, warnings)
+
+    if chosen.fixed or chosen.accel_estimator != "invariant":
+        return estimate(chosen, choices), chosen
+    said: list[str] = []
+    first, found, why = _misalignments(campaign, chosen, used, robust), None, ""
+    if first:
+        found = estimate(chosen, said)
+        known = _known_misalignments(found)
+        if known <= MISALIGNED:
+            choices.extend(said)
+            return found, chosen
+        why = f"no better than {1e3 * known:.2g} mrad"
+    reason = (
+        "accelerometers: biases and scale factors only, because the positions determine the misalignments "
+        f"{why or 'not at all'}; add positions between the axes"
+    )
+    smaller = dataclasses.replace(chosen, accel_misalignments=False)
+    try:
+        found = estimate(smaller, said := [])
+    except ValueError:
+        if found is None:
+            return estimate(chosen, choices), chosen  # whose reason says what is missing
+        smaller = chosen
+    else:
+        warnings.append(reason)
+    choices.extend(said)
+    return found, smaller
+
+
+def _misalignments(
+    campaign: Campaign, chosen: ChosenModel, dwells: Dwells, robust: float | None
+) -> bool:
+    """Whether the rests determine all of an invariant model at one temperature."""
+    accel, _ = build_estimators(chosen, campaign.site.gravity, dwells, robust=robust)
+    assert accel is not None
+    try:
+        require_observable(with_provisional_scatter(accel, dwells), Constant(), dwells)
+    except ValueError:
+        return False
+    return True
+
+
+def _known_misalignments(found: TriadResult) -> float:
+    """The largest standard deviation of a misalignment, rad, over the temperatures of the dwells."""
+    own = [k for k, n in enumerate(found.estimator.names) if _is_misalignment(n)]
+    phi = Problem(found.estimator, found.solution.curve.basis, found.dwells).phi
+    size, count = phi.shape[1], found.estimator.num_parameters
+    blocks = np.asarray(found.solution.covariance).reshape(size, count, size, count)
+    variance = np.einsum("ta,aibi,tb->ti", phi, blocks[:, own][:, :, :, own], phi)
+    return float(np.sqrt(variance.max()))
+
+
+def _is_misalignment(name: str) -> bool:
+    return ".matrix[" in name and name[-4] != name[-2]

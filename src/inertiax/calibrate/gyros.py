@@ -1,0 +1,93 @@
+"""The gyros' estimate: by a reference, by gravity's rotation between rests, or at rest."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._typing import AnyArray
+from ..data.recording import Campaign, Recording
+from ..estimators import AbstractEstimator
+from ..model_selection.select_model import build_estimators, ChosenModel, settle_gyro
+from ..physics.error_model import compensate_accel
+from ..physics.temperature import Curve
+from ..reduction.dwells import Dwells
+from ..reduction.rotations_between_rests import Turns, with_motions
+from .one_triad import (
+    estimate_triad,
+    Progress,
+    rests_of,
+    rows_for,
+)
+from .results import TriadResult
+
+
+def calibrate_gyros(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    accel: TriadResult | None,
+    dwells: Dwells,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> tuple[TriadResult | None, ChosenModel]:
+    """The gyros' estimate, and the model with the estimator that was used in the end.
+
+    Where the choice was left open and the rotation of gravity does not determine the model, the rests
+    still tell the bias; a warning says so.
+    """
+
+    def estimate(model: ChosenModel, used: Dwells) -> TriadResult:
+        _, gyro = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
+        assert gyro is not None
+        return estimate_triad(gyro, used, model, method, progress, choices, warnings)
+
+    if chosen.gyro_estimator is None:
+        return None, chosen
+    if chosen.gyro_estimator == "gravity":
+        assert accel is not None  # `choose_model` saw accelerometers
+        turns = _turns(campaign, accel, dwells, g_sensitivity=chosen.g_sensitivity)
+        name, reason = ("gravity", None) if chosen.fixed else settle_gyro(campaign, turns)
+        choices.extend([] if reason is None else [reason])
+        try:
+            if name == "gravity":
+                return estimate(chosen, turns.dwells), chosen
+        except ValueError as error:
+            if chosen.fixed or campaign.model.gyro_estimator == "gravity":
+                raise
+            warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
+        chosen = dataclasses.replace(chosen, gyro_estimator="static")
+    return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen
+
+
+def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitivity: bool) -> Turns:
+    """The rests with the motions between them, as the calibrated accelerometers saw both."""
+    rests_of(dwells, "gyro")
+    # What the accelerometers' model leaves at a rest is an error of that rest's direction too.
+    left = accel.scatter**2 * np.eye(3)
+    dwells = eqx.tree_at(
+        lambda d: d.accel_covariance, dwells, np.asarray(dwells.accel_covariance) + left
+    )
+    force = [_force(accel, r) for r in campaign.recordings] if g_sensitivity else None
+    return with_motions(campaign.recordings, dwells, force=force)
+
+
+def _force(accel: TriadResult, recording: Recording) -> Float[np.ndarray, "time 3"]:
+    """Compensated specific force of every sample, m/s²."""
+    assert recording.accel is not None
+    probe = recording.temperature
+    temperature = np.zeros(recording.num_samples) if probe is None else probe[:, 0]
+    curve = accel.solution.curve
+    return np.asarray(_compensated_force(accel.estimator, curve, temperature, recording.accel))
+
+
+@eqx.filter_jit
+def _compensated_force(
+    estimator: AbstractEstimator, curve: Curve, temperature: AnyArray, accel: AnyArray
+) -> Float[Array, "time 3"]:
+    one = lambda t, a: compensate_accel(estimator.unpack(curve(t)), a)
+    return jax.vmap(one)(temperature, accel)

@@ -1,0 +1,181 @@
+"""One triad's least squares over temperature: what it may use, whether that determines it, the estimate."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Int
+
+from ..estimators import AbstractEstimator
+from ..model_selection.select_model import choose_degree, ChosenModel, polynomial_basis
+from ..physics.temperature import AbstractBasis
+from ..procedure.convergence import convergence_rate, rate_warning
+from ..procedure.single_device import iterate_one, joint_fit_one, Problem
+from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
+from ..reduction.dwells import Dwells
+from .between_dwell_variance import (
+    chi2_per_dof,
+    judged,
+    num_judged,
+    with_provisional_scatter,
+    with_scatter,
+)
+from .observability import judge_normal, Observability
+from .results import TriadResult
+
+
+Progress = Callable[[str], None]
+
+
+def estimate_triad(
+    estimator: AbstractEstimator,
+    dwells: Dwells,
+    chosen: ChosenModel,
+    method: str,
+    progress: Progress,
+    choices: list[str],
+    warnings: list[str],
+) -> TriadResult:
+    """The estimate of a triad over temperature, weighted by the scatter between dwells.
+
+    What was chosen is added to `choices`, what gives doubt to `warnings`. Raises `ValueError` where the dwells do not
+    determine the model, or the iteration does not converge.
+    """
+    estimator = with_provisional_scatter(estimator, dwells)
+    dwells = jax.tree.map(np.asarray, dwells)
+    degree = chosen.degree(estimator.triad)
+    if degree is None:
+        degree, reason = choose_degree(estimator, dwells)
+        choices.append(f"{estimator.triad}: {reason}")
+    basis = polynomial_basis(degree, dwells)
+    seen = require_observable(estimator, basis, dwells)
+    progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
+    kept = judged(dwells)
+    # Two passes settle the scatter between dwells: it changes the weights, hardly the answer.
+    unknowns = basis.size * num_judged(estimator, dwells)
+    solution = _solve(estimator, basis, dwells, method)
+    misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
+    own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
+    for _ in range(2):
+        settled = with_scatter(estimator, misfit, own_sigma, unknowns)
+        if float(settled.scatter) == float(estimator.scatter):
+            break
+        estimator = settled
+        solution = _solve(estimator, basis, dwells, method)
+        misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
+    if not bool(solution.succeeded):
+        raise ValueError(_failure(estimator, solution, dwells, method))
+    if method == "paper":
+        procedure = PaperIteration.plan(estimator, basis, dwells)
+        rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
+        warning = rate_warning(procedure, rate, dwells)
+        warnings.extend([] if warning is None else [warning])
+    scatter = float(estimator.scatter)
+    return TriadResult(
+        estimator=estimator,
+        solution=solution,
+        dwells=dwells[kept],
+        misfit=misfit,
+        sigma=np.sqrt(np.square(own_sigma) + scatter**2),
+        observability=seen,
+        scatter=scatter,
+        chi2_per_dof=own_chi2,
+    )
+
+
+def require_observable(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+) -> Observability:
+    """What the dwells show of the model at the ideal triad.
+
+    Raises `ValueError` where they do not determine all unknowns, with the combinations that are not seen.
+    """
+    per_dwell = eqx.filter_eval_shape(
+        lambda d: estimator.misfit(jnp.zeros(estimator.num_parameters), d)[0], dwells[0]
+    )
+    rows = int(judged(dwells).sum()) * per_dwell.shape[0]
+    if dwells.motion is not None:
+        rows += 3 * dwells.num_dwells  # the rates at rest
+    unknowns = basis.size * estimator.num_parameters
+    temperature = (
+        "" if basis.size == 1 else f" ({estimator.num_parameters} at each of {basis.size} terms)"
+    )
+    if rows < unknowns:
+        raise ValueError(
+            f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "
+            f"for {unknowns} unknowns{temperature}; record more positions in different orientations."
+        )
+    problem = Problem(estimator, basis, dwells)
+    normal = problem.normal(problem.at(np.zeros((basis.size, estimator.num_parameters))).jacobian)
+    seen = judge_normal(normal, estimator.names, basis.size)
+    if seen.rank < seen.unknowns:
+        raise ValueError(
+            f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
+            f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; add positions in "
+            f"other orientations (or temperatures)."
+        )
+    return seen
+
+
+def rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:
+    """The dwells an estimator may use: at rest, unless it has a reference for the motion."""
+    by_reference = {"accel": chosen.accel_estimator, "gyro": chosen.gyro_estimator}
+    if by_reference[triad] == "reference":
+        return dwells
+    return dwells[rests_of(dwells, triad)]
+
+
+def rests_of(dwells: Dwells, triad: str) -> Int[np.ndarray, " rest"]:
+    """Numbers of the dwells at rest. Raises `ValueError` where there are none."""
+    rests = np.flatnonzero(np.asarray(dwells.position) >= 0)
+    if len(rests) == 0:
+        raise ValueError(
+            f"the {triad} columns: no rests were found; calibration at rest needs the device to stand "
+            f"still for several seconds in each position."
+        )
+    return rests
+
+
+def with_refined_force(result: TriadResult, dwells: Dwells) -> Dwells:
+    """Dwells with compensated accelerometer outputs, for the gyros' D term."""
+    return Problem(result.estimator, result.solution.curve.basis, dwells).compensated(
+        result.solution.curve.coefficients
+    )
+
+
+def _solve(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, method: str
+) -> ThermalSolution:
+    if method == "joint":
+        return joint_fit_one(estimator, basis, dwells)
+    if method == "paper":
+        return iterate(PaperIteration.plan(estimator, basis, dwells), dwells)
+    return iterate_one(estimator, basis, dwells)
+
+
+def _misfits(
+    estimator: AbstractEstimator,
+    solution: ThermalSolution,
+    dwells: Dwells,
+    kept: Bool[np.ndarray, " dwell"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Misfit and its standard deviation by the dwells' own noise, of the dwells that are judged."""
+    now = Problem(estimator, solution.curve.basis, dwells).at(solution.curve.coefficients)
+    return now.misfit[kept], now.sigma[kept]
+
+
+def _failure(
+    estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells, method: str
+) -> str:
+    text = (
+        f"{estimator.triad}: the '{method}' estimation did not converge "
+        f"({int(solution.num_iterations)} iterations)"
+    )
+    if method != "paper":
+        return text + "; look for wrong units, a saturated axis or rests that are not at rest."
+    procedure = PaperIteration.plan(estimator, solution.curve.basis, dwells)
+    exact = joint_fit_one(estimator, solution.curve.basis, dwells)
+    rate = convergence_rate(procedure, exact.curve.coefficients, dwells)
+    return f"{text}: {rate_warning(procedure, rate, dwells) or 'use the default method'}."
