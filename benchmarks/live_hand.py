@@ -12,7 +12,7 @@ sphere, all followed by the same person. A plan's length is the number of rests 
 reached the target: by the truth (all errors within their limits), or by the same statement as `live`'s (every device is
 known to be within them with 95 %, quiet or noisy). The best plan is the shortest.
 
-    python benchmarks/live_hand.py [--sessions 200] [--rows 6]
+    python benchmarks/live_hand.py [--sessions 200] [--first 0] [--rows 6]
 
 `--rows` sessions are made sample by sample (100 Hz, tremor while turning, taps), so that rests have to be found.
 """
@@ -183,11 +183,11 @@ def planned(
     return good, said
 
 
-def by_means(sessions: int) -> None:
+def by_means(seeds: range) -> None:
     """Sessions that are fed with the means of rests."""
     begin = time.perf_counter()
     made, reached, true, inside, each = [], 0, 0, [], []
-    for seed in range(sessions):
+    for seed in seeds:
         rng = np.random.default_rng([1, seed])
         device = Device(rng)
         count, found, said = adaptive(rng, device)
@@ -198,7 +198,7 @@ def by_means(sessions: int) -> None:
         true += said and bool(np.all(np.abs(error) <= limits()))
         each.append(np.abs(error[[0, 1, 2, 3, 5, 8]]) <= limits()[[0, 1, 2, 3, 5, 8]])
         inside.append(np.abs(error) <= 1.959964 * std)
-    print(f"{sessions} sessions by the means of rests, {time.perf_counter() - begin:.0f} s")
+    print(f"{len(seeds)} sessions by the means of rests, {time.perf_counter() - begin:.0f} s")
     print(
         f"  stopped with 'target reached': {reached}; all errors within their limits: {true} ({true / reached:.1%})"
     )
@@ -215,7 +215,7 @@ def by_means(sessions: int) -> None:
     for name, plan in plans(np.random.default_rng(7)).items():
         found = [
             planned(rng, Device(rng), plan, asked=False)
-            for rng in (np.random.default_rng([1, seed]) for seed in range(sessions))
+            for rng in (np.random.default_rng([1, seed]) for seed in seeds)
         ]
         share = np.mean([g for g, _ in found], axis=0)
         enough = LENGTHS[share >= 0.95]
@@ -226,7 +226,7 @@ def by_means(sessions: int) -> None:
     length, name, plan = shortest
     found = [
         planned(rng, Device(rng), plan, asked=True)
-        for rng in (np.random.default_rng([1, seed]) for seed in range(sessions))
+        for rng in (np.random.default_rng([1, seed]) for seed in seeds)
     ]
     by_statement = int(np.quantile([s for _, s in found], 0.95))
     print(
@@ -321,9 +321,10 @@ def main() -> None:
     """Print all figures."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--sessions", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="the first session's seed")
     parser.add_argument("--rows", type=int, default=6)
     asked = parser.parse_args()
-    by_means(asked.sessions)
+    by_means(range(asked.first, asked.first + asked.sessions))
     by_rows(asked.rows)
 
 

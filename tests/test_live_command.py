@@ -11,11 +11,8 @@ import numpy as np
 import pytest
 
 from inertiax.data.campaign import load_campaign
-from inertiax.data.recording import Campaign, Recording, Rig, Site
 from inertiax.live.follow import events, plan
 from inertiax.live.recorder import Recorder
-from inertiax.live.session import Session
-from inertiax.live.target import parse_target
 from inertiax.reduction.segments import segment_all
 
 
@@ -304,28 +301,6 @@ def test_rows_a_thousand_times_a_second_are_thinned_to_the_same_rests(tmp_path):
     found, folder = followed(tmp_path, f"{HEADER}\n" + text(fast))
     (batch,) = segment_all(load_campaign(folder).recordings)
     assert accepted(found) == batch.num_segments == 6
-
-
-@pytest.mark.slow
-def test_the_next_position_comes_soon_after_a_rest():
-    """Of a long session, 30 rests and more, from the row that shows that a rest ended."""
-    rows = session_rows(11, POSES * 3)
-    campaign_ = Campaign((), Site(GRAVITY), Rig())
-    session = Session(campaign_, parse_target("accel.bias=0.03 mg"))
-
-    took = []
-    for k in range(0, len(rows) - 5, 5):
-        part = rows[k : k + 5]
-        begin = time.process_time()
-        row = Recording(time=part[:, 0], accel=part[:, 1:4], gyro=part[:, 4:7])
-        kinds = []
-        for event in session.feed(row, part[:, 0]):
-            kinds.append(event["event"])
-            if event["event"] == "next" and "rest" in kinds:
-                took.append(time.process_time() - begin)
-    assert len(took) >= 30
-    # Of the processor, so that other work on the machine does not count; the tests' type checks do.
-    assert np.median(took) < 0.3
 
 
 ENVIRONMENT = {**os.environ, "INERTIAX_TRACEBACK": "1"}
