@@ -19,6 +19,7 @@ def test_rotation_and_symmetric_part_are_scipys():
         np.testing.assert_allclose(found.symmetric, symmetric - np.eye(3), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_covariance_of_a_small_rotation_is_that_of_the_skew_part():
     # ρ = half the differences across the diagonal: with unit variances, half of one.
     found = inter_triad(np.zeros((3, 3)), np.eye(9))

@@ -54,6 +54,7 @@ def test_two_channels_tell_the_textbooks_variance_of_the_third():
         assert not found.known[c].precision[[0, 5, 6]].any()
 
 
+@pytest.mark.slow
 def test_a_noisier_channel_says_so_itself():
     campaign = unit(6, dwell=DWELL * np.array([1.0, 1.0, 2.0]))
     with jax.enable_x64(True):

@@ -213,6 +213,7 @@ def test_the_command_says_what_is_wrong_with_its_usage(tmp_path):
     assert CliRunner().invoke(app, ["design", "--audit", str(tmp_path)]).exit_code == 2
 
 
+@pytest.mark.slow
 def test_the_page_has_no_row_for_what_is_not_there():
     sections = audit_sections(audit(still()))
     assert all(s.lines or s.tables for s in sections)

@@ -97,6 +97,7 @@ except ValueError as error:
 """
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("there", [True, False])
 def test_of_two_runs_into_one_folder_one_is_refused_in_a_line(tmp_path, there):

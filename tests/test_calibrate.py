@@ -167,6 +167,7 @@ def test_a_bad_device_does_not_stop_the_others(recordings):
     assert "too few positions: 15 dwells give 15 equations for 18 unknowns" in bad.reason
 
 
+@pytest.mark.slow
 def test_positions_that_do_not_determine_the_model_are_named(recordings):
     _, made = recordings
     # All positions in the xy plane, more than enough of them: the z axis is never excited.

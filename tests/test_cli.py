@@ -123,6 +123,7 @@ def test_nothing_but_the_result_is_left_beside_it(calibrated):
     assert not [p for p in calibrated.rglob("*") if p.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_json_is_one_document_on_stdout(campaign, tmp_path, capsys, monkeypatch):
     code, out, err = run(capsys, monkeypatch, "calibrate", campaign, "-o", tmp_path / "o", "--json")
     assert code == 0, err
@@ -144,6 +145,7 @@ def test_the_table_gives_value_sigma_and_unit(campaign, tmp_path, capsys, monkey
     assert "invariant" in out and str(tmp_path / "o" / "calibration.json") in out
 
 
+@pytest.mark.slow
 def test_one_bad_device_does_not_stop_the_others(tmp_path, capsys, monkeypatch):
     tables = {"good": rests_table(2), "../<b>bad</b>": rests_table(3, positions=4)}
     folder = write_campaign(tmp_path / "many", tables)
@@ -288,6 +290,7 @@ def test_compensate_takes_the_campaign_that_names_the_recording(
     assert code == 1 and "column 'time' is missing" in err
 
 
+@pytest.mark.slow
 def test_compensate_refuses_a_recording_of_another_device(tmp_path, capsys, monkeypatch):
     folder = write_campaign(tmp_path / "c", {"A": rests_table(8)})
     out = tmp_path / "out"

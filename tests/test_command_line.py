@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import resource
 import subprocess
 import sys
 
@@ -64,16 +63,25 @@ def test_every_command_offers_json_and_quiet_and_says_what_it_does(command):
     assert len(said.stdout.splitlines()) > 10
 
 
-def test_help_takes_less_than_half_a_second():
-    # Time on the processor, which does not depend on who else is computing; the best of three, since the
-    # first run may find no compiled bytecode.
-    spent = []
-    for _ in range(3):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        assert python("--help").returncode == 0
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        spent.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    assert min(spent) < 0.5
+def test_help_loads_nothing_large():
+    said = subprocess.run(
+        [sys.executable, "-c", "import sys; from inertiax.cli import main\ntry: main(['--help'])\n"
+         "except SystemExit: print(*sorted(m.split('.')[0] for m in sys.modules), file=sys.stderr)"],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert "Usage" in said.stdout
+    loaded = set(said.stderr.split())
+    assert "typer" in loaded  # what was loaded is seen
+    assert not loaded & {
+        "jax",
+        "numpy",
+        "scipy",
+        "polars",
+        "matplotlib",
+        "equinox",
+        "dask",
+        "jinja2",
+    }
 
 
 def test_shells_complete_commands_and_options():

@@ -105,6 +105,7 @@ main(["--help"])
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "inertiax: interrupted.\n")
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_is_no_error(tmp_path):
     """`inertiax … | head -1`."""
     reading, writing = os.pipe()

@@ -109,6 +109,7 @@ def test_names_say_where_the_parameters_are(name):
         assert np.sum(np.abs(value)) == 1.0
 
 
+@pytest.mark.slow
 def test_rotation_of_the_triad_is_the_gauge_of_the_invariant_estimator(getkey):
     # Any rotation of the compensated force leaves |a| alone, so a full matrix is not determined.
     rotation = np.linalg.qr(np.asarray(jax.random.normal(getkey(), (3, 3))))[0]

@@ -37,6 +37,7 @@ def file(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_lossy_export_says_what_it_loses_and_how_much(capsys, monkeypatch, file):
     status, out, err = run(capsys, monkeypatch, "export", file, "--to", "realsense")
     assert status == 0
@@ -134,6 +135,7 @@ def test_formats_of_two_files_write_both(capsys, monkeypatch, file, tmp_path):
     assert (tmp_path / "a_acc.calib").is_file() and (tmp_path / "a_gyro.calib").is_file()
 
 
+@pytest.mark.slow
 def test_another_tools_file_is_brought_in(capsys, monkeypatch, tmp_path):
     from inertiax.exports import export
 

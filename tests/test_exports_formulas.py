@@ -79,6 +79,7 @@ def test_imu_tk_files_give_our_compensation_in_its_frame(lower):
     np.testing.assert_allclose(result.frame @ result.frame.T, np.eye(3), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_imucal_itself_gives_our_compensation(tmp_path):
     pytest.importorskip("imucal", reason="imucal is not installed")
     cal = calibration()
@@ -185,6 +186,7 @@ def test_realsense_correction_gives_our_compensation():
     agree(found, ours(cal, accel, gyro, temperature))
 
 
+@pytest.mark.slow
 def test_azure_constants_are_exact_and_cubics_as_good_as_stated():
     accel, gyro, temperature = samples()
     cal = calibration(d=False)

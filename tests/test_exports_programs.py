@@ -90,6 +90,7 @@ def test_a_device_name_cannot_leave_the_headers_comment():
     assert "*/ int evil" not in text and "int evil" in text.splitlines()[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_reloaded_stablehlo_equals_our_compensation(dtype):
     pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")

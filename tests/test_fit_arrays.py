@@ -57,6 +57,7 @@ def test_a_device_alone_is_that_of_the_batch(made, found):
     np.testing.assert_allclose(one.calibration.accel.curve.coefficients, many, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_padding_may_hold_anything(made):
     accel = made[0][:4].copy()
     valid = np.arange(DWELLS) < 20

@@ -75,6 +75,7 @@ def test_lanes_tell_columns_that_depend_on_others():
     assert np.isfinite(found[:, :, 10:]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "block"), [(9, 9), (63, 9), (24, 12)])
 def test_blocks_invert_as_numpy_does(n, block):
     matrix = _spd(n, 5)

@@ -101,6 +101,7 @@ def test_predicted_is_the_estimators_residual(first_form):
     np.testing.assert_allclose(-np.stack(columns, axis=1), jacobian * UNITS / GRAVITY, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_frame_of_moments_gives_the_estimators_normal_matrix(first_form):
     outputs, theta, misfit, jacobian = first_form
     matrix = np.eye(3)

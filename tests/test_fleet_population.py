@@ -65,6 +65,7 @@ def test_mean_and_covariance_are_recovered_within_sampling_error(noise):
     assert np.diagonal(of_sigma).mean() < 2.0
 
 
+@pytest.mark.slow
 def test_the_restricted_estimate_has_no_bias():
     """Few devices: the usual covariance divides by n − 1; here with own noise, against many repetitions."""
     ratios = []

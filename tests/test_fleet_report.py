@@ -227,6 +227,7 @@ def test_drift_without_a_common_device_or_temperature_is_said(line, tmp_path):
         fleet_page(folder, earlier=tmp_path)
 
 
+@pytest.mark.slow
 def test_few_devices_and_none_have_a_page(tmp_path):
     _write_results(tmp_path / "few", _truth(3, 0), _names(3))
     report_fleet(tmp_path / "few", "command", folder_names)

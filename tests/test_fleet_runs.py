@@ -68,6 +68,7 @@ def test_scores_asked_for_a_second_time_are_those_of_the_first(tmp_path, capfd, 
     assert (tmp_path / "out" / "line.json").exists()
 
 
+@pytest.mark.slow
 def test_of_two_fleets_into_one_folder_one_is_refused_in_a_line(tmp_path, capfd):
     folder = line(tmp_path / "line", {"A": TABLE})
     code = (

@@ -15,6 +15,7 @@ from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.blocked_cross_validation import Foresight, skill, stretches
 
 
+@pytest.mark.slow
 def test_draws_of_the_noise_have_the_covariance_of_its_formula():
     time = np.array([0.0, 2.0, 5.0, 40.0, 43.0, 50.0])
     gap = np.r_[0.0, np.diff(time)]
@@ -112,6 +113,7 @@ def test_walks_alone_are_not_taken_for_a_thermal_loop():
     assert diagnose(one_turn(2, (0.0, 0.0, 0.0))).verdict == "consistent"
 
 
+@pytest.mark.slow
 def test_the_allan_deviation_agrees_with_the_fitted_noise_and_not_with_twice_its_white_part():
     with jax.enable_x64(True):
         (prepared,) = prepare(one_turn(3, (0.0, 0.0, 0.0)), ()).triads

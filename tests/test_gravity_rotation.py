@@ -409,6 +409,7 @@ def test_xsens_gyros_agree_with_imu_tk(tmp_path):
     assert 0.6 < result.gyro.chi2_per_dof < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     "INERTIAX_RECORDINGS" not in os.environ,
     reason="needs the imu_tk recording (set INERTIAX_RECORDINGS)",

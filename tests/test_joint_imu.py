@@ -168,6 +168,7 @@ def test_lever_arms_that_are_left_out_bias_the_accelerometers():
     assert without.accel.chi2_per_dof > 1e4 and within.accel.chi2_per_dof < 1.5
 
 
+@pytest.mark.slow
 def test_lever_arms_stay_constant_over_temperature():
     arms = np.diag([0.03, -0.02, 0.025])
     dwells, truth = _table(np.random.default_rng(2), arms=arms, temperatures=(0.0, 20.0, 40.0))
@@ -256,6 +257,7 @@ def test_contradictory_settings_are_refused(model, words):
     assert isinstance(failure, DeviceFailure) and words in failure.reason
 
 
+@pytest.mark.slow
 def test_aligned_triads_leave_a_symmetric_matrix():
     dwells, truth = _table(np.random.default_rng(4), arms=np.zeros((3, 3)))
     symmetric = 0.5 * (truth["gyro"] + truth["gyro"].T)
@@ -272,6 +274,7 @@ def test_aligned_triads_leave_a_symmetric_matrix():
     np.testing.assert_allclose(sigma(held)[~off], sigma(free)[~off], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_iterated_procedure_reaches_the_joint_answer():
     dwells, _ = _table(np.random.default_rng(5), arms=np.diag([0.03, -0.02, 0.025]))
     joint = fit_together(_reference(lever_arms=True), dwells)

@@ -196,6 +196,7 @@ def test_explicit_sharding_of_devices():
     np.testing.assert_allclose(force[1], by_hand(device(1), *SAMPLE)[0], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_effects_of_a_sample_take_part_both_ways():
     # K2 of 1e-3 m/s²/g² on y, and the gyro's odd nonlinearity on y.
     effects = (
@@ -241,6 +242,7 @@ def test_file_keeps_the_joint_covariance_and_settings(tmp_path):
         read_calibration(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "basis", [Constant(), Polynomial(2, -40.0, 70.0), CubicSpline((-40.0, 20.0, 70.0))]
 )

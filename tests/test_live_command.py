@@ -208,6 +208,7 @@ def test_a_tap_is_left_out_and_a_rest_that_was_held_is_refused(tmp_path):
     assert [e["number"] for e in tapped] == [9] and tapped[0]["accepted"]
 
 
+@pytest.mark.slow
 def test_a_wrong_unit_is_a_problem_before_any_rest_is_trusted(tmp_path):
     rows = session_rows(4, POSES[:4])
     rows[:, 1:4] /= 9.80665  # g
@@ -251,6 +252,7 @@ def test_a_clock_that_jumps_is_told_and_survived(tmp_path):
     assert found[-1]["seconds"] < 0.01 * len(rows) + 1
 
 
+@pytest.mark.slow
 def test_a_log_that_is_replaced_begins_another_recording(tmp_path):
     folder = campaign(tmp_path)
     log = folder / "log.csv"
@@ -270,6 +272,7 @@ def test_a_log_that_is_replaced_begins_another_recording(tmp_path):
     assert [r.num_samples for r in load_campaign(tmp_path / "out").recordings][-1] == len(second)
 
 
+@pytest.mark.slow
 def test_names_units_and_rates_of_the_campaign_hold(tmp_path):
     rows = session_rows(9, POSES[:6])
     rows[:, 1:4] /= 9.80665
@@ -293,6 +296,7 @@ def test_columns_that_are_not_there_are_one_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_rows_a_thousand_times_a_second_are_thinned_to_the_same_rests(tmp_path):
     slow = session_rows(10, POSES[:5])
     stamps = np.arange(0.0, slow[-1, 0], 0.001)

@@ -77,6 +77,7 @@ def test_a_lag_of_all_channels_is_one_candidate_and_shows_where_no_single_one_do
     assert twice([best], next(c for c in ranked if not c.term.joint))
 
 
+@pytest.mark.slow
 def test_rows_of_three_channels_hold_the_joint_lag_in_each():
     with jax.enable_x64(True):
         (prepared,) = prepare(sweep(1), LAG).triads

@@ -110,6 +110,7 @@ def test_curves_are_the_polynomials_with_95_percent_bands(names):
     assert_readable(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [ACCEL_NAMES, GYRO_NAMES, GYRO_NAMES[:3]])
 def test_constants_are_shown_with_their_intervals(names):
     with drawing():

@@ -46,6 +46,7 @@ def test_a_system_that_does_not_say_is_left_alone(tmp_path, doubled, granted):
     assert doubled._cache_size() == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not programs.AREAS.exists(), reason="the system has no /proc")
 def test_cleared_programs_give_their_areas_back():
     jax.clear_caches()

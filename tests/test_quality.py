@@ -61,6 +61,7 @@ def test_a_good_calibration_is_called_good():
     assert all(f.fine for f in quality.findings)
 
 
+@pytest.mark.slow
 def test_outputs_without_any_noise_are_calibrated_all_the_same():
     # Without noise the weights are equal; rounding, taken for scatter, would be no unit to converge in.
     quality, result = _judged(_campaign(G * _directions(24), noise=0.0))

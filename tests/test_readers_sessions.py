@@ -238,6 +238,7 @@ def ferraris(tmp_path_factory):
     return result, imucal_result(folder, "example_ferraris_session", rate)
 
 
+@pytest.mark.slow
 def test_gyros_of_the_ferraris_recording_agree_with_imucal(ferraris):
     result, theirs = ferraris
     gyro = result.calibration.gyro_errors(20.0)

@@ -126,6 +126,7 @@ def test_driven_from_the_host_the_passes_are_the_same():
 # Exact and printed compensation of D ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_printed_compensation_errs_by_d_times_the_accelerometers_errors():
     device = Device(
         accel=draw_accelerometers(jax.random.PRNGKey(3), grade="consumer"),

@@ -197,6 +197,7 @@ def test_misfit_is_judged_against_the_noise():
     assert found.fine and "not known" in found.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chi2", [1.0, 4.0, 9.0, 1e8])
 def test_page_json_and_summary_say_one_thing(tmp_path, chi2):
     result = device_result(device="A", scatter=0.0 if chi2 == 1.0 else 1e-4, chi2_per_dof=chi2)

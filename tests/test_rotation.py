@@ -35,6 +35,7 @@ def test_log_undoes_exp(angle):
     np.testing.assert_allclose(ours, v, atol=2e-15, rtol=0)
 
 
+@pytest.mark.slow
 def test_log_is_scipys_rotation_vector():
     matrices = Rotation.from_rotvec(np.random.default_rng(1).normal(size=(50, 3))).as_matrix()
     expected = Rotation.from_matrix(matrices).as_rotvec()
@@ -57,6 +58,7 @@ def test_gradients_are_finite_and_right_also_at_zero(angle):
     check_grads(round_trip, (v,), order=1, modes=["fwd", "rev"], eps=1e-5, atol=1e-8, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_derivative_at_zero_is_the_cross_product():
     # d exp(v)/dv_i at 0 is skew(e_i), and log's inverse of it.
     derivative = jax.jacfwd(rotation.exp)(jnp.zeros(3))

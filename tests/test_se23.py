@@ -107,6 +107,7 @@ def test_gradients_are_finite_at_zero_and_agree_with_the_jacobian():
     np.testing.assert_allclose(second[:3, :3, 0], 0.5 * _cross([1.0, 0, 0]), atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [1e-4, 0.05, 0.9, 1.1])
 def test_single_precision_keeps_its_digits(angle):
     xi = _vector(angle, 7)

@@ -217,6 +217,7 @@ def test_accelerometers_define_the_frame():
     assert np.all(np.tril(matrix)[np.tril_indices(3)] != 0.0)
 
 
+@pytest.mark.slow
 def test_drawn_sizes_are_the_stated_figures():
     # Offset and slope coefficients lie between a half and all of the figure, of either sign.
     figures = ACCEL_FIGURES["navigation"]
@@ -233,6 +234,7 @@ def test_drawn_sizes_are_the_stated_figures():
         assert (values > 0).any() and (values < 0).any()
 
 
+@pytest.mark.slow
 def test_a_polynomial_represents_the_truth_and_not_the_ripple():
     temperatures = np.linspace(-62.5, 67.5, 200)
     left = {}
@@ -436,6 +438,7 @@ def test_recordings_are_noisy_as_stated():
     assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.03
 
 
+@pytest.mark.slow
 def test_readout_rounds_to_steps():
     readout = Readout(accel=1e-3, gyro=1e-6, temperature=0.25)
     recordings, truth = simulate_recordings(None, short_plan(), device(), readout=readout)

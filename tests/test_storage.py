@@ -138,6 +138,7 @@ def holder(path: Path) -> subprocess.Popen:
     return process
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("other", ["out", "link", "sub/../out"])
 def test_the_second_owner_is_refused_in_a_line_within_its_patience(tmp_path, other):

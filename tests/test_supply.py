@@ -135,6 +135,7 @@ def test_the_sensitivity_is_named_and_sized(diagnosed):
     assert abs(found["value"] - PER_VOLT) < 4 * found["std"] < 0.5 * PER_VOLT
 
 
+@pytest.mark.slow
 def test_another_recording_at_another_voltage_is_corrected(diagnosed, tmp_path):
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     other = log(seed=0, rounds=2)

@@ -39,6 +39,7 @@ def test_powers_of_temperature_give_the_same_curve(degree):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("knots", [(-55.0, 60.0), (-55.0, -20.0, 5.0, 31.0, 60.0)])
 def test_spline_is_scipys_natural_spline(knots):
     values = np.random.default_rng(1).normal(size=(len(knots), 2))
