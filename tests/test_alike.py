@@ -125,6 +125,7 @@ def test_rows_of_one_chain_and_known_noise_stay_as_they_are():
         assert alike(informed, fit_noise(informed)) is informed
 
 
+@pytest.mark.slow
 def test_the_draws_likelihood_is_that_of_one_fit_at_a_time():
     with jax.enable_x64(True):
         system, candidates = system_of(unit(9, dwells=12), FEW)
@@ -174,6 +175,7 @@ def test_the_draws_density_is_scipys():
         assert abs(np.mean(square < scipy.stats.f.ppf(part, 4, TAILS)) - part) < 0.011
 
 
+@pytest.mark.slow
 def test_two_channels_tell_what_two_units_would():
     campaign = unit(5)
     with jax.enable_x64(True):

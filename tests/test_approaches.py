@@ -100,6 +100,7 @@ def test_first_approach_is_exact_where_dependence_is_linear():
     assert np.all(np.diagonal(found.covariance) > 0)
 
 
+@pytest.mark.slow
 def test_joined_pieces_are_as_certain_as_one_fit_at_most():
     # For a linear truth the pieces together hold what one fit of all dwells has: the same covariance.
     device = Device(accel=draw_accelerometers(jax.random.PRNGKey(4), degree=1))

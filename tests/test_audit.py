@@ -65,6 +65,7 @@ def test_the_uncertainty_of_a_drift_is_that_of_a_straight_line():
     assert sigma(drift) == pytest.approx(expected, rel=0.04)
 
 
+@pytest.mark.slow
 def test_the_size_of_a_step_is_its_uncertainty_times_the_passing_mark():
     white, seconds = 1e-4, 2000.0
     prepared, scores = scores_of(still(seconds, white), QUIET)

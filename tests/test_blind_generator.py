@@ -42,6 +42,7 @@ def test_same_seed_gives_the_same_cases_and_hash(suite, tmp_path):
     assert generate.seal(answers)[1] == generate.seal(json.loads(json.dumps(answers)))[1] != other
 
 
+@pytest.mark.slow
 def test_cases_are_campaigns_of_the_contract(suite):
     folder, _ = suite
     allowed = {"time", "temperature", "experiment", "position"}

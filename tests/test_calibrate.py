@@ -140,6 +140,7 @@ def test_campaign_to_calibration_within_its_uncertainty(recordings):
     assert low == pytest.approx(-42.0, abs=0.5) and high == pytest.approx(62.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_what_was_chosen_is_said(recordings):
     _, made = recordings
     campaign = Campaign(tuple(_without_references(r) for r in made), Site(gravity=PAPER_GRAVITY))

@@ -107,6 +107,7 @@ def test_help_is_quick_and_loads_no_jax():
     assert elapsed < 3.0
 
 
+@pytest.mark.slow
 def test_calibrate_writes_the_true_parameters_and_a_report(calibrated):
     calibration = read_calibration(calibrated / "calibration.json")
     errors = calibration.accel_errors(0.0)

@@ -12,6 +12,10 @@ from scipy.stats import chi2
 from hard_limit import run_limited
 
 
+# All of it waits for the same Monte Carlo.
+pytestmark = pytest.mark.slow
+
+
 MONTE_CARLO = """
 import json
 from inertiax.estimators import Invariant
@@ -60,7 +64,6 @@ def monte_carlo():
     return json.loads(run_limited(MONTE_CARLO, seconds=300.0))
 
 
-@pytest.mark.slow
 def test_normalised_errors_have_unit_variance(monte_carlo):
     # 63 parameters over 520 runs: the sum of squares is chi-square with 520 degrees of freedom,
     # so a parameter's mean square lies within its 1e-5 tails (6e-4 for any of 63 to be outside).
@@ -143,7 +146,6 @@ print(json.dumps(answer))
 """
 
 
-@pytest.mark.slow
 def test_default_agrees_with_the_thermostatted_set_over_24_seeds():
     found = json.loads(run_limited(DEMO_SEEDS, seconds=300.0, quick=True))
     for number in ("1", "2"):

@@ -61,6 +61,7 @@ def test_average_over_the_sphere_has_the_moments_of_a_uniform_direction():
     np.testing.assert_allclose(sphere_average(ESTIMATOR, TABLE), expected, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_optimised_18_positions_reach_the_bound_that_no_plan_can_pass(best):
     # The model is the same whatever way the axes are turned, and log det is concave: no plan is better
     # per position than the uniform one over the sphere.

@@ -280,6 +280,7 @@ def test_a_plan_of_six_positions_cannot_show_second_or_third_order():
     assert {"second_order", "third_order"} <= set(dict(report.not_testable))
 
 
+@pytest.mark.slow
 def test_a_tumble_in_steps_of_30_degrees_shows_both_but_not_apart_from_their_kin():
     report = audit(tumble(step=30.0))
     assert not {"second_order", "third_order"} & set(dict(report.not_testable))

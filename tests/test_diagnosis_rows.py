@@ -60,6 +60,7 @@ def test_the_probe_counts_by_the_slope_of_the_outputs_and_its_stated_uncertainty
     assert np.allclose(heated[:, 0], 2e-4 * direction[:, 0], atol=4e-6)
 
 
+@pytest.mark.slow
 def test_without_a_stated_uncertainty_the_probe_does_not_count():
     one = prepared(faces(0.0, turns=8, degree=1, bias_slope=2e-3))
     assert all(chain.heated.shape[1] == 0 for chain in one.system.chains)

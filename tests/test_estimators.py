@@ -84,6 +84,7 @@ def test_recovers_the_truth_without_noise(name, getkey):
     np.testing.assert_allclose(solution.curve.coefficients[0], truth, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_compensated_dwells_have_nothing_left(name, getkey):
     estimator = CASES[name]
@@ -231,6 +232,7 @@ def test_published_optimum_of_the_xsens_recording():
     np.testing.assert_allclose(deviations, SIGMAS, rtol=0.05)  # two digits are published
 
 
+@pytest.mark.slow
 def test_invariant_solution_is_scipys(getkey):
     truth = 0.02 * jax.random.normal(getkey(), (9,))
     estimator = Invariant(gravity=GRAVITY)

@@ -172,6 +172,7 @@ def test_unknown_pattern_and_effects_are_refused(calibration):
         calibration_states(calibration, "gyro.biass")
 
 
+@pytest.mark.slow
 def test_moved_curves_are_the_calibrations_with_the_coefficients_added(calibration):
     states = calibration_states(calibration, "*.bias")
     values = np.linspace(-1.0, 1.0, len(states.names))

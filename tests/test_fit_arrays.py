@@ -49,6 +49,7 @@ def test_truth_is_found_within_its_covariance(made, found):
     np.testing.assert_allclose(calibration.block("gyro.scale").mean, 0.01, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_a_device_alone_is_that_of_the_batch(made, found):
     accel = made[0]
     one = ix.fit(ix.Dwells.from_arrays(accel[3], sigma=1e-4), accel=ix.Invariant(gravity=GRAVITY))

@@ -167,6 +167,7 @@ def test_errors_are_what_the_covariance_says():
     assert abs(square.mean() - 9.0) < 0.85
 
 
+@pytest.mark.slow
 def test_one_bad_device_leaves_the_others_as_they_were():
     devices, _ = _fleet(2, 6)
     basis = Polynomial(2, LOW, HIGH)

@@ -65,6 +65,7 @@ def test_a_line_without_effects_is_left_alone(seed):
     assert np.all(np.abs(z[:, seen].var(axis=0) - 1.0) < 0.6)
 
 
+@pytest.mark.slow
 def test_amplitudes_are_those_put_in():
     k3 = 2e-3  # m/s² per g³
 

@@ -28,6 +28,10 @@ from inertiax.physics.temperature import Constant
 from inertiax.reduction.dwells import Dwells
 
 
+# All of it waits for the same Monte Carlo.
+pytestmark = pytest.mark.slow
+
+
 def _line(rng: np.random.Generator, devices: int, unknowns: int, noise: float):
     """True mean and covariance between devices, the devices, their estimates with covariances."""
     factor = np.tril(rng.normal(0, 0.3, (unknowns, unknowns))) + np.eye(unknowns)
@@ -65,7 +69,6 @@ def test_mean_and_covariance_are_recovered_within_sampling_error(noise):
     assert np.diagonal(of_sigma).mean() < 2.0
 
 
-@pytest.mark.slow
 def test_the_restricted_estimate_has_no_bias():
     """Few devices: the usual covariance divides by n − 1; here with own noise, against many repetitions."""
     ratios = []
@@ -221,7 +224,6 @@ def _errors(folder, truth):
     return np.array(errors), np.array(covariances)
 
 
-@pytest.mark.slow
 def test_a_run_ends_with_its_population(known):
     folder, _ = known
     found = read_population(folder / "results").accel
@@ -251,7 +253,6 @@ print(run_fleet({str(folder / "short")!r}, {str(folder / "out")!r}, prior=prior)
     return folder, truth
 
 
-@pytest.mark.slow
 def test_short_programmes_get_an_honest_calibration(short):
     """The errors of the 40 devices are what the posterior says."""
     folder, truth = short
@@ -292,7 +293,6 @@ def test_a_device_unlike_the_line_is_set_aside_where_only_the_line_could_tell(sh
     )
 
 
-@pytest.mark.slow
 def test_without_a_prior_the_same_devices_are_set_aside(known, tmp_path):
     _, truth = known
     some = dict(list(truth.items())[:6])
@@ -315,7 +315,6 @@ def test_a_prior_of_another_model_is_refused(known, tmp_path):
         run_fleet(tmp_path / "short", tmp_path / "out", prior=read_population(folder / "results"))
 
 
-@pytest.mark.slow
 def test_a_linear_problem_with_a_prior_is_bayesian_regression():
     """Against (Σ⁻¹ + Hᵀ R⁻¹ H)⁻¹ and its mean in NumPy: four positions for twelve unknowns."""
     rng = np.random.default_rng(9)

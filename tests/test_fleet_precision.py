@@ -48,6 +48,7 @@ def test_the_command_calibrates_in_single_precision_within_the_loss_it_states(
     np.testing.assert_allclose(sigma, same, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_only_in_its_own_precision(line, whole):
     with pytest.raises(ValueError, match="holds a run in float64; choose another output folder"):
         run_fleet(line, whole, precision="float32")

@@ -135,6 +135,7 @@ def test_yield_of_almost_all_is_not_all(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_device_unlike_the_others_is_named_with_its_parameter(line):
     folder, _, names = line
     page = fleet_page(folder)
@@ -248,6 +249,7 @@ def test_page_of_twenty_thousand_devices_stays_small(tmp_path):
     assert "more are in population.json" in _read(tmp_path / "report.html")[0]
 
 
+@pytest.mark.slow
 def test_command_writes_one_devices_page_beside_its_calibration(line):
     folder, _, names = line
     run = CliRunner().invoke(app, ["fleet", ".", "-o", str(folder), "--device", names[8]])

@@ -62,6 +62,7 @@ def test_a_variance_loses_one_degree_of_freedom_more(monkeypatch):
     assert wide == pytest.approx(square / (num - 2), rel=0.03)
 
 
+@pytest.mark.slow
 def test_nothing_is_added_to_what_other_units_tell(monkeypatch):
     only_dwells(monkeypatch)
     with jax.enable_x64(True):

@@ -126,6 +126,7 @@ def test_ideal_triads_follow_a_moving_vehicle():
     assert np.linalg.norm(offs[0][:3]) / np.linalg.norm(offs[1][:3]) == pytest.approx(4.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_accelerometer_bias_makes_a_schuler_oscillation():
     # Titterton and Weston, ch. 12: x(t) = b / ω_s² (1 − cos ω_s t), ω_s² = g / R, over a quarter period.
     data, start, truth = _ideal(_standing, 2.11)

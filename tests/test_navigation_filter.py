@@ -167,6 +167,7 @@ def test_filter_is_a_plain_kalman_filter_where_all_is_linear(
     assert np.abs((position - expected) / sigma).max() < 5e-3
 
 
+@pytest.mark.slow
 def test_smoother_is_batch_least_squares(calibration, resting, free, rested):
     """All fixes at once, as correlated Gaussian variables: mean and covariance of every time's errors."""
     _, _, fixes, valid = resting

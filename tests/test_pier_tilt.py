@@ -80,6 +80,7 @@ def test_a_pier_out_of_level_from_the_start_is_named_and_sized():
     assert np.all(errors < 1.5e-5)
 
 
+@pytest.mark.slow
 def test_the_vertical_axis_of_a_tilt_is_no_candidate_for_accelerometers():
     tilt = [e for e in CATALOGUE if e.name == "pier_tilt"]
     with jax.enable_x64(True):

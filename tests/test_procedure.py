@@ -78,6 +78,7 @@ def test_without_noise_the_paper_iteration_finds_the_truth(device):
     assert bias > 5e-5 and matrix > 2e-5
 
 
+@pytest.mark.slow
 def test_two_iterations_reach_the_noise_floor_at_4_degrees(device):
     dwells = _dwells(device, 2, "centred")
     solution = iterate(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
@@ -184,6 +185,7 @@ def test_too_few_experiments_for_the_degree(device):
         PaperIteration.plan(ESTIMATOR, BASIS, dwells)
 
 
+@pytest.mark.slow
 def test_whitened_residuals_have_unit_variance(device):
     dwells = _dwells(device, 1, "centred")
     solution = joint_fit(ESTIMATOR, BASIS, dwells)

@@ -214,6 +214,7 @@ def imucal_result(folder, name, rate):
     )
 
 
+@pytest.mark.slow
 def test_a_quiet_session_gives_imucals_answer(quiet):
     folder, found = quiet
     theirs = imucal_result(folder, "a", RATE)

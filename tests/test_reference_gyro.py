@@ -162,6 +162,7 @@ def test_the_printed_compensation_errs_by_d_times_the_accelerometers_errors():
 # Earth rate and the rig -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_earth_rate_in_the_reference_is_that_of_site_and_attitude():
     latitude = float(np.deg2rad(55.57))
     level = np.asarray(earth_rate(latitude))
@@ -249,6 +250,7 @@ def test_mounting_and_rate_error_as_nuisance_parameters_set_theta_right():
     assert np.all(np.abs(found[-3:] - MOUNTING) < 4.0 * sigma[-3:]) and np.all(sigma[-3:] < 1e-6)
 
 
+@pytest.mark.slow
 def test_the_rig_estimator_refuses_to_iterate():
     dwells, _ = _on_a_faulty_rig(1)
     rig = ReferenceGyroRig(

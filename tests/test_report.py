@@ -156,6 +156,7 @@ def test_the_page_loads_nothing_from_elsewhere(page):
     assert not re.findall(r"@import|url\((?!#)", text)
 
 
+@pytest.mark.slow
 def test_hostile_names_are_shown_as_text(page):
     parsed, _ = page
     assert "script" not in parsed.tags

@@ -101,6 +101,7 @@ def test_what_is_scored_beside_the_rigs_errors_is_no_rival_of_what_is_not(monkey
     assert asked(system)._leading_open(Bank((), ()), [mixed], None, []) is mixed
 
 
+@pytest.mark.slow
 def test_a_pair_stands_for_an_unlisted_dependence_where_the_second_is_rare_by_itself(monkeypatch):
     listed, unlisted = candidate("drift", 11.0, 28.0), candidate("~bump", 35.0, 87.0)
     second = candidate("warm_up", 27.0, 60.0)
@@ -153,6 +154,7 @@ def test_an_effect_that_noise_makes_often_does_not_stand_before_a_rare_one():
     assert taken(jump, rare, chosen=[elsewhere]) is rare
 
 
+@pytest.mark.slow
 def test_what_follows_the_input_is_observed_once_a_dwell():
     with jax.enable_x64(True):
         (prepared,) = prepare(

@@ -27,6 +27,10 @@ from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros, NAV
 from refit import refitted
 
 
+# All of it waits for the same Monte Carlo.
+pytestmark = pytest.mark.slow
+
+
 ARCSEC = np.deg2rad(1.0 / 3600.0)
 RUNS = 4000
 
@@ -133,7 +137,6 @@ def monte_carlo():
 UNITS = np.array([1.0] * 3 + [PAPER_GRAVITY] * 6)  # coefficients as errors of a 1 g reading, m/s²
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [*NAMES[:-1], *(f"reference: {n}" for n in REFERENCE_NAMES)])
 def test_predicted_deviation_of_each_source_is_the_simulated_one(name, monte_carlo):
     predicted, observed = monte_carlo[name]
@@ -179,7 +182,6 @@ def budget(fitted):
     return error_budget(ESTIMATOR, curve, dwells, MADE)
 
 
-@pytest.mark.slow
 def test_answer_is_differentiable_in_all_sources_at_once(fitted, budget):
     dwells, curve = fitted
     zero = no_draws(MADE, dwells)
@@ -205,7 +207,6 @@ def test_answer_is_differentiable_in_all_sources_at_once(fitted, budget):
     )
 
 
-@pytest.mark.slow
 def test_gravity_moves_scale_factors_by_its_relative_error(fitted, budget):
     # By hand: a triad that reads f when the real g is larger by 10 ppm looks 10 ppm too sensitive.
     _, curve = fitted
@@ -223,7 +224,6 @@ def test_probe_offset_shifts_the_curves_along_temperature(fitted, budget):
     np.testing.assert_allclose(budget.at(5.0)[1], 0.1 * np.abs(slope), rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_table_rate_is_a_common_gyro_scale_factor():
     device = Device(gyro=draw_gyros(jax.random.PRNGKey(3), degree=1))
     plan = paper_set(
@@ -248,7 +248,6 @@ def test_a_source_that_touches_nothing_is_refused(fitted):
 # Single dwells -----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_leverages_add_up_to_the_unknowns(fitted):
     dwells, curve = fitted
     found = influence(ESTIMATOR, curve, dwells)

@@ -341,6 +341,7 @@ def test_seeds_repeat_and_differ():
     assert np.all(a != c)
 
 
+@pytest.mark.slow
 def test_the_lag_moves_the_elements_behind_the_probe():
     plan = paper_set(1, temperatures=(20.0,))
     unit = eqx.tree_at(lambda d: d.lag, device(), 100.0)

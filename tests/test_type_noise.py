@@ -200,6 +200,7 @@ def test_campaigns_that_do_not_go_together_are_refused(alike, known):
         diagnose(magnitude, noise=known)
 
 
+@pytest.mark.slow
 def test_the_file_holds_what_was_learned(known, tmp_path):
     path = tmp_path / "type-noise.json"
     write_noise(known, path)
