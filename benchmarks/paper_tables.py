@@ -1,6 +1,6 @@
-"""The founding paper's experiment over many seeds: its tables and figures with confidence bands, into docs/.
+"""The founding paper's experiment over many seeds: its tables and figures with confidence bands, into docs/benchmarks/.
 
-    python benchmarks/paper_tables.py [--seeds 100] [--plans 200] [--docs docs] [--convergence FILE]
+    python benchmarks/paper_tables.py [--seeds 100] [--plans 200] [--docs docs/benchmarks] [--convergence FILE]
 
 Every seed draws a device and its noise. Three sets of 13 experiments, the check, one sweep; every approach that the
 paper names; then the convergence study (`convergence_study.py`, or its stored result by
@@ -271,7 +271,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--plans", type=int, default=200)
-    parser.add_argument("--docs", type=Path, default=Path(__file__).parents[1] / "docs")
+    parser.add_argument(
+        "--docs", type=Path, default=Path(__file__).parents[1] / "docs" / "benchmarks"
+    )
     parser.add_argument("--convergence", type=Path)
     chosen = parser.parse_args()
     tell = lambda line: print(line, file=sys.stderr, flush=True)

@@ -20,7 +20,7 @@ def code(page: str) -> str:
 
 @pytest.mark.slow
 def test_the_page_adds_an_effect_and_the_diagnosis_finds_it():
-    found, size, left = run_limited(code("add-an-effect.md"), seconds=300.0).splitlines()
+    found, size, left = run_limited(code("how-to/add-an-effect.md"), seconds=300.0).splitlines()
     assert found == "missing-physics [('index_gear', ('accel_x',))]"
     value, std = (float(x) for x in re.findall(r"(?:value|std)=([-+.e\d]+)", size))
     assert abs(value - 1.5e-3) < 3.0 * std
@@ -50,7 +50,7 @@ def test_the_tutorial_names_the_concealed_effect_and_predicts_the_unseen_recordi
 
 
 def test_the_page_lists_the_catalogue_as_it_is():
-    text = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    text = (DOCS / "explanation" / "diagnosis.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*?) \| (.*) \|$", text, flags=re.M)
     listed = {r[0]: tuple(cell.replace("\\|", "|") for cell in r[1:]) for r in rows}
     whose = {("accel", "gyro"): "both", ("accel",): "accelerometers", ("gyro",): "gyros"}
@@ -60,7 +60,11 @@ def test_the_page_lists_the_catalogue_as_it_is():
 
 
 def test_pages_that_link_to_each_other_exist():
-    for page in ("diagnosis.md", "add-an-effect.md", "tutorials/concealed-effect.md"):
+    for page in (
+        "explanation/diagnosis.md",
+        "how-to/add-an-effect.md",
+        "tutorials/concealed-effect.md",
+    ):
         text = (DOCS / page).read_text(encoding="utf-8")
         for link in re.findall(r"\]\(([^)#]+)\)", text):
             assert ((DOCS / page).parent / link).exists(), (page, link)

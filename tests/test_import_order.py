@@ -10,7 +10,7 @@ import inertiax
 
 SOURCE = Path(inertiax.__file__).parent
 
-# Folders (and single modules) from the top down; `docs/design.md` says what each holds.
+# Folders (and single modules) from the top down; `docs/explanation/design.md` says what each holds.
 FOLDERS = """_typing storage
 physics numerics data reduction campaign_draft plausibility effects estimators procedure allan model_selection
 calibration calibrate simulate analysis navigation design diagnose exports fleet live plots
@@ -62,7 +62,7 @@ GRAPH = {name: _imported(name) for name in FILES}
 @pytest.mark.parametrize("name", FILES)
 def test_imports_only_from_folders_above(name):
     folder = name.split(".")[0]
-    assert folder in FOLDERS, f"list '{folder}' in FOLDERS and in docs/design.md"
+    assert folder in FOLDERS, f"list '{folder}' in FOLDERS and in docs/explanation/design.md"
     allowed = FOLDERS[: FOLDERS.index(folder) + 1]
     assert not [m for m in GRAPH[name] if m.split(".")[0] not in allowed]
 
@@ -98,7 +98,7 @@ def test_no_module_is_imported_in_a_circle():
 
 
 def test_every_listed_folder_is_described():
-    design = (SOURCE.parents[1] / "docs" / "design.md").read_text(encoding="utf-8")
+    design = (SOURCE.parents[1] / "docs" / "explanation" / "design.md").read_text(encoding="utf-8")
     for folder in {name.split(".")[0] for name in FILES}:
         assert f"| `{folder}`" in design or f"| `{folder}/`" in design, folder
 

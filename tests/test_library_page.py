@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 
-PAGE = Path(__file__).parents[1] / "docs" / "library.md"
+PAGE = Path(__file__).parents[1] / "docs" / "api" / "library.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 # One process for all blocks, each with names of its own, as pasting alone would give it.

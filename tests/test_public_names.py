@@ -28,12 +28,12 @@ def _names() -> list[str]:
 
 
 def test_public_names_are_those_of_the_list():
-    # A name that goes away breaks somebody's script; a new one is to be documented in docs/library.md.
+    # A name that goes away breaks somebody's script; a new one is to be documented in docs/api/library.md.
     assert _names() == LIST.read_text(encoding="utf-8").splitlines()
 
 
 def test_first_layer_is_documented():
-    page = (Path(__file__).parents[1] / "docs" / "library.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "api" / "library.md").read_text(encoding="utf-8")
     missing = [n for n in dir(ix) if not n.startswith("_") and f"`{n}" not in page]
     assert not missing
 

@@ -576,7 +576,7 @@ def test_device_n_does_not_depend_on_the_count():
 
 
 def test_the_example_in_the_docs_is_the_default():
-    page = (Path(__file__).parents[1] / "docs" / "simulator.md").read_text("utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "simulator.md").read_text("utf-8")
     raw = tomllib.loads(page.partition("```toml\n")[2].partition("```")[0])
     assert msgspec.convert(raw, Scenario) == Scenario()
     # Every key is shown, in a line of its own or in a comment.

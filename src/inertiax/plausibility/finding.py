@@ -21,7 +21,7 @@ class Finding:
     knowing and harmless. `remedy` is TOML for `campaign.toml`.
     """
 
-    kind: str  # as listed in docs/plausibility.md
+    kind: str  # as listed in docs/reference/plausibility.md
     severity: Severity
     what: str  # triad, channel or column: accel, gyro_x, time, temperature, position, …
     statement: str  # one or two sentences, beginning with the recording's name where it is one's

@@ -1,7 +1,7 @@
 """Scenario files: a campaign to simulate, in TOML, and the folder that it becomes.
 
 The schema below is strict: an unknown key or a wrong value is an error that names file and key and
-says what would be right. `docs/simulator.md` shows a file; every key has a default.
+says what would be right. `docs/reference/simulator.md` shows a file; every key has a default.
 """
 
 import math
