@@ -107,6 +107,10 @@ class Browser:
 
     def open(self, page: Path, *, width: int, dark: bool = False) -> None:
         """Lay the page out in a window of so many pixels; its errors are in `errors` afterwards."""
+        self.visit(page.resolve().as_uri(), width=width, dark=dark)
+
+    def visit(self, address: str, *, width: int, dark: bool = False) -> None:
+        """The same of a page that a server has."""
         self.errors.clear()
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self._ask("Emulation.setEmulatedMedia", features=scheme)
@@ -117,14 +121,20 @@ class Browser:
             deviceScaleFactor=1,
             mobile=width < 600,
         )
-        self._ask("Page.navigate", url=page.resolve().as_uri())
+        self._ask("Page.navigate", url=address)
         while self._next().get("method") != "Page.loadEventFired":
             pass
 
     def faults(self) -> list[str]:
         """What does not fit in the page that is open."""
-        found = self._ask("Runtime.evaluate", expression=_FAULTS, returnByValue=True)
-        return found["result"]["value"]
+        return self.value(_FAULTS)
+
+    def value(self, expression: str):
+        """What an expression in the page that is open has as its value; a promise is waited for."""
+        found = self._ask(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
+        return found["result"].get("value")
 
     def shoot(self, picture: Path) -> None:
         """Write the whole page that is open as PNG."""

@@ -139,7 +139,7 @@ def test_events_are_those_of_the_contract(tmp_path):
         assert 0.0 <= event["gain"] <= 1.0 and event["temperature"] is None is event["rate"]
     last = of(found, "progress")[-1]
     assert last["ratio"] > 1.0 and last["worst"].startswith("accel.bias")
-    assert set(last["parameters"]["accel.bias[0]"]) == {"value", "std", "unit"}
+    assert set(last["parameters"]["accel.bias[0]"]) == {"value", "std", "unit", "limit"}
     for axis in range(3):
         one = last["parameters"][f"accel.bias[{axis}]"]
         assert abs(one["value"] - BIAS[axis]) < 4 * one["std"] and one["unit"] == "m/s^2"

@@ -8,12 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, TYPE_CHECKING
 
 import typer
 
 from . import calibrate as calibrate_command, console, environment, outputs
 from .calibrate import CampaignPath, Force, Quiet
+
+
+if TYPE_CHECKING:
+    from ..live.page_server import PageServer
 
 
 def live(
@@ -56,6 +60,16 @@ def live(
         float,
         typer.Option(min=0.1, help="s without a row after which the input counts as ended."),
     ] = 15.0,
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--page", help="Show it on a web page, too, which only this machine can open."
+        ),
+    ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=0, max=65535, help="Of the page; 0, the default, is a free one."),
+    ] = None,
     force: Force = False,
     as_json: Annotated[
         bool,
@@ -69,6 +83,8 @@ def live(
     recording is calibrated as `inertiax calibrate DIR` would.
     """
     _check_source(source, follow)
+    if port is not None and not page:
+        raise typer.BadParameter("is the page's: give --page, too.", param_hint="'--port'")
     outputs.require_campaign(campaign)
     folder = _folder(campaign, output)
     # JAX is set up for the calibration at the end; until then nothing is compiled.
@@ -77,13 +93,16 @@ def live(
     from ..live.recorder import Recorder
 
     made = plan(campaign, follow, piped=source is not None, target=target)
-    with outputs.owned_results(folder):
+    with outputs.owned_results(folder), _opened(page, port) as shown:
         assert made.campaign.path is not None
         recorder = Recorder(folder, made.campaign.path)
-        tell = _Json() if as_json else _Words(quiet=quiet)
+        tellers = [_Json() if as_json else _Words(quiet=quiet), _Bell()]
+        tellers += [] if shown is None else [shown]
         with _ends_on_interrupt() as stopped:
-            for event in events(made, recorder, idle=idle, hold=hold, stopped=stopped):
-                tell(event)
+            told = events(made, recorder, idle=idle, hold=hold, stopped=stopped, watch=shown)
+            for event in told:
+                for tell in tellers:
+                    tell(event)
         recorder.close()
     _results(folder, force=force, quiet=quiet or as_json)
 
@@ -132,6 +151,19 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
 
 
 @contextmanager
+def _opened(page: bool, port: int | None) -> Iterator["PageServer | None"]:
+    """The page's server, its address told on standard error; `None` where no page is asked for."""
+    if not page:
+        yield None
+        return
+    from ..live.page_server import PageServer
+
+    with PageServer(port or 0) as server:
+        console.say(f"page: {server.address}", aside=True)
+        yield server
+
+
+@contextmanager
 def _ends_on_interrupt() -> Iterator:
     """Ctrl-C ends the input, not the run; a second one ends the run."""
     asked: list[int] = []
@@ -166,7 +198,7 @@ class _Json:
 
 
 class _Words:
-    """Events as lines of text, with a bell where the device should be turned or is done."""
+    """Events as lines of text."""
 
     def __init__(self, *, quiet: bool):
         self._quiet = quiet
@@ -177,11 +209,8 @@ class _Words:
         if made and not self._quiet:
             console.say(console.one_line(made))
             sys.stdout.flush()
-        new = event["event"] == "next" and event["statement"] != self._last
-        if new:
+        if event["event"] == "next":
             self._last = event["statement"]
-        if new or event["event"] == "done":
-            _ring()
 
     def _start(self, event: dict) -> str:
         return f"target: {event['target']}. Lay the device down and leave it alone for {event['hold']:g} s."
@@ -215,7 +244,25 @@ class _Words:
         return f"done: {event['reason']}; {event['rests']} rests in {event['seconds']:.0f} s"
 
 
-def _ring() -> None:
-    """The terminal's bell, where there is a terminal."""
-    if sys.stdout.isatty():
-        os.write(sys.stdout.fileno(), b"\a")
+class _Bell:
+    """The bell of the terminal that standard error is: for who looks at the device.
+
+    Once where the device may be turned, for a rest that is accepted, and at the end; twice for one that is refused.
+    """
+
+    def __init__(self) -> None:
+        self._heard = sys.stderr.isatty()
+        self._wanted = ""
+
+    def __call__(self, event: dict) -> None:
+        if self._heard:
+            os.write(sys.stderr.fileno(), b"\a" * self._times(event))
+
+    def _times(self, event: dict) -> int:
+        kind = event["event"]
+        if kind == "next":
+            same, self._wanted = event["statement"] == self._wanted, event["statement"]
+            return 0 if same else 1
+        if kind == "rest":
+            return 1 if event["accepted"] else 2
+        return 1 if kind == "done" else 0

@@ -87,11 +87,16 @@ class Estimate:
         return max(found)[1] if found else None
 
     def parameters(self) -> dict[str, dict[str, object]]:
-        """Value, standard deviation and unit of each parameter."""
+        """Value, standard deviation, unit and limit (`None`: nothing is asked) of each parameter."""
         return {
-            name: {"value": float(value), "std": float(std), "unit": unit_of(name)}
+            name: {
+                "value": float(value),
+                "std": float(std),
+                "unit": unit_of(name),
+                "limit": float(limit) if np.isfinite(limit) else None,
+            }
             for t in self.triads
-            for name, value, std in zip(t.names, t.posterior.mean, t.posterior.std)
+            for name, value, std, limit in zip(t.names, t.posterior.mean, t.posterior.std, t.limits)
         }
 
     def next_position(self) -> NextPosition | None:

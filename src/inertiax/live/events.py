@@ -1,5 +1,7 @@
 """Events as they go out: one mapping for each, one line of JSON (docs/live.md)."""
 
+import numpy as np
+
 from .estimate import Estimate
 from .next_position import NextPosition
 from .rest_ledger import Rest
@@ -7,6 +9,8 @@ from .row_store import RowStore
 
 
 Event = dict[str, object]
+STATE = 0.1  # s of rows whose mean is the device now
+NOISE = 1.0  # s of rows at rest that tell the noise of a sample
 
 
 def rest_event(rest: Rest, store: RowStore) -> Event:
@@ -63,3 +67,33 @@ def next_event(position: NextPosition, *, provisional: bool = False) -> Event:
         "rate": None,
         "provisional": provisional,
     }
+
+
+def state_event(store: RowStore, step: float, *, moving: bool) -> Event | None:
+    """The device now: direction of the specific force, turn rate, temperature, and while it rests the samples' noise.
+
+    **Arguments:** `step` is from row to row of the store, s. `None` while there are too few rows.
+    """
+    rows = max(round(STATE / step), 1)
+    if store.count < rows:
+        return None
+    now = store.recording(store.count - rows, means=True)
+    made: Event = {"event": "state", "moving": moving, "time": float(now.time[-1])}
+    force = None if now.accel is None else now.accel.mean(axis=0)
+    size = 0.0 if force is None else float(np.linalg.norm(force))
+    made["up"] = [float(x) for x in force / size] if force is not None and size > 0.0 else None
+    made["rate"] = None if now.gyro is None else float(np.linalg.norm(now.gyro.mean(axis=0)))
+    probes = now.temperature
+    made["temperature"] = None if probes is None else float(probes[:, 0].mean())
+    made["noise"] = {} if moving else _noise(store, max(round(NOISE / step), 2))
+    return made
+
+
+def _noise(store: RowStore, rows: int) -> dict[str, float]:
+    """Standard deviation of a sample of each triad about its mean, the three axes together, SI."""
+    if store.count < rows:
+        return {}
+    picked = store.recording(store.count - rows)
+    triads = {"accel": picked.accel, "gyro": picked.gyro}
+    of = lambda x: float(np.sqrt(x.var(axis=0, ddof=1).mean()))
+    return {name: of(x) for name, x in triads.items() if x is not None}

@@ -1,6 +1,7 @@
 """From the bytes of a log to the events of a session, with everything recorded beside."""
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from .row_sources import follow, Piece
 from .session import HOLD, Session
 from .target import parse_target, Target, USUAL
 from .text_rows import Chunk, TextRows
+
+
+WATCHED = 0.1  # s, between two looks at the device now
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,22 +80,38 @@ def events(
     idle: float,
     hold: float = HOLD,
     stopped: Callable[[], bool] = lambda: False,
+    watch: Callable[[Event], None] | None = None,
 ) -> Iterator[Event]:
     """Events of a log until the target is reached, nothing gains, or the input ends.
 
     **Arguments:** `idle` is how long nothing may come before the input counts as ended, s; `hold` how long a rest lasts
-    before the next position is told, s; `stopped` is asked at every piece whether the user wants to end.
+    before the next position is told, s; `stopped` is asked at every piece whether the user wants to end; `watch` is
+    given the `state` of the device, at most every `WATCHED` seconds.
     """
     session = Session(made.campaign, made.target, hold)
     follower = _Follower(session, made, recorder)
     yield session.start_event()
+    watched = -np.inf
     for piece in follow(made.log, idle=idle):
         yield from follower.take(piece)
+        if watch is not None:
+            watched = _watched(session, watch, watched)
         if session.finished or stopped():
             break
     if not session.finished:
         yield from follower.last()
     yield from session.end()
+
+
+def _watched(session: Session, watch: Callable[[Event], None], last: float) -> float:
+    """Gives the state to `watch` where it is due; when it was given last, s of the machine's clock."""
+    now = time.monotonic()
+    if now - last < WATCHED:
+        return last
+    state = session.state()
+    if state is not None:
+        watch(state)
+    return now
 
 
 class _Follower:

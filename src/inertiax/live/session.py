@@ -14,7 +14,14 @@ from jaxtyping import Float
 from ..data.recording import Campaign, Recording
 from ..plausibility import check_campaign
 from .estimate import Estimate, estimate
-from .events import Event, next_event, problem_event, progress_event, rest_event
+from .events import (
+    Event,
+    next_event,
+    problem_event,
+    progress_event,
+    rest_event,
+    state_event,
+)
 from .gyro_rows import Turn
 from .rest_ledger import found_rests, judge, Judged, labelled, RECENT, Rest, WINDOW
 from .row_detector import MotionDetector
@@ -71,6 +78,17 @@ class Session:
     def seconds(self) -> float:
         """How long was recorded."""
         return self._seconds
+
+    @property
+    def moving(self) -> bool:
+        """Whether the device moved in the newest second of rows."""
+        return self._moved is not None and self._moved == self._looked
+
+    def state(self) -> Event | None:
+        """The device now; `None` while there are too few rows."""
+        if not self.store.count:
+            return None
+        return state_event(self.store, self._usual_step(), moving=self.moving)
 
     @property
     def accepted(self) -> list[Rest]:
