@@ -9,14 +9,18 @@ from typing import Any
 
 import command_line
 import effect_catalogue
+import export_formats
 import first_layer
 import mathematics
+import result_files
 
 
 GENERATORS: dict[str, Callable[[], str]] = {
     "command line": command_line.page,
     "effect catalogue": effect_catalogue.tables,
+    "export formats": export_formats.table,
     "first layer": first_layer.page,
+    "result files": result_files.page,
 }
 MARK = re.compile(r"^<!-- generated: (.+) -->$", flags=re.MULTILINE)
 

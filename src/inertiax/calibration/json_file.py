@@ -23,35 +23,44 @@ SCHEMA = "inertiax.calibration/1"
 
 
 class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    """Functions of temperature, under `basis`."""
+
     kind: str  # constant | chebyshev | natural-cubic-spline
     degree: int | None = None
-    low: float | None = None
-    high: float | None = None
-    knots: list[float] | None = None
+    low: float | None = None  # °C, at −1 of the polynomials
+    high: float | None = None  # °C, at +1
+    knots: list[float] | None = None  # °C, of a spline
 
 
 class _Triad(msgspec.Struct, forbid_unknown_fields=True):
+    """One triad, under `accel` or `gyro`."""
+
     estimator: str
-    names: list[str]
-    units: list[str]
+    names: list[str]  # of the parameters
+    units: list[str]  # SI, of each
     basis: _Basis
-    coefficients: list[list[float]]
-    covariance: list[list[float]]
+    coefficients: list[
+        list[float]
+    ]  # a row for each function of the basis, a column for each parameter
+    covariance: list[list[float]]  # of the coefficients row by row, SI
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
+    """A device's calibration; a key that is not here is refused."""
+
     schema: str
-    version: str
-    device: str
+    version: str  # of inertiax
+    device: str  # serial number
     gravity: float
-    gravity_unit: str
-    temperature_range: tuple[float, float] | None
-    temperature_unit: str
-    accel: _Triad | None
+    gravity_unit: str  # m/s^2
+    temperature_range: tuple[float, float] | None  # that the data covered
+    temperature_unit: str  # degC
+    accel: _Triad | None  # None: not calibrated
     gyro: _Triad | None
-    notes: list[str] = []
-    model: ModelEntry | msgspec.UnsetType = msgspec.UNSET
-    effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET
+    notes: list[str] = []  # what a user should know
+    model: ModelEntry | msgspec.UnsetType = msgspec.UNSET  # as it was fitted
+    effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET  # named by a diagnosis
+    # Of the accelerometers' coefficients (rows) with the gyros', where both were estimated together.
     cross_covariance: list[list[float]] | msgspec.UnsetType = msgspec.UNSET
 
 
