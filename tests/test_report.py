@@ -3,6 +3,7 @@
 import html.parser
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -31,6 +32,7 @@ from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.physics.temperature import Curve, Polynomial
 from inertiax.procedure.thermal_iterations import ThermalSolution
 from inertiax.reduction.dwells import Dwells
+from inertiax.reduction.segments import segment_all
 from inertiax.report.calibration import FIGURES, report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.document import calibration_document
@@ -142,6 +144,7 @@ def page(tmp_path_factory) -> tuple[_Page, Path]:
         time=np.arange(500.0), accel=np.random.default_rng(1).normal(size=(500, 3)), name=EVIL
     )
     campaign = Campaign((recording,))
+    result = replace(result, segments=segment_all(campaign.recordings))
     report_calibration(result, folder, f"inertiax calibrate {EVIL}", campaign=campaign)
     return _Page((folder / "report.html").read_text("utf-8")), folder
 

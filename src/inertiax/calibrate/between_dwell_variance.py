@@ -3,7 +3,6 @@
 from typing import TypeAlias
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import chdtri
@@ -40,7 +39,7 @@ def with_provisional_scatter(estimator: AbstractEstimator, dwells: Dwells) -> Ab
     covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"))
     if np.all(np.trace(covariance, axis1=-2, axis2=-1) > _EXACT**2):
         return estimator
-    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(NOMINAL_SIGMA))
+    return eqx.tree_at(lambda e: e.scatter, estimator, np.asarray(NOMINAL_SIGMA))
 
 
 def with_scatter(
@@ -51,11 +50,11 @@ def with_scatter(
     if np.all(sigma > _EXACT) and dof > 0:
         total = float(np.sum(np.square(misfit / sigma)))
         if total <= chdtri(dof, 0.01):
-            return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(0.0))
+            return eqx.tree_at(lambda e: e.scatter, estimator, np.asarray(0.0))
     scatter = excess_deviation(misfit.ravel(), sigma.ravel(), unknowns)
     if float(scatter) < _EXACT and not np.all(sigma > _EXACT):
         return estimator  # exact data without a noise figure: keep the provisional weights
-    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.asarray(float(scatter)))
+    return eqx.tree_at(lambda e: e.scatter, estimator, np.asarray(float(scatter)))
 
 
 def chi2_per_dof(misfit: _Rows, sigma: _Rows, unknowns: int) -> float:

@@ -95,17 +95,17 @@ def _rest_jacobians(
     problem: Problem, coefficients: AnyArray, middle: int, forces: Float[np.ndarray, "rest 3"]
 ) -> Float[np.ndarray, "rest row parameter"]:
     """Residual Jacobians of rests like the dwell `middle` but with each specific force."""
-    # As many dwells as the problem has, so that the program that is there already serves.
-    rows = np.arange(max(len(forces), len(problem.phi))) % len(forces)
-    like = jax.tree.map(lambda x: np.repeat(np.asarray(x)[[middle]], len(rows), 0), problem.dwells)
+    like = jax.tree.map(
+        lambda x: np.repeat(np.asarray(x)[[middle]], len(forces), 0), problem.dwells
+    )
     given = [k for k in ("accel", "reference_accel") if getattr(like, k) is not None]
     rests = eqx.tree_at(
         lambda d: [d.valid, *(getattr(d, k) for k in given)],
         like,
-        [np.ones(len(rows), bool), *[forces[rows]] * len(given)],
+        [np.ones(len(forces), bool), *[forces] * len(given)],
     )
-    vectors = np.repeat(problem.vectors(coefficients)[[middle]], len(rows), 0)
-    return np.asarray(linearise(problem.estimator, vectors, rests)[1])[: len(forces)]
+    vectors = np.repeat(problem.vectors(coefficients)[[middle]], len(forces), 0)
+    return linearise(problem.estimator, vectors, rests).jacobian
 
 
 def _in_axes(direction: Float[np.ndarray, "3"]) -> str:

@@ -11,13 +11,10 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
 
-from .._typing import Scalar
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, with_sigma
-from ..estimators import AbstractEstimator
-from ..physics.temperature import Curve
+from ..calibration.triad import slot
 from .data_coverage import input_of, Judged, orientations, rates, temperatures
 from .goodness_of_fit import (
     ATTENTION,
@@ -223,7 +220,10 @@ def _mistakes(
         return []
     bounds = calibration.temperature_range
     middle = 0.0 if bounds is None else float(np.mean(bounds))
-    matrix = np.asarray(_matrix(estimate.estimator, triad.curve, np.asarray(middle)))
+    (values,), _ = triad.over(np.array([middle]))
+    slots = np.zeros(21)
+    slots[[slot(n) for n in triad.names]] = values
+    matrix = slots[3:12].reshape(3, 3)
     found: list[Finding] = []
     for k, axis in enumerate("xyz"):
         if matrix[k, k] < -0.5:
@@ -238,11 +238,6 @@ def _mistakes(
         text = f"{name}: axis {'xyz'[i]} reads much of axis {'xyz'[j]}; are axes swapped or turned?"
         found.insert(0, _mistake("frame", text))
     return found
-
-
-@eqx.filter_jit  # one program instead of one for each step
-def _matrix(estimator: AbstractEstimator, curve: Curve, temperature: Scalar) -> Float[Array, "3 3"]:
-    return estimator.unpack(curve(temperature)).matrix
 
 
 def _mistake(topic: str, text: str) -> Finding:

@@ -16,10 +16,11 @@ from jaxtyping import Bool, Float
 from .._typing import AnyArray
 from ..calibration.fitted_effects import FittedEffect
 from ..estimators import JointImu, ReferenceAccel
+from ..estimators.host_forms import LinearisedDwells
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.alignment import Alignment, inter_triad
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
-from ..procedure.single_device import Linearised, Problem
+from ..procedure.single_device import Problem
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import (
@@ -251,7 +252,7 @@ def _covariance(
 
 def _split(
     estimator: JointImu,
-    now: Linearised,
+    now: LinearisedDwells,
     seen: tuple[Dwells, Dwells],
     free: Bool[np.ndarray, "size parameter"],
 ) -> tuple[_Part, _Part]:

@@ -2,9 +2,7 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int
 
@@ -92,10 +90,9 @@ def require_observable(
 
     Raises `ValueError` where they do not determine all unknowns, with the combinations that are not seen.
     """
-    per_dwell = eqx.filter_eval_shape(
-        lambda d: estimator.misfit(jnp.zeros(estimator.num_parameters), d)[0], dwells[0]
-    )
-    rows = int(judged(dwells).sum()) * per_dwell.shape[0]
+    problem = Problem(estimator, basis, dwells)
+    ideal = problem.at(np.zeros((basis.size, estimator.num_parameters)))
+    rows = int(judged(dwells).sum()) * ideal.misfit.shape[1]
     if dwells.motion is not None:
         rows += 3 * dwells.num_dwells  # the rates at rest
     unknowns = basis.size * estimator.num_parameters
@@ -107,9 +104,7 @@ def require_observable(
             f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "
             f"for {unknowns} unknowns{temperature}; record more positions in different orientations."
         )
-    problem = Problem(estimator, basis, dwells)
-    normal = problem.normal(problem.at(np.zeros((basis.size, estimator.num_parameters))).jacobian)
-    seen = judge_normal(normal, estimator.names, basis.size)
+    seen = judge_normal(problem.normal(ideal.jacobian), estimator.names, basis.size)
     if seen.rank < seen.unknowns:
         raise ValueError(
             f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "

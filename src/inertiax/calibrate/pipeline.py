@@ -146,6 +146,7 @@ def calibrate_device(
         tuple(warnings),
         found_odd,
         handling,
+        segments,
     )
 
 

@@ -12,6 +12,7 @@ from ..plausibility import Finding
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
 from ..reduction.handling import Disturbance
+from ..reduction.segments import Segments
 from .observability import Observability
 
 
@@ -51,6 +52,7 @@ class DeviceResult(eqx.Module):
     warnings: tuple[str, ...] = eqx.field(static=True)
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
     handling: tuple[Disturbance, ...] = ()  # where rests were disturbed
+    segments: tuple[Segments, ...] = ()  # of each recording
 
 
 class DeviceFailure(eqx.Module):

@@ -3,13 +3,12 @@
 import re
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..physics.temperature import AbstractBasis, Curve
+from ..physics.temperature import Curve
 
 
 _SLOT = re.compile(
@@ -95,15 +94,8 @@ class TriadCalibration(eqx.Module):
         self, temperatures: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n parameters"], Float[np.ndarray, "n parameters"]]:
         """The named parameters and their 1-sigma at many temperatures (°C), computed on the host."""
-        phi = np.asarray(_basis_values(self.curve.basis, temperatures))
+        phi = self.curve.basis.rows(np.asarray(temperatures, float))
         size, count = phi.shape[1], len(self.names)
         blocks = np.asarray(self.covariance).reshape(size, count, size, count)
         variances = np.einsum("ta,aibi,tb->ti", phi, blocks, phi)
         return phi @ np.asarray(self.curve.coefficients), np.sqrt(variances)
-
-
-@eqx.filter_jit
-def _basis_values(
-    basis: AbstractBasis, temperatures: Float[AnyArray, " n"]
-) -> Float[Array, "n size"]:
-    return jax.vmap(basis)(jnp.asarray(temperatures))

@@ -12,6 +12,7 @@ polynomial of degree 6 well conditioned; powers of T appear only on export.
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -45,6 +46,15 @@ class AbstractBasis(eqx.Module):
         Raises `ValueError` for an array of temperatures.
         """
 
+    def rows(self, temperature: Float[np.ndarray, " row"]) -> Float[np.ndarray, "row size"]:
+        """Values at many temperatures, °C, on the host; bases override it where NumPy spares a compilation."""
+        return np.asarray(_rows(self, temperature))
+
+
+@eqx.filter_jit
+def _rows(basis: AbstractBasis, temperature: Float[AnyArray, " row"]) -> Float[Array, "row size"]:
+    return jax.vmap(basis)(temperature)
+
 
 def _one(temperature: Scalar | float) -> Float[Array, ""]:
     """The temperature as a real array of no axes."""
@@ -76,6 +86,9 @@ class Constant(AbstractBasis):
         # Built from the temperature so that the dtype follows it; never looks at its value, so a
         # recording without a probe may carry anything here.
         return jnp.ones((1,), _one(temperature).dtype)
+
+    def rows(self, temperature: Float[np.ndarray, " row"]) -> Float[np.ndarray, "row size"]:
+        return np.ones((len(temperature), 1))
 
 
 class Polynomial(AbstractBasis):
@@ -131,6 +144,9 @@ class Polynomial(AbstractBasis):
         for _ in range(2, self.size):
             values.append(2.0 * x * values[-1] - values[-2])  # T_k = 2 x T_{k-1} - T_{k-2}
         return jnp.stack(values[: self.size])
+
+    def rows(self, temperature: Float[np.ndarray, " row"]) -> Float[np.ndarray, "row size"]:
+        return chebyshev_rows(temperature, self.degree, float(self.low), float(self.high))
 
 
 def chebyshev_rows(

@@ -55,8 +55,7 @@ def parameter_curves(triad: TriadCalibration, temperature_range: tuple[float, fl
 
 def constant_parameters(triad: TriadCalibration) -> Figure:
     """Parameters without temperature dependence: values with 95 % intervals, a panel per family."""
-    values = np.asarray(triad.curve(0.0))
-    sigmas = np.asarray(triad.standard_deviations(0.0))
+    (values,), (sigmas,) = triad.over(np.zeros(1))
     families = _families(triad.names)
     figure, axes = _panels(len(families), height=2.5)
     for ax, (title, members) in zip(axes, families.items(), strict=False):

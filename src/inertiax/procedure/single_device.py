@@ -1,12 +1,13 @@
 """The procedures for one device at a time, driven from the host.
 
 `thermal_iterations.iterate` and `joint_fit` compile the whole loop into one program, which pays for fleets and for
-derivatives of the answer, but takes ten seconds and more to compile. The same passes run here one by one:
-a compiled function linearises all dwells, and `numerics.gauss_newton` takes the steps. Dwells are padded to a few
-lengths, so that recordings of about the same size share those programs (and the cache of compiled code).
-"""
+derivatives of the answer, but takes ten seconds and more to compile. The same passes run here one by one: all dwells
+are linearised at once, and `numerics.gauss_newton` takes the steps.
 
-from typing import NamedTuple
+Estimators with a NumPy form (`estimators.host_forms`) are linearised by it, in 64 bits whatever JAX is set to. Others,
+such as a user's own, are compiled; their dwells are padded to a few lengths, so that recordings of about the same
+size share those programs (and the cache of compiled code).
+"""
 
 import equinox as eqx
 import jax
@@ -17,21 +18,13 @@ from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
+from ..estimators.host_forms import host_form, LinearisedDwells
 from ..numerics.gauss_newton import solve_on_host
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import Dwells
 from .rank import has_full_rank
 from .thermal_iterations import GaussNewtonIteration, ThermalSolution
-
-
-class Linearised(NamedTuple):
-    """Every dwell at its own parameters; rows of padding are zero."""
-
-    residual: Float[np.ndarray, "dwell row"]  # whitened
-    jacobian: Float[np.ndarray, "dwell row parameter"]  # of it
-    misfit: Float[np.ndarray, "dwell misfit"]  # SI units
-    sigma: Float[np.ndarray, "dwell misfit"]  # of it, by the dwells' own noise
 
 
 class Problem:
@@ -41,23 +34,27 @@ class Problem:
         self.estimator = estimator
         self.basis = basis
         self.num_dwells = dwells.num_dwells
-        self.dwells = padded(dwells)
-        self.phi = np.asarray(_basis_values(basis, self.dwells.temperature))
-        self.at_nodes = np.asarray(_basis_values(basis, np.asarray(basis.nodes)))
+        self.dwells = _prepared(estimator, dwells)
+        self.phi = basis.rows(np.asarray(self.dwells.temperature))
+        self.at_nodes = basis.at_nodes
 
     def vectors(self, coefficients: AnyArray) -> Float[np.ndarray, "dwell parameter"]:
         """Each dwell's parameters, θ(T) = φ(T) C."""
         return self.phi @ np.asarray(coefficients)
 
-    def at(self, coefficients: AnyArray, dwells: Dwells | None = None) -> Linearised:
+    def at(self, coefficients: AnyArray, dwells: Dwells | None = None) -> LinearisedDwells:
         """Linearised at a curve's coefficients; `dwells` may stand in for the problem's own."""
         dwells = self.dwells if dwells is None else dwells
         parts = linearise(self.estimator, self.vectors(coefficients), dwells)
-        return Linearised(*(np.asarray(part)[: self.num_dwells] for part in parts))
+        return LinearisedDwells(*(part[: self.num_dwells] for part in parts))
 
     def start(self) -> Float[np.ndarray, "size parameter"]:
         """Block 2: a curve constant over temperature at the closed-form start."""
-        vector = np.asarray(_start_vector(self.estimator, self.dwells))
+        form = host_form(self.estimator)
+        start = (
+            _start_vector(self.estimator, self.dwells) if form is None else form.start(self.dwells)
+        )
+        vector = np.asarray(start)
         return self.interpolated(np.tile(vector, (self.basis.size, 1)))
 
     def interpolated(
@@ -104,8 +101,15 @@ class Problem:
 
     def compensated(self, coefficients: AnyArray) -> Dwells:
         """The dwells (without padding) refined with a curve's coefficients, block 3."""
-        refined = _compensate(self.estimator, self.vectors(coefficients), self.dwells)
+        refined = self.refined(coefficients)
         return jax.tree.map(lambda x: np.asarray(x)[: self.num_dwells], refined)
+
+    def refined(self, coefficients: AnyArray) -> Dwells:
+        """As `compensated`, with the padding."""
+        vectors, form = self.vectors(coefficients), host_form(self.estimator)
+        if form is not None:
+            return form.compensate(vectors, self.dwells)
+        return _compensate(self.estimator, vectors, self.dwells)
 
     def normal(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
         """JᵀJ with respect to the coefficients, row-major (size, parameters)."""
@@ -143,7 +147,7 @@ def iterate_one(
     sigma = np.where(np.isfinite(sigma), sigma, 1.0)
     history, steps = [coefficients], [np.nan]
     while len(history) <= max_iterations and not steps[-1] < tolerance:
-        refined = _compensate(estimator, problem.vectors(coefficients), problem.dwells)
+        refined = problem.refined(coefficients)
         correction, _, _ = problem.solve(np.zeros_like(coefficients), refined)
         new = _composed(problem, coefficients, correction)
         steps.append(float(np.max(np.abs(new - coefficients) / sigma)))
@@ -189,15 +193,26 @@ def padded(dwells: Dwells) -> Dwells:
     return eqx.tree_at(lambda d: d.valid, result, valid)
 
 
-@eqx.filter_jit
-def _basis_values(basis: AbstractBasis, temperature: Float[AnyArray, " node"]) -> Array:
-    return jax.vmap(basis)(temperature)
+def linearise(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -> LinearisedDwells:
+    """Residuals, their Jacobians, misfits and sigmas of dwells, each at its own parameters (dwell, parameter)."""
+    form, vectors = host_form(estimator), np.asarray(vectors, float)
+    if form is not None:
+        return form.linearise(vectors, dwells)
+    longer = padded(dwells)
+    own = vectors[np.minimum(np.arange(longer.num_dwells), len(vectors) - 1)]
+    parts = _compiled(estimator, own, longer)
+    return LinearisedDwells(*(np.asarray(x)[: len(vectors)] for x in parts))
+
+
+def _prepared(estimator: AbstractEstimator, dwells: Dwells) -> Dwells:
+    """Dwells as NumPy arrays; padded where a program is compiled for their number."""
+    if host_form(estimator) is None:
+        return padded(dwells)
+    return jax.tree.map(np.asarray, dwells)
 
 
 @eqx.filter_jit
-def linearise(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -> tuple[Array, ...]:
-    """Residuals, their Jacobians, misfits and sigmas of dwells, each at its own parameters (dwell, parameter);
-    see `Linearised`."""
+def _compiled(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -> tuple[Array, ...]:
 
     def one(vector: Array, dwell: Dwells) -> tuple[Array, ...]:
         def rows(v: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -230,8 +245,11 @@ def _composed(
     problem: Problem, first: np.ndarray, second: np.ndarray
 ) -> Float[np.ndarray, "size parameter"]:
     """Equation (6) at the basis' nodes."""
-    at_nodes = problem.at_nodes
-    composed = _compose(problem.estimator, at_nodes @ first, at_nodes @ second)
+    form, values = (
+        host_form(problem.estimator),
+        (problem.at_nodes @ first, problem.at_nodes @ second),
+    )
+    composed = _compose(problem.estimator, *values) if form is None else form.compose(*values)
     return problem.interpolated(np.asarray(composed))
 
 
@@ -247,13 +265,13 @@ def _solution(
 ) -> ThermalSolution:
     done = optx.RESULTS.successful if converged else optx.RESULTS.nonlinear_max_steps_reached
     return ThermalSolution(
-        curve=Curve(problem.basis, jnp.asarray(coefficients)),
-        covariance=jnp.asarray(problem.covariance(coefficients)),
-        residuals=jnp.asarray(problem.at(coefficients).residual),
+        curve=Curve(problem.basis, coefficients),
+        covariance=problem.covariance(coefficients),
+        residuals=problem.at(coefficients).residual,
         result=done,
-        num_iterations=jnp.asarray(num_iterations),
-        history=jnp.asarray(history),
-        step_sizes=jnp.asarray(steps),
+        num_iterations=np.asarray(num_iterations),
+        history=history,
+        step_sizes=steps,
         method=method,
     )
 

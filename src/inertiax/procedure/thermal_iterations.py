@@ -23,6 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
@@ -52,7 +53,8 @@ class ThermalSolution(eqx.Module):
     @property
     def succeeded(self) -> Bool[AnyArray, " *batch"]:
         """Whether it converged with finite numbers and a Jacobian of full rank by the rule of `rank`."""
-        regular = jnp.all(jnp.isfinite(jnp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
+        xp = np if isinstance(self.covariance, np.ndarray) else jnp
+        regular = xp.all(xp.isfinite(xp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
         return (self.result == optx.RESULTS.successful) & regular
 
 

@@ -14,7 +14,7 @@ from ..data.recording import Campaign
 from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.style import drawing
-from ..reduction.segments import rests_are_searched, segment
+from ..reduction.segments import rests_are_searched
 from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
@@ -202,9 +202,10 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
                 figure = plots.coverage(directions)
                 figures.append(picture(figure, folder, "coverage", caption, caption))
             break
-    searched = [] if campaign is None else [r for r in campaign.recordings if rests_are_searched(r)]
-    if searched:
-        found = [segment(r) for r in searched]
+    recordings = () if campaign is None else campaign.recordings
+    pairs = [p for p in zip(recordings, result.segments) if rests_are_searched(p[0])]
+    if pairs:
+        searched, found = zip(*pairs)
         lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
         caption = "Raw outputs with the rests that were found (shaded)."
         with drawing():

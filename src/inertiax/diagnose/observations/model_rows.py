@@ -258,19 +258,10 @@ def _linearised(
     form, estimator = model.form, model.estimator
     place = [form.names.index(n) for n in estimator.names]
     vectors = basis @ model.coefficients[place].T
-    count = len(vectors)
-    padded = _bucket(count)
-    index = np.minimum(np.arange(padded), count - 1)
-    longer = jax.tree.map(lambda x: np.asarray(x)[index], dwells)
-    residual, jacobian, _, _ = linearise(estimator, vectors[index], longer)
-    full = np.zeros((count, residual.shape[1], len(form.names)))
-    full[:, :, place] = np.asarray(jacobian)[:count]
-    return np.asarray(residual)[:count], full
-
-
-def _bucket(count: int) -> int:
-    """The next of 64, 128, 256, …: few lengths, so that campaigns share compiled programs."""
-    return max(64, 1 << (count - 1).bit_length())
+    now = linearise(estimator, vectors, dwells)
+    full = np.zeros((*now.residual.shape, len(form.names)))
+    full[:, :, place] = now.jacobian
+    return now.residual, full
 
 
 def _as_dwells(

@@ -1,0 +1,206 @@
+"""Gravity's rotation between rests: `GravityRotation`.
+
+A direction u is carried through the steps of a motion, u ← Rₖ u with Rₖ = exp(−[φₖ]×). To first order a change of the
+step's rotation vector turns the end by
+
+    δu = u × Σₖ Pₖ J(−φₖ) δφₖ,   Pₖ = Rₙ … Rₖ₊₁,
+
+with J the left Jacobian of the rotation group. Rates change by −(E + Θ)⁻¹ eᵢ x, where the parameter acts on output i
+through x: 1, a component of the compensated rate, or of the force in g.
+
+**Reference:** Solà, Deray, Atchuthan, *A micro Lie theory for state estimation in robotics*, arXiv:1812.01537, eq. 145.
+"""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...reduction.dwells import Dwells
+from ...reduction.motions import Motions
+from .form import AbstractHostForm, LinearisedDwells, Vectors, whitening
+from .layout import TriadErrors
+
+
+_SAMPLES_AT_ONCE = 100_000  # of motions; about 60 MB of rotations and their derivatives
+
+
+class GravityRotationOnHost(AbstractHostForm):
+    """Rates at rest, and the tilt of gravity after each motion."""
+
+    def linearise(self, vectors: Vectors, dwells: Dwells) -> LinearisedDwells:
+        errors, motion = self.layout.unpack(vectors), _motion(dwells)
+        force = self.force(dwells) / self.gravity
+        at_rest = np.asarray(dwells.gyro) - errors.bias
+        at_rest -= np.einsum("nij,nj->ni", errors.g_sensitivity, force)
+        still = whitening(np.asarray(dwells.gyro_covariance), 0.0)
+        inputs = self.layout.inputs(np.zeros_like(force), force)
+        tilt, slope = self._tilts(errors, dwells)
+        covariance = _tilt_covariance(dwells)
+        moved = whitening(covariance, self.scatter)
+        moved = np.where(np.asarray(motion.valid)[:, None, None], moved, 0.0)
+        rows = [np.einsum("nij,nj->ni", w, r) for w, r in ((still, at_rest), (moved, tilt))]
+        jacobian = [-still[:, :, self.layout.output] * inputs[:, None, :], moved @ slope]
+        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        return self.weighed(
+            dwells, np.concatenate(rows, axis=1), np.concatenate(jacobian, axis=1), tilt, sigma
+        )
+
+    def start(self, dwells: Dwells) -> Float[np.ndarray, " parameter"]:
+        mean = np.asarray(dwells.gyro)[np.asarray(dwells.valid)].mean(axis=0)
+        return self.layout.pack(mean[None], np.zeros((1, 3, 3)), np.zeros((1, 3, 3)))[0]
+
+    def compensate(self, vectors: Vectors, dwells: Dwells) -> Dwells:
+        refined = super().compensate(vectors, dwells)
+        rates = self._rates(self.layout.unpack(vectors), _motion(dwells))
+        return eqx.tree_at(lambda d: d.motion.gyro, refined, rates)
+
+    def _rates(self, errors: TriadErrors, motion: Motions) -> Float[np.ndarray, "dwell sample 3"]:
+        """Compensated rates while the device moves, rad/s: equation (3)."""
+        rate = np.asarray(motion.gyro) - errors.bias[:, None]
+        if motion.force is not None:
+            d = errors.g_sensitivity / self.gravity
+            rate = rate - np.asarray(motion.force) @ np.swapaxes(d, 1, 2)
+        return rate @ np.swapaxes(np.linalg.inv(np.eye(3) + errors.matrix), 1, 2)
+
+    def _tilts(
+        self, errors: TriadErrors, dwells: Dwells
+    ) -> tuple[Float[np.ndarray, "dwell 2"], Float[np.ndarray, "dwell 2 parameter"]]:
+        """The two angles of `gravity_rotation.tilt`, rad, and their Jacobian; few motions at a time."""
+        samples = np.shape(_motion(dwells).gyro)[1]
+        chunk = max(_SAMPLES_AT_ONCE // samples, 1)
+        parts = [
+            self._tilts_of(TriadErrors(*(x[a : a + chunk] for x in errors)), dwells[a : a + chunk])
+            for a in range(0, dwells.num_dwells, chunk)
+        ]
+        tilt, slope = zip(*parts, strict=True)
+        return np.concatenate(tilt), np.concatenate(slope)
+
+    def _tilts_of(
+        self, errors: TriadErrors, dwells: Dwells
+    ) -> tuple[Float[np.ndarray, "dwell 2"], Float[np.ndarray, "dwell 2 parameter"]]:
+        motion = _motion(dwells)
+        rates = self._rates(errors, motion)
+        force = np.zeros_like(rates) if motion.force is None else np.asarray(motion.force)
+        inputs = self.layout.inputs(rates, force / self.gravity)
+        turn, by_input = _carried(rates, np.asarray(motion.step), inputs)
+        refine = np.linalg.inv(np.eye(3) + errors.matrix)
+        start, end = _unit(motion.start_force), _unit(dwells.accel)
+        predicted = np.einsum("nij,nj->ni", turn, start)
+        turned = np.einsum("npij,njp->nip", by_input, refine[:, :, self.layout.output])
+        moved = np.cross(predicted[:, :, None], turned, axis=1)
+        across, along = _across(end), 1.0 + np.einsum("ni,ni->n", end, predicted)
+        tilt = 2.0 * np.einsum("nki,ni->nk", across, predicted) / along[:, None]
+        slope = 2.0 * across @ moved
+        slope -= tilt[:, :, None] * np.einsum("ni,nip->np", end, moved)[:, None, :]
+        return tilt, slope / along[:, None, None]
+
+
+def _carried(
+    rates: Float[np.ndarray, "dwell sample 3"],
+    step: Float[np.ndarray, "dwell step"],
+    inputs: Float[np.ndarray, "dwell sample parameter"],
+) -> tuple[Float[np.ndarray, "dwell 3 3"], Float[np.ndarray, "dwell parameter 3 3"]]:
+    """The whole motion's rotation, and −Σ Pₖ J(−φₖ) ∂φₖ/∂ωₖ xₖ for each parameter's inputs x."""
+    first, second, h = rates[:, :-1], rates[:, 1:], step[..., None, None]
+    angle = 0.5 * step[..., None] * (first + second)
+    angle += step[..., None] ** 2 / 12.0 * np.cross(first, second)
+    rotation, jacobian = _rotation(-angle)
+    after, whole = _suffix_products(rotation)
+    moved = after @ jacobian
+    half, coning = 0.5 * h * np.eye(3), h**2 / 12.0
+    before = moved @ (half - coning * _cross_matrix(second))
+    behind = moved @ (half + coning * _cross_matrix(first))
+    count = inputs.shape[-1]
+    flat = lambda m: m.reshape(*m.shape[:2], 9)
+    summed = np.swapaxes(inputs[:, :-1], 1, 2) @ flat(before)
+    summed += np.swapaxes(inputs[:, 1:], 1, 2) @ flat(behind)
+    return whole, -summed.reshape(len(rates), count, 3, 3)
+
+
+def _rotation(
+    angle: Float[np.ndarray, "dwell step 3"],
+) -> tuple[Float[np.ndarray, "dwell step 3 3"], Float[np.ndarray, "dwell step 3 3"]]:
+    """exp([φ]×) and the left Jacobian of rotation vectors, by the series of `motions.rotate`."""
+    s = np.sum(np.square(angle), axis=-1)[..., None, None]
+    sine = 1.0 + s / -6.0 * (1.0 + s / -20.0 * (1.0 + s / -42.0 * (1.0 + s / -72.0)))
+    cosine = 0.5 * (1.0 + s / -12.0 * (1.0 + s / -30.0 * (1.0 + s / -56.0 * (1.0 + s / -90.0))))
+    third = (1.0 + s / -20.0 * (1.0 + s / -42.0 * (1.0 + s / -72.0))) / 6.0  # (θ − sin θ) / θ³
+    once = _cross_matrix(angle)
+    twice = once @ once
+    return np.eye(3) + sine * once + cosine * twice, np.eye(3) + cosine * once + third * twice
+
+
+def _suffix_products(
+    rotation: Float[np.ndarray, "dwell step 3 3"],
+) -> tuple[Float[np.ndarray, "dwell step 3 3"], Float[np.ndarray, "dwell 3 3"]]:
+    """Rₙ … Rₖ₊₁ for every step k, and the product of all.
+
+    In blocks of about √n steps, all blocks side by side, so that Python runs 2 √n products instead of n.
+    """
+    count, steps = rotation.shape[:2]
+    length = int(np.ceil(np.sqrt(steps)))
+    blocks = -(-steps // length)
+    padded = np.broadcast_to(np.eye(3), (count, blocks * length, 3, 3)).copy()
+    padded[:, :steps] = rotation
+    padded = padded.reshape(count, blocks, length, 3, 3)
+    inside, ends = _suffix_one_by_one(padded, axis=2)
+    beyond, whole = _suffix_one_by_one(ends, axis=1)
+    products = beyond[:, :, None] @ inside
+    return products.reshape(count, blocks * length, 3, 3)[:, :steps], whole
+
+
+def _suffix_one_by_one(
+    rotation: Float[np.ndarray, "..."], *, axis: int
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    ordered = np.moveaxis(rotation, axis, 0)
+    products = np.empty_like(ordered)
+    running = np.broadcast_to(np.eye(3), ordered.shape[1:])
+    for k in range(len(ordered) - 1, -1, -1):
+        products[k] = running
+        running = running @ ordered[k]
+    return np.moveaxis(products, 0, axis), running
+
+
+def _tilt_covariance(dwells: Dwells) -> Float[np.ndarray, "dwell 2 2"]:
+    """Of the tilt, rad²: both directions (the first one's taken alike about all axes) and the integrated rate."""
+    motion = _motion(dwells)
+    end = _across_covariance(dwells.accel, dwells.accel_covariance)
+    start = _across_covariance(motion.start_force, motion.start_covariance)
+    alike = 0.5 * np.trace(start, axis1=1, axis2=2) + np.asarray(motion.noise)
+    return end + alike[:, None, None] * np.eye(2)
+
+
+def _across_covariance(force, covariance) -> Float[np.ndarray, "dwell 2 2"]:
+    force = np.asarray(force)
+    if covariance is None:
+        return np.zeros((len(force), 2, 2))
+    basis = _across(_unit(force))
+    square = np.sum(np.square(force), axis=1)[:, None, None]
+    return basis @ np.asarray(covariance) @ np.swapaxes(basis, 1, 2) / square
+
+
+def _across(direction: Float[np.ndarray, "dwell 3"]) -> Float[np.ndarray, "dwell 2 3"]:
+    """Two unit vectors that are perpendicular to a unit vector and to each other."""
+    axis = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
+    first = _unit(np.cross(direction, axis))
+    return np.stack([first, np.cross(direction, first)], axis=1)
+
+
+def _unit(vector) -> Float[np.ndarray, "dwell 3"]:
+    vector = np.asarray(vector)
+    return vector / np.linalg.norm(vector, axis=1, keepdims=True)
+
+
+def _cross_matrix(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """[v]× with [v]× w = v × w."""
+    result = np.zeros((*vector.shape, 3))
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -z, y, -x
+    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = z, -y, x
+    return result
+
+
+def _motion(dwells: Dwells) -> Motions:
+    # Dwells for this estimator carry motions; `with_motions` says so where they cannot.
+    assert dwells.motion is not None
+    return dwells.motion
