@@ -14,7 +14,7 @@ SOURCE = Path(inertiax.__file__).parent
 FOLDERS = """_typing storage
 physics numerics data reduction campaign_draft plausibility effects estimators procedure allan model_selection
 calibration calibrate simulate analysis navigation design diagnose exports fleet live plots
-report cli __main__""".split()
+report protocol cli __main__""".split()
 
 # The same inside the folders that have stages of their own.
 STAGES = {

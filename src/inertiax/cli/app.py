@@ -26,6 +26,7 @@ from . import (
     learn_noise,
     live,
     noise,
+    protocol,
     simulate,
 )
 
@@ -50,6 +51,7 @@ app.command("init")(init.init)
 app.command("learn-noise")(learn_noise.learn_noise)
 app.command("live")(live.live)
 app.command("noise")(noise.noise)
+app.command("protocol")(protocol.protocol)
 app.command("simulate")(simulate.simulate)
 
 

@@ -109,6 +109,9 @@ def write_results(
     """Write everything; the folder of each device, relative to `output` ("" = itself)."""
     from ..calibrate.pipeline import DeviceResult
     from ..calibration.calibration import write_calibration
+    from ..protocol.inputs import campaign_inputs
+    from ..protocol.make_record import record_of
+    from ..protocol.record import write_record
     from ..report.calibration import FIGURES, report_calibration, report_summary
 
     done = [r for r in results if isinstance(r, DeviceResult)]
@@ -117,14 +120,17 @@ def write_results(
     devices = tuple(campaign.devices)
     folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
     command = command_line()
+    inputs = campaign_inputs(campaign.path)
     replaces = tuple(str(Path(f) / n) for f in folders.values() for n in FIGURES)
     with outputs.staged_folder(output, replaces=replaces) as staging:
         for result in done:
             device = result.calibration.device
             stages(f"writing the report{f' of device {device}' if device else ''}")
             folder = staging / folders[device]
+            own = campaign.of_device(device)
             write_calibration(result.calibration, folder / "calibration.json")
-            report_calibration(result, folder, command, campaign=campaign.of_device(device))
+            write_record(record_of(result, own, folder, command, inputs), folder)
+            report_calibration(result, folder, command, campaign=own)
         if len(devices) > 1:
             from ..report.document import calibration_document
 

@@ -78,10 +78,14 @@ def _diagnose_all(
     from ..calibration.calibration import read_calibration, write_calibration
     from ..diagnose import diagnose_campaign
     from ..diagnose.noise.type_noise_file import read_noise
+    from ..protocol.inputs import campaign_inputs
+    from ..protocol.make_record import diagnosis_record
+    from ..protocol.record import write_record
     from ..report.diagnosis import report_diagnosis
 
     known = None if calibration is None else read_calibration(calibration)
     of_type = None if noise is None else read_noise(noise)
+    inputs = campaign_inputs(campaign.path)
     outcomes: dict[str, Diagnosis | str] = {}
     for device, name in folders.items():
         one = campaign.of_device(device)
@@ -98,6 +102,9 @@ def _diagnose_all(
         folder = staging / name
         found.save(folder / "diagnosis.json")
         write_calibration(augmented, folder / "calibration.json")
+        write_record(
+            diagnosis_record(found, augmented, one, folder, command_line(), inputs), folder
+        )
         report_diagnosis(found, folder, command_line(), campaign=one)
         outcomes[device] = found
     return outcomes

@@ -118,6 +118,7 @@ def _calibrated(
     """The diagnosis with the calibration that belongs to it: of the augmented model where effects were named and
     nothing is left unexplained, else as it was before."""
     plain = problem.plain.calibration
+    found = replace(found, estimate=problem.plain)
     if found.verdict != "missing-physics":
         return found, plain
     log = problem.log
@@ -128,10 +129,11 @@ def _calibrated(
         f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.statement}" for e in found.effects
     ]
     try:
-        return found, augmented_calibration(problem, named, further, notes)
+        beside, estimate = augmented_calibration(problem, named, further, notes)
     except ValueError as error:
         why = f"calibration.json is that of the plain model, since beside the named effects {error}"
         return replace(found, notes=(*found.notes, why)), plain
+    return replace(found, estimate=estimate), beside
 
 
 def diagnose(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import equinox as eqx
 
+from ..calibrate.results import DeviceResult
 from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding, statements
 from ..reduction.handling import Disturbance
@@ -98,6 +99,9 @@ class Diagnosis(eqx.Module):
     audit: Audit | None = None
     model: ModelSpec | None = eqx.field(static=True, default=None)  # that was judged
     residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
+    estimate: DeviceResult | None = (
+        None  # behind the calibration, for records; not part of the file
+    )
 
     def as_dict(self) -> dict:
         """The fields of `diagnosis.json`."""

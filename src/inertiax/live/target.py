@@ -58,7 +58,7 @@ class Target:
 
         `None` where it may be anything.
         """
-        found = [limit for name, limit in self.limits if _names(name, parameter)]
+        found = [limit for name, limit in self.limits if covers(name, parameter)]
         return found[-1] if found else None
 
     def asks_for(self, triad: str) -> bool:
@@ -81,8 +81,16 @@ def parse_target(text: str) -> Target:
                 f'target "{entry}": write a name, "=" and a limit with its unit, such as '
                 '"accel.bias=0.3 mg, accel.scale=200 ppm".'
             )
-        limits.append((_known_name(name, entry), _amount(name, amount, entry)))
+        limits.append((name, parse_limit(name, amount, f'target "{entry}"')))
     return Target(text.strip(), tuple(limits))
+
+
+def parse_limit(name: str, amount: str, where: str) -> float:
+    """A limit such as "0.3 mg" of a family or a parameter, in m/s², rad/s, 1 or rad.
+
+    Raises `ValueError`, one line that begins with `where`, for an unknown name or unit, or a limit not above zero.
+    """
+    return _amount(_known_name(name, where), amount, where)
 
 
 def kind_of(parameter: str) -> str:
@@ -95,27 +103,27 @@ def kind_of(parameter: str) -> str:
     return "scale" if found[5] == found[6] else "misalignment"
 
 
-def _known_name(name: str, entry: str) -> str:
+def _known_name(name: str, where: str) -> str:
     groups = [f"{triad}.{kind}" for triad in ("accel", "gyro") for kind in _KINDS]
     if name in groups or _NAME.fullmatch(name):
         return name
     raise ValueError(
-        f'target "{entry}": {name!r} is no parameter; {nearest(name, groups)}one of {", ".join(groups)}, or one '
+        f"{where}: {name!r} is no parameter; {nearest(name, groups)}one of {', '.join(groups)}, or one "
         "element such as accel.bias[0] or gyro.matrix[2,1]."
     )
 
 
-def _amount(name: str, amount: str, entry: str) -> float:
+def _amount(name: str, amount: str, where: str) -> float:
     units = _units(name)
     found = _AMOUNT.fullmatch(amount)
     if found is None:
         raise ValueError(
-            f'target "{entry}": {amount!r} is no number with a unit; units of {name} are {", ".join(units)}.'
+            f"{where}: {amount!r} is no number with a unit; units of {name} are {', '.join(units)}."
         )
     unit = found[2]
     if unit not in units:
         raise ValueError(
-            f'target "{entry}": unit {unit!r} does not belong to {name}; {nearest(unit, units)}use one of '
+            f"{where}: unit {unit!r} does not belong to {name}; {nearest(unit, units)}use one of "
             f"{', '.join(units)}."
         )
     try:
@@ -123,7 +131,7 @@ def _amount(name: str, amount: str, entry: str) -> float:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f'target "{entry}": the limit must be a number above 0.')
+        raise ValueError(f"{where}: the limit must be a number above 0.")
     return value * units[unit]
 
 
@@ -136,9 +144,10 @@ def _units(name: str) -> dict[str, float]:
     return _RATIO if kind == "scale" else _ANGLE
 
 
-def _names(name: str, parameter: str) -> bool:
+def covers(name: str, parameter: str) -> bool:
+    """Whether a name, of a family such as `accel.scale` or of an element, includes a parameter."""
     triad, _, kind = name.partition(".")
-    if not parameter.startswith(f"{triad}."):
+    if not parameter.startswith(f"{triad}.") or _NAME.fullmatch(parameter) is None:
         return False
     if "[" in kind:
         return name == parameter

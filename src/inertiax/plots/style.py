@@ -154,3 +154,9 @@ def _styles_once(svg: str) -> str:
             rules.append(f".{name}{{{style}}}")
     head = svg.index(">", svg.index("<svg")) + 1
     return f"{svg[:head]}<style>{''.join(rules)}</style>{svg[head:]}"
+
+
+def font_files() -> dict[str, Path]:
+    """Files of the figures' font by style ("", "B"), for documents that stand beside them."""
+    folder = Path(mpl.get_data_path()) / "fonts" / "ttf"
+    return {"": folder / "DejaVuSans.ttf", "B": folder / "DejaVuSans-Bold.ttf"}

@@ -44,7 +44,7 @@ def _device(
         "status": "calibrated",
         "calibration": str(folder / "calibration.json"),
         "report": str(folder / "report.html"),
-        "temperature_range": list(calibration.temperature_range or ()) or None,
+        "temperature_range": [float(t) for t in calibration.temperature_range or ()] or None,
         "temperature": at if known else None,
         "model": result.model.document(),
         "choices": list(result.choices),

@@ -16,7 +16,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...calibrate.pipeline import calibrate_device
+from ...calibrate.pipeline import calibrate_device, DeviceResult
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect
 from ...effects import addition
@@ -36,8 +36,9 @@ class Beside:
 
 def augmented_calibration(
     problem: Problem, named: Sequence[Beside], further: Sequence[FittedEffect], notes: Sequence[str]
-) -> Calibration:
-    """The calibration of the campaign beside the named effects.
+) -> tuple[Calibration, DeviceResult]:
+    """The calibration of the campaign beside the named effects, and the estimate behind it, which is without their
+    uncertainty.
 
     **Arguments:** `further` are effects that the problem's campaign was freed from before, such as a delay.
     Raises `ValueError` where the campaign without the effects cannot be calibrated.
@@ -46,17 +47,19 @@ def augmented_calibration(
     for one in named:
         log = _without(log, one)
     campaign = with_outputs(problem.campaign, log)
-    found = calibrate_device(campaign, model=problem.plain.model, checked=True).calibration
+    estimate = calibrate_device(campaign, model=problem.plain.model, checked=True)
+    found = estimate.calibration
     for one in named:
         triad = one.prepared.form.triad
         widened = _widened(getattr(found, triad), one)
         found = eqx.tree_at(lambda c, t=triad: getattr(c, t), found, widened)
     stored = (effect for one in named for effect in one.stored)
-    return replace(
+    named_beside = replace(
         found,
         notes=(*problem.plain.calibration.notes, *notes),
         effects=(*found.effects, *stored, *further),
     )
+    return named_beside, estimate
 
 
 def _without(log: Log, one: Beside) -> Log:

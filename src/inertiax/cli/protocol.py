@@ -1,0 +1,114 @@
+"""`inertiax protocol`: what was measured, how well, against which requirements; to read, to sign, for programs."""
+
+from pathlib import Path
+from typing import Annotated, TYPE_CHECKING
+
+import typer
+
+from . import console, environment, outputs
+from .calibrate import AsJson, command_line, OutputFolder, Quiet
+
+
+if TYPE_CHECKING:
+    from ..protocol.protocol import Protocol
+
+
+def protocol(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT",
+            exists=True,
+            file_okay=False,
+            help="Folder that `calibrate`, `diagnose` or `fleet` wrote.",
+        ),
+    ],
+    output: OutputFolder,
+    requirements: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help='TOML with limits under [requirements], such as "accel.bias" = "0.3 mg".',
+        ),
+    ] = None,
+    station: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="TOML with [station] (name, operator, gravity_uncertainty, …) and [device] (manufacturer, model).",
+        ),
+    ] = None,
+    operator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Who measured; goes before the station's.")
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="T,T,...",
+            help="Temperatures, °C, of the results; default: both ends and the middle of the calibrated range.",
+        ),
+    ] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(metavar="SERIAL", help="Which device, where RESULT holds several."),
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the protocol of a calibration: protocol.html, protocol.pdf, protocol.json and dcc.xml.
+
+    Results have expanded uncertainties with their budget by source; requirements are decided with a guard band. Exit
+    status 0 whatever the decisions are.
+    """
+    outputs.require_folder(output)
+    if output.resolve() == result.resolve():
+        raise typer.BadParameter(
+            f"'{output}' is RESULT itself, whose figures a protocol would mix with; name another folder.",
+            param_hint="'-o'",
+        )
+    temperatures = _temperatures(at)
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
+        stages("starting")
+        environment.prepare()
+        from ..protocol.measurement import load_measurement
+        from ..protocol.protocol import make_protocol
+        from ..protocol.requirements import read_requirements
+        from ..protocol.station import read_station, Station, with_operator
+        from ..protocol.write import FILES, write_protocol
+
+        limits = () if requirements is None else read_requirements(requirements)
+        said = Station() if station is None else read_station(station)
+        said = said if operator is None else with_operator(said, operator)
+        measured = load_measurement(result, device)
+        made = make_protocol(measured, said, limits, temperatures)
+        stages("writing the protocol")
+        with outputs.staged_folder(output, replaces=FILES) as staging:
+            write_protocol(made, staging, command_line())
+    _tell(made, output, as_json=as_json, quiet=quiet)
+
+
+def _temperatures(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        return tuple(dict.fromkeys(float(part) for part in text.split(",")))
+    except ValueError:
+        raise typer.BadParameter(
+            f"'{text}' is not a list of temperatures such as -20,25,60.", param_hint="'--at'"
+        ) from None
+
+
+def _tell(made: "Protocol", output: Path, *, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        outputs.print_json(made.document())
+    elif not quiet:
+        from ..protocol.content import verdict
+
+        console.say(verdict(made).headline)
+        for r in made.requirements:
+            console.say(f"  {r.name} within {r.text}: {r.decision}")
+        console.say(f"protocol in {output}, see {output / 'protocol.pdf'}")

@@ -1,0 +1,245 @@
+"""What a protocol shows people, in order: the sections that the page and the PDF have in common."""
+
+import math
+from collections.abc import Sequence
+
+from ..calibration.calibration import TriadCalibration
+from ..calibration.quantities import customary_units, label, with_sigma
+from ..report.judge import TRIAD_NAMES
+from ..report.page import Key, Section, Table, Verdict
+from .expanded_uncertainty import COVERAGE
+from .guard_band import RISK
+from .protocol import DISCLAIMER, Protocol
+from .results import Result
+
+
+_SIDE_BY_SIDE = 4  # temperatures in one table
+_LINE = "_" * 24  # where people write
+
+
+def title(protocol: Protocol) -> str:
+    """The page's title."""
+    device = protocol.calibration.device
+    return f"Calibration protocol of {device}" if device else "Calibration protocol"
+
+
+def under(protocol: Protocol) -> str:
+    """The line below the title."""
+    return (
+        f"Written {_readable(protocol.created)}; calibrated {_readable(protocol.record.created)}."
+    )
+
+
+_TONES = {"pass": "good", "undecided": "attention", "fail": "bad"}
+
+
+def verdict(protocol: Protocol) -> Verdict:
+    """Whether the requirements are met, in one sentence, and what the protocol does not claim."""
+    decisions = [r.decision for r in protocol.requirements]
+    if not decisions:
+        return Verdict("good", "Calibrated; no requirements were given.", (DISCLAIMER,))
+    total = len(decisions)
+    worst = next(d for d in ("fail", "undecided", "pass") if d in decisions)
+    counted = ", ".join(
+        f"{decisions.count(d)} {words}"
+        for d, words in (("fail", "not met"), ("undecided", "undecided"), ("pass", "met"))
+        if d in decisions
+    )
+    headline = (
+        f"All {total} requirements are met." if worst == "pass" else f"Of {total} requirements: {counted}."
+    )  # fmt: skip
+    return Verdict(_TONES[worst], headline, (DISCLAIMER,))
+
+
+def keys(protocol: Protocol) -> list[Key]:
+    """Key figures above the sections."""
+    known = protocol.calibration.temperature_range
+    found = [Key("Device", protocol.calibration.device or "not named")]
+    if known is not None:
+        found.append(Key("Temperature range", f"{float(known[0]):.1f} … {float(known[1]):.1f} °C"))
+    found.append(Key("Fit", protocol.record.verdict, "as the calibration's report judges it"))
+    return found
+
+
+def identity(protocol: Protocol) -> Section:
+    """Who, what, where, when, with what."""
+    station, item, record = protocol.station.station, protocol.station.device, protocol.record
+    days = " to ".join(dict.fromkeys(d for d in (station.begin, station.end) if d))
+    rows = [
+        ("device", protocol.calibration.device or "not named"),
+        ("manufacturer, model", ", ".join(t for t in (item.manufacturer, item.model) if t)),
+        ("station", ", ".join(t for t in (station.name, station.address, station.country) if t)),
+        ("operator", station.operator),
+        ("customer, order", ", ".join(t for t in (station.customer, station.order) if t)),
+        ("measured", days),
+        ("calibrated", f"{_readable(record.created)} with inertiax {record.software['inertiax']}"),
+        ("command", record.command),
+    ]
+    shown = tuple((name, text or "not stated") for name, text in rows)
+    return Section("Identity", tables=(Table(("", "stated"), shown),))
+
+
+def procedure(protocol: Protocol) -> Section:
+    """Procedure and conditions as recorded."""
+    record, station = protocol.record, protocol.record.station
+    conditions, triads = record.conditions, []
+    for name in ("accel", "gyro"):
+        triad, own = getattr(protocol.calibration, name), getattr(record, name)
+        if triad is not None:
+            turns = f", {own.turns} of them at constant rate" if own.turns else ""
+            triads.append(
+                f"{TRIAD_NAMES[name]}: estimator '{triad.estimator}' ({record.method}), {own.dwells} dwells{turns}; "
+                f"{own.degrees_of_freedom} degrees of freedom of the residuals."
+            )
+    rows = [
+        ("reference g", f"{station.gravity:.6f} m/s²"),
+        ("  its uncertainty", _stated(protocol.station.station.gravity_uncertainty, 1.0, "m/s²")),
+        ("position", _stated(station.position_uncertainty, 180.0 / math.pi * 3600.0, "″")),
+        ("rate of the table", _stated(station.rate_uncertainty, 1e6, "ppm")),
+        ("temperature probe", _stated(station.temperature_uncertainty, 1.0, "°C")),
+    ]
+    recorded = f"{conditions.recordings} recordings, {conditions.samples} samples"
+    if conditions.seconds is not None:
+        recorded += f", {conditions.seconds:.0f} s"
+    if conditions.experiments and conditions.experiments > 1:
+        recorded += f", {conditions.experiments} experiments"
+    if conditions.temperature_range is not None:
+        low, high = conditions.temperature_range
+        recorded += f", {low:.2f} to {high:.2f} °C"
+    table = Table(("stated by the station, 1 sigma", ""), tuple(rows))
+    return Section("Procedure and conditions", lines=(f"{recorded}.", *triads), tables=(table,))
+
+
+def _stated(value: float | None, factor: float, unit: str) -> str:
+    return "not stated" if value is None else f"{factor * value:.3g} {unit}"
+
+
+def requirements(protocol: Protocol) -> Section | None:
+    """Limits and decisions; `None` where no requirements were given."""
+    if not protocol.requirements:
+        return None
+    rows = []
+    for r in protocol.requirements:
+        factor, unit = _unit_of(protocol, r.worst)
+        value, guard = with_sigma(factor * r.worst.value, factor * r.worst.expanded)
+        at = "" if r.worst.at is None else f"{r.worst.at:.1f}"
+        rows.append((r.name, r.text, f"{value} ± {guard} {unit}", r.worst.name, at, r.decision))
+    head = ("requirement", "limit", "nearest to the limit", "parameter", "at °C", "decision")
+    line = (
+        f"A pass or a fail is wrong with a probability of at most {100 * RISK:g} % (guarded acceptance and rejection, "
+        "JCGM 106). It holds over the whole calibrated range, of absolute values."
+    )
+    return Section(
+        "Requirements", lines=(line,), tables=(Table(head, tuple(rows), numeric=(2, 4)),)
+    )
+
+
+def results(protocol: Protocol) -> list[Section]:
+    """Values with expanded uncertainties, a section for each triad."""
+    made = []
+    for name in ("accel", "gyro"):
+        own = [r for r in protocol.results if r.name.startswith(f"{name}.")]
+        if own:
+            temperatures = list(dict.fromkeys(r.at for r in own))
+            parts = [
+                temperatures[k : k + _SIDE_BY_SIDE]
+                for k in range(0, len(temperatures), _SIDE_BY_SIDE)
+            ]
+            tables = tuple(_values(protocol, own, part) for part in parts)
+            line = (
+                f"± is the expanded uncertainty of {100 * COVERAGE:g} %: k standard uncertainties, k of Student's t "
+                "with ν effective degrees of freedom; shown are the fewest of the row."
+            )
+            made.append(Section(f"{TRIAD_NAMES[name]}: results", lines=(line,), tables=tables))
+    return made
+
+
+def _values(protocol: Protocol, own: list[Result], at: Sequence[float | None]) -> Table:
+    rows = []
+    for name in dict.fromkeys(r.name for r in own):
+        mine = [r for r in own if r.name == name and r.at in at]
+        factor, unit = _unit_of(protocol, mine[0])
+        cells = [" ± ".join(with_sigma(factor * r.value, factor * r.expanded)) for r in mine]
+        least = min(mine, key=lambda r: r.degrees)
+        rows.append((label(name), *cells, unit, f"{least.coverage_factor:.2f}", _degrees(least)))
+    columns = tuple("value" if t is None else f"at {t:.1f} °C" for t in at)
+    numeric = (*range(1, 1 + len(at)), 2 + len(at), 3 + len(at))
+    return Table(("parameter", *columns, "unit", "k", "ν"), tuple(rows), numeric=numeric)
+
+
+def budgets(protocol: Protocol) -> list[Section]:
+    """The sources' standard uncertainties at the middle temperature."""
+    made = []
+    for name in ("accel", "gyro"):
+        own = [r for r in protocol.results if r.name.startswith(f"{name}.")]
+        if not own:
+            continue
+        temperatures = list(dict.fromkeys(r.at for r in own))
+        middle = temperatures[len(temperatures) // 2]
+        shown = [r for r in own if r.at == middle]
+        sources = list(dict.fromkeys(source for r in shown for source, _ in r.budget))
+        rows = tuple(_budget_row(protocol, r, sources) for r in shown)
+        caption = "Standard uncertainties"
+        caption += (
+            ""
+            if middle is None
+            else f" at {middle:.1f} °C; other temperatures are in protocol.json"
+        )
+        head = ("parameter", *sources, "together", "unit")
+        table = Table(head, rows, numeric=tuple(range(1, 2 + len(sources))), caption=caption)
+        made.append(Section(f"{TRIAD_NAMES[name]}: uncertainty budget", tables=(table,)))
+    return made
+
+
+def _budget_row(protocol: Protocol, result: Result, sources: list[str]) -> tuple[str, ...]:
+    factor, unit = _unit_of(protocol, result)
+    own = dict(result.budget)
+    cells = (f"{factor * own[s]:.2g}" if own.get(s) else "–" for s in sources)
+    return (label(result.name), *cells, f"{factor * result.std:.2g}", unit)
+
+
+def limits_of_knowledge(protocol: Protocol) -> list[Section]:
+    """What the station cannot know, deviations, and what was left out."""
+    made = [Section("What this station cannot know", items=protocol.not_known)]
+    if protocol.deviations:
+        made.append(Section("Deviations", items=protocol.deviations))
+    left = protocol.left_out or ("Nothing was left out.",)
+    made.append(Section("Left out", items=left))
+    if protocol.record.choices:
+        made.append(Section("Chosen by the program", items=protocol.record.choices))
+    return made
+
+
+def inputs(protocol: Protocol, most: int | None = None) -> Section:
+    """Files with their hashes; `most` of them, with a word on the others."""
+    files = protocol.record.inputs
+    shown = files if most is None else files[:most]
+    rows = tuple((f.file, str(f.bytes), f.sha256) for f in shown)
+    lines = () if rows else ("The files of the measurement are not recorded.",)
+    if len(shown) < len(files):
+        lines = (f"{len(files) - len(shown)} more files are listed in protocol.json.",)
+    table = Table(("file", "bytes", "SHA-256"), rows, numeric=(1,))
+    return Section("Inputs", lines=lines, tables=(table,) if rows else ())
+
+
+def signatures(protocol: Protocol) -> Section:
+    """Where people sign."""
+    operator = protocol.station.station.operator or _LINE
+    rows = (("measured by", operator, _LINE, _LINE), ("released by", _LINE, _LINE, _LINE))
+    return Section("Signatures", tables=(Table(("", "name", "date", "signature"), rows),))
+
+
+def _unit_of(protocol: Protocol, result: Result) -> tuple[float, str]:
+    """Factor from SI and the unit in which people read a result."""
+    triad: TriadCalibration | None = getattr(protocol.calibration, result.name.partition(".")[0])
+    assert triad is not None  # whose result it is
+    return dict(zip(triad.names, customary_units(triad), strict=True))[result.name]
+
+
+def _degrees(result: Result) -> str:
+    # More than this many are as good as known: k differs from that of the normal distribution by 0.1 %.
+    return f"{result.degrees:.0f}" if result.degrees < 1000 else "∞"
+
+
+def _readable(moment: str) -> str:
+    return moment.replace("T", " ").replace("Z", " UTC")

@@ -1,0 +1,55 @@
+"""Which files a campaign is made of, with their SHA-256."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+from ..data.campaign import find_files
+from ..data.settings import read_table
+
+
+class InputFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A file that was read."""
+
+    file: str  # relative to the campaign's folder where it lies in it
+    sha256: str
+    bytes: int
+
+
+def campaign_inputs(campaign: Path | None) -> tuple[InputFile, ...]:
+    """The `campaign.toml` and every file that it names; none for a campaign that was made in memory.
+
+    Raises `ValueError` for a file that cannot be read any more.
+    """
+    if campaign is None:
+        return ()
+    said = read_table(campaign).recordings
+    named = find_files(campaign.parent, said.files)
+    if said.gyro_files is not None:
+        named += find_files(campaign.parent, said.gyro_files, "gyro_files")
+    return hashed((campaign, *named), campaign.parent)
+
+
+def hashed(paths: Iterable[Path], home: Path) -> tuple[InputFile, ...]:
+    """Every file once, those of folders (a bag, an EuRoC sequence) too.
+
+    Raises `ValueError` for a file that cannot be read.
+    """
+    files: dict[Path, None] = {}
+    for path in paths:
+        for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
+            files[file] = None
+    return tuple(_hashed(file, home) for file in files)
+
+
+def _hashed(file: Path, home: Path) -> InputFile:
+    try:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256")
+            size = stream.tell()
+    except OSError as error:
+        raise ValueError(f"{file}: cannot be read ({error.strerror}).") from None
+    name = file.relative_to(home).as_posix() if file.is_relative_to(home) else str(file)
+    return InputFile(name, digest.hexdigest(), size)

@@ -1,0 +1,171 @@
+"""From a calibrated device to its record."""
+
+import datetime
+import math
+import platform
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from ..calibrate.fit_quality import judge
+from ..calibrate.results import DeviceResult, TriadResult
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.probe_error import probe_covariance
+from ..data.recording import Campaign
+from ..diagnose.result import Diagnosis
+from ..reduction.handling import left_out_sentence
+from .inputs import InputFile
+from .record import (
+    ConditionsRecord,
+    digest_of,
+    Record,
+    SCHEMA,
+    SourceRecord,
+    StationRecord,
+    TriadRecord,
+)
+from .split_covariance import Part, residual_degrees, split
+
+
+_SOFTWARE = ("inertiax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
+_ROUNDING = 1e-6  # of a variance, by which a difference of covariances may be negative
+EFFECTS = "named effects"  # fitted beside the calibration
+
+
+def record_of(
+    result: DeviceResult,
+    campaign: Campaign,
+    folder: Path,
+    command: str,
+    inputs: Sequence[InputFile],
+    *,
+    calibration: Calibration | None = None,
+) -> Record:
+    """The record of one device, whose `calibration.json` lies in `folder`.
+
+    **Arguments:** `campaign` is the device's own; `calibration` is the one that was written where it is not the
+    result's own (a diagnosis that names effects).
+    """
+    written = result.calibration if calibration is None else calibration
+    quality = judge(result)
+    handling = left_out_sentence(result.handling)
+    rig = campaign.rig
+    return Record(
+        schema=SCHEMA,
+        created=time_text(datetime.datetime.now(datetime.UTC)),
+        command=command,
+        software=software(),
+        calibration_sha256=digest_of(folder / "calibration.json"),
+        inputs=tuple(inputs),
+        station=StationRecord(
+            gravity=float(campaign.site.gravity),
+            latitude=campaign.site.latitude,
+            position_uncertainty=rig.position_uncertainty,
+            rate_uncertainty=rig.rate_uncertainty,
+            temperature_uncertainty=rig.temperature_uncertainty,
+        ),
+        conditions=_conditions(campaign, written),
+        method=_method(result),
+        verdict=quality.verdict,
+        findings=tuple(f.text for f in quality.findings if not f.fine),
+        choices=tuple(result.choices),
+        warnings=tuple(result.warnings),
+        left_out=() if handling is None else (handling,),
+        accel=_triad(result.accel, campaign, result.calibration.accel, written.accel),
+        gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro),
+    )
+
+
+def diagnosis_record(
+    found: Diagnosis,
+    calibration: Calibration,
+    campaign: Campaign,
+    folder: Path,
+    command: str,
+    inputs: Sequence[InputFile],
+) -> Record:
+    """The record of a diagnosis, whose `calibration.json` lies in `folder`; arguments as of `record_of`."""
+    assert found.estimate is not None  # `diagnose_campaign` made it
+    said = (
+        () if found.verdict == "consistent" else (f"Diagnosis, {found.verdict}: {found.summary}",)
+    )
+    record = record_of(found.estimate, campaign, folder, command, inputs, calibration=calibration)
+    return msgspec.structs.replace(record, warnings=(*record.warnings, *said))
+
+
+def time_text(moment: datetime.datetime) -> str:
+    """A time of UTC to the second, such as 2026-01-31T12:00:00Z."""
+    return f"{moment:%Y-%m-%dT%H:%M:%SZ}"
+
+
+def software() -> dict[str, str]:
+    """Versions that a result depends on."""
+    return {**{name: version(name) for name in _SOFTWARE}, "python": platform.python_version()}
+
+
+def _method(result: DeviceResult) -> str:
+    triads = [t for t in (result.accel, result.gyro) if t is not None]
+    return ", ".join(dict.fromkeys(t.solution.method for t in triads))
+
+
+def _conditions(campaign: Campaign, calibration: Calibration) -> ConditionsRecord:
+    recordings = campaign.recordings
+    experiments = [np.unique(r.experiment) for r in recordings if r.experiment is not None]
+    found = calibration.temperature_range
+    return ConditionsRecord(
+        recordings=len(recordings),
+        samples=sum(r.num_samples for r in recordings),
+        seconds=float(sum(r.time[-1] - r.time[0] for r in recordings)),
+        experiments=len(np.unique(np.concatenate(experiments))) if experiments else 1,
+        temperature_range=None if found is None else (float(found[0]), float(found[1])),
+    )
+
+
+def _triad(
+    result: TriadResult | None,
+    campaign: Campaign,
+    fitted: TriadCalibration | None,
+    written: TriadCalibration | None,
+) -> TriadRecord | None:
+    if result is None or fitted is None or written is None:
+        return None
+    parts = split(result, campaign.rig)
+    if parts and written is not fitted:
+        parts = _with_effects(parts, written, campaign.rig.temperature_uncertainty or 0.0)
+    return TriadRecord(
+        dwells=result.dwells.num_dwells,
+        turns=int(np.sum(np.asarray(result.dwells.position) < 0)),
+        rms=result.rms,
+        scatter=result.scatter,
+        unit=result.misfit_unit,
+        degrees_of_freedom=residual_degrees(result),
+        sources=tuple(_source(p) for p in parts),
+    )
+
+
+def _with_effects(
+    parts: tuple[Part, ...], written: TriadCalibration, probe: float
+) -> tuple[Part, ...]:
+    """The parts, and what the effects beside the calibration add; none where the rest is no covariance.
+
+    The rest is no covariance where the written calibration is not that of these parts, such as one that was made
+    after another had been taken away.
+    """
+    total = np.asarray(written.covariance, float)
+    known = sum(p.covariance for p in parts)
+    known = known + probe_covariance(written.curve.coefficients, written.curve.basis, probe)
+    rest = total - known
+    scale = 1.0 / np.sqrt(np.diagonal(total))
+    alike = scale[:, None] * rest * scale[None, :]  # biases and scale factors have other units
+    if float(np.linalg.eigvalsh(0.5 * (alike + alike.T)).min()) < -_ROUNDING:
+        return ()
+    return (*parts, Part(EFFECTS, math.inf, rest))
+
+
+def _source(part: Part) -> SourceRecord:
+    lower = part.covariance[np.tril_indices(len(part.covariance))]
+    degrees = part.degrees if math.isfinite(part.degrees) else None
+    return SourceRecord(part.source, degrees, tuple(lower.tolist()))

@@ -1,0 +1,51 @@
+"""A results folder read again: the calibration with the record of what it was made of."""
+
+import dataclasses
+from pathlib import Path
+
+from ..calibration.calibration import Calibration, read_calibration
+from .fleet_record import fleet_measurement
+from .record import FILE, read_record, Record
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Measurement:
+    """One device's results."""
+
+    calibration: Calibration
+    record: Record
+
+
+def load_measurement(folder: Path, device: str | None = None) -> Measurement:
+    """The results of `calibrate`, `diagnose` or of one device of a fleet.
+
+    **Arguments:** `device` is the serial number where the folder holds several devices.
+
+    Raises `ValueError`, one line that names folder and file, for a folder without results, for several devices of
+    which none is named, and for files that do not belong together.
+    """
+    if (folder / "manifest.json").is_file():
+        return Measurement(*fleet_measurement(folder, device))
+    if not (folder / "calibration.json").is_file():
+        folder = _of_device(folder, device)
+    measured = Measurement(read_calibration(folder / "calibration.json"), read_record(folder))
+    own = measured.calibration.device
+    if device is not None and device != own:
+        raise ValueError(f"{folder}: the results are of device {own!r}, not {device!r}.")
+    return measured
+
+
+def _of_device(folder: Path, device: str | None) -> Path:
+    """The folder of one of several devices."""
+    homes = sorted(p.parent for p in folder.glob(f"*/{FILE}"))
+    if not homes:
+        raise ValueError(
+            f"{folder}: holds no calibration.json and no fleet's manifest.json; RESULT is a folder that `inertiax "
+            "calibrate`, `diagnose` or `fleet` wrote."
+        )
+    own = {read_calibration(h / "calibration.json").device: h for h in homes}
+    if device in own:
+        return own[device]
+    names = ", ".join(list(own)[:8]) + (", …" if len(own) > 8 else "")
+    asked = "name one with --device" if device is None else f"there is no device {device!r}"
+    raise ValueError(f"{folder}: holds the results of {names}; {asked}.")

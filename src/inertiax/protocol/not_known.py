@@ -1,0 +1,66 @@
+"""What a station cannot tell by its own measurements and nobody stated: named, so that no reader takes it for zero."""
+
+from ..calibration.calibration import Calibration, TriadCalibration
+from ..physics.temperature import Constant
+from .record import Record
+from .sources_at import BY_GRAVITY
+
+
+def not_known(
+    calibration: Calibration, record: Record, gravity_uncertainty: float | None
+) -> tuple[str, ...]:
+    """One line each; the first words name the source."""
+    station, said = record.station, []
+    thermal = [t for t in calibration.triads if not isinstance(t.curve.basis, Constant)]
+    if thermal and not station.temperature_uncertainty:
+        said.append(
+            "probe offset: an error that all temperatures share shifts every curve along the temperature axis; the "
+            "campaign states none ([rig] temperature_uncertainty), so none is in the budget."
+        )
+    if calibration.temperature_range is None:
+        said.append("temperature: none was recorded; the results hold at that of the measurement.")
+    accel, gyro = calibration.accel, calibration.gyro
+    if accel is not None:
+        said += _of_gravity(accel, gravity_uncertainty)
+        said += _of_frame(accel)
+    if gyro is not None and gyro.estimator == "reference" and not station.rate_uncertainty:
+        said.append(
+            "rate of the table: an error common to all rates is a common scale factor of the gyros; the campaign "
+            "states none ([rig] rate_uncertainty), so none is in the budget."
+        )
+    referenced = any(t.estimator == "reference" for t in calibration.triads)
+    if referenced and not station.position_uncertainty:
+        said.append(
+            "positions of the table: the campaign states no uncertainty ([rig] position_uncertainty); what differs "
+            "from one position to the next is in re-positioning, what is common to all is not."
+        )
+    said.append(
+        "stability: what changes after the measurement (ageing, shocks, from one turn-on to the next) is not in these "
+        "uncertainties."
+    )
+    return tuple(said)
+
+
+def _of_gravity(accel: TriadCalibration, uncertainty: float | None) -> list[str]:
+    if uncertainty is not None and accel.estimator in BY_GRAVITY:
+        return []
+    why = (
+        "no uncertainty of it is stated ([station] gravity_uncertainty), so none is in the budget."
+        if accel.estimator in BY_GRAVITY
+        else "from one pose it cannot be told from the bias along the vertical, and is not in the budget."
+    )
+    return [f"reference g: an error of it is a common scale factor of the accelerometers; {why}"]
+
+
+def _of_frame(accel: TriadCalibration) -> list[str]:
+    if accel.estimator == "invariant":
+        return [
+            "rotation of the triad: only the magnitude of the specific force is compared, so the frame is the triad's "
+            "own: accelerometer x is its x axis, accelerometer y lies in its xy plane."
+        ]
+    if accel.estimator == "reference":
+        return [
+            "mounting: a constant rotation of the device on the table is part of the misalignments; the references "
+            "cannot tell one from the other."
+        ]
+    return []

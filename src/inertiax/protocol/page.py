@@ -1,0 +1,33 @@
+"""`protocol.html`: the protocol as one self-contained page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..report.page import Section, write_page
+from . import content
+from .figures import Drawn
+from .protocol import Protocol
+
+
+def write_html(protocol: Protocol, folder: Path, command: str, figures: Sequence[Drawn]) -> None:
+    """Write the page."""
+    needed = content.requirements(protocol)
+    write_page(
+        folder / "protocol.html",
+        title=content.title(protocol),
+        under=content.under(protocol),
+        verdict=content.verdict(protocol),
+        keys=content.keys(protocol),
+        sections=[
+            content.identity(protocol),
+            *([] if needed is None else [needed]),
+            *content.results(protocol),
+            *content.budgets(protocol),
+            content.procedure(protocol),
+            *content.limits_of_knowledge(protocol),
+            *([Section("Figures", figures=tuple(f.picture for f in figures))] if figures else []),
+            content.inputs(protocol),
+            content.signatures(protocol),
+        ],
+        command=command,
+    )

@@ -1,0 +1,137 @@
+"""The protocol itself: everything that its pages and documents show, and its JSON form."""
+
+import dataclasses
+import datetime
+import math
+from typing import Any
+
+import msgspec
+
+from ..calibration.calibration import Calibration
+from .make_record import software, time_text
+from .measurement import Measurement
+from .not_known import not_known
+from .record import Record
+from .requirements import judge_requirements, Limit, Requirement
+from .results import range_grid, reference_temperatures, Result, results_at
+from .station import Station
+
+
+SCHEMA = "inertiax.protocol/1"
+DISCLAIMER = (
+    "This protocol states what was measured and computed. It claims no accreditation, and no traceability beyond the "
+    "references that the station states."
+)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Protocol:
+    """What was measured on one device, how well, and against which requirements."""
+
+    calibration: Calibration
+    record: Record
+    station: Station
+    created: str  # UTC
+    software: dict[str, str]  # that wrote the protocol
+    temperatures: tuple[float, ...]  # °C, of the results; empty where none was recorded
+    results: tuple[Result, ...]
+    requirements: tuple[Requirement, ...]
+    not_known: tuple[str, ...]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What was measured or found but is not in the results."""
+        effects = [
+            f"{e.name} on {e.triad} {', '.join('xyz'[c] for c in e.channels)} is fitted beside the parameters; "
+            "calibration.json holds it, and the results are those of the parameters alone."
+            for e in self.calibration.effects
+        ]
+        return (*self.record.left_out, *effects)
+
+    @property
+    def deviations(self) -> tuple[str, ...]:
+        """What was out of the ordinary in the measurement."""
+        return (*self.record.warnings, *self.record.findings)
+
+    def document(self) -> dict[str, Any]:
+        """The fields of `protocol.json`, SI; degrees of freedom that are not finite are `null`."""
+        model = self.calibration.model
+        return {
+            "schema": SCHEMA,
+            "device": self.calibration.device,
+            "created": self.created,
+            "calibrated": self.record.created,
+            "statement": DISCLAIMER,
+            "station": _given(msgspec.to_builtins(self.station.station)),
+            "item": _given(msgspec.to_builtins(self.station.device)),
+            "software": self.software,
+            "calibrated_with": self.record.software,
+            "inputs": msgspec.to_builtins(self.record.inputs),
+            "conditions": msgspec.to_builtins(self.record.conditions),
+            "rig": msgspec.to_builtins(self.record.station),
+            "model": {} if model is None else model.document(),
+            "results": [_result(r) for r in self.results],
+            "requirements": [
+                {
+                    "name": r.name, "limit": r.limit, "unit": r.unit, "decision": r.decision,
+                    "worst": {"name": r.worst.name, "at": r.worst.at, "value": r.worst.value,
+                              "expanded": r.worst.expanded},
+                }
+                for r in self.requirements
+            ],
+            "not_known": list(self.not_known),
+            "left_out": list(self.left_out),
+            "deviations": list(self.deviations),
+        }  # fmt: skip
+
+
+def make_protocol(
+    measured: Measurement,
+    station: Station,
+    limits: tuple[Limit, ...] = (),
+    temperatures: tuple[float, ...] | None = None,
+) -> Protocol:
+    """The protocol of a results folder.
+
+    **Arguments:** `temperatures` in °C are those at which results are stated; both ends and the middle of the
+    calibrated range where none are given.
+
+    Raises `ValueError` for a temperature outside that range and for a limit of what was not calibrated.
+    """
+    calibration, record = measured.calibration, measured.record
+    at = reference_temperatures(calibration, temperatures)
+    uncertainty = station.station.gravity_uncertainty
+    results = results_at(calibration, record, at, uncertainty)
+    judged: tuple[Requirement, ...] = ()
+    if limits:
+        everywhere = results_at(calibration, record, range_grid(calibration, at), uncertainty)
+        judged = judge_requirements(limits, results, everywhere)
+    return Protocol(
+        calibration=calibration,
+        record=record,
+        station=station,
+        created=time_text(datetime.datetime.now(datetime.UTC)),
+        software=software(),
+        temperatures=at,
+        results=results,
+        requirements=judged,
+        not_known=not_known(calibration, record, uncertainty),
+    )
+
+
+def _given(table: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in table.items() if v not in ("", None)}
+
+
+def _result(result: Result) -> dict[str, Any]:
+    return {
+        "name": result.name,
+        "at": result.at,
+        "value": result.value,
+        "std": result.std,
+        "expanded": result.expanded,
+        "coverage_factor": result.coverage_factor,
+        "degrees_of_freedom": result.degrees if math.isfinite(result.degrees) else None,
+        "unit": result.unit,
+        "budget": [{"source": source, "std": std} for source, std in result.budget],
+    }

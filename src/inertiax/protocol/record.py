@@ -1,0 +1,114 @@
+"""`record.json`: what a calibration was made of, beside its `calibration.json`, to write a protocol from.
+
+It holds the hashes of all inputs, the conditions and choices as they were, and for each triad the covariance that
+each source of uncertainty gives to the coefficients.
+"""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+
+from ..data.json_documents import decode, encode
+from ..storage.whole_files import write_atomically
+from .inputs import InputFile
+
+
+SCHEMA = "inertiax.record/1"
+FILE = "record.json"
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A document's part; other keys are errors."""
+
+
+class SourceRecord(_Strict, frozen=True):
+    """One source of uncertainty."""
+
+    source: str
+    degrees_of_freedom: float | None  # None: known
+    covariance: tuple[float, ...]  # of the coefficients, row-major; lower triangle by rows
+
+
+class TriadRecord(_Strict, frozen=True):
+    """What one triad's estimate rests on."""
+
+    dwells: int
+    turns: int | None  # of them at constant rate
+    rms: float  # of the misfit, in `unit`
+    scatter: float  # between dwells, in `unit`
+    unit: str
+    degrees_of_freedom: int  # of the residuals
+    sources: tuple[SourceRecord, ...]  # none where the fit's covariance is not split
+
+
+class StationRecord(_Strict, frozen=True):
+    """What the campaign states of its place and rig; uncertainties are 1 sigma, `None` where not stated."""
+
+    gravity: float  # m/s²
+    latitude: float | None  # rad
+    position_uncertainty: float | None  # rad
+    rate_uncertainty: float | None  # relative
+    temperature_uncertainty: float | None  # °C
+
+
+class ConditionsRecord(_Strict, frozen=True):
+    """What was recorded."""
+
+    recordings: int
+    samples: int
+    seconds: float | None  # of all recordings together; None where not kept
+    experiments: int | None
+    temperature_range: tuple[float, float] | None  # °C
+
+
+class Record(_Strict, frozen=True):
+    """The document."""
+
+    schema: str
+    created: str  # UTC, ISO 8601
+    command: str
+    software: dict[str, str]
+    calibration_sha256: str  # of the `calibration.json` beside it
+    inputs: tuple[InputFile, ...]
+    station: StationRecord
+    conditions: ConditionsRecord
+    method: str
+    verdict: str  # good | usable | doubtful, as the report says
+    findings: tuple[str, ...]
+    choices: tuple[str, ...]
+    warnings: tuple[str, ...]
+    left_out: tuple[str, ...]
+    accel: TriadRecord | None
+    gyro: TriadRecord | None
+
+
+def write_record(record: Record, folder: Path) -> None:
+    """Write `record.json`, whole or not at all."""
+    path = folder / FILE
+    write_atomically(path, encode(record, str(path), indent=1))
+
+
+def read_record(folder: Path) -> Record:
+    """The record of a results folder.
+
+    Raises `ValueError`, one line that names the file, where there is none, it is damaged, or it belongs to another
+    `calibration.json` than the one beside it.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise ValueError(
+            f"{folder}: holds no {FILE}, which says what the calibration was made of; write the results anew with "
+            "`inertiax calibrate` or `inertiax diagnose`."
+        )
+    record = decode(path.read_bytes(), Record, str(path), "a calibration's record", SCHEMA)
+    if record.calibration_sha256 != digest_of(folder / "calibration.json"):
+        raise ValueError(
+            f"{folder / 'calibration.json'}: is not the file that {FILE} belongs to; write the results anew."
+        )
+    return record
+
+
+def digest_of(file: Path) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -1,0 +1,85 @@
+"""Limits that a device has to keep, from a TOML file, and whether it keeps them.
+
+    [requirements]
+    "accel.bias" = "0.3 mg"
+    "accel.scale" = "200 ppm"
+
+A requirement concerns the absolute value of every parameter that its name covers, over the whole calibrated range.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from ..calibration.quantities import si_unit
+from ..live.target import covers, parse_limit
+from .guard_band import allowance, decide, Decision
+from .results import Result
+from .tables import read_tables
+
+
+class Limit(NamedTuple):
+    """One line of the table."""
+
+    name: str
+    limit: float  # SI
+    text: str  # as written
+
+
+class Requirement(NamedTuple):
+    """A limit with the decision on it."""
+
+    name: str
+    limit: float  # SI
+    unit: str
+    text: str  # the limit as written
+    decision: Decision
+    worst: Result  # the value that comes nearest to the limit or is farthest beyond it, guard band included
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    requirements: dict[str, str]
+
+
+def read_requirements(path: Path) -> tuple[Limit, ...]:
+    """The limits of a TOML file, in its order.
+
+    Raises `ValueError`, one line that names file and entry, for an unknown name or unit, a limit that is not above
+    zero, or a table without entries.
+    """
+    said = read_tables(path, _File, '[requirements] with lines such as "accel.bias" = "0.3 mg"')
+    if not said.requirements:
+        raise ValueError(
+            f'{path}: [requirements] is empty; write lines such as "accel.bias" = "0.3 mg".'
+        )
+    return tuple(
+        Limit(name, parse_limit(name, amount.strip(), f'{path}: "{name}" = "{amount}"'), amount)
+        for name, amount in said.requirements.items()
+    )
+
+
+def judge_requirements(
+    limits: Sequence[Limit], stated: Sequence[Result], everywhere: Sequence[Result]
+) -> tuple[Requirement, ...]:
+    """The decision on every limit.
+
+    **Arguments:** `stated` are the results at the reference temperatures, `everywhere` those over the whole range. A
+    pass holds everywhere; a fail is found among those stated, see `guard_band`.
+
+    Raises `ValueError` for a limit of parameters that the calibration does not have.
+    """
+    made = []
+    for name, limit, text in limits:
+        shown = [r for r in stated if covers(name, r.name)]
+        if not shown:
+            fitted = ", ".join(dict.fromkeys(r.name for r in stated))
+            raise ValueError(
+                f'requirement "{name}": the calibration does not tell it; it has {fitted}.'
+            )
+        full = [r for r in everywhere if covers(name, r.name)]
+        decision = decide([r.measured for r in full], [r.measured for r in shown], limit)
+        worst = max(full, key=lambda r: abs(r.value) + allowance(r.measured))
+        made.append(Requirement(name, limit, si_unit(shown[0].name), text, decision, worst))
+    return tuple(made)

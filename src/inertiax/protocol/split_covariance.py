@@ -1,0 +1,101 @@
+"""The fit's covariance, part by part: noise within dwells, scatter between them, the rig's positions and rates.
+
+The weighted least squares has the whitened Jacobian J and the covariance P = (JᵀJ)⁻¹ of its coefficients. Where a
+dwell's covariance is a sum Σ = Σ₁ + Σ₂ + …, whitened by L Lᵀ = Σ, each part passes into the coefficients by
+
+    P_s = P (Σ_dwells Jᵀ L⁻¹ Σ_s L⁻ᵀ J) P,     Σ_s P_s = P.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..calibrate.between_dwell_variance import num_judged
+from ..calibrate.results import TriadResult
+from ..data.recording import Rig
+from ..procedure.single_device import Problem
+from ..reduction.rig_errors import rig_covariance
+
+
+NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
+_SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
+
+
+class Part(NamedTuple):
+    """What one source gives to the coefficients."""
+
+    source: str
+    degrees: float  # of freedom; inf where it is stated
+    covariance: Float[np.ndarray, "unknowns unknowns"]  # row-major (size, parameters)
+
+
+def residual_degrees(result: TriadResult) -> int:
+    """Rows of the misfit less the unknowns that they determine."""
+    unknowns = result.solution.curve.basis.size * num_judged(result.estimator, result.dwells)
+    return max(int(np.size(result.misfit)) - unknowns, 0)
+
+
+def split(result: TriadResult, rig: Rig) -> tuple[Part, ...]:
+    """The parts of the fit's covariance; none where it is not that of the triad's own rows alone.
+
+    That is so where both triads were fitted together, and where motions between rests count. The scatter between
+    dwells is what the residuals show beyond the dwells' own noise; being a difference, it is known with
+    ν (s² / (s² + σ²))² degrees of freedom, ν those of the residuals.
+    """
+    if result.dwells.motion is not None:
+        return ()
+    problem = Problem(result.estimator, result.solution.curve.basis, result.dwells)
+    jacobian = problem.at(result.solution.curve.coefficients).jacobian
+    covariance = np.asarray(result.solution.covariance)
+    again = covariance @ problem.normal(jacobian) @ covariance
+    if not np.allclose(np.diagonal(again), np.diagonal(covariance), rtol=_SAME, atol=0.0):
+        return ()
+    shares = _shares(result, rig)
+    parts = []
+    for source, share in shares.items():
+        root = _root(share)
+        moved = np.einsum("nsr,nri->nsi", root, jacobian)
+        own = covariance @ problem.normal(moved) @ covariance
+        parts.append(Part(source, _degrees(source, result, share), 0.5 * (own + own.T)))
+    return tuple(p for p in parts if np.any(np.diagonal(p.covariance) > 0.0))
+
+
+def _shares(result: TriadResult, rig: Rig) -> dict[str, Float[np.ndarray, "dwells rows rows"]]:
+    """Each source's covariance of a dwell's rows, whitened with all of them: together they are the identity."""
+    triad, dwells = result.estimator.triad, result.dwells
+    given = np.asarray(getattr(dwells, f"{triad}_covariance"), float)
+    parts = {NOISE: given, SCATTER: np.broadcast_to(result.scatter**2 * np.eye(3), given.shape)}
+    reference = getattr(dwells, f"reference_{triad}")
+    if reference is not None:
+        u = np.asarray(reference, float)
+        position = rig_covariance(u, rig.position_uncertainty or 0.0)
+        rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
+        parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)
+        parts[NOISE] = given - parts[POSITION] - parts[RATE]
+    if np.shape(result.misfit)[1] == 1:  # along the output only
+        output = np.asarray(getattr(dwells, triad), float)
+        unit = output / np.linalg.norm(output, axis=1, keepdims=True)
+        parts = {
+            k: np.einsum("ni,nij,nj->n", unit, c, unit)[:, None, None] for k, c in parts.items()
+        }
+    root = np.linalg.inv(np.linalg.cholesky(sum(parts.values())))
+    return {k: root @ c @ np.swapaxes(root, 1, 2) for k, c in parts.items()}
+
+
+def _root(share: Float[np.ndarray, "dwells rows rows"]) -> Float[np.ndarray, "dwells rows rows"]:
+    """R with RᵀR = share, for shares that may be singular."""
+    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
+    return np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+
+
+def _degrees(
+    source: str, result: TriadResult, share: Float[np.ndarray, "dwells rows rows"]
+) -> float:
+    if source == NOISE:
+        return max(float(np.sum(np.asarray(result.dwells.count) - 1.0)), 1.0)
+    if source == SCATTER:
+        part = float(np.mean(np.trace(share, axis1=1, axis2=2))) / share.shape[1]
+        return max(residual_degrees(result) * part**2, 1e-3)
+    return math.inf
