@@ -47,7 +47,7 @@ def _whose(effect: Effect) -> str:
 
 
 def _range(usual: tuple[float, float] | None) -> str:
-    return "" if usual is None else f"{usual[0]:g} … {usual[1]:g}"
+    return "" if usual is None else f"{usual[0]:.2g} … {usual[1]:.2g}"
 
 
 def _row(*cells: str) -> str:
