@@ -118,7 +118,9 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="file names of any by
 
 
 @linux
-@pytest.mark.parametrize("name", ["calibrate", "compensate", "noise", "fleet", "diagnose", "protocol"])
+@pytest.mark.parametrize(
+    "name", ["calibrate", "compensate", "noise", "fleet", "diagnose", "protocol"]
+)
 def test_paths_that_are_no_utf_8_are_refused_in_one_line(tmp_path, name, capfd):
     inside = os.fsdecode(os.fsencode(tmp_path) + b"/c\xff\xfe")
     os.mkdir(inside)

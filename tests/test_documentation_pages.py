@@ -140,6 +140,7 @@ SEARCHED = {
     "hysteresis": "tutorials/concealed-effect/",
     "calibration.json": "reference/results/",
     "campaign.toml": "reference/campaign/",
+    "certificate": "protocol/",
 }
 
 

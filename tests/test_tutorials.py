@@ -23,6 +23,10 @@ WALKED = ("hand-log", "chamber-table", "fleet")
 SCRIPTS = ("own-model", "navigation-filter")
 
 
+# Most of the time is compiling, and each program runs once or twice.
+QUICK_COMPILE = {"XLA_FLAGS": "--xla_backend_optimization_level=0", "MPLBACKEND": "Agg"}
+
+
 def _blocks(page: str) -> list[tuple[str, str, str]]:
     return BLOCK.findall((DOCS / "tutorials" / f"{page}.md").read_text(encoding="utf-8"))
 
@@ -39,7 +43,7 @@ def _run(command: str, folder: Path) -> str:
     shell = command.replace("inertiax ", f"{sys.executable} -m inertiax ", 1)
     shell = re.sub(r"^python ", f"{sys.executable} ", shell)
     # Wide enough that tables and messages are not broken differently from the page.
-    environment = {**os.environ, "COLUMNS": "1000", "MPLBACKEND": "Agg"}
+    environment = {**os.environ, **QUICK_COMPILE, "COLUMNS": "1000"}
     made = subprocess.run(
         shell, shell=True, cwd=folder, env=environment, capture_output=True, text=True, timeout=600
     )
@@ -97,7 +101,12 @@ def test_walk(page, tmp_path):
 def test_script(page, tmp_path):
     code = "\n".join(text for kind, title, text in _blocks(page) if kind == "python" and not title)
     ran = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=600
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, **QUICK_COMPILE},
+        capture_output=True,
+        text=True,
+        timeout=600,
     )
     assert ran.returncode == 0, ran.stderr[-2000:]
     shown = [
