@@ -19,7 +19,8 @@ from .protocol import Protocol
 
 _FONT, _SIZE, _SMALL = "dejavu", 8.0, 6.6  # points
 _MARGIN = 15.0  # mm
-_FIGURE_HEIGHT = 92.0  # mm, at most
+_FIGURE_HEIGHT = 80.0  # mm, at most
+_PAGES = 4  # figures that would take more are left to the page
 _TO_SIGN = 1.5  # mm for each point of the letters' size, in rows that people write into
 _FILES = 12  # inputs that are listed; the JSON has all
 _INK, _SOFT, _LINE = (29, 35, 43), (85, 96, 110), (200, 205, 212)
@@ -68,7 +69,9 @@ def write_pdf(protocol: Protocol, folder: Path, command: str, figures: Sequence[
         _section(sheet, section)
     _section(sheet, content.signatures(protocol), line=_TO_SIGN)
     for drawn in figures:
-        _figure(sheet, drawn)
+        if not _figure(sheet, drawn):
+            _text(sheet, "Further figures are in protocol.html.", _SIZE, _INK)
+            break
     _text(sheet, f"Written by: {command}", _SMALL, _SOFT)
     write_atomically(folder / "protocol.pdf", bytes(sheet.output()))
 
@@ -134,15 +137,19 @@ def _widths(sheet: _Sheet, head: Sequence[str], rows: Sequence[Sequence[str]]) -
     return tuple(min(width, most) for width in longest)
 
 
-def _figure(sheet: _Sheet, drawn: Drawn) -> None:
+def _figure(sheet: _Sheet, drawn: Drawn) -> bool:
+    """The figure, unless it would begin another page than the last that is wanted."""
     with Image.open(drawn.png) as image:
         shape = image.width / image.height
     height = min(_FIGURE_HEIGHT, sheet.epw / shape)
     if sheet.will_page_break(height + 10.0):
+        if sheet.page_no() >= _PAGES:
+            return False
         sheet.add_page()
     sheet.image(str(drawn.png), w=height * shape, h=height)
     _text(sheet, drawn.picture.caption, _SMALL, _SOFT)
     sheet.ln(1.5)
+    return True
 
 
 def _printable(text: str) -> str:
