@@ -78,8 +78,8 @@ def _diagnose_all(
     from ..calibration.calibration import read_calibration, write_calibration
     from ..diagnose import diagnose_campaign
     from ..diagnose.noise.type_noise_file import read_noise
+    from ..protocol.diagnosis_record import diagnosis_record
     from ..protocol.inputs import campaign_inputs
-    from ..protocol.make_record import diagnosis_record
     from ..protocol.record import write_record
     from ..report.diagnosis import report_diagnosis
 

@@ -15,6 +15,9 @@ from .results import Result
 
 _SIDE_BY_SIDE = 4  # temperatures in one table
 _LINE = "_" * 24  # where people write
+_LEAST = (
+    1e-3  # of the combined uncertainty; less changes it by less than a millionth, and is not shown
+)
 
 
 def title(protocol: Protocol) -> str:
@@ -30,14 +33,25 @@ def under(protocol: Protocol) -> str:
     )
 
 
+# Of a fit, as `calibrate` judges it: the tone where nothing else is decided, and what is said.
+_FITS = {
+    "good": ("good", ()),
+    "usable": ("attention", ("The fit is usable with a reservation, see Deviations.",)),
+    "doubtful": (
+        "bad",
+        ("The fit is doubtful, see Deviations; do not rely on these results yet.",),
+    ),
+}
 _TONES = {"pass": "good", "undecided": "attention", "fail": "bad"}
 
 
 def verdict(protocol: Protocol) -> Verdict:
     """Whether the requirements are met, in one sentence, and what the protocol does not claim."""
     decisions = [r.decision for r in protocol.requirements]
+    tone, lines = _FITS[protocol.record.verdict]
     if not decisions:
-        return Verdict("good", "Calibrated; no requirements were given.", (DISCLAIMER,))
+        headline = "Calibrated; no requirements were given."
+        return Verdict(tone, headline, (*lines, DISCLAIMER))
     total = len(decisions)
     worst = next(d for d in ("fail", "undecided", "pass") if d in decisions)
     counted = ", ".join(
@@ -48,7 +62,7 @@ def verdict(protocol: Protocol) -> Verdict:
     headline = (
         f"All {total} requirements are met." if worst == "pass" else f"Of {total} requirements: {counted}."
     )  # fmt: skip
-    return Verdict(_TONES[worst], headline, (DISCLAIMER,))
+    return Verdict(_TONES[worst], headline, (*lines, DISCLAIMER))
 
 
 def keys(protocol: Protocol) -> list[Key]:
@@ -74,6 +88,7 @@ def identity(protocol: Protocol) -> Section:
         ("measured", days),
         ("calibrated", f"{_readable(record.created)} with inertiax {record.software['inertiax']}"),
         ("command", record.command),
+        ("fit", f"{record.verdict}, as the calibration's report judges it"),
     ]
     shown = tuple((name, text or "not stated") for name, text in rows)
     return Section("Identity", tables=(Table(("", "stated"), shown),))
@@ -98,7 +113,8 @@ def procedure(protocol: Protocol) -> Section:
         ("rate of the table", _stated(station.rate_uncertainty, 1e6, "ppm")),
         ("temperature probe", _stated(station.temperature_uncertainty, 1.0, "°C")),
     ]
-    recorded = f"{conditions.recordings} recordings, {conditions.samples} samples"
+    recorded = _counted(conditions.recordings, "recording")
+    recorded += f", {conditions.samples} samples"
     if conditions.seconds is not None:
         recorded += f", {conditions.seconds:.0f} s"
     if conditions.experiments and conditions.experiments > 1:
@@ -108,6 +124,10 @@ def procedure(protocol: Protocol) -> Section:
         recorded += f", {low:.2f} to {high:.2f} °C"
     table = Table(("stated by the station, 1 sigma", ""), tuple(rows))
     return Section("Procedure and conditions", lines=(f"{recorded}.", *triads), tables=(table,))
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def _stated(value: float | None, factor: float, unit: str) -> str:
@@ -194,8 +214,15 @@ def budgets(protocol: Protocol) -> list[Section]:
 def _budget_row(protocol: Protocol, result: Result, sources: list[str]) -> tuple[str, ...]:
     factor, unit = _unit_of(protocol, result)
     own = dict(result.budget)
-    cells = (f"{factor * own[s]:.2g}" if own.get(s) else "–" for s in sources)
-    return (label(result.name), *cells, f"{factor * result.std:.2g}", unit)
+    shown = (own.get(s, 0.0) for s in sources)
+    cells = (_short(factor * std) if std > _LEAST * result.std else "–" for std in shown)
+    return (label(result.name), *cells, _short(factor * result.std), unit)
+
+
+def _short(value: float) -> str:
+    """Two significant digits, without an exponent where none is needed."""
+    text = f"{value:.2g}"
+    return f"{float(text):.0f}" if "e+" in text and value < 1e6 else text
 
 
 def limits_of_knowledge(protocol: Protocol) -> list[Section]:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from ..calibrate.fit_quality import judge
@@ -15,7 +14,6 @@ from ..calibrate.results import DeviceResult, TriadResult
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.probe_error import probe_covariance
 from ..data.recording import Campaign
-from ..diagnose.result import Diagnosis
 from ..reduction.handling import left_out_sentence
 from .inputs import InputFile
 from .record import (
@@ -70,30 +68,18 @@ def record_of(
         conditions=_conditions(campaign, written),
         method=_method(result),
         verdict=quality.verdict,
-        findings=tuple(f.text for f in quality.findings if not f.fine),
+        # The judge begins a warning with a capital letter and counts it among its findings.
+        findings=tuple(
+            f.text
+            for f in quality.findings
+            if not f.fine and f.text.casefold() not in {w.casefold() for w in result.warnings}
+        ),
         choices=tuple(result.choices),
         warnings=tuple(result.warnings),
         left_out=() if handling is None else (handling,),
         accel=_triad(result.accel, campaign, result.calibration.accel, written.accel),
         gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro),
     )
-
-
-def diagnosis_record(
-    found: Diagnosis,
-    calibration: Calibration,
-    campaign: Campaign,
-    folder: Path,
-    command: str,
-    inputs: Sequence[InputFile],
-) -> Record:
-    """The record of a diagnosis, whose `calibration.json` lies in `folder`; arguments as of `record_of`."""
-    assert found.estimate is not None  # `diagnose_campaign` made it
-    said = (
-        () if found.verdict == "consistent" else (f"Diagnosis, {found.verdict}: {found.summary}",)
-    )
-    record = record_of(found.estimate, campaign, folder, command, inputs, calibration=calibration)
-    return msgspec.structs.replace(record, warnings=(*record.warnings, *said))
 
 
 def time_text(moment: datetime.datetime) -> str:
@@ -160,8 +146,11 @@ def _with_effects(
     rest = total - known
     scale = 1.0 / np.sqrt(np.diagonal(total))
     alike = scale[:, None] * rest * scale[None, :]  # biases and scale factors have other units
-    if float(np.linalg.eigvalsh(0.5 * (alike + alike.T)).min()) < -_ROUNDING:
+    values = np.linalg.eigvalsh(0.5 * (alike + alike.T))
+    if values.min() < -_ROUNDING:
         return ()
+    if values.max() < _ROUNDING:  # no effect on this triad
+        return parts
     return (*parts, Part(EFFECTS, math.inf, rest))
 
 

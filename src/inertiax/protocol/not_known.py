@@ -28,6 +28,11 @@ def not_known(
             "rate of the table: an error common to all rates is a common scale factor of the gyros; the campaign "
             "states none ([rig] rate_uncertainty), so none is in the budget."
         )
+    if gyro is not None and gyro.estimator == "gravity":
+        said.append(
+            "clock: the gyros' angles are compared with those of gravity, so a relative error of the recording's clock "
+            "is a common scale factor of the gyros, and is not in the budget."
+        )
     referenced = any(t.estimator == "reference" for t in calibration.triads)
     if referenced and not station.position_uncertainty:
         said.append(

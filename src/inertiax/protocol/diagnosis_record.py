@@ -1,0 +1,30 @@
+"""From a diagnosed device to its record."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from ..calibration.calibration import Calibration
+from ..data.recording import Campaign
+from ..diagnose.result import Diagnosis
+from .inputs import InputFile
+from .make_record import record_of
+from .record import Record
+
+
+def diagnosis_record(
+    found: Diagnosis,
+    calibration: Calibration,
+    campaign: Campaign,
+    folder: Path,
+    command: str,
+    inputs: Sequence[InputFile],
+) -> Record:
+    """The record of a diagnosis, whose `calibration.json` lies in `folder`; arguments as of `record_of`."""
+    assert found.estimate is not None  # `diagnose_campaign` made it
+    said = (
+        () if found.verdict == "consistent" else (f"Diagnosis, {found.verdict}: {found.summary}",)
+    )
+    record = record_of(found.estimate, campaign, folder, command, inputs, calibration=calibration)
+    return msgspec.structs.replace(record, warnings=(*record.warnings, *said))
