@@ -374,6 +374,8 @@ CASES: dict[str, Case] = {
     "temperatures reversed": Case("design --optimise --low 60 --high -55"),
     "precision below zero": Case("design --optimise --target -1"),
     "unknown criterion": Case("design --optimise --criterion E"),
+    "separate what is not there": Case("design --separate nothing.json"),
+    "separate and audit": Case("design @good --audit --separate nothing.json"),
     # export
     "export nothing": Case("export"),
     "unknown format": Case("export @good.json --to kalibrr"),

@@ -3,6 +3,7 @@
 import tempfile
 import tomllib
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 
 _JUDGE, _FIND = "Judge a plan (--audit)", "Find a plan (--optimise)"
+_PART = "Part what a diagnosis left together (--separate)"
 _CRITERIA = ("D", "A", "I")  # as in ..design, which needs JAX to import
 
 Reach = tuple[float, float]
@@ -81,7 +83,7 @@ def design(
         typer.Argument(
             metavar="PLAN",
             help="For --audit: campaign folder or campaign.toml, or a scenario of `inertiax simulate`: "
-            "file or name.",
+            "file or name. For --separate: the campaign, where it is not where it was diagnosed.",
         ),
     ] = None,
     audit: Annotated[
@@ -141,6 +143,25 @@ def design(
     repeatability: Annotated[
         float | None, _find("Scatter after re-positioning, m/s², 1 sigma.", "0", "X")
     ] = None,
+    separate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIAGNOSIS",
+            help="diagnosis.json, or the folder that holds it: find the run that tells apart the names that it "
+            "could not.",
+            rich_help_panel=_PART,
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for scenario.toml, checklist.md and separation.json.",
+            rich_help_panel=_PART,
+        ),
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -150,6 +171,8 @@ def design(
 
     `--optimise` finds the positions and temperatures that determine the parameters best, and with
     `--target` the hours that a precision takes.
+
+    `--separate DIAGNOSIS` finds the run of an hour at most that tells apart what a diagnosis could not.
     """
     find = {
         "--positions": positions, "--criterion": criterion, "--outer": outer, "--inner": inner,
@@ -157,7 +180,14 @@ def design(
         "--high": high, "--target": target, "--density": density, "--repeatability": repeatability,
     }  # fmt: skip
     judge = {"PLAN": plan, "--assumed-noise": assumed_noise or None}
-    _check_question(plan, audit=audit, optimise=optimise, foreign=find if audit else judge)
+    if separate is not None:
+        asked = {"--audit": audit or None, "--optimise": optimise or None}
+        _check_foreign("--separate", {**asked, **find, "--assumed-noise": judge["--assumed-noise"]})
+        _separate(separate, plan, output, as_json=as_json, quiet=quiet)
+        return
+    _check_question(
+        plan, audit=audit, optimise=optimise, foreign={**(find if audit else judge), "-o": output}
+    )
     if audit:
         _audit(str(plan), assumed_noise=assumed_noise, as_json=as_json, quiet=quiet)
         return
@@ -189,17 +219,54 @@ def _check_question(
     """One question at a time, without options of the other; status 2 if not."""
     if audit == optimise:
         raise typer.BadParameter(
-            "say what to do: either --audit PLAN or --optimise.",
-            param_hint="'--audit' / '--optimise'",
+            "say what to do: --audit PLAN, --optimise or --separate DIAGNOSIS.",
+            param_hint="'--audit' / '--optimise' / '--separate'",
         )
     if audit and plan is None:
         raise typer.BadParameter(
             "--audit needs a campaign or a scenario to judge.", param_hint="'PLAN'"
         )
+    _check_foreign("--audit" if audit else "--optimise", foreign)
+
+
+def _check_foreign(asked: str, foreign: Mapping[str, object]) -> None:
     for name, value in foreign.items():
         if value is not None:
-            asked = "--audit" if audit else "--optimise"
             raise typer.BadParameter(f"means nothing with {asked}.", param_hint=f"'{name}'")
+
+
+def _separate(
+    diagnosis: Path, plan: str | None, output: Path | None, *, as_json: bool, quiet: bool
+) -> None:
+    if output is not None:
+        outputs.require_folder(output)
+    with console.Stages(quiet=quiet) as stages, ExitStack() as stack:
+        if output is not None:
+            stack.enter_context(outputs.owned_results(output))
+        stages("starting")
+        environment.prepare()
+        from ..data.campaign import load_campaign
+        from ..diagnose.plan.separate import separate
+        from ..diagnose.wording.separation import documents, lines, read_sets, write_separations
+
+        said = read_sets(diagnosis)
+        place = said.campaign if plan is None else Path(plan)
+        if place is None or not place.exists():
+            raise typer.BadParameter(
+                f"the campaign of '{diagnosis}' is not at '{place}'; name it.", param_hint="'PLAN'"
+            )
+        outputs.require_campaign(place)
+        stages("reading recordings")
+        campaign = load_campaign(place)
+        if said.device in campaign.devices:
+            campaign = campaign.of_device(said.device)
+        found = [separate(campaign, one, said.beside(one), stages) for one in said.sets]
+        if output is not None:
+            write_separations(found, output)
+    if as_json:
+        outputs.print_json(documents(found))
+    elif not quiet:
+        console.say("\n".join(line for one in found for line in lines(one)))
 
 
 def _optimise(wanted: Wanted, *, as_json: bool, quiet: bool) -> None:

@@ -1,5 +1,7 @@
 """`inertiax diagnose`: what a campaign holds beyond its model."""
 
+import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, TYPE_CHECKING
 
@@ -61,7 +63,13 @@ def diagnose(
             )
         folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
         with outputs.staged_folder(output) as staging:
-            outcomes = _diagnose_all(loaded, calibration, noise, force, staging, folders, stages)
+            seen_from = {
+                d: os.path.relpath(campaign.resolve(), (output / name).resolve())
+                for d, name in folders.items()
+            }
+            outcomes = _diagnose_all(
+                loaded, calibration, noise, force, staging, folders, seen_from, stages
+            )
     _tell(outcomes, folders, output, as_json=as_json, quiet=quiet)
 
 
@@ -72,6 +80,7 @@ def _diagnose_all(
     force: bool,
     staging: Path,
     folders: dict[str, str],
+    seen_from: dict[str, str],
     stages: console.Stages,
 ) -> "dict[str, Diagnosis | str]":
     """Diagnosis of each device, or why there is none. A single device's failure is raised."""
@@ -98,6 +107,7 @@ def _diagnose_all(
                 raise
             outcomes[device] = str(error)
             continue
+        found = replace(found, campaign=(seen_from[device], device))
         stages("writing the report")
         folder = staging / name
         found.save(folder / "diagnosis.json")

@@ -102,10 +102,25 @@ def prepare(
     if any(d.found for d in delays.values()):
         campaign = with_outputs(campaign, log)
         fitted = calibrate_device(campaign, model=plain.model, checked=True)
+    prepared = []
+    for made in prepared_triads(campaign, log, fitted, catalogue):
+        made = replace(made, delay=delays.get(made.form.triad))
+        prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
+    return Problem(campaign, plain, fitted, log, tuple(prepared))
+
+
+def prepared_triads(
+    campaign: Campaign,
+    log: Log,
+    fitted: DeviceResult,
+    catalogue: Sequence[Effect],
+    triads: Sequence[str] = ("accel", "gyro"),
+) -> list[Prepared]:
+    """Rows and candidates of a campaign, whose log this is, about a calibration; of the calibrated ones of `triads`."""
     blocks, prepared = cut(log), []
     accel = calibrated(fitted, "accel")
     force = specific_force(log, blocks, accel)
-    for triad in ("accel", "gyro"):
+    for triad in triads:
         model = calibrated(fitted, triad)
         if model is None:
             continue
@@ -115,9 +130,8 @@ def prepare(
         mine = seen[usable(form, blocks)]
         base = rows(model, mine, None if force is None else mine.mean(force))
         made = prepare_triad(campaign, log, mine, base, force, catalogue)
-        made = replace(made, delay=delays.get(triad), log=log)
-        prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
-    return Problem(campaign, plain, fitted, log, tuple(prepared))
+        prepared.append(replace(made, log=log))
+    return prepared
 
 
 def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:

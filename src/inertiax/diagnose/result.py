@@ -102,6 +102,8 @@ class Diagnosis(eqx.Module):
     estimate: DeviceResult | None = (
         None  # behind the calibration, for records; not part of the file
     )
+    # Where the campaign lies, seen from the file's folder, and its device; where both are files.
+    campaign: tuple[str, str] | None = eqx.field(static=True, default=None)
 
     def as_dict(self) -> dict:
         """The fields of `diagnosis.json`."""
@@ -128,6 +130,8 @@ class Diagnosis(eqx.Module):
             made["audit"] = self.audit.as_dict()
         if self.empirical is not None:
             made["empirical"] = self.empirical
+        if self.campaign is not None:
+            made["campaign"], made["device"] = self.campaign
         return made
 
     def to_json(self) -> str:

@@ -65,7 +65,8 @@ class Chamber(eqx.Module):
     """Temperature programme: a nominal temperature per experiment and a drift within it."""
 
     nominal: Float[AnyArray, " experiment"]  # °C
-    change: Scalar | float  # °C, peak to peak within an experiment; negative: the path upside down
+    # °C, peak to peak within an experiment, of all or of each; negative: the path upside down
+    change: Scalar | float | Float[AnyArray, " experiment"]
     drift: str = eqx.field(static=True, default="centred")  # a name in DRIFTS
 
     def __check_init__(self):
@@ -82,7 +83,9 @@ class Chamber(eqx.Module):
         index = jnp.asarray(experiment)
         u = jnp.asarray(fraction)
         sign = jnp.where(index % 2 == 0, 1.0, -1.0).astype(u.dtype)
-        return jnp.asarray(self.nominal)[index] + self.change * DRIFTS[self.drift](u, sign)
+        nominal = jnp.asarray(self.nominal)
+        change = jnp.broadcast_to(jnp.asarray(self.change, u.dtype), nominal.shape)[index]
+        return nominal[index] + change * DRIFTS[self.drift](u, sign)
 
 
 def first_order_lag(

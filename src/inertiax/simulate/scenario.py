@@ -4,6 +4,7 @@ The schema below is strict: an unknown key or a wrong value is an error that nam
 says what would be right. `docs/reference/simulator.md` shows a file; every key has a default.
 """
 
+import json
 import math
 import tomllib
 from collections.abc import Iterable
@@ -47,11 +48,13 @@ class PlanTable(_Strict, frozen=True):
     order: str = "given"  # given | reversed | shuffled
     temperatures: tuple[float, ...] = PAPER_TEMPERATURES  # °C, one experiment each
     drift: str = "centred"  # a name in DRIFTS
-    change: float = PAPER_CHANGES[0]  # °C within an experiment
+    change: float | tuple[float, ...] = PAPER_CHANGES[0]  # °C within an experiment, or within each
     dwell_time: float = 60.0  # s at each position
     slew_time: float = 10.0  # s between positions
     soak_time: float = 7200.0  # s between experiments
-    turn_rate: float = 0.0  # deg/s of turns both ways about three axes; 0 = none
+    turn_rate: float | tuple[float, ...] = (
+        0.0  # deg/s of turns both ways about three axes; 0 = none
+    )
     turn_revolutions: int = 1
 
 
@@ -214,8 +217,13 @@ def check_scenario(scenario: Scenario) -> None:
             raise ValueError(f"{key} is empty; at least one is needed.")
     if plan.positions is not None and not plan.positions:
         raise ValueError("[plan] positions is empty; at least one pair of angles is needed.")
-    if not all(math.isfinite(t) for t in (*plan.temperatures, plan.change)):
+    if not all(math.isfinite(t) for t in (*plan.temperatures, *_each(plan.change))):
         raise ValueError("[plan] temperatures and change must be finite, in °C.")
+    if isinstance(plan.change, tuple) and len(plan.change) != len(plan.temperatures):
+        raise ValueError(
+            f"[plan] change has {len(plan.change)} values for {len(plan.temperatures)} temperatures; one each, or "
+            "one number for all, is needed."
+        )
     above = [
         ("[plan] dwell_time", plan.dwell_time, "s"),
         ("[plan] slew_time", plan.slew_time, "s"),
@@ -267,7 +275,7 @@ def _not_negative(scenario: Scenario) -> list[tuple[str, float | int]]:
     plan, device, recording = scenario.plan, scenario.device, scenario.recording
     listed: list[tuple[str, float | int]] = [
         ("[plan] soak_time", plan.soak_time),
-        ("[plan] turn_rate", plan.turn_rate),
+        *(("[plan] turn_rate", rate) for rate in _each(plan.turn_rate)),
         ("[device] degree", device.degree),
         ("[device] seed", device.seed),
         ("[device] ripple", device.ripple),
@@ -290,22 +298,38 @@ def _one_of(key: str, found: str, choices: Iterable[str]) -> None:
         )
 
 
+def _each(value: float | tuple[float, ...]) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+def scenario_toml(scenario: Scenario) -> str:
+    """The text of a scenario file; `load_scenario` reads the same scenario from it."""
+    lines = []
+    for table, values in msgspec.to_builtins(scenario).items():
+        said = {key: value for key, value in values.items() if value is not None}
+        # JSON's text, numbers, lists and truth values are TOML's.
+        lines += [f"[{table}]", *(f"{k} = {json.dumps(v)}" for k, v in said.items()), ""]
+    return "\n".join(lines)
+
+
 # --- from tables to the bench ----------------------------------------------------------------
 
 
 def plan_of(scenario: Scenario) -> Plan:
     """What the scenario tells the station to do."""
     said = scenario.plan
-    rate = math.radians(said.turn_rate)
+    rates = [math.radians(rate) for rate in _each(said.turn_rate) if rate]
+    turns = [turns_about_three_axes(rate, revolutions=said.turn_revolutions) for rate in rates]
+    change = np.array(said.change) if isinstance(said.change, tuple) else said.change
     return Plan(
         reordered(_programme(said), said.order, seed=scenario.recording.seed),
-        Chamber(np.array(said.temperatures, float), said.change, said.drift),
+        Chamber(np.array(said.temperatures, float), change, said.drift),
         gravity=scenario.site.gravity,
         latitude=math.radians(scenario.site.latitude),
         dwell_time=said.dwell_time,
         slew_time=said.slew_time,
         soak_time=said.soak_time,
-        turns=turns_about_three_axes(rate, revolutions=said.turn_revolutions) if rate else (),
+        turns=tuple(turn for each in turns for turn in each),
         position_error=scenario.rig.position_uncertainty * ARCSEC,
     )
 
