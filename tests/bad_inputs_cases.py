@@ -232,6 +232,8 @@ FLEET = {
     ),
 }
 GLOB = SITE + "[recordings]\nfiles = [{!r}]\n"
+CALIBRATED = good_calibration(thermal=False)
+
 CASES: dict[str, Case] = {
     # calibrate: what is in a recording
     "wrong unit": recorded(TABLE.with_columns(pl.col("^accel.*$") / 9.80665).write_csv()),
@@ -418,6 +420,29 @@ CASES: dict[str, Case] = {
     "scenario of a huge degree": scenario("[device]\ndegree = 100000000\n"),
     "scenario is a folder": Case("simulate @good -o @out"),
     "demo of a seed below zero": Case("demo --seed -1 -o @out"),
+    # protocol
+    "protocol of a campaign": Case("protocol @good -o @out"),
+    "protocol of what is not there": Case("protocol @none -o @out"),
+    "protocol of a file": Case("protocol @good.json -o @out"),
+    "protocol without a record": Case("protocol @r -o @out", {"r/calibration.json": CALIBRATED}),
+    "protocol of a damaged record": Case(
+        "protocol @r -o @out", {"r/calibration.json": CALIBRATED, "r/record.json": '{"schema": 1}'}
+    ),
+    "protocol of a later record": Case(
+        "protocol @r -o @out",
+        {"r/calibration.json": CALIBRATED, "r/record.json": '{"schema": "inertiax.record/9"}'},
+    ),
+    "protocol of a damaged calibration": Case("protocol @r -o @out", {"r/calibration.json": "{"}),
+    "protocol of a fleet without a device": Case(
+        "protocol @f -o @out", {"f/manifest.json": b"\xff\xfe"}
+    ),
+    "protocol at no temperature": Case("protocol @good -o @out --at cold"),
+    "protocol with requirements that are no TOML": Case(
+        "protocol @good -o @out --requirements @q.toml", {"q.toml": b"\xff\x00"}
+    ),
+    "protocol with an unknown table": Case(
+        "protocol @good -o @out --requirements @q.toml", {"q.toml": "[requirement]\n"}
+    ),
     "unknown command": Case("calibrat @good -o @out"),
     "unknown option": Case("calibrate @good -o @out --jsn"),
 }
