@@ -1,5 +1,6 @@
 """Pages of the documentation: generated parts, commands that exist, links, length, words that are searched for."""
 
+import importlib
 import json
 import re
 import shlex
@@ -30,7 +31,7 @@ def generated() -> dict[str, str]:
     """What the site generates, by its name in the pages."""
     sys.path.insert(0, str(DOCS / "hooks"))
     try:
-        import pages
+        pages = importlib.import_module("pages")
     finally:
         sys.path.pop(0)
     return {name: make() for name, make in pages.GENERATORS.items()}
@@ -49,6 +50,11 @@ def test_the_command_line_reference_has_every_command_and_option(generated):
         for parameter in command.params:
             if parameter.param_type_name == "option" and not parameter.hidden:
                 assert max(parameter.opts, key=len) in sections[name], (name, parameter.name)
+
+
+def test_bars_in_code_of_a_table_stay_bars(generated):
+    assert "`TriadCalibration | None`" in generated["first layer"]
+    assert "`--criterion D|A|I`" in generated["command line"]
 
 
 def test_the_catalogue_page_has_every_effect_in_order(generated):

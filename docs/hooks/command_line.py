@@ -4,6 +4,7 @@ import inspect
 from typing import Any
 
 import typer
+from table_rows import table
 
 from inertiax.cli.app import app
 
@@ -32,10 +33,11 @@ def _section(name: str, command: Any) -> str:
         f"```text\n{usage} [OPTIONS]\n```",
     ]
     if arguments:
-        parts.append(_table("argument", [(f"`{_metavar(p)}`", _meaning(p)) for p in arguments]))
+        rows = [(f"`{_metavar(p)}`", _meaning(p)) for p in arguments]
+        parts.append(table(("argument", "meaning"), rows))
     for panel, members in _panels(options).items():
         title = "option" if panel is None else panel
-        parts.append(_table(title, [(_spelling(p), _meaning(p)) for p in members]))
+        parts.append(table((title, "meaning"), [(_spelling(p), _meaning(p)) for p in members]))
     return "\n\n".join(parts)
 
 
@@ -70,7 +72,7 @@ def _kind(parameter: Any) -> str:
 def _spelling(option: Any) -> str:
     names = sorted([*option.opts, *option.secondary_opts], key=len, reverse=True)
     spelt = f"{', '.join(names)} {_metavar(option)}".strip()
-    return f"`{spelt}`".replace("|", "\\|")
+    return f"`{spelt}`"
 
 
 def _meaning(parameter: Any) -> str:
@@ -81,9 +83,4 @@ def _meaning(parameter: Any) -> str:
     if parameter.param_type_name == "option" and default not in (None, False, "", (), []):
         value = " ".join(map(str, default)) if isinstance(default, tuple) else default
         said += f" Default: `{value}`."
-    return said.replace("|", "\\|").replace("<", "&lt;").replace("[", "\\[").strip()
-
-
-def _table(title: str, rows: list[tuple[str, str]]) -> str:
-    lines = [f"| {title} | meaning |", "|---|---|", *(f"| {a} | {b} |" for a, b in rows)]
-    return "\n".join(lines)
+    return said.replace("<", "&lt;").replace("[", "\\[").strip()

@@ -6,21 +6,21 @@ import inspect
 import re
 from pathlib import Path
 
+from table_rows import table
+
 
 def field_table(cls: type) -> str:
     """Fields as the source declares them; the comment on a field's line says its unit."""
-    rows: dict[str, str] = {}  # a class says again what its interface left open
+    rows: dict[str, tuple[str, ...]] = {}  # a class says again what its interface left open
     for base in reversed(cls.__mro__):
         if base.__module__.partition(".")[0] == "inertiax":
             rows |= _declared(base)
     if not rows:
         return ""
-    return "\n".join(
-        ["| field | type and shape | unit, meaning |", "|---|---|---|", *rows.values()]
-    )
+    return table(("field", "type and shape", "unit, meaning"), rows.values())
 
 
-def _declared(cls: type) -> dict[str, str]:
+def _declared(cls: type) -> dict[str, tuple[str, ...]]:
     module = importlib.import_module(cls.__module__)
     lines = Path(inspect.getfile(module)).read_text(encoding="utf-8").splitlines()
     (tree,) = [
@@ -38,8 +38,7 @@ def _declared(cls: type) -> dict[str, str]:
         said = _comment(lines, node.lineno, node.end_lineno or node.lineno)
         kind = ast.unparse(node.annotation).replace("'", '"').replace(" | msgspec.UnsetType", "")
         kind = re.sub(r"\b_(?=[A-Z])", "", kind)  # structures of one file have private names
-        cells = (f"`{name}`", f"`{kind}`", said)
-        rows[name] = "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"
+        rows[name] = (f"`{name}`", f"`{kind}`", said)
     return rows
 
 

@@ -1,38 +1,30 @@
 """The reference of the physical effects, from the catalogue that the diagnosis searches."""
 
+from table_rows import table
+
 from inertiax.effects import CATALOGUE
 from inertiax.effects.effect import Effect
 
 
 def tables() -> str:
-    """Two tables, in the catalogue's order: the physics of each effect, and its units and usual sizes."""
-    what = ["| name | standards' term | of | adds to the outputs |", "|---|---|---|---|"]
-    seen = ["| name | is seen with | unlike its rivals when you |", "|---|---|---|"]
-    sizes = [
-        "| name | triad | unit | navigation | tactical | consumer |",
-        "|---|---|---|---|---|---|",
-    ]
+    """Three tables, in the catalogue's order: physics, what shows an effect, units and usual sizes."""
+    what, seen, sizes = [], [], []
     for effect in CATALOGUE:
-        what.append(_row(f"`{effect.name}`", effect.title, _whose(effect), f"`{effect.equation}`"))
-        seen.append(_row(f"`{effect.name}`", effect.needs, effect.separating))
+        name = f"`{effect.name}`"
+        what.append((name, effect.title, _whose(effect), f"`{effect.equation}`"))
+        seen.append((name, effect.needs, effect.separating))
         for triad in effect.triads:
             usual = [_range(effect.prior.get(triad, {}).get(g)) for g in GRADES]
-            sizes.append(_row(f"`{effect.name}`", triad, effect.units[triad], *usual))
-    return "\n".join(
-        [
-            *what,
-            "",
-            "## What shows an effect",
-            "",
-            *seen,
-            "",
-            "## Usual sizes",
-            "",
-            SIZES,
-            "",
-            *sizes,
-        ]
-    )
+            sizes.append((name, triad, effect.units[triad], *usual))
+    parts = [
+        table(("name", "standards' term", "of", "adds to the outputs"), what),
+        "## What shows an effect",
+        table(("name", "is seen with", "unlike its rivals when you"), seen),
+        "## Usual sizes",
+        SIZES,
+        table(("name", "triad", "unit", *GRADES), sizes),
+    ]
+    return "\n\n".join(parts)
 
 
 GRADES = ("navigation", "tactical", "consumer")
@@ -48,7 +40,3 @@ def _whose(effect: Effect) -> str:
 
 def _range(usual: tuple[float, float] | None) -> str:
     return "" if usual is None else f"{usual[0]:.2g} … {usual[1]:.2g}"
-
-
-def _row(*cells: str) -> str:
-    return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"

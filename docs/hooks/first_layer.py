@@ -6,6 +6,7 @@ import textwrap
 from typing import Any
 
 from declared_fields import field_table
+from table_rows import table
 
 import inertiax
 
@@ -57,5 +58,5 @@ def _methods(cls: type) -> str:
         if said:
             call = name if isinstance(member, property) else _call(name, getattr(cls, name))
             call = " ".join(call.split()).replace("(self, ", "(").replace("(self)", "()")
-            rows.append(f"| `{call}` | {' '.join(said.split())} |".replace("||", "\\|\\|"))
-    return "\n".join(["| method | what it gives |", "|---|---|", *rows]) if rows else ""
+            rows.append((f"`{call}`", " ".join(said.split())))
+    return table(("method", "what it gives"), rows) if rows else ""

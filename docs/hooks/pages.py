@@ -18,7 +18,7 @@ import result_files
 GENERATORS: dict[str, Callable[[], str]] = {
     "command line": command_line.page,
     "effect catalogue": effect_catalogue.tables,
-    "export formats": export_formats.table,
+    "export formats": export_formats.formats,
     "first layer": first_layer.page,
     "result files": result_files.page,
 }
