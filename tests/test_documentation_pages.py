@@ -68,6 +68,10 @@ def test_fields_have_their_units(generated):
     assert "| `reference_gyro` | `Float[AnyArray" in generated["first layer"]
     assert re.search(r"`temperature` .* °C, mean; 0 where no probe", generated["first layer"])
     assert "of the coefficients row by row, SI" in generated["result files"]
+    # A field without its unit or meaning is of no use to who reads the page.
+    assert not re.findall(
+        r"^.* \|  \|$", generated["first layer"] + generated["result files"], re.M
+    )
 
 
 def test_every_key_of_a_campaign_is_on_its_page():

@@ -38,6 +38,7 @@ def _declared(cls: type) -> dict[str, tuple[str, ...]]:
         said = _comment(lines, node.lineno, node.end_lineno or node.lineno)
         kind = ast.unparse(node.annotation).replace("'", '"').replace(" | msgspec.UnsetType", "")
         kind = re.sub(r"\b_(?=[A-Z])", "", kind)  # structures of one file have private names
+        kind = kind.replace('" ', '"')  # of a single axis, which jaxtyping wants so
         rows[name] = (f"`{name}`", f"`{kind}`", said)
     return rows
 

@@ -40,7 +40,7 @@ def _call(name: str, value: Any) -> str:
     bare = [p.replace(annotation=inspect.Parameter.empty) for p in parameters]
     text = str(inspect.Signature(bare))
     text = re.sub(r"<(?:function|class) '?([\w.]+)[^>]*>", r"\1", text)
-    return "\n".join(textwrap.wrap(f"{name}{text}", 100, subsequent_indent="    "))
+    return "\n".join(textwrap.wrap(f"{name}{text}", 84, subsequent_indent="    "))
 
 
 def _methods(cls: type) -> str:

@@ -24,9 +24,10 @@ class Block(eqx.Module):
     """Some of a calibration's coefficients, with their covariance."""
 
     rows: tuple[int, ...] = eqx.field(static=True)  # places among all coefficients
-    names: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)  # such as accel.bias[0].c1
     units: tuple[str, ...] = eqx.field(static=True)  # SI
-    mean: Float[AnyArray, "*batch coefficients"]
+    mean: Float[AnyArray, "*batch coefficients"]  # values of the coefficients, in `units`
+    # Of the coefficients, products of `units`.
     covariance: Float[AnyArray, "*batch coefficients coefficients"]
 
     @property

@@ -21,18 +21,20 @@ class FittedEffect(eqx.Module):
     these settings. Where a shape is scaled by the recordings it is fitted on, their extent is kept.
     """
 
-    name: str = eqx.field(static=True)
+    name: str = eqx.field(static=True)  # of the catalogue
     triad: str = eqx.field(static=True)  # accel or gyro
-    channels: tuple[int, ...] = eqx.field(static=True)
+    channels: tuple[int, ...] = eqx.field(static=True)  # 0, 1, 2 for x, y, z
+    # Such as a time constant, s.
     settings: tuple[tuple[str, float | int | str], ...] = eqx.field(converter=Settings)
     coefficients: Float[AnyArray, " column"]  # in `unit`
-    covariance: Float[AnyArray, "column column"]
-    unit: str = eqx.field(static=True)
+    covariance: Float[AnyArray, "column column"]  # in `unit` squared
+    unit: str = eqx.field(static=True)  # SI, of the coefficients
     clock: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # s, start and end
     temperature: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # °C
     greatest_input: float = eqx.field(converter=as_leaf, default=0.0)  # g or rad/s
     # The model that it was fitted beside: its degree, and the temperatures (°C) at ±1 of its polynomials.
     degree: int | None = eqx.field(static=True, default=None)
+    # °C at −1 and +1 of its polynomials.
     scale: tuple[float, float] | None = eqx.field(converter=pair, default=None)
 
     @property
@@ -59,13 +61,13 @@ class Extent(msgspec.Struct, forbid_unknown_fields=True):
 class EffectEntry(msgspec.Struct, forbid_unknown_fields=True):
     """One entry of `effects` in calibration.json."""
 
-    name: str
-    channels: list[str]
-    settings: dict[str, float | int | str]
-    coefficients: list[float]
-    covariance: list[list[float]]
-    unit: str
-    fitted_on: Extent
+    name: str  # of the catalogue
+    channels: list[str]  # such as accel_y
+    settings: dict[str, float | int | str]  # such as a time constant, s
+    coefficients: list[float]  # in `unit`
+    covariance: list[list[float]]  # in `unit` squared
+    unit: str  # SI
+    fitted_on: Extent  # extent of the recordings that it was fitted on
 
 
 def to_entry(effect: FittedEffect) -> EffectEntry:

@@ -26,7 +26,7 @@ class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """Functions of temperature, under `basis`."""
 
     kind: str  # constant | chebyshev | natural-cubic-spline
-    degree: int | None = None
+    degree: int | None = None  # of the polynomials
     low: float | None = None  # °C, at −1 of the polynomials
     high: float | None = None  # °C, at +1
     knots: list[float] | None = None  # °C, of a spline
@@ -35,10 +35,10 @@ class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 class _Triad(msgspec.Struct, forbid_unknown_fields=True):
     """One triad, under `accel` or `gyro`."""
 
-    estimator: str
+    estimator: str  # a name of `[model]`
     names: list[str]  # of the parameters
     units: list[str]  # SI, of each
-    basis: _Basis
+    basis: _Basis  # functions of temperature
     coefficients: list[
         list[float]
     ]  # a row for each function of the basis, a column for each parameter
@@ -48,15 +48,15 @@ class _Triad(msgspec.Struct, forbid_unknown_fields=True):
 class _File(msgspec.Struct, forbid_unknown_fields=True):
     """A device's calibration; a key that is not here is refused."""
 
-    schema: str
+    schema: str  # inertiax.calibration/1
     version: str  # of inertiax
     device: str  # serial number
-    gravity: float
+    gravity: float  # in `gravity_unit`
     gravity_unit: str  # m/s^2
     temperature_range: tuple[float, float] | None  # that the data covered
     temperature_unit: str  # degC
     accel: _Triad | None  # None: not calibrated
-    gyro: _Triad | None
+    gyro: _Triad | None  # None: not calibrated
     notes: list[str] = []  # what a user should know
     model: ModelEntry | msgspec.UnsetType = msgspec.UNSET  # as it was fitted
     effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET  # named by a diagnosis

@@ -52,12 +52,13 @@ class Calibration:
     """
 
     gravity: Scalar | float  # m/s²
-    accel: TriadCalibration | None = None
-    gyro: TriadCalibration | None = None
-    device: str = ""
-    temperature_range: tuple[float, float] | None = None
-    notes: tuple[str, ...] = ()
-    effects: tuple[FittedEffect, ...] = ()
+    accel: TriadCalibration | None = None  # None: not calibrated
+    gyro: TriadCalibration | None = None  # None: not calibrated
+    device: str = ""  # serial number
+    temperature_range: tuple[float, float] | None = None  # °C
+    notes: tuple[str, ...] = ()  # what a user should know
+    effects: tuple[FittedEffect, ...] = ()  # named effects beside the parameters
+    # SI; None: estimated apart.
     cross_covariance: Float[AnyArray, "*batch accel_coefficients gyro_coefficients"] | None = None
     model: ModelSpec | None = None  # as it was fitted
 

@@ -52,7 +52,7 @@ class TriadCalibration(eqx.Module):
     Raises `ValueError` for a name that is no parameter's, or sizes that do not fit each other.
     """
 
-    curve: Curve
+    curve: Curve  # parameters over temperature, SI
     # Of the coefficients, row-major (size, parameters).
     covariance: Float[AnyArray, "*batch unknowns unknowns"]
     names: tuple[str, ...] = eqx.field(static=True)  # of the curve's columns

@@ -206,9 +206,12 @@ class Rig(eqx.Module):
 class ModelChoice(eqx.Module):
     """The model that the user means to fit; `None` lets the tool choose and say so."""
 
+    # Invariant | reference | static | none; None: the tool chooses.
     accel_estimator: str | None = eqx.field(static=True, default=None)
+    # Reference | gravity | static | none; None: the tool chooses.
     gyro_estimator: str | None = eqx.field(static=True, default=None)
-    g_sensitivity: bool | None = eqx.field(static=True, default=None)
+    g_sensitivity: bool | None = eqx.field(static=True, default=None)  # the gyros' matrix D
+    # Of every parameter's polynomial; 0 = constant.
     temperature_degree: int | None = eqx.field(static=True, default=None)
     together: bool | None = eqx.field(static=True, default=None)  # both triads in one least squares
     lever_arms: bool | None = eqx.field(static=True, default=None)  # of the accelerometers
@@ -218,10 +221,10 @@ class ModelChoice(eqx.Module):
 class Campaign(eqx.Module):
     """Recordings of one or many devices, with the place, the rig and the model to fit."""
 
-    recordings: tuple[Recording, ...]
-    site: Site = Site()
-    rig: Rig = Rig()
-    model: ModelChoice = ModelChoice()
+    recordings: tuple[Recording, ...]  # of all devices
+    site: Site = Site()  # gravity and latitude
+    rig: Rig = Rig()  # what the station promises, 1 sigma
+    model: ModelChoice = ModelChoice()  # what the user wants to be fitted
     grade: str | None = eqx.field(static=True, default=None)  # navigation | tactical | consumer
     path: Path | None = eqx.field(static=True, default=None)  # campaign.toml, if read from one
     notes: tuple[str, ...] = eqx.field(static=True, default=())  # what a reader should know

@@ -21,42 +21,44 @@ SCHEMA = "inertiax.diagnosis/1"
 class Where(eqx.Module):
     """A stretch of the campaign where a channel departs from the model."""
 
-    channel: str = eqx.field(static=True)
-    experiment: int = eqx.field(static=True)
+    channel: str = eqx.field(static=True)  # such as accel_y
+    experiment: int = eqx.field(static=True)  # its number
     start: float = eqx.field(static=True)  # s, on the recording's clock
-    end: float = eqx.field(static=True)
-    driver: str = eqx.field(static=True)
+    end: float = eqx.field(static=True)  # s
+    driver: str = eqx.field(static=True)  # the variable that it follows
     excess_rms: float = eqx.field(static=True)  # m/s² or rad/s
-    p_value: float = eqx.field(static=True)
+    p_value: float = eqx.field(static=True)  # under noise alone
 
 
 class Parameter(eqx.Module):
     """An estimated parameter of an effect."""
 
-    value: float = eqx.field(static=True)
+    value: float = eqx.field(static=True)  # in `unit`
     std: float | None = eqx.field(static=True)  # None where the data does not tell it
-    unit: str = eqx.field(static=True)
+    unit: str = eqx.field(static=True)  # SI
 
 
 class Evidence(eqx.Module):
     """How well an effect is supported."""
 
-    delta_bic: float = eqx.field(static=True)
-    p_value: float = eqx.field(static=True)
+    delta_bic: float = eqx.field(static=True)  # drop of the criterion, positive for the effect
+    p_value: float = eqx.field(static=True)  # under noise alone
     held_out_gain: float = eqx.field(static=True)  # 1 − rms with it / rms without, on left-out data
 
 
 class Explanation(eqx.Module):
     """One effect that was left out, with the names that the data cannot tell from it."""
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    form: str = eqx.field(static=True)
+    name: str = eqx.field(static=True)  # of the catalogue
+    channels: tuple[str, ...] = eqx.field(static=True)  # such as accel_y
+    form: str = eqx.field(static=True)  # such as a time constant
+    # Names that the data cannot tell from it.
     alternatives: tuple[str, ...] = eqx.field(static=True)
     odds: tuple[tuple[str, float], ...] = eqx.field(static=True)  # posterior shares of the set
-    parameters: tuple[tuple[str, Parameter], ...]
-    evidence: Evidence
-    statement: str = eqx.field(static=True)
+    parameters: tuple[tuple[str, Parameter], ...]  # by name
+    evidence: Evidence  # how well it is supported
+    statement: str = eqx.field(static=True)  # what it does, in words
+    # What would decide between the alternatives.
     separating_experiment: str = eqx.field(static=True)
 
 
@@ -64,39 +66,41 @@ class Quality(eqx.Module):
     """How well a model fits."""
 
     rms: float = eqx.field(static=True)  # of the rows, m/s² or rad/s
-    chi2_per_dof: float = eqx.field(static=True)
-    held_out_rms: float = eqx.field(static=True)
+    chi2_per_dof: float = eqx.field(static=True)  # under the fitted noise
+    held_out_rms: float = eqx.field(static=True)  # on left-out stretches, m/s² or rad/s
 
 
 class Moved(eqx.Module):
     """A parameter of the calibration that the omission had pulled."""
 
-    name: str = eqx.field(static=True)
-    before: float = eqx.field(static=True)
-    after: float = eqx.field(static=True)
-    std: float = eqx.field(static=True)
+    name: str = eqx.field(static=True)  # such as accel.bias[1]
+    before: float = eqx.field(static=True)  # SI
+    after: float = eqx.field(static=True)  # SI
+    std: float = eqx.field(static=True)  # SI, of the difference's estimate
 
 
 class Diagnosis(eqx.Module):
     """Where a campaign departs from its model, what was left out, and how sure that is."""
 
     verdict: str = eqx.field(static=True)  # consistent | missing-physics | unexplained
-    summary: str = eqx.field(static=True)
-    where: tuple[Where, ...] = ()
-    effects: tuple[Explanation, ...] = ()
-    baseline: Quality | None = None
-    augmented: Quality | None = None
+    summary: str = eqx.field(static=True)  # one paragraph for a test engineer
+    where: tuple[Where, ...] = ()  # stretches that depart from the model, most evidence first
+    effects: tuple[Explanation, ...] = ()  # what was left out, most evidence first
+    baseline: Quality | None = None  # the model as meant
+    augmented: Quality | None = None  # with the effects
+    # Names of effects that this campaign cannot show.
     not_testable: tuple[str, ...] = eqx.field(static=True, default=())
-    parameters_moved: tuple[Moved, ...] = ()
-    detectable: tuple[Detectable, ...] = ()
+    parameters_moved: tuple[Moved, ...] = ()  # by the effects
+    detectable: tuple[Detectable, ...] = ()  # smallest sizes that would have shown
+    # A formula, where no catalogued effect explains it.
     empirical: str | None = eqx.field(static=True, default=None)
-    notes: tuple[str, ...] = eqx.field(static=True, default=())
+    notes: tuple[str, ...] = eqx.field(static=True, default=())  # what a reader should know
     handling: tuple[Disturbance, ...] = ()  # stretches of rests that were not judged
     noise: tuple[str, ...] = eqx.field(
         static=True, default=()
     )  # where it was known from, and the fitted noise beside Allan deviations
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
-    audit: Audit | None = None
+    audit: Audit | None = None  # of the campaign as a plan
     model: ModelSpec | None = eqx.field(static=True, default=None)  # that was judged
     residuals: tuple[Residuals, ...] = ()  # for figures; not part of the file
     estimate: DeviceResult | None = (

@@ -77,7 +77,7 @@ class StaticGyro(AbstractEstimator[GyroErrors]):
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
-    g_sensitivity: bool = eqx.field(static=True, default=False)
+    g_sensitivity: bool = eqx.field(static=True, default=False)  # estimate D, too
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property

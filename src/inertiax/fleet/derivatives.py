@@ -25,10 +25,11 @@ class Derivatives(eqx.Module):
     `by_source[k]` has shape (…, coefficients, draws), in SI per standard deviation of the source `sources[k]`.
     """
 
+    # SI per standard deviation of the source.
     by_source: tuple[Float[AnyArray, "*devices coefficients _"], ...]
-    sources: tuple[str, ...] = eqx.field(static=True)
+    sources: tuple[str, ...] = eqx.field(static=True)  # names
     names: tuple[str, ...] = eqx.field(static=True)  # of the coefficients
-    units: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)  # SI, of the coefficients
 
     @property
     def sigma(self) -> Float[Array, "*devices sources coefficients"]:

@@ -38,10 +38,10 @@ class Fit:
     """
 
     calibration: Calibration  # stacked where there are devices
-    succeeded: Bool[np.ndarray, "*devices"]
-    dwells: Dwells
+    succeeded: Bool[np.ndarray, "*devices"]  # for each device
+    dwells: Dwells  # that were fitted
     accel: AbstractEstimator | None  # with the scatter between dwells that was found
-    gyro: AbstractEstimator | None
+    gyro: AbstractEstimator | None  # with the scatter between dwells that was found
     reasons: tuple[str | None, ...] = ()  # of each device, devices flattened
 
 

@@ -11,14 +11,14 @@ class TriadSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     estimator: str  # a name of `[model] accel_estimator` or `gyro_estimator`
     temperature_degree: int  # of every parameter's polynomial; 0 = constant
     parameters: tuple[str, ...]  # at one temperature, in order
-    g_sensitivity: bool
+    g_sensitivity: bool  # whether D is estimated
 
 
 class ModelSpec(msgspec.Struct, frozen=True):
     """What is estimated of a device, and who chose it."""
 
     accel: TriadSpec | None  # None: not calibrated
-    gyro: TriadSpec | None
+    gyro: TriadSpec | None  # None: not calibrated
     together: bool = False  # both triads in one least squares
     lever_arms: bool = False  # of the accelerometers
     misalignment: bool = True  # of the gyros to the accelerometers; False holds it at zero

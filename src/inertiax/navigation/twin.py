@@ -29,8 +29,8 @@ class TwinState(eqx.Module):
     """What a twin remembers from sample to sample."""
 
     count: Int[Array, ""]  # samples so far
-    effects: tuple[Any, ...]
-    noise: NoiseState
+    effects: tuple[Any, ...]  # states of effects that remember
+    noise: NoiseState  # states of the noise
     line: Float[Array, "samples 6"]  # outputs that are still on their way, the newest first
 
 
@@ -52,10 +52,10 @@ class Twin(eqx.Module):
     Raises `ValueError` for an effect that force, rate and temperature do not tell, and for implausible numbers.
     """
 
-    calibration: Calibration
-    noise: SensorNoise
-    sample_rate: float = eqx.field(static=True)
-    delay: float = eqx.field(static=True)
+    calibration: Calibration  # whose errors it has
+    noise: SensorNoise  # of both triads
+    sample_rate: float = eqx.field(static=True)  # Hz
+    delay: float = eqx.field(static=True)  # s, of the outputs
 
     def __init__(
         self,

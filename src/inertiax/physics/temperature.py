@@ -101,7 +101,7 @@ class Polynomial(AbstractBasis):
     **Reference:** Trefethen, *Approximation Theory and Approximation Practice*, SIAM 2013, ch. 3.
     """
 
-    degree: int = eqx.field(static=True)
+    degree: int = eqx.field(static=True)  # the highest
     # Leaves, so that devices of other ranges share compiled code.
     low: Float[AnyArray, "*batch"] | float = eqx.field(converter=as_leaf)  # °C, maps to x = -1
     high: Float[AnyArray, "*batch"] | float = eqx.field(converter=as_leaf)  # °C, maps to x = +1
@@ -233,8 +233,8 @@ def _natural_spline_curvature(knots: np.ndarray) -> np.ndarray:
 class Curve(eqx.Module):
     """A vector of parameters as a function of temperature, $p(T) = \\phi(T)\\, C$."""
 
-    basis: AbstractBasis
-    coefficients: Float[AnyArray, "*batch size parameters"]
+    basis: AbstractBasis  # functions of temperature
+    coefficients: Float[AnyArray, "*batch size parameters"]  # a row for each function, SI
 
     def __check_init__(self):
         if getattr(self.coefficients, "ndim", 2) == 2 and hasattr(self.coefficients, "shape"):

@@ -22,11 +22,11 @@ class Finding:
     """
 
     kind: str  # as listed in docs/reference/plausibility.md
-    severity: Severity
+    severity: Severity  # error, warning or note
     what: str  # triad, channel or column: accel, gyro_x, time, temperature, position, …
     statement: str  # one or two sentences, beginning with the recording's name where it is one's
-    evidence: tuple[tuple[str, Value], ...] = ()
-    remedy: str | None = None
+    evidence: tuple[tuple[str, Value], ...] = ()  # numbers by name
+    remedy: str | None = None  # TOML for campaign.toml, where there is one
 
     def as_dict(self) -> dict:
         """The finding as `check --json` prints it."""

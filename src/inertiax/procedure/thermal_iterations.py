@@ -141,10 +141,10 @@ class PaperIteration(AbstractIteration):
 
     method: ClassVar[str] = "paper"
 
-    estimator: AbstractEstimator
-    basis: AbstractBasis
-    rows: Int[AnyArray, "experiments longest"]
-    kept: Bool[AnyArray, "experiments longest"]
+    estimator: AbstractEstimator  # of one triad
+    basis: AbstractBasis  # of the curves
+    rows: Int[AnyArray, "experiments longest"]  # of the dwells in each experiment
+    kept: Bool[AnyArray, "experiments longest"]  # False: a row that only pads
 
     @classmethod
     def plan(
@@ -204,8 +204,8 @@ class GaussNewtonIteration(AbstractIteration):
 
     method: ClassVar[str] = "gauss-newton"
 
-    estimator: AbstractEstimator
-    basis: AbstractBasis
+    estimator: AbstractEstimator  # of one triad
+    basis: AbstractBasis  # of the curves
 
     def refine(
         self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells

@@ -41,9 +41,9 @@ class Dwells(eqx.Module):
     duration: Float[AnyArray, " *dwell"]  # s
     count: Float[AnyArray, " *dwell"]  # samples averaged
     temperature: Float[AnyArray, " *dwell"]  # °C, mean; 0 where no probe was recorded
-    experiment: Int[AnyArray, " *dwell"]
+    experiment: Int[AnyArray, " *dwell"]  # number of the run of the programme
     position: Int[AnyArray, " *dwell"]  # -1 at constant rate
-    valid: Bool[AnyArray, " *dwell"]
+    valid: Bool[AnyArray, " *dwell"]  # False: a row that only pads
     accel: Float[AnyArray, "*dwell 3"] | None = None  # m/s²
     accel_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, (m/s²)²
     gyro: Float[AnyArray, "*dwell 3"] | None = None  # rad/s

@@ -48,9 +48,9 @@ class Disturbance(eqx.Module):
 
     recording: str = eqx.field(static=True)  # its name
     start: float = eqx.field(static=True)  # s, on the recording's clock
-    end: float = eqx.field(static=True)
+    end: float = eqx.field(static=True)  # s
     kind: str = eqx.field(static=True)  # one of `KINDS`
-    position: int = eqx.field(static=True)
+    position: int = eqx.field(static=True)  # of the rest
     left_out: bool = eqx.field(
         static=True, default=True
     )  # False: kept, since it is so in most rests

@@ -11,10 +11,10 @@ POWER = 0.9  # chance with which an effect of the stated size is detected
 class Detectable(eqx.Module):
     """The smallest size of an effect that the campaign would have shown."""
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    size: float = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
+    name: str = eqx.field(static=True)  # of the catalogue
+    channels: tuple[str, ...] = eqx.field(static=True)  # such as accel_y
+    size: float = eqx.field(static=True)  # in `unit`
+    unit: str = eqx.field(static=True)  # SI
 
 
 class Alias(eqx.Module):

@@ -22,7 +22,7 @@ SCHEMA = "inertiax.population/1"
 class Outlier(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A device unlike the others; it did not enter the population."""
 
-    device: str
+    device: str  # serial number
     distance: float  # Mahalanobis, its own uncertainty counted
     parameter: str  # of the coefficient that is farthest out
     term: int  # of the basis, from 0
@@ -32,14 +32,14 @@ class Outlier(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TriadPopulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """N(μ, Σ) of one triad's coefficients, row-major (degree + 1, parameters), SI."""
 
-    model: TriadModel
+    model: TriadModel  # estimator and basis
     mean: tuple[float, ...]  # μ
     covariance: tuple[float, ...]  # Σ between devices, lower triangle row by row
     mean_covariance: tuple[float, ...]  # of μ itself, lower triangle
     scatter: float  # typical scatter between a device's dwells, m/s² or rad/s
     devices: int  # that entered
     shrinkage: float  # of correlations: 0 none, 1 to zero
-    outliers: tuple[Outlier, ...] = ()
+    outliers: tuple[Outlier, ...] = ()  # devices unlike the others
 
     def __post_init__(self) -> None:
         if self.devices < FEWEST:
@@ -83,10 +83,10 @@ class TriadPopulation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Population(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A line's population; `None` for a triad that was not calibrated."""
 
-    schema: str = SCHEMA
-    g_sensitivity: bool = False
-    accel: TriadPopulation | None = None
-    gyro: TriadPopulation | None = None
+    schema: str = SCHEMA  # inertiax.population/1
+    g_sensitivity: bool = False  # whether D was estimated
+    accel: TriadPopulation | None = None  # None: not calibrated
+    gyro: TriadPopulation | None = None  # None: not calibrated
 
 
 def as_prior(population: Population) -> Population:
