@@ -27,14 +27,44 @@ LONG = ("reference", "benchmarks", "api")
 
 
 @pytest.fixture(scope="module")
-def generated() -> dict[str, str]:
-    """What the site generates, by its name in the pages."""
+def hooks():
+    """The module that MkDocs loads."""
     sys.path.insert(0, str(DOCS / "hooks"))
     try:
-        pages = importlib.import_module("pages")
+        return importlib.import_module("pages")
     finally:
         sys.path.pop(0)
-    return {name: make() for name, make in pages.GENERATORS.items()}
+
+
+@pytest.fixture(scope="module")
+def generated(hooks) -> dict[str, str]:
+    """What the site generates, by its name in the pages."""
+    return {name: make() for name, make in hooks.GENERATORS.items()}
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "tutorials").glob("*.md")), ids=lambda p: p.stem)
+def test_a_tutorial_is_a_notebook_too(hooks, page):
+    made = json.loads(hooks.notebooks.notebook(_text(page)))
+    code = [c["source"] for c in made["cells"] if c["cell_type"] == "code"]
+    assert (made["nbformat"], made["nbformat_minor"]) == (4, 5)
+    assert len({c["id"] for c in made["cells"]}) == len(made["cells"])
+    # Every Python block, file and command of the page, in this order and no other cell.
+    shown = re.findall(r'^```(\w+)( title=".*?")?\n(.*?)^```', _text(page), re.M | re.S)
+    runs = [(title, text) for kind, title, text in shown if kind in ("python", "console") or title]
+    assert len(code) == len(runs)
+    for source, (title, text) in zip(code, runs, strict=True):
+        assert source.startswith(
+            "%%writefile" if title else ("!" if text.startswith("$ ") else text[:9])
+        )
+        if not title and not source.startswith("!"):
+            compile(source, page.name, "exec")
+
+
+def test_formulas_become_mathml(hooks):
+    html = '<p><span class="arithmatex">\\(\\sigma &lt; 1\\)</span></p>'
+    drawn = hooks.on_page_content(html)
+    assert 'alttext="\\sigma &lt; 1"' in drawn and "<mi>&#x003C3;</mi>" in drawn
+    assert "arithmatex" not in drawn
 
 
 def test_every_generated_part_is_on_one_page(generated):
