@@ -15,6 +15,7 @@ import math
 import tempfile
 from collections import Counter, defaultdict
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -142,8 +143,18 @@ def kind(name: str) -> str:
     return f"{triad} scale" if rest[7] == rest[9] else f"{triad} misalignment"
 
 
-def count(station: str, runs: int, seed: int) -> None:
-    """Simulate one station and print its table."""
+class Counted(NamedTuple):
+    """What was counted of one station, as parts."""
+
+    covered: dict[str, float]  # by kind of parameter
+    together: float
+    sigma: float  # of `together`, from run to run
+    wrong: dict[str, float]  # "pass" and "fail", at the limit
+    decisions: int  # of each
+
+
+def count(station: str, runs: int, seed: int) -> Counted:
+    """Simulate one station."""
     covered: dict[str, list[bool]] = defaultdict(list)
     each: list[float] = []
     wrong: Counter[str] = Counter()
@@ -163,15 +174,24 @@ def count(station: str, runs: int, seed: int) -> None:
             for r in said.requirements:
                 decided[mistake] += 1
                 wrong[mistake] += r.decision == mistake
+    return Counted(
+        {name: float(np.mean(inside)) for name, inside in covered.items()},
+        float(np.mean(each)),
+        float(np.std(each, ddof=1)) / math.sqrt(runs),
+        {mistake: wrong[mistake] / decided[mistake] for mistake in ("pass", "fail")},
+        decided["pass"],
+    )
+
+
+def show(station: str, runs: int, counted: Counted) -> None:
+    """Print the table."""
     print(f"\n{station}: {runs} runs\n\n| parameters | covered, % |\n|---|---|")
-    for name, inside in covered.items():
-        print(f"| {name} | {100 * np.mean(inside):.1f} |")
-    sigma = np.std(each, ddof=1) / math.sqrt(runs)
-    print(f"| all | {100 * np.mean(each):.1f} ± {100 * sigma:.1f} (1 sigma, from run to run) |\n")
-    for mistake in ("pass", "fail"):
-        print(
-            f"wrong {mistake} at the limit: {100 * wrong[mistake] / decided[mistake]:.2f} % of {decided[mistake]}"
-        )
+    for name, part in counted.covered.items():
+        print(f"| {name} | {100 * part:.1f} |")
+    sigma = f"{100 * counted.sigma:.1f} (1 sigma, from run to run)"
+    print(f"| all | {100 * counted.together:.1f} ± {sigma} |\n")
+    for mistake, part in counted.wrong.items():
+        print(f"wrong {mistake} at the limit: {100 * part:.2f} % of {counted.decisions}")
 
 
 def main() -> None:
@@ -183,7 +203,7 @@ def main() -> None:
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     for station in [given.station] if given.station else MOVED:
-        count(station, given.runs, given.seed)
+        show(station, given.runs, count(station, given.runs, given.seed))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """Expanded uncertainty against the GUM's own numbers, and the risk of wrong decisions against drawn measurements."""
 
+import importlib.util
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,3 +114,16 @@ def test_one_value_outside_keeps_all_from_passing():
 def test_nothing_measured_is_no_decision():
     with pytest.raises(ValueError, match="no values"):
         decide([], [], 1.0)
+
+
+@pytest.mark.slow
+def test_a_whole_protocol_covers_as_often_as_it_says():
+    """Few runs of the benchmark, which draws every source by lines of its own and counts 320."""
+    path = Path(__file__).parents[1] / "benchmarks" / "protocol_coverage.py"
+    spec = importlib.util.spec_from_file_location("protocol_coverage", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    found = module.count("g alone", 24, seed=7)
+    # Three sigma of so many runs.
+    assert abs(found.together - 0.95) < 3.0 * max(found.sigma, 0.005)
+    assert found.wrong["pass"] < RISK + 3.0 * math.sqrt(RISK / found.decisions)

@@ -113,7 +113,16 @@ def _diagnose_all(
         found.save(folder / "diagnosis.json")
         write_calibration(augmented, folder / "calibration.json")
         write_record(
-            diagnosis_record(found, augmented, one, folder, command_line(), inputs), folder
+            diagnosis_record(
+                found,
+                augmented,
+                one,
+                folder,
+                command_line(),
+                inputs,
+                precompensated=known is not None,
+            ),
+            folder,
         )
         report_diagnosis(found, folder, command_line(), campaign=one)
         outcomes[device] = found

@@ -9,7 +9,7 @@ from ..calibration.calibration import Calibration
 from ..data.recording import Campaign
 from ..diagnose.result import Diagnosis
 from .inputs import InputFile
-from .make_record import record_of
+from .make_record import EFFECTS, KNOWN, record_of
 from .record import Record
 
 
@@ -20,11 +20,21 @@ def diagnosis_record(
     folder: Path,
     command: str,
     inputs: Sequence[InputFile],
+    *,
+    precompensated: bool = False,
 ) -> Record:
-    """The record of a diagnosis, whose `calibration.json` lies in `folder`; arguments as of `record_of`."""
+    """The record of a diagnosis, whose `calibration.json` lies in `folder`.
+
+    **Arguments:** `precompensated` where a known calibration was taken away first; the others as of `record_of`.
+    """
     assert found.estimate is not None  # `diagnose_campaign` made it
     said = (
         () if found.verdict == "consistent" else (f"Diagnosis, {found.verdict}: {found.summary}",)
     )
-    record = record_of(found.estimate, campaign, folder, command, inputs, calibration=calibration)
+    names = [KNOWN] if precompensated else []
+    names += [EFFECTS] if calibration.effects else []
+    record = record_of(
+        found.estimate, campaign, folder, command, inputs,
+        calibration=calibration, beside=" and ".join(names) or EFFECTS,
+    )  # fmt: skip
     return msgspec.structs.replace(record, warnings=(*record.warnings, *said))

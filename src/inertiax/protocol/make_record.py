@@ -31,6 +31,7 @@ from .split_covariance import Part, residual_degrees, split
 _SOFTWARE = ("inertiax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 _ROUNDING = 1e-6  # of a variance, by which a difference of covariances may be negative
 EFFECTS = "named effects"  # fitted beside the calibration
+KNOWN = "known calibration"  # that was taken away before
 
 
 def record_of(
@@ -41,11 +42,12 @@ def record_of(
     inputs: Sequence[InputFile],
     *,
     calibration: Calibration | None = None,
+    beside: str = EFFECTS,
 ) -> Record:
     """The record of one device, whose `calibration.json` lies in `folder`.
 
     **Arguments:** `campaign` is the device's own; `calibration` is the one that was written where it is not the
-    result's own (a diagnosis that names effects).
+    result's own, and `beside` names what its covariance has beyond the fit's.
     """
     written = result.calibration if calibration is None else calibration
     quality = judge(result)
@@ -77,8 +79,8 @@ def record_of(
         choices=tuple(result.choices),
         warnings=tuple(result.warnings),
         left_out=() if handling is None else (handling,),
-        accel=_triad(result.accel, campaign, result.calibration.accel, written.accel),
-        gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro),
+        accel=_triad(result.accel, campaign, result.calibration.accel, written.accel, beside),
+        gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro, beside),
     )
 
 
@@ -115,12 +117,13 @@ def _triad(
     campaign: Campaign,
     fitted: TriadCalibration | None,
     written: TriadCalibration | None,
+    beside: str,
 ) -> TriadRecord | None:
     if result is None or fitted is None or written is None:
         return None
     parts = split(result, campaign.rig)
     if parts and written is not fitted:
-        parts = _with_effects(parts, written, campaign.rig.temperature_uncertainty or 0.0)
+        parts = _with_rest(parts, written, campaign.rig.temperature_uncertainty or 0.0, beside)
     return TriadRecord(
         dwells=result.dwells.num_dwells,
         turns=int(np.sum(np.asarray(result.dwells.position) < 0)),
@@ -132,14 +135,10 @@ def _triad(
     )
 
 
-def _with_effects(
-    parts: tuple[Part, ...], written: TriadCalibration, probe: float
+def _with_rest(
+    parts: tuple[Part, ...], written: TriadCalibration, probe: float, beside: str
 ) -> tuple[Part, ...]:
-    """The parts, and what the effects beside the calibration add; none where the rest is no covariance.
-
-    The rest is no covariance where the written calibration is not that of these parts, such as one that was made
-    after another had been taken away.
-    """
+    """The parts, and under the name `beside` what the written covariance has more; none where that is no covariance."""
     total = np.asarray(written.covariance, float)
     known = sum(p.covariance for p in parts)
     known = known + probe_covariance(written.curve.coefficients, written.curve.basis, probe)
@@ -151,7 +150,7 @@ def _with_effects(
         return ()
     if values.max() < _ROUNDING:  # no effect on this triad
         return parts
-    return (*parts, Part(EFFECTS, math.inf, rest))
+    return (*parts, Part(beside, math.inf, rest))
 
 
 def _source(part: Part) -> SourceRecord:

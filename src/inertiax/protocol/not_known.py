@@ -20,6 +20,11 @@ def not_known(
     if calibration.temperature_range is None:
         said.append("temperature: none was recorded; the results hold at that of the measurement.")
     accel, gyro = calibration.accel, calibration.gyro
+    if any(t.estimator == "static" for t in calibration.triads):
+        said.append(
+            "truth of a static bias: it is the offset from the recording's reference, or where that has none from the "
+            "output's own mean, and then says nothing of the true one."
+        )
     if accel is not None:
         said += _of_gravity(accel, gravity_uncertainty)
         said += _of_frame(accel)

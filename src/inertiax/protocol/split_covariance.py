@@ -97,5 +97,5 @@ def _degrees(
         return max(float(np.sum(np.asarray(result.dwells.count) - 1.0)), 1.0)
     if source == SCATTER:
         part = float(np.mean(np.trace(share, axis1=1, axis2=2))) / share.shape[1]
-        return max(residual_degrees(result) * part**2, 1e-3)
+        return max(residual_degrees(result), 1) * part**2
     return math.inf
