@@ -353,3 +353,17 @@ def _json_of(capsys, monkeypatch, results: Path, output: Path, device: str) -> d
         "dcc.xml",
     }
     return json.loads(out)
+
+
+@pytest.mark.slow
+def test_a_diagnosis_after_a_known_calibration_has_a_protocol(tmp_path, capsys, monkeypatch):
+    home = write_campaign(tmp_path / "c")
+    assert run(capsys, monkeypatch, "calibrate", home, "-o", tmp_path / "k", "-q")[0] == 0
+    known = tmp_path / "k" / "calibration.json"
+    command = ("diagnose", home, "--calibration", known, "-o", tmp_path / "r", "-q")
+    assert run(capsys, monkeypatch, *command)[0] == 0
+    said = _json_of(capsys, monkeypatch, tmp_path / "r", tmp_path / "p", "")
+    written = json.loads((tmp_path / "r" / "calibration.json").read_text("utf-8"))
+    assert {r["name"] for r in said["results"]} == set(written["accel"]["names"])
+    # The two calibrations compose to a full matrix, which the fit of the second alone does not explain.
+    assert {b["source"] for r in said["results"] for b in r["budget"]} == {"fit", "probe offset"}

@@ -141,6 +141,10 @@ def _with_rest(
     """The parts, and under the name `beside` what the written covariance has more; none where that is no covariance."""
     total = np.asarray(written.covariance, float)
     known = sum(p.covariance for p in parts)
+    if (
+        np.shape(known) != total.shape
+    ):  # one that composes two calibrations may have more parameters
+        return ()
     known = known + probe_covariance(written.curve.coefficients, written.curve.basis, probe)
     rest = total - known
     scale = 1.0 / np.sqrt(np.diagonal(total))
