@@ -147,6 +147,38 @@ def test_a_page_is_as_long_as_its_question(page):
         assert len(_text(page).split()) <= limit
 
 
+# Blocks run after those before them on the page. `library.md` and the tutorials have tests of their own;
+# the others need files that are not here.
+RUNNING = (
+    "how-to/apply-a-calibration.md",
+    "how-to/diagnose.md",
+    "how-to/gravity.md",
+    "how-to/many-devices.md",
+    "how-to/own-covariance.md",
+    "explanation/gyros.md",
+    "explanation/noise.md",
+    "reference/exports.md",
+)
+RUN = """
+import re, sys
+for page in sys.argv[1:]:
+    names = {"__name__": "__main__"}
+    for block in re.findall(r"^```python\\n(.*?)^```", open(page, encoding="utf-8").read(), re.M | re.S):
+        exec(compile(block, page, "exec"), names)
+    print("done", page)
+"""
+
+
+@pytest.mark.slow
+def test_blocks_of_other_pages_run():
+    pages = [str(DOCS / page) for page in RUNNING]
+    command = [sys.executable, "-c", RUN, *pages]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    assert [f"done {page}" for page in pages] == re.findall(r"^done .*$", ran.stdout, flags=re.M)
+    assert "9.808" in ran.stdout  # gravity of the place, as its page says
+
+
 # What people type, and the page that must be among the first three.
 SEARCHED = {
     "calibrate six faces": "how-to/six-faces/",
