@@ -33,7 +33,7 @@ TUTORIALS = PurePosixPath("tutorials")
 
 def on_files(files: Any, config: Any) -> Any:
     """The site's files with a notebook beside each tutorial."""
-    from mkdocs.structure.files import File
+    from mkdocs.structure.files import File  # the other functions serve tests, too, without it
 
     for file in [f for f in files.documentation_pages() if _is_tutorial(f.src_uri)]:
         beside = str(PurePosixPath(file.src_uri).with_suffix(".ipynb"))
