@@ -11,11 +11,21 @@ from inertiax.diagnose.plan.limits import Detectable
 from inertiax.fleet.population.population import Outlier, Population, TriadPopulation
 from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.plausibility.finding import Finding
+from inertiax.protocol import record
+from inertiax.protocol.inputs import InputFile
 from inertiax.reduction.handling import Disturbance
 
 
 FILES: dict[str, tuple[type, ...]] = {
     "calibration.json": (json_file._File, json_file._Triad, json_file._Basis, EffectEntry),
+    "record.json": (
+        record.Record,
+        InputFile,
+        record.StationRecord,
+        record.ConditionsRecord,
+        record.TriadRecord,
+        record.SourceRecord,
+    ),
     "The block `model`": (ModelSpec, TriadSpec),
     "diagnosis.json": (
         result.Diagnosis,
@@ -33,10 +43,12 @@ FILES: dict[str, tuple[type, ...]] = {
 }
 NOTES = {
     "calibration.json": "Schema `inertiax.calibration/1`, of `calibrate`, `diagnose`, `live` and `fleet --device`.",
+    "record.json": "Schema `inertiax.record/1`, of `calibrate`, `diagnose` and `live`: what [`protocol`](../protocol.md) "
+    "reads beside `calibration.json`.",
     "The block `model`": "The model that was judged, the same in `calibration.json`, `calibrate --json`, "
     "`diagnosis.json`, `design --audit --json` and a fleet's results.",
     "diagnosis.json": "Schema `inertiax.diagnosis/1`. `baseline` and `augmented` stand under `fit`; `residuals` are "
-    "for the figures and not in the file.",
+    "for the figures, `estimate` is for `record.json`, and neither is in the file.",
     "check --json": "Schema `inertiax.check/1`: `verdict` (plausible, doubtful, implausible) and `findings`. "
     "The [kinds](plausibility.md#what-is-looked-at) have a page.",
     "population.json": "Schema `inertiax.population/1`, of `fleet`: the line, which `--prior` takes.",

@@ -4,7 +4,6 @@ import dataclasses
 from pathlib import Path
 
 from ..calibration.calibration import Calibration, read_calibration
-from .fleet_record import fleet_measurement
 from .record import FILE, read_record, Record
 
 
@@ -25,6 +24,9 @@ def load_measurement(folder: Path, device: str | None = None) -> Measurement:
     which none is named, and for files that do not belong together.
     """
     if (folder / "manifest.json").is_file():
+        # The fleet's modules take a second to import, which other results need not wait for.
+        from .fleet_record import fleet_measurement
+
         return Measurement(*fleet_measurement(folder, device))
     if not (folder / "calibration.json").is_file():
         folder = _of_device(folder, device)
