@@ -43,8 +43,8 @@ FILES: dict[str, tuple[type, ...]] = {
 }
 NOTES = {
     "calibration.json": "Schema `inertiax.calibration/1`, of `calibrate`, `diagnose`, `live` and `fleet --device`.",
-    "record.json": "Schema `inertiax.record/1`, of `calibrate`, `diagnose` and `live`: what [`protocol`](../protocol.md) "
-    "reads beside `calibration.json`.",
+    "record.json": "Schema `inertiax.record/1`, of `calibrate`, `diagnose` and `live`: what "
+    "[`protocol`](../protocol.md) reads beside `calibration.json`.",
     "The block `model`": "The model that was judged, the same in `calibration.json`, `calibrate --json`, "
     "`diagnosis.json`, `design --audit --json` and a fleet's results.",
     "diagnosis.json": "Schema `inertiax.diagnosis/1`. `baseline` and `augmented` stand under `fit`; `residuals` are "

@@ -14,8 +14,8 @@ class InputFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A file that was read."""
 
     file: str  # relative to the campaign's folder where it lies in it
-    sha256: str
-    bytes: int
+    sha256: str  # of its content, hexadecimal
+    bytes: int  # of its content
 
 
 def campaign_inputs(campaign: Path | None) -> tuple[InputFile, ...]:

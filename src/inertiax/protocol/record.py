@@ -25,7 +25,7 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class SourceRecord(_Strict, frozen=True):
     """One source of uncertainty."""
 
-    source: str
+    source: str  # its name, such as "dwell noise"
     degrees_of_freedom: float | None  # None: known
     covariance: tuple[float, ...]  # of the coefficients, row-major; lower triangle by rows
 
@@ -33,11 +33,11 @@ class SourceRecord(_Strict, frozen=True):
 class TriadRecord(_Strict, frozen=True):
     """What one triad's estimate rests on."""
 
-    dwells: int
+    dwells: int  # that have a misfit
     turns: int | None  # of them at constant rate
     rms: float  # of the misfit, in `unit`
     scatter: float  # between dwells, in `unit`
-    unit: str
+    unit: str  # of `rms` and `scatter`: m/s^2, rad/s or rad
     degrees_of_freedom: int  # of the residuals
     sources: tuple[SourceRecord, ...]  # none where the fit's covariance is not split
 
@@ -55,32 +55,32 @@ class StationRecord(_Strict, frozen=True):
 class ConditionsRecord(_Strict, frozen=True):
     """What was recorded."""
 
-    recordings: int
-    samples: int
+    recordings: int  # how many
+    samples: int  # of all recordings together
     seconds: float | None  # of all recordings together; None where not kept
-    experiments: int | None
+    experiments: int | None  # runs of the programme; None where not kept
     temperature_range: tuple[float, float] | None  # °C
 
 
 class Record(_Strict, frozen=True):
     """The document."""
 
-    schema: str
+    schema: str  # inertiax.record/1
     created: str  # UTC, ISO 8601
-    command: str
-    software: dict[str, str]
+    command: str  # as it was typed
+    software: dict[str, str]  # versions by name
     calibration_sha256: str  # of the `calibration.json` beside it
-    inputs: tuple[InputFile, ...]
-    station: StationRecord
-    conditions: ConditionsRecord
-    method: str
+    inputs: tuple[InputFile, ...]  # `campaign.toml` first
+    station: StationRecord  # as the campaign states it
+    conditions: ConditionsRecord  # as recorded
+    method: str  # of the estimation, such as gauss-newton
     verdict: str  # good | usable | doubtful, as the report says
-    findings: tuple[str, ...]
-    choices: tuple[str, ...]
-    warnings: tuple[str, ...]
-    left_out: tuple[str, ...]
-    accel: TriadRecord | None
-    gyro: TriadRecord | None
+    findings: tuple[str, ...]  # of the verdict, where something asks for attention
+    choices: tuple[str, ...]  # what the program chose, and why
+    warnings: tuple[str, ...]  # of data and estimation
+    left_out: tuple[str, ...]  # of the rests, in words
+    accel: TriadRecord | None  # None where not calibrated
+    gyro: TriadRecord | None  # likewise
 
 
 def write_record(record: Record, folder: Path) -> None:
