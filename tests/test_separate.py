@@ -8,8 +8,16 @@ import pytest
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose.observations.blocks import join
-from inertiax.diagnose.plan.run_menu import LONGEST, menu, Station, station_of
-from inertiax.diagnose.plan.separate import ENOUGH, Expected, NameSet, separate, Separation
+from inertiax.diagnose.plan.run_menu import LONGEST, menu, Run, Station, station_of
+from inertiax.diagnose.plan.separate import (
+    AFTER,
+    ENOUGH,
+    Expected,
+    NameSet,
+    separate,
+    Separation,
+    together,
+)
 from inertiax.diagnose.wording.separation import (
     document,
     lines,
@@ -18,6 +26,11 @@ from inertiax.diagnose.wording.separation import (
     read_sets,
     write_separations,
 )
+from inertiax.live.itinerary import Itinerary, Step
+from inertiax.live.rest_ledger import Rest
+from inertiax.live.separation import itinerary
+from inertiax.live.session import Session
+from inertiax.live.target import Target
 from inertiax.simulate.campaign import write_campaign
 from inertiax.simulate.programme import programme_from_angles
 from inertiax.simulate.scenario import load_scenario, plan_of, PlanTable, Scenario, scenario_toml
@@ -292,3 +305,116 @@ def test_wrong_usage_is_one_line(tmp_path, capsys, arguments, message):
     assert code == 2 and shown.count("\n") == 1 and message in shown
     code, shown = run(["--optimise", "-o", tmp_path / "out"], capsys)
     assert code == 2 and "means nothing with --optimise" in shown
+
+
+# --- followed live -------------------------------------------------------------------------------------
+
+
+def test_further_recordings_come_an_hour_later_as_further_experiments():
+    first = rest_once(0.0)
+    one = first.recordings[0]
+    further = [
+        replace(one, time=one.time + k * 1e4, experiment=np.full(one.num_samples, k))
+        for k in (0, 1)
+    ]
+    both = together(first, further)
+    starts = [float(r.time[0]) for r in both.recordings]
+    assert starts[1] == pytest.approx(float(one.time[-1]) + AFTER) and starts[2] - starts[1] == 1e4
+    assert [int(r.experiment[0]) for r in both.recordings[1:]] == [1, 2]
+
+
+def rests(*taken):
+    """Accepted rests: axis that is up, seconds, recording."""
+    made, begin = [], 0.0
+    for number, (axis, seconds, part) in enumerate(taken, start=1):
+        one = Rest(number, part, 0, 1, (begin, begin + seconds))
+        one.accel = G * np.eye(3)[axis] + [0.1, 0.2, -0.1]
+        made.append(one)
+        begin += seconds + 5.0
+    return made
+
+
+def faces(axes, seconds=50.0, afresh=()):
+    steps = [
+        Step(tuple(float(x) for x in np.eye(3)[k]), f"{k} up", seconds, afresh=n in afresh)
+        for n, k in enumerate(axes)
+    ]
+    return Itinerary(tuple(steps))
+
+
+def test_steps_are_done_in_order_by_rests_long_enough_in_their_direction():
+    plan = faces([2, 1, 0])
+    assert plan.done([]) == 0
+    assert plan.done(rests((2, 48.0, 1), (0, 48.0, 1))) == 1  # the second is another one
+    assert plan.done(rests((2, 20.0, 1), (2, 48.0, 1), (1, 48.0, 1))) == 2
+    done = rests((2, 48.0, 1), (1, 48.0, 1), (0, 48.0, 1))
+    assert plan.finished(done) and not plan.finished(done[:2])
+    said = plan.next_position(done[:1])
+    assert said.up == (0.0, 1.0, 0.0) and said.statement == "step 2 of 3: 1 up"
+    assert said.gain == pytest.approx(1 / 3) and plan.next_position(done) is None
+
+
+def test_a_long_rest_does_several_steps_but_none_that_begins_afresh():
+    assert faces([2, 2, 2]).done(rests((2, 148.0, 1))) == 3
+    assert faces([2, 2, 2]).done(rests((2, 95.0, 1))) == 2
+    cycles = faces([2, 2, 2], afresh=(1, 2))
+    assert cycles.done(rests((2, 148.0, 1))) == 1
+    assert cycles.done(rests((2, 48.0, 1), (2, 48.0, 1))) == 1
+    assert cycles.done(rests((2, 48.0, 1), (2, 48.0, 2), (2, 48.0, 3))) == 3
+
+
+def test_turns_come_last_and_end_with_the_input():
+    (run_,) = [r for r in menu(replace(BENCH, span=0.0), 0) if r.plan.turn_rate]
+    plan = itinerary(run_)
+    assert len(plan.steps) == 6 and plan.then[0][1] == pytest.approx(np.radians(80.0))
+    done = [replace(r) for r in rests(*((0, 50.0, 1),) * 6)]
+    for rest, step in zip(done, plan.steps):
+        rest.accel = G * np.array(step.up)
+    said = plan.next_position(done)
+    assert "at 80 deg/s" in said.statement and said.rate == pytest.approx(np.radians(80.0))
+    assert not plan.finished(done)
+
+
+def test_steps_of_a_chamber_and_of_power_cycles_are_said_with_them():
+    named = {r.name: itinerary(r) for r in menu(BENCH, 2)}
+    heated = named["there and back: the first temperature again"]
+    assert len(heated.steps) == 30 and heated.steps[0].temperature == pytest.approx(19.0)
+    assert heated.steps[6].statement.startswith("heat from 19 to 31 °C in 6 min; turn the device")
+    assert heated.steps[6].temperature == pytest.approx(31.0)
+    cycles = named["power cycles at one temperature"]
+    assert [s.afresh for s in cycles.steps] == [False, True, True, True]
+    assert cycles.steps[1].statement.startswith("power off, wait 5 min, power on; turn the device")
+
+
+def test_a_session_follows_its_steps_to_the_end():
+    positions = ((0.0, 0.0), (90.0, 0.0), (90.0, 90.0))
+    short = Run(
+        "three", PlanTable(positions=positions, temperatures=(20.0,), change=0.0, dwell_time=6.0)
+    )
+    plan = itinerary(short)
+    campaign = rest_once(0.0)
+    session = Session(campaign, Target("", ()), 6.0, plan)
+    (first,) = session.first_step()
+    assert first["statement"].startswith("step 1 of 3: turn the device so that +z points up")
+    rng, told, begin = np.random.default_rng(3), [], 0.0
+    ups = [np.array(s.up) for s in plan.steps]
+    for k, up in enumerate(ups):
+        way = np.linspace(ups[k - 1], up, 75) if k else np.zeros((0, 3))
+        way = way / np.linalg.norm(way, axis=1, keepdims=True)
+        force = G * np.concatenate([way, np.tile(up, (450, 1))])
+        force = force + 0.01 * rng.standard_normal(force.shape)
+        time = begin + 0.02 * np.arange(len(force))
+        begin = time[-1] + 0.02
+        told += list(session.feed(Recording(time, accel=force), time))
+    assert session.finished and told[-1]["reason"] == "run completed" and told[-1]["rests"] == 3
+    steps = [e["statement"].split(":")[0] for e in told if e["event"] == "next"]
+    assert list(dict.fromkeys(steps)) == ["step 2 of 3", "step 3 of 3"]
+
+
+def test_a_target_beside_a_separation_is_one_line(tmp_path, capsys):
+    from inertiax.cli.app import run as run_command
+
+    with pytest.raises(SystemExit) as caught:
+        run_command(["live", str(tmp_path), "--separate", "x.json", "--target", "accel.bias=1 mg"])
+    shown = capsys.readouterr().err
+    assert caught.value.code == 2 and "means nothing with --separate" in shown

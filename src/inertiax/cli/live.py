@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, TYPE_CHECKING
@@ -17,6 +18,8 @@ from .calibrate import CampaignPath, Force, Quiet
 
 
 if TYPE_CHECKING:
+    from ..diagnose.plan.separate import Separation
+    from ..live.follow import Plan
     from ..live.page_server import PageServer
 
 
@@ -39,6 +42,14 @@ def live(
             metavar="LIMITS",
             help='What the errors are to stay below, such as "accel.bias=0.3 mg, accel.scale=200 ppm" (all of them '
             "together with 95 %); by default what is usual for [device] grade.",
+        ),
+    ] = None,
+    separate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIAGNOSIS",
+            help="diagnosis.json, or the folder that holds it: follow the run that tells apart the names which it "
+            "could not, and diagnose both.",
         ),
     ] = None,
     output: Annotated[
@@ -81,8 +92,12 @@ def live(
 
     Rows are recorded as they come. When the target is reached, nothing gains or the input ends (Ctrl-C ends it), the
     recording is calibrated as `inertiax calibrate DIR` would.
+
+    With `--separate` the steps of a run are told instead, and at the end it is diagnosed with the campaign before.
     """
     _check_source(source, follow)
+    if separate is not None and target is not None:
+        raise typer.BadParameter("means nothing with --separate.", param_hint="'--target'")
     if port is not None and not page:
         raise typer.BadParameter("is the page's: give --page, too.", param_hint="'--port'")
     outputs.require_campaign(campaign)
@@ -93,6 +108,10 @@ def live(
     from ..live.recorder import Recorder
 
     made = plan(campaign, follow, piped=source is not None, target=target)
+    run = None
+    if separate is not None:
+        run = _proposed(separate, quiet=quiet)
+        made, hold = _followed(made, run)
     with outputs.owned_results(folder), _opened(page, port) as shown:
         assert made.campaign.path is not None
         recorder = Recorder(folder, made.campaign.path)
@@ -104,7 +123,10 @@ def live(
                 for tell in tellers:
                     tell(event)
         recorder.close()
-    _results(folder, force=force, quiet=quiet or as_json)
+    if run is None:
+        _results(folder, force=force, quiet=quiet or as_json)
+    else:
+        _diagnosed(run, folder, quiet=quiet or as_json)
 
 
 def _check_source(source: str | None, follow: Path | None) -> None:
@@ -148,6 +170,45 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
         raise typer.Exit(1)
     if not quiet:
         console.say(f"recorded and calibrated: {folder}")
+
+
+def _proposed(diagnosis: Path, *, quiet: bool) -> "Separation":
+    """The run that parts a diagnosis' set, its odds told on standard error."""
+    from ..diagnose.wording.separation import lines
+    from ..live.separation import proposed
+
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        found = proposed(diagnosis, stages)
+    if not quiet:
+        console.say("\n".join(lines(found)), aside=True)
+    return found
+
+
+def _followed(made: "Plan", run: "Separation") -> "tuple[Plan, float]":
+    """The plan with the run's steps instead of a target, and how long each of them rests, s."""
+    from ..live.separation import itinerary
+    from ..live.target import Target
+
+    steps = itinerary(run.best.run)
+    text = f"to tell {' from '.join(run.names.names)}"
+    return replace(made, target=Target(text, ()), itinerary=steps), steps.steps[0].seconds
+
+
+def _diagnosed(run: "Separation", folder: Path, *, quiet: bool) -> None:
+    """The campaign and what was recorded, diagnosed together: `diagnosis.json` and `report.html`."""
+    if not any(folder.glob("recording-*.csv")):
+        raise ValueError(f"{folder}: no rows came, so nothing was recorded.")
+    with console.Stages(quiet=quiet) as stages, outputs.owned_results(folder):
+        from ..live.separation import diagnosed_together
+        from ..report.diagnosis import report_diagnosis
+
+        found, both = diagnosed_together(run.campaign, folder, stages)
+        found.save(folder / "diagnosis.json")
+        report_diagnosis(found, folder, calibrate_command.command_line(), campaign=both)
+    if not quiet:
+        names = "; ".join(" or ".join((e.name, *e.alternatives)) for e in found.effects)
+        console.say(f"diagnosed together: {names or found.verdict}; {folder}")
 
 
 @contextmanager

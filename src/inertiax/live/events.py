@@ -63,8 +63,8 @@ def next_event(position: NextPosition, *, provisional: bool = False) -> Event:
         "up": list(position.up),
         "statement": position.statement,
         "gain": position.gain,
-        "temperature": None,
-        "rate": None,
+        "temperature": position.temperature,
+        "rate": position.rate,
         "provisional": provisional,
     }
 

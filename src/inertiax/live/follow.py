@@ -13,6 +13,7 @@ from ..data.formats import Layout
 from ..data.model_columns import check_model_columns
 from ..data.recording import Campaign, Recording
 from .events import Event, problem_event
+from .itinerary import Itinerary
 from .recorder import LEAP, Recorder
 from .row_sources import follow, Piece
 from .session import HOLD, Session
@@ -31,6 +32,7 @@ class Plan:
     rows: TextRows
     log: Path | None  # `None`: standard input
     target: Target
+    itinerary: Itinerary | None = None  # steps that are followed instead
 
 
 def plan(campaign: Path, log: Path | None, *, piped: bool, target: str | None) -> Plan:
@@ -88,9 +90,10 @@ def events(
     before the next position is told, s; `stopped` is asked at every piece whether the user wants to end; `watch` is
     given the `state` of the device, at most every `WATCHED` seconds.
     """
-    session = Session(made.campaign, made.target, hold)
+    session = Session(made.campaign, made.target, hold, made.itinerary)
     follower = _Follower(session, made, recorder)
     yield session.start_event()
+    yield from session.first_step()
     watched = -np.inf
     for piece in follow(made.log, idle=idle):
         yield from follower.take(piece)

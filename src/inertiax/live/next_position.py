@@ -43,6 +43,8 @@ class NextPosition:
     up: tuple[float, float, float]
     statement: str
     gain: float  # of the distance Φ, 0 to 1
+    temperature: float | None = None  # °C that the chamber is to reach
+    rate: float | None = None  # rad/s at which the table is to turn
 
 
 def hand_directions() -> Float[np.ndarray, "candidate 3"]:

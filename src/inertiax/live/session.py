@@ -23,6 +23,8 @@ from .events import (
     state_event,
 )
 from .gyro_rows import Turn
+from .itinerary import Itinerary
+from .next_position import NextPosition
 from .rest_ledger import found_rests, judge, Judged, labelled, RECENT, Rest, WINDOW
 from .row_detector import MotionDetector
 from .row_store import RowStore
@@ -47,6 +49,7 @@ class Session:
     campaign: Campaign  # settings; its recordings are not looked at
     target: Target
     hold: float = HOLD
+    itinerary: Itinerary | None = None  # steps to be followed instead of the target
     finished: bool = False
     rests: list[Rest] = dataclasses.field(default_factory=list)
     estimate: Estimate | None = None
@@ -123,7 +126,10 @@ class Session:
         if self.store.count:
             yield from self._refresh(self.store.count, ended=False)
         reached = self.estimate is not None and self.estimate.reached
-        yield self._done("target reached" if reached else "input ended")
+        reason = "target reached" if reached else "input ended"
+        if self.itinerary is not None and self.itinerary.finished(self.accepted):
+            reason = "run completed"
+        yield self._done(reason)
 
     # --- rests -----------------------------------------------------------------------------------
 
@@ -151,7 +157,8 @@ class Session:
                 yield from self._ended(row)
             return
         rested = (row - (self._moved or 0)) * step - WINDOW * (self._moved is not None)
-        due = self.hold if self._held == 0.0 else 2.0 * self._held
+        later = self._held + self.hold if self.itinerary is not None else 2.0 * self._held
+        due = self.hold if self._held == 0.0 else later
         if rested >= due:
             self._held = rested
             yield from self._resting(row)
@@ -231,13 +238,14 @@ class Session:
         (rest,) = self._judged([found[-1]], row)
         if not rest.accepted:
             return
-        tried = self._estimated([*self.accepted, rest])
-        if tried.reached or self._is_exhausted(tried, count=False):
+        tried = [*self.accepted, rest]
+        found_now = self._estimated(tried)
+        if self._is_last(tried, found_now):
             yield from self._rests([rest])
             yield from self._refresh(row, ended=False)
             yield from self._answer(provisional=True)
             yield from self._stop(row)
-        elif (position := tried.next_position()) is not None:
+        elif (position := self._position(tried, found_now)) is not None:
             yield next_event(position, provisional=True)
 
     # --- answers ---------------------------------------------------------------------------------
@@ -257,13 +265,31 @@ class Session:
         if not self.accepted:
             return
         yield progress_event(self.estimate)
-        position = self.estimate.next_position()
+        position = self._position(self.accepted, self.estimate)
         if position is not None and not provisional:
             yield next_event(position)
+
+    def _position(self, rests: list[Rest], found: Estimate) -> NextPosition | None:
+        """What comes next: the itinerary's next step, or what gains most."""
+        if self.itinerary is not None:
+            return self.itinerary.next_position(rests)
+        return found.next_position()
+
+    def _is_last(self, rests: list[Rest], found: Estimate) -> bool:
+        """Whether nothing is needed after these rests, as far as it can be said before all are judged anew."""
+        if self.itinerary is not None:
+            return self.itinerary.finished(rests)
+        return found.reached or self._is_exhausted(found, count=False)
 
     def _stop(self, row: int) -> Iterator[Event]:
         """Done, where all rests judged anew still say so."""
         if self.estimate is None:
+            return
+        if self.itinerary is not None:
+            if self.itinerary.finished(self.accepted):
+                yield from self._refresh(row, ended=False)
+                if self.itinerary.finished(self.accepted):
+                    yield self._done("run completed")
             return
         if not (self.estimate.reached or self._is_exhausted(self.estimate)):
             return
@@ -350,6 +376,11 @@ class Session:
         """What is asked for; the first event."""
         limits = dict(self.target.limits)
         return {"event": "start", "target": self.target.text, "limits": limits, "hold": self.hold}
+
+    def first_step(self) -> Iterator[Event]:
+        """The first step of an itinerary, told before anything was recorded."""
+        if self.itinerary is not None and (first := self.itinerary.next_position([])) is not None:
+            yield next_event(first)
 
     def _done(self, reason: str) -> Event:
         self.finished = True

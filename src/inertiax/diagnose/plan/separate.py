@@ -170,9 +170,7 @@ def separate(
         for run in menu(station_of(problem.log), axis) if runs is None else runs:
             progress(f"expecting {run.name}")
             further = _recordings(problem, run, density, rate)
-            joint = eqx.tree_at(
-                lambda c: c.recordings, campaign, (*problem.campaign.recordings, *further)
-            )
+            joint = together(problem.campaign, further)
             (made,) = prepared_triads(joint, join(joint), problem.fitted, effects, (triad,))
             after = _pairs(made, seen, beside, _carried(noise, mine, made))
             gained = [(i, j, max(b - a, 0.0)) for (i, j, a), (_, _, b) in zip(before, after)]
@@ -299,6 +297,26 @@ def _left(scores: dict[int, Score], truth: Term, rivals: Sequence[Term]) -> floa
     return max(whole - taken, 0.0)
 
 
+def together(campaign: Campaign, further: Sequence[Recording]) -> Campaign:
+    """A campaign followed by further recordings, an hour later by its clock, as further experiments."""
+    before = campaign.recordings
+    counted = [int(r.experiment.max()) for r in before if r.experiment is not None]
+    number = 1 + max([len(before) - 1, *counted])
+    begin = min((float(r.time[0]) for r in further), default=0.0)
+    shift = max(float(r.time[-1]) for r in before) + AFTER - begin
+    device = before[0].device
+    made = [
+        replace(
+            r,
+            time=r.time + shift,
+            experiment=None if r.experiment is None else r.experiment + number,
+            device=device,
+        )
+        for r in further
+    ]
+    return eqx.tree_at(lambda c: c.recordings, campaign, (*before, *made))
+
+
 # --- a run's recordings ---------------------------------------------------------------------------
 
 
@@ -321,9 +339,6 @@ def _recordings(problem: Problem, run: Run, noise: Noise, rate: float) -> list[R
     ideal, _ = simulate_recordings(None, plan, _ideal(), sample_rate=rate)
     distort = jax.jit(jax.vmap(problem.plain.calibration.distort_by_parameters))
     rng = np.random.default_rng(0)  # any: only the size of the noise counts
-    last = max(float(r.time[-1]) for r in campaign.recordings) + AFTER
-    counted = [r.experiment for r in campaign.recordings]
-    number = 1 + max([len(counted) - 1, *(int(e.max()) for e in counted if e is not None)])
     made = []
     for k, one in enumerate(ideal):
         assert one.temperature is not None and one.accel is not None and one.gyro is not None
@@ -338,11 +353,11 @@ def _recordings(problem: Problem, run: Run, noise: Noise, rate: float) -> list[R
         has = lambda label, value: None if getattr(first, label) is None else value
         made.append(
             Recording(
-                time=one.time + last,
+                time=one.time,
                 accel=noisy[0],
                 gyro=noisy[1],
                 temperature=has("temperature", np.repeat(temperature[:, None], _probes(first), 1)),
-                experiment=has("experiment", np.full(one.num_samples, number + k)),
+                experiment=has("experiment", np.full(one.num_samples, k)),
                 position=has("position", one.position),
                 reference_accel=has("reference_accel", one.reference_accel),
                 reference_gyro=has("reference_gyro", one.reference_gyro),
