@@ -29,6 +29,8 @@ MARK = re.compile(r"^<!-- generated: (.+) -->$", flags=re.MULTILINE)
 
 
 TUTORIALS = PurePosixPath("tutorials")
+# Who searches for a word wants the page on it before the function or the table that holds it.
+LOOKED_UP = ("api/", "benchmarks/")
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -45,6 +47,8 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """The page with its generated parts; a `KeyError` for a name that nothing generates."""
     markdown = MARK.sub(lambda mark: GENERATORS[mark[1]](), markdown)
+    if page.file.src_uri.startswith(LOOKED_UP):
+        page.meta.setdefault("search", {"boost": 0.5})
     if _is_tutorial(page.file.src_uri):
         title, _end, rest = markdown.partition("\n")
         name = PurePosixPath(page.file.src_uri).with_suffix(".ipynb").name
