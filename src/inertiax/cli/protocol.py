@@ -30,7 +30,7 @@ def protocol(
             exists=True,
             dir_okay=False,
             metavar="FILE",
-            help='TOML with limits under [requirements], such as "accel.bias" = "0.3 mg".',
+            help='TOML whose table "requirements" has lines such as "accel.bias" = "0.3 mg".',
         ),
     ] = None,
     station: Annotated[
@@ -39,7 +39,8 @@ def protocol(
             exists=True,
             dir_okay=False,
             metavar="FILE",
-            help="TOML with [station] (name, operator, gravity_uncertainty, …) and [device] (manufacturer, model).",
+            help="TOML with the tables station (name, operator, gravity_uncertainty, …) and device (manufacturer, "
+            "model).",
         ),
     ] = None,
     operator: Annotated[
