@@ -48,7 +48,7 @@ BENCH = Station(turned=True, temperature=25.0, span=12.0, rate=80.0)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_runs_last_as_long_as_the_simulator_says_and_no_longer_than_an_hour(axis):
     runs = menu(BENCH, axis)
-    assert len({run.name for run in runs}) == len(runs) == 11
+    assert len({run.name for run in runs}) == len(runs) == 12
     for run in runs:
         plan = plan_of(Scenario(plan=run.plan))
         pauses = (plan.num_experiments - 1) * plan.soak_time
@@ -75,7 +75,7 @@ def test_a_station_is_asked_for_what_it_has_only():
 
 def test_a_chamber_goes_on_from_where_it_is_and_stays_in_its_span():
     heated = [run for run in menu(BENCH, 0) if isinstance(run.plan.change, tuple)]
-    assert len(heated) == 3
+    assert len(heated) == 4
     for run in heated:
         start, change = np.array(run.plan.temperatures), np.array(run.plan.change)
         # Written to a thousandth of a degree.

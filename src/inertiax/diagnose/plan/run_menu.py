@@ -143,6 +143,9 @@ def menu(station: Station, axis: int) -> tuple[Run, ...]:
         ]
     if station.span:
         runs += [Run(name, _heated(station, poses, parts)) for name, parts in _PATHS.items()]
+    if station.span and station.turned:
+        plan = _heated(station, edges, (1.0, -1.0))
+        runs.append(Run("faces and edges while it heats, and again while it cools", plan))
     if station.rate:
         plan = _still(station, poses, rates=_rates(station.rate))
         runs.append(Run("a staircase of rates, both ways about three axes", plan))
