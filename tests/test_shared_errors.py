@@ -11,7 +11,7 @@ import scipy.linalg
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
 from inertiax.diagnose.noise.common_mode import MOST, root, signatures
-from inertiax.diagnose.noise.common_mode_fit import coupled_theta, joint_likelihood, RIG
+from inertiax.diagnose.noise.common_mode_fit import coupled_theta, JointLikelihood, RIG
 from inertiax.diagnose.noise.observation_series import NoiseFit, START, variances
 from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare
@@ -102,7 +102,8 @@ def test_the_joint_likelihood_is_that_of_the_dense_covariance():
         other = tuple(
             START + np.array([0.1, -0.5, -1.0, 0.4 * c, 0.0, 0.0, -0.3]) for c in range(3)
         )
-        found = joint_likelihood(system, one, ()) - joint_likelihood(system, other, ())
+        value = JointLikelihood(system, ())
+        found = value(one) - value(other)
         expected = dense(one) - dense(other)
     # Sums of 2400 terms around a hundred, with rows near 1e-5 rad/s.
     assert found == pytest.approx(expected, rel=1e-5, abs=1e-4)

@@ -4,19 +4,21 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 
+from ...numerics.quasi_newton import minimise
 from ..candidates.columns import lengthen, unit
 from ..candidates.signatures import Term
 from .observation_series import BOUNDS, NoiseFit, System
+from .search_places import log_variances, places
 from .state_space import unpack, whiten_jit
 
 
 DWELL, RIG = 3, 6  # places of their log variances
 WIDE = 384  # columns are padded to a multiple, so that few programs are compiled
-TRIES = 70  # evaluations of the likelihood
+STEP = 1e-3  # of differences for the slope: the likelihood's second ones are below a hundred
+TOLERANCE = 0.02  # of log likelihoods; a model is chosen by differences of several
+MOST_STEPS = 15
 LEAST_START = -4.0  # of a dwell variance, so that the search can tell which way to go
-_SIMPLEX = np.concatenate([np.zeros((1, 4)), np.diag([1.0, 1.0, 1.0, -0.7])])
 
 
 def recoupled(
@@ -43,24 +45,25 @@ def couple(
     variance of which other units tell nothing.
     """
     slant = np.array([0.0 if k.precision.any() else lean for k in system.known])
-    low, high = BOUNDS[DWELL][0], BOUNDS[DWELL][1]
+    value = JointLikelihood(system, chosen)
     first = [max(t[DWELL], LEAST_START) for t in theta]
-    start = np.array([*first, np.mean([t[RIG] for t in theta])])
+    start = np.array([*places(np.array(first)), np.mean([t[RIG] for t in theta])])
+    box = [*3 * [tuple(places(np.array(BOUNDS[DWELL])))], BOUNDS[RIG]]
 
-    def objective(x: np.ndarray) -> float:
-        inside = np.r_[np.clip(x[:-1], low, high), np.clip(x[-1], *BOUNDS[RIG])]
-        value = joint_likelihood(system, _with(theta, inside), chosen)
-        return value - float(slant @ inside[:-1]) + float(np.sum((x - inside) ** 2))
+    def at(place: np.ndarray) -> float:
+        logs, _ = log_variances(place[:-1])
+        return value(_with(theta, np.r_[logs, place[-1]])) - float(slant @ logs)
 
-    options = {
-        "maxfev": TRIES,
-        "xatol": 0.1,
-        "fatol": 0.05,
-        "initial_simplex": start + _SIMPLEX,
-    }
-    found = scipy.optimize.minimize(objective, start, method="Nelder-Mead", options=options).x
-    found = np.r_[np.clip(found[:-1], low, high), np.clip(found[-1], *BOUNDS[RIG])]
-    return _with(theta, found)
+    def objective(place: np.ndarray) -> tuple[float, np.ndarray]:
+        here, slope = at(place), np.zeros(len(place))
+        for k in range(len(place)):
+            aside = place.copy()
+            aside[k] += STEP if place[k] + STEP <= box[k][1] else -STEP
+            slope[k] = (at(aside) - here) / (aside[k] - place[k])
+        return here, slope
+
+    found = minimise(objective, start, box, tolerance=TOLERANCE, max_steps=MOST_STEPS).x
+    return _with(theta, np.r_[log_variances(found[:-1])[0], found[-1]])
 
 
 def _with(theta: Sequence[np.ndarray], values: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -73,41 +76,65 @@ def _with(theta: Sequence[np.ndarray], values: np.ndarray) -> tuple[np.ndarray, 
     return tuple(made)
 
 
-def joint_likelihood(system: System, theta: Sequence[np.ndarray], chosen: Sequence[Term]) -> float:
-    """Minus the restricted log likelihood of all chains with the errors that they share, up to a constant."""
-    shared = system.shared
-    assert shared is not None
-    part = float(np.exp(theta[0][RIG]) * system.scales[0][RIG])
-    total, signatures, fixed, observed = 0.0, [], [], []
-    for c, own in enumerate(theta):
-        size = system.scales[c][1] ** 0.5
-        mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
-        base = np.concatenate([system.frames[c], *map(unit, mine)], axis=1)
-        columns = shared.columns[c] * np.sqrt(part) / size
-        stack = np.concatenate([system.base.observed[c][:, None] / size, base, columns], axis=1)
-        v = unpack(own, system.scales[c])
-        rows = lengthen(stack, -(-stack.shape[1] // WIDE) * WIDE)
-        white, logdet = whiten_jit(v, shared.chains[c], rows)
-        white = np.asarray(white)[: len(stack), : stack.shape[1]]
-        total += float(logdet)
-        observed.append(white[:, 0] * size)
-        fixed.append(white[:, 1 : 1 + base.shape[1]] * size)
-        signatures.append(white[:, 1 + base.shape[1] :] * size)
-        total += float(system.known[c].price(own))
-    gram = np.eye(shared.num) + sum(u.T @ u for u in signatures)
-    factor = np.linalg.cholesky(gram)
-    total += 2.0 * float(np.log(np.diag(factor)).sum())
-    solve = lambda x: scipy.linalg.solve_triangular(factor, x, lower=True)
-    seen = solve(sum(u.T @ y for u, y in zip(signatures, observed)))
-    square = sum(y @ y for y in observed) - seen @ seen
-    wide = solve(np.concatenate([u.T @ x for u, x in zip(signatures, fixed)], axis=1))
-    inner = scipy.linalg.block_diag(*(x.T @ x for x in fixed)) - wide.T @ wide
-    cross = np.concatenate([x.T @ y for x, y in zip(fixed, observed)]) - wide.T @ seen
-    value, vector = np.linalg.eigh(inner)
-    good = value > 1e-11 * value[-1]
-    part_of = vector[:, good].T @ cross
-    square -= float(part_of @ (part_of / value[good]))
-    return 0.5 * (total + float(square) + float(np.log(value[good]).sum()))
+class JointLikelihood:
+    """Minus the restricted log likelihood of all chains with the errors that they share, up to a constant.
+
+    Whitening a chain takes most of the time, and of what a search varies it depends on the chain's own dwell variance
+    alone: it is kept for those that were asked for.
+    """
+
+    def __init__(self, system: System, chosen: Sequence[Term]):
+        assert system.shared is not None
+        self._system = system
+        self._shared = system.shared
+        self._fixed: list[int] = []
+        self._stacks: list[np.ndarray] = []
+        self._known: dict[tuple[int, bytes], tuple[np.ndarray, float]] = {}
+        for c, _ in enumerate(system.chains):
+            size = system.scales[c][1] ** 0.5
+            mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
+            base = np.concatenate([system.frames[c], *map(unit, mine)], axis=1)
+            observed = system.base.observed[c][:, None]
+            parts = [observed / size, base, self._shared.columns[c] / size]
+            self._stacks.append(np.concatenate(parts, axis=1))
+            self._fixed.append(base.shape[1])
+
+    def __call__(self, theta: Sequence[np.ndarray]) -> float:
+        system = self._system
+        part = float(np.exp(0.5 * theta[0][RIG]) * system.scales[0][RIG] ** 0.5)
+        total, signatures, fixed, observed = 0.0, [], [], []
+        for c, own in enumerate(theta):
+            size, split = system.scales[c][1] ** 0.5, 1 + self._fixed[c]
+            white, logdet = self._whitened(c, own)
+            total += logdet + float(system.known[c].price(own))
+            observed.append(white[:, 0] * size)
+            fixed.append(white[:, 1:split] * size)
+            signatures.append(white[:, split:] * (size * part))
+        gram = np.eye(self._shared.num) + sum(u.T @ u for u in signatures)
+        factor = np.linalg.cholesky(gram)
+        total += 2.0 * float(np.log(np.diag(factor)).sum())
+        solve = lambda x: scipy.linalg.solve_triangular(factor, x, lower=True)
+        seen = solve(sum(u.T @ y for u, y in zip(signatures, observed)))
+        square = sum(y @ y for y in observed) - seen @ seen
+        wide = solve(np.concatenate([u.T @ x for u, x in zip(signatures, fixed)], axis=1))
+        inner = scipy.linalg.block_diag(*(x.T @ x for x in fixed)) - wide.T @ wide
+        cross = np.concatenate([x.T @ y for x, y in zip(fixed, observed)]) - wide.T @ seen
+        value, vector = np.linalg.eigh(inner)
+        good = value > 1e-11 * value[-1]
+        part_of = vector[:, good].T @ cross
+        square -= float(part_of @ (part_of / value[good]))
+        return 0.5 * (total + float(square) + float(np.log(value[good]).sum()))
+
+    def _whitened(self, c: int, own: np.ndarray) -> tuple[np.ndarray, float]:
+        # The chains stand without the rig's part, so that its variance does not matter here.
+        key = c, np.delete(own, RIG).tobytes()
+        if key not in self._known:
+            stack = self._stacks[c]
+            rows = lengthen(stack, -(-stack.shape[1] // WIDE) * WIDE)
+            v = unpack(own, self._system.scales[c])
+            white, logdet = whiten_jit(v, self._shared.chains[c], rows)
+            self._known[key] = np.asarray(white)[: len(stack), : stack.shape[1]], float(logdet)
+        return self._known[key]
 
 
 def coupled_theta(noise: NoiseFit) -> tuple[np.ndarray, ...]:

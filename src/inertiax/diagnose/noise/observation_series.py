@@ -82,6 +82,12 @@ class NoiseFit(eqx.Module):
     value: tuple[float, ...]
     # Log variances of each chain where the rig's errors couple the chains: dwell and rig fitted to all together.
     coupled: tuple[np.ndarray, ...] | None = None
+    # Of minus the log likelihood at the fit, for the next one of the same chain; nothing where none was fitted.
+    curvature: tuple[np.ndarray | None, ...] = ()
+
+    def curvature_of(self, chain: int) -> np.ndarray | None:
+        """The curvature that a fit of this chain found, if one did."""
+        return self.curvature[chain] if chain < len(self.curvature) else None
 
     @property
     def total(self) -> float:

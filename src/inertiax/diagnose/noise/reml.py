@@ -4,18 +4,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.optimize
 
+from ...numerics.quasi_newton import minimise, Minimum
 from ..candidates.columns import lengthen, span
 from ..candidates.signatures import Term
 from .common_mode_fit import couple, recoupled
 from .observation_series import BOUNDS, NoiseFit, STARTS, System
+from .search_places import log_variances, places
 from .state_space import Known, NUM_VARIANCES, value_and_gradient
 
 
 COLUMNS = 10  # the baseline's columns are padded to a multiple
 LEARNED = [1, 2, 3, 4]  # flicker, walk, dwells and power cycles, which nothing but the rows tells
 LEAN = 0.5  # log density of a log variance whose standard deviation has a flat one, for each e-fold
+TOLERANCE = 1e-3  # of log likelihoods; a model is chosen by differences of several
 EXTRA = 16  # columns of effects that a fit of variances has room for
 
 
@@ -54,17 +56,20 @@ def fit_noise(
     `only` limits the fit to some chains; the others are taken over from `start`. `lean` is added to the log
     likelihood for each e-fold of a learned variance (`interval_noise` says why).
     """
-    thetas, values = [], []
+    thetas, values, curvatures = [], [], []
     for c in range(len(system.chains)):
+        curvature = None if start is None else start.curvature_of(c)
         if start is not None and only is not None and c not in only:
             thetas.append(start.theta[c])
             values.append(start.value[c])
+            curvatures.append(curvature)
             continue
         first = _starts(system.known[c]) if start is None else (start.theta[c],)
-        theta, value = _maximise(system, c, chosen, first, lean)
-        thetas.append(theta)
-        values.append(value)
-    made = NoiseFit(tuple(thetas), tuple(values))
+        found = _maximise(system, c, chosen, first, lean, curvature)
+        thetas.append(found.x)
+        values.append(found.value)
+        curvatures.append(found.curvature)
+    made = NoiseFit(tuple(thetas), tuple(values), curvature=tuple(curvatures))
     if system.shared is None:
         return made
     if only is not None and start is not None and start.coupled is not None:
@@ -95,28 +100,47 @@ def _starts(known: Known) -> tuple[np.ndarray, ...]:
 
 
 def _maximise(
-    system: System, c: int, chosen: Sequence[Term], starts: Sequence[np.ndarray], lean: float
-) -> tuple[np.ndarray, float]:
+    system: System,
+    c: int,
+    chosen: Sequence[Term],
+    starts: Sequence[np.ndarray],
+    lean: float,
+    curvature: np.ndarray | None,
+) -> Minimum:
     inputs = likelihood_inputs(system, c, chosen)
     slant = np.zeros(NUM_VARIANCES)
     if not system.known[c].precision.any():
         slant[LEARNED] = lean
 
-    def objective(theta: np.ndarray) -> tuple[float, np.ndarray]:
+    def objective(place: np.ndarray) -> tuple[float, np.ndarray]:
+        theta, stretch = _from_search(place)
         value, slope = value_and_gradient(
             theta, system.scales[c], system.longer[c], *inputs, system.known[c]
         )
         value = float(value) - float(slant @ theta)
         if not np.isfinite(value):
             return 1e12, np.zeros(len(theta))
-        return value, np.asarray(slope) - slant
+        return value, (np.asarray(slope) - slant) * stretch
 
-    options = {"ftol": 1e-7, "gtol": 5e-2, "maxiter": 40}
+    box = np.transpose([_to_search(np.array(edge)) for edge in np.transpose(BOUNDS)])
     found = [
-        scipy.optimize.minimize(
-            objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
+        minimise(
+            objective, _to_search(s), box, curvature=curvature, tolerance=TOLERANCE, max_steps=40
         )
         for s in starts
     ]
-    best = min(found, key=lambda f: f.fun)
-    return best.x, float(best.fun)
+    best = min(found, key=lambda f: f.value)
+    return best._replace(x=_from_search(best.x)[0])
+
+
+def _to_search(theta: np.ndarray) -> np.ndarray:
+    """Log variances as the search has them: those that the rows alone tell at their places."""
+    made = theta.copy()
+    made[LEARNED] = places(theta[LEARNED])
+    return made
+
+
+def _from_search(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    theta, stretch = place.copy(), np.ones(len(place))
+    theta[LEARNED], stretch[LEARNED] = log_variances(place[LEARNED])
+    return theta, stretch

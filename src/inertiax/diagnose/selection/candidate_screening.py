@@ -38,7 +38,10 @@ def carried(before: Bank, noise: NoiseFit, touched: Collection[int]) -> list[Noi
             n if c in touched else t for c, (n, t) in enumerate(zip(noise.theta, fit.theta))
         )
         made[b"".join(t.tobytes() for t in theta)] = theta
-    return [NoiseFit(t, noise.value, recoupled(t, noise.coupled)) for t in made.values()]
+    return [
+        NoiseFit(t, noise.value, recoupled(t, noise.coupled), noise.curvature)
+        for t in made.values()
+    ]
 
 
 def screen(

@@ -92,7 +92,8 @@ class Bank:
         places = [int(np.argmin(column)) for column in zip(*self.values)]
         theta = tuple(self.fits[k].theta[c] for c, k in enumerate(places))
         values = tuple(self.values[k][c] for c, k in enumerate(places))
-        return NoiseFit(theta, values, recoupled(theta, self.fits[0].coupled))
+        curved = tuple(self.fits[k].curvature_of(c) for c, k in enumerate(places))
+        return NoiseFit(theta, values, recoupled(theta, self.fits[0].coupled), curved)
 
 
 def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Bank:
