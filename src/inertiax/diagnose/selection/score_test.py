@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from ..candidates.columns import lengthen, span, unit
 from ..candidates.signatures import Term
@@ -107,19 +108,21 @@ def whiten_system(
     together = [t for t in candidates if coupled and t.follows_input]
     alone = [t for t in candidates if not (coupled and t.follows_input)]
     white: list[dict[int, np.ndarray]] = [{} for _ in alone]
-    raw: list[np.ndarray] = [np.zeros(t.size) for t in alone]
+    seen = np.zeros((3, sum(t.size for t in alone)))  # as `_columns_seen`
+    edges = np.cumsum([0, *(t.size for t in alone)])
     for c in range(len(system.chains)):
         y, fixed, rest, places = _white_rows(system, noise, c, alone, chosen)
         q = span(fixed)
         before = np.square(rest).sum(axis=0)
         # Column by column in memory, as candidates take it.
         rest = np.asfortranarray(rest - q @ (q.T @ rest))
+        residual.append(y - q @ (q.T @ y))
+        now = _columns_seen(before, rest, residual[-1])
         for k, here in places:
             white[k][c] = rest[:, here]
-            raw[k] = raw[k] + before[here]
-        residual.append(y - q @ (q.T @ y))
+            seen[:, edges[k] : edges[k + 1]] += now[:, here]
         fitted += q.shape[1]
-    scores = [_score(t, w, r, residual) for t, w, r in zip(alone, white, raw)]
+    scores = [_score(t, w, seen[:, a:b]) for t, w, a, b in zip(alone, white, edges, edges[1:])]
     if together:
         scores += _scored_together(system, noise, together, chosen)
         place = {id(t): k for k, t in enumerate(candidates)}
@@ -176,12 +179,11 @@ def _scored_together(
     before = np.square(rest).sum(axis=0)
     y = y - q @ (q.T @ y)
     rest -= q @ (q.T @ rest)
-    residual = [y[here] for here in rows]
-    scores = []
+    seen, scores = _columns_seen(before, rest, y), []
     for k, term in enumerate(candidates):
         place = slice(widths[k], widths[k + 1])
         white = {c: rest[here, place] for c, here in enumerate(rows)}
-        scores.append(_score(term, white, before[place], residual))
+        scores.append(_score(term, white, seen[:, place]))
     return scores
 
 
@@ -207,11 +209,17 @@ def _shared_root(system: System, noise: NoiseFit) -> np.ndarray:
     return shared.known[key]
 
 
+def _columns_seen(
+    before: np.ndarray, rest: np.ndarray, residual: np.ndarray
+) -> Float[np.ndarray, "3 column"]:
+    """Squares of columns before and after the baseline was projected out, and products with the residual."""
+    return np.stack([before, np.einsum("nk,nk->k", rest, rest), residual @ rest])
+
+
 def _score(
-    term: Term, white: dict[int, np.ndarray], before: np.ndarray, residual: list[np.ndarray]
+    term: Term, white: dict[int, np.ndarray], seen: Float[np.ndarray, "3 column"]
 ) -> Score | None:
-    gram = sum(w.T @ w for w in white.values())
-    after = np.diag(gram)
+    before, after, product = seen
     shown = after > ABSORBED * np.maximum(before, 1e-300)
     if not np.any(shown):
         return None
@@ -219,8 +227,9 @@ def _score(
     if len(norm) == 1:
         turn = 1.0 / norm[None, :]
     else:
+        gram = sum(w.T @ w for w in white.values())
         value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
         good = value > 1e-7 * value[-1]
         turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
-    part = turn.T @ sum(w.T @ residual[c] for c, w in white.items())
+    part = turn.T @ product
     return Score(term, tuple(white), tuple(white.values()), turn, part, float(part @ part))
