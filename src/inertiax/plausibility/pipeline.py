@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from ..data.recording import Campaign
 from .accel_unit import check_accel_unit
+from .band_limit import check_band_limit
 from .clock import check_clock
 from .converter import check_converter
 from .evidence import DeviceLogs, look_at
@@ -48,6 +49,7 @@ CHECKS: tuple[Check, ...] = (
     check_dropouts,
     check_saturation,
     check_repeated_samples,
+    check_band_limit,
     check_converter,
 )
 

@@ -40,6 +40,9 @@ class Thresholds:
     repeated: float = 0.2  # share of rows that repeat the row before
     frozen: float = 1.0  # s that all channels hold
     duplicate: int = 24  # rows in a row that occur twice
+    spectrum_falls: float = (
+        1.7  # ratio; one pole at half the sampling rate's half has 1.8, chance 1.3
+    )
     spike: float = 8.0  # robust standard deviations from the rest's median
     tilt_in_rest: float = 2.0e-3  # rad (0.11 degrees) that a rest turns from end to end
     labels_off: float = 0.3  # share of rests that begin (end) with motion
