@@ -28,10 +28,16 @@ def _log(noise: np.ndarray, *, repeats: int = 1) -> list:
     return [f for f in check_campaign(Campaign((log,))).findings if f.kind == "band_limit"]
 
 
+def _coefficients(kind: str, value: float) -> list:
+    """Numerator and denominator of one pole, or of a second-order Butterworth filter."""
+    if kind == "pole":
+        return [[1.0 - value], [1.0, -value]]
+    return list(scipy.signal.butter(2, value))  # pyright: ignore[reportArgumentType]
+
+
 def _filtered(kind, value: float, seed: int, count: int = 16000) -> np.ndarray:
     white = np.random.default_rng(seed).normal(size=(count + 500, 3))
-    b, a = ([1.0 - value], [1.0, -value]) if kind == "pole" else scipy.signal.butter(2, value)
-    made = scipy.signal.lfilter(b, a, white, axis=0)[500:]
+    made = scipy.signal.lfilter(*_coefficients(kind, value), white, axis=0)[500:]
     return made / made.std()
 
 

@@ -126,3 +126,31 @@ def test_lobes_that_cannot_be_told_apart_widen_the_frequency():
     # Each end alone knows the frequency to about √3 / (π 240 s z), z being some 4 there: 6e-4 Hz, three lobes.
     assert 0.5 / 6000.0 < std < 6e-4
     assert abs(term.setting - 0.0131) < 3.0 * std
+
+
+@pytest.mark.slow
+def test_the_search_ends_no_lower_than_scipys_from_the_same_starts():
+    import scipy.optimize
+
+    from inertiax.diagnose.noise.observation_series import STARTS
+    from inertiax.diagnose.noise.reml import likelihood_inputs
+    from inertiax.diagnose.noise.state_space import value_and_gradient
+
+    with jax.enable_x64(True):
+        system = prepared(set_down_again(12, seed=3)).system
+        found = fit_noise(system)
+        for c in range(3):
+            inputs = likelihood_inputs(system, c, [])
+
+            def objective(theta, c=c, inputs=inputs):
+                value, slope = value_and_gradient(
+                    theta, system.scales[c], system.longer[c], *inputs, system.known[c]
+                )
+                return float(value), np.asarray(slope)
+
+            peers = [
+                scipy.optimize.minimize(objective, s, jac=True, method="L-BFGS-B", bounds=BOUNDS)
+                for s in STARTS
+            ]
+            # It ends where a step gains less than 1e-3, and valleys are long; models are chosen by several.
+            assert found.value[c] < min(p.fun for p in peers) + 0.2

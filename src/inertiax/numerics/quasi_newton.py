@@ -15,7 +15,7 @@ from jaxtyping import Float
 LONGEST = 3.0  # largest change of a variable in one step; of a log variance a factor of 20
 FIRST = 0.5  # the same of the first step where no curvature is known
 SUFFICIENT = 1e-4  # share of the predicted decrease that a step must reach (Armijo)
-HALVINGS = 12
+LENGTHS = 12  # of a step that are tried, each 0.3 of the one before
 
 
 class Minimum(NamedTuple):
@@ -57,16 +57,13 @@ def minimise(
         if -0.5 * float(slope @ (np.clip(x + step, low, high) - x)) < tolerance:
             break
         step *= min(1.0, (LONGEST if known else FIRST) / np.max(np.abs(step)))
-        length, found = 1.0, None
-        for _ in range(HALVINGS):
-            new = np.clip(x + length * step, low, high)
-            trial, its_slope = objective(new)
+        for length in 0.3 ** np.arange(LENGTHS):
+            found = np.clip(x + length * step, low, high)
+            trial, its_slope = objective(found)
             evaluations += 1
-            if trial <= value + SUFFICIENT * float(slope @ (new - x)):
-                found = new
+            if trial <= value + SUFFICIENT * float(slope @ (found - x)):
                 break
-            length *= 0.3
-        if found is None:  # rounding: no lower value is to be had along this direction
+        else:  # rounding: no lower value is to be had along this direction
             break
         moved, turned = found - x, its_slope - slope
         if not known and moved @ turned > 0.0:

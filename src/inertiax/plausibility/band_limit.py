@@ -71,7 +71,7 @@ def corner(ratio: float) -> float | None:
 
     if ratio > of_one_pole(DEEPEST):
         return None
-    q = scipy.optimize.brentq(lambda q: of_one_pole(q) - ratio, 0.0, DEEPEST)
+    q = float(scipy.optimize.brentq(lambda q: of_one_pole(q) - ratio, 0.0, DEEPEST))  # pyright: ignore
     cosine = 1.0 - (1.0 - q) ** 2 / (2.0 * q)
     return float(np.arccos(max(cosine, -1.0)) / np.pi)
 
@@ -80,6 +80,9 @@ def _told(log: Log, name: str, ratio: float) -> Finding:
     half = 0.5 / log.step
     place = corner(ratio)
     where = "" if place is None else f" with its corner near {place * half:.2g} Hz"
+    evidence: dict[str, float] = {"ratio": ratio}
+    if place is not None:
+        evidence["corner"] = place * half
     return finding(
         "band_limit",
         "note",
@@ -87,6 +90,6 @@ def _told(log: Log, name: str, ratio: float) -> Finding:
         f"{log.name}: the noise of {name} at rest falls by {10.0 * np.log10(ratio):.0f} dB from "
         f"{np.mean(LOW) * half:.3g} to {np.mean(HIGH) * half:.3g} Hz: a low-pass filter{where}. "
         "Neighbouring samples are not independent; means of rests and `inertiax noise` allow for it.",
-        ratio=ratio,
-        **({} if place is None else {"corner": place * half}),
+        remedy=None,
+        **evidence,
     )
