@@ -35,24 +35,37 @@ app = typer.Typer(
     help="Calibrate inertial sensors over temperature, and explain what a model leaves out.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,  # plain help: quicker, and brackets such as [columns] stay text
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
 # A new command is a function in a file of this folder and a line here.
-app.command("demo")(demo.demo)
-app.command("calibrate")(calibrate.calibrate)
-app.command("check")(check.check)
-app.command("compensate")(compensate.compensate)
-app.command("diagnose")(diagnose.diagnose)
-app.command("design")(design.design)
-app.command("export")(export.export)
-app.command("fleet")(fleet.fleet)
-app.command("init")(init.init)
-app.command("learn-noise")(learn_noise.learn_noise)
-app.command("live")(live.live)
-app.command("noise")(noise.noise)
-app.command("protocol")(protocol.protocol)
-app.command("simulate")(simulate.simulate)
+app.command("demo", short_help="Simulate and calibrate the founding paper's experiment.")(demo.demo)
+app.command("calibrate", short_help="Estimate the error parameters of every device.")(
+    calibrate.calibrate
+)
+app.command("check", short_help="Look for what cannot be right, before any fit.")(check.check)
+app.command("compensate", short_help="Apply a calibration to a recording.")(compensate.compensate)
+app.command("diagnose", short_help="Locate, name and model what the model left out.")(
+    diagnose.diagnose
+)
+app.command("design", short_help="Judge a plan before it is run, or find a better one.")(
+    design.design
+)
+app.command("export", short_help="Write a calibration in another tool's format.")(export.export)
+app.command("fleet", short_help="Calibrate many devices; bad ones are set aside.")(fleet.fleet)
+app.command("init", short_help="Write the campaign.toml that fits a log.")(init.init)
+app.command("learn-noise", short_help="Learn a type's noise from units that lack nothing.")(
+    learn_noise.learn_noise
+)
+app.command("live", short_help="Follow a recording: where to turn next, when to stop.")(live.live)
+app.command("noise", short_help="Allan deviations and noise coefficients of a log.")(noise.noise)
+app.command("protocol", short_help="Write the protocol of a calibration, to sign.")(
+    protocol.protocol
+)
+app.command("simulate", short_help="Write a campaign that a simulated station records.")(
+    simulate.simulate
+)
 
 
 def _version(asked: bool | None) -> None:

@@ -52,7 +52,7 @@ def protocol_phase(
     said = Station() if station is None else read_station(Path(station))
     measured = [m for limit in limits for m in _measurements(openhtf.Measurement, limit)]
 
-    @openhtf.PhaseOptions(name="protocol")
+    @openhtf.PhaseOptions(name="protocol")  # pyright: ignore[reportCallIssue]
     @openhtf.measures(*measured)
     def protocol(test) -> None:
         made = make_protocol(load_measurement(Path(results), device), said, limits)
