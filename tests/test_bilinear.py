@@ -15,7 +15,7 @@ from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.diagnose.problem import prepare, retuned
 from inertiax.diagnose.result import Parameter
-from inertiax.diagnose.selection.score_test import _score
+from inertiax.diagnose.selection.score_test import _columns_seen, _score
 from inertiax.diagnose.wording.sentences import sentence
 from inertiax.effects import CATALOGUE, Variant
 from test_package_lag import behind
@@ -122,7 +122,8 @@ def test_coefficients_that_the_rows_do_not_tell_have_no_standard_deviation():
     def told(*columns):
         rows = np.stack(columns, axis=1)
         term = Term("g_sensitivity", "gyro", (0,), Variant("row", {}), (0,), (rows,))
-        score = _score(term, {0: rows}, np.square(rows).sum(axis=0), [rng.standard_normal(60)])
+        seen = _columns_seen(np.square(rows).sum(axis=0), rows, rng.standard_normal(60))
+        score = _score(term, {0: rows}, seen)
         assert score is not None
         return score.told.tolist()
 

@@ -222,3 +222,21 @@ def test_unknown_method_is_refused(recordings):
     _, made = recordings
     with pytest.raises(ValueError, match="method must be one of"):
         calibrate(Campaign(made), method="magic")
+
+
+@pytest.mark.slow
+def test_a_solve_that_runs_away_is_said_in_words(recordings, monkeypatch):
+    from inertiax.procedure import single_device
+
+    _, made = recordings
+    step = single_device.solve_on_host
+
+    def runs_away(linearise, start):
+        found = step(linearise, start)
+        return found._replace(unknowns=np.full_like(found.unknowns, np.nan), converged=False)
+
+    monkeypatch.setattr(single_device, "solve_on_host", runs_away)
+    campaign = Campaign(tuple(_without_references(r) for r in made), Site(gravity=PAPER_GRAVITY))
+    (failed,) = calibrate(campaign)
+    assert isinstance(failed, DeviceFailure)
+    assert "did not converge" in failed.reason and "\n" not in failed.reason

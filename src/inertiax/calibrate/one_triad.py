@@ -57,6 +57,8 @@ def estimate_triad(
     misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
     own_chi2 = chi2_per_dof(misfit, own_sigma, unknowns)
     for _ in range(2):
+        if not np.all(np.isfinite(misfit)):
+            raise ValueError(_failure(estimator, solution, dwells, method))
         settled = with_scatter(estimator, misfit, own_sigma, unknowns)
         if float(settled.scatter) == float(estimator.scatter):
             break
