@@ -34,8 +34,8 @@ def against_limits(rows: Sequence[AgainstLimit]) -> Figure:
         shown = min(abs(row.value), _FURTHEST)
         ax.errorbar(shown, y, xerr=row.guard, fmt=mark, color=colour, capsize=3, ms=5)
         if shown < abs(row.value):
-            ax.annotate(f"{abs(row.value):.3g}", (shown, y), (-8, 0), textcoords="offset points",
-                        ha="right", va="center")  # fmt: skip
+            ax.annotate(f"{abs(row.value):.3g}", (shown, y), (0, 4), textcoords="offset points",
+                        ha="center", va="bottom")  # fmt: skip
     ax.axvline(1.0, color=INK, lw=1.0)
     ax.set_yticks(place, [row.label for row in rows])
     ax.set_ylim(-0.6, len(rows) - 0.4)

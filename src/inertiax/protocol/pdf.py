@@ -67,7 +67,10 @@ def write_pdf(protocol: Protocol, folder: Path, command: str, figures: Sequence[
     ]
     for section in (*first, *content.results(protocol), *content.budgets(protocol), *then):
         _section(sheet, section)
-    _section(sheet, content.signatures(protocol), line=_TO_SIGN)
+    to_sign = content.signatures(protocol)
+    rows = sum(len(t.rows) + 1 for t in to_sign.tables)
+    # All who sign do so on one page.
+    _section(sheet, to_sign, line=_TO_SIGN, room=12.0 + rows * (_TO_SIGN * _SMALL + 0.6))
     for drawn in figures:
         if not _figure(sheet, drawn):
             _text(sheet, "Further figures are in protocol.html.", _SIZE, _INK)
@@ -86,9 +89,10 @@ def _head(sheet: _Sheet, protocol: Protocol) -> None:
         _text(sheet, line, _SIZE, _INK)
 
 
-def _section(sheet: _Sheet, section: Section, line: float = 0.5) -> None:
+def _section(sheet: _Sheet, section: Section, line: float = 0.5, room: float = 22.0) -> None:
+    """A section that begins where `room` mm are left: a heading stays with what it heads."""
     sheet.ln(2.2)
-    if sheet.will_page_break(22.0):  # a heading stays with what it heads
+    if sheet.will_page_break(room):
         sheet.add_page()
     _text(sheet, section.title, 10.0, _INK, bold=True)
     for sentence in section.lines:
