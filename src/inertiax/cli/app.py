@@ -39,33 +39,25 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
-# A new command is a function in a file of this folder and a line here.
-app.command("demo", short_help="Simulate and calibrate the founding paper's experiment.")(demo.demo)
-app.command("calibrate", short_help="Estimate the error parameters of every device.")(
-    calibrate.calibrate
-)
-app.command("check", short_help="Look for what cannot be right, before any fit.")(check.check)
-app.command("compensate", short_help="Apply a calibration to a recording.")(compensate.compensate)
-app.command("diagnose", short_help="Locate, name and model what the model left out.")(
-    diagnose.diagnose
-)
-app.command("design", short_help="Judge a plan before it is run, or find a better one.")(
-    design.design
-)
-app.command("export", short_help="Write a calibration in another tool's format.")(export.export)
-app.command("fleet", short_help="Calibrate many devices; bad ones are set aside.")(fleet.fleet)
-app.command("init", short_help="Write the campaign.toml that fits a log.")(init.init)
-app.command("learn-noise", short_help="Learn a type's noise from units that lack nothing.")(
-    learn_noise.learn_noise
-)
-app.command("live", short_help="Follow a recording: where to turn next, when to stop.")(live.live)
-app.command("noise", short_help="Allan deviations and noise coefficients of a log.")(noise.noise)
-app.command("protocol", short_help="Write the protocol of a calibration, to sign.")(
-    protocol.protocol
-)
-app.command("simulate", short_help="Write a campaign that a simulated station records.")(
-    simulate.simulate
-)
+# A new command is a function in a file of this folder and a line here, with what the list of commands says of it.
+_COMMANDS = {
+    demo.demo: "Simulate and calibrate the founding paper's experiment.",
+    calibrate.calibrate: "Estimate the error parameters of every device.",
+    check.check: "Look for what cannot be right, before any fit.",
+    compensate.compensate: "Apply a calibration to a recording.",
+    diagnose.diagnose: "Locate, name and model what the model left out.",
+    design.design: "Judge a plan before it is run, or find a better one.",
+    export.export: "Write a calibration in another tool's format.",
+    fleet.fleet: "Calibrate many devices; bad ones are set aside.",
+    init.init: "Write the campaign.toml that fits a log.",
+    learn_noise.learn_noise: "Learn a type's noise from units that lack nothing.",
+    live.live: "Follow a recording: where to turn next, when to stop.",
+    noise.noise: "Allan deviations and noise coefficients of a log.",
+    protocol.protocol: "Write the protocol of a calibration, to sign.",
+    simulate.simulate: "Write a campaign that a simulated station records.",
+}
+for _command, _help in _COMMANDS.items():
+    app.command(_command.__name__.replace("_", "-"), short_help=_help)(_command)
 
 
 def _version(asked: bool | None) -> None:

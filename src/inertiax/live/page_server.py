@@ -11,6 +11,7 @@ What keeps others out, in the order in which a request is looked at:
 
 import asyncio
 import hmac
+import importlib.util
 import secrets
 import socket
 import threading
@@ -47,12 +48,8 @@ _PAGE_POLICY = (
 
 def require_server() -> None:
     """Raises `ValueError`, one line, where the library that serves the page is not installed."""
-    try:
-        import tornado.web  # noqa: F401
-    except ImportError:
-        raise ValueError(
-            "--page: the package tornado is missing; install inertiax[page]."
-        ) from None
+    if importlib.util.find_spec("tornado") is None:
+        raise ValueError("--page: the package tornado is missing; install inertiax[page].")
 
 
 class PageServer:

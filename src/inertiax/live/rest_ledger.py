@@ -40,6 +40,14 @@ class Rest:
         both = min(self.stop, stop) - max(self.start, start)
         return 2 * both > min(self.stop - self.start, stop - start)
 
+    def take(self, judged: "Judged") -> None:
+        """Take over what was judged of it."""
+        self.accepted, self.why = judged.why is None, judged.why
+        self.disturbances = judged.disturbances
+        found = judged.means
+        for key in ("accel", "accel_covariance", "reference", "gyro", "gyro_covariance"):
+            setattr(self, key, None if found is None else getattr(found, key))
+
 
 def labelled(recording: Recording) -> bool:
     """Whether the recording says itself when it rests."""

@@ -215,7 +215,7 @@ class Session:
         made = []
         for judged, (a, b, _) in zip(found[len(mine) :], fresh):
             rest = self._made(a, b)
-            _take(rest, judged)
+            rest.take(judged)
             made.append(rest)
         return made
 
@@ -343,13 +343,13 @@ class Session:
             match = next((r for r in left if r.overlaps(one.start, one.stop)), None)
             fresh = self._made(one.start, one.stop)
             if match is None:
-                _take(fresh, one)
+                fresh.take(one)
                 added.append(fresh)
                 continue
             left.remove(match)
             was = match.accepted
             match.start, match.stop, match.time = fresh.start, fresh.stop, fresh.time
-            _take(match, one)
+            match.take(one)
             if match.accepted != was:
                 changed.append(match)
         for rest in left:  # the longer recording shows no such rest
@@ -390,12 +390,3 @@ class Session:
             "rests": len(self.accepted),
             "seconds": self._seconds,
         }
-
-
-def _take(rest: Rest, judged: Judged) -> None:
-    """What was judged of a rest."""
-    rest.accepted, rest.why = judged.why is None, judged.why
-    rest.disturbances = judged.disturbances
-    found = judged.means
-    for key in ("accel", "accel_covariance", "reference", "gyro", "gyro_covariance"):
-        setattr(rest, key, None if found is None else getattr(found, key))

@@ -10,6 +10,8 @@ filters have larger ones: then it is said that there is a filter, and no corner.
 tremor at the usual 100 Hz, and below them the noise may rise as it likes.
 """
 
+from typing import cast
+
 import numpy as np
 import scipy.optimize
 from jaxtyping import Float
@@ -71,7 +73,7 @@ def corner(ratio: float) -> float | None:
 
     if ratio > of_one_pole(DEEPEST):
         return None
-    q = float(scipy.optimize.brentq(lambda q: of_one_pole(q) - ratio, 0.0, DEEPEST))  # pyright: ignore
+    q = cast(float, scipy.optimize.brentq(lambda q: of_one_pole(q) - ratio, 0.0, DEEPEST))
     cosine = 1.0 - (1.0 - q) ** 2 / (2.0 * q)
     return float(np.arccos(max(cosine, -1.0)) / np.pi)
 

@@ -18,6 +18,7 @@ WIDE = 384  # columns are padded to a multiple, so that few programs are compile
 STEP = 1e-3  # of differences for the slope: the likelihood's second ones are below a hundred
 TOLERANCE = 0.02  # of log likelihoods; a model is chosen by differences of several
 MOST_STEPS = 15
+KEPT = 3  # whitened chains each: where a step began, where it ends, and beside it
 LEAST_START = -4.0  # of a dwell variance, so that the search can tell which way to go
 
 
@@ -80,7 +81,7 @@ class JointLikelihood:
     """Minus the restricted log likelihood of all chains with the errors that they share, up to a constant.
 
     Whitening a chain takes most of the time, and of what a search varies it depends on the chain's own dwell variance
-    alone: it is kept for those that were asked for.
+    alone: it is kept for the last ones that were asked for, which a step and its differences are.
     """
 
     def __init__(self, system: System, chosen: Sequence[Term]):
@@ -129,11 +130,15 @@ class JointLikelihood:
         # The chains stand without the rig's part, so that its variance does not matter here.
         key = c, np.delete(own, RIG).tobytes()
         if key not in self._known:
+            mine = [k for k in self._known if k[0] == c]
+            for old in mine[: 1 - KEPT]:
+                del self._known[old]
             stack = self._stacks[c]
             rows = lengthen(stack, -(-stack.shape[1] // WIDE) * WIDE)
             v = unpack(own, self._system.scales[c])
             white, logdet = whiten_jit(v, self._shared.chains[c], rows)
             self._known[key] = np.asarray(white)[: len(stack), : stack.shape[1]], float(logdet)
+        self._known[key] = self._known.pop(key)  # the latest one stands last
         return self._known[key]
 
 
