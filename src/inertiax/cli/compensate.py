@@ -5,15 +5,12 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
-from ..storage.whole_files import written_beside
 from . import console, environment, outputs
 from .calibrate import AsJson, Quiet
 
 
 if TYPE_CHECKING:
-    import polars as pl
-
-    from ..exports.compensated_recording import Compensated
+    from ..exports.compensated_stream import Written
 
 
 _SUFFIXES = (".csv", ".parquet", ".pq")
@@ -86,37 +83,21 @@ def compensate(
         environment.prepare()
         from ..calibration.calibration import read_calibration
         from ..data.campaign import campaign_beside
-        from ..exports.compensated_recording import compensate_file
+        from ..exports.compensated_stream import write_compensated
 
         stages("compensating")
-        result = compensate_file(
+        result = write_compensated(
             read_calibration(calibration),
             recording,
+            output,
             gyro_file=gyro_file,
             campaign=campaign or campaign_beside(recording),
             any_device=any_device,
         )
-        stages("writing")
-        _write_table(result.table, output)
     _tell(result, output, as_json=as_json, quiet=quiet)
 
 
-def _write_table(table: "pl.DataFrame", path: Path) -> None:
-    """Write beside the place and rename, so that the file is there whole or not at all."""
-    from polars.exceptions import PolarsError
-
-    try:
-        with written_beside(path) as beside:
-            if path.suffix.lower() == ".csv":
-                table.write_csv(beside)
-            else:
-                table.write_parquet(beside)
-    except (OSError, PolarsError) as error:  # polars tells of a full disk in its own words
-        reason = str(error).rsplit(": ", 1)[-1].split(" (os error")[0]
-        raise ValueError(f"{path}: cannot be written: {reason}.") from None
-
-
-def _tell(result: "Compensated", output: Path, *, as_json: bool, quiet: bool) -> None:
+def _tell(result: "Written", output: Path, *, as_json: bool, quiet: bool) -> None:
     for note in result.notes:
         console.warn(note)
     if as_json:
@@ -124,10 +105,10 @@ def _tell(result: "Compensated", output: Path, *, as_json: bool, quiet: bool) ->
             {
                 "schema": "inertiax.compensate/1",
                 "output": str(output),
-                "rows": result.table.height,
+                "rows": result.rows,
                 "extrapolated": result.num_extrapolated,
                 "notes": list(result.notes),
             }
         )
     elif not quiet:
-        console.say(f"{result.table.height} rows compensated: {output}")
+        console.say(f"{result.rows} rows compensated: {output}")

@@ -20,9 +20,33 @@ from ..data.pairing import pair
 from ..data.recording import Recording
 from ..data.settings import read_toml
 from ..physics.temperature import Constant
+from .text_columns import kinds_of, typed
 
 
 _CHUNK = 65536  # samples compensated at a time: one compilation, little memory
+
+
+class Extent(NamedTuple):
+    """How many rows there are, and how many at which temperatures lie outside the calibrated range."""
+
+    rows: int = 0
+    outside: int = 0
+    lowest: float = np.inf  # °C
+    highest: float = -np.inf
+
+    @classmethod
+    def of(cls, recording: Recording, outside: Bool[np.ndarray, " time"]) -> "Extent":
+        """Of one recording or a piece of one."""
+        rows, count = len(outside), int(outside.sum())
+        if recording.temperature is None:
+            return cls(rows, count)
+        probe = recording.temperature[:, 0]
+        return cls(rows, count, float(probe.min()), float(probe.max()))
+
+    def __or__(self, other: "Extent") -> "Extent":
+        """Of both together."""
+        low, high = min(self.lowest, other.lowest), max(self.highest, other.highest)
+        return Extent(self.rows + other.rows, self.outside + other.outside, low, high)
 
 
 class Compensated(NamedTuple):
@@ -52,16 +76,7 @@ def compensate_file(
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
     says that it is of another device or was compensated before.
     """
-    columns, layout, format_name = _mapping(campaign)
-    for file in (path, gyro_file):
-        if file is not None and is_compensated(file):
-            raise ValueError(
-                f"{file}: was compensated already, for it has a column '{COLUMN}'; give the recording itself. "
-                "Twice compensated outputs are wrong by the errors' size."
-            )
-    if not detect.is_recording(path):
-        raise ValueError(f"{path}: a recording file is needed, or a bag's or EuRoC's folder.")
-    chosen = detect.format_of(path, layout) if format_name is None else detect.by_name(format_name)
+    columns, layout, chosen = source_of(path, gyro_file, campaign)
     if chosen in (csv, parquet) and gyro_file is None:
         table = _read(path, chosen, layout)
         found = tables.to_recordings(table, columns, layout, name=path.name)
@@ -98,16 +113,26 @@ def _compensated_table(
     calibration: Calibration, recording: Recording, table: pl.DataFrame, name: str, any_device: bool
 ) -> Compensated:
     """A recording's table with the columns that compensation makes."""
-    _check_device(calibration, recording, name, any_device)
-    _check_columns(calibration, recording, name)
+    require_fit(calibration, recording, name, any_device=any_device)
     force, rate, outside, left_out = _compensate(calibration, recording)
-    notes = _notes(calibration, recording, outside, name)
+    notes = notes_on(calibration, recording, Extent.of(recording, outside), name)
     notes += tuple(f"{name}: {line}" for line in left_out)
+    made = with_outputs(table, force, rate, outside)
+    return Compensated(made, int(outside.sum()), notes)
+
+
+def with_outputs(
+    table: pl.DataFrame,
+    force: Float[np.ndarray, "time 3"] | None,
+    rate: Float[np.ndarray, "time 3"] | None,
+    outside: Bool[np.ndarray, " time"],
+) -> pl.DataFrame:
+    """The table with what compensation gave: m/s², rad/s, and where the temperature is outside."""
     new = {COLUMN: outside}
     for triad, values in (("accel", force), ("gyro", rate)):
         if values is not None:
             new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
-    return Compensated(table.with_columns(**new), int(outside.sum()), notes)
+    return table.with_columns(**new)
 
 
 def _table_of(recording: Recording) -> pl.DataFrame:
@@ -146,7 +171,7 @@ def _compensate(
     calibration: Calibration, recording: Recording
 ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray, tuple[str, ...]]:
     """`compensate_recording` and a line for each effect that is not taken away."""
-    force, rate, outside = _by_parameters(calibration, recording)
+    force, rate, outside = by_parameters(calibration, recording)
     notes: tuple[str, ...] = ()
     if calibration.effects:
         from ..diagnose.estimates import applied_effects as augmented
@@ -156,10 +181,14 @@ def _compensate(
     return force, rate, outside, notes
 
 
-def _by_parameters(
+def by_parameters(
     calibration: Calibration, recording: Recording
-) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray]:
-    """Sample by sample, in chunks."""
+) -> tuple[
+    Float[np.ndarray, "time 3"] | None,
+    Float[np.ndarray, "time 3"] | None,
+    Bool[np.ndarray, " time"],
+]:
+    """`compensate_recording` without named effects: sample by sample, in chunks."""
     count = recording.num_samples
     zeros = np.zeros((count, 3))
     accel = zeros if recording.accel is None else recording.accel
@@ -169,9 +198,8 @@ def _by_parameters(
     for start in range(0, count, _CHUNK):
         rows = slice(start, start + _CHUNK)
         length = len(accel[rows])
-        # The last chunk is padded, so that it needs no compilation of its own.
-        size = _CHUNK if count > _CHUNK else count
-        pad = ((0, size - length), (0, 0))
+        # The last chunk is padded: one program serves logs of every length, and gives pieces what the whole gets.
+        pad = ((0, _CHUNK - length), (0, 0))
         out = _compensate_chunk(
             calibration,
             np.pad(accel[rows], pad),
@@ -202,6 +230,26 @@ def _compensate_chunk(
     return force, rate, jax.vmap(calibration.extrapolates)(jnp.asarray(temperature))
 
 
+def source_of(
+    path: Path, gyro_file: Path | None, campaign: Path | None
+) -> tuple[ColumnMap, Layout, ModuleType]:
+    """How a recording is to be read: names and units, layout, format.
+
+    Raises `ValueError` where it is none, or was compensated before.
+    """
+    columns, layout, format_name = _mapping(campaign)
+    for file in (path, gyro_file):
+        if file is not None and is_compensated(file):
+            raise ValueError(
+                f"{file}: was compensated already, for it has a column '{COLUMN}'; give the recording itself. "
+                "Twice compensated outputs are wrong by the errors' size."
+            )
+    if not detect.is_recording(path):
+        raise ValueError(f"{path}: a recording file is needed, or a bag's or EuRoC's folder.")
+    chosen = detect.format_of(path, layout) if format_name is None else detect.by_name(format_name)
+    return columns, layout, chosen
+
+
 def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
     """`[columns]`, and the layout and format under `[recordings]`, of a campaign."""
     if campaign is None:
@@ -223,21 +271,9 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
 
 def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
     if chosen is csv:
-        return _typed(csv.read_table(path, layout.names, header_line=layout.header_line))
+        text = csv.read_table(path, layout.names, header_line=layout.header_line)
+        return typed(text, kinds_of(text))
     return parquet.decode(path)
-
-
-def _typed(table: pl.DataFrame) -> pl.DataFrame:
-    """Columns of text as whole numbers or numbers where every field is one."""
-    columns = []
-    for column in table.get_columns():
-        for kind in (pl.Int64, pl.Float64):
-            number = column.str.strip_chars().cast(kind, strict=False)
-            if number.null_count() == column.null_count() and not column.is_null().all():
-                column = number
-                break
-        columns.append(column)
-    return pl.DataFrame(columns)
 
 
 def _of_device(recordings: tuple[Recording, ...], name: str) -> tuple[Recording, ...]:
@@ -251,6 +287,14 @@ def _of_device(recordings: tuple[Recording, ...], name: str) -> tuple[Recording,
         f"calibration is of one; write each device's rows to a file of its own, or name one IMU of a flight "
         f"log with [recordings] instance."
     )
+
+
+def require_fit(
+    calibration: Calibration, recording: Recording, name: str, *, any_device: bool = False
+) -> None:
+    """Raises `ValueError` where a recording is another device's, or lacks what the calibration needs."""
+    _check_device(calibration, recording, name, any_device)
+    _check_columns(calibration, recording, name)
 
 
 def _check_device(
@@ -290,20 +334,19 @@ def _named(accel: TriadCalibration | None) -> str:
     return "gyros" if accel is None else "accelerometers"
 
 
-def _notes(
-    calibration: Calibration, recording: Recording, outside: np.ndarray, name: str
+def notes_on(
+    calibration: Calibration, recording: Recording, extent: Extent, name: str
 ) -> tuple[str, ...]:
+    """What a reader of the compensated table should know, in words."""
     notes = []
     for triad, label in (("accel", "accelerometers"), ("gyro", "gyros")):
         if getattr(recording, triad) is not None and getattr(calibration, triad) is None:
             notes.append(f"{name}: the {label} were not calibrated and are left as recorded")
-    if outside.any() and calibration.temperature_range is not None:
+    if extent.outside and calibration.temperature_range is not None:
         low, high = calibration.temperature_range
-        assert recording.temperature is not None
-        probe = recording.temperature[:, 0]
         notes.append(
-            f"{name}: {int(outside.sum())} of {len(outside)} rows at {probe.min():.1f}…"
-            f"{probe.max():.1f} °C are outside the calibrated {low:.1f}…{high:.1f} °C; see the column "
+            f"{name}: {extent.outside} of {extent.rows} rows at {extent.lowest:.1f}…"
+            f"{extent.highest:.1f} °C are outside the calibrated {low:.1f}…{high:.1f} °C; see the column "
             f"'extrapolated'"
         )
     return tuple(notes)

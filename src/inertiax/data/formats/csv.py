@@ -62,7 +62,11 @@ def text_of(path: Path) -> bytes:
         raise ValueError(
             f"{path.name}: the content is binary, not delimited text: byte {before + zero} (line {line}) is zero."
         )
-    text = text.removeprefix(b"\xef\xbb\xbf")
+    return with_line_feeds(text.removeprefix(b"\xef\xbb\xbf"))
+
+
+def with_line_feeds(text: bytes) -> bytes:
+    """Text with line feeds at its lines' ends, whatever stands there."""
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 

@@ -26,6 +26,8 @@ NAME = "parquet"
 SUFFIXES = (".parquet", ".pq")
 KEYS = ()
 MAGIC = b"PAR1"
+_BUFFER = 1 << 20  # bytes
+_BATCHES = 4  # that are read in one iteration
 
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
@@ -58,21 +60,47 @@ def _read_table(path: Path) -> pl.DataFrame:
 def decode(path: Path) -> pl.DataFrame:
     """The table in a Parquet file. Raises `ValueError` where it is damaged, or unpacks to more than a
     recording can."""
-    import pyarrow.parquet as pq  # slow to import, and only needed here
-
-    size = path.stat().st_size
-    with contextlib.ExitStack() as stack:
-        with _damage_told(path.name):
-            file = stack.enter_context(pq.ParquetFile(path, memory_map=False))
-            values, unpacked = _claimed(file)
-        require_plausible(max(8 * values, unpacked), size, path.name)
-        texts = [f.name for f in file.schema_arrow if _is_text(f.type)]
+    with _opened(path) as file:
+        texts = _texts(file)
         if not texts:
             with _damage_told(path.name), _quiet():
                 return pl.DataFrame(pl.from_arrow(file.read()))
         table = _with_texts(path, texts, file)
         with _damage_told(path.name), _quiet():
             return pl.DataFrame(pl.from_arrow(table))
+
+
+def batches(path: Path, rows: int) -> Iterator[pl.DataFrame]:
+    """The table of `decode`, at most so many rows at a time. Raises as it does, at the latest with the last rows."""
+    # Buffered, so that a group of all rows need not be in memory as it is stored.
+    with _opened(path, buffer=_BUFFER) as file:
+        texts = _texts(file)
+        if texts and _stores_differences(file):  # Arrow reads those by few rows at a time alone
+            yield from decode(path).iter_slices(rows)
+            return
+        pieces = _text_batches(path, texts, rows) if texts else _batches(path, file, rows)
+        for piece in pieces:
+            with _damage_told(path.name), _quiet():
+                table = pl.DataFrame(pl.from_arrow(_plain_texts(piece, texts)))
+            yield table
+
+
+@contextlib.contextmanager
+def _opened(path: Path, buffer: int = 0) -> "Iterator[pq.ParquetFile]":
+    """A file that unpacks to no more than a recording can."""
+    import pyarrow.parquet as pq  # slow to import, and only needed here
+
+    with contextlib.ExitStack() as stack:
+        with _damage_told(path.name):
+            opened = pq.ParquetFile(path, memory_map=False, buffer_size=buffer)
+            file = stack.enter_context(opened)
+            values, unpacked = _claimed(file)
+        require_plausible(max(8 * values, unpacked), path.stat().st_size, path.name)
+        yield file
+
+
+def _texts(file: "pq.ParquetFile") -> list[str]:
+    return [f.name for f in file.schema_arrow if _is_text(f.type)]
 
 
 def _claimed(file: "pq.ParquetFile") -> tuple[int, int]:
@@ -105,28 +133,64 @@ def _with_texts(path: Path, texts: list[str], plain: "pq.ParquetFile") -> "pa.Ta
     cannot do so where values are stored as differences from the one before; such files are read by few rows at a time.
     """
     import pyarrow as pa
+
+    rows = 256 if _stores_differences(plain) else 1 << 16
+    batches = list(_text_batches(path, texts, rows, as_dictionary=rows > 256))
+    with _damage_told(path.name):
+        schema = batches[0].schema if batches else plain.schema_arrow
+        return _plain_texts(pa.Table.from_batches(batches, schema=schema), texts)
+
+
+def _text_batches(
+    path: Path, texts: list[str], rows: int, *, as_dictionary: bool = True
+) -> "Iterator[pa.RecordBatch]":
+    """Rows of a file with columns of text, as long as what the text unpacks to is plausible."""
     import pyarrow.parquet as pq
 
-    size, held, batches = path.stat().st_size, 0, []
-    differences = _stores_differences(plain)
+    size, held = path.stat().st_size, 0
     with _damage_told(path.name):
-        file = pq.ParquetFile(path, memory_map=False, read_dictionary=[] if differences else texts)
+        kept = texts if as_dictionary else []
+        file = pq.ParquetFile(path, memory_map=False, read_dictionary=kept)
     with contextlib.closing(file):
-        rows = file.iter_batches(batch_size=256 if differences else 1 << 16)
-        while True:
-            with _damage_told(path.name), _quiet():
-                batch = next(rows, None)
-            if batch is None:
-                break
+        for batch in _batches(path, file, rows):
             held += batch.nbytes + sum(_written_out(batch.column(n)) for n in texts)
             require_plausible(held, size, path.name)
-            batches.append(batch)
-    with _damage_told(path.name):
-        table = pa.Table.from_batches(batches, schema=file.schema_arrow)
-        for name in texts:
-            at = table.schema.get_field_index(name)
-            table = table.set_column(at, name, table.column(name).cast(pa.large_string()))
-        return table
+            yield batch
+
+
+def _batches(path: Path, file: "pq.ParquetFile", rows: int) -> "Iterator[pa.RecordBatch]":
+    for groups in _runs_of_groups(file, rows):
+        batches = file.iter_batches(batch_size=rows, row_groups=groups)
+        while True:
+            with _damage_told(path.name), _quiet():
+                batch = next(batches, None)
+            if batch is None:
+                break
+            yield batch
+
+
+def _runs_of_groups(file: "pq.ParquetFile", rows: int) -> Iterator[list[int]]:
+    """Neighbouring row groups, each time some batches long: Arrow keeps what it read until an iteration ends."""
+    groups, held = [], 0
+    for k in range(file.metadata.num_row_groups):
+        groups.append(k)
+        held += file.metadata.row_group(k).num_rows
+        if held >= _BATCHES * rows:
+            yield groups
+            groups, held = [], 0
+    if groups:
+        yield groups
+
+
+def _plain_texts(table: "pa.Table | pa.RecordBatch", texts: list[str]) -> "pa.Table":
+    """The table with its text written out."""
+    import pyarrow as pa
+
+    made = pa.Table.from_batches([table]) if isinstance(table, pa.RecordBatch) else table
+    for name in texts:
+        at = made.schema.get_field_index(name)
+        made = made.set_column(at, name, made.column(name).cast(pa.large_string()))
+    return made
 
 
 def _stores_differences(file: "pq.ParquetFile") -> bool:

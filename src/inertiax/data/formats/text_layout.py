@@ -17,8 +17,8 @@ from .columns import shown
 
 COMMENTS = ("#", "%", "//")
 _DELIMITERS = ("\t", ";", ",", " ")
-_FIRST_LINES = 300  # lines that are looked at: the longest preambles have some dozens
-_FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
+FIRST_LINES = 300  # lines that are looked at: the longest preambles have some dozens
+FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 STAMP = re.compile(
     r"(?:\d{4}-\d{2}-\d{2}[T ])?\d{2}:\d{2}:\d{2}(?:[.,]\d+)?\s?(?:Z|[+-]\d{2}:?\d{2})?"
@@ -108,11 +108,11 @@ def _first_lines(data: bytes, wanted: int) -> list[_Line]:
         end = len(data) if end < 0 else end
         number += 1
         text = data[position:end].decode("utf-8", "replace").strip()
-        if text and (len(lines) < _FIRST_LINES or number >= wanted):
+        if text and (len(lines) < FIRST_LINES or number >= wanted):
             lines.append(_Line(text, number, position))
         position = end + 1
-        seen = len(lines) >= _FIRST_LINES or (position > _FIRST_BYTES and len(lines) > 1)
-        if seen and number >= wanted + (_FIRST_LINES if wanted else 0):
+        seen = len(lines) >= FIRST_LINES or (position > FIRST_BYTES and len(lines) > 1)
+        if seen and number >= wanted + (FIRST_LINES if wanted else 0):
             break
     return lines
 

@@ -1,0 +1,151 @@
+"""A calibration applied to a log of any length, some rows at a time.
+
+CSV and Parquet are read, compensated and written in pieces, so that the memory does not grow with the log. Equation (3)
+knows no other sample than its own, so the pieces are what the whole table would be. Named effects depend on
+what went before (and on the recording as a whole): with them, of other formats, of triads in files of their own, and of
+what cannot be read in pieces, the whole table is made in memory, as `compensate_file` does.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import polars as pl
+
+from ..calibration.calibration import Calibration
+from ..data.formats import ColumnMap, csv, Layout, parquet, text_batches
+from ..data.formats.columns import TimeColumn
+from ..data.formats.table import to_recordings
+from ..data.recording import Recording
+from ..storage.whole_files import written_beside
+from .compensated_recording import (
+    by_parameters,
+    compensate_file,
+    Extent,
+    notes_on,
+    require_fit,
+    source_of,
+    with_outputs,
+)
+from .table_writer import full_disk_told, TableWriter
+from .text_columns import kinds_of, typed
+
+
+ROWS = 1 << 17  # of a piece of Parquet
+BYTES = 1 << 24  # of a piece of text
+
+
+class Written(NamedTuple):
+    """What a compensated file holds and what to know about it."""
+
+    rows: int
+    num_extrapolated: int
+    notes: tuple[str, ...]
+
+
+def write_compensated(
+    calibration: Calibration,
+    path: Path,
+    output: Path,
+    *,
+    gyro_file: Path | None = None,
+    campaign: Path | None = None,
+    any_device: bool = False,
+    rows: int = ROWS,
+    size: int = BYTES,
+) -> Written:
+    """Write the table of `compensate_file` as CSV or Parquet, by the suffix of `output`: whole or not at all.
+
+    **Arguments:** as of `compensate_file`; `rows` (of Parquet) and `size` (bytes of text) are those of a piece.
+
+    Raises `ValueError` as `compensate_file` does, and where the result cannot be written.
+    """
+    columns, layout, chosen = source_of(path, gyro_file, campaign)
+    with full_disk_told(output), written_beside(output) as beside:
+        if chosen in (csv, parquet) and gyro_file is None and not calibration.effects:
+            tables = (
+                _tables(path, layout, rows) if chosen is parquet else _texts(path, layout, size)
+            )
+            write = lambda: TableWriter(beside, output.suffix)
+            try:
+                return _in_pieces(calibration, path.name, tables, columns, write, any_device)
+            except ValueError:
+                pass  # what is wrong, if anything is, is said with its row where the whole table is read
+        made = compensate_file(
+            calibration, path, gyro_file=gyro_file, campaign=campaign, any_device=any_device
+        )
+        with TableWriter(beside, output.suffix) as writer:
+            writer.append(made.table)
+    return Written(made.table.height, made.num_extrapolated, made.notes)
+
+
+Tables = Callable[[], Iterator[pl.DataFrame]]  # each time from the first piece on
+
+
+def _in_pieces(
+    calibration: Calibration,
+    name: str,
+    tables: Tables,
+    columns: ColumnMap,
+    write: Callable[[], TableWriter],
+    any_device: bool,
+) -> Written:
+    """The pieces, compensated and written. Raises `ValueError` for what the whole table alone can tell."""
+    extent, last = Extent(), None
+    with write() as writer:
+        for table in tables():
+            (recording,) = to_recordings(table, columns, Layout(), name=name)
+            _require_next(recording, last, columns)
+            require_fit(calibration, recording, name, any_device=any_device)
+            force, rate, outside = by_parameters(calibration, recording)
+            extent |= Extent.of(recording, outside)
+            writer.append(with_outputs(table, force, rate, outside))
+            last = recording[-1:]
+    if last is None:
+        raise ValueError(f"{name}: no rows.")
+    return Written(extent.rows, extent.outside, notes_on(calibration, last, extent, name))
+
+
+def _require_next(recording: Recording, last: Recording | None, columns: ColumnMap) -> None:
+    """That a piece goes on where the last one ended: the same device, the same columns, a later time."""
+    if last is None:
+        return
+    same = recording.device == last.device and _columns(recording) == _columns(last)
+    counted = isinstance(columns.time, TimeColumn) and columns.time.rate is not None
+    counted = counted or columns.each_row_is_a_pose
+    if not same or not (counted or recording.time[0] > last.time[-1]):
+        raise ValueError("the pieces are not those of one recording.")
+
+
+def _columns(recording: Recording) -> list[str]:
+    return [k for k in ("accel", "gyro", "temperature") if getattr(recording, k) is not None]
+
+
+def _tables(path: Path, layout: Layout, rows: int) -> Tables:
+    return lambda: _from_row(parquet.batches(path, rows), layout.start_row)
+
+
+def _texts(path: Path, layout: Layout, size: int) -> Tables:
+    """Pieces of text with columns as numbers where all pieces hold numbers: told in a pass of its own."""
+
+    def read() -> Iterator[pl.DataFrame]:
+        return text_batches.batches(path, layout.names, header_line=layout.header_line, size=size)
+
+    def tables() -> Iterator[pl.DataFrame]:
+        kinds = None
+        for table in read():
+            kinds = kinds_of(table, kinds)
+        if kinds is None:
+            raise ValueError(f"{path.name}: no rows.")
+        yield from _from_row((typed(table, kinds) for table in read()), layout.start_row)
+
+    return tables
+
+
+def _from_row(tables: Iterator[pl.DataFrame], row: int) -> Iterator[pl.DataFrame]:
+    """The pieces without the first rows."""
+    for table in tables:
+        left = table.slice(row)
+        row = max(row - table.height, 0)
+        if left.height:
+            yield left

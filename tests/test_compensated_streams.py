@@ -1,0 +1,199 @@
+"""A log compensated in pieces is what the whole table gives, and bad input ends in the same line."""
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.data.formats import parquet, text_batches
+from inertiax.exports.compensated_recording import compensate_file
+from inertiax.exports.compensated_stream import write_compensated
+from inertiax.exports.text_columns import KINDS, kinds_of, typed
+from inertiax.physics.temperature import Curve, Polynomial
+
+
+ROWS = 700
+SIZE = 9000  # bytes: a dozen pieces of the text below
+GRAVITY = 9.81
+
+
+def calibration(*effects: FittedEffect) -> Calibration:
+    """Both triads, linear in temperature from 10 to 30 °C."""
+    basis = Polynomial(1, 10.0, 30.0)
+    rng = np.random.default_rng(3)
+    made = []
+    for triad in ("accel", "gyro"):
+        names = (
+            *(f"{triad}.bias[{i}]" for i in range(3)),
+            *(f"{triad}.matrix[{i},{j}]" for i in range(3) for j in range(3)),
+        )
+        curve = Curve(basis, 0.01 * rng.standard_normal((2, 12)))
+        made.append(TriadCalibration(curve, np.zeros((24, 24)), names, "reference"))
+    return Calibration(
+        gravity=GRAVITY,
+        accel=made[0],
+        gyro=made[1],
+        temperature_range=(10.0, 30.0),
+        effects=effects,
+    )
+
+
+def log() -> pl.DataFrame:
+    rng = np.random.default_rng(5)
+    columns = {"time": 0.01 * np.arange(ROWS)}
+    columns |= {f"{t}_{a}": rng.standard_normal(ROWS) for t in ("accel", "gyro") for a in "xyz"}
+    columns |= {"temperature": np.linspace(15.0, 35.0, ROWS), "count": np.arange(ROWS)}
+    return pl.DataFrame(columns).with_columns(
+        empty=pl.Series([None] * ROWS, dtype=pl.String),
+        remark=pl.Series([f"r{k}, said" for k in range(ROWS)]),
+        # Whole numbers at first, then halves, then text: each kind in pieces of its own.
+        late=pl.Series([f"{k}" if k < 300 else f"{k}.5" for k in range(ROWS)]),
+        words=pl.Series([f"{k}" if k < 500 else "none" for k in range(ROWS)]),
+    )
+
+
+@pytest.mark.parametrize("target", ["out.csv", "out.parquet"])
+@pytest.mark.parametrize("source", ["a.csv", "a.parquet"])
+def test_pieces_give_the_whole_table(tmp_path, source, target, monkeypatch):
+    write = pl.DataFrame.write_csv if source.endswith("csv") else pl.DataFrame.write_parquet
+    write(log(), tmp_path / source)
+    whole = compensate_file(calibration(), tmp_path / source)
+    refuse = lambda *_, **__: pytest.fail("the whole table was read")
+    monkeypatch.setattr("inertiax.exports.compensated_stream.compensate_file", refuse)
+    done = write_compensated(
+        calibration(), tmp_path / source, tmp_path / target, rows=64, size=SIZE
+    )
+    assert (done.rows, done.num_extrapolated) == (ROWS, whole.num_extrapolated)
+    assert done.notes == whole.notes and "outside the calibrated" in done.notes[0]
+    if target.endswith("csv"):
+        whole.table.write_csv(tmp_path / "whole.csv")
+        assert (tmp_path / target).read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    else:
+        assert_frame_equal(pl.read_parquet(tmp_path / target), whole.table, check_exact=True)
+
+
+@pytest.mark.parametrize("start_row", [0, 64, 100])
+def test_the_campaign_says_names_units_and_the_first_row(tmp_path, start_row):
+    table = log().rename({"time": "t", "temperature": "probe"}).with_columns(pl.col("t") * 1e3)
+    table.write_parquet(tmp_path / "a.parquet")
+    (tmp_path / "campaign.toml").write_text(
+        f'[recordings]\nfiles = ["a.parquet"]\nstart_row = {start_row}\n[columns]\ntemperature = "probe"\n'
+        'time = { name = "t", unit = "ms" }\naccel = { unit = "g" }\n'
+    )
+    whole = compensate_file(calibration(), tmp_path / "a.parquet", campaign=tmp_path)
+    target = tmp_path / "out.parquet"
+    write_compensated(calibration(), tmp_path / "a.parquet", target, campaign=tmp_path, rows=64)
+    assert_frame_equal(pl.read_parquet(target), whole.table, check_exact=True)
+    assert whole.table.height == ROWS - start_row
+
+
+def test_an_effect_with_memory_is_taken_from_the_whole_log(tmp_path):
+    lag = FittedEffect(
+        "thermal_lag", "accel", (0,), (("time_constant", 2.0),), np.array([0.9]), np.array([[1e-4]]),
+        "1", (0.0, 7.0), (10.0, 30.0), 0.3, 1, (10.0, 30.0),
+    )  # fmt: skip
+    log().write_parquet(tmp_path / "a.parquet")
+    whole = compensate_file(calibration(lag), tmp_path / "a.parquet")
+    write_compensated(calibration(lag), tmp_path / "a.parquet", tmp_path / "out.parquet", rows=64)
+    found = pl.read_parquet(tmp_path / "out.parquet")
+    assert_frame_equal(found, whole.table, check_exact=True)
+    plain = compensate_file(calibration(), tmp_path / "a.parquet").table
+    assert np.abs(found["accel_x"] - plain["accel_x"]).max() > 1e-6  # so the effect is there
+
+
+def _time_goes_back(table: pl.DataFrame) -> pl.DataFrame:
+    return table.with_columns(
+        time=pl.when(pl.int_range(pl.len()) >= 128).then(0.1).otherwise("time")
+    )
+
+
+DAMAGES = {
+    "time goes back where a piece begins": _time_goes_back,
+    "no number": lambda t: t.with_columns(
+        gyro_y=pl.when(pl.int_range(pl.len()) == 300).then(None).otherwise("gyro_y")
+    ),
+    "no column": lambda t: t.drop("accel_z"),
+    "two devices": lambda t: t.with_columns(
+        device=pl.when(pl.int_range(pl.len()) < 128).then(pl.lit("A")).otherwise(pl.lit("B"))
+    ),
+    "no temperature": lambda t: t.drop("temperature"),
+    "no rows": lambda t: t.head(0),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("source", ["a.csv", "a.parquet"])
+def test_bad_input_is_told_as_for_the_whole_table(tmp_path, source, damage):
+    write = pl.DataFrame.write_csv if source.endswith("csv") else pl.DataFrame.write_parquet
+    write(DAMAGES[damage](log()), tmp_path / source)
+    with pytest.raises(ValueError) as whole:
+        compensate_file(calibration(), tmp_path / source)
+    with pytest.raises(ValueError) as found:
+        write_compensated(
+            calibration(), tmp_path / source, tmp_path / "out.csv", rows=64, size=SIZE
+        )
+    assert str(found.value) == str(whole.value)
+    assert [p.name for p in tmp_path.iterdir()] == [source]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda b: b,
+        lambda b: b.replace(b"\n", b"\r\n"),
+        lambda b: b"\xef\xbb\xbf" + b,
+        lambda b: b"sep=,\n# a logger's own line\n" + b,
+        lambda b: b.replace(b"\n1.5,", b"\n\n1.5,"),
+        lambda b: b.removesuffix(b"\n"),
+    ],
+)
+def test_a_text_in_pieces_holds_the_fields_of_the_whole(tmp_path, change):
+    from inertiax.data.formats import csv
+
+    log().write_csv(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_bytes(change((tmp_path / "a.csv").read_bytes()))
+    pieces = list(text_batches.batches(tmp_path / "a.csv", None, header_line=None, size=SIZE))
+    assert len(pieces) > 5
+    assert_frame_equal(pl.concat(pieces), csv.read_table(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda b: b"\0\0" + b,
+        lambda b: b.replace(b"\n", b"\r"),
+        lambda b: b.replace(b"r9, said", b"r9\nsaid"),
+    ],
+)
+def test_a_text_that_cannot_be_cut_is_left_to_who_reads_it_whole(tmp_path, change):
+    log().write_csv(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_bytes(change((tmp_path / "a.csv").read_bytes()))
+    whole = compensate_file(calibration(), tmp_path / "a.csv")
+    write_compensated(calibration(), tmp_path / "a.csv", tmp_path / "b.parquet", size=150)
+    assert_frame_equal(pl.read_parquet(tmp_path / "b.parquet"), whole.table, check_exact=True)
+
+
+def test_parquet_in_pieces_with_text_as_dictionary_and_as_differences(tmp_path):
+    import pyarrow.parquet as pq
+
+    table = log()
+    differences = {"use_dictionary": False, "column_encoding": {"remark": "DELTA_BYTE_ARRAY"}}
+    for name, how in (("plain", {}), ("delta", differences)):
+        arrow = table.select("time", "remark").to_arrow()
+        pq.write_table(arrow, tmp_path / f"{name}.parquet", **how)
+        pieces = list(parquet.batches(tmp_path / f"{name}.parquet", 64))
+        assert {p.height for p in pieces[:-1]} == {64}
+        assert_frame_equal(pl.concat(pieces), parquet.decode(tmp_path / f"{name}.parquet"))
+
+
+def test_kinds_of_columns_widen_from_piece_to_piece():
+    column = ["1", None, " 2 ", "2.5", "x"]
+    kinds, seen = None, []
+    for text in ([None], *([c] for c in column)):
+        kinds = kinds_of(pl.DataFrame({"a": text}, schema={"a": pl.String}), kinds)
+        seen.append(KINDS[kinds["a"]])
+    assert seen == [None, pl.Int64, pl.Int64, pl.Int64, pl.Float64, pl.String]
+    whole = pl.DataFrame({"a": column[:4]})
+    assert typed(whole, kinds_of(whole))["a"].to_list() == [1.0, None, 2.0, 2.5]
