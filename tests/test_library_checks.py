@@ -22,6 +22,14 @@ names = ("accel.bias[0]", "accel.bias[1]", "accel.bias[2]")
 triad = ix.TriadCalibration(ix.Curve(ix.Constant(), np.zeros((1, 3))), np.eye(3), names, "static")
 c = ix.Calibration(gravity=9.81, accel=triad)
 v = np.zeros(3)
+nav, key = ix.navigation, jax.random.PRNGKey(0)
+noise, frame = nav.ImuNoise(nav.TriadNoise(1e-3), nav.TriadNoise(1e-4)), nav.LevelFrame(0.9)
+F = nav.Filter(c, "accel.bias", noise=noise, frame=frame, samples=2)
+sigmas = {"attitude_sigma": 0.1, "velocity_sigma": 0.1, "position_sigma": 1.0}
+S = F.start(np.eye(3), v, v, **sigmas)
+run = lambda *fixes, accel=x, temperature=20.0 + t, step=0.01: F.run(
+    S, nav.ImuData(accel, 0 * x, temperature, step), fixes
+)
 """
 
 # An expression, and words of the message that name the field.
@@ -83,7 +91,70 @@ CASES = [
     ("ix.Twin(c, {'accel': {'N': 150.0}})", "accel N is 150"),
     ("ix.Twin(c, {'accel': {'X': 1e-3}})", "accel has no 'X'"),
     ("ix.Twin(c).step(ix.Twin(c).init(jax.random.PRNGKey(0), 20.0), x, v, 20.0)", "force has shape (10, 3)"),
+    ("ix.Twin(c, {'imu': {}})", "'imu' is neither 'accel' nor 'gyro'"),
+    ("ix.Twin(c, {'accel': {'N': np.ones(2)}})", "accel N has shape (2,)"),
+    ("ix.Twin(c, {'accel': {'resolution': -1.0}})", "accel resolution is -1"),
+    ("ix.Twin(c, {'gyro': {'full_scale': 0.0}})", "gyro full_scale is 0"),
+    ("ix.Twin(c).init(key, 300.0)", "`twin.init(temperature=...)`: from 300"),
+    ("ix.Twin(c).init(key, t)", "temperature has shape (10,)"),
     ("ix.stack([])", "nothing to stack"),
+    ("ix.stack([c, c.changed(accel=None)])", "number 1 differs from the first in its accel"),
+    ("ix.unstack(c)", "leaves begin with axes"),
+    ("ix.CubicSpline((20.0, 10.0))", "`CubicSpline(knots=...)` needs at least 2 increasing"),
+    ("ix.Curve(ix.Constant(), v)", "`Curve(coefficients=...)`: shape (3,)"),
+    ("ix.AccelerometerErrors(np.zeros(2), np.eye(3))", "`AccelerometerErrors(bias=...)`: shape (2,)"),
+    ("ix.AccelerometerErrors(v, v)", "`AccelerometerErrors(matrix=...)`: shape (3,)"),
+    ("ix.GyroErrors(v, np.eye(3), v)", "`GyroErrors(g_sensitivity=...)`: shape (3,)"),
+    ("ix.distort_accel(ix.AccelerometerErrors.zero(), x)", "force has shape (10, 3)"),
+    ("ix.compensate_accel(ix.AccelerometerErrors.zero(), x)", "output has shape (10, 3)"),
+    ("ix.distort_gyro(ix.GyroErrors.zero(), x, v, 9.81)", "rate has shape (10, 3)"),
+    ("ix.compensate_gyro(ix.GyroErrors.zero(), v, v[:2], 9.81)", "force has shape (2,)"),
+    ("ix.Site(1.0)", "`Site(gravity=...)`: 1; it is in m/s²"),
+    ("ix.Site(9.8, 55.0)", "`Site(latitude=...)`: 55; it is in rad"),
+    ("ix.Rig(position_uncertainty=2.0)", "`Rig(position_uncertainty=...)`: 2; it is in rad"),
+    ("ix.Rig(rate_uncertainty=5.0)", "`Rig(rate_uncertainty=...)`: 5"),
+    ("ix.Rig(temperature_uncertainty=-1.0)", "`Rig(temperature_uncertainty=...)`: -1"),
+    ("ix.Calibration(gravity=1.0)", "`Calibration(gravity=...)`: 1; it is in m/s²"),
+    ("ix.Calibration(gravity=np.full(2, 9.81))", "`Calibration(gravity=...)`: shape (2,)"),
+    ("ix.Calibration(9.81, temperature_range=(70.0, -40.0))", "(temperature_range=...)`: from 70 to -40"),
+    ("ix.Calibration(9.81, temperature_range=(233.0, 343.0))", "(temperature_range=...)`: from 233"),
+    ("ix.Calibration(9.81, triad, cross_covariance=np.eye(2))", "(cross_covariance=...)`: shape (2, 2)"),
+    ("ix.TriadCalibration(triad.curve, -np.eye(3), names, 'static')", "a variance is -1"),
+    ("ix.FittedEffect('drift', 'imu', (0,), (), v[:1], np.eye(1), '1')", "(triad=...)`: 'imu'"),
+    ("ix.FittedEffect('drift', 'accel', (3,), (), v[:1], np.eye(1), '1')", "(channels=...)`: (3,)"),
+    ("ix.FittedEffect('drift', 'accel', (0,), (), v, np.eye(1), '1')", "(covariance=...)`: shape (1, 1)"),
+    ("c.to_frame([300.0])", "(temperatures=...)`: from 300"),
+    ("c.samples(key, 0)", "n is 0; it must be 1 or more"),
+    ("ix.read_calibration('/nowhere.json')", "/nowhere.json: cannot be read"),
+    ("ix.load_campaign('/nowhere')", "/nowhere: does not exist"),
+    ("ix.reduce_to_dwells([])", "(recordings)`: no recordings"),
+    ("ix.joint_fit(ix.Invariant(gravity=9.81), ix.Constant(), D(gyro=w[0]))", "reads accel, which"),
+    ("ix.joint_fit(ix.ReferenceAccel(), ix.Constant(), D(a[0]))", "reads reference_accel, which"),
+    ("ix.joint_fit(ix.Invariant(gravity=9.81), ix.Constant(), D(a))", "leading axes (2,)"),
+    ("ix.joint_fit(ix.Invariant(gravity=9.81), ix.Constant(), D(a[0]), start=np.eye(3))", "start has shape (3, 3)"),
+    ("ix.derivatives(ix.fit(D(a[0], sigma=1e-3)), [])", "no sources"),
+    ("ix.derivatives(ix.fit(D(a[0], sigma=1e-3)), [ix.sources.table_rate(1e-5)])", "'table rate' changes nothing"),
+    ("ix.sources.gravity(9.8)", "reference g (size=...)`: 9.8; it is in m/s^2"),
+    ("ix.sources.positioning(5.0)", "positioning (size=...)`: 5; it is in rad"),
+    ("ix.sources.probe_offset(-1.0)", "probe offset (size=...)`: -1"),
+    ("nav.LevelFrame(55.0)", "`LevelFrame(latitude=...)` is in rad"),
+    ("nav.LevelFrame(0.9, 1e9)", "`LevelFrame(height=...)` is in m"),
+    ("nav.LevelFrame(0.9, gravity=1.0)", "`LevelFrame(gravity=...)` is in m/s²"),
+    ("nav.TriadNoise(white=150.0)", "`TriadNoise(white=...)`: 150; it is in SI"),
+    ("nav.TriadNoise(1e-3, walk=-1e-5)", "`TriadNoise(walk=...)`: -1e-05"),
+    ("nav.Filter(c, 'gyro.bias', noise=noise, frame=frame)", "`Filter(states='gyro.bias')` chooses none"),
+    ("F.start(2.0 * np.eye(3), v, v, **sigmas)", "`Filter.start(attitude=...)`: it is not a rotation"),
+    ("F.start(np.eye(3), v[:2], v, **sigmas)", "velocity has shape (2,)"),
+    ("F.start(np.eye(3), v, v, **sigmas | {'attitude_sigma': 5.0})", "(attitude_sigma=...)`: 5; it is in rad"),
+    ("F.start(np.eye(3), v, v, **sigmas | {'position_sigma': -1.0})", "(position_sigma=...)`: -1"),
+    ("run(accel=x[:5])", "accel has shape (5, 3); beside 10 temperatures"),
+    ("run(temperature=300.0 + t)", "`Filter.run(temperature=...)`: from 300"),
+    ("run(step=-0.01)", "step is -0.01; it is in s"),
+    ("run(nav.Position(np.zeros((3, 3)), 1.0))", "`Position(value=...)` has 3 rows"),
+    ("run(nav.Position(np.zeros((5, 2)), 1.0))", "`Position(value=...)` has shape (5, 2)"),
+    ("run(nav.Position(np.zeros((5, 3)), np.ones(2)))", "`Position(sigma=...)` has shape (2,)"),
+    ("run(nav.Attitude(np.zeros((5, 3)), 0.1))", "`Attitude(value=...)` has shape (5, 3)"),
+    ("run(nav.Velocity(np.zeros((5, 3)), -1.0))", "`Velocity(sigma=...)` is -1"),
 ]  # fmt: skip
 
 RUN = """

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
+from ..data.plausible_units import check_from_zero
 from ..physics import rotation
 from ..reduction.dwells import Dwells
 
@@ -52,6 +53,8 @@ class Source(eqx.Module):
     """One uncertainty: its size, how often it is drawn anew, and what it does.
 
     `effect(values, scene, dwells)` works row by row: what a dwell's draw does, it does to that dwell.
+
+    Raises `ValueError` for a size that is negative or implausible in its unit.
     """
 
     name: str = eqx.field(static=True)
@@ -60,6 +63,14 @@ class Source(eqx.Module):
     per: str = eqx.field(static=True)  # drawn for each "dwell", "experiment" or once a "campaign"
     width: int = eqx.field(static=True)  # numbers in a draw
     effect: Effect = eqx.field(static=True)
+
+    def __check_init__(self):
+        greatest = _LARGEST.get(self.unit, np.inf)
+        check_from_zero(f"sources: {self.name} (size=...)", self.size, greatest, self.unit)
+
+
+# Of an uncertainty, by its unit: beyond it the number is the quantity itself, or in another unit.
+_LARGEST = {"rad": 0.5, "m/s^2": 5.0, "rad/s": 5.0, "degC": 50.0}
 
 
 def _rotated(vectors: AnyArray | None, angles: Array) -> Array | None:

@@ -19,6 +19,8 @@ class FittedEffect(eqx.Module):
 
     It adds $\\sum_q c_q S_{iq}$ to the outputs of each of its channels i, with S the effect's `shape` under
     these settings. Where a shape is scaled by the recordings it is fitted on, their extent is kept.
+
+    Raises `ValueError` for another triad, channels that are none, and sizes that do not fit each other.
     """
 
     name: str = eqx.field(static=True)  # of the catalogue
@@ -36,6 +38,22 @@ class FittedEffect(eqx.Module):
     degree: int | None = eqx.field(static=True, default=None)
     # °C at −1 and +1 of its polynomials.
     scale: tuple[float, float] | None = eqx.field(converter=pair, default=None)
+
+    def __check_init__(self):
+        if self.triad not in ("accel", "gyro"):
+            raise ValueError(
+                f"`FittedEffect(triad=...)`: {self.triad!r} is neither 'accel' nor 'gyro'."
+            )
+        if not self.channels or not set(self.channels) <= {0, 1, 2}:
+            raise ValueError(
+                f"`FittedEffect(channels=...)`: {self.channels}; they are 0, 1, 2 for x, y, z."
+            )
+        count = np.shape(self.coefficients)[-1:]
+        if count == () or np.shape(self.covariance)[-2:] != (*count, *count):
+            raise ValueError(
+                f"`FittedEffect(covariance=...)`: shape {np.shape(self.covariance)} beside coefficients of shape "
+                f"{np.shape(self.coefficients)}; n coefficients have (n, n)."
+            )
 
     @property
     def plain_settings(self) -> dict[str, float | int | str]:

@@ -17,6 +17,7 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray, Scalar, Vec3
+from ..data.plausible_units import check_gravity, check_temperature
 from ..model_selection.model_spec import ModelSpec
 from ..physics.error_model import (
     AccelerometerErrors,
@@ -26,7 +27,8 @@ from ..physics.error_model import (
     distort_gyro,
     GyroErrors,
 )
-from ..physics.leaves import as_leaf
+from ..physics.leaves import as_leaf, is_traced
+from ..physics.shapes import check_one
 from . import coefficients, representation
 from .coefficients import Block
 from .effect_additions import additions, refuse_memory
@@ -49,6 +51,9 @@ class Calibration:
     with one that depends on what went before, both raise `ValueError`, and `Twin` and
     `diagnose.estimates.applied_effects` serve. `cross_covariance` is that of the accelerometers' coefficients
     with the gyros', where both were estimated together.
+
+    Raises `ValueError` for a gravity that is none in m/s², temperatures that are no °C or not in order, a triad in
+    the other's place, or a `cross_covariance` of another shape.
     """
 
     gravity: Scalar | float  # m/s²
@@ -70,6 +75,31 @@ class Calibration:
             wrong = [] if triad is None else [n for n in triad.names if not n.startswith(name)]
             if wrong:
                 raise ValueError(f"`Calibration({name}=...)`: {wrong[0]!r} is not one of {name}.")
+        check_gravity("Calibration", self.gravity)
+        self._check_range()
+        self._check_cross_covariance()
+
+    def _check_range(self) -> None:
+        ends = self.temperature_range
+        if ends is None or any(is_traced(t) for t in ends):
+            return
+        if not ends[0] <= ends[1]:
+            raise ValueError(
+                f"`Calibration(temperature_range=...)`: from {ends[0]:g} to {ends[1]:g}; the lower comes first."
+            )
+        check_temperature("Calibration", np.array(ends), np.ones(2, bool), name="temperature_range")
+
+    def _check_cross_covariance(self) -> None:
+        if self.cross_covariance is None:
+            return
+        sizes = tuple(
+            0 if t is None else int(jnp.shape(t.covariance)[-1]) for t in (self.accel, self.gyro)
+        )
+        if jnp.shape(self.cross_covariance)[-2:] != sizes:
+            raise ValueError(
+                f"`Calibration(cross_covariance=...)`: shape {jnp.shape(self.cross_covariance)}, but the triads have "
+                f"{sizes[0]} and {sizes[1]} coefficients."
+            )
 
     def accel_errors(self, temperature: Scalar | float) -> AccelerometerErrors:
         """Accelerometer parameters at one temperature, °C; an ideal triad where not calibrated."""
@@ -236,7 +266,12 @@ class Calibration:
         return self.changed(**made)
 
     def samples(self, key: Array, n: int) -> Float[Array, "n coefficients"]:
-        """Draws of all coefficients from their Gaussian; `with_values("*", samples)` are as many calibrations."""
+        """Draws of all coefficients from their Gaussian; `with_values("*", samples)` are as many calibrations.
+
+        Raises `ValueError` for a number of draws below one.
+        """
+        if n < 1:
+            raise ValueError(f"`calibration.samples(key, n)`: n is {n}; it must be 1 or more.")
         return coefficients.draws(key, self.coefficients, self.covariance, n)
 
     def log_density(self, values: Float[AnyArray, " coefficients"]) -> Float[Array, ""]:
@@ -304,12 +339,5 @@ def _repeated(calibration: Calibration, lead: tuple[int, ...]) -> Calibration:
 
 
 def _one_sample(call: str, **vectors: Vec3) -> Sequence[Array]:
-    made = []
-    for name, vector in vectors.items():
-        if jnp.shape(vector) != (3,):
-            raise ValueError(
-                f"`{call}({', '.join(vectors)}, temperature)`: {name} has shape {jnp.shape(vector)}, but one sample "
-                f"has (3,); `jax.vmap` it over samples."
-            )
-        made.append(jnp.asarray(vector))
-    return made
+    check_one(f"{call}({', '.join(vectors)}, temperature)", **vectors)
+    return [jnp.asarray(v) for v in vectors.values()]

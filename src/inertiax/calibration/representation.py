@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import polars as pl
 
+from ..data.plausible_units import check_temperature
 from ..physics.leaves import is_traced
 from .fitted_effects import FittedEffect
 from .quantities import middle_temperature, quantities, Quantity, with_sigma
@@ -108,7 +109,8 @@ def frame(calibration: Shown, temperatures: Sequence[float] | np.ndarray | None)
     """One row per parameter and temperature (°C; the middle of the range where `None`), in SI units."""
     single(calibration, "to_frame")
     asked = [middle_temperature(calibration)] if temperatures is None else temperatures
-    grid = np.asarray(asked, float)
+    grid = np.atleast_1d(np.asarray(asked, float))
+    check_temperature("calibration.to_frame", grid, np.ones(len(grid), bool), name="temperatures")
     parts = []
     for triad in calibration.triads:
         values, sigmas = triad.over(grid)

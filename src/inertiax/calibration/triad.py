@@ -46,10 +46,14 @@ def unit_of(name: str) -> str:
     return "rad/s/g" if "g_sensitivity" in name else "rad/s"
 
 
+def _on_host(values: object) -> bool:
+    return isinstance(values, np.ndarray)
+
+
 class TriadCalibration(eqx.Module):
     """One triad's error parameters as curves over temperature, with their covariance.
 
-    Raises `ValueError` for a name that is no parameter's, or sizes that do not fit each other.
+    Raises `ValueError` for a name that is no parameter's, a variance below zero, or sizes that do not fit each other.
     """
 
     curve: Curve  # parameters over temperature, SI
@@ -72,6 +76,13 @@ class TriadCalibration(eqx.Module):
             raise ValueError(
                 f"`TriadCalibration(covariance=...)`: shape {jnp.shape(self.covariance)}, but the curve's "
                 f"{unknowns} coefficients need ({unknowns}, {unknowns})."
+            )
+        variances = (
+            np.diagonal(self.covariance, axis1=-2, axis2=-1) if _on_host(self.covariance) else 0.0
+        )
+        if np.any(variances < 0.0):
+            raise ValueError(
+                f"`TriadCalibration(covariance=...)`: a variance is {np.min(variances):g}; none is below 0."
             )
 
     def parameters(self, temperature: Scalar | float) -> Float[Array, "21"]:

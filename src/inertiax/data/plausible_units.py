@@ -17,9 +17,11 @@ GREATEST_RATE = 100.0  # rad/s, median magnitude: 5700 °/s, more than rate tabl
 # Ratio of outputs to reference that a scale factor error does not make, but a unit.
 LEAST_RATIO, GREATEST_RATIO = 0.2, 5.0
 DEGREES = 57.3
+# m/s²: gravity of no other body that people calibrate on is outside, but 1 g, 981 gal and 9810 mm/s² are.
+LEAST_GRAVITY, GREATEST_GRAVITY = 1.5, 30.0
 
 
-def check_temperature(call: str, values: Any, valid: Any) -> None:
+def check_temperature(call: str, values: Any, valid: Any, name: str = "temperature") -> None:
     """Raise `ValueError` for temperatures that are no °C."""
     if values is None or is_traced(values) or is_traced(valid) or not np.any(valid):
         return
@@ -28,8 +30,32 @@ def check_temperature(call: str, values: Any, valid: Any) -> None:
         return
     guess = " (kelvin?)" if 200.0 < np.median(values[valid]) < 500.0 else ""
     raise ValueError(
-        f"`{call}(temperature=...)`: from {low:g} to {high:g}; it is in °C, from {COLDEST:g} to {HOTTEST:g}{guess}."
+        f"`{call}({name}=...)`: from {low:g} to {high:g}; it is in °C, from {COLDEST:g} to {HOTTEST:g}{guess}."
     )
+
+
+def check_gravity(call: str, gravity: Any) -> None:
+    """Raise `ValueError` for a gravity that is none in m/s²."""
+    if is_traced(gravity):
+        return
+    if np.shape(gravity) != ():
+        raise ValueError(f"`{call}(gravity=...)`: shape {np.shape(gravity)}; it is one number.")
+    if not LEAST_GRAVITY <= float(gravity) <= GREATEST_GRAVITY:
+        raise ValueError(
+            f"`{call}(gravity=...)`: {float(gravity):g}; it is in m/s², about 9.8 (in g?)."
+        )
+
+
+def check_from_zero(call: str, value: Any, greatest: float, unit: str) -> None:
+    """Raise `ValueError` for an uncertainty or density that is negative or too large for its unit; `None` passes."""
+    if value is None or is_traced(value):
+        return
+    size = np.asarray(value, float)
+    if not (np.all(size >= 0.0) and np.all(size <= greatest)):
+        worst = float(size.flat[np.argmax(np.abs(size))])
+        raise ValueError(
+            f"`{call}`: {worst:g}; it is in {unit}, from 0 to {greatest:g} (another unit?)."
+        )
 
 
 def check_force(call: str, name: str, values: Any, valid: Any) -> None:

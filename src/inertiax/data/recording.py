@@ -12,7 +12,13 @@ from jaxtyping import Float, Int
 
 from .._typing import Given
 from .frames import columns_of, Names, TRIADS
-from .plausible_units import check_force, check_rate, check_temperature
+from .plausible_units import (
+    check_force,
+    check_from_zero,
+    check_gravity,
+    check_rate,
+    check_temperature,
+)
 
 
 class Recording(eqx.Module):
@@ -187,20 +193,43 @@ def _check_units(call: str, made: dict[str, Any]) -> None:
 
 
 class Site(eqx.Module):
-    """The test place."""
+    """The test place.
+
+    Raises `ValueError` for a gravity that is none in m/s² or a latitude in degrees.
+    """
 
     gravity: float = eqx.field(static=True, default=9.80665)  # m/s²
     latitude: float | None = eqx.field(static=True, default=None)  # rad
 
+    def __check_init__(self):
+        check_gravity("Site", self.gravity)
+        if self.latitude is not None and not abs(self.latitude) <= np.pi / 2.0:
+            raise ValueError(
+                f"`Site(latitude=...)`: {self.latitude:g}; it is in rad, within ±π/2 (degrees?)."
+            )
+
 
 class Rig(eqx.Module):
-    """What the station promises, 1 sigma. `None` where it says nothing."""
+    """What the station promises, 1 sigma. `None` where it says nothing.
+
+    Raises `ValueError` for numbers that are negative or implausible in these units.
+    """
 
     position_uncertainty: float | None = eqx.field(
         static=True, default=None
     )  # rad, each positioning
     rate_uncertainty: float | None = eqx.field(static=True, default=None)  # relative to the rate
     temperature_uncertainty: float | None = eqx.field(static=True, default=None)  # °C
+
+    def __check_init__(self):
+        # Beyond these a station promises nothing: 30° of attitude, half of the rate, 50 °C.
+        check_from_zero("Rig(position_uncertainty=...)", self.position_uncertainty, 0.5, "rad")
+        check_from_zero(
+            "Rig(rate_uncertainty=...)", self.rate_uncertainty, 0.5, "parts of the rate"
+        )
+        check_from_zero(
+            "Rig(temperature_uncertainty=...)", self.temperature_uncertainty, 50.0, "°C"
+        )
 
 
 class ModelChoice(eqx.Module):

@@ -55,8 +55,10 @@ def derivatives(fit: Fit, sources: Sequence[Source]) -> Derivatives:
     or give the whole fit. Outside traced code in 64 bits whatever JAX is set to; inside, in JAX's precision, where
     32 bits give about three digits.
 
-    Raises `ValueError` for a source that touches nothing that the dwells hold.
+    Raises `ValueError` for a source that touches nothing that the dwells hold, or no sources.
     """
+    if not sources:
+        raise ValueError("`derivatives(fit, sources)`: no sources; give at least one.")
     if is_traced(fit.succeeded):
         return _derivatives(fit, tuple(sources))
     with jax.enable_x64(True):

@@ -1,13 +1,19 @@
-"""Plausibility of a navigation state, where its numbers are known."""
+"""Plausibility of a navigation state and of a run's data, where the numbers are known."""
 
+from typing import Any
+
+import jax.numpy as jnp
 import numpy as np
 
 from .._typing import AnyArray
+from ..data.plausible_units import check_temperature
 from ..physics.leaves import is_traced
 
 
 LOWEST, HIGHEST = -12e3, 1e6  # m: the deepest trench, and space
 FASTEST = 12e3  # m/s, about what leaves the Earth
+FARTHEST = 1e8  # m: a position that is less known is not on Earth
+LONGEST_STEP = 10.0  # s: nothing turns evenly for longer
 ROTATION = 1e-3  # departure from orthonormality that is a mistake, not rounding or a filter's drift
 
 
@@ -58,3 +64,23 @@ def check_speed(call: str, velocity: AnyArray) -> None:
         raise ValueError(
             f"`{call}`: {worst:g} m/s is faster than anything that stays near the Earth (mm/s?)."
         )
+
+
+def check_data(call: str, data: Any) -> None:
+    """Raise `ValueError` where shapes of an `ImuData` do not fit each other, or its step or temperature is
+    implausible."""
+    rows = jnp.shape(data.temperature)
+    if len(rows) != 1:
+        raise ValueError(f"`{call}`: temperature has shape {rows}; it is (time,).")
+    for name in ("accel", "gyro"):
+        shape = jnp.shape(getattr(data, name))
+        if shape != (*rows, 3):
+            raise ValueError(
+                f"`{call}`: {name} has shape {shape}; beside {rows[0]} temperatures it must be ({rows[0]}, 3)."
+            )
+    if not is_traced(data.step) and not 0.0 < float(np.max(data.step)) <= LONGEST_STEP:
+        raise ValueError(
+            f"`{call}`: step is {float(np.max(data.step)):g}; it is in s, above 0 and up to {LONGEST_STEP:g}."
+        )
+    if not is_traced(data.temperature):
+        check_temperature(call.partition("(")[0], np.asarray(data.temperature), np.ones(rows, bool))

@@ -22,7 +22,10 @@ from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray, Mat3, Vec3
 from ..calibration.calibration import Calibration
+from ..data.plausible_units import check_from_zero
+from ..physics.shapes import check_one
 from .calibration_states import calibration_states, CalibrationStates
+from .checks import check_data, check_rotation, check_speed, FARTHEST, FASTEST
 from .filter_state import Estimate, FilterState, NAVIGATION, reset_jacobian, retract
 from .level_frame import LevelFrame
 from .process import ImuNoise, slow_noise
@@ -141,7 +144,15 @@ class Filter(eqx.Module):
 
         **Arguments:** case-to-level matrix, velocity (m/s) and position (m) in the frame, and their standard
         deviations (rad about east, north and up; m/s; m), one number or three.
+
+        Raises `ValueError` for a matrix that is no rotation, other shapes, and implausible sizes.
         """
+        check_rotation("Filter.start(attitude=...)", attitude)
+        check_one("Filter.start(...)", velocity=velocity, position=position)
+        check_speed("Filter.start(velocity=...)", velocity)
+        check_from_zero("Filter.start(attitude_sigma=...)", attitude_sigma, np.pi, "rad")
+        check_from_zero("Filter.start(velocity_sigma=...)", velocity_sigma, FASTEST, "m/s")
+        check_from_zero("Filter.start(position_sigma=...)", position_sigma, FARTHEST, "m")
         return _start(
             self.model,
             ExtendedPose(*(jnp.asarray(x) for x in (attitude, velocity, position))),
@@ -158,6 +169,7 @@ class Filter(eqx.Module):
 
         Raises `ValueError` where sizes do not fit or coordinates are too far for the precision.
         """
+        check_data("Filter.run(data=...)", data)
         return run(self.model, start, data, tuple(updates))
 
     def ends(self, data: ImuData) -> Float[np.ndarray, " segments"]:

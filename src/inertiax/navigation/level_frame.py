@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from .._typing import Scalar, Vec3
 from ..physics import earth, rotation
 from ..physics.leaves import is_traced
+from .checks import HIGHEST, LOWEST
 from .strapdown import radii
 
 
@@ -24,7 +25,7 @@ class LevelFrame(eqx.Module):
 
     `gravity` is the surveyed value at the origin (m/s²); without it, the ellipsoid's normal gravity.
 
-    Raises `ValueError` for a latitude beyond ±90° (it is in rad) or a gravity that no place on Earth has.
+    Raises `ValueError` for a latitude beyond ±90° (it is in rad), or a gravity or height that no place on Earth has.
     """
 
     latitude: Scalar | float  # rad
@@ -35,6 +36,10 @@ class LevelFrame(eqx.Module):
         if not is_traced(self.latitude) and not abs(self.latitude) <= 1.5708:
             raise ValueError(
                 f"`LevelFrame(latitude=...)` is in rad, from −π/2 to π/2; got {self.latitude}."
+            )
+        if not is_traced(self.height) and not LOWEST <= self.height <= HIGHEST:
+            raise ValueError(
+                f"`LevelFrame(height=...)` is in m above the ellipsoid; got {self.height}."
             )
         given = self.gravity
         if given is not None and not is_traced(given) and not 9.7 < given < 9.9:

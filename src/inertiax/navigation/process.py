@@ -20,10 +20,12 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray
 from ..allan.model import NoiseModel
+from ..data.plausible_units import check_from_zero
 
 
 # States of slow drift are in these units, of the order of what they hold: m/s², rad/s.
 _UNITS = np.array([1e-3] * 3 + [1e-5] * 3)
+LARGEST = 10.0  # of a term in SI: ten times the worst accelerometers that are sold
 Density = float | Float[AnyArray, ""] | Float[AnyArray, "3"]
 
 
@@ -31,12 +33,20 @@ class TriadNoise(eqx.Module):
     """Noise of one triad, for all axes alike or one value an axis.
 
     `None` leaves a term's states out of the filter; zero keeps them, so that a gradient by it exists.
+
+    Raises `ValueError` for a term below zero or implausible in SI.
     """
 
     white: Density  # N: m/s²/√Hz or rad/s/√Hz
     flicker: Density | None = None  # B: m/s² or rad/s
     walk: Density | None = None  # K: m/s²/√s or rad/s/√s
     turn_on: Density | None = None  # m/s² or rad/s, of the bias from one power-on to the next
+
+    def __check_init__(self):
+        for term in ("white", "flicker", "walk", "turn_on"):
+            value = getattr(self, term)
+            if isinstance(value, float | int | np.ndarray | np.generic):
+                check_from_zero(f"TriadNoise({term}=...)", value, LARGEST, "SI")
 
     @staticmethod
     def from_models(models: Sequence[NoiseModel]) -> "TriadNoise":

@@ -74,6 +74,14 @@ def triad_noise(triad: str, given: Any) -> TriadNoise:
                 f"`Twin(noise=...)`: {triad} {name} is {np.max(np.abs(value)):g}; it is in SI, from 0 to "
                 f"{GREATEST[triad]:g} (another unit?)."
             )
+    for name in ("resolution", "full_scale"):
+        value = getattr(made, name)
+        if value is None or is_traced(value):
+            continue
+        if not np.all(np.asarray(value) > 0.0):
+            raise ValueError(
+                f"`Twin(noise=...)`: {triad} {name} is {np.min(np.asarray(value)):g}; it must be above 0."
+            )
     return made
 
 

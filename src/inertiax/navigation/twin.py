@@ -16,6 +16,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from .._typing import Scalar, Vec3
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.effect_additions import moment_of, on_channels, online_form
+from ..data.plausible_units import check_temperature
+from ..physics.leaves import is_traced
 from ..physics.temperature import Constant, Curve, Polynomial
 from .sensor_noise import NoiseState, SensorNoise, triad_noise
 
@@ -107,7 +109,16 @@ class Twin(eqx.Module):
         return cls(Calibration(gravity, triads.get("accel"), triads.get("gyro")), **options)
 
     def init(self, key: PRNGKeyArray, temperature: Scalar | float) -> TwinState:
-        """The state at power-on, in equilibrium at a temperature (°C)."""
+        """The state at power-on, in equilibrium at a temperature (°C).
+
+        Raises `ValueError` for several temperatures or one that is no °C.
+        """
+        if jnp.shape(temperature) != ():
+            raise ValueError(
+                f"`twin.init(key, temperature)`: temperature has shape {jnp.shape(temperature)}; it is one number."
+            )
+        if not is_traced(temperature):
+            check_temperature("twin.init", np.atleast_1d(temperature), np.ones(1, bool))
         start = jnp.asarray(temperature, jnp.result_type(float))
         forms = [online_form(f, "Twin") for f in self.calibration.effects]
         states = tuple(

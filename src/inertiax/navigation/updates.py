@@ -56,7 +56,8 @@ class Rows(eqx.Module):
 
 
 def rows_of(update: AbstractUpdate, segments: int, like: Array) -> Rows:
-    """An update's rows in the precision of `like`. Raises `ValueError` where their number is not `segments`."""
+    """An update's rows in the precision of `like`. Raises `ValueError` for another number of rows, other
+    components, or a negative sigma."""
     value = jnp.asarray(update.value, like.dtype)
     name = type(update).__name__
     if value.shape[0] != segments:
@@ -64,6 +65,15 @@ def rows_of(update: AbstractUpdate, segments: int, like: Array) -> Rows:
             f"`{name}(value=...)` has {value.shape[0]} rows, but the data have {segments} segments; give one row a "
             f"segment and `valid` for those without measurement."
         )
+    if value.ndim != 1 + update.neutral.ndim or (
+        update.neutral.size > 1 and value.shape[1:] != update.neutral.shape
+    ):
+        raise ValueError(
+            f"`{name}(value=...)` has shape {value.shape}; it must be ({segments}, "
+            f"{', '.join(map(str, update.neutral.shape))})."
+        )
+    if isinstance(update.sigma, float | int) and not update.sigma >= 0.0:
+        raise ValueError(f"`{name}(sigma=...)` is {update.sigma:g}; it must be from 0.")
     if update.valid is not None and jnp.shape(update.valid) != (segments,):
         raise ValueError(
             f"`{name}(valid=...)` has shape {jnp.shape(update.valid)}; it must be ({segments},)."

@@ -14,13 +14,21 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import Mat3, Scalar, Vec3
+from .shapes import check_ends, check_one
 
 
 class AccelerometerErrors(eqx.Module):
-    """Parameters of an accelerometer triad at one temperature."""
+    """Parameters of an accelerometer triad at one temperature.
+
+    Raises `ValueError` for other shapes.
+    """
 
     bias: Vec3  # a⁰, m/s²
     matrix: Mat3  # Γ: scale-factor errors on the diagonal, misalignments (rad) off it
+
+    def __check_init__(self):
+        check_ends("AccelerometerErrors(bias=...)", self.bias, (3,))
+        check_ends("AccelerometerErrors(matrix=...)", self.matrix, (3, 3))
 
     @staticmethod
     def zero() -> "AccelerometerErrors":
@@ -29,11 +37,19 @@ class AccelerometerErrors(eqx.Module):
 
 
 class GyroErrors(eqx.Module):
-    """Parameters of a gyro triad at one temperature."""
+    """Parameters of a gyro triad at one temperature.
+
+    Raises `ValueError` for other shapes.
+    """
 
     bias: Vec3  # ν⁰, rad/s
     matrix: Mat3  # Θ: scale-factor errors on the diagonal, misalignments (rad) off it
     g_sensitivity: Mat3  # D, rad/s per g of specific force
+
+    def __check_init__(self):
+        check_ends("GyroErrors(bias=...)", self.bias, (3,))
+        check_ends("GyroErrors(matrix=...)", self.matrix, (3, 3))
+        check_ends("GyroErrors(g_sensitivity=...)", self.g_sensitivity, (3, 3))
 
     @staticmethod
     def zero() -> "GyroErrors":
@@ -74,12 +90,17 @@ def _identity_plus(matrix: Mat3) -> Float[Array, "3 3"]:
 
 
 def distort_accel(errors: AccelerometerErrors, force: Vec3) -> Float[Array, "3"]:
-    """Equation (1): accelerometer outputs a' = (E + Γ) a + a⁰, m/s², of a specific force a, m/s²."""
+    """Equation (1): accelerometer outputs a' = (E + Γ) a + a⁰, m/s², of a specific force a, m/s².
+
+    Raises `ValueError` for more than one sample, as its three companions do.
+    """
+    check_one("distort_accel(errors, force)", force=force)
     return _identity_plus(errors.matrix) @ jnp.asarray(force) + errors.bias
 
 
 def compensate_accel(errors: AccelerometerErrors, output: Vec3) -> Float[Array, "3"]:
     """Equation (3): specific force a = (E + Γ)⁻¹ (a' − a⁰), m/s², from the outputs a', m/s²."""
+    check_one("compensate_accel(errors, output)", output=output)
     return solve3(_identity_plus(errors.matrix), jnp.asarray(output) - errors.bias)
 
 
@@ -91,6 +112,7 @@ def distort_gyro(
     `rate` is the absolute angular rate ω (rad/s), `force` the true specific force a (m/s²) and
     `gravity` the reference g (m/s²) that makes a / g dimensionless.
     """
+    check_one("distort_gyro(errors, rate, force, gravity)", rate=rate, force=force)
     by_force = jnp.asarray(errors.g_sensitivity) @ (jnp.asarray(force) / gravity)
     return _identity_plus(errors.matrix) @ jnp.asarray(rate) + errors.bias + by_force
 
@@ -102,6 +124,7 @@ def compensate_gyro(
 
     `force` is the *compensated* specific force a (m/s²), which makes this the inverse of (1).
     """
+    check_one("compensate_gyro(errors, output, force, gravity)", output=output, force=force)
     by_force = jnp.asarray(errors.g_sensitivity) @ (jnp.asarray(force) / gravity)
     return solve3(_identity_plus(errors.matrix), jnp.asarray(output) - errors.bias - by_force)
 

@@ -237,7 +237,13 @@ class Curve(eqx.Module):
     coefficients: Float[AnyArray, "*batch size parameters"]  # a row for each function, SI
 
     def __check_init__(self):
-        if getattr(self.coefficients, "ndim", 2) == 2 and hasattr(self.coefficients, "shape"):
+        shape = getattr(self.coefficients, "shape", None)
+        if shape is not None and len(shape) < 2:
+            raise ValueError(
+                f"`Curve(coefficients=...)`: shape {tuple(shape)}; it is (functions, parameters), a row for each "
+                f"function of the basis."
+            )
+        if shape is not None and len(shape) == 2:
             if self.coefficients.shape[0] != self.basis.size:
                 raise ValueError(
                     f"`Curve(basis, coefficients)`: the basis has {self.basis.size} functions but "

@@ -28,9 +28,10 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from .._typing import AnyArray
-from ..estimators import AbstractEstimator
+from ..estimators import AbstractEstimator, ReferenceAccel, ReferenceGyro
 from ..numerics.least_squares import least_squares
 from ..numerics.linear_algebra import DenseNormal, spd_inverse
+from ..numerics.wide_arithmetic import in_64_bits
 from ..physics.temperature import AbstractBasis, Curve, interpolate
 from ..reduction.dwells import by_experiment, Dwells, experiment_rows
 from .rank import determines_all
@@ -284,7 +285,36 @@ def _refine_flat(coefficients: Array, args: tuple) -> Array:
     return procedure.refine(coefficients.reshape(shape), dwells).reshape(-1)
 
 
-@eqx.filter_jit
+def _check(
+    call: str,
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    start: AnyArray | None,
+) -> None:
+    """Raise `ValueError` for dwells that the estimator cannot read, or a start that is none of the basis."""
+    shape = jnp.shape(dwells.valid)
+    if len(shape) != 1:
+        raise ValueError(
+            f"`{call}`: the dwells have leading axes {shape[:-1]}, but this is for one device; `jax.vmap` it, or use "
+            f"`ix.fit`."
+        )
+    for triad in ("accel", "gyro") if estimator.triad == "imu" else (estimator.triad,):
+        wanted = (triad, f"reference_{triad}") if _by_reference(estimator) else (triad,)
+        missing = [k for k in wanted if getattr(dwells, k) is None]
+        if missing:
+            raise ValueError(
+                f"`{call}`: {type(estimator).__name__} reads {missing[0]}, which the dwells do not have."
+            )
+    size = (basis.size, estimator.num_parameters)
+    if start is not None and jnp.shape(start) != size:
+        raise ValueError(f"`{call}`: start has shape {jnp.shape(start)}; it must be {size}.")
+
+
+def _by_reference(estimator: AbstractEstimator) -> bool:
+    return isinstance(estimator, ReferenceAccel | ReferenceGyro)
+
+
 def iterate(
     procedure: AbstractIteration,
     dwells: Dwells,
@@ -299,7 +329,23 @@ def iterate(
     thermostatted calibration; `history[1]` holds it, `history[3]` the paper's two iterations.
     Never raises for numerical reasons: see `result`. Derivatives of the curve's coefficients with
     respect to dwells and estimator fields are those of the fixed point.
+
+    Computes in 64 bits whatever JAX is set to, as 32 do not reach the tolerance. Raises `ValueError` in code that
+    was traced in 32, for dwells of several devices or without the triad, and for a `start` of another shape.
     """
+    _check("iterate(procedure, dwells)", procedure.estimator, procedure.basis, dwells, start)
+    run = lambda p, d, s: _iterate(p, d, s, max_iterations, tolerance)
+    return in_64_bits("iterate(procedure, dwells)", run, procedure, dwells, start)
+
+
+@eqx.filter_jit
+def _iterate(
+    procedure: AbstractIteration,
+    dwells: Dwells,
+    start: Float[AnyArray, "size parameters"] | None,
+    max_iterations: int,
+    tolerance: float,
+) -> ThermalSolution:
     estimator, basis = procedure.estimator, procedure.basis
     first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
     first = jax.lax.stop_gradient(first)
@@ -329,7 +375,6 @@ def iterate(
     )
 
 
-@eqx.filter_jit
 def joint_fit(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
@@ -342,7 +387,23 @@ def joint_fit(
 
     Never raises for numerical reasons: see `result`. Derivatives of the coefficients with respect to
     the dwells and the estimator's fields follow from the implicit function theorem.
+
+    Computes in 64 bits whatever JAX is set to, as 32 do not reach the tolerance. Raises `ValueError` in code that
+    was traced in 32, for dwells of several devices or without the triad, and for a `start` of another shape.
     """
+    _check("joint_fit(estimator, basis, dwells)", estimator, basis, dwells, start)
+    run = lambda e, b, d, s: _joint_fit(e, b, d, s, solver)
+    return in_64_bits("joint_fit(estimator, basis, dwells)", run, estimator, basis, dwells, start)
+
+
+@eqx.filter_jit
+def _joint_fit(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    start: Float[AnyArray, "size parameters"] | None,
+    solver: optx.AbstractLeastSquaresSolver | None,
+) -> ThermalSolution:
     first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
     solution = least_squares(
         _flat_residual, first.reshape(-1), (estimator, basis, dwells), solver=solver

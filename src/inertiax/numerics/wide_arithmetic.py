@@ -1,0 +1,44 @@
+"""64 bits for what needs them, whatever JAX is set to."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..physics.leaves import is_traced
+
+
+Result = TypeVar("Result")
+
+
+def in_64_bits(call: str, function: Callable[..., Result], *args: Any) -> Result:
+    """`function(*args)` in 64 bits, with NumPy results where JAX is set to 32.
+
+    Arguments of fewer bits are widened, which they cannot be in traced code: there 64 bits must have been there from
+    the start. Raises `ValueError` for traced arguments of fewer than 64 bits; the message begins with `call`.
+    """
+    if any(is_traced(x) and _narrow(x) for x in jax.tree.leaves(args)):
+        raise ValueError(
+            f"`{call}` needs 64 bits and was traced in 32; trace it inside `with jax.enable_x64(True):`, with arrays "
+            f"of 64 bits, or call it outside of traced code."
+        )
+    if jnp.result_type(float) == np.float64:
+        return function(*jax.tree.map(_widened, args))
+    with jax.enable_x64(True):
+        return jax.tree.map(_on_host, function(*jax.tree.map(_widened, args)))
+
+
+def _narrow(value: Any) -> bool:
+    """Whether a value holds real numbers of fewer than 64 bits."""
+    kind = getattr(value, "dtype", None)
+    return kind is not None and jnp.issubdtype(kind, jnp.floating) and kind.itemsize < 8
+
+
+def _widened(value: Any) -> Any:
+    return np.asarray(value, np.float64) if _narrow(value) else value
+
+
+def _on_host(value: Any) -> Any:
+    return value if is_traced(value) or not hasattr(value, "dtype") else np.asarray(value)

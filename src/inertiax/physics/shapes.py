@@ -1,0 +1,22 @@
+"""Shapes of what the formulas take, said in one line; leading axes are devices or samples."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+
+def check_one(call: str, **vectors: Any) -> None:
+    """Raise `ValueError` for a vector that is not one sample of three axes."""
+    for name, vector in vectors.items():
+        if jnp.shape(vector) != (3,):
+            raise ValueError(
+                f"`{call}`: {name} has shape {jnp.shape(vector)}, but one sample has (3,); `jax.vmap` it over samples."
+            )
+
+
+def check_ends(call: str, value: Any, inner: tuple[int, ...]) -> None:
+    """Raise `ValueError` where a value's last axes are not `inner`. What is no array is let through: pytrees are
+    built of other things, too."""
+    shape = getattr(value, "shape", None)
+    if shape is not None and tuple(shape[-len(inner) :]) != inner:
+        raise ValueError(f"`{call}`: shape {tuple(shape)}; it must end with {inner}.")
