@@ -1,8 +1,11 @@
-"""Run Python in its own process with a hard time limit, so that a hang is a failure."""
+"""Hard time limits, so that a hang is a failure: on Python in a process of its own, and on a block in this one."""
 
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 PREAMBLE = """
@@ -34,3 +37,22 @@ def run_limited(code: str, *, seconds: float, quick: bool = False) -> str:
         raise AssertionError(f"still running after {seconds} s: {error.stdout!r}") from error
     assert done.returncode == 0, done.stderr[-3000:]
     return done.stdout
+
+
+@contextmanager
+def ends_within(seconds: float) -> Iterator[None]:
+    """Fail where the block is still at work after `seconds`; without limit where the system has no alarm (Windows)."""
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def end(number, frame):
+        raise AssertionError(f"still running after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

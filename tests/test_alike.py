@@ -16,7 +16,7 @@ from inertiax.diagnose.noise.state_space import WALK
 from inertiax.diagnose.noise.type_noise import learn_chain
 from inertiax.diagnose.problem import prepare
 from inertiax.numerics.student_t import HeavyTails, TAILS, WIDTH
-from test_type_noise import anova, DWELL, FEW, ORDER, pooled, unit
+from type_noise_data import anova, DWELL, FEW, ORDER, pooled, unit
 
 
 PLACE = ORDER.index("dwell")

@@ -7,8 +7,8 @@ import pytest
 import scipy.stats
 from typer.testing import CliRunner
 
+from diagnose_data import still, sweep, tumble
 from inertiax.cli.app import app
-from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import audit
 from inertiax.diagnose.noise.observation_series import NoiseFit
 from inertiax.diagnose.plan.detectability import (
@@ -25,20 +25,9 @@ from inertiax.diagnose.selection.multiple_testing import Count, Family
 from inertiax.diagnose.selection.score_test import whiten_system
 from inertiax.report.audit import audit_sections
 from inertiax.report.engineering import customary
-from test_diagnose import sweep, tumble
 
 
 G = 9.80665
-
-
-def still(seconds=2000.0, white=1e-4):
-    """One accelerometer triad at rest in one pose with white noise only, 2 Hz, a constant model."""
-    rng = np.random.default_rng(0)
-    time = np.arange(0.0, seconds, 0.5)
-    accel = np.array([0.0, 0.0, G]) + white * rng.standard_normal((len(time), 3))
-    recording = Recording(time, accel=accel, position=np.zeros(len(time), int))
-    model = ModelChoice(accel_estimator="static", temperature_degree=0)
-    return Campaign((recording,), Site(G), Rig(), model, "navigation")
 
 
 QUIET = np.array([0.0, *6 * [-40.0]])  # log variances of white noise and nothing else

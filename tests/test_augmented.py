@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from diagnose_data import only, tumble as measured
 from inertiax.calibration.calibration import (
     Calibration,
     read_calibration,
@@ -25,7 +26,6 @@ from inertiax.diagnose.estimates.calibration_chain import succeeding, taken_away
 from inertiax.effects import CATALOGUE
 from inertiax.exports.compensated_recording import compensate_file, compensate_recording
 from inertiax.physics.temperature import Constant, Curve, Polynomial
-from test_diagnose import only, tumble as measured
 
 
 G = 9.81

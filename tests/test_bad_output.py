@@ -11,8 +11,8 @@ import polars as pl
 import pytest
 
 from bad_inputs_cases import good_calibration, rests, TABLE, TOML
+from command_runs import run_in
 from inertiax.cli.outputs import staged_folder
-from test_bad_commands import run
 
 
 posix = pytest.mark.skipif(os.name != "posix", reason="limits and signals of POSIX")
@@ -134,7 +134,7 @@ def test_markup_in_a_serial_number_stays_text_in_every_page(tmp_path, monkeypatc
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "campaign.toml").write_text(TOML)
     table.write_parquet(tmp_path / "c" / "a.parquet")
-    status, _, err = run(f"{command} @c -o @out", tmp_path, capfd, monkeypatch)
+    status, _, err = run_in(f"{command} @c -o @out", tmp_path, capfd, monkeypatch)
     assert status == 0, err
     pages = [p.read_text() for p in (tmp_path / "out").rglob("*.html")]
     assert pages and any("&lt;img" in page for page in pages)

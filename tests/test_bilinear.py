@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from diagnose_data import behind
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose_model
 from inertiax.diagnose.candidates.signatures import Term
@@ -18,7 +19,6 @@ from inertiax.diagnose.result import Parameter
 from inertiax.diagnose.selection.score_test import _columns_seen, _score
 from inertiax.diagnose.wording.sentences import sentence
 from inertiax.effects import CATALOGUE, Variant
-from test_package_lag import behind
 
 
 LAG = [e for e in CATALOGUE if e.name == "thermal_lag"]

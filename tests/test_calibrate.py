@@ -11,12 +11,12 @@ import jax
 import numpy as np
 import pytest
 
+from imu_tk_data import GRAVITY, needs_recordings, PUBLISHED, SIGMAS, to_imu_tk
 from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
 from inertiax.calibration.calibration import read_calibration
 from inertiax.data.recording import Campaign, ModelChoice, Site
 from inertiax.simulate import Device, draw_accelerometers, paper_set, simulate_recordings
 from inertiax.simulate.plan import PAPER_GRAVITY
-from test_estimators import GRAVITY, needs_recordings, PUBLISHED, SIGMAS, to_imu_tk
 
 
 COUNTS = 'unit = "count", offset = 32768, scale = [415, 413, 415], scale_unit = "count per m/s^2"'

@@ -6,13 +6,13 @@ import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
+from command_runs import run
 from inertiax.calibration.calibration import read_calibration
 from inertiax.cli import main
 from inertiax.cli.environment import cache_folder
@@ -23,18 +23,6 @@ from inertiax.physics.error_model import AccelerometerErrors, distort_accel
 
 GRAVITY = 9.81
 _AXES = "xyz"
-
-
-def run(capsys, monkeypatch, *arguments) -> tuple[int, str, str]:
-    """Status, standard output and standard error of one command."""
-    # With this set the command leaves JAX's cache alone, which the other tests share.
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-    arguments = [str(a) for a in arguments]
-    monkeypatch.setattr(sys, "argv", ["inertiax", *arguments])
-    with pytest.raises(SystemExit) as exit:
-        main(arguments)
-    said = capsys.readouterr()
-    return int(exit.value.code or 0), said.out, said.err
 
 
 def _directions() -> np.ndarray:
@@ -89,7 +77,7 @@ def calibrated(campaign, tmp_path_factory) -> Path:
     return folder
 
 
-def test_help_is_quick_and_loads_no_jax():
+def test_help_loads_nothing_large():
     code = (
         "import sys, inertiax.cli\n"
         "sys.argv = ['inertiax', '--help']\n"
@@ -98,13 +86,9 @@ def test_help_is_quick_and_loads_no_jax():
         "heavy = {'jax', 'numpy', 'matplotlib', 'polars'} & set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)\n"
     )
-    start = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    elapsed = time.perf_counter() - start
     assert done.returncode == 0, done.stderr
     assert "calibrate" in done.stdout
-    # 0.2 s when measured; 3 s leaves room for a loaded machine but not for importing JAX twice.
-    assert elapsed < 3.0
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from bad_inputs_cases import CSV, FLEET, good_calibration, TOML
+from command_runs import place, run_in
 from inertiax.cli.app import app
-from test_bad_commands import place, run
 
 
 COMMANDS = [c.name for c in app.registered_commands]
@@ -48,7 +48,7 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
 @pytest.mark.parametrize("command", QUICK)
 def test_json_is_all_that_a_pipe_gets(command, tmp_path, capfd, monkeypatch):
     place(tmp_path, FILES)
-    status, out, err = run(f"{QUICK[command]} --json", tmp_path, capfd, monkeypatch)
+    status, out, err = run_in(f"{QUICK[command]} --json", tmp_path, capfd, monkeypatch)
     assert status == 0, err
     assert isinstance(json.loads(out), dict)
     assert err == ""
@@ -93,6 +93,6 @@ def test_shells_complete_commands_and_options():
 
 def test_terminal_codes_in_a_message_are_made_harmless(tmp_path, capfd, monkeypatch):
     (tmp_path / "\x1b[2Jx").mkdir()
-    status, _, err = run("calibrate \x1b[2Jx -o @out", tmp_path, capfd, monkeypatch)
+    status, _, err = run_in("calibrate \x1b[2Jx -o @out", tmp_path, capfd, monkeypatch)
     assert status == 2
     assert re.fullmatch(r"inertiax: [^\x00-\x1f]*\n", err)

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -50,11 +49,10 @@ def test_a_signal_ends_a_run_in_one_line_and_leaves_nothing(tmp_path, sent, word
     run = start([tmp_path / "main.py", tmp_path / "out"])
     assert run.stdout.readline() == "ready\n"
     run.send_signal(sent)
-    start_of_end = time.monotonic()
+    # The child and the thread would sleep for longer than this: who waits for them to end fails here.
     _, said = run.communicate(timeout=60)
     assert said == f"inertiax: {words}.\n"
     assert run.returncode == 128 + sent
-    assert time.monotonic() - start_of_end < 20.0
     assert [p.name for p in tmp_path.iterdir()] == ["main.py"]
 
 

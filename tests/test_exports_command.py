@@ -2,32 +2,19 @@
 
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
 
+from command_runs import run
 from exports_cases import agree, calibration, HIGH, LOW, NOISE, ours, samples
 from inertiax.allan import noise_of
 from inertiax.calibration.calibration import read_calibration, write_calibration
-from inertiax.cli import main
 from inertiax.data.recording import Recording
 from inertiax.exports import by_name, FORMATS
 from inertiax.exports.registry import read_calibration_of
 from inertiax.physics.temperature import Polynomial
 from inertiax.report.noise import noise_document
-
-
-def run(capsys, monkeypatch, *arguments):
-    """Status, standard output and standard error of one command."""
-    # With this set the command leaves JAX's cache alone, which the other tests share.
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-    arguments = [str(a) for a in arguments]
-    monkeypatch.setattr(sys, "argv", ["inertiax", *arguments])
-    with pytest.raises(SystemExit) as exit:
-        main(arguments)
-    said = capsys.readouterr()
-    return int(exit.value.code or 0), said.out, said.err
 
 
 @pytest.fixture

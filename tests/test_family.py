@@ -7,25 +7,17 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from diagnose_cases import score
+from diagnose_data import only, still, sweep
 from inertiax.data.recording import Campaign, Recording, Rig, Site
-from inertiax.diagnose.candidates.signatures import Term
 from inertiax.diagnose.estimates.parameters import parameters, tune
 from inertiax.diagnose.noise.observation_series import System
 from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare, retuned
 from inertiax.diagnose.selection.evidence import Candidate
 from inertiax.diagnose.selection.multiple_testing import Count, Family, family
-from inertiax.diagnose.selection.score_test import Score, whiten_columns
-from inertiax.effects import CATALOGUE, Variant
-from test_audit import still
-from test_diagnose import only, sweep
-
-
-def score(column, name, channel):
-    """A one-column score of unit length on one chain."""
-    unit = column / np.linalg.norm(column)
-    term = Term(name, "accel", (channel,), Variant("", {}), (0,), (unit[:, None],))
-    return Score(term, (0,), (unit[:, None],), np.ones((1, 1)), np.zeros(1), 0.0)
+from inertiax.diagnose.selection.score_test import whiten_columns
+from inertiax.effects import CATALOGUE
 
 
 def test_orthogonal_forms_count_each_and_equal_forms_once():

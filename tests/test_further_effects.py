@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnose_cases import candidate
 from inertiax.diagnose.noise.observation_series import NoiseFit
 from inertiax.diagnose.selection.candidate_screening import carried
 from inertiax.diagnose.selection.constraints import explained_beside
 from inertiax.diagnose.selection.evidence import Bank
 from inertiax.diagnose.wording.explain import delta_bic
 from inertiax.effects import CATALOGUE
-from test_rivals import candidate
 
 
 def named(name, gain):

@@ -121,3 +121,15 @@ def _absolute_imports(text: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
             names.add(node.module)
     return names
+
+
+def test_tests_do_not_import_each_other():
+    """What several need stands beside them, in `*_cases.py`, `*_data.py` and the like."""
+    here = Path(__file__).parent
+    found = []
+    for path in sorted(here.glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            found += [f"{path.name}: {name}" for name in names if name.startswith("test_")]
+    assert not found

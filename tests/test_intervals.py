@@ -6,7 +6,7 @@
 # pyright: reportOperatorIssue=false
 
 import os
-import time
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -398,21 +398,37 @@ def test_white_noise_is_called_white():
     assert sum(len(red) > 0 for red in called) <= 5
 
 
-@pytest.mark.slow
-def test_a_million_rows_are_reduced_within_three_seconds():
+def _calls(rests, rows):
+    """How many functions are called, Python's and C's, to reduce rests of so many rows."""
     rng = np.random.default_rng(21)
-    count = 1_000_000
+    count, called = rests * rows, 0
     r = Recording(
         time=np.arange(count) * 0.01,
         accel=rng.standard_normal((count, 3)),
         gyro=rng.standard_normal((count, 3)),
-        position=np.repeat(np.arange(1000), 1000),
+        position=np.repeat(np.arange(rests), rows),
     )
-    reduce_to_dwells([r[:1000]])  # what is imported or compiled once does not count
-    begin = time.process_time()
-    reduce_to_dwells([r])
-    # 3 s of one core, half of it to look for disturbances in 1000 rests by two triads; twice for a busy machine.
-    assert time.process_time() - begin < 6.0
+
+    def count_call(frame, event, argument):
+        nonlocal called
+        called += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(count_call)
+    try:
+        reduce_to_dwells([r])
+    finally:
+        sys.setprofile(before)
+    return called
+
+
+def test_the_work_is_by_the_rest_and_not_by_the_row():
+    # A million rows in a thousand rests take seconds because no row is a call of its own.
+    _calls(2, 100)  # what is imported or compiled once does not count
+    short, long = _calls(20, 100), _calls(20, 2000)
+    # Scores are looked at where they are large, a few more of them in more rows; a call a row would be 25 times.
+    assert long < 1.5 * short
+    assert _calls(40, 100) < 2.5 * short
 
 
 # --- what is refused -----------------------------------------------------------------------------

@@ -17,6 +17,7 @@ import pytest
 
 import inertiax
 from browser import Browser, FOUND
+from hard_limit import ends_within
 from inertiax.cli.live import _Bell
 from inertiax.data.recording import Recording
 from inertiax.live.events import state_event
@@ -221,18 +222,14 @@ def test_a_page_that_does_not_read_is_dropped_and_holds_nobody_up(server, listen
     for listener in (slow, quick):
         listener.until("start")
     large = state(filler="x" * 100_000)
-    took = []
-    for number in range(400):  # 40 MB, more than the buffers of a connection
-        begin = time.perf_counter()
-        server(large)
-        took.append(time.perf_counter() - begin)
-        if number % 20 == 19:
-            server(rest(number))
-            quick.until("rest")
-    server(DONE)
-    quick.until("done")
-    # Handing over is microseconds; a slow machine's scheduler may take a moment from a single one.
-    assert np.median(took) < 1e-3
+    with ends_within(120.0):  # whoever waits for the slow page waits for ever
+        for number in range(400):  # 40 MB, more than the buffers of a connection
+            server(large)
+            if number % 20 == 19:
+                server(rest(number))
+                quick.until("rest")
+        server(DONE)
+        quick.until("done")
     deadline = time.monotonic() + 10.0
     while server._feed.clients > 1 and time.monotonic() < deadline:
         time.sleep(0.02)

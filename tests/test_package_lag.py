@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from diagnose_data import behind, poses, SLOPE, sweep, TAU
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
 from inertiax.diagnose.noise.reml import fit_noise
@@ -11,23 +12,10 @@ from inertiax.diagnose.problem import prepare, retuned
 from inertiax.diagnose.selection.constraints import twice
 from inertiax.diagnose.selection.evidence import bank, count_forms, judge
 from inertiax.effects import CATALOGUE
-from test_diagnose import poses, sweep
 
 
 G = 9.81
-TAU = 30.0  # s
-SLOPE = np.array([4e-4, -3e-4, 5e-4])  # m/s²/K, of the biases
 LAG = [e for e in CATALOGUE if e.name == "thermal_lag"]
-
-
-def behind(time, probe, lags):
-    """Temperature of an element that follows the probe by small steps."""
-    made, state = np.empty_like(probe), probe[0]
-    step = np.diff(time, prepend=time[0])
-    for k, (value, dt) in enumerate(zip(probe, step)):
-        state += (value - state) * -np.expm1(-dt / lags)
-        made[k] = state
-    return made
 
 
 def ramps(seed=0):

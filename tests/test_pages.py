@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from browser import Browser, FOUND
+from fleet_results_data import _names, _truth, _write_results
 from inertiax.cli.outputs import folder_names
 from inertiax.data.recording import Campaign, Recording
 from inertiax.diagnose.plan.limits import Absorbed, AliasSet, Audit, Detectable
@@ -15,8 +16,7 @@ from inertiax.report.calibration import report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.fleet import report_fleet
 from inertiax.report.page import Key, Section, Table, Verdict, write_page
-from test_fleet_report import _names, _truth, _write_results
-from test_report import device_result, diagnosis
+from report_data import device_result, diagnosis
 
 
 pytestmark = pytest.mark.skipif(FOUND is None, reason="no Chromium to lay pages out with")

@@ -5,13 +5,13 @@ import json
 import math
 import os
 import re
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import polars as pl
 import pytest
 
+from command_runs import run
 from inertiax.cli import main
 from protocol_cases import GRAVITY, write_campaign
 
@@ -41,17 +41,6 @@ ORDER = {
     "real": "label? value unit dateTime? expandedUnc?",
     "expandedUnc": "uncertainty coverageFactor coverageProbability distribution?",
 }
-
-
-def run(capsys, monkeypatch, *arguments) -> tuple[int, str, str]:
-    """Status, standard output and standard error of one command."""
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-    arguments = [str(a) for a in arguments]
-    monkeypatch.setattr(sys, "argv", ["inertiax", *arguments])
-    with pytest.raises(SystemExit) as exit:
-        main(arguments)
-    said = capsys.readouterr()
-    return int(exit.value.code or 0), said.out, said.err
 
 
 REQUIREMENTS = (

@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 
+from diagnose_data import only, sweep, tumble
 from inertiax.diagnose.estimates.cross_validation import (
     folds,
     held_out_rms,
@@ -17,7 +18,6 @@ from inertiax.diagnose.estimates.cross_validation import (
 )
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.wording.sentences import gain_on_left_out
-from test_diagnose import only, sweep, tumble
 
 
 def rows(seed: int, count: int = 200):

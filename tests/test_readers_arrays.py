@@ -7,6 +7,7 @@ import scipy.io
 from inertiax.data.formats import ColumnMap, Layout, read_recordings
 from inertiax.data.formats.columns import LabelColumn, TimeColumn, TriadColumns
 from readers_cases import campaign, check, made_up, refusal
+from readers_data import matlab_73
 
 
 h5py = pytest.importorskip("h5py", reason="h5py is not installed (inertiax[hdf5])")
@@ -129,22 +130,6 @@ def test_matlab_v5_files_are_read_from_a_campaign(tmp_path, struct, compress):
     scipy.io.savemat(tmp_path / "a.mat", content, do_compression=compress, oned_as="column")
     (recording,) = campaign(tmp_path, ["a.mat"], f'group = "{struct}"' if struct else "")
     check(recording, data)
-
-
-def matlab_73(path, arrays, struct=None):
-    """As MATLAB lays v7.3 out: a text block of 512 bytes, then HDF5 with the axes reversed."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        place = file.create_group(struct) if struct else file
-        file.create_group("#refs#")["a"] = np.zeros(3)
-        for name, values in arrays.items():
-            column = values[:, None] if values.ndim == 1 else values
-            set_ = place.create_dataset(name, data=column.T)
-            set_.attrs["MATLAB_class"] = np.bytes_("double")
-        text = place.create_dataset("note", data=np.frombuffer(b"made up", np.uint8).astype("<u2"))
-        text.attrs["MATLAB_class"] = np.bytes_("char")
-    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: today HDF5 schema 1.00 ."
-    with path.open("r+b") as file:
-        file.write(head.ljust(124) + b"\0\2IM")
 
 
 @pytest.mark.parametrize("struct", [None, "imu"])

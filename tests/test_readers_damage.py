@@ -13,9 +13,7 @@ h5py = pytest.importorskip("h5py", reason="inertiax[formats] is not installed")
 for library in ("pyulog", "rosbags"):
     pytest.importorskip(library, reason="inertiax[formats] is not installed")
 
-from test_readers_arrays import matlab_73  # noqa: E402
-from test_readers_flight import dataflash, raw_log  # noqa: E402
-from test_readers_ros import bag  # noqa: E402
+from readers_data import bag, dataflash, matlab_73, raw_log  # noqa: E402
 
 
 def hdf5(path, data):

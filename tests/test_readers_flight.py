@@ -13,59 +13,13 @@ from inertiax.data.formats import ColumnMap, Layout, read_recordings
 from inertiax.data.formats.columns import TriadColumns
 from inertiax.data.formats.dataflash_messages import messages
 from readers_cases import campaign, check, made_up, refusal
+from readers_data import COLUMNS, dataflash, HEAD, raw_log, sensor_rows, ulog
 
 
 SINGLE = 1e-7  # relative rounding of a 32-bit float
 
 
 # ULog --------------------------------------------------------------------------------------------
-
-FIELDS = "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;"
-FORMATS = {
-    "sensor_accel": FIELDS + "float temperature;",
-    "sensor_gyro": FIELDS + "float temperature;",
-    "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;",
-}
-
-
-def ulog_message(kind, payload):
-    return struct.pack("<HB", len(payload), ord(kind)) + payload
-
-
-def ulog(path, streams):
-    """`streams`: (topic, instance, rows of values in the format's order)."""
-    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)
-    data += ulog_message("B", bytes(40))
-    for topic in dict.fromkeys(topic for topic, _, _ in streams):
-        data += ulog_message("F", f"{topic}:{FORMATS[topic]}".encode())
-    for number, (topic, instance, _) in enumerate(streams):
-        data += ulog_message("A", struct.pack("<BH", instance, number) + topic.encode())
-    layouts = {"sensor_combined": "<Q6f"}
-    for number, (topic, _, rows) in enumerate(streams):
-        layout = layouts.get(topic, "<QQI4f")
-        for row in rows:
-            data += ulog_message("D", struct.pack("<H", number) + struct.pack(layout, *row))
-    path.write_bytes(data)
-
-
-def sensor_rows(data, key, *, delay=0.0, temperature=True):
-    stamps = (1e6 * (data["time"] + delay)).round().astype(int)
-    probe = data["temperature"] if temperature else np.full(len(stamps), np.nan)
-    return [
-        (t + 300, t, 1310988, *map(float, v), float(p))
-        for t, v, p in zip(stamps.tolist(), data[key], probe, strict=True)
-    ]
-
-
-def raw_log(path, data, instances=(0,)):
-    ulog(
-        path,
-        [
-            (f"sensor_{key}", i, sensor_rows(data, key))
-            for i in instances
-            for key in ("accel", "gyro")
-        ],
-    )
 
 
 def test_ulog_sensors_are_read_from_a_campaign(tmp_path):
@@ -166,34 +120,6 @@ def test_bad_ulogs_are_refused_in_one_line(tmp_path, monkeypatch):
 
 
 # Dataflash ---------------------------------------------------------------------------------------
-
-HEAD = b"\xa3\x95"
-COLUMNS = ("TimeUS", "I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T")
-
-
-def dataflash_format(number, name, layout, columns):
-    """A FMT message: type, length, name[4], format[16], columns[64]."""
-    sizes = {"Q": 8, "I": 4, "B": 1, "f": 4}
-    length = 3 + sum(sizes[c] for c in layout.decode())
-    body = struct.pack("<BB4s16s64s", number, length, name, layout, ",".join(columns).encode())
-    return HEAD + b"\x80" + body
-
-
-def dataflash(path, data, instances=(0,), columns=COLUMNS):
-    layout = "".join({"TimeUS": "Q", "TimeMS": "I", "I": "B"}.get(c, "f") for c in columns)
-    content = (
-        HEAD
-        + b"\x80"
-        + struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
-    )
-    content += dataflash_format(0x81, b"IMU", layout.encode(), columns)
-    stamps = (1e6 * data["time"]).round().astype(int).tolist()
-    for k, stamp in enumerate(stamps):
-        for i in instances:
-            row = dict(zip(COLUMNS[2:8], [*data["gyro"][k], *data["accel"][k]], strict=True))
-            row |= {"TimeUS": stamp, "TimeMS": stamp // 1000, "I": i, "T": data["temperature"][k]}
-            content += HEAD + b"\x81" + struct.pack("<" + layout, *(row[c] for c in columns))
-    path.write_bytes(content)
 
 
 def test_dataflash_messages_are_read_from_a_campaign(tmp_path):

@@ -5,60 +5,12 @@ import pytest
 
 from inertiax.data.formats import Layout, read_recordings
 from readers_cases import campaign, check, made_up, refusal
+from readers_data import bag
 
 
 pytest.importorskip("rosbags", reason="rosbags is not installed (inertiax[ros])")
 
-from rosbags.rosbag1 import Writer as Writer1  # noqa: E402
-from rosbags.rosbag2 import StoragePlugin, Writer as Writer2  # noqa: E402
-from rosbags.typesys import get_typestore, Stores  # noqa: E402
-
-
-IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
 KINDS = ["ros1", "sqlite3", "mcap"]
-RECEIVED = 15_000_000_000  # ns, when the first message arrived: 5 s after its own stamp
-
-
-def header(types, kind, stamp):
-    time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
-    more = {"seq": 0} if kind == "ros1" else {}
-    return types["std_msgs/msg/Header"](stamp=time, frame_id="imu", **more)
-
-
-def imu_message(types, kind, stamp, accel, gyro, absent=()):
-    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    none, known = np.array([-1.0] + 8 * [0.0]), np.zeros(9)
-    return types[IMU](
-        header=header(types, kind, stamp),
-        orientation=quaternion(0.0, 0.0, 0.0, 1.0),
-        orientation_covariance=none,
-        angular_velocity=vector(*gyro),
-        angular_velocity_covariance=none if "gyro" in absent else known,
-        linear_acceleration=vector(*accel),
-        linear_acceleration_covariance=none if "accel" in absent else known,
-    )
-
-
-def bag(path, kind, data, *, topics=("/imu0",), probe=True, stamped=True, absent=()):
-    """A bag with one IMU topic or several and a probe at a tenth of the rate."""
-    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
-    types = store.types
-    serialize = store.serialize_ros1 if kind == "ros1" else store.serialize_cdr
-    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-    writer = Writer1(path) if kind == "ros1" else Writer2(path, version=9, storage_plugin=plugin)
-    stamps = (1e9 * data["time"]).round().astype(int).tolist()
-    with writer:
-        connections = [writer.add_connection(t, IMU, typestore=store) for t in topics]
-        heat = writer.add_connection("/probe", TEMPERATURE, typestore=store) if probe else None
-        for k, stamp in enumerate(stamps):
-            own = stamp if stamped else 0
-            message = imu_message(types, kind, own, data["accel"][k], data["gyro"][k], absent)
-            received = RECEIVED + k * 5_000_000
-            for c in connections:
-                writer.write(c, received, serialize(message, IMU))
-            if heat is not None and (k % 10 == 0 or k == len(stamps) - 1):
-                t = types[TEMPERATURE](header(types, kind, stamp), data["temperature"][k], 0.0)
-                writer.write(heat, received, serialize(t, TEMPERATURE))
 
 
 @pytest.mark.parametrize("kind", KINDS)

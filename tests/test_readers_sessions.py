@@ -14,23 +14,10 @@ from inertiax.data.formats.columns import TimeColumn
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.manual_turns import ANGLE_UNCERTAINTY
 from readers_cases import campaign, made_up, refusal
+from readers_data import ACCEL, BIAS_A, BIAS_G, D, EUROC, euroc, GYRO, RATE, SECTIONS, session
 
 
 # EuRoC -------------------------------------------------------------------------------------------
-
-EUROC = (
-    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
-    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
-)
-
-
-def euroc(folder, data):
-    folder.mkdir(parents=True)
-    stamps = 1403636579000000000 + (1e9 * data["time"]).round().astype(int)
-    rows = zip(stamps.tolist(), data["gyro"].tolist(), data["accel"].tolist(), strict=True)
-    text = "".join(",".join(map(repr, (t, *w, *a))) + "\n" for t, w, a in rows)
-    (folder / "data.csv").write_text(EUROC + text)
-    (folder / "sensor.yaml").write_text("sensor_type: imu\n")
 
 
 @pytest.mark.parametrize("named", ["mav0/imu0/data.csv", "mav0/imu0", "mav0", "seq"])
@@ -60,39 +47,6 @@ def test_bad_euroc_folders_are_refused_in_one_line(tmp_path):
 
 
 # imucal ------------------------------------------------------------------------------------------
-
-RATE = 100.0
-SECTIONS = ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a", "x_rot", "y_rot", "z_rot")
-ACCEL = np.eye(3) + [[0.01, 0.004, -0.003], [0.002, -0.02, 0.005], [-0.006, 0.001, 0.015]]
-GYRO = np.eye(3) + [[0.02, 0.003, -0.004], [-0.001, -0.01, 0.006], [0.005, 0.002, 0.03]]
-BIAS_A, BIAS_G = np.array([0.3, -0.2, 0.1]), np.array([0.6, -0.4, 0.1])  # m/s², deg/s
-D = np.array([[4, -5, 0], [4, 5, 6], [1, -1, 2]]) * 1e-3  # deg/s per m/s²
-
-
-def session(folder, *, noise=0.0, angle=-360.0):
-    """A session with known truth: rests, and turns that start, hurry and stop."""
-    rng = np.random.default_rng(1)
-    rows, sections = [], {}
-    for name in SECTIONS:
-        axis = np.eye(3)["xyz".index(name[0])]
-        count = 300
-        force = 9.81 * (-axis if name.endswith("_a") else axis)
-        t = np.arange(count) / count
-        rate = np.zeros(count)
-        if name.endswith("_rot"):
-            profile = np.sin(np.pi * t) ** 2 * (1 + 0.3 * np.sin(6 * np.pi * t))
-            rate = angle * RATE * profile / profile.sum()
-        gyro = np.outer(rate, GYRO @ axis) + BIAS_G + D @ force
-        accel = np.tile(ACCEL @ force + BIAS_A, (count, 1))
-        sections[name] = {"start": len(rows) + 20, "end": len(rows) + 20 + count}
-        rows += [[0.0] * 3 + [9.0] * 3] * 20  # between sections: of no use
-        both = np.hstack([gyro, accel])
-        rows += (both + noise * rng.standard_normal(both.shape)).tolist()
-    names = ["gyr_x", "gyr_y", "gyr_z", "acc_x", "acc_y", "acc_z"]
-    lines = ["n_samples," + ",".join(names)]
-    lines += [f"{k}," + ",".join(map(repr, row)) for k, row in enumerate(rows)]
-    (folder / "a.csv").write_text("\n".join(lines) + "\n")
-    (folder / "a_list.json").write_text(json.dumps(sections))
 
 
 def toml(folder, file, *, rate=RATE, gravity=9.81, extra="", model="g_sensitivity = true"):

@@ -8,96 +8,19 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 import pytest
 
 from inertiax.calibrate.fit_quality import judge, weakest
-from inertiax.calibrate.observability import Observability
-from inertiax.calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
-from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.calibrate.pipeline import DeviceFailure
+from inertiax.calibration.calibration import TriadCalibration
 from inertiax.calibration.quantities import label, quantities, with_sigma
 from inertiax.data.recording import Campaign, Recording
-from inertiax.diagnose import Diagnosis
-from inertiax.diagnose.result import (
-    Detectable,
-    Evidence,
-    Explanation,
-    Moved,
-    Parameter,
-    Quality,
-    Where,
-)
-from inertiax.estimators import Invariant
-from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.physics.temperature import Curve, Polynomial
-from inertiax.procedure.thermal_iterations import ThermalSolution
-from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.segments import segment_all
 from inertiax.report.calibration import FIGURES, report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.document import calibration_document
-
-
-EVIL = '"><script>alert(1)</script>'
-NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
-    f"accel.matrix[{i},{j}]" for i in range(3) for j in range(i + 1)
-)
-
-
-def device_result(
-    *,
-    device: str = "",
-    scatter: float = 0.0,
-    chi2_per_dof: float = 1.0,
-    warnings: tuple[str, ...] = (),
-    sigmas: np.ndarray | None = None,
-) -> DeviceResult:
-    """A device with parameters linear in temperature from −40 to 60 °C and made-up misfits."""
-    rng = np.random.default_rng(0)
-    n, basis = 24, Polynomial(1, -40.0, 60.0)
-    sigmas = np.full(9, 1e-4) if sigmas is None else sigmas
-    curve = Curve(basis, jnp.asarray(np.stack([np.arange(9) * 1e-3, np.full(9, 1e-4)])))
-    covariance = jnp.asarray(np.diag(np.tile(sigmas**2, 2)))
-    misfit = 1e-4 * rng.normal(size=(n, 1))
-    dwells = Dwells(
-        time=60.0 * np.arange(n),
-        duration=np.full(n, 50.0),
-        count=np.full(n, 500.0),
-        temperature=np.linspace(-40.0, 60.0, n),
-        experiment=np.repeat(np.arange(4), 6),
-        position=np.tile(np.arange(6), 4),
-        valid=np.ones(n, bool),
-        accel=rng.normal(size=(n, 3)),
-        accel_covariance=np.zeros((n, 3, 3)),
-    )
-    solution = ThermalSolution(
-        curve=curve,
-        covariance=covariance,
-        residuals=misfit,
-        result=optx.RESULTS.successful,
-        num_iterations=jnp.asarray(3),
-        history=np.zeros((2, 2, 9)),
-        step_sizes=np.zeros(2),
-        method="joint",
-    )
-    result = TriadResult(
-        estimator=Invariant(gravity=9.81),
-        solution=solution,
-        dwells=dwells,
-        misfit=misfit,
-        sigma=np.full_like(misfit, 1e-4),
-        observability=Observability(2.0, 18, 18, ()),
-        scatter=scatter,
-        chi2_per_dof=chi2_per_dof,
-    )
-    calibration = Calibration(
-        gravity=9.81,
-        accel=TriadCalibration(curve, covariance, NAMES, "invariant"),
-        device=device,
-        temperature_range=(-40.0, 60.0),
-    )
-    model = ModelSpec(TriadSpec("invariant", 1, NAMES, False), None)
-    return DeviceResult(calibration, result, None, model, ("degree 1 by BIC",), warnings)
+from report_data import device_result, diagnosis, EVIL
 
 
 class _Page(html.parser.HTMLParser):
@@ -248,47 +171,6 @@ def test_the_document_is_json_in_si():
     np.testing.assert_allclose([parameter["value"], parameter["std"]], [8e-3, 1e-4])
     nan = calibration_document((device_result(chi2_per_dof=float("nan")),), {"": ""}, Path("o"))
     json.dumps(nan, allow_nan=False)
-
-
-def diagnosis(verdict: str) -> Diagnosis:
-    """A diagnosis with one of everything; `EVIL` wherever text comes from outside."""
-    effect = Explanation(
-        name="thermal_lag",
-        channels=("accel_y",),
-        form="first order",
-        alternatives=("temperature_rate",),
-        odds=(("thermal_lag", 0.8), ("temperature_rate", 0.2)),
-        parameters=(
-            ("time_constant", Parameter(310.0, 12.0, "s")),
-            ("k", Parameter(1.0, None, "1")),
-        ),
-        evidence=Evidence(512.0, 1e-30, 0.61),
-        statement=f"accel_y lags behind the probe {EVIL}",
-        separating_experiment="a soak of an hour",
-    )
-    missing = verdict == "missing-physics"
-    return Diagnosis(
-        verdict=verdict,
-        summary=f"In words {EVIL}",
-        where=(
-            ()
-            if verdict == "consistent"
-            else (
-                Where("accel_y", 0, 10.0, 200.0, "temperature_rate", 1e-4, 1e-9),
-                Where("gyro_x", 0, 250.0, 400.0, EVIL, 1e-4, 1e-9),
-            )
-        ),
-        effects=(effect,) if missing else (),
-        baseline=Quality(3e-4, 9.8, 4e-4),
-        augmented=Quality(1e-4, 1.02, 1e-4),
-        not_testable=("third_order",),
-        parameters_moved=(
-            Moved("accel.bias[1]", 1.0, 1.5, 0.1),
-            Moved("accel.bias[2]", 0.0, 0.0, 0.0),
-        ),
-        detectable=(Detectable("second_order", ("accel_x",), 1e-5, "m/s²/g²"),),
-        empirical="a formula" if verdict == "unexplained" else None,
-    )
 
 
 @pytest.mark.parametrize("verdict", ["consistent", "missing-physics", "unexplained"])

@@ -6,17 +6,16 @@ import jax
 import numpy as np
 import pytest
 
+from diagnose_cases import candidate
+from diagnose_data import oblique, only, tumble
 from inertiax.diagnose import diagnose
 from inertiax.diagnose.noise.observation_series import NoiseFit
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection import forward as choosing
-from inertiax.diagnose.selection.evidence import Bank, Candidate, observations
+from inertiax.diagnose.selection.evidence import Bank, observations
 from inertiax.diagnose.selection.forward import Asked, FURTHER, MARGIN
 from inertiax.diagnose.selection.multiple_testing import Count, Family
 from inertiax.effects import CATALOGUE
-from test_diagnose import only, tumble
-from test_family import score
-from test_shared_errors import oblique
 
 
 NOTHING = NoiseFit((), ())
@@ -37,14 +36,6 @@ def asked(system):
         renew=lambda _, chosen: chosen,
         say=lambda _: None,
     )
-
-
-def candidate(name, evidence, ratio=0.0):
-    """A candidate on gyro x: an effect of the catalogue, or an unlisted dependence."""
-    effect = next((e for e in CATALOGUE if e.name == name), None)
-    made = score(np.ones(5), name, 0)
-    term = replace(made.term, triad="gyro", chains=(0,), effect=effect)
-    return Candidate(term, replace(made, term=term), ratio, evidence)
 
 
 @pytest.mark.slow

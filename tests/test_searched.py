@@ -6,11 +6,11 @@ import jax
 import numpy as np
 import pytest
 
+from diagnose_cases import score
+from diagnose_data import still
 from inertiax.diagnose.problem import between_all, finer, prepare
 from inertiax.diagnose.selection.trials_factor import searched_tests
 from inertiax.effects import CATALOGUE
-from test_audit import still
-from test_family import score
 
 
 GRID = np.arange(5.0)

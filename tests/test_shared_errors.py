@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from diagnose_data import ANGLE, oblique, RATE
 from inertiax.diagnose import diagnose
 from inertiax.diagnose.noise.common_mode import MOST, root, signatures
 from inertiax.diagnose.noise.common_mode_fit import coupled_theta, JointLikelihood, RIG
@@ -17,42 +17,6 @@ from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.score_test import whiten_columns, whiten_system
 from inertiax.effects import CATALOGUE
-
-
-ANGLE, RATE = 3e-4, 1e-5  # what the rig promises
-STEP = 0.25
-
-
-def oblique(seed, *, product=0.0, promised=1.0):
-    """A rate table of twelve axes, most of them oblique, ± three rates: rig errors, 20 µrad/s in each dwell, noise.
-
-    `product` is the coefficient of ωx ωy on gyro x, s/rad; the rig is better than it promises by `promised`.
-    """
-    rng = np.random.default_rng(seed)
-    axes = np.array(
-        [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [0, 1, 1], [1, 0, 1],
-         [1, -1, 0], [0, 1, -1], [-1, 0, 1], [1, 1, 1], [-1, 1, 1], [1, -1, 1]], float,
-    )  # fmt: skip
-    axes /= np.linalg.norm(axes, axis=1)[:, None]
-    reading, output = [], []
-    for axis in axes:
-        for rate in np.deg2rad([20.0, -20.0, 60.0, -60.0, 100.0, -100.0]):
-            w = rate * axis
-            error = np.cross(w, promised * ANGLE * rng.standard_normal(3))
-            error += promised * RATE * rng.standard_normal() * w
-            error += 2e-5 * rng.standard_normal(3)
-            error[0] += product * w[0] * w[1]
-            flat = 48
-            reading += [np.tile(w, (flat, 1)), np.zeros((8, 3))]
-            output += [np.tile(w + error, (flat, 1)), np.zeros((8, 3))]
-    reading, output = np.concatenate(reading), np.concatenate(output)
-    output = output + 1e-5 + 3e-5 * rng.standard_normal(output.shape)
-    recording = Recording(
-        STEP * np.arange(len(reading)), gyro=output, reference_gyro=reading,
-        position=np.full(len(reading), -1),
-    )  # fmt: skip
-    model = ModelChoice(gyro_estimator="reference", temperature_degree=0)
-    return Campaign((recording,), Site(9.81), Rig(ANGLE, RATE), model, "consumer")
 
 
 def test_the_signatures_have_the_covariance_of_a_rotation_and_a_rate_error():

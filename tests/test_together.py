@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from diagnose_cases import score
+from diagnose_data import FLICKER, only, slow_noise, sweep
 from inertiax.diagnose.noise.observation_series import NoiseFit
 from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare
@@ -18,8 +20,6 @@ from inertiax.diagnose.selection.forward import Asked, PAIR
 from inertiax.diagnose.selection.multiple_testing import Count, Family, family
 from inertiax.diagnose.selection.pairs import best_pair, chance, Pair
 from inertiax.effects import CATALOGUE
-from test_diagnose import FLICKER, only, slow_noise, sweep
-from test_family import score
 
 
 SLOW = ("drift", "temperature_rate", "temperature_order", "warm_up", "thermal_hysteresis")

@@ -1,40 +1,31 @@
 """One triad's error parameters as curves over temperature."""
 
-import re
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
+from ..physics.parameter_names import parse
 from ..physics.temperature import Curve
-
-
-_SLOT = re.compile(
-    r"(accel|gyro)\.(?:(bias)\[([0-2])\]|(matrix)\[([0-2]),([0-2])\])"
-    r"|(gyro)\.(g_sensitivity)\[([0-2]),([0-2])\]"
-)
 
 
 def is_parameter(name: str) -> bool:
     """Whether a name is that of a triad's parameter, such as `accel.matrix[1,0]`."""
-    return _SLOT.fullmatch(name) is not None
+    return parse(name) is not None
 
 
 def slot(name: str) -> int:
     """Place of a named parameter in (bias 3, matrix 9, g-sensitivity 9). Raises `ValueError` for another name."""
-    match = _SLOT.fullmatch(name)
-    if match is None:
+    parts = parse(name)
+    if parts is None:
         raise ValueError(
             f"parameter name {name!r} is not one of accel|gyro . bias[i], matrix[i,j], "
             f"g_sensitivity[i,j] with i, j = 0, 1, 2."
         )
-    kind, *index = [part for part in match.groups() if part is not None][1:]
-    row, column = int(index[0]), int(index[-1])
-    return {"bias": row, "matrix": 3 + 3 * row + column, "g_sensitivity": 12 + 3 * row + column}[
-        kind
-    ]
+    if parts.kind == "bias":
+        return parts.row
+    return {"matrix": 3, "g_sensitivity": 12}[parts.kind] + 3 * parts.row + parts.column
 
 
 def unit_of(name: str) -> str:

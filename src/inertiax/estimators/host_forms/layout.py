@@ -5,14 +5,12 @@ what the triad measures, a g-sensitivity [i,j] through component j of the specif
 known from the parameters' outputs and inputs alone.
 """
 
-import re
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-
-_NAME = re.compile(r"\w+\.(?P<kind>bias|matrix|g_sensitivity)\[(?P<row>\d)(?:,(?P<column>\d))?\]")
+from ...physics.parameter_names import parse
 
 
 class TriadErrors(NamedTuple):
@@ -27,13 +25,12 @@ class Layout:
     """Kind, output and input of each parameter."""
 
     def __init__(self, names: tuple[str, ...]):
-        found = [_NAME.fullmatch(name) for name in names]
-        kinds = [m["kind"] for m in found if m is not None]
-        assert len(kinds) == len(names)  # the names of the estimators themselves
-        self.output = np.array([int(m["row"]) for m in found if m is not None])
-        self._column = np.array([int(m["column"] or 0) for m in found if m is not None])
+        found = [parts for parts in map(parse, names) if parts is not None]
+        assert len(found) == len(names)  # the names of the estimators themselves
+        self.output = np.array([parts.row for parts in found])
+        self._column = np.array([parts.column for parts in found])
         self._of = {
-            kind: np.array([own == kind for own in kinds], bool)
+            kind: np.array([parts.kind == kind for parts in found], bool)
             for kind in ("bias", "matrix", "g_sensitivity")
         }
 
