@@ -47,12 +47,16 @@ def calibrate_accelerometers(
     said: list[str] = []
     first, found, why = _misalignments(campaign, chosen, used, robust), None, ""
     if first:
-        found = estimate(chosen, said)
-        known = _known_misalignments(found)
-        if known <= MISALIGNED:
-            choices.extend(said)
-            return found, chosen
-        why = f"no better than {1e3 * known:.2g} mrad"
+        try:
+            found = estimate(chosen, said)
+        except ValueError:
+            why = "so badly that the estimation with them does not converge"
+        else:
+            known = _known_misalignments(found)
+            if known <= MISALIGNED:
+                choices.extend(said)
+                return found, chosen
+            why = f"no better than {1e3 * known:.2g} mrad"
     reason = (
         "accelerometers: biases and scale factors only, because the positions determine the misalignments "
         f"{why or 'not at all'}; add positions between the axes"

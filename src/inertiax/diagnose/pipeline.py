@@ -18,6 +18,7 @@ from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
+from .estimates import single_rests
 from .estimates.allan_check import allan_checks
 from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import augmented_calibration, Beside
@@ -31,7 +32,6 @@ from .estimates.transients import (
     Burst,
     burst_places,
     find_bursts,
-    may_be_handling,
     swallows,
 )
 from .noise.observation_series import NoiseFit
@@ -54,6 +54,7 @@ from .wording.sentences import summary
 
 Progress = Callable[[str], None]
 DEFAULT_SITE = Site()
+MOST_PASSES = 4  # over a triad's rows, each without more of the rests that stood out alone
 
 
 def silent(text: str) -> None:
@@ -68,6 +69,7 @@ class Finding:
     answer: Answer
     scores: tuple[Score, ...]  # of the catalogue under the null noise
     bursts: tuple[Burst, ...]  # where nothing smooth explains the triad's rows
+    left_out: tuple[Disturbance, ...] = ()  # rests that stood out alone
 
     @property
     def verdict(self) -> str:
@@ -215,7 +217,43 @@ def find_all(triads: Sequence[Prepared], grade: str | None, progress: Progress) 
 def find(
     prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
 ) -> Finding:
-    """Gate, locate and name for one triad; `hint` is a thermal effect that another triad has shown."""
+    """Gate, locate and name for one triad; `hint` is a thermal effect that another triad has shown.
+
+    What single rests of a searched log show alone is left out, and the others are asked again. That something shook
+    in one of them is never a reason to call it unexplained.
+    """
+    made, bursts = find_once(prepared, grade, progress, hint)
+    if not single_rests.searched(prepared):
+        return made
+    if prepared.only is None:
+        return replace(made, bursts=())
+    first, kept = made, np.ones(prepared.blocks.num_blocks, bool)
+    for _ in range(MOST_PASSES):
+        now = made.prepared
+        marked = single_rests.alone_in_one_rest(now, made.answer.noise, _asked(made.answer))
+        marked |= single_rests.disturbed(now, bursts)
+        kept[np.flatnonzero(kept)[marked]] = False
+        if not marked.any():
+            break
+        if not single_rests.few(
+            ~kept
+        ):  # no exceptions any more; that something shook is still no physics
+            return replace(first, bursts=())
+        progress(f"{now.form.triad}: again without what single rests show alone")
+        made, bursts = find_once(prepared.only(kept), grade, progress, hint)
+    return replace(made, bursts=(), left_out=single_rests.left_out(prepared, ~kept))
+
+
+def _asked(answer: Answer) -> list[Term]:
+    """What was named, and the unlisted dependence where there is one."""
+    unlisted = [] if answer.unlisted is None else [answer.unlisted.term]
+    return [*(n.candidate.term for n in answer.named), *unlisted]
+
+
+def find_once(
+    prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
+) -> tuple[Finding, list[Burst]]:
+    """The finding of all rows as they are, and every short disturbance that is no named jump's."""
     triad = prepared.form.triad
     listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
     unlisted = [t for t in prepared.candidates if t.name.startswith(PREFIX)]
@@ -233,10 +271,10 @@ def find(
     )
     outputs = np.asarray(prepared.signal.output)
     chosen = [n.candidate.term for n in answer.named]
-    bursts: list[Burst] = []
+    every: list[Burst] = []
     if answer.verdict != "unexplained":
-        bursts = find_bursts(prepared, outputs, answer.noise, chosen)
-        bursts = [b for b in bursts if not may_be_handling(prepared, b)]
+        every = find_bursts(prepared, outputs, answer.noise, chosen)
+    bursts = every
     if answer.verdict == "missing-physics":
         bursts = [b for b in bursts if any(swallows(prepared, b, t) for t in chosen)]
         kept = tuple(
@@ -246,7 +284,7 @@ def find(
         )
         answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
     answer = _persistent(prepared, answer)
-    return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1]))
+    return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1])), every
 
 
 def _persistent(prepared: Prepared, answer: Answer) -> Answer:
@@ -361,9 +399,10 @@ def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, 
 
 
 def _handling(findings: Sequence[Finding]) -> tuple[Disturbance, ...]:
-    """What was left out of the rests, of all triads alike."""
+    """What was left out of the rests: of all triads alike, and the rests that stood out alone in one."""
     logs = [f.prepared.log for f in findings if f.prepared.log is not None]
-    return logs[0].segments.disturbances if logs else ()
+    common = logs[0].segments.disturbances if logs else ()
+    return (*common, *dict.fromkeys(d for f in findings for d in f.left_out))
 
 
 def _everything(answer: Answer, terms: list) -> list:

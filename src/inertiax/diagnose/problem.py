@@ -1,6 +1,6 @@
 """From a campaign to its calibration and one system of rows per triad, with candidates."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -20,7 +20,15 @@ from .noise.observation_series import make, share, System
 from .noise.type_noise import TypeNoise
 from .observations.blocks import Blocks, cut, join, Log, with_scatter_about
 from .observations.delay_ramps import Delay, find_delay, without_delay
-from .observations.model_rows import Baseline, calibrated, expected_output, ModelForm, rows, usable
+from .observations.model_rows import (
+    Baseline,
+    calibrated,
+    CalibratedTriad,
+    expected_output,
+    ModelForm,
+    rows,
+    usable,
+)
 from .observations.signals import build, specific_force
 
 
@@ -41,6 +49,7 @@ class Prepared:
         None  # what the ramps between plateaus say; taken away from the rows where it is found
     )
     log: Log | None = None
+    only: Callable[[np.ndarray], "Prepared"] | None = None  # the same triad with some of its blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +137,24 @@ def prepared_triads(
         expected = expected_output(model, log, blocks)
         seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
         mine = seen[usable(form, blocks)]
-        base = rows(model, mine, None if force is None else mine.mean(force))
-        made = prepare_triad(campaign, log, mine, base, force, catalogue)
-        prepared.append(replace(made, log=log))
+
+        prepared.append(_of_blocks(campaign, log, model, force, catalogue, mine))
     return prepared
+
+
+def _of_blocks(
+    campaign: Campaign,
+    log: Log,
+    model: CalibratedTriad,
+    force: np.ndarray | None,
+    catalogue: Sequence[Effect],
+    blocks: Blocks,
+) -> Prepared:
+    """One triad on some blocks, able to be made again on fewer of them."""
+    base = rows(model, blocks, None if force is None else blocks.mean(force))
+    made = prepare_triad(campaign, log, blocks, base, force, catalogue)
+    again = lambda kept: _of_blocks(campaign, log, model, force, catalogue, blocks[kept])
+    return replace(made, log=log, only=again)
 
 
 def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:

@@ -1,4 +1,4 @@
-"""Gauss-Newton on the host: least squares whose rows are linearised by one compiled function.
+"""Gauss-Newton on the host, damped where it has to be: least squares whose rows are linearised by one function.
 
 `numerics.least_squares` compiles the whole loop into one program, which pays for fleets and for derivatives of the
 answer but takes ten seconds and more to compile. Here the passes run one by one.
@@ -16,50 +16,85 @@ from .linear_algebra import scaled_factor
 
 TOLERANCE = 1e-7  # standard deviations, as in `least_squares.gauss_newton`
 MAX_STEPS = 50  # closed-form starts take 3 to 8
+_FIRST_DAMPING = (
+    1e-3  # of each column's own square; what Levenberg and Marquardt's descendants start from
+)
+_LAST_DAMPING = 1e8  # beyond, a step is shorter than rounding
+_WORSE = 1e-9  # relative: a cost that rounding alone makes larger
 
 
 class HostSolution(NamedTuple):
-    """Where the iteration ended; NaN where some step's rows did not determine the unknowns."""
+    """Where the iteration ended; where not converged, the best point that was seen."""
 
     unknowns: Float[np.ndarray, " unknown"]
     num_steps: int
     converged: bool
 
 
-def solve_on_host(
-    linearise: Callable[
-        [Float[np.ndarray, " unknown"]],
-        tuple[Float[np.ndarray, "row unknown"], Float[np.ndarray, " row"]],
-    ],
-    start: Float[np.ndarray, " unknown"],
-) -> HostSolution:
+Linearise = Callable[
+    [Float[np.ndarray, " unknown"]],
+    tuple[Float[np.ndarray, "row unknown"], Float[np.ndarray, " row"]],
+]
+
+
+def solve_on_host(linearise: Linearise, start: Float[np.ndarray, " unknown"]) -> HostSolution:
     """Minimise ½ ‖r(x)‖² from `start`; never raises for numerical reasons.
 
+    Steps are Gauss and Newton's as long as they lower the cost. Where one does not, as with rests that hardly
+    determine some unknown, it is taken back and damped after Levenberg and Marquardt.
+
     **Arguments:** `linearise(x)` returns the design J = ∂r/∂x and the whitened residual r at x.
-    **Returns** the solution. It is converged where the last step of every unknown was below `TOLERANCE` in
+    **Returns** the solution. It is converged where the undamped step of every unknown was below `TOLERANCE` in
     units of 1/‖J column‖, about one standard deviation each.
     """
-    unknowns = start
+    unknowns, damping = start, 0.0
+    design, residual = linearise(unknowns)
+    cost = float(residual @ residual)
     for taken in range(1, MAX_STEPS + 1):
-        design, residual = linearise(unknowns)
-        step = linear_step(design, residual)
-        unknowns = unknowns + step
-        if not np.all(np.isfinite(unknowns)):
-            return HostSolution(unknowns, taken, False)
-        if np.max(np.abs(step) * np.linalg.norm(design, axis=0)) < TOLERANCE:
-            return HostSolution(unknowns, taken, True)
+        full = linear_step(design, residual)
+        small = _small(full, design)
+        while True:
+            step = full if damping == 0.0 else linear_step(design, residual, damping)
+            new = unknowns + step
+            if small and damping == 0.0:
+                return HostSolution(new, taken, True)
+            next_design, next_residual = (
+                linearise(new) if _finite(new) else (design, np.inf * residual)
+            )
+            next_cost = float(next_residual @ next_residual)
+            if next_cost <= cost * (1.0 + _WORSE):
+                break
+            damping = max(10.0 * damping, _FIRST_DAMPING)
+            if damping > _LAST_DAMPING:
+                return HostSolution(unknowns, taken, False)
+        unknowns, design, residual, cost = new, next_design, next_residual, next_cost
+        damping = 0.1 * damping if damping > _FIRST_DAMPING else 0.0
     return HostSolution(unknowns, MAX_STEPS, False)
 
 
+def _small(step: Float[np.ndarray, " unknown"], design: Float[np.ndarray, "row unknown"]) -> bool:
+    return bool(np.max(np.abs(step) * np.linalg.norm(design, axis=0)) < TOLERANCE)
+
+
+def _finite(values: Float[np.ndarray, " unknown"]) -> bool:
+    return bool(np.all(np.isfinite(values)))
+
+
 def linear_step(
-    design: Float[np.ndarray, "row unknown"], residual: Float[np.ndarray, " row"]
+    design: Float[np.ndarray, "row unknown"],
+    residual: Float[np.ndarray, " row"],
+    damping: float = 0.0,
 ) -> Float[np.ndarray, " unknown"]:
     """−J⁺ r, the least squares of linearised rows; NaN where they do not determine the unknowns.
 
-    By scaled normal equations. One correction with the same factor takes away their rounding, cond(J)² ε of
-    the step.
+    With a `damping` λ, −(JᵀJ + λ diag JᵀJ)⁻¹ Jᵀ r, which is always determined. By scaled normal equations. One
+    correction with the same factor takes away their rounding, cond(J)² ε of the step.
     """
     missing = np.full(design.shape[1], np.nan)
+    if damping > 0.0:
+        root = np.sqrt(damping) * np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        design = np.concatenate([design, np.diag(root)])
+        residual = np.concatenate([residual, np.zeros(len(root))])
     if len(residual) < design.shape[1]:
         return missing
     factor = scaled_factor(design.T @ design)

@@ -26,7 +26,7 @@ from .rests import usual_step
 from .tilts import slips, tilting
 
 
-KINDS = ("knock", "motion", "slip", "slow tilt", "not at rest", "spike", "clipped", "held")
+KINDS = ("knock", "motion", "slip", "slow tilt", "not at rest", "spike", "clipped", "held", "alone")
 
 
 @dataclass(frozen=True)
@@ -253,6 +253,7 @@ NOUNS = {
     "spike": ("spike of one channel", "spikes of one channel"),
     "clipped": ("clipped rest", "clipped rests"),
     "held": ("rest held by hand", "rests held by hand"),
+    "alone": ("part of a rest that stands out alone", "parts of rests that stand out alone"),
 }
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ..data.recording import Recording
 from ..numerics.paule_mandel import excess_deviation
 from .dwells import Dwells
+from .motion_clock import motion_clock, MotionClock, Turn
 from .motions import Motions
 from .rests import PAUSE, usual_step
 
@@ -59,7 +60,8 @@ def with_motions(
       g-sensitivity alone.
 
     A motion is left out where time pauses, where it is longer than a minute, where samples are
-    more than half a radian apart, and where there are fewer than four of them. The variance of the
+    more than half a radian apart, and where there are fewer than four of them. Uneven stamps give
+    way to counted rows where gravity says so (see `motion_clock`). The variance of the
     integrated rate about each axis is N² T + τ² T²: N² is the angle random walk that the rests'
     covariances imply, τ the scatter of the bias between rests (see `bias_scatter`), T the
     motion's duration; τ² is added to the covariance of the rests' mean rates too.
@@ -83,10 +85,13 @@ def with_motions(
         lambda d: d.gyro_covariance, dwells, np.asarray(dwells.gyro_covariance) + extra
     )
     pairs, dropped = _pairs(recordings, rests, np.asarray(dwells.gyro))
-    motion = _gather(recordings, rests, pairs, dwells, walk, wander, force)
+    clocks = [_clock(k, recording, rests, pairs, dwells) for k, recording in enumerate(recordings)]
+    times = [clock.time for clock in clocks]
+    motion = _gather(recordings, times, rests, pairs, dwells, walk, wander, force)
     statement = f"{int(pairs.sum())} motions between {len(rests)} rests"
     if dropped:
         statement += f"; left out: {', '.join(f'{n} {why}' for why, n in dropped.items())}"
+    statement += "".join(f"; {text}" for text in dict.fromkeys(c.statement for c in clocks) if text)
     dwells = eqx.tree_at(lambda d: d.motion, dwells, motion, is_leaf=lambda x: x is None)
     return Turns(dwells, statement)
 
@@ -204,8 +209,27 @@ def _flaw(recording: Recording, first: int, last: int, bias: Float[np.ndarray, "
     return None
 
 
+def _clock(
+    number: int,
+    recording: Recording,
+    rests: list[_Rest],
+    pairs: Bool[np.ndarray, " dwell"],
+    dwells: Dwells,
+) -> MotionClock:
+    """By what one recording's motions are integrated."""
+    assert recording.gyro is not None
+    up = _unit(dwells.accel)
+    turns = [
+        Turn(rests[k - 1].stop - 1, rests[k].start, up[k - 1], up[k], np.asarray(dwells.gyro)[k])
+        for k in np.flatnonzero(pairs)
+        if rests[k].recording == number
+    ]
+    return motion_clock(recording.time, recording.gyro, turns)
+
+
 def _gather(
     recordings: Sequence[Recording],
+    times: Sequence[Float[np.ndarray, " time"]],
     rests: list[_Rest],
     pairs: Bool[np.ndarray, " dwell"],
     dwells: Dwells,
@@ -224,7 +248,7 @@ def _gather(
     pick = lambda columns: np.stack(
         [columns[rest.recording][i] for rest, i in zip(rests, index, strict=True)]
     )
-    step = np.diff(pick([r.time for r in recordings]), axis=1)
+    step = np.diff(pick(times), axis=1)
     duration = step.sum(axis=1)
     accel, covariance = np.asarray(dwells.accel), np.asarray(dwells.accel_covariance)
     return Motions(

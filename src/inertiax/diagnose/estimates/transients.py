@@ -29,7 +29,6 @@ SHARED = 0.1  # of the excess on another channel: from there on it is a motion
 FAINT = (
     3.0  # times the usual mean square: below, one sample is disturbed by hardly more than its noise
 )
-HANDLED = 5.0  # s; a longer disturbance of a gyro in a rest is no motion by hand
 INSIDE = "scatter inside blocks"
 BETWEEN = "scatter of the means of blocks"
 
@@ -216,14 +215,3 @@ def swallows(prepared: Prepared, burst: Burst, term: Term) -> bool:
     begin, end = float(time[burst.first]), float(time[burst.last])
     reach = end - begin
     return begin - reach <= float(term.variant.settings["time"]) <= end + reach
-
-
-def may_be_handling(prepared: Prepared, burst: Burst) -> bool:
-    """Whether a disturbance of the gyros alone may be a turn about the vertical: short, in rests that were searched.
-
-    It is no reason to call a campaign unexplained.
-    """
-    if prepared.form.triad != "gyro" or prepared.log is None or not prepared.log.searched:
-        return False
-    time = prepared.coarse.time
-    return float(time[burst.last]) - float(time[burst.first]) < HANDLED

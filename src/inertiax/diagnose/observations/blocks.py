@@ -37,6 +37,7 @@ class Log(eqx.Module):
     latitude: float | None = None  # rad
     supply: Float[np.ndarray, " time"] | None = None  # V
     searched: bool = False  # whether rests were found in the data, so that nobody vouches for them
+    names: tuple[str, ...] = eqx.field(static=True, default=())  # of the recordings, in order
 
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
@@ -139,6 +140,7 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
         # Optional even where some files have it: what only some tell is not tested.
         supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
         searched=any(rests_are_searched(r) for r in recordings),
+        names=tuple(r.name or str(k) for k, r in enumerate(recordings)),
     )
 
 

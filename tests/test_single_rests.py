@@ -1,0 +1,73 @@
+"""What one rest of a searched log shows alone is handling; what all show is physics. Logs by NumPy and SciPy alone."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.diagnose import diagnose
+
+
+REST, MOVE, RATE, NUM = 4.0, 1.5, 50.0, 16  # s, s, Hz, rests
+PERIOD = REST + MOVE
+pytestmark = pytest.mark.slow
+
+
+def hand_log(seed, *, creeping=None, shaken=None, sensitive=0.0):
+    """A log of a consumer device turned by hand.
+
+    In rest `creeping` it turns about the vertical at 0.1 °/s, in rest `shaken` y of the accelerometers shakes, and
+    the x gyro has a g-sensitivity of `sensitive`, rad/s per g.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(int((NUM * PERIOD - MOVE) * RATE)) / RATE
+    which, phase = np.divmod(time, PERIOD)
+    phase = (phase - REST) / MOVE
+    turns = rng.normal(size=(NUM, 3))
+    turns *= rng.uniform(1.0, 2.2, size=(NUM, 1)) / np.linalg.norm(turns, axis=1, keepdims=True)
+    done = np.where(phase > 0, phase - np.sin(2 * np.pi * phase) / (2 * np.pi), 0.0)
+    start = [Rotation.identity()]
+    for turn in turns:
+        start.append(start[-1] * Rotation.from_rotvec(turn))
+    own = which.astype(int)
+    attitude = Rotation.concatenate([start[k] for k in own]) * Rotation.from_rotvec(
+        done[:, None] * turns[own]
+    )
+    up = attitude.inv().apply([0.0, 0.0, 1.0])
+    rate = np.where(phase > 0, (1 - np.cos(2 * np.pi * phase)) / MOVE, 0.0)[:, None] * turns[own]
+    still = phase <= 0
+    if creeping is not None:
+        rate[still & (own == creeping)] += np.radians(0.1) * up[still & (own == creeping)]
+    accel = 9.81 * up @ np.array([[1.01, 0, 0], [0.004, 0.99, 0], [-0.006, 0.003, 1.005]]).T
+    accel += [0.1, -0.2, 0.15] + 0.02 * rng.normal(size=accel.shape)
+    if shaken is not None:
+        mine = still & (own == shaken) & (np.mod(time, PERIOD) > 1.5)
+        accel[mine, 1] += 0.15 * np.sin(2 * np.pi * 0.7 * time[mine])
+    gyro = rate + [0.01, -0.02, 0.005] + 1e-3 * rng.normal(size=rate.shape)
+    gyro[:, 0] += sensitive * up[:, 1]
+    return Campaign((Recording(time=time, accel=accel, gyro=gyro, name="hand.csv"),), Site(9.81))
+
+
+def alone(found):
+    return [(d.start, d.end) for d in found.handling if d.kind == "alone"]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_turn_about_the_vertical_in_one_rest_is_left_out(seed):
+    """0.1 °/s stands 14 times above the mean's noise, 1e-3/√200 rad/s, and no accelerometer sees it."""
+    found = diagnose(hand_log(seed, creeping=7))
+    assert found.verdict == "consistent", found.summary
+    assert any(7 * PERIOD - 0.5 < a and b < 7 * PERIOD + REST + 0.5 for a, b in alone(found))
+
+
+def test_one_rest_that_shook_is_no_reason_for_unexplained():
+    found = diagnose(hand_log(3, shaken=5))
+    assert found.verdict == "consistent", found.summary
+
+
+def test_what_all_rests_show_is_named_beside_a_rest_that_crept():
+    """0.3 mrad/s per g over 16 directions is about 9 standard deviations."""
+    found = diagnose(hand_log(4, creeping=9, sensitive=1e-3))
+    assert found.verdict == "missing-physics", found.summary
+    assert {e.name for e in found.effects} == {"g_sensitivity"}
+    assert found.effects[0].channels == ("gyro_x",)
