@@ -97,8 +97,8 @@ def write_many(folder: Path) -> None:
         pl.DataFrame(made).write_csv(folder / f"part{k}.csv")
 
 
-def measured(command: list[str]) -> tuple[float, float]:
-    """Wall seconds and peak resident memory, GB, of a command as a process."""
+def measured(command: list[str]) -> tuple[float, float, float]:
+    """Wall and processor seconds and peak resident memory, GB, of a command as a process."""
     started = time.perf_counter()
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, stdout=said, stderr=said)
@@ -108,7 +108,7 @@ def measured(command: list[str]) -> tuple[float, float]:
         if process.returncode:
             said.seek(0)
             sys.exit(f"{command}: {said.read().decode()}")
-    return wall, used.ru_maxrss / 1e6
+    return wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e6
 
 
 def campaign(folder: Path, files: str) -> Path:
@@ -137,8 +137,11 @@ def over_rows(folder: Path, rows: int, suffix: str, chosen: list[str], calibrati
             words = ["noise", str(log), "-o", str(out / "noise")]
         else:
             words = ["compensate", str(calibration), str(log), "-o", str(out / f"made.{suffix}")]
-        wall, peak = measured([*run, *words])
-        print(f"| `{command}` | {rows:.2g} | {suffix} | {wall:.1f} | {peak:.2f} |", flush=True)
+        wall, used, peak = measured([*run, *words])
+        print(
+            f"| `{command}` | {rows:.2g} | {suffix} | {wall:.1f} | {used:.1f} | {peak:.2f} |",
+            flush=True,
+        )
         log.unlink()
         (out / f"made.{suffix}").unlink(missing_ok=True)
 
@@ -164,7 +167,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=asked.folder) as name:
         folder = Path(name)
         (folder / "out").mkdir()
-        print("| command | rows | format | wall, s | peak, GB |\n|---|---|---|---|---|")
+        print(
+            "| command | rows | format | wall, s | processor, s | peak, GB |\n|---|---|---|---|---|---|"
+        )
         small = campaign(folder / "small", "log.csv")
         written(["--write", str(small / "log.csv"), "--rows", "50000"])
         measured([*run, "calibrate", str(small), "-o", str(folder / "calibrated")])
@@ -176,11 +181,12 @@ def main() -> None:
         if "many" in asked.commands:
             many = campaign(folder / "many", "*.csv")
             written(["--write", str(many)])
-            wall, peak = measured(
+            wall, used, peak = measured(
                 [*run, "calibrate", str(many), "-o", str(folder / "out" / "many")]
             )
             print(
-                f"| `calibrate`, {MANY} files | {MANY * ROWS_OF_MANY:.2g} | csv | {wall:.1f} | {peak:.2f} |"
+                f"| `calibrate`, {MANY} files | {MANY * ROWS_OF_MANY:.2g} | csv | {wall:.1f} | "
+                f"{used:.1f} | {peak:.2f} |"
             )
 
 

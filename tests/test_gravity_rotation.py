@@ -277,7 +277,7 @@ def test_truth_with_g_sensitivity_comes_back_from_a_clean_log():
     rng = np.random.default_rng(8)
     truth = _truth(rng, d=1e-3)
     recording, force = _log(rng, num_rests=16, truth=truth)
-    turns = _turns(recording, force=[force])
+    turns = _turns(recording, force=lambda _: force)
     estimator = GravityRotation(GRAVITY, scatter=1e-5, g_sensitivity=True)
     solution = joint_fit_one(estimator, Constant(), turns.dwells)
     assert bool(solution.succeeded)

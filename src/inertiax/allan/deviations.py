@@ -64,7 +64,7 @@ def deviations(
     spans, mean_square = KINDS[kind]
     chosen = usual_factors(len(log)) if factors is None else np.unique(np.asarray(factors, int))
     chosen = chosen[(chosen >= 1) & (spans * chosen <= len(log))]
-    phase = np.concatenate([[0.0], np.cumsum(log - log.mean())]) / rate
+    phase = _phase(log, rate)
     found = [mean_square(phase, int(m)) for m in chosen]
     count = np.array([n for _, n in found], int)
     kept = count >= 2
@@ -76,6 +76,15 @@ def deviations(
     if kind in ("tdev", "ttotdev"):
         deviation *= tau / np.sqrt(3.0)
     return Deviations(kind, rate, len(log), chosen, tau, deviation, count[kept])
+
+
+def _phase(log: Float[np.ndarray, " time"], rate: float) -> _Phase:
+    """The running sum of the log less its mean; in place, for it is as long as the log."""
+    phase = np.zeros(len(log) + 1)
+    np.subtract(log, log.mean(), out=phase[1:])
+    np.cumsum(phase[1:], out=phase[1:])
+    phase /= rate
+    return phase
 
 
 def usual_factors(samples: int) -> Int[np.ndarray, " tau"]:

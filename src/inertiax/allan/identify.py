@@ -55,7 +55,7 @@ def identify(log: Float[np.ndarray, " time"], *, rate: float, triad: str = "gyro
         raise ValueError(
             "`identify(log)`: the log is constant: a dead channel, or filled-in values."
         )
-    own = own_samples(log[:, None])
+    own = own_samples(log[None])
     log, rate = own.of(log), own.rate(rate, len(log))
     if len(log) < FEWEST:
         raise ValueError(

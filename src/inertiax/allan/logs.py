@@ -1,20 +1,18 @@
 """Noise of every channel of a recording at rest."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from ..data.recording import Recording
-from ..reduction.host_stamps import remark
-from ..reduction.rests import PAUSE, usual_step
-from ..reduction.segments import segment
 from .confidence import interval
 from .deviations import Deviations, deviations, usual_factors
 from .identify import FEWEST, identify_samples
 from .model import NoiseModel
 from .repeats import own_samples
+from .rest_channels import Axes, longest_rest, name_of
 
 
 _LONG = 1 << 18  # samples from which on long averaging times use means of neighbours
@@ -43,22 +41,28 @@ class LogNoise(eqx.Module):
     notes: tuple[str, ...] = eqx.field(static=True)  # what a reader should know
 
 
-def noise_of(recording: Recording, *, progress: Callable[[str], None] | None = None) -> LogNoise:
+def noise_of(
+    recording: Recording | Sequence[Recording], *, progress: Callable[[str], None] | None = None
+) -> LogNoise:
     """Allan deviations and noise terms of all channels, over the longest rest without a pause.
+
+    **Arguments:** `recording`, or the parts of one log in their order (`data.stored_recording`).
 
     Raises `ValueError` where no rest of 256 samples is found.
     """
+    parts = (recording,) if isinstance(recording, Recording) else tuple(recording)
     tell = progress if progress is not None else lambda _: None
-    tell(f"looking for rests in {recording.name or 'the recording'}")
-    rest, notes = _longest_rest(recording)
-    rate = float((rest.num_samples - 1) / (rest.time[-1] - rest.time[0]))
+    where = name_of(parts)
+    tell(f"looking for rests in {where or 'the recording'}")
+    rest, notes = longest_rest(parts)
+    first, last = rest.span
+    rate = float((rest.num_samples - 1) / (last - first))
     channels: list[ChannelNoise] = []
     for triad in ("accel", "gyro"):
-        values = getattr(rest, triad)
-        if values is None:
+        if not rest.has(triad):
             continue
-        own = own_samples(values)
-        own_rate = own.rate(rate, len(values))
+        own = own_samples(Axes(rest, triad))
+        own_rate = own.rate(rate, rest.num_samples)
         if own.rows is not None:
             notes.append(
                 f"{100.0 * own.share:.0f} % of the {triad} rows repeat the row before: the sensor's own "
@@ -70,18 +74,18 @@ def noise_of(recording: Recording, *, progress: Callable[[str], None] | None = N
         for axis, letter in enumerate("xyz"):
             name = f"{triad}_{letter}"
             tell(f"noise of {name}")
-            log = np.ascontiguousarray(own.of(values[:, axis]))
+            log = own.of(rest.channel(triad, axis))
             if np.ptp(log) == 0.0:
                 notes.append(f"{name} is constant: a dead channel, or filled-in values")
                 continue
             channels.append(_channel(name, triad, log, own_rate))
     if not channels:
         reason = "; ".join(notes) if notes else "every channel is constant"
-        raise ValueError(f"{recording.name or 'the recording'}: no channel tells noise: {reason}.")
+        raise ValueError(f"{where or 'the recording'}: no channel tells noise: {reason}.")
     notes += _remarks(channels)
     return LogNoise(
-        recording.name,
-        recording.device,
+        where,
+        parts[0].device,
         rate,
         rest.num_samples / rate,
         tuple(channels),
@@ -120,46 +124,6 @@ def _curve(log: Float[np.ndarray, " time"], rate: float) -> Deviations:
         join("deviation"),
         join("count"),
     )
-
-
-def _longest_rest(recording: Recording) -> tuple[Recording, list[str]]:
-    where = recording.name or "the recording"
-    found = segment(recording)
-    ranges = [
-        piece
-        for start, stop, rests in zip(found.start, found.stop, found.resting, strict=True)
-        if rests
-        for piece in _without_pauses(recording, int(start), int(stop))
-    ]
-    start, stop = max(ranges, key=lambda r: r[1] - r[0], default=(0, 0))
-    if stop - start < FEWEST:
-        raise ValueError(
-            f"{where}: the longest rest has {stop - start} samples; noise needs a log of {FEWEST} or "
-            f"more at rest, and hours of it for bias instability and random walk.{remark(recording)}"
-        )
-    rest, notes = recording[slice(start, stop)], []
-    if stop - start < recording.num_samples:
-        seconds = rest.time[-1] - rest.time[0]
-        notes.append(
-            f"only the longest rest is used: {seconds:.0f} s from {rest.time[0]:.0f} s on, of "
-            f"{recording.time[-1] - recording.time[0]:.0f} s"
-        )
-    steps = np.diff(rest.time)
-    if np.std(steps) > 0.2 * np.mean(steps):
-        notes.append("the time stamps are uneven; equal steps were assumed")
-    if rest.temperature is not None and np.ptp(rest.temperature[:, 0]) > 2.0:
-        notes.append(
-            f"the temperature moved by {np.ptp(rest.temperature[:, 0]):.1f} °C, which looks like random "
-            f"walk or ramp; compensate the log first"
-        )
-    return rest, notes
-
-
-def _without_pauses(recording: Recording, start: int, stop: int) -> list[tuple[int, int]]:
-    steps = np.diff(recording.time[start:stop])
-    cuts = start + 1 + np.flatnonzero(steps > PAUSE * usual_step(recording))
-    edges = [start, *cuts.tolist(), stop]
-    return list(zip(edges[:-1], edges[1:], strict=True))
 
 
 def _remarks(channels: list[ChannelNoise]) -> list[str]:

@@ -4,6 +4,8 @@ A sensor of 100 Hz read at 200 Hz gives each value twice. Such a log has a spect
 many samples as rows. The sensor's own samples are what noise is found from.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -34,27 +36,29 @@ class OwnSamples(eqx.Module):
         return rate if self.rows is None else rate * len(self.rows) / num_rows
 
 
-def own_samples(values: Float[np.ndarray, "time axis"]) -> OwnSamples:
+def own_samples(channels: Sequence[np.ndarray] | np.ndarray) -> OwnSamples:
     """The new samples among rows that a reader of another rate has repeated, axes of one triad together.
+
+    **Arguments:** `channels` are the axes, each of shape (time,); they are taken one at a time.
 
     A row repeats the one before where no axis changes. Rows are left out where many repeat and rounding
     alone does not do that: by whole numbers of rows (each value twice), or at another pattern that is regular.
     """
-    same = np.ones(len(values) - 1, bool)
-    for axis in values.T:
-        same &= axis[1:] == axis[:-1]
+    same = np.logical_and.reduce([axis[1:] == axis[:-1] for axis in channels])
     share = float(same.mean())
-    if share < _MANY or not _by_holding(values, same):
+    if share < _MANY or not _by_holding(channels, same):
         return OwnSamples(None, share)
     period, phase, steady = _steps(same)
     if (
         period > 1 and steady > _STEADY
     ):  # rounding may give two samples the same value, which count all the same
-        return OwnSamples(np.arange((phase + 1) % period, len(values), period), share)
+        return OwnSamples(np.arange((phase + 1) % period, len(same) + 1, period), share)
     return OwnSamples(np.concatenate([[0], 1 + np.flatnonzero(~same)]), share)
 
 
-def _by_holding(values: Float[np.ndarray, "time axis"], same: Bool[np.ndarray, " step"]) -> bool:
+def _by_holding(
+    channels: Sequence[np.ndarray] | np.ndarray, same: Bool[np.ndarray, " step"]
+) -> bool:
     """Whether rows repeat because a sample is held: chance would repeat axes one by one as well.
 
     Axes that are rounded coarsely repeat their values by themselves, each its own; rows then repeat as
@@ -62,10 +66,10 @@ def _by_holding(values: Float[np.ndarray, "time axis"], same: Bool[np.ndarray, "
     """
     period, _, steady = _steps(same)
     in_step = period > 1 and steady > _STEADY
-    alone = [float(np.mean(axis[1:] == axis[:-1])) for axis in values.T]
+    alone = [float(np.mean(axis[1:] == axis[:-1])) for axis in channels]
     if len(alone) == 1:
-        moved = np.abs(np.diff(values[:, 0]))[~same]
-        step = quantisation_step(values[:, 0])
+        moved = np.abs(np.diff(channels[0]))[~same]
+        step = quantisation_step(channels[0])
         fine = step == 0.0 or float(np.median(moved)) >= _FINE * step
         return fine or in_step
     # If held with probability h and repeated by chance with p: alone = h + (1 - h) p, together h + (1 - h) Π p.

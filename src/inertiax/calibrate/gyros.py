@@ -72,7 +72,7 @@ def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitiv
     dwells = eqx.tree_at(
         lambda d: d.accel_covariance, dwells, np.asarray(dwells.accel_covariance) + left
     )
-    force = [_force(accel, r) for r in campaign.recordings] if g_sensitivity else None
+    force = (lambda recording: _force(accel, recording)) if g_sensitivity else None
     return with_motions(campaign.recordings, dwells, force=force)
 
 

@@ -2,11 +2,12 @@
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.fitted_effects import FittedEffect
 from ..calibration.probe_error import probe_covariance
-from ..data.recording import Campaign, Rig
+from ..data.recording import Campaign, Recording, Rig
 from ..estimators import (
     GravityRotation,
     Invariant,
@@ -200,9 +201,8 @@ def _together(
     )
     used = raw
     if chosen.gyro_estimator == "gravity":
-        force = [r.accel for r in campaign.recordings if r.accel is not None]
-        by_force = chosen.g_sensitivity
-        used = with_motions(campaign.recordings, raw, force=force if by_force else None).dwells
+        force = _raw_force if chosen.g_sensitivity else None
+        used = with_motions(campaign.recordings, raw, force=force).dwells
     degrees = accel.solution.curve.basis.size - 1, gyro.solution.curve.basis.size - 1
     found = fit_together(estimator, jax.tree.map(np.asarray, used), degrees=degrees)
     if not found.converged:
@@ -211,6 +211,11 @@ def _together(
             "which triad is at fault."
         )
     return found
+
+
+def _raw_force(recording: Recording) -> Float[np.ndarray, "time 3"]:
+    assert recording.accel is not None  # gravity's rotation needs both triads
+    return recording.accel
 
 
 def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> TriadCalibration | None:

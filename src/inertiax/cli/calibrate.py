@@ -83,7 +83,7 @@ def calibrate(
         from ..data.campaign import load_campaign
 
         stages("reading recordings")
-        loaded = load_campaign(campaign)
+        loaded = load_campaign(campaign, in_parts=True)
         results = run(loaded, method=method, robust=robust, force=force, progress=stages)
         folders = write_results(results, loaded, output, stages)
     _tell(results, folders, output, as_json=as_json, quiet=quiet)

@@ -24,7 +24,7 @@ def check(campaign: CampaignPath, as_json: AsJson = False, quiet: Quiet = False)
         from ..plausibility import check_campaign
 
         stages("reading recordings")
-        loaded = load_campaign(campaign)
+        loaded = load_campaign(campaign, in_parts=True)
         stages("checking")
         seen = check_campaign(loaded)
     if as_json:

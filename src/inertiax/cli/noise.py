@@ -36,14 +36,14 @@ def noise(
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
-        from ..allan import noise_of
+        from ..allan import logs_of, noise_of
         from ..plausibility import require_plausible, statements
         from ..report.noise import noise_document, print_noise, write_figures
 
         stages("reading recordings")
         campaign = _campaign(log)
         odd = require_plausible(campaign, force=force)
-        found = [noise_of(r, progress=stages) for r in campaign.recordings]
+        found = [noise_of(log, progress=stages) for log in logs_of(campaign.recordings)]
         stages("drawing")
         document = {**noise_document(found), "plausibility": [f.as_dict() for f in odd]}
         with outputs.staged_folder(output, replaces=("noise.png",)) as staging:
@@ -61,9 +61,9 @@ def noise(
 def _campaign(path: Path) -> "Campaign":
     """The campaign, or a recording as one at a place of standard gravity."""
     from ..data.campaign import load_campaign
-    from ..data.formats.detect import read_recordings
+    from ..data.formats.long_logs import read_long
     from ..data.recording import Campaign
 
     if path.suffix == ".toml" or (path / "campaign.toml").is_file():
-        return load_campaign(path)
-    return Campaign(read_recordings(path))
+        return load_campaign(path, in_parts=True)
+    return Campaign(read_long(path))

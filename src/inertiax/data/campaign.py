@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -11,6 +12,7 @@ from .compensated import is_compensated, note_on
 from .formats import Layout, read_recordings
 from .formats.columns import TimeColumn
 from .formats.detect import is_recording
+from .formats.long_logs import read_long
 from .model_columns import check_model_columns
 from .pairing import pair
 from .recording import Campaign, ModelChoice, Recording, Rig, Site
@@ -21,17 +23,18 @@ ARCSEC = math.pi / 180 / 3600
 _WILD = re.compile(r"[*?\[]")
 
 
-def load_campaign(path: Path | str) -> Campaign:
+def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
     """The campaign in a folder or `campaign.toml`, in SI; `plausibility.check_campaign` says whether it can be right.
 
-    **Arguments:** `path` is the folder that holds `campaign.toml`, or that file.
+    **Arguments:** `path` is the folder that holds `campaign.toml`, or that file. With `in_parts` a log of millions of
+    rows becomes several recordings whose columns stay on the disk (`formats.long_logs`).
 
     Raises `ValueError`, in one line with file, key or column, what was found and what would be right.
     """
     file = _campaign_file(Path(path))
     table = read_table(file)
     try:
-        recordings, notes = _read_all(table, file)
+        recordings, notes = _read_all(table, file, read_long if in_parts else read_recordings)
         check_model_columns(_model(table.model), recordings)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
@@ -193,7 +196,9 @@ def _listing(folder: Path) -> str:
     return f"the campaign's folder, which has {names[:8]}" + (" and more" if len(names) > 8 else "")
 
 
-def _read_all(table: CampaignTable, file: Path) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
+def _read_all(
+    table: CampaignTable, file: Path, read: Callable[..., tuple[Recording, ...]]
+) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
     """The recordings, and notes on how they were put together."""
     said, folder = table.recordings, file.parent
     special = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
@@ -208,7 +213,7 @@ def _read_all(table: CampaignTable, file: Path) -> tuple[tuple[Recording, ...], 
     if said.gyro_files is None:
         files = find_files(folder, said.files)
         return tuple(
-            r for f in files for r in read_recordings(f, table.columns, layout, name=said.format)
+            r for f in files for r in read(f, table.columns, layout, name=said.format)
         ), _compensated_notes(folder, said, set(files))
     accel_files = find_files(folder, said.files)
     gyro_files = find_files(folder, said.gyro_files, "gyro_files")

@@ -52,7 +52,7 @@ class Recording(eqx.Module):
             raise ValueError(
                 f"{where}: neither accelerometer nor gyro columns; at least one triad is needed."
             )
-        for label in _COLUMNS:
+        for label in COLUMNS:
             values = getattr(self, label)
             if values is None:
                 continue
@@ -97,7 +97,7 @@ class Recording(eqx.Module):
         """
         call = "Recording.from_arrays"
         given = {"accel": accel, "gyro": gyro, "temperature": temperature, **columns}
-        unknown = sorted(set(given) - set(_COLUMNS))
+        unknown = sorted(set(given) - set(COLUMNS))
         if unknown:
             raise ValueError(f"`{call}({unknown[0]}=...)`: is no column of a recording.")
         made = {k: _samples(call, k, v) for k, v in given.items() if v is not None}
@@ -141,11 +141,11 @@ class Recording(eqx.Module):
 
     def __getitem__(self, rows: slice | np.ndarray) -> "Recording":
         """The same recording, only those rows."""
-        columns = {k: v[rows] for k in _COLUMNS if (v := getattr(self, k)) is not None}
+        columns = {k: v[rows] for k in COLUMNS if (v := getattr(self, k)) is not None}
         return Recording(**columns, device=self.device, name=self.name)
 
 
-_COLUMNS = (
+COLUMNS = (
     "time",
     "accel",
     "gyro",

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import polars as pl
 
 from ..calibration.calibration import Calibration
-from ..data.formats import ColumnMap, csv, Layout, parquet, text_batches
-from ..data.formats.columns import TimeColumn
+from ..data.formats import ColumnMap, csv, Layout
+from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
 from ..storage.whole_files import written_beside
@@ -31,8 +31,7 @@ from .table_writer import full_disk_told, TableWriter
 from .text_columns import kinds_of, typed
 
 
-ROWS = 1 << 17  # of a piece of Parquet
-BYTES = 1 << 24  # of a piece of text
+Tables = Callable[[], Iterator[pl.DataFrame]]  # each time from the first piece on
 
 
 class Written(NamedTuple):
@@ -62,10 +61,9 @@ def write_compensated(
     """
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     with full_disk_told(output), written_beside(output) as beside:
-        if chosen in (csv, parquet) and gyro_file is None and not calibration.effects:
-            tables = (
-                _tables(path, layout, rows) if chosen is parquet else _texts(path, layout, size)
-            )
+        if can_be_cut(chosen) and gyro_file is None and not calibration.effects:
+            read: Tables = lambda: pieces(path, chosen, layout, rows=rows, size=size)
+            tables = _as_numbers(read) if chosen is csv else read
             write = lambda: TableWriter(beside, output.suffix)
             try:
                 return _in_pieces(calibration, path.name, tables, columns, write, any_device)
@@ -77,9 +75,6 @@ def write_compensated(
         with TableWriter(beside, output.suffix) as writer:
             writer.append(made.table)
     return Written(made.table.height, made.num_extrapolated, made.notes)
-
-
-Tables = Callable[[], Iterator[pl.DataFrame]]  # each time from the first piece on
 
 
 def _in_pieces(
@@ -111,9 +106,7 @@ def _require_next(recording: Recording, last: Recording | None, columns: ColumnM
     if last is None:
         return
     same = recording.device == last.device and _columns(recording) == _columns(last)
-    counted = isinstance(columns.time, TimeColumn) and columns.time.rate is not None
-    counted = counted or columns.each_row_is_a_pose
-    if not same or not (counted or recording.time[0] > last.time[-1]):
+    if not same or not (counts_rows(columns) or recording.time[0] > last.time[-1]):
         raise ValueError("the pieces are not those of one recording.")
 
 
@@ -121,31 +114,14 @@ def _columns(recording: Recording) -> list[str]:
     return [k for k in ("accel", "gyro", "temperature") if getattr(recording, k) is not None]
 
 
-def _tables(path: Path, layout: Layout, rows: int) -> Tables:
-    return lambda: _from_row(parquet.batches(path, rows), layout.start_row)
-
-
-def _texts(path: Path, layout: Layout, size: int) -> Tables:
+def _as_numbers(tables: Tables) -> Tables:
     """Pieces of text with columns as numbers where all pieces hold numbers: told in a pass of its own."""
 
-    def read() -> Iterator[pl.DataFrame]:
-        return text_batches.batches(path, layout.names, header_line=layout.header_line, size=size)
-
-    def tables() -> Iterator[pl.DataFrame]:
+    def made() -> Iterator[pl.DataFrame]:
         kinds = None
-        for table in read():
+        for table in tables():
             kinds = kinds_of(table, kinds)
-        if kinds is None:
-            raise ValueError(f"{path.name}: no rows.")
-        yield from _from_row((typed(table, kinds) for table in read()), layout.start_row)
+        if kinds is not None:
+            yield from (typed(table, kinds) for table in tables())
 
-    return tables
-
-
-def _from_row(tables: Iterator[pl.DataFrame], row: int) -> Iterator[pl.DataFrame]:
-    """The pieces without the first rows."""
-    for table in tables:
-        left = table.slice(row)
-        row = max(row - table.height, 0)
-        if left.height:
-            yield left
+    return made

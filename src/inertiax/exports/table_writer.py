@@ -43,7 +43,7 @@ class TableWriter:
         if self._parquet is None:
             import pyarrow.parquet as pq
 
-            # Any, for its stubs know no lists. Numbers of sensors hardly ever repeat: a dictionary of them costs time and no space less.
+            # Numbers of sensors hardly ever repeat: a dictionary of them costs time and saves nothing.
             texts: Any = [n for n, kind in table.schema.items() if kind == pl.String]
             self._parquet = pq.ParquetWriter(
                 self._path, arrow.schema, compression="zstd", use_dictionary=texts

@@ -1,8 +1,10 @@
 """All checks of a campaign in order, and what a command does with their findings."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 from ..data.recording import Campaign
+from ..data.stored_recording import StoredRecording
 from .accel_unit import check_accel_unit
 from .band_limit import check_band_limit
 from .clock import check_clock
@@ -62,8 +64,28 @@ def check_campaign(campaign: Campaign, *, limits: Thresholds = DEFAULT) -> Plaus
     for device in campaign.devices:
         logs = look_at(campaign, device)
         for check in CHECKS:
-            found += check(logs, limits)
+            found += _once(check(logs, limits), logs)
     return Plausibility(tuple(sorted(dict.fromkeys(found), key=lambda f: _ORDER[f.severity])))
+
+
+def _once(found: list[Finding], logs: DeviceLogs) -> list[Finding]:
+    """Of what is found alike in several parts of one long log, the first, and in how many it is."""
+    parts = {r.name: r.whole for r in logs.recordings if isinstance(r, StoredRecording)}
+    if not parts:
+        return found
+    alike: dict[tuple, list[Finding]] = {}
+    for f in found:
+        name = next((n for n in parts if f.statement.startswith(f"{n}:")), "")
+        key = (f.kind, f.severity, f.what, parts[name]) if name else (f,)
+        alike.setdefault(key, []).append(f)
+    return [
+        dataclasses.replace(
+            first, statement=f"{first.statement} (Alike in {len(others)} further parts.)"
+        )
+        if others
+        else first
+        for first, *others in alike.values()
+    ]
 
 
 def require_plausible(campaign: Campaign, *, force: bool = False) -> tuple[Finding, ...]:

@@ -1,23 +1,22 @@
 """Means over segments, cut where they are long: one row per dwell, with the covariance of its mean."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
+from ..data.stored_recording import StoredRecording
 from .dwells import Dwells
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
-from .mean_covariance import covariances_of_means, Scatter
-from .mean_noise import quantisation_step
+from .mean_covariance import covariances_of_means
 from .rests import usual_step
+from .sample_sums import joined_means, Reduced, reduced, scatter_of
 from .segments import segment_all, Segments
-
-
-_SAMPLES_FOR_SLOPE = 8
 
 
 def reduce_to_dwells(
@@ -87,18 +86,21 @@ def _check_together(recordings: Sequence[Recording]) -> None:
             )
 
 
-def _experiments(recordings: Sequence[Recording]) -> list[Int[np.ndarray, " time"]]:
-    """Experiment numbers of every row; recordings without any get the numbers after the last."""
-    known = [r.experiment for r in recordings if r.experiment is not None]
-    fresh = max((int(e.max()) for e in known), default=-1) + 1
-    labels = []
+def _experiments(recordings: Sequence[Recording]) -> Iterator[Int[np.ndarray, " time"]]:
+    """Experiment numbers of every row; recordings without any get the numbers after the last.
+
+    Parts of one log are one experiment.
+    """
+    known = [int(r.experiment.max()) for r in recordings if r.experiment is not None]
+    fresh, before = max(known, default=-1), ""
     for recording in recordings:
         if recording.experiment is not None:
-            labels.append(recording.experiment)
-        else:
-            labels.append(np.full(recording.num_samples, fresh))
-            fresh += 1
-    return labels
+            yield recording.experiment
+            continue
+        whole = recording.whole if isinstance(recording, StoredRecording) else ""
+        fresh += not whole or whole != before
+        before = whole
+        yield np.broadcast_to(fresh, recording.num_samples)
 
 
 class _Blocks(eqx.Module):
@@ -116,14 +118,6 @@ class _Blocks(eqx.Module):
         """Rows of each range that count."""
         total = np.append(0, np.cumsum(self.used))
         return total[self.stop] - total[self.start]
-
-    @property
-    def rows(self) -> Int[np.ndarray, " row"]:
-        """Those rows, range after range."""
-        lengths = self.stop - self.start
-        first = np.repeat(self.start - (np.cumsum(lengths) - lengths), lengths)
-        inside = np.arange(lengths.sum()) + first
-        return inside[self.used[inside]]
 
 
 def _blocks(
@@ -177,39 +171,15 @@ def _pieces_by_temperature(
     return pieces
 
 
-class _Samples(eqx.Module):
-    """The rows that belong to dwells, gathered one dwell after another."""
-
-    recordings: tuple[Recording, ...]
-    rows: tuple[Int[np.ndarray, " _"], ...]  # of each recording, which differ in length
-    starts: Int[np.ndarray, " dwell"]
-    counts: Int[np.ndarray, " dwell"]
-
-    def gather(self, column: str) -> np.ndarray | None:
-        """A column's rows, `None` where it was not recorded."""
-        if getattr(self.recordings[0], column) is None:
-            return None
-        pairs = zip(self.recordings, self.rows, strict=True)
-        return np.concatenate([getattr(r, column)[i] for r, i in pairs])
-
-    def mean(self, column: str) -> np.ndarray | None:
-        """A column's mean over each dwell."""
-        x = self.gather(column)
-        if x is None:
-            return None
-        return np.add.reduceat(x, self.starts, axis=0) / self.counts.reshape(
-            -1, *[1] * (x.ndim - 1)
-        )
-
-
 def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
+    # One recording after the other, so that no more than the samples of one are held.
+    found = [reduced(r, p.start, p.stop, p.used) for r, p in zip(recordings, parts, strict=True)]
     counts = np.concatenate([p.counts for p in parts])
     pairs = list(zip(recordings, parts, strict=True))
     step = np.concatenate([np.full(len(p.start), usual_step(r)) for r, p in pairs])
     position = np.concatenate([p.position for p in parts])
-    rows = tuple(p.rows for p in parts)
-    samples = _Samples(tuple(recordings), rows, np.cumsum(counts) - counts, counts)
-    time, temperature = samples.mean("time"), samples.mean("temperature")
+    mean = lambda column: joined_means(found, column)
+    time, temperature = mean("time"), mean("temperature")
     assert time is not None
     return Dwells(
         time=time,
@@ -219,12 +189,12 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         experiment=np.concatenate([p.experiment for p in parts]),
         position=position,
         valid=np.ones(len(counts), bool),
-        accel=samples.mean("accel"),
-        accel_covariance=_covariances(samples, parts, "accel", position >= 0),
-        gyro=samples.mean("gyro"),
-        gyro_covariance=_covariances(samples, parts, "gyro", position >= 0),
-        reference_accel=samples.mean("reference_accel"),
-        reference_gyro=samples.mean("reference_gyro"),
+        accel=mean("accel"),
+        accel_covariance=_covariances(found, "accel", position >= 0, counts * step),
+        gyro=mean("gyro"),
+        gyro_covariance=_covariances(found, "gyro", position >= 0, counts * step),
+        reference_accel=mean("reference_accel"),
+        reference_gyro=mean("reference_gyro"),
         rows=_ranges(parts),
     )
 
@@ -239,53 +209,18 @@ def _ranges(parts: list[_Blocks]) -> Int[np.ndarray, "dwell 4"]:
 
 
 def _covariances(
-    samples: _Samples, parts: list[_Blocks], triad: str, resting: Bool[np.ndarray, " dwell"]
+    found: Sequence[Reduced],
+    triad: Literal["accel", "gyro"],
+    resting: Bool[np.ndarray, " dwell"],
+    duration: Float[np.ndarray, " dwell"],
 ) -> Float[np.ndarray, "dwell 3 3"] | None:
-    x, ideal, time = (samples.gather(c) for c in (triad, f"reference_{triad}", "time"))
-    if x is None or time is None:
+    scatter = scatter_of(found, triad)
+    if scatter is None:
         return None
-    step = _converter_steps(samples.recordings, parts, triad)
-    scatter = _scatter(x if ideal is None else x - ideal, time, samples.starts, step)
     covariance = covariances_of_means(scatter, resting)
+    ideal = joined_means(found, f"reference_{triad}")
     if triad == "accel" or ideal is None:
         return covariance
-    pairs = zip(samples.recordings, parts, strict=True)
-    duration = np.concatenate([p.counts * usual_step(r) for r, p in pairs])
-    turns = turned_by_hand(x, ideal, samples.starts, resting)
+    spread = np.concatenate([f.spread for f in found if f.spread is not None])
+    turns = turned_by_hand(spread, ideal, resting)
     return with_known_angles(covariance, duration, turns, resting)
-
-
-def _converter_steps(
-    recordings: Sequence[Recording], parts: list[_Blocks], triad: str
-) -> Float[np.ndarray, "dwell 3"]:
-    steps = []
-    for recording, part in zip(recordings, parts, strict=True):
-        x = getattr(recording, triad)
-        lsb = np.array([quantisation_step(x[:, axis]) for axis in range(3)])
-        steps.append(np.broadcast_to(lsb, (len(part.start), 3)))
-    return np.concatenate(steps)
-
-
-def _scatter(
-    x: Float[np.ndarray, "row 3"],
-    time: Float[np.ndarray, " row"],
-    starts: Int[np.ndarray, " dwell"],
-    step: Float[np.ndarray, "dwell 3"],
-) -> Scatter:
-    """Deviations from each dwell's straight line in time (from its mean, where samples are few).
-
-    A steady drift through a dwell, such as temperature brings, belongs to the dwell's mean time and
-    temperature and is no error of the mean; left in, it would look like noise of infinite memory.
-    """
-    counts = np.diff(np.append(starts, len(x)))
-
-    def centred(v: np.ndarray) -> np.ndarray:
-        return v - np.repeat(np.add.reduceat(v, starts, axis=0) / counts[:, None], counts, axis=0)
-
-    deviations = centred(x)
-    sloping = counts >= _SAMPLES_FOR_SLOPE
-    t = centred(time[:, None])
-    square = np.add.reduceat(t**2, starts, axis=0)
-    slope = np.add.reduceat(t * deviations, starts, axis=0) / np.where(square > 0, square, 1.0)
-    deviations = deviations - t * np.repeat(slope * sloping[:, None], counts, axis=0)
-    return Scatter(deviations, starts, sloping, step)

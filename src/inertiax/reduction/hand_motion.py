@@ -32,6 +32,7 @@ class MotionThresholds:
 
 
 THRESHOLDS = MotionThresholds()
+_TOGETHER = 4096  # windows whose medians are taken at once
 
 
 def moved_by_hand(
@@ -65,9 +66,17 @@ def _means(gyro: np.ndarray, size: int) -> np.ndarray:
 
 def _off(means: np.ndarray, near: int) -> np.ndarray:
     """Distances from the median of the means around each."""
-    around = [means[max(k - near, 0) : k + near + 1] for k in range(len(means))]
-    medians = [np.median(part, axis=0) for part in around]
-    return np.abs(means - np.array(medians).reshape(-1, 3))
+    width, count = 2 * near + 1, len(means)
+    medians = np.empty((count, 3))
+    inner = range(near, count - near) if count >= width else range(0)
+    if inner:
+        windows = np.lib.stride_tricks.sliding_window_view(means, width, axis=0)
+        for a in range(0, len(windows), _TOGETHER):
+            part = np.partition(windows[a : a + _TOGETHER], near, axis=2)
+            medians[near + a : near + a + len(part)] = part[:, :, near]
+    for k in sorted({*range(count)} - {*inner}):
+        medians[k] = np.median(means[max(k - near, 0) : k + near + 1], axis=0)
+    return np.abs(means - medians)
 
 
 def _ratio(off: np.ndarray, usual: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ within it is no noise of that mean, which has the gyros' own noise and the uncer
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 
 ANGLE_UNCERTAINTY = np.deg2rad(1.0)  # 1 sigma: a housing turned by hand against a straight edge
@@ -15,20 +15,19 @@ _ABOVE_NOISE = 10.0  # times the noise at rest, so that a slow plateau of a nois
 
 
 def turned_by_hand(
-    rate: Float[np.ndarray, "row 3"],
-    reference: Float[np.ndarray, "row 3"],
-    starts: Int[np.ndarray, " dwell"],
+    spread: Float[np.ndarray, " dwell"],
+    reference: Float[np.ndarray, "dwell 3"],
     resting: Bool[np.ndarray, " dwell"],
 ) -> Bool[np.ndarray, " dwell"]:
     """Which dwells are turns whose rate (rad/s) varies by a fifth of its constant reference or more,
-    and by far more than the noise at rest. None where nothing rests."""
-    counts = np.diff(np.append(starts, len(rate)))
-    mean_of = lambda x: np.add.reduceat(x, starts, axis=0) / counts.reshape(-1, *[1] * (x.ndim - 1))
-    mean = mean_of(rate)
-    spread = mean_of(np.sum(np.square(rate - np.repeat(mean, counts, axis=0)), axis=1))
+    and by far more than the noise at rest. None where nothing rests.
+
+    **Arguments:** `spread` is the mean square distance of a dwell's rates from their mean, (rad/s)²; `reference` the
+    mean of the reference rate.
+    """
     if not resting.any():
-        return np.zeros(len(starts), bool)
-    size = np.linalg.norm(mean_of(reference), axis=1)
+        return np.zeros(len(spread), bool)
+    size = np.linalg.norm(reference, axis=1)
     least = np.maximum(_UNSTEADY * size, _ABOVE_NOISE * np.sqrt(np.median(spread[resting])))
     return ~resting & (size > 0) & (np.sqrt(spread) > least)
 

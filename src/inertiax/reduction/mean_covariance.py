@@ -1,5 +1,7 @@
 """Covariances of dwell means, from the scatter within dwells."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,17 +13,20 @@ _SAMPLES_FOR_SHAPE = 1 << 18
 
 
 class Scatter(eqx.Module):
-    """Samples of one triad, dwell after dwell, as deviations from what each dwell should read."""
+    """Samples of one triad in each dwell, as deviations from what the dwell should read."""
 
-    deviations: Float[np.ndarray, "sample 3"]
-    starts: Int[np.ndarray, " dwell"]  # first sample of each dwell
+    counts: Int[np.ndarray, " dwell"]  # samples in each dwell
+    products: Float[np.ndarray, "dwell 3 3"]  # sums over a dwell of products of two channels, unit²
     sloping: Bool[np.ndarray, " dwell"]  # deviations are from a straight line, not only the mean
     step: Float[np.ndarray, "dwell 3"]  # LSB of the converter, 0 where it does not show
+    number: Int[np.ndarray, " dwell"]  # of the dwell, as `first` counts them
+    # Deviations (row, 3) of the first samples of some dwells: their numbers, and how many of each.
+    first: Callable[[np.ndarray, np.ndarray], np.ndarray] = eqx.field(static=True)
 
     @property
-    def counts(self) -> Int[np.ndarray, " dwell"]:
-        """Samples in each dwell."""
-        return np.diff(np.append(self.starts, len(self.deviations)))
+    def squares(self) -> Float[np.ndarray, "dwell 3"]:
+        """Sums of squares of each channel, unit²."""
+        return np.diagonal(self.products, axis1=1, axis2=2)
 
 
 def covariances_of_means(
@@ -41,7 +46,7 @@ def covariances_of_means(
     the covariances are zero: an estimator then weights the dwells equally and takes the scale
     from its residuals.
     """
-    result = np.zeros((len(scatter.starts), 3, 3))
+    result = np.zeros((len(scatter.counts), 3, 3))
     for group in (pool, ~pool):
         if group.any():
             result[group] = _pooled(_select(scatter, group))
@@ -51,15 +56,15 @@ def covariances_of_means(
 def _select(scatter: Scatter, dwells: Bool[np.ndarray, " dwell"]) -> Scatter:
     if dwells.all():
         return scatter
-    rows = np.repeat(dwells, scatter.counts)
-    counts = scatter.counts[dwells]
-    starts = np.cumsum(counts) - counts
-    return Scatter(scatter.deviations[rows], starts, scatter.sloping[dwells], scatter.step[dwells])
+    return Scatter(
+        scatter.counts[dwells], scatter.products[dwells], scatter.sloping[dwells],
+        scatter.step[dwells], scatter.number[dwells], scatter.first,
+    )  # fmt: skip
 
 
 def _pooled(scatter: Scatter) -> Float[np.ndarray, "dwell 3 3"]:
     counts = scatter.counts.astype(float)
-    squares = np.add.reduceat(scatter.deviations**2, scatter.starts, axis=0)
+    squares = scatter.squares
     factor, left, freedom = (np.ones((len(counts), 3)) for _ in range(3))
     for axis in range(3):
         shape = _shape(scatter, squares[:, axis], axis)
@@ -85,13 +90,13 @@ def _shape(scatter: Scatter, squares: Float[np.ndarray, " dwell"], axis: int) ->
     chosen = chosen[:: max(1, min(stride, len(chosen) // 16))]
     kept = np.minimum(counts[chosen], max(_SAMPLES_FOR_SHAPE // len(chosen), 3))
     starts = np.cumsum(kept) - kept
-    rows = np.arange(kept.sum()) + np.repeat(scatter.starts[chosen] - starts, kept)
     scale = np.sqrt(squares[chosen] / counts[chosen])
     # A dwell far noisier than the others must not speak for them all. Below that each keeps its own
     # level: dividing by it would hide the slow part of the noise, which is much of that level.
     usual = np.median(scale)
     scale = np.where(scale > 3.0 * usual, scale / usual, 1.0)
-    return fit_noise_shape(scatter.deviations[rows, axis] / np.repeat(scale, kept), starts)
+    deviations = scatter.first(scatter.number[chosen], kept)[:, axis]
+    return fit_noise_shape(deviations / np.repeat(scale, kept), starts)
 
 
 def _samples_left(shape: NoiseShape, scatter: Scatter) -> Float[np.ndarray, " dwell"]:
@@ -127,10 +132,8 @@ def _between_channels(
     scatter: Scatter, variance: Float[np.ndarray, "dwell 3"]
 ) -> Float[np.ndarray, "3 3"]:
     """Correlation of the three channels at one instant, over all dwells."""
-    unit = scatter.deviations / np.sqrt(
-        np.repeat(np.maximum(variance, 1e-300), scatter.counts, axis=0)
-    )
-    products = unit.T @ unit
+    sigma = np.sqrt(np.maximum(variance, 1e-300))
+    products = (scatter.products / (sigma[:, :, None] * sigma[:, None, :])).sum(axis=0)
     scale = np.sqrt(np.maximum(np.diag(products), 1e-300))
     return np.where(np.eye(3) > 0, 1.0, products / np.outer(scale, scale))
 

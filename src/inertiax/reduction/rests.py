@@ -10,11 +10,13 @@ from jaxtyping import Float, Int
 
 from .._typing import Mask
 from ..data.recording import Recording
+from ..data.stored_recording import StoredRecording
 
 
 PAUSE = 20  # usual steps; a longer pause in the stamps ends an interval
 _BIAS_SPAN = 150.0  # s; three of these at a time give the gyros' bias at rest
 _RESTING_RATE = 5e-3  # rad/s; see `_motion`
+_LOUD = 4.0  # times the quietest level of a log: noise of a part at rest is not that much greater
 _SCAN = np.geomspace(2.0, 1000.0, 64)
 
 
@@ -51,6 +53,9 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         return Rests(*whole, statement="one rest: too short to search for motion")
     motion = _motion(recording, width)
     pauses = np.append(np.diff(recording.time) > PAUSE * step, False)
+    if isinstance(recording, StoredRecording) and motion.min() > _LOUD:
+        nothing = np.zeros(0, np.int64)
+        return Rests(nothing, nothing, statement="no rest: it moves all along")
     highest = float(np.quantile(motion, 0.999))
     if highest <= 16.0:  # a factor of 4 in standard deviation: no motion to tell from noise
         start, stop = _runs(np.ones(len(motion), bool), pauses, width)
@@ -78,15 +83,17 @@ def _motion(recording: Recording, width: int) -> Float[np.ndarray, " time"]:
     of the two decides.
     """
     accel = gyro = None
+    parted = isinstance(recording, StoredRecording)
+    least = recording.quietest if parted else (np.inf, np.inf)
     if recording.accel is not None:
         _, spread = _window_moments(recording.accel, width)
-        accel = spread / _quietest(spread)
+        accel = spread / _level(spread, least[0])
     if recording.gyro is not None:
         mean, spread = _window_moments(recording.gyro, width)
         judge = spread if accel is None else accel
         quiet = judge <= max(np.quantile(judge, 0.3), 4.0 * _quietest(judge))
         turning = spread + ((mean - _rate_at_rest(recording.time, mean, quiet)) ** 2).sum(axis=1)
-        gyro = turning / max(_quietest(spread), _RESTING_RATE**2)
+        gyro = turning / max(_level(spread, least[1]), _RESTING_RATE**2)
     both = [m for m in (accel, gyro) if m is not None]
     return np.max(both, axis=0)
 
@@ -133,6 +140,12 @@ def _quietest(spread: Float[np.ndarray, " time"]) -> float:
     coarse converter gives windows without any change."""
     varying = spread[spread > 1e-12 * spread.max()] if spread.max() > 0 else np.ones(1)
     return float(np.quantile(varying, 0.05))
+
+
+def _level(spread: Float[np.ndarray, " time"], least: float) -> float:
+    """The quietest level, of the whole log where this part of it is far louder: it may hold no rest at all."""
+    own = _quietest(spread)
+    return own if own <= _LOUD * least else least
 
 
 def _runs(

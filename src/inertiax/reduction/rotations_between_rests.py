@@ -1,6 +1,6 @@
 """The turns between rests, gathered from recordings for the gyro estimator by gravity rotation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NoReturn
 
 import equinox as eqx
@@ -21,6 +21,9 @@ _FEWEST_SAMPLES = 4
 _SHORTEST_ARRAY = 64  # samples; lengths are rounded up, since each one compiles anew
 _LEAST_SIGMA = 1e-8  # rad/s, 2e-3 °/h: a floor where a recording is free of noise
 _DIFFERENT_TILT = np.deg2rad(10.0)
+
+
+Force = Callable[[Recording], Float[np.ndarray, "time 3"]]
 
 
 class _Rest(eqx.Module):
@@ -48,7 +51,7 @@ def with_motions(
     recordings: Sequence[Recording],
     dwells: Dwells,
     *,
-    force: Sequence[Float[np.ndarray, "time 3"]] | None = None,
+    force: Force | None = None,
 ) -> Turns:
     """The rests among `dwells`, each with the motion that led to it from the rest before.
 
@@ -56,8 +59,8 @@ def with_motions(
 
     - `dwells`: all that `reduce_to_dwells(recordings)` gave, in its order, with
       accelerometer means that have been compensated (and covariances that say how well).
-    - `force`: compensated specific force of every sample, m/s², for each recording; needed for
-      g-sensitivity alone.
+    - `force`: gives the compensated specific force of every sample of a recording, m/s² (time, 3); needed
+      for g-sensitivity alone.
 
     A motion is left out where time pauses, where it is longer than a minute, where samples are
     more than half a radian apart, and where there are fewer than four of them. Uneven stamps give
@@ -85,13 +88,17 @@ def with_motions(
         lambda d: d.gyro_covariance, dwells, np.asarray(dwells.gyro_covariance) + extra
     )
     pairs, dropped = _pairs(recordings, rests, np.asarray(dwells.gyro))
-    clocks = [_clock(k, recording, rests, pairs, dwells) for k, recording in enumerate(recordings)]
-    times = [clock.time for clock in clocks]
+    times, said = {}, {}  # of recordings whose stamps give way; the others' need not be held
+    for k, recording in enumerate(recordings):
+        clock = _clock(k, recording, rests, pairs, dwells)
+        said[clock.statement] = None
+        if clock.rate is not None:
+            times[k] = clock.time
     motion = _gather(recordings, times, rests, pairs, dwells, walk, wander, force)
     statement = f"{int(pairs.sum())} motions between {len(rests)} rests"
     if dropped:
         statement += f"; left out: {', '.join(f'{n} {why}' for why, n in dropped.items())}"
-    statement += "".join(f"; {text}" for text in dict.fromkeys(c.statement for c in clocks) if text)
+    statement += "".join(f"; {text}" for text in said if text)
     dwells = eqx.tree_at(lambda d: d.motion, dwells, motion, is_leaf=lambda x: x is None)
     return Turns(dwells, statement)
 
@@ -229,13 +236,13 @@ def _clock(
 
 def _gather(
     recordings: Sequence[Recording],
-    times: Sequence[Float[np.ndarray, " time"]],
+    times: Mapping[int, Float[np.ndarray, " time"]],
     rests: list[_Rest],
     pairs: Bool[np.ndarray, " dwell"],
     dwells: Dwells,
     walk: Float[np.ndarray, " dwell"],
     wander: float,
-    force: Sequence[Float[np.ndarray, "time 3"]] | None,
+    force: Force | None,
 ) -> Motions:
     """All motions at one padded length; a rest without one stands still at its own mean."""
     before = np.maximum(np.arange(len(rests)) - 1, 0)
@@ -245,21 +252,33 @@ def _gather(
         for k, b in enumerate(before)
     ]
     index = _padded_rows(rows, _array_length(max((b - a + 1 for a, b in rows), default=1)))
-    pick = lambda columns: np.stack(
-        [columns[rest.recording][i] for rest, i in zip(rests, index, strict=True)]
+    pick = lambda column: np.stack(
+        [getattr(recordings[rest.recording], column)[i] for rest, i in zip(rests, index)]
     )
-    step = np.diff(pick(times), axis=1)
+    clock = lambda k: times[k] if k in times else recordings[k].time
+    step = np.diff([clock(rest.recording)[i] for rest, i in zip(rests, index)], axis=1)
     duration = step.sum(axis=1)
     accel, covariance = np.asarray(dwells.accel), np.asarray(dwells.accel_covariance)
     return Motions(
-        gyro=pick([r.gyro for r in recordings]),
+        gyro=pick("gyro"),
         step=step,
         start_force=accel[before],
         start_covariance=covariance[before],
         noise=0.5 * (walk + walk[before]) * duration + (wander * duration) ** 2,
         valid=pairs,
-        force=None if force is None else pick(force),
+        force=None if force is None else _forces(force, recordings, rests, index),
     )
+
+
+def _forces(
+    force: Force, recordings: Sequence[Recording], rests: list[_Rest], index: np.ndarray
+) -> Float[np.ndarray, "dwell sample 3"]:
+    """The specific force at the rows of each motion; one recording after the other."""
+    found = np.empty((*index.shape, 3))
+    owner = np.array([rest.recording for rest in rests], int)
+    for k in np.unique(owner):
+        found[owner == k] = force(recordings[k])[index[owner == k]]
+    return found
 
 
 def _array_length(samples: int) -> int:

@@ -55,13 +55,18 @@ def read_recordings(
     chosen = format_of(path, layout) if name is None else by_name(name)
     if path.is_dir() and chosen not in (euroc, ros):
         raise ValueError(f"{path}: is a folder; format {chosen.NAME} needs a file.")
-    for key in _SPECIAL_KEYS:
-        if getattr(layout, key) is not None and key not in chosen.KEYS:
-            known = ", ".join(m.NAME for m in FORMATS if key in m.KEYS)
-            raise ValueError(
-                f"{path.name}: [recordings] {key} is for {known}, but this file is {chosen.NAME}."
-            )
+    for key in special_keys(chosen, layout):
+        known = ", ".join(m.NAME for m in FORMATS if key in m.KEYS)
+        raise ValueError(
+            f"{path.name}: [recordings] {key} is for {known}, but this file is {chosen.NAME}."
+        )
     return chosen.read(path, columns, layout)
+
+
+def special_keys(chosen: ModuleType, layout: Layout) -> tuple[str, ...]:
+    """Keys of the layout that are said, and are another format's."""
+    said = [key for key in _SPECIAL_KEYS if getattr(layout, key) is not None]
+    return tuple(key for key in said if key not in chosen.KEYS)
 
 
 def is_recording(path: Path) -> bool:

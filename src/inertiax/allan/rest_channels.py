@@ -1,0 +1,166 @@
+"""The longest rest of a log, channel by channel; also of a log in parts that stay on the disk."""
+
+from collections.abc import Iterator, Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ..data.recording import Recording
+from ..data.stored_recording import StoredRecording
+from ..reduction.host_stamps import remark
+from ..reduction.rests import PAUSE, usual_step
+from ..reduction.segments import segment
+from .identify import FEWEST
+
+
+_WINDOW = 1.0  # s, over which motion is judged
+_CUT = 2.5  # windows: what is cut off a rest's end at most, and a little
+
+
+class RestChannels(eqx.Module):
+    """Rows of one log: those `[start, stop)` of each of its parts, which follow one another."""
+
+    parts: tuple[Recording, ...]
+    ranges: tuple[tuple[int, int], ...] = eqx.field(static=True)
+
+    @property
+    def num_samples(self) -> int:
+        """Number of rows."""
+        return sum(b - a for a, b in self.ranges)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Stamps of the first and the last row, s."""
+        first, last = self.ranges[0][0], self.ranges[-1][1] - 1
+        return float(self.parts[0].time[first]), float(self.parts[-1].time[last])
+
+    def pieces(self, column: str) -> Iterator[np.ndarray]:
+        """A column's rows, part after part."""
+        for part, (a, b) in zip(self.parts, self.ranges, strict=True):
+            yield getattr(part, column)[a:b]
+
+    def has(self, column: str) -> bool:
+        """Whether it was recorded."""
+        return getattr(self.parts[0], column) is not None
+
+    def channel(self, column: str, axis: int) -> Float[np.ndarray, " time"]:
+        """One axis of a column."""
+        made, row = np.empty(self.num_samples), 0
+        for piece in self.pieces(column):
+            made[row : row + len(piece)] = piece[:, axis]
+            row += len(piece)
+        return made
+
+
+class Axes(Sequence):
+    """The three channels of a triad as a sequence; each is read when it is taken."""
+
+    def __init__(self, rest: RestChannels, triad: str):
+        self._rest, self._triad = rest, triad
+
+    def __len__(self) -> int:
+        return 3
+
+    def __getitem__(self, axis: int) -> Float[np.ndarray, " time"]:  # type: ignore[override]
+        if axis >= 3:
+            raise IndexError(axis)
+        return self._rest.channel(self._triad, axis)
+
+
+def logs_of(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:
+    """Recordings, those together that are parts of one log."""
+    logs: list[tuple[Recording, ...]] = []
+    whole = ""
+    for recording in recordings:
+        mine = recording.whole if isinstance(recording, StoredRecording) else ""
+        if mine and mine == whole:
+            logs[-1] = (*logs[-1], recording)
+        else:
+            logs.append((recording,))
+        whole = mine
+    return logs
+
+
+def name_of(log: Sequence[Recording]) -> str:
+    """The name of a log, which its parts share."""
+    first = log[0]
+    return first.whole if isinstance(first, StoredRecording) and first.whole else first.name
+
+
+def longest_rest(log: Sequence[Recording]) -> tuple[RestChannels, list[str]]:
+    """The longest rest without a pause, and what a reader should know of it.
+
+    Raises `ValueError` where it has fewer than 256 samples.
+    """
+    where = name_of(log) or "the recording"
+    step = usual_step(log[0])
+    rests: list[list[tuple[int, int, int]]] = []  # number of the part, and rows of it
+    for number, part in enumerate(log):
+        for a, b in _rests_of(part):
+            if rests and _goes_on(log, rests[-1][-1], (number, a, b), step):
+                last, begin, _ = rests[-1].pop()
+                rests[-1] += [(last, begin, log[last].num_samples), (number, 0, b)]
+            else:
+                rests.append([(number, a, b)])
+    longest = max(rests, key=lambda r: sum(b - a for _, a, b in r), default=[(0, 0, 0)])
+    rest = RestChannels(tuple(log[k] for k, _, _ in longest), tuple((a, b) for _, a, b in longest))
+    if rest.num_samples < FEWEST:
+        raise ValueError(
+            f"{where}: the longest rest has {rest.num_samples} samples; noise needs a log of {FEWEST} or "
+            f"more at rest, and hours of it for bias instability and random walk.{remark(log[0])}"
+        )
+    return rest, _notes(log, rest)
+
+
+def _rests_of(recording: Recording) -> list[tuple[int, int]]:
+    """Rests of one recording, cut at pauses."""
+    found = segment(recording, window=_WINDOW)
+    return [
+        piece
+        for start, stop, rests in zip(found.start, found.stop, found.resting, strict=True)
+        if rests
+        for piece in _without_pauses(recording, int(start), int(stop))
+    ]
+
+
+def _goes_on(
+    log: Sequence[Recording], before: tuple[int, int, int], after: tuple[int, int, int], step: float
+) -> bool:
+    """Whether a rest that reaches a part's end is the one at the next part's beginning."""
+    part, near = log[before[0]], _CUT * _WINDOW / step if step > 0.0 else 0.0
+    if after[0] != before[0] + 1:
+        return False
+    reaches = part.num_samples - before[2] <= near and after[1] <= near
+    return reaches and bool(log[after[0]].time[0] - part.time[-1] <= PAUSE * step)
+
+
+def _notes(log: Sequence[Recording], rest: RestChannels) -> list[str]:
+    notes, (first, last) = [], rest.span
+    if rest.num_samples < sum(part.num_samples for part in log):
+        notes.append(
+            f"only the longest rest is used: {last - first:.0f} s from {first:.0f} s on, of "
+            f"{log[-1].time[-1] - log[0].time[0]:.0f} s"
+        )
+    steps = [np.diff(time) for time in rest.pieces("time")]
+    count = sum(map(len, steps))
+    mean = sum(float(s.sum()) for s in steps) / count
+    variance = sum(float(np.square(s - mean).sum()) for s in steps) / count
+    if np.sqrt(variance) > 0.2 * mean:
+        notes.append("the time stamps are uneven; equal steps were assumed")
+    if rest.has("temperature"):
+        probes = [piece[:, 0] for piece in rest.pieces("temperature")]
+        moved = max(float(p.max()) for p in probes) - min(float(p.min()) for p in probes)
+        if moved > 2.0:
+            notes.append(
+                f"the temperature moved by {moved:.1f} °C, which looks like random walk or ramp; "
+                f"compensate the log first"
+            )
+    return notes
+
+
+def _without_pauses(recording: Recording, start: int, stop: int) -> list[tuple[int, int]]:
+    steps = np.diff(recording.time[start:stop])
+    cuts = start + 1 + np.flatnonzero(steps > PAUSE * usual_step(recording))
+    edges = [start, *cuts.tolist(), stop]
+    return list(zip(edges[:-1], edges[1:], strict=True))

@@ -1,0 +1,198 @@
+"""A long log in parts on the disk gives what the whole one gives."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from inertiax.allan import logs_of, noise_of
+from inertiax.data.campaign import load_campaign
+from inertiax.data.formats import read_recordings
+from inertiax.data.formats.long_logs import read_long
+from inertiax.data.stored_recording import ColumnStore, StoredRecording
+from inertiax.plausibility import check_campaign
+from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.rotations_between_rests import with_motions
+from inertiax.reduction.segments import segment
+
+
+RATE = 50.0  # Hz
+GRAVITY = 9.81
+PART = 2600  # rows
+REST, TURN = 500, 100  # rows
+POSES = 20
+
+
+def log(*, labelled: bool = False, still: bool = False) -> pl.DataFrame:
+    """Rests joined by turns of about 80 degrees, both triads, white noise."""
+    rng = np.random.default_rng(11)
+    axes = rng.normal(size=(POSES, 3))
+    force, rate, position = [], [], []
+    up = np.array([0.0, 0.0, 1.0])
+    for pose, axis in enumerate(axes / np.linalg.norm(axes, axis=1, keepdims=True)):
+        force.append(np.broadcast_to(up, (REST, 3)))
+        rate.append(np.zeros((REST, 3)))
+        position += [pose] * REST + [-1] * TURN
+        angle = 0.0 if still else 1.4
+        share = np.arange(1, TURN + 1) / TURN
+        swept = angle * (share - np.sin(2 * np.pi * share) / (2 * np.pi))[:, None]
+        across = np.cross(axis, up)
+        along = axis * (axis @ up)
+        turned = along + (up - along) * np.cos(swept) - across * np.sin(swept)
+        force.append(turned)
+        speed = angle * (1.0 - np.cos(2 * np.pi * share)) * RATE / TURN
+        rate.append(axis * speed[:, None])
+        up = turned[-1]
+    accel = GRAVITY * np.concatenate(force)
+    accel = accel + 0.05 + 0.01 * rng.standard_normal(accel.shape)
+    gyro = np.concatenate(rate)
+    gyro = gyro + 0.002 + 1e-3 * rng.standard_normal(gyro.shape)
+    columns = {"time": np.arange(len(accel)) / RATE}
+    columns |= {f"accel_{a}": accel[:, k] for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}": gyro[:, k] for k, a in enumerate("xyz")}
+    columns["temperature"] = np.full(len(accel), 25.0) + 0.01 * rng.standard_normal(len(accel))
+    return pl.DataFrame(columns | ({"position": position} if labelled else {}))
+
+
+def in_parts(path, **how):
+    return read_long(path, part=PART, rows=700, size=40_000, **how)
+
+
+@pytest.fixture(params=["a.parquet", "a.csv"])
+def file(tmp_path, request):
+    path = tmp_path / request.param
+    (pl.DataFrame.write_csv if path.suffix == ".csv" else pl.DataFrame.write_parquet)(log(), path)
+    return path
+
+
+def test_parts_are_the_whole_cut_at_rests(file):
+    (whole,) = read_recordings(file)
+    parts = in_parts(file)
+    assert len(parts) == 5 and all(isinstance(p, StoredRecording) for p in parts)
+    assert parts[1].name == f"{file.name} (part 2 of 5)"
+    for column in ("time", "accel", "gyro", "temperature"):
+        joined = np.concatenate([getattr(p, column) for p in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, column))
+    assert parts[0].position is None and sum(p.num_samples for p in parts) == whole.num_samples
+    row = np.cumsum([p.num_samples for p in parts])[:-1]
+    assert np.all(row % (REST + TURN) < REST)  # no turn is torn
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_dwells_and_motions_of_parts_are_those_of_the_whole(tmp_path, labelled):
+    log(labelled=labelled).write_parquet(tmp_path / "a.parquet")
+    found = [read_recordings(tmp_path / "a.parquet"), in_parts(tmp_path / "a.parquet")]
+    whole, parts = (reduce_to_dwells(r) for r in found)
+    # Each of the four cuts makes two dwells of one rest; all are of one run.
+    assert whole.num_dwells == POSES and parts.num_dwells == POSES + 4
+    assert set(parts.experiment) == {0}
+    first = np.cumsum([r.num_samples for r in found[1]]) - [r.num_samples for r in found[1]]
+    start = first[parts.rows[:, 0]] + parts.rows[:, 1]
+    owner = np.searchsorted(np.asarray(whole.rows)[:, 1], start + REST // 4, side="right") - 1
+    for triad in ("accel", "gyro"):
+        sigma = np.sqrt(np.diagonal(getattr(parts, f"{triad}_covariance"), axis1=1, axis2=2))
+        off = (getattr(parts, triad) - getattr(whole, triad)[owner]) / sigma
+        # A dwell that was cut shares half of its samples with the whole: it differs by a sigma or two.
+        assert np.abs(off).max() < 4.0 and np.median(np.abs(off)) < 0.3
+    turns = [with_motions(r, d) for r, d in zip(found, (whole, parts), strict=True)]
+    assert [t.num_motions for t in turns] == [POSES - 1] * 2
+
+
+def test_a_part_without_any_rest_has_none(tmp_path):
+    """By itself it would be taken for one rest: nothing in it is quieter than the rest of it."""
+    rows = 7 * PART
+    rng = np.random.default_rng(2)
+    shaken = (np.arange(rows) > 2 * PART) & (np.arange(rows) < 5 * PART)
+    noise = np.where(shaken, 30.0, 1.0)[:, None] * rng.standard_normal((rows, 6))
+    columns = {"time": np.arange(rows) / RATE}
+    columns |= {f"accel_{a}": 0.01 * noise[:, k] + 5.66 for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}": 1e-3 * noise[:, 3 + k] for k, a in enumerate("xyz")}
+    pl.DataFrame(columns).write_parquet(tmp_path / "a.parquet")
+    parts = in_parts(tmp_path / "a.parquet")
+    rows_of = lambda p: RATE * p.time[[0, -1]]
+    inside = [p for p in parts if rows_of(p)[0] > 2 * PART and rows_of(p)[1] < 5 * PART]
+    assert inside
+    for part in inside:
+        assert not segment(part).used.any()
+        assert segment(part[:]).used.mean() > 0.9
+
+
+def test_noise_of_parts_is_that_of_the_whole(tmp_path):
+    log(still=True).write_parquet(tmp_path / "a.parquet")
+    (whole,) = read_recordings(tmp_path / "a.parquet")
+    parts = in_parts(tmp_path / "a.parquet")
+    assert logs_of(parts) == [parts]
+    one, other = noise_of(whole), noise_of(parts)
+    assert one.duration == other.duration and one.recording == other.recording == "a.parquet"
+    assert one.notes == other.notes
+    for a, b in zip(one.channels, other.channels, strict=True):
+        np.testing.assert_array_equal(a.curve.deviation, b.curve.deviation)
+        assert a.model.terms == b.model.terms and a.model.statement == b.model.statement
+
+
+def test_what_is_odd_in_many_parts_is_told_once(tmp_path):
+    table = log().with_columns(temperature=pl.lit(25.0))
+    table.write_parquet(tmp_path / "a.parquet")
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["a.parquet"]\n'
+    )
+    campaign = load_campaign(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("inertiax.data.campaign.read_long", lambda f, *a, **k: in_parts(f))
+        cut = load_campaign(tmp_path, in_parts=True)
+    assert len(cut.recordings) == 5
+    said = [f for f in check_campaign(cut).findings if f.what == "temperature"]
+    assert [f.kind for f in said] == [
+        f.kind for f in check_campaign(campaign).findings if f.what == "temperature"
+    ]
+    assert said[0].statement.endswith("(Alike in 4 further parts.)")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda t: t.with_columns(
+            time=pl.when(pl.int_range(pl.len()) >= 7000).then(0.1).otherwise("time")
+        ),
+        lambda t: t.with_columns(
+            gyro_x=pl.when(pl.int_range(pl.len()) == 7000).then(None).otherwise("gyro_x")
+        ),
+        lambda t: t.drop("gyro_z"),
+    ],
+)
+def test_bad_input_is_told_as_for_the_whole(tmp_path, change):
+    change(log()).write_parquet(tmp_path / "a.parquet")
+    with pytest.raises(ValueError) as whole:
+        read_recordings(tmp_path / "a.parquet")
+    with pytest.raises(ValueError) as parts:
+        in_parts(tmp_path / "a.parquet")
+    assert str(parts.value) == str(whole.value)
+
+
+def test_rows_that_are_counted_go_on_from_part_to_part(tmp_path):
+    log().drop("time").write_parquet(tmp_path / "a.parquet")
+    from inertiax.data.formats import ColumnMap
+    from inertiax.data.formats.columns import TimeColumn
+
+    parts = in_parts(tmp_path / "a.parquet", columns=ColumnMap(time=TimeColumn(rate=RATE)))
+    time = np.concatenate([p.time for p in parts])
+    np.testing.assert_array_equal(time, np.arange(POSES * (REST + TURN)) / RATE)
+
+
+def test_a_store_holds_few_columns_and_refuses_others():
+    (whole,) = _recordings(300)
+    store = ColumnStore()
+    for a in (0, 100, 200):
+        store.append(whole[a : a + 100])
+    for first in range(20):
+        np.testing.assert_array_equal(store.read("accel", first, 300), whole.accel[first:])
+    assert len(store._held) == 8
+    assert store.read("supply", 0, 10) is None and store.columns == ("time", "accel")
+    with pytest.raises(ValueError, match="different columns"):
+        store.append(_recordings(300, gyro=True)[0])
+
+
+def _recordings(rows: int, gyro: bool = False):
+    from inertiax.data.recording import Recording
+
+    values = np.random.default_rng(0).standard_normal((rows, 3))
+    return (Recording(np.arange(rows) / RATE, accel=values, gyro=values if gyro else None),)
