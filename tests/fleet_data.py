@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from inertiax.reduction.dwells import Dwells
+
 
 GRAVITY = 9.815
 ROWS, COLUMNS = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 NOISE = 2e-3  # m/s², one sample
 SAMPLES = 64  # of a dwell
 LOW, HIGH = -30.0, 60.0
+SIGMA = 1e-4  # m/s² of a dwell's mean
 
 
 def directions() -> np.ndarray:
@@ -83,3 +86,25 @@ def write_line(
         f'[model]\naccel_estimator = "invariant"\ntemperature_degree = {degree}\n'
     )
     return truth
+
+
+def _dwells(rng: np.random.Generator, truth: np.ndarray, experiments: int) -> Dwells:
+    outputs, temperature = dwell_means(rng, truth, experiments)
+    num = len(outputs)
+    return Dwells(
+        time=np.arange(num) * 10.0,
+        duration=np.full(num, 5.0),
+        count=np.full(num, 100.0),
+        temperature=temperature,
+        experiment=np.repeat(np.arange(experiments), 18),
+        position=np.tile(np.arange(18), experiments),
+        valid=np.ones(num, bool),
+        accel=outputs + rng.normal(0, SIGMA, outputs.shape),
+        accel_covariance=np.broadcast_to(np.eye(3) * SIGMA**2, (num, 3, 3)).copy(),
+    )
+
+
+def simulated_dwells(degree: int, count: int) -> tuple[list[Dwells], np.ndarray]:
+    rng = np.random.default_rng(5)
+    truth = [parameters(rng, degree) for _ in range(count)]
+    return [_dwells(rng, t, 4 if degree else 1) for t in truth], np.array(truth)

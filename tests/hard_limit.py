@@ -1,11 +1,15 @@
-"""Hard time limits, so that a hang is a failure: on Python in a process of its own, and on a block in this one."""
+"""Hard time limits, so that a hang is a failure: on Python in a process of its own, and on code in this one."""
 
+import contextlib
+import io
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+import jax
 
 
 PREAMBLE = """
@@ -56,3 +60,24 @@ def ends_within(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+
+
+def run_here(code: str, *, seconds: float, wide: bool = True) -> str:
+    """Standard output of the code, as if pasted into an interpreter of JAX's defaults, 64 bits where `wide`.
+
+    For code that needs no process of its own: it shares what is imported and compiled with the other tests.
+    """
+    said = io.StringIO()
+    with (
+        jax.enable_x64(wide),
+        jax.numpy_rank_promotion("allow"),
+        jax.numpy_dtype_promotion("standard"),
+        contextlib.redirect_stdout(said),
+        ends_within(seconds),
+    ):
+        before = jax.config.jax_enable_x64
+        try:
+            exec(compile(code, "<code>", "exec"), {"__name__": "__main__"})
+        finally:
+            jax.config.update("jax_enable_x64", before)
+    return said.getvalue()

@@ -1,12 +1,13 @@
 """The pages on diagnosis keep their promises: their code runs, and finds what they say."""
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hard_limit import run_limited
+from hard_limit import run_here
 
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -19,7 +20,7 @@ def code(page: str) -> str:
 
 @pytest.mark.slow
 def test_the_page_adds_an_effect_and_the_diagnosis_finds_it():
-    found, size, left = run_limited(code("how-to/add-an-effect.md"), seconds=300.0).splitlines()
+    found, size, left = run_here(code("how-to/add-an-effect.md"), seconds=300.0).splitlines()
     assert found == "missing-physics [('index_gear', ('accel_x',))]"
     value, std = (float(x) for x in re.findall(r"(?:value|std)=([-+.e\d]+)", size))
     assert abs(value - 1.5e-3) < 3.0 * std
@@ -28,12 +29,13 @@ def test_the_page_adds_an_effect_and_the_diagnosis_finds_it():
 
 
 @pytest.mark.slow
-def test_the_tutorial_names_the_concealed_effect_and_predicts_the_unseen_recording(tmp_path):
+def test_the_tutorial_names_the_concealed_effect_and_predicts_the_unseen_recording(
+    tmp_path, monkeypatch
+):
     script = DOCS / "tutorials" / "concealed_effect.py"
-    out = run_limited(
-        f"import sys, runpy; sys.argv = ['x', {str(tmp_path)!r}]\n"
-        f"runpy.run_path({str(script)!r}, run_name='__main__')",
-        seconds=300.0,
+    monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path)])
+    out = run_here(
+        f"import runpy; runpy.run_path({str(script)!r}, run_name='__main__')", seconds=300.0
     )
     assert "missing-physics ['thermal_hysteresis']" in out
     without, within = (float(x) for x in re.findall(r"([\d.]+) °/h with", out))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hard_limit import run_limited
+from hard_limit import run_here
 
 
 HOME = Path(__file__).parents[1] / "docs" / "index.md"
@@ -15,4 +15,4 @@ HOME = Path(__file__).parents[1] / "docs" / "index.md"
 def test_home_page_example_runs():
     blocks = re.findall(r"```python\n(.*?)```", HOME.read_text(encoding="utf-8"), flags=re.DOTALL)
     assert len(blocks) == 1
-    assert run_limited(blocks[0], seconds=120.0).startswith("True")
+    assert run_here(blocks[0], seconds=120.0).startswith("True")

@@ -16,39 +16,13 @@ import polars as pl
 import pytest
 from scipy.optimize import least_squares
 
-from fleet_data import COLUMNS, dwell_means, GRAVITY, HIGH, LOW, parameters, ROWS, write_line
+from fleet_data import COLUMNS, GRAVITY, HIGH, LOW, ROWS, SIGMA, simulated_dwells, write_line
 from hard_limit import run_limited
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.fleet import fit_fleet, fleet_calibration, read_parts, run_fleet, stack_dwells
 from inertiax.numerics.lane_cholesky import inverse_blocks, invert_lanes
 from inertiax.physics.temperature import Constant, Polynomial
 from inertiax.procedure.thermal_iterations import joint_fit
-from inertiax.reduction.dwells import Dwells
-
-
-SIGMA = 1e-4  # m/s² of a dwell's mean
-
-
-def _dwells(rng: np.random.Generator, truth: np.ndarray, experiments: int) -> Dwells:
-    outputs, temperature = dwell_means(rng, truth, experiments)
-    num = len(outputs)
-    return Dwells(
-        time=np.arange(num) * 10.0,
-        duration=np.full(num, 5.0),
-        count=np.full(num, 100.0),
-        temperature=temperature,
-        experiment=np.repeat(np.arange(experiments), 18),
-        position=np.tile(np.arange(18), experiments),
-        valid=np.ones(num, bool),
-        accel=outputs + rng.normal(0, SIGMA, outputs.shape),
-        accel_covariance=np.broadcast_to(np.eye(3) * SIGMA**2, (num, 3, 3)).copy(),
-    )
-
-
-def _fleet(degree: int, count: int) -> tuple[list[Dwells], np.ndarray]:
-    rng = np.random.default_rng(5)
-    truth = [parameters(rng, degree) for _ in range(count)]
-    return [_dwells(rng, t, 4 if degree else 1) for t in truth], np.array(truth)
 
 
 def _spd(n: int, batch: int) -> np.ndarray:
@@ -97,7 +71,7 @@ def test_a_matrix_that_is_not_positive_definite_gives_nan_for_itself_alone():
 
 def test_constant_parameters_are_scipys():
     """Residual and minimiser written anew here; SciPy finds the same parameters and covariance."""
-    devices, _ = _fleet(0, 3)
+    devices, _ = simulated_dwells(0, 3)
     fit = fit_fleet(Invariant(GRAVITY), Constant(), stack_dwells(devices))
     for k, d in enumerate(devices):
         a = np.asarray(d.accel)
@@ -120,7 +94,7 @@ def test_constant_parameters_are_scipys():
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 2])
 def test_batched_fit_is_the_joint_fit(degree):
-    devices, _ = _fleet(degree, 5)
+    devices, _ = simulated_dwells(degree, 5)
     basis = Polynomial(degree, LOW, HIGH) if degree else Constant()
     fit = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
     solve = eqx.filter_jit(lambda d: joint_fit(Invariant(GRAVITY), basis, d))
@@ -135,7 +109,7 @@ def test_batched_fit_is_the_joint_fit(degree):
 
 @pytest.mark.slow
 def test_linear_estimators_are_the_joint_fit():
-    devices, _ = _fleet(2, 3)
+    devices, _ = simulated_dwells(2, 3)
     rng = np.random.default_rng(8)
     basis, estimator = Polynomial(2, LOW, HIGH), ReferenceAccel()
     with_reference = [
@@ -159,7 +133,7 @@ def test_linear_estimators_are_the_joint_fit():
 
 
 def test_errors_are_what_the_covariance_says():
-    devices, truth = _fleet(0, 400)
+    devices, truth = simulated_dwells(0, 400)
     fit = fit_fleet(Invariant(GRAVITY), Constant(), stack_dwells(devices))
     error = fit.parameters - truth.reshape(400, -1)
     square = np.einsum("di,dij,dj->d", error, np.linalg.inv(fit.covariance), error)
@@ -169,7 +143,7 @@ def test_errors_are_what_the_covariance_says():
 
 @pytest.mark.slow
 def test_one_bad_device_leaves_the_others_as_they_were():
-    devices, _ = _fleet(2, 6)
+    devices, _ = simulated_dwells(2, 6)
     basis = Polynomial(2, LOW, HIGH)
     good = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
     outputs = np.asarray(devices[2].accel).copy()
@@ -189,7 +163,7 @@ def test_one_bad_device_leaves_the_others_as_they_were():
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 2])
 def test_single_precision_loses_what_is_said(degree):
-    devices, _ = _fleet(degree, 20)
+    devices, _ = simulated_dwells(degree, 20)
     basis = Polynomial(degree, LOW, HIGH) if degree else Constant()
     whole = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
     single = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices), precision="float32")
@@ -203,57 +177,33 @@ def test_single_precision_loses_what_is_said(degree):
 
 
 def test_single_precision_is_refused_to_other_estimators():
-    devices, _ = _fleet(0, 1)
+    devices, _ = simulated_dwells(0, 1)
     with pytest.raises(ValueError, match="is for the invariant estimator.*got ReferenceAccel"):
         fit_fleet(ReferenceAccel(), Constant(), stack_dwells(devices), precision="float32")
 
 
 @pytest.mark.slow
-def test_every_chunk_is_solved_in_double_precision_whatever_jax_is_set_to():
-    """A Dask worker has JAX's defaults, and the chunks of a solve run in threads of their own."""
+def test_every_chunk_of_any_size_is_solved_in_double_precision_whatever_jax_is_set_to():
+    """A Dask worker has JAX's defaults, and the chunks of a solve run in threads of their own; none may hang."""
     out = run_limited(
         """
 import sys; sys.path.insert(0, "tests")
 jax.config.update("jax_enable_x64", False)
+from fleet_data import simulated_dwells
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_fleet, stack_dwells
 from inertiax.physics.temperature import Constant
-from test_fleet import _fleet
-devices, _ = _fleet(0, 300)
-fit = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices))
-last = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[-3:]))
-print(float(np.abs(fit.parameters[-3:] - last.parameters).max()))
+devices, _ = simulated_dwells(0, 1500)
+fits = {}
+for count in (1, 300, 1500):
+    fits[count] = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[:count]))
+    assert fits[count].converged.all()
+last = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[297:300]))
+print(float(np.abs(fits[300].parameters[-3:] - last.parameters).max()))
 """,
-        seconds=240,
+        seconds=300,
     )
     assert float(out) < 1e-14
-
-
-@pytest.mark.slow
-def test_no_hang_at_any_batch_size():
-    out = run_limited(
-        """
-import time
-from inertiax.fleet import fit_fleet, stack_dwells
-import sys; sys.path.insert(0, "tests")
-from test_fleet import _fleet
-from inertiax.estimators import Invariant
-from inertiax.physics.temperature import Constant
-devices, _ = _fleet(0, 1500)
-for count in (1, 300, 1500):
-    fit = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[:count]))
-    assert fit.converged.all()
-print("done")
-""",
-        seconds=240,
-    )
-    assert out.endswith("done\n")
-
-
-@pytest.fixture(scope="module")
-def line(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("line")
-    return folder, write_line(folder, 14)
 
 
 @pytest.mark.slow

@@ -3,17 +3,18 @@
 import os
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hard_limit import run_limited
+from inertiax.calibrate.joint_imu_fit import fit_together
 from inertiax.calibrate.pipeline import calibrate, DeviceResult
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, ModelChoice, Recording
-from inertiax.estimators import GravityRotation, StaticGyro
+from inertiax.estimators import GravityRotation, Invariant, JointImu, StaticGyro
 from inertiax.estimators.gravity_rotation import across, tilt
 from inertiax.model_selection.select_model import settle_gyro
 from inertiax.physics.temperature import Constant
@@ -287,57 +288,53 @@ def test_truth_with_g_sensitivity_comes_back_from_a_clean_log():
     assert np.max(np.abs(error[[0, 1, 2, *range(12, 21)]])) < 1e-7
 
 
-STATISTICS = """
-import sys
-sys.path.insert(0, {tests!r})
-from test_gravity_rotation import *
-from test_gravity_rotation import _log, _truth, _turns, _vector
-from inertiax.estimators import Invariant, JointImu
-from inertiax.calibrate.joint_imu_fit import fit_together
-
-def dwells_of(recording):
+def _padded_dwells(recording):
     dwells = jax.tree.map(np.asarray, _turns(recording).dwells)
     pad = 192 - dwells.motion.gyro.shape[1]  # one compilation for all
-    widen = lambda x, mode: np.pad(x, ((0, 0), (0, pad), (0, 0))[: x.ndim], mode=mode)
-    motion = eqx.tree_at(lambda m: (m.gyro, m.step), dwells.motion,
-        (widen(dwells.motion.gyro, "edge"), widen(dwells.motion.step, "constant")))
-    return eqx.tree_at(lambda d: d.motion, dwells, motion)
 
-alone, tilts, joint = [], [], []
-both = JointImu(Invariant(GRAVITY), GravityRotation(GRAVITY))
-for seed in range(40):
-    rng = np.random.default_rng(1000 + seed)
-    truth = _truth(rng)
-    recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3, samples=(100, 180))
-    solution = joint_fit_one(GravityRotation(GRAVITY), Constant(), dwells_of(recording))
-    assert bool(solution.succeeded), seed
-    error = np.asarray(solution.curve.coefficients[0]) - _vector(truth)
-    alone.append(error @ np.linalg.solve(np.asarray(solution.covariance), error))
-    tilts.append(float(np.sum(np.square(solution.residuals[:, 3:]))))
-    bias, lower = rng.normal(0.0, 0.1, 3), np.tril(rng.normal(0.0, 0.01, (3, 3)))
-    raw = recording.accel @ (np.eye(3) + lower).T + bias
-    recording = eqx.tree_at(lambda r: r.accel, recording, raw)
-    found = fit_together(both, dwells_of(recording))
-    assert found.converged, seed
-    true = np.concatenate([bias, lower[np.tril_indices(3)], _vector(truth)])
-    error = np.asarray(found.curve.coefficients[0]) - true
-    joint.append(error @ np.linalg.solve(found.covariance, error))
-print(np.mean(alone), np.mean(tilts), np.mean(joint))
-"""
+    def widen(x, mode):
+        return np.pad(x, ((0, 0), (0, pad), (0, 0))[: x.ndim], mode=mode)
+
+    motion = eqx.tree_at(
+        lambda m: (m.gyro, m.step),
+        dwells.motion,
+        (widen(dwells.motion.gyro, "edge"), widen(dwells.motion.step, "constant")),
+    )
+    return eqx.tree_at(lambda d: d.motion, dwells, motion)
 
 
 @pytest.mark.slow
 def test_errors_are_what_the_covariance_says():
-    # In a process of its own with a limit: a hang is a failure.
-    code = STATISTICS.format(tests=str(Path(__file__).parent))
-    alone, tilts, joint = map(float, run_limited(code, seconds=300).split()[-3:])
-    # 40 runs of χ² with 12 degrees of freedom: mean 12, 1 sigma of the mean √(24/40) = 0.77.
+    alone, tilts, joint = [], [], []
+    both = JointImu(Invariant(GRAVITY), GravityRotation(GRAVITY))
+    runs = 24
+    for seed in range(runs):
+        rng = np.random.default_rng(1000 + seed)
+        truth = _truth(rng)
+        recording, _ = _log(rng, num_rests=13, truth=truth, noise=2e-3, samples=(100, 180))
+        solution = joint_fit_one(GravityRotation(GRAVITY), Constant(), _padded_dwells(recording))
+        assert bool(solution.succeeded), seed
+        error = np.asarray(solution.curve.coefficients[0]) - _vector(truth)
+        alone.append(error @ np.linalg.solve(np.asarray(solution.covariance), error))
+        tilts.append(float(np.sum(np.square(solution.residuals[:, 3:]))))
+        bias, lower = rng.normal(0.0, 0.1, 3), np.tril(rng.normal(0.0, 0.01, (3, 3)))
+        raw = recording.accel @ (np.eye(3) + lower).T + bias
+        recording = eqx.tree_at(lambda r: r.accel, recording, raw)
+        found = fit_together(both, _padded_dwells(recording))
+        assert found.converged, seed
+        true = np.concatenate([bias, lower[np.tril_indices(3)], _vector(truth)])
+        error = np.asarray(found.curve.coefficients[0]) - true
+        joint.append(error @ np.linalg.solve(found.covariance, error))
+
+    def within(values, freedom, low=4.0, high=3.0):
+        """The mean of χ² over the runs, whose sigma is √(2 freedom / runs); a variance wrong by 40 % is outside."""
+        sigma = np.sqrt(2.0 * freedom / runs)
+        return freedom - low * sigma < np.mean(values) < freedom + high * sigma
+
     # The scatter of the bias is never estimated below zero, which makes sigmas a little too large.
-    assert 9.0 < alone < 14.3
-    # 24 tilts less 9 for Θ: 15, 1 sigma of the mean 0.87.
-    assert 12.0 < tilts < 17.6
-    # Both triads in one least squares, 21 unknowns: 1 sigma of the mean 1.02.
-    assert 17.5 < joint < 24.1
+    assert within(alone, 12), np.mean(alone)
+    assert within(tilts, 15), np.mean(tilts)  # 24 tilts less 9 for Θ
+    assert within(joint, 21), np.mean(joint)  # both triads in one least squares
 
 
 # The Xsens recording of imu_tk ----------------------------------------------------------------------

@@ -137,20 +137,16 @@ def test_gradient_through_the_solve(transform):
 
 
 BATCHES = """
-import time
 from inertiax.reduction.dwells import Dwells
 from inertiax.estimators import Invariant
 from inertiax.procedure.thermal_iterations import joint_fit
 from inertiax.physics.temperature import Constant
-import optimistix as optx
-from inertiax.estimators.invariant import ellipsoid_start
-from inertiax.numerics.least_squares import least_squares
 
 rng = np.random.default_rng(0)
-count, n, g = {count}, 18, 9.8
-u = rng.normal(size=(count, n, 3)); u *= g / np.linalg.norm(u, axis=-1, keepdims=True)
-matrix = np.eye(3) + np.tril(3e-3 * rng.normal(size=(count, 3, 3)))
-bias = 0.05 * rng.normal(size=(count, 3))
+most, n, g = 4096, 18, 9.8
+u = rng.normal(size=(most, n, 3)); u *= g / np.linalg.norm(u, axis=-1, keepdims=True)
+matrix = np.eye(3) + np.tril(3e-3 * rng.normal(size=(most, 3, 3)))
+bias = 0.05 * rng.normal(size=(most, 3))
 outputs = np.einsum("kij,knj->kni", matrix, u) + bias[:, None, :]
 estimator = Invariant(gravity=g)
 
@@ -160,18 +156,19 @@ def one(a):
                     accel=a, accel_covariance=jnp.tile(1e-10 * jnp.eye(3), (n, 1, 1)))
     return joint_fit(estimator, Constant(), dwells)
 
-solution = jax.jit(jax.vmap(one))(jnp.asarray(outputs))
-assert bool(solution.succeeded.all()), solution.succeeded.sum()
-error = solution.curve.coefficients[:, 0, :3] - bias
-assert float(jnp.abs(error).max()) < 1e-8, float(jnp.abs(error).max())
-print("done")
+solve = jax.jit(jax.vmap(one))
+for count in (1, 300, 1000, most):
+    solution = solve(jnp.asarray(outputs[:count]))
+    assert bool(solution.succeeded.all()), solution.succeeded.sum()
+    error = solution.curve.coefficients[:, 0, :3] - bias[:count]
+    assert float(jnp.abs(error).max()) < 1e-8, float(jnp.abs(error).max())
+    print(count, flush=True)
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 300, 1000, 4096])
-def test_no_hang_at_any_batch_size(count):
-    assert run_limited(BATCHES.format(count=count), seconds=120.0) == "done\n"
+def test_no_hang_at_any_batch_size():
+    assert run_limited(BATCHES, seconds=300.0).split() == ["1", "300", "1000", "4096"]
 
 
 @pytest.mark.slow
