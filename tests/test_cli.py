@@ -77,20 +77,6 @@ def calibrated(campaign, tmp_path_factory) -> Path:
     return folder
 
 
-def test_help_loads_nothing_large():
-    code = (
-        "import sys, inertiax.cli\n"
-        "sys.argv = ['inertiax', '--help']\n"
-        "try:\n    inertiax.cli.main()\n"
-        "except SystemExit:\n    pass\n"
-        "heavy = {'jax', 'numpy', 'matplotlib', 'polars'} & set(sys.modules)\n"
-        "sys.exit(f'loaded {heavy}' if heavy else 0)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert "calibrate" in done.stdout
-
-
 @pytest.mark.slow
 def test_calibrate_writes_the_true_parameters_and_a_report(calibrated):
     calibration = read_calibration(calibrated / "calibration.json")
