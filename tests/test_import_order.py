@@ -97,6 +97,23 @@ def test_no_module_is_imported_in_a_circle():
         visit(name, ())
 
 
+# What a folder above loads by its name, when it is first asked: results that draw themselves.
+LOADED_LATER = {"calibration.drawn": "inertiax.plots.calibration"}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_only_what_is_listed_is_loaded_by_name(name):
+    strings = {
+        n.value
+        for n in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8")))
+        if isinstance(n, ast.Constant) and isinstance(n.value, str)
+    }
+    modules = {f"inertiax.{m}" for m in FILES}
+    loads = "import_module" in FILES[name].read_text(encoding="utf-8")
+    found = strings & modules if loads else set()
+    assert found == ({LOADED_LATER[name]} if name in LOADED_LATER else set())
+
+
 def test_every_listed_folder_is_described():
     design = (SOURCE.parents[1] / "docs" / "explanation" / "design.md").read_text(encoding="utf-8")
     for folder in {name.split(".")[0] for name in FILES}:

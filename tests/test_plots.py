@@ -12,7 +12,8 @@ from matplotlib.text import Text
 from inertiax.analysis.paper_experiment import DemoResult, DemoRow, DemoSet, METHODS
 from inertiax.calibrate.observability import Observability
 from inertiax.calibrate.pipeline import TriadResult
-from inertiax.calibration.calibration import TriadCalibration
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.calibration.stacking import stack
 from inertiax.data.recording import Recording
 from inertiax.diagnose import Diagnosis
 from inertiax.diagnose.result import Moved, Quality, Where
@@ -120,6 +121,34 @@ def test_constants_are_shown_with_their_intervals(names):
     low, high = bar.lines[2][0].get_segments()[0][:, 1]
     factor = 1.0 if names is ACCEL_NAMES else 180.0 / np.pi * 3600.0
     np.testing.assert_allclose((high - low) / 2.0, factor * 1.959964e-4, rtol=1e-6)
+
+
+def test_a_calibration_draws_both_triads():
+    hot = Polynomial(2, -40.0, 60.0)
+    calibration = Calibration(
+        9.81,
+        triad(ACCEL_NAMES, hot),
+        triad(GYRO_NAMES[:3], Constant()),
+        temperature_range=(-30.0, 50.0),
+    )
+    figure = calibration.plot()
+    assert [ax.get_title(loc="left") for ax in figure.axes if ax.get_visible()] == [
+        "accel: bias", "accel: scale factor", "accel: misalignment", "gyro: bias",
+    ]  # fmt: skip
+    # 5 % of the 80 °C beyond the calibrated range on both sides.
+    assert figure.axes[0].get_xlim() == pytest.approx((-34.0, 54.0))
+    values, _ = calibration.accel.over(np.array([-34.0]))
+    first = [line.get_ydata()[0] for line in figure.axes[0].get_lines()]
+    np.testing.assert_allclose(first, values[0, :3], rtol=1e-12)
+    assert_readable(figure)
+
+
+def test_what_has_no_single_device_is_not_drawn():
+    one = Calibration(9.81, triad(ACCEL_NAMES, Constant()))
+    with pytest.raises(ValueError, match="2.* devices are stacked"):
+        stack([one, one]).plot()
+    with pytest.raises(ValueError, match="no triad is calibrated"):
+        Calibration(9.81).plot()
 
 
 def test_coverage_is_an_equal_area_projection():

@@ -29,7 +29,7 @@ from ..physics.error_model import (
 )
 from ..physics.leaves import as_leaf, is_traced
 from ..physics.shapes import check_one
-from . import coefficients, representation
+from . import coefficients, drawn, representation
 from .coefficients import Block
 from .effect_additions import additions, refuse_memory
 from .fitted_effects import FittedEffect
@@ -301,6 +301,16 @@ class Calibration:
         At the middle of the calibrated range where no temperatures are given.
         """
         return representation.frame(self, temperatures)
+
+    def plot(self) -> Any:
+        """A matplotlib `Figure` with a panel for each triad and family of parameters, in customary units: over the
+        temperature range with 95 % bands, 5 % beyond it shaded; without temperature, values with 95 % intervals.
+
+        Save it by `figure.savefig(path)`; a notebook shows it. Raises `ValueError` for stacked devices, in traced code,
+        and where no triad is calibrated.
+        """
+        representation.single(self, "plot")
+        return drawn.figure(self)
 
     # Copies ------------------------------------------------------------------------------------------
 

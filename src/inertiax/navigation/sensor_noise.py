@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._typing import AnyArray
 from ..physics.leaves import is_traced
+from .counted_normals import normals
 
 
 RATIO = 6.0  # between time constants: the Allan variance is flat to 2 % (tested)
@@ -150,7 +151,7 @@ class SensorNoise(eqx.Module):
             total = total + ramp * (count.astype(total.dtype) / self.sample_rate)
         if not rows:
             return state, total
-        draws = jax.random.normal(jax.random.fold_in(state.key, count), (rows, 6))
+        draws = normals(state.key, count, 6 * rows).astype(total.dtype).reshape(rows, 6)
         own = dict(zip(names, draws))
         rate, walk, last, markov = self.sample_rate, state.walk, state.last, state.markov
         if "N" in own:
@@ -177,12 +178,14 @@ class SensorNoise(eqx.Module):
         last = len(self.time_constants) - 1
         stretch = np.minimum(2.0 ** np.arange(last + 1), 2.0 ** (last - 1))
         ratio = stretch / (self.sample_rate * self.time_constants)
-        decay, drive = np.exp(-ratio), np.sqrt(-np.expm1(-2.0 * ratio))
-        take = lambda values, k: jnp.asarray(values, fresh.dtype)[k]
-        markov = markov.at[0].set(take(decay, 0) * markov[0] + take(drive, 0) * fresh[0])
+        column = lambda values: jnp.asarray(values, fresh.dtype)[:, None]
+        decay, drive = column(np.exp(-ratio)), column(np.sqrt(-np.expm1(-2.0 * ratio)))
         zeros = 31 - jax.lax.clz(count & -count)  # at the end of the count's binary digits
-        turn = jnp.clip(zeros + 1, 1, last)
-        return markov.at[turn].set(take(decay, turn) * markov[turn] + take(drive, turn) * fresh[1])
+        number = jnp.arange(last + 1)
+        # All are computed and two kept: for many devices a choice is far quicker than picking and putting back.
+        renewed = (number == 0) | (number == jnp.clip(zeros + 1, 1, last))
+        drawn = jnp.where((number == 0)[:, None], fresh[:1], fresh[1:])
+        return jnp.where(renewed[:, None], decay * markov + drive * drawn, markov)
 
     def read_out(self, outputs: Float[Array, "6"]) -> Float[Array, "6"]:
         """The outputs within the range and on the grid of the read-out."""

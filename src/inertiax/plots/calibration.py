@@ -10,12 +10,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..calibrate.pipeline import TriadResult
-from ..calibration.calibration import TriadCalibration
+from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, family, SHOWN_AS
 from ..data.recording import Recording
 from ..reduction.dwells import Dwells
 from ..reduction.segments import Segments
-from .style import AXIS_NAMES, COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
+from .style import (
+    AXIS_NAMES,
+    COLOURS,
+    DASHES,
+    drawing,
+    INK,
+    legend_above,
+    MARKERS,
+    new_figure,
+    QUIET,
+)
 
 
 NORMAL_95 = 1.959964  # half-width of the 95 % interval of a normal distribution, in sigmas
@@ -26,55 +36,92 @@ def parameter_curves(triad: TriadCalibration, temperature_range: tuple[float, fl
 
     The curves go 5 % of the range beyond it on both sides; what is beyond is shaded.
     """
+    families = _families(triad.names)
+    figure, axes = _panels(len(families), height=2.9)
+    for ax, (title, members) in zip(axes, families.items(), strict=False):
+        _curve_panel(ax, triad, members, temperature_range)
+        ax.set_title(title)
+    return figure
+
+
+def _curve_panel(
+    ax: Axes, triad: TriadCalibration, members: list[int], temperature_range: tuple[float, float]
+) -> None:
     low, high = temperature_range
     margin = 0.05 * (high - low)
     grid = np.linspace(low - margin, high + margin, 161)
     values, sigmas = triad.over(grid)
-    families = _families(triad.names)
-    figure, axes = _panels(len(families), height=2.9)
-    for ax, (title, members) in zip(axes, families.items(), strict=False):
-        factor, unit = customary_units(triad)[members[0]]
-        for k, member in enumerate(members):
-            curve, band = factor * values[:, member], NORMAL_95 * factor * sigmas[:, member]
-            colour = COLOURS[k % len(COLOURS)]
-            ax.fill_between(grid, curve - band, curve + band, color=colour, alpha=0.25, lw=0)
-            ax.plot(
-                grid,
-                curve,
-                DASHES[k // len(COLOURS)],
-                color=colour,
-                label=_axes_of(triad.names[member]),
-            )
-        for a, b in ((low - margin, low), (high, high + margin)):
-            ax.axvspan(a, b, color=QUIET, alpha=0.18, lw=0)
-        ax.set_xlim(grid[0], grid[-1])
-        ax.set(title=title, xlabel="temperature, °C", ylabel=unit)
-        _legend_right(ax, len(members))
-    return figure
+    factor, unit = customary_units(triad)[members[0]]
+    for k, member in enumerate(members):
+        curve, band = factor * values[:, member], NORMAL_95 * factor * sigmas[:, member]
+        colour = COLOURS[k % len(COLOURS)]
+        ax.fill_between(grid, curve - band, curve + band, color=colour, alpha=0.25, lw=0)
+        ax.plot(
+            grid,
+            curve,
+            DASHES[k // len(COLOURS)],
+            color=colour,
+            label=_axes_of(triad.names[member]),
+        )
+    for a, b in ((low - margin, low), (high, high + margin)):
+        ax.axvspan(a, b, color=QUIET, alpha=0.18, lw=0)
+    ax.set_xlim(grid[0], grid[-1])
+    ax.set(xlabel="temperature, °C", ylabel=unit)
+    _legend_right(ax, len(members))
 
 
 def constant_parameters(triad: TriadCalibration) -> Figure:
     """Parameters without temperature dependence: values with 95 % intervals, a panel per family."""
-    (values,), (sigmas,) = triad.over(np.zeros(1))
     families = _families(triad.names)
     figure, axes = _panels(len(families), height=2.5)
     for ax, (title, members) in zip(axes, families.items(), strict=False):
-        factor, unit = customary_units(triad)[members[0]]
-        place = np.arange(len(members))
-        ax.axhline(0.0, color=QUIET, lw=0.8)
-        ax.errorbar(
-            place,
-            factor * values[members],
-            NORMAL_95 * factor * sigmas[members],
-            fmt="o",
-            color=COLOURS[0],
-            capsize=4,
-        )
-        ax.set_xticks(place, [_axes_of(triad.names[m]) for m in members])
-        ax.set_xlim(-0.5, len(members) - 0.5)
-        ax.grid(axis="x", visible=False)
-        ax.set(title=title, xlabel="axis", ylabel=unit)
+        _constant_panel(ax, triad, members)
+        ax.set_title(title)
     return figure
+
+
+def _constant_panel(ax: Axes, triad: TriadCalibration, members: list[int]) -> None:
+    (values,), (sigmas,) = triad.over(np.zeros(1))
+    factor, unit = customary_units(triad)[members[0]]
+    place = np.arange(len(members))
+    ax.axhline(0.0, color=QUIET, lw=0.8)
+    ax.errorbar(
+        place,
+        factor * values[members],
+        NORMAL_95 * factor * sigmas[members],
+        fmt="o",
+        color=COLOURS[0],
+        capsize=4,
+    )
+    ax.set_xticks(place, [_axes_of(triad.names[m]) for m in members])
+    ax.set_xlim(-0.5, len(members) - 0.5)
+    ax.grid(axis="x", visible=False)
+    ax.set(xlabel="axis", ylabel=unit)
+
+
+def both_triads(calibration: Calibration) -> Figure:
+    """Every parameter of a calibration, a panel per triad and family: over its temperature range with 95 % bands, or
+    where a triad knows no temperature with 95 % intervals."""
+    panels = [(t, *f) for t in calibration.triads for f in _families(t.names).items()]
+    if not panels:
+        raise ValueError("`calibration.plot()`: no triad is calibrated.")
+    with drawing():
+        figure, axes = _panels(len(panels), height=2.9)
+        for ax, (triad, title, members) in zip(axes, panels, strict=False):
+            if triad.curve.basis.size == 1:
+                _constant_panel(ax, triad, members)
+            else:
+                _curve_panel(ax, triad, members, _range(calibration, triad))
+            ax.set_title(f"{triad.names[0].partition('.')[0]}: {title}")
+        for ax in axes[len(panels) :]:
+            ax.set_visible(False)
+    return figure
+
+
+def _range(calibration: Calibration, triad: TriadCalibration) -> tuple[float, float]:
+    """Temperatures (°C) that the data covered; where nothing says so, those between the basis' nodes."""
+    ends = [float(t) for t in calibration.temperature_range or triad.curve.basis.nodes]
+    return min(ends), max(ends)
 
 
 # What the rows of a misfit are, by how many there are.
