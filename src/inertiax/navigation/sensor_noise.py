@@ -102,6 +102,9 @@ class NoiseState(eqx.Module):
     walk: Float[Array, "6"]
     markov: Float[Array, "processes 6"]
     last: Float[Array, "6"]  # θ of the sample before
+    # Normal numbers of the next sample, a vector for each term. Kept from step to step they are made once, where a
+    # compiler would make them anew for each of the processes that read them.
+    drawn: tuple[Float[Array, "6"], ...]
 
 
 class SensorNoise(eqx.Module):
@@ -134,7 +137,20 @@ class SensorNoise(eqx.Module):
         if count:
             markov = markov * self._flicker_sigma()
         last = jax.random.normal(second, (6,))
-        return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")))
+        drawn = self._draw(key, jnp.zeros((), jnp.int32), bool(count))
+        return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")), drawn)
+
+    def _draw(
+        self, key: PRNGKeyArray, count: Int[Array, ""], flicker: bool
+    ) -> tuple[Float[Array, "6"], ...]:
+        """Normal numbers of a sample: a vector for each of N, K and Q that there is, and two for the flicker."""
+        rows = len(self._drawn_terms) + 2 * flicker
+        kind = jnp.result_type(float)
+        return tuple(d.astype(kind) for d in normals(key, count, rows, 6))
+
+    @property
+    def _drawn_terms(self) -> list[str]:
+        return [n for n in "NKQ" if self.term(n) is not None]
 
     def _flicker_sigma(self) -> Float[Array, "6"]:
         return _or_zero(self.term("B")) * np.sqrt(np.log(RATIO) / np.pi)
@@ -143,15 +159,13 @@ class SensorNoise(eqx.Module):
         self, state: NoiseState, count: Int[Array, ""]
     ) -> tuple[NoiseState, Float[Array, "6"]]:
         """The next state and the noise of sample `count` (from 0)."""
-        names = [n for n in "NKQ" if self.term(n) is not None]
-        rows = len(names) + 2 * bool(len(state.markov))
+        names, draws = self._drawn_terms, state.drawn
         total = jnp.zeros(6)
         ramp = self.term("R")
         if ramp is not None:
             total = total + ramp * (count.astype(total.dtype) / self.sample_rate)
-        if not rows:
+        if not draws:
             return state, total
-        draws = normals(state.key, count, 6 * rows).astype(total.dtype).reshape(rows, 6)
         own = dict(zip(names, draws))
         rate, walk, last, markov = self.sample_rate, state.walk, state.last, state.markov
         if "N" in own:
@@ -163,13 +177,19 @@ class SensorNoise(eqx.Module):
             angle = own["Q"] * _or_zero(self.term("Q"))
             total, last = total + (angle - last) * rate, angle
         if len(markov):
-            fresh = draws[len(names) :] * self._flicker_sigma()[None]
-            markov = self._flicker(markov, fresh, count)
+            sigma = self._flicker_sigma()
+            first, other = (sigma * d for d in draws[len(names) :])
+            markov = self._flicker(markov, first, other, count)
             total = total + markov.sum(axis=0)
-        return NoiseState(state.key, walk, markov, last), total
+        drawn = self._draw(state.key, count + 1, bool(len(markov)))
+        return NoiseState(state.key, walk, markov, last, drawn), total
 
     def _flicker(
-        self, markov: Float[Array, "processes 6"], fresh: Float[Array, "2 6"], count: Int[Array, ""]
+        self,
+        markov: Float[Array, "processes 6"],
+        first: Float[Array, "6"],
+        other: Float[Array, "6"],
+        count: Int[Array, ""],
     ) -> Float[Array, "processes 6"]:
         """The fastest process each sample and, of the others, number j every 2^j samples (Voss' order).
 
@@ -178,13 +198,13 @@ class SensorNoise(eqx.Module):
         last = len(self.time_constants) - 1
         stretch = np.minimum(2.0 ** np.arange(last + 1), 2.0 ** (last - 1))
         ratio = stretch / (self.sample_rate * self.time_constants)
-        column = lambda values: jnp.asarray(values, fresh.dtype)[:, None]
+        column = lambda values: jnp.asarray(values, first.dtype)[:, None]
         decay, drive = column(np.exp(-ratio)), column(np.sqrt(-np.expm1(-2.0 * ratio)))
         zeros = 31 - jax.lax.clz(count & -count)  # at the end of the count's binary digits
         number = jnp.arange(last + 1)
         # All are computed and two kept: for many devices a choice is far quicker than picking and putting back.
         renewed = (number == 0) | (number == jnp.clip(zeros + 1, 1, last))
-        drawn = jnp.where((number == 0)[:, None], fresh[:1], fresh[1:])
+        drawn = jnp.where((number == 0)[:, None], first[None], other[None])
         return jnp.where(renewed[:, None], decay * markov + drive * drawn, markov)
 
     def read_out(self, outputs: Float[Array, "6"]) -> Float[Array, "6"]:
