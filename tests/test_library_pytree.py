@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline as ScipySpline
 
 from inertiax.calibration.calibration import (
     Calibration,
@@ -251,3 +252,32 @@ def test_as_many_temperatures_as_functions_are_not_mixed(basis):
     with pytest.raises((ValueError, TypeError)):
         curve(np.full(basis.size, 20.0))
     assert jax.vmap(curve)(jnp.full(basis.size, 20.0)).shape == (basis.size, 2)
+
+
+def test_splines_with_other_knots_share_code_and_stack():
+    traces = []
+    values = np.random.default_rng(8).normal(size=(4, 2))
+    names = ("accel.bias[0]", "accel.bias[1]")
+
+    def spline(knots):
+        triad = TriadCalibration(Curve(CubicSpline(knots), values), np.eye(8), names, "static")
+        return Calibration(gravity=9.81, accel=triad)
+
+    @jax.jit
+    def parameters(calibration, temperature):
+        traces.append(None)
+        return calibration.accel.curve(temperature)
+
+    knots = (-40.0, -10.0, 25.0, 70.0), (-30.0, 0.0, 20.0, 60.0)
+    devices = [spline(k) for k in knots]
+    temperatures = np.array([-50.0, -10.0, 22.0, 65.0])
+    together = jax.vmap(lambda c: jax.vmap(c.accel.curve)(temperatures))(stack(devices))
+    for k, (device, own) in enumerate(zip(devices, knots)):
+        inside = np.clip(temperatures, own[0], own[-1])
+        known = ScipySpline(own, values, bc_type="natural")
+        # A natural spline goes on as a straight line.
+        expected = known(inside) + known(inside, 1) * (temperatures - inside)[:, None]
+        found = np.stack([parameters(device, t) for t in temperatures])
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(together[k], expected, rtol=1e-10, atol=1e-12)
+    assert len(traces) == 1

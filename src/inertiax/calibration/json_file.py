@@ -70,7 +70,7 @@ def _basis_to_json(basis: AbstractBasis) -> _Basis:
             "chebyshev", degree=basis.degree, low=float(basis.low), high=float(basis.high)
         )
     if isinstance(basis, CubicSpline):
-        return _Basis("natural-cubic-spline", knots=list(basis.knots))
+        return _Basis("natural-cubic-spline", knots=np.asarray(basis.knots, float).tolist())
     return _Basis("constant")
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from .leaves import as_leaf, is_traced
+from .leaves import as_array, as_leaf, is_traced
 
 
 class AbstractBasis(eqx.Module):
@@ -166,43 +166,41 @@ class CubicSpline(AbstractBasis):
     **Reference:** de Boor, *A Practical Guide to Splines*, Springer 2001, ch. IV.
     """
 
-    # °C, increasing; plain numbers, so that they may be static
-    knots: tuple[float, ...] = eqx.field(
-        static=True, converter=lambda k: tuple(float(t) for t in k)
-    )
+    # °C, increasing; leaves, so that devices with other knots share compiled code.
+    knots: Float[AnyArray, "*batch size"] = eqx.field(converter=as_array)
 
     def __check_init__(self):
-        if len(self.knots) < 2 or np.any(np.diff(self.knots) <= 0):
+        if is_traced(self.knots) or not hasattr(self.knots, "shape"):
+            return
+        knots = np.asarray(self.knots)
+        if knots.ndim == 0 or knots.shape[-1] < 2 or not np.all(np.diff(knots) > 0):
             raise ValueError(
                 f"`CubicSpline(knots=...)` needs at least 2 increasing temperatures in °C; "
-                f"got {self.knots}."
+                f"got {tuple(knots.ravel().tolist())}."
             )
 
     @property
     def size(self) -> int:
-        return len(self.knots)
+        return self.knots.shape[-1]
 
     @property
     def nodes(self) -> tuple[Float[AnyArray, "*batch"] | float, ...]:
-        return self.knots
+        return tuple(self.knots[..., k] for k in range(self.size))
 
     @property
     def at_nodes(self) -> Float[np.ndarray, "size size"]:
         return np.eye(self.size)
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
-        knots = np.asarray(self.knots)
-        curvature = _natural_spline_curvature(knots)  # [size, size]: values at knots -> 2nd derivs
         t = _one(temperature)
+        knots = jnp.asarray(self.knots, t.dtype)
+        second = jnp.asarray(_natural_spline_curvature(self.knots), t.dtype)
         inside = jnp.clip(t, knots[0], knots[-1])
-        i = jnp.clip(
-            jnp.searchsorted(jnp.asarray(knots), inside, side="right") - 1, 0, len(knots) - 2
-        )
-        h = jnp.asarray(np.diff(knots))[i]
-        b = (inside - jnp.asarray(knots)[i]) / h
+        i = jnp.clip(jnp.searchsorted(knots, inside, side="right") - 1, 0, self.size - 2)
+        h = jnp.diff(knots)[i]
+        b = (inside - knots[i]) / h
         a = 1.0 - b
-        identity = jnp.eye(len(knots), dtype=b.dtype)
-        second = jnp.asarray(curvature, b.dtype)
+        identity = jnp.eye(self.size, dtype=b.dtype)
         value = a * identity[i] + b * identity[i + 1]
         value += ((a**3 - a) * second[i] + (b**3 - b) * second[i + 1]) * h**2 / 6.0
         # Straight-line continuation outside the knots, with the end slope.
@@ -211,23 +209,28 @@ class CubicSpline(AbstractBasis):
         return value + slope * (t - inside)
 
 
-def _natural_spline_curvature(knots: np.ndarray) -> np.ndarray:
-    """Matrix from values at the knots to second derivatives there (zero at both ends)."""
-    n = len(knots)
-    h = np.diff(knots)
-    second = np.zeros((n, n))
-    if n == 2:
-        return second
-    system = (
-        np.diag((h[:-1] + h[1:]) / 3.0) + np.diag(h[1:-1] / 6.0, 1) + np.diag(h[1:-1] / 6.0, -1)
-    )
-    right = np.zeros((n - 2, n))
-    for row in range(n - 2):
-        right[row, row] = 1.0 / h[row]
-        right[row, row + 1] = -1.0 / h[row] - 1.0 / h[row + 1]
-        right[row, row + 2] = 1.0 / h[row + 1]
-    second[1:-1] = np.linalg.solve(system, right)
-    return second
+def _natural_spline_curvature(knots: Float[AnyArray, " size"]) -> Float[AnyArray, "size size"]:
+    """Matrix from values at the knots to second derivatives there (zero at both ends).
+
+    The inner ones solve h[k-1] m[k-1] + 2 (h[k-1] + h[k]) m[k] + h[k] m[k+1] = 6 (slope[k] − slope[k-1]), which is
+    tridiagonal: eliminated from the first to the last, in NumPy for knots that are known.
+    """
+    xp = np if isinstance(knots, np.ndarray) else jnp
+    n, h = knots.shape[-1], knots[1:] - knots[:-1]
+    unit = xp.eye(n, dtype=knots.dtype)
+    slopes = (unit[1:] - unit[:-1]) / h[:, None]
+    pivots, right = [], []
+    for k in range(1, n - 1):
+        pivot, row = 2.0 * (h[k - 1] + h[k]), 6.0 * (slopes[k] - slopes[k - 1])
+        if pivots:
+            factor = h[k - 1] / pivots[-1]
+            pivot, row = pivot - factor * h[k - 1], row - factor * right[-1]
+        pivots.append(pivot)
+        right.append(row)
+    second = [xp.zeros(n, knots.dtype)]  # from the last to the first
+    for k in range(n - 2, 0, -1):
+        second.append((right[k - 1] - h[k] * second[-1]) / pivots[k - 1])
+    return xp.stack([xp.zeros(n, knots.dtype), *second[::-1]])
 
 
 class Curve(eqx.Module):
