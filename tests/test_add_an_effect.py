@@ -48,3 +48,9 @@ def test_the_tutorial_names_the_concealed_effect_and_predicts_the_unseen_recordi
         assert f"concealed-effect/{name}.png" in page
         checked_in = DOCS / "tutorials" / "concealed-effect" / f"{name}.png"
         assert 10_000 < checked_in.stat().st_size < 100_000
+
+
+@pytest.mark.slow
+def test_the_page_adds_an_estimator_that_is_calibrated_and_diagnosed():
+    lines = run_here(code("how-to/add-an-estimator.md"), seconds=300.0).splitlines()
+    assert lines == ["datum_z True", "True", "consistent"]

@@ -123,10 +123,9 @@ TOML = {
         "[device] grade: did you mean 'tactical'? it must be one of navigation, tactical, consumer; "
         "found 'tactial'.",
     ),
-    "unknown estimator": (
-        GOOD + '[model]\naccel_estimator = "invarient"\n',
-        "[model] accel_estimator: did you mean 'invariant'? it must be one of invariant, reference, "
-        "static, none; found 'invarient'.",
+    "number for an estimator": (
+        GOOD + "[model]\naccel_estimator = 3\n",
+        "[model] accel_estimator: expected text; found 3.",
     ),
     "estimator without its columns": (
         GOOD + '[model]\naccel_estimator = "reference"\n',

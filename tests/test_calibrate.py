@@ -200,7 +200,7 @@ REFUSED = {
     ),
     "unknown estimator": (
         ModelChoice(accel_estimator="magic"),
-        r"accel_estimator = 'magic' is not one of \['invariant', 'none', 'reference', 'static'\]",
+        r"accel_estimator = 'magic': it must be one of invariant, reference, static, none",
     ),
 }
 

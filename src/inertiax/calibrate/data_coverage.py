@@ -134,6 +134,8 @@ def rates(
         advice = None if fine else f"{name}: more tilts between rests, about all three axes."
         text = f"{name}: {count} motions between rests are used."
         return Finding("rates", FINE if fine else ATTENTION, text), advice
+    if estimate.dwells.reference_gyro is None:
+        return None, None
     known = np.asarray(estimate.dwells.reference_gyro)
     low, high = np.rad2deg(known.min(axis=0)), np.rad2deg(known.max(axis=0))
     lacking = [

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
-from ..estimators import AbstractEstimator
+from ..estimators import AbstractEstimator, ESTIMATORS
 from ..model_selection.select_model import choose_degree, ChosenModel, polynomial_basis
 from ..physics.temperature import AbstractBasis
 from ..procedure.convergence import convergence_rate, rate_warning
@@ -118,8 +118,8 @@ def require_observable(
 
 def rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:
     """The dwells an estimator may use: at rest, unless it has a reference for the motion."""
-    by_reference = {"accel": chosen.accel_estimator, "gyro": chosen.gyro_estimator}
-    if by_reference[triad] == "reference":
+    name = chosen.accel_estimator if triad == "accel" else chosen.gyro_estimator
+    if name is not None and ESTIMATORS[triad][name].by_reference:
         return dwells
     return dwells[rests_of(dwells, triad)]
 

@@ -64,8 +64,9 @@ class DeviceTable(_Strict, frozen=True):
 class ModelTable(_Strict, frozen=True):
     """The model the user means to fit."""
 
-    accel_estimator: Literal["invariant", "reference", "static", "none"] | None = None
-    gyro_estimator: Literal["reference", "gravity", "static", "none"] | None = None
+    # Names of `estimators.ESTIMATORS`, or "none"; checked where the model is chosen, since users may add their own.
+    accel_estimator: str | None = None
+    gyro_estimator: str | None = None
     g_sensitivity: bool | None = None
     temperature_degree: int | None = None
     together: bool | None = None

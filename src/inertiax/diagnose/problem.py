@@ -70,7 +70,7 @@ def rig_variance(
     num = blocks.num_blocks
     made = [np.zeros(num) for _ in base.observed]
     angle, rate = campaign.rig.position_uncertainty or 0.0, campaign.rig.rate_uncertainty or 0.0
-    if form.estimator == "reference":
+    if form.by_reference:
         given = getattr(blocks, f"reference_{form.triad}")
         square = rig_covariance(given, angle, rate if form.triad == "gyro" else 0.0)
         made = [square[:, c, c] for c in range(3)]
@@ -205,7 +205,7 @@ def prepare_triad(
         rig_variance(campaign, form, blocks, base),
         probe_error(campaign, signal, blocks, base),
     )
-    if form.estimator == "reference":
+    if form.by_reference:
         rate = (campaign.rig.rate_uncertainty or 0.0) if form.triad == "gyro" else 0.0
         reading = getattr(blocks, f"reference_{form.triad}")
         system = share(system, blocks, reading, campaign.rig.position_uncertainty or 0.0, rate)

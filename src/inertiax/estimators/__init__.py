@@ -1,4 +1,7 @@
-"""Estimators: one residual function each. To add one, write a file and list it in `ESTIMATORS`."""
+"""Estimators: one residual function each. To add one, write a file and list it in `ESTIMATORS`.
+
+A user's own is added from outside by `ESTIMATORS["accel"]["name"] = Class`; from then on `[model]` may ask for it.
+"""
 
 from .base import AbstractEstimator as AbstractEstimator, NOMINAL_SIGMA as NOMINAL_SIGMA
 from .gravity_rotation import GravityRotation as GravityRotation
@@ -11,7 +14,7 @@ from .static import StaticAccel as StaticAccel, StaticGyro as StaticGyro
 
 
 # Names of `[model]` in campaign.toml, by triad.
-ESTIMATORS = {
+ESTIMATORS: dict[str, dict[str, type[AbstractEstimator]]] = {
     "accel": {"invariant": Invariant, "reference": ReferenceAccel, "static": StaticAccel},
     "gyro": {"reference": ReferenceGyro, "gravity": GravityRotation, "static": StaticGyro},
 }

@@ -7,7 +7,7 @@ stages combine (equation 6, block 5).
 """
 
 import abc
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -26,6 +26,12 @@ class AbstractEstimator(eqx.Module, Generic[Errors]):
     """Interface of the estimators; each states its gauge (what stays unobservable) in its docs."""
 
     triad: eqx.AbstractClassVar[str]  # "accel", "gyro" or "imu"
+    by_reference: ClassVar[bool] = (
+        False  # its rows need what an ideal triad reads, in motion as well
+    )
+    by_magnitude: ClassVar[bool] = (
+        False  # one row a dwell, of the magnitude, instead of one a channel
+    )
     scatter: eqx.AbstractVar[Scalar]  # extra 1-sigma of every dwell, m/s² or rad/s
 
     @property

@@ -35,6 +35,7 @@ class Invariant(AbstractEstimator[AccelerometerErrors]):
     """‖compensated output‖ = g at rest; bias (3) and lower-triangular Γ (6). See the module."""
 
     triad: ClassVar[str] = "accel"
+    by_magnitude: ClassVar[bool] = True
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s²
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma

@@ -25,6 +25,7 @@ class ReferenceAccel(AbstractEstimator[AccelerometerErrors]):
     """Outputs against `reference_accel`; bias (3) and full Γ (9). See the module."""
 
     triad: ClassVar[str] = "accel"
+    by_reference: ClassVar[bool] = True
 
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas

@@ -28,6 +28,7 @@ class ReferenceGyro(AbstractEstimator[GyroErrors]):
     """Outputs against `reference_gyro`; bias (3), full Θ (9), optionally D (9). See the module."""
 
     triad: ClassVar[str] = "gyro"
+    by_reference: ClassVar[bool] = True
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma

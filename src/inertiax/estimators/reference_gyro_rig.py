@@ -36,6 +36,7 @@ class ReferenceGyroRig(AbstractEstimator[GyroErrors]):
     """
 
     triad: ClassVar[str] = "gyro"
+    by_reference: ClassVar[bool] = True
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s²
     rate_uncertainty: Scalar = eqx.field(converter=as_array)  # σ_s, relative

@@ -1,12 +1,13 @@
 """Which model to fit, from what the user asked for and which columns there are; said in words."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ..data.formats.columns import nearest
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
@@ -151,14 +152,10 @@ def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | Non
         asked = "reference" if has("reference_accel") else "invariant"
         because = "there is" if asked == "reference" else "there is no"
         reasons.append(f"accelerometers: '{asked}' because {because} reference_accel")
-    if asked not in ESTIMATORS["accel"]:
+    _require_known("accel", asked, where)
+    if ESTIMATORS["accel"][asked].by_reference and not has("reference_accel"):
         raise ValueError(
-            f"{where} accel_estimator = {asked!r} is not one of "
-            f"{sorted([*ESTIMATORS['accel'], NOT_CALIBRATED])}."
-        )
-    if asked == "reference" and not has("reference_accel"):
-        raise ValueError(
-            f"{where} accel_estimator = 'reference' needs the columns reference_accel_x/y/z; "
+            f"{where} accel_estimator = {asked!r} needs the columns reference_accel_x/y/z; "
             f"without them use 'invariant'."
         )
     return asked
@@ -184,14 +181,10 @@ def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[
             "gyros: 'static' because there are neither reference_gyro nor calibrated accel"
         )
         return "static"
-    if asked not in ESTIMATORS["gyro"]:
+    _require_known("gyro", asked, where)
+    if ESTIMATORS["gyro"][asked].by_reference and not has("reference_gyro"):
         raise ValueError(
-            f"{where} gyro_estimator = {asked!r} is not one of "
-            f"{sorted([*ESTIMATORS['gyro'], NOT_CALIBRATED])}."
-        )
-    if asked == "reference" and not has("reference_gyro"):
-        raise ValueError(
-            f"{where} gyro_estimator = 'reference' needs the columns reference_gyro_x/y/z; "
+            f"{where} gyro_estimator = {asked!r} needs the columns reference_gyro_x/y/z; "
             f"without them use 'gravity' or 'static'."
         )
     if asked == "gravity" and accel is None:
@@ -200,6 +193,15 @@ def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[
             f"'static'."
         )
     return asked
+
+
+def _require_known(triad: str, asked: str, where: str) -> None:
+    """Raise `ValueError` where `[model]` names no estimator of the triad."""
+    names = [*ESTIMATORS[triad], NOT_CALIBRATED]
+    if asked not in names:
+        raise ValueError(
+            f"{where} {triad}_estimator = {asked!r}: {nearest(asked, names)}it must be one of {', '.join(names)}."
+        )
 
 
 def settle_accel(
@@ -350,18 +352,26 @@ def build_estimators(
     chosen: ChosenModel, gravity: float, dwells: Dwells, *, robust: float | None
 ) -> tuple[AbstractEstimator | None, AbstractEstimator | None]:
     """The estimators of the chosen model, for accelerometers and gyros."""
-    accel: AbstractEstimator | None = None
-    gyro: AbstractEstimator | None = None
-    if chosen.accel_estimator is not None:
-        cls = ESTIMATORS["accel"][chosen.accel_estimator]
-        if chosen.accel_estimator == "invariant":
-            accel = cls(gravity=gravity, robust=robust, misalignments=chosen.accel_misalignments)
-        elif chosen.accel_estimator == "static":
-            mean = np.mean(np.asarray(dwells.accel), axis=0)
-            accel = cls(nominal=jnp.asarray(mean), robust=robust)
-        else:
-            accel = cls(robust=robust)
-    if chosen.gyro_estimator is not None:
-        cls = ESTIMATORS["gyro"][chosen.gyro_estimator]
-        gyro = cls(gravity=gravity, g_sensitivity=chosen.g_sensitivity, robust=robust)
-    return accel, gyro
+    mean = None if dwells.accel is None else np.mean(np.asarray(dwells.accel), axis=0)
+    settings = {
+        "gravity": gravity,
+        "robust": robust,
+        "misalignments": chosen.accel_misalignments,
+        "nominal": None if mean is None else jnp.asarray(mean),
+        "g_sensitivity": chosen.g_sensitivity,
+    }
+    return (
+        _built("accel", chosen.accel_estimator, settings),
+        _built("gyro", chosen.gyro_estimator, settings),
+    )
+
+
+def _built(
+    triad: str, name: str | None, settings: Mapping[str, object]
+) -> AbstractEstimator | None:
+    """An estimator of a triad from those of the settings that it has fields for."""
+    if name is None:
+        return None
+    cls = ESTIMATORS[triad][name]
+    fields = {field.name for field in dataclasses.fields(cls)}
+    return cls(**{key: value for key, value in settings.items() if key in fields})

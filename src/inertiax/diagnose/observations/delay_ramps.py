@@ -73,7 +73,7 @@ def find_delay(log: Log, base: CalibratedTriad) -> Delay | None:
     """The delay of a triad that has a reference; `None` where the log holds too few ramps or too coarse ones."""
     triad = base.form.triad
     given, output = getattr(log, f"reference_{triad}"), getattr(log, triad)
-    if base.form.estimator != "reference" or given is None or log.step > SLOWEST:
+    if not base.form.by_reference or given is None or log.step > SLOWEST:
         return None
     ramps = _ramps(log, given)
     if len(ramps) < FEWEST:

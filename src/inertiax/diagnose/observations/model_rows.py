@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..._typing import AnyArray
 from ...calibrate.results import DeviceResult, TriadResult
-from ...estimators import AbstractEstimator, GravityRotation, size_effect, StaticGyro
+from ...estimators import AbstractEstimator, ESTIMATORS, GravityRotation, size_effect, StaticGyro
 from ...physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
 from ...physics.temperature import Polynomial
 from ...procedure.single_device import linearise
@@ -35,6 +35,16 @@ class ModelForm(eqx.Module):
     low: float = eqx.field(static=True)  # °C
     high: float = eqx.field(static=True)
     gravity: float = eqx.field(static=True)  # m/s²
+
+    @property
+    def by_reference(self) -> bool:
+        """Whether its rows need what an ideal triad reads."""
+        return ESTIMATORS[self.triad][self.estimator].by_reference
+
+    @property
+    def by_magnitude(self) -> bool:
+        """Whether its rows are of |a|, one chain, instead of one a channel."""
+        return ESTIMATORS[self.triad][self.estimator].by_magnitude
 
     @property
     def matrix(self) -> tuple[tuple[int, int], ...]:
@@ -131,7 +141,7 @@ def _of_rests(estimator: AbstractEstimator) -> AbstractEstimator:
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
     """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests."""
-    if form.estimator == "reference":
+    if form.by_reference:
         return np.ones(blocks.num_blocks, bool)
     return ~blocks.moving
 
@@ -168,7 +178,7 @@ def expected_output(
     Γ is that of the blocks' mean temperature: its change over temperature moves nothing within a block.
     """
     given = getattr(log, f"reference_{model.form.triad}")
-    if model.form.estimator != "reference" or given is None:
+    if not model.form.by_reference or given is None:
         return None
     basis = model.form.basis(blocks.temperature, blocks.num_blocks).mean(axis=0, keepdims=True)
     _, (matrix,) = errors_at(model.form, model.coefficients, basis)
@@ -203,7 +213,7 @@ def rows(
     form = model.form
     basis = form.basis(blocks.temperature, blocks.num_blocks)
     dwells = _as_dwells(form, blocks, force)
-    if form.estimator == "invariant":
+    if form.by_magnitude:
         return _invariant_rows(model, blocks, basis, dwells)
     misfit, jacobian = _linearised(model, basis, dwells)
     given = getattr(blocks, f"reference_{form.triad}")

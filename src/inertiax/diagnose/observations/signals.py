@@ -80,12 +80,12 @@ def specific_force(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> n
         return log.reference_accel / np.linalg.norm(log.reference_accel, axis=1).mean()
     if log.accel is None:
         return upright_axis(log)
-    if accel is not None and accel.form.estimator == "invariant":
+    if accel is not None and accel.form.by_magnitude:
         basis = accel.form.basis(log.temperature, len(log.time))
         force = compensated(accel.form, accel.coefficients, basis, log.accel) / accel.form.gravity
     else:
         force = log.accel / np.median(np.linalg.norm(log.accel[blocks.start], axis=1))
-    unit = accel is not None and accel.form.estimator == "invariant"
+    unit = accel is not None and accel.form.by_magnitude
     return _steady(force, blocks, unit)
 
 
