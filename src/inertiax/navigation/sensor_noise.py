@@ -133,11 +133,12 @@ class SensorNoise(eqx.Module):
         """Flicker in equilibrium, the walk at zero."""
         key, first, second = jax.random.split(key, 3)
         count = 0 if self.term("B") is None else len(self.time_constants)
-        markov = jax.random.normal(first, (count, 6))
+        zero, kind = jnp.zeros((), jnp.int32), jnp.result_type(float)
+        markov = jnp.zeros((0, 6))
         if count:
-            markov = markov * self._flicker_sigma()
-        last = jax.random.normal(second, (6,))
-        drawn = self._draw(key, jnp.zeros((), jnp.int32), bool(count))
+            markov = jnp.stack(normals(first, zero, count, 6)).astype(kind) * self._flicker_sigma()
+        last = normals(second, zero, 1, 6)[0].astype(kind)
+        drawn = self._draw(key, zero, bool(count))
         return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")), drawn)
 
     def _draw(
