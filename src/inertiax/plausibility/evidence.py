@@ -91,8 +91,10 @@ def means(
 ) -> Means:
     """Mean and standard deviation over each range of rows."""
     centre = np.median(values, axis=0) if len(values) else np.zeros(3)
-    sums = np.cumsum(np.pad(values - centre, ((1, 0), (0, 0))), axis=0)
-    squares = np.cumsum(np.pad((values - centre) ** 2, ((1, 0), (0, 0))), axis=0)
+    apart = values - centre
+    sums, squares = np.zeros((2, len(values) + 1, 3))
+    np.cumsum(apart, axis=0, out=sums[1:])
+    np.cumsum(np.square(apart), axis=0, out=squares[1:])
     count = (stop - start)[:, None]
     mean = (sums[stop] - sums[start]) / count
     spread = (squares[stop] - squares[start]) / count - mean**2

@@ -75,7 +75,8 @@ def _off(means: np.ndarray, near: int) -> np.ndarray:
             part = np.partition(windows[a : a + _TOGETHER], near, axis=2)
             medians[near + a : near + a + len(part)] = part[:, :, near]
     for k in sorted({*range(count)} - {*inner}):
-        medians[k] = np.median(means[max(k - near, 0) : k + near + 1], axis=0)
+        around = np.sort(means[max(k - near, 0) : k + near + 1], axis=0)
+        medians[k] = 0.5 * (around[(len(around) - 1) // 2] + around[len(around) // 2])
     return np.abs(means - medians)
 
 

@@ -125,14 +125,15 @@ def _window_moments(
 ) -> tuple[Float[np.ndarray, "time 3"], Float[np.ndarray, " time"]]:
     """Mean and variance (summed over axes) in the window centred on each sample."""
     centre = np.median(x, axis=0)
-    sums = np.cumsum(np.pad(x - centre, ((1, 0), (0, 0))), axis=0)
-    squares = np.cumsum(np.pad((x - centre) ** 2, ((1, 0), (0, 0))), axis=0)
+    apart = x - centre
+    sums, squares = np.zeros((2, len(x) + 1, x.shape[1]))
+    np.cumsum(apart, axis=0, out=sums[1:])
+    np.cumsum(np.square(apart), axis=0, out=squares[1:])
     mean = (sums[width:] - sums[:-width]) / width
     spread = ((squares[width:] - squares[:-width]) / width - mean**2).sum(axis=1)
-    before = width // 2
-    after = len(x) - len(mean) - before
-    mean = np.pad(mean + centre, ((before, after), (0, 0)), mode="edge")
-    return mean, np.pad(np.maximum(spread, 0.0), (before, after), mode="edge")
+    # Windows that would pass an end say what the last one inside says.
+    inside = np.clip(np.arange(len(x)) - width // 2, 0, len(mean) - 1)
+    return (mean + centre)[inside], np.maximum(spread, 0.0)[inside]
 
 
 def _quietest(spread: Float[np.ndarray, " time"]) -> float:

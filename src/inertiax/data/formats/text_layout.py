@@ -82,6 +82,8 @@ def fields(line: str, delimiter: str) -> list[str]:
     """The fields of one line, without the blanks around them."""
     if delimiter == " ":
         return line.split()
+    if line and '"' not in line:  # without quotes a reader of CSV does the same, ten times slower
+        return [f.strip() for f in line.split(delimiter)]
     return [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
 
 
