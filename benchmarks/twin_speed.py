@@ -13,9 +13,9 @@ Measured on two cores of a shared AMD EPYC with JAX 0.10.2, before and after the
     N            4.1 → 1.2             2.7e6 → 5.4e6
     N, B and K   7.8 → 1.9             0.9e6 → 1.7e6
 
-Asked were 5 µs in `scan` and 10⁷ a second under `vmap`, which two cores of their own reach with white noise and not with
-flicker: its ten processes are ten numbers an axis to carry, and it takes four normal numbers an axis instead of one. Of
-the first line most is the error model of each device at each sample's temperature.
+Asked were 5 µs in `scan` and 10⁷ a second under `vmap`: with white noise it takes two cores of their own, with flicker
+six. Flicker's ten processes are ten numbers an axis to carry, and it takes four normal numbers an axis instead of one.
+Of the first line most is the error model of each device at each sample's temperature.
 """
 
 import argparse
