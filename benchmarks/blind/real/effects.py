@@ -1,6 +1,6 @@
 """Effects to hide in real logs: what each adds to one channel for a size of one, in closed form.
 
-The drivers are the log's own outputs, which differ from the truth by a percent or two. An effect is a function of a
+The specific force is the log's own, by the usual model's fit where there is one. An effect is a function of a
 `Drive` and the channel's axis; it is used twice, on means of rests (to size it) and on every row (to inject it).
 """
 
@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from scipy.signal import lfilter
 
 
 G = 9.80665
@@ -67,6 +68,34 @@ BY_TIME: dict[str, Shape] = {"bias_step": _step, "drift": _drift, "warm_up": _wa
 BY_TEMPERATURE: dict[str, Shape] = {"temperature_rate": _rate}
 
 
+def _products(d: Drive, axis: int) -> list[np.ndarray]:
+    i, (p, o) = d.force[:, axis], _others(d.force, axis)
+    return [i * p, i * o, p * o]
+
+
+def _memory(d: Drive, axis: int) -> list[np.ndarray]:
+    """What a temperature leaves behind: its rate, four lags behind it, and its branch."""
+    assert d.temperature is not None and d.temperature_rate is not None
+    columns = [d.temperature_rate, np.sign(d.temperature_rate)]
+    for part in (0.003, 0.01, 0.03, 0.1):
+        share = float(np.median(np.diff(d.time))) / (part * d.length)
+        columns.append(lfilter([share], [1.0, share - 1.0], d.temperature - d.temperature[0]))
+    return columns
+
+
+# Effects of several columns, to confirm a name with: all of them at once.
+WHOLE: dict[str, Callable[[Drive, int], list[np.ndarray]]] = {
+    "g_sensitivity": lambda d, i: list(d.force.T),
+    "g2_sensitivity": lambda d, i: [
+        d.force[:, a] * d.force[:, b] for a in range(3) for b in range(a + 1)
+    ][:-1],
+    "cross_coupling": _products,
+}
+WHOLE_OF_TEMPERATURE = dict.fromkeys(
+    ("temperature_rate", "thermal_lag", "thermal_hysteresis", "warm_up"), _memory
+)
+
+
 def menu(log, triad: str) -> dict[str, Shape]:
     """The effects that make sense in a log."""
     if not log.one_pose:
@@ -75,7 +104,7 @@ def menu(log, triad: str) -> dict[str, Shape]:
     return BY_TIME | (BY_TEMPERATURE if swing > 10.0 else {})
 
 
-def drive(log, moment: float) -> Drive:
+def drive(log, moment: float, force: np.ndarray) -> Drive:
     """The drivers of every row of a log."""
     time = log.time - log.time[0]
     rate = None
@@ -84,10 +113,14 @@ def drive(log, moment: float) -> Drive:
         n = max(int(60.0 / step), 5) | 1
         smooth = np.convolve(np.pad(log.temperature, n // 2, mode="edge"), np.ones(n) / n, "valid")
         rate = 60.0 * np.gradient(smooth, time)
-    return Drive(time, float(time[-1]), log.accel / G, log.temperature, rate, moment)
+    return Drive(time, float(time[-1]), force, log.temperature, rate, moment)
 
 
 def over_rests(d: Drive, shape: Shape, axis: int, rests) -> np.ndarray:
     """Means of a shape over rests."""
-    full = shape(d, axis)
-    return np.array([full[a:b].mean() for a, b in zip(rests.first, rests.last, strict=True)])
+    return means(shape(d, axis), rests)
+
+
+def means(values: np.ndarray, rests) -> np.ndarray:
+    """Means of a column over rests."""
+    return np.array([values[a:b].mean() for a, b in zip(rests.first, rests.last, strict=True)])

@@ -23,6 +23,7 @@ import rests
 
 Z_VALUES = (12.0, 16.0, 24.0)
 NO_REST = {"accel": 0.05, "gyro": 0.02}  # m/s², rad/s: a log that the hand never lets rest
+FEWEST_BLOCKS = 30  # of a log of one pose: fewer do not tell how slow its noise is
 LEAST_SHOWN = 0.2  # of an effect's size that the model's parameters do not imitate
 
 
@@ -72,11 +73,13 @@ def hide(
     base = regression.baseline(log, found, triad, axis)
     if name not in menu or base is None or np.median(np.abs(base.sigma)) > NO_REST[triad]:
         return None
+    if log.one_pose and len(found.time) < FEWEST_BLOCKS:
+        return None
     inner = found.time[len(found.time) // 4 : 3 * len(found.time) // 4]
     moment = float(rng.choice(inner)) + 0.5 * float(np.median(np.diff(found.time)))
-    drive = effects.drive(log, moment)
+    drive = regression.drive(log, found, moment)
     shown = effects.over_rests(drive, menu[name], axis, found)
-    _, _, unit = regression.stands_out(base, shown, axis)
+    unit = regression.smallest(base, shown, axis, rng)
     whole = np.sqrt(np.sum((base.direction[:, axis] * (shown - shown.mean()) / base.sigma) ** 2))
     if not np.isfinite(unit) or 1.0 / unit < LEAST_SHOWN * whole:
         return None

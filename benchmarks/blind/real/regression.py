@@ -10,6 +10,7 @@ import dataclasses
 import effects
 import numpy as np
 import rests as rests_module
+import scipy.stats
 from scipy.optimize import least_squares
 
 
@@ -24,7 +25,8 @@ class Baseline:
     direction: np.ndarray  # (rest, 3): how much of an addition to each channel shows
     columns: np.ndarray  # (rest, parameter)
     sigma: np.ndarray  # of each residual
-    one_channel: bool  # residuals of one channel in the order of time
+    one_channel: bool = False  # residuals of one channel in the order of time
+    fit: np.ndarray | None = None  # bias (3) and lower triangle (6) of the invariant fit
 
 
 def accel_by_gravity(r: rests_module.Rests, gravity: float) -> Baseline | None:
@@ -44,7 +46,19 @@ def accel_by_gravity(r: rests_module.Rests, gravity: float) -> Baseline | None:
     matrix, force = shape(fit.x)
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
     spread = np.sqrt(max(2 * fit.cost / (len(r.time) - 9), 1.0))
-    return Baseline(fit.fun * noise, up @ matrix, fit.jac * noise[:, None], spread * noise, False)
+    return Baseline(
+        fit.fun * noise, up @ matrix, fit.jac * noise[:, None], spread * noise, False, fit.x
+    )
+
+
+def drive(log, r: rests_module.Rests, moment: float) -> effects.Drive:
+    """The drivers of every row, with the force by the invariant fit where the log has one."""
+    base = None if log.one_pose else accel_by_gravity(r, log.gravity)
+    if base is None or base.fit is None:
+        return effects.drive(log, moment, log.accel / effects.G)
+    matrix = np.eye(3)
+    matrix[np.tril_indices(3)] += base.fit[3:]
+    return effects.drive(log, moment, (log.accel - base.fit[:3]) @ matrix.T / effects.G)
 
 
 def constant(values: np.ndarray, noise: np.ndarray, r: rests_module.Rests, axis: int) -> Baseline:
@@ -99,9 +113,49 @@ def stands_out(base: Baseline, added: np.ndarray, axis: int) -> tuple[float, flo
     return estimate, spread / np.sqrt(information), 1.0 / np.sqrt(information)
 
 
+def smallest(
+    base: Baseline, added: np.ndarray, axis: int, rng: np.random.Generator, draws: int = 200
+) -> float:
+    """Standard deviation of an effect's estimated size in the log as it is.
+
+    Where rows follow one another in one channel, noise of the residuals' own spectrum is drawn by turning the phases of
+    its Fourier components: slow noise makes slow effects uncertain.
+    """
+    _, _, unit = stands_out(base, added, axis)
+    if not base.one_channel or not np.isfinite(unit):
+        return unit
+    flat = dataclasses.replace(base, sigma=np.ones_like(base.sigma))
+    spectrum = np.fft.rfft(base.residual)
+    sizes = []
+    for _ in range(draws):
+        turned = spectrum * np.exp(2j * np.pi * rng.random(len(spectrum)))
+        noise = np.fft.irfft(turned, n=len(base.residual))
+        sizes.append(stands_out(dataclasses.replace(flat, residual=noise), added, axis)[0])
+    return max(float(np.std(sizes)), unit / _correlation_factor(base.residual / base.sigma))
+
+
+def whole(base: Baseline, columns: list[np.ndarray], axis: int) -> float:
+    """By how many standard deviations several columns stand out together: Fisher's test as a normal deviate."""
+    fixed = base.columns / base.sigma[:, None]
+    off = lambda x: x - fixed @ np.linalg.lstsq(fixed, x, rcond=None)[0]
+    seen = off(np.stack(columns, axis=1) * (base.direction[:, axis] / base.sigma)[:, None])
+    y = base.residual / base.sigma
+    solution, _, rank, _ = np.linalg.lstsq(seen, y, rcond=1e-6)
+    left = y - seen @ solution
+    freedom = len(y) - fixed.shape[1] - rank
+    if rank == 0 or freedom < 1:
+        return 0.0
+    slow = (
+        _correlation_factor(left) ** 2 if base.one_channel else 1.0
+    )  # so many rows tell as much as one
+    ratio = (y @ y - left @ left) / rank / (left @ left / freedom) / slow
+    chance = max(float(scipy.stats.f.sf(ratio, rank, max(freedom / slow, 1.0))), 1e-300)
+    return float(scipy.stats.norm.isf(0.5 * chance))
+
+
 def all_effects(log, r: rests_module.Rests, triad: str) -> list[tuple[str, int, float, float]]:
     """(effect, axis, z, size) of everything on the menu, for the log as it is; steps at their best moment."""
-    found = []
+    found, at_start = [], drive(log, r, 0.0)
     for axis in range(3):
         base = baseline(log, r, triad, axis)
         if base is None:
@@ -110,9 +164,16 @@ def all_effects(log, r: rests_module.Rests, triad: str) -> list[tuple[str, int, 
             moments = r.time[1:-1] if name == "bias_step" else r.time[:1]
             best = (0.0, 0.0)
             for moment in moments:
-                d = effects.drive(log, float(moment))
+                d = dataclasses.replace(at_start, moment=float(moment))
                 size, sigma, _ = stands_out(base, effects.over_rests(d, shape, axis, r), axis)
                 if np.isfinite(sigma) and abs(size / sigma) > abs(best[0]):
                     best = (size / sigma, size)
             found.append((name, axis, *best))
+        swing = 0.0 if r.temperature is None else float(np.ptp(r.temperature))
+        together = {} if log.one_pose else effects.WHOLE
+        together = together | (effects.WHOLE_OF_TEMPERATURE if swing > _CUBIC_FROM else {})
+        for name, shapes in together.items():
+            columns = shapes(at_start, axis)
+            means = [effects.means(c, r) for c in columns]
+            found.append((name, axis, whole(base, means, axis), float("nan")))
     return found

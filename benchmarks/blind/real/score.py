@@ -62,14 +62,12 @@ def as_they_are(runs: Path, known: list[logs.Log]) -> None:
         seen = rests.find(log)
         for triad in ("accel", "gyro"):
             for name, axis, value, _ in regression.all_effects(log, seen, triad):
-                z[name, f"{triad}_{'xyz'[axis]}"] = value
+                key = name, f"{triad}_{'xyz'[axis]}"
+                z[key] = max(abs(value), z.get(key, 0.0))
         said, right = [], found["verdict"] != "unexplained"
         for effect in found["effects"]:
             pairs = [
-                (abs(z[n, c]), n)
-                for n in names_of(effect)
-                for c in effect["channels"]
-                if (n, c) in z
+                (z[n, c], n) for n in names_of(effect) for c in effect["channels"] if (n, c) in z
             ]
             best = max(pairs, default=None)
             confirmed = best is not None and best[0] >= CONFIRMED

@@ -206,11 +206,25 @@ def run_diagnosis(
 
 
 def find_all(triads: Sequence[Prepared], grade: str | None, progress: Progress) -> list[Finding]:
-    """Every triad's finding; what one remembers of temperature is looked for on the next."""
+    """Every triad's finding; what one remembers of temperature is looked for on the next.
+
+    A hand that disturbs a rest holds both triads: what one finds beside rests that the other left out, it is asked
+    again without them.
+    """
     made: list[Finding] = []
     for prepared in triads:
         hint = made[-1].answer.remembered if made else None
         made.append(find(prepared, grade, progress, hint))
+    for k, (prepared, found) in enumerate(zip(triads, made, strict=True)):
+        others = [d for j, other in enumerate(made) if j != k for d in other.left_out]
+        touched = single_rests.within(prepared, others)
+        if found.verdict == "consistent" or prepared.only is None or not single_rests.few(touched):
+            continue
+        progress(
+            f"{prepared.form.triad}: again without the rests that stand out in the other triad"
+        )
+        again = find(prepared.only(~touched), grade, progress, found.answer.remembered)
+        made[k] = replace(again, left_out=(*others, *again.left_out))
     return made
 
 
@@ -235,10 +249,8 @@ def find(
         kept[np.flatnonzero(kept)[marked]] = False
         if not marked.any():
             break
-        if not single_rests.few(
-            ~kept
-        ):  # no exceptions any more; that something shook is still no physics
-            return replace(first, bursts=())
+        if not single_rests.few(~kept):
+            return replace(first, bursts=())  # no exceptions any more
         progress(f"{now.form.triad}: again without what single rests show alone")
         made, bursts = find_once(prepared.only(kept), grade, progress, hint)
     return replace(made, bursts=(), left_out=single_rests.left_out(prepared, ~kept))

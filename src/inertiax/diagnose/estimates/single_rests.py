@@ -79,6 +79,19 @@ def left_out(prepared: Prepared, marked: Bool[np.ndarray, " block"]) -> tuple[Di
     return tuple(made)
 
 
+def within(prepared: Prepared, stretches: Sequence[Disturbance]) -> Bool[np.ndarray, " block"]:
+    """Blocks that lie, in part, in stretches of their recording."""
+    marked = np.zeros(prepared.blocks.num_blocks, bool)
+    log, blocks = prepared.log, prepared.blocks
+    if log is None or not stretches:
+        return marked
+    names = np.array(log.names)[log.recording[blocks.start]]
+    begin, end = log.clock[blocks.start], log.clock[blocks.stop - 1]
+    for stretch in stretches:
+        marked |= (names == stretch.recording) & (begin <= stretch.end) & (end >= stretch.start)
+    return marked
+
+
 def searched(prepared: Prepared) -> bool:
     """Whether rests were found in the data, so that handling is what disturbs them."""
     return prepared.log is not None and prepared.log.searched
