@@ -353,3 +353,14 @@ def test_a_log_that_is_none_is_refused_in_a_line(tmp_path, capfd):
     status, said = run(["init", tmp_path / "a.csv"], capfd)
     assert status == 1 and said.err.count("\n") == 1 and "no column of numbers" in said.err
     assert not (tmp_path / "campaign.toml").exists()
+
+
+def test_gravity_tells_the_accelerometers_where_their_names_do_not(tmp_path):
+    """`tx ty tz` of a public log over ROS; a magnetometer's and a quaternion's columns stand beside it."""
+    field = Rotation.from_rotvec(np.linspace(0, 3, len(TIME))[:, None] * [0.2, 1.0, 0.3]).as_quat()
+    columns = table(TIME, ACCEL, GYRO, ("time", "tx", "ty", "tz", "wx", "wy", "wz"))
+    columns |= dict(zip(("mx", "my", "mz"), 0.4 * field[:, :3].T, strict=True))
+    columns |= dict(zip(("qx", "qy", "qz", "qw"), field.T, strict=True))
+    _, tables = drafted(tmp_path, text(columns))
+    assert tables["columns"]["accel"] == {"names": ["tx", "ty", "tz"], "unit": "m/s^2"}
+    assert tables["columns"]["gyro"] == {"names": ["wx", "wy", "wz"], "unit": "rad/s"}

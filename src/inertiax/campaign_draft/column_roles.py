@@ -22,6 +22,9 @@ _TIME = re.compile(
 )
 _TEMPERATURE = re.compile(r"temp|^tmp|°c|^t_?c$", re.IGNORECASE)
 _UNIT = re.compile(r"[\[(].*")
+# Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
+_NEAR_GRAVITY = 1.0  # m/s²
+_STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
 _POSITION = re.compile(r"^(?:position|pose)(?:_?(?:id|number|index))?$", re.IGNORECASE)
 
 
@@ -76,6 +79,7 @@ def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
 def _by_name(log: RawLog) -> Roles:
     triads = triads_by_name(log.names)
     kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
+    unnamed: list[tuple[str, str, str]] = []
     for triad in triads:
         first = _UNIT.sub("", triad[0]).strip().split("/")[-1]
         if _NEITHER.search(first):
@@ -84,7 +88,15 @@ def _by_name(log: RawLog) -> Roles:
             kinds["gyro"].append(triad)
         elif _ACCEL.search(first) or first.lower() in ("x", "x-axis"):
             kinds["accel"].append(triad)
+        else:
+            unnamed.append(triad)
+    by_norm = [t for t in unnamed if not kinds["accel"] and _is_specific_force(log, t)]
+    kinds["accel"] += by_norm[:1]
     notes = [
+        f"{t[0]}, {t[1]}, {t[2]}: taken for the accelerometers, because their norm is that of gravity"
+        for t in by_norm[:1]
+    ]
+    notes += [
         f"{t[0]}, {t[1]}, {t[2]}: a further {kind} triad, left aside"
         for kind, found in kinds.items()
         for t in found[1:]
@@ -146,6 +158,16 @@ def _is_clock(values: Float[np.ndarray, " rows"]) -> bool:
 def _is_counter(values: Float[np.ndarray, " rows"]) -> bool:
     """Row numbers: whole, one apart."""
     return len(values) > 1 and bool(np.all(np.diff(values) == 1.0))
+
+
+def _is_specific_force(log: RawLog, triad: tuple[str, str, str]) -> bool:
+    """Whether three columns have gravity's norm, m/s², nearly throughout."""
+    if any(n not in log.numbers for n in triad):
+        return False
+    norm = np.linalg.norm([log.numbers[n] for n in triad], axis=0)
+    return (
+        abs(float(np.nanmedian(norm)) - 9.8) < _NEAR_GRAVITY and _unsteadiness(log, triad) < _STEADY
+    )
 
 
 def _unsteadiness(log: RawLog, triad: tuple[str, str, str]) -> float:

@@ -341,7 +341,7 @@ def conclude_findings(
         for burst in finding.bursts:
             places = burst_places(prepared, burst)
             where.extend(places)
-            empirical.append(burst.formula(places[0].start, places[-1].end))
+            empirical.append(burst.formula(places[0].start, places[-1].end, prepared.clock[0]))
         qualities.append((finding, *_quality(prepared, answer, terms)))
         if answer.verdict != "unexplained":
             beside.append(_beside(prepared, stated, terms))

@@ -93,7 +93,7 @@ def _gaps(log: Log, steps: np.ndarray) -> list[Finding]:
             "note",
             "time",
             f"{log.name}: {len(gaps)} gap(s) in time of more than 20 usual steps ({log.step:.4g} s); the longest "
-            f"is {steps[widest]:.4g} s after row {widest} ({log.recording.time[widest]:.6g} s).",
+            f"is {steps[widest]:.4g} s after row {widest} ({log.moment(log.recording.time[widest])}).",
             gaps=len(gaps),
             longest=float(steps[widest]),
             row=widest,
@@ -120,7 +120,7 @@ def _restarts(log: Log, steps: np.ndarray) -> list[Finding]:
     ]
     if not jumps:
         return []
-    times = ", ".join(f"{log.recording.time[k]:.6g} s" for k in jumps[:4])
+    times = ", ".join(log.moment(log.recording.time[k]) for k in jumps[:4])
     return [
         finding(
             "restart",

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.formats.columns import ColumnMap
+from ..data.moments import moment
 from ..data.recording import Campaign, Recording, Site
 from ..data.settings import read_table
 from ..reduction.rests import usual_step
@@ -39,6 +40,10 @@ class Log:
     def name(self) -> str:
         """What a statement calls the recording."""
         return self.recording.name or "the recording"
+
+    def moment(self, seconds: float) -> str:
+        """A moment on the recording's clock, in words."""
+        return moment(float(seconds), float(self.recording.time[0]))
 
     @property
     def num_rests(self) -> int:

@@ -79,7 +79,7 @@ def _rest_name(device: DeviceLogs, place: tuple[int, int]) -> str:
     log = device.logs[place[0]]
     if log.num_rests == 1:
         return log.name
-    return f"{log.name} at {log.recording.time[log.start[place[1]]]:.6g} s"
+    return f"{log.name} at {log.moment(log.recording.time[log.start[place[1]]])}"
 
 
 def _named_otherwise(device: DeviceLogs, rests: list[tuple[int, int]], face: int) -> bool:

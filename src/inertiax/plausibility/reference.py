@@ -222,7 +222,7 @@ def _place(rows: _Rows, k: int) -> str:
     position = "" if recording.position is None else f", position {recording.position[row]}"
     several = len({log.name for log in rows.log}) > 1
     name = f"{rows.log[k].name}, " if several else ""
-    return f"{name}{recording.time[row]:.6g} s{position}"
+    return f"{name}{rows.log[k].moment(recording.time[row])}{position}"
 
 
 def _gravity(device: DeviceLogs, rows: _Rows, limits: Thresholds) -> list[Finding]:

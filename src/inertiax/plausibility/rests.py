@@ -153,7 +153,7 @@ def _spikes(log: Log, rests: list[_Rest]) -> list[Finding]:
     if not hit:
         return []
     spikes, knocks = sum(r.spikes for r in hit), sum(r.knocks for r in hit)
-    times = ", ".join(f"{r.start:.6g} s" for r in hit[:4])
+    times = ", ".join(log.moment(r.start) for r in hit[:4])
     parts = [f"{spikes} single samples far off"] if spikes else []
     parts += [f"{knocks} knocks"] if knocks else []
     return [
@@ -184,7 +184,7 @@ def _tilts(log: Log, rests: list[_Rest], limits: Thresholds) -> list[Finding]:
             "warning" if len(hit) > 0.03 * len(rests) else "note",
             "rests",
             f"{log.name}: gravity's direction creeps in {len(hit)} of {len(rests)} rests, by "
-            f"{np.degrees(worst.tilt):.2f}° in the one that begins at {worst.start:.6g} s: the device tilted "
+            f"{np.degrees(worst.tilt):.2f}° in the one that begins at {log.moment(worst.start)}: the device tilted "
             "slowly or slipped.",
             rests=len(hit),
             largest=worst.tilt,

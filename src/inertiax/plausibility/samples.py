@@ -77,7 +77,7 @@ def check_dropouts(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
                     "error" if name == "accel" and share > 0.05 else "warning",
                     name,
                     f"{log.name}: {count} rows of {name} are exactly zero (first in row {int(np.argmax(zero))}, "
-                    f"{log.recording.time[int(np.argmax(zero))]:.6g} s): dropped samples, not measurements. Take "
+                    f"{log.moment(log.recording.time[int(np.argmax(zero))])}): dropped samples, not measurements. Take "
                     "them out.",
                     rows=count,
                     share=share,
@@ -200,7 +200,7 @@ def _held(
         return []
     at = float(log.recording.time[edges[::2][np.argmax(edges[1::2] - edges[::2])]])
     text = (
-        f"{log.name}: {name} stands still for {longest} rows from {at:.6g} s: samples are held, not measured."
+        f"{log.name}: {name} stands still for {longest} rows from {log.moment(at)}: samples are held, not measured."
         if frozen
         else f"{log.name}: {share:.0%} of the rows of {name} repeat the row before in all three channels: samples "
         "are held, so that there are fewer than rows and their noise is not white."

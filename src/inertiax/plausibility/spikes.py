@@ -47,7 +47,7 @@ def _rows(values: Float[np.ndarray, "time 3"], least: float) -> Int[np.ndarray, 
 
 
 def _told(log: Log, name: str, rows: Int[np.ndarray, " spike"]) -> Finding:
-    times = ", ".join(f"{log.recording.time[k]:.6g} s" for k in rows[:4])
+    times = ", ".join(log.moment(log.recording.time[k]) for k in rows[:4])
     return finding(
         "spikes",
         "warning",

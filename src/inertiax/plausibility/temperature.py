@@ -108,7 +108,7 @@ def _rate(log: Log, probe: Float[np.ndarray, " time"], limits: Thresholds) -> li
             "temperature",
             "warning",
             "temperature",
-            f"{log.name}: the temperature changes by {rate[worst]:.3g} °C within a second (at {at:.6g} s); no "
+            f"{log.name}: the temperature changes by {rate[worst]:.3g} °C within a second (at {log.moment(at)}); no "
             "device does: a glitch of the probe, another unit, or raw counts.",
             rate=float(rate[worst]),
             time=at,
@@ -144,7 +144,8 @@ def _stuck(log: Log, probe: Float[np.ndarray, " time"]) -> list[Finding]:
             "warning",
             "temperature",
             f"{log.name}: the temperature stands still at {probe[edges[longest]]:.4g} °C for {holds[longest]} rows "
-            f"(from {start:.6g} s), although it changes every {np.mean(others):.3g} rows otherwise: the probe hangs.",
+            f"(from {log.moment(start)}), although it changes every {np.mean(others):.3g} rows otherwise: the probe "
+            "hangs.",
             rows=int(holds[longest]),
             time=start,
         )

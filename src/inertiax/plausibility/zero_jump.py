@@ -37,9 +37,9 @@ def _one(log: Log) -> list[Finding]:
             "restart",
             "warning",
             f"gyro_{AXES[axis]}",
-            f"{log.name}: the zero of gyro_{AXES[axis]} jumps by {jump:.3g} rad/s between {before:.6g} and "
-            f"{after:.6g} s and stays there ({usual:.2g} is usual from rest to rest): the device was restarted or "
-            "struck, or is another one since.",
+            f"{log.name}: the zero of gyro_{AXES[axis]} jumps by {jump:.3g} rad/s between {log.moment(before)} and "
+            f"{log.moment(after)} and stays there ({usual:.2g} is usual from rest to rest): the device was "
+            "restarted or struck, or is another one since.",
             jump=jump,
             usual=float(usual),
             time=float(before),

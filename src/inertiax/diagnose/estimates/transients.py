@@ -14,6 +14,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Float
 
+from ...data.moments import moment
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit
 from ..observations.blocks import block_mean
@@ -44,12 +45,13 @@ class Burst:
     p_value: float
     kind: str
 
-    def formula(self, start: float, end: float) -> str:
-        """The dependence in words with its size."""
+    def formula(self, start: float, end: float, first: float) -> str:
+        """The dependence in words with its size; `first` is the clock's time at the first row, s."""
         unit = "m/s^2" if self.channel.startswith("accel") else "rad/s"
+        begin, finish = (moment(round(t), round(first)) for t in (start, end))
         return (
-            f"{self.channel} carries a disturbance of {self.excess:.3g} {unit} rms from {start:.0f} s to "
-            f"{end:.0f} s ({self.kind})"
+            f"{self.channel} carries a disturbance of {self.excess:.3g} {unit} rms from {begin} to {finish} "
+            f"({self.kind})"
         )
 
 
