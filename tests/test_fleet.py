@@ -206,6 +206,12 @@ print(float(np.abs(fits[300].parameters[-3:] - last.parameters).max()))
     assert float(out) < 1e-14
 
 
+@pytest.fixture(scope="module")
+def line(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("line")
+    return folder, write_line(folder, 14)
+
+
 @pytest.mark.slow
 def test_raw_rows_to_calibrations_within_their_uncertainty(line, tmp_path):
     folder, truth = line

@@ -58,10 +58,8 @@ def solve_on_host(linearise: Linearise, start: Float[np.ndarray, " unknown"]) ->
             new = unknowns + step
             if small and damping == 0.0:
                 return HostSolution(new, taken, True)
-            next_design, next_residual = (
-                linearise(new) if _finite(new) else (design, np.inf * residual)
-            )
-            next_cost = float(next_residual @ next_residual)
+            next_design, next_residual = linearise(new) if _finite(new) else (design, residual)
+            next_cost = float(next_residual @ next_residual) if _finite(new) else np.inf
             if next_cost <= cost * (1.0 + _WORSE):
                 break
             damping = max(10.0 * damping, _FIRST_DAMPING)
