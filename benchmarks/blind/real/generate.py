@@ -9,6 +9,7 @@ its rests (`regression.py`), and rounded to the converter's steps where the log 
 """
 
 import argparse
+import functools
 import hashlib
 import json
 import os
@@ -22,9 +23,9 @@ import rests
 
 
 Z_VALUES = (12.0, 16.0, 24.0)
-NO_REST = {"accel": 0.05, "gyro": 0.02}  # m/s², rad/s: a log that the hand never lets rest
+NO_REST = {"accel": 0.03, "gyro": 0.02}  # m/s², rad/s: a log that the hand never lets rest
 FEWEST_BLOCKS = 30  # of a log of one pose: fewer do not tell how slow its noise is
-LEAST_SHOWN = 0.2  # of an effect's size that the model's parameters do not imitate
+LEAST_SHOWN = 0.08  # of an effect's size that the model's parameters do not imitate
 
 
 def converter_step(values: np.ndarray) -> float:
@@ -61,6 +62,13 @@ def write(log: logs.Log, accel: np.ndarray, gyro: np.ndarray, folder: Path) -> N
     )
 
 
+@functools.cache
+def judged(log: logs.Log, triad: str, axis: int) -> tuple[rests.Rests, regression.Baseline | None]:
+    """The rests of a log, and what one channel is judged against."""
+    found = rests.find(log)
+    return found, regression.baseline(log, found, triad, axis)
+
+
 def hide(
     log: logs.Log, name: str, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, dict] | None:
@@ -69,9 +77,10 @@ def hide(
     axis = int(rng.integers(3))
     menu = effects.menu(log, triad)
     z = float(rng.choice(Z_VALUES)) * float(rng.choice([-1.0, 1.0]))
-    found = rests.find(log)
-    base = regression.baseline(log, found, triad, axis)
-    if name not in menu or base is None or np.median(np.abs(base.sigma)) > NO_REST[triad]:
+    if name not in menu:
+        return None
+    found, base = judged(log, triad, axis)
+    if base is None or not log.one_pose and np.median(np.abs(base.sigma)) > NO_REST[triad]:
         return None
     if log.one_pose and len(found.time) < FEWEST_BLOCKS:
         return None
@@ -79,11 +88,11 @@ def hide(
     moment = float(rng.choice(inner)) + 0.5 * float(np.median(np.diff(found.time)))
     drive = regression.drive(log, found, moment)
     shown = effects.over_rests(drive, menu[name], axis, found)
-    unit = regression.smallest(base, shown, axis, rng)
+    _, _, white = regression.stands_out(base, shown, axis)
     whole = np.sqrt(np.sum((base.direction[:, axis] * (shown - shown.mean()) / base.sigma) ** 2))
-    if not np.isfinite(unit) or 1.0 / unit < LEAST_SHOWN * whole:
+    if not np.isfinite(white) or 1.0 / white < LEAST_SHOWN * whole:
         return None
-    size = z * unit
+    size = z * regression.smallest(base, shown, axis, rng)
     addition = size * menu[name](drive, axis)
     accel, gyro = log.accel.copy(), log.gyro.copy()
     target = accel if triad == "accel" else gyro
