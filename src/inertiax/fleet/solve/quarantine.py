@@ -63,8 +63,14 @@ def _reason(
     if alone and rows < unknowns:
         return f"{triad}: too few positions: {dwells} dwells give {rows} equations for {unknowns} unknowns"
     if not np.all(np.isfinite(sigma)):
+        # A solve that went astray ends anywhere, so its covariance alone does not tell why.
+        astray = (
+            ""
+            if fit.converged[k]
+            else ", or their values are in wrong units and no solve converges"
+        )
         return (
-            f"{triad}: the positions of {dwells} dwells do not determine all {unknowns} parameters; "
+            f"{triad}: the positions of {dwells} dwells do not determine all {unknowns} parameters{astray}; "
             "record more positions in different orientations"
         )
     if not fit.converged[k]:
