@@ -1,7 +1,7 @@
 """Which model to fit, from what the user asked for and which columns there are; said in words."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -374,4 +374,5 @@ def _built(
         return None
     cls = ESTIMATORS[triad][name]
     fields = {field.name for field in dataclasses.fields(cls)}
-    return cls(**{key: value for key, value in settings.items() if key in fields})
+    make: Callable[..., AbstractEstimator] = cls
+    return make(**{key: value for key, value in settings.items() if key in fields})

@@ -1,6 +1,7 @@
 """What the checks look at: one device's recordings with their rests and the motions between them. NumPy only."""
 
 import dataclasses
+from typing import SupportsFloat
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -41,7 +42,7 @@ class Log:
         """What a statement calls the recording."""
         return self.recording.name or "the recording"
 
-    def moment(self, seconds: float) -> str:
+    def moment(self, seconds: SupportsFloat) -> str:
         """A moment on the recording's clock, in words."""
         return moment(float(seconds), float(self.recording.time[0]))
 
