@@ -1,7 +1,8 @@
 """Which model to fit, from what the user asked for and which columns there are; said in words."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -366,13 +367,10 @@ def build_estimators(
     )
 
 
-def _built(
-    triad: str, name: str | None, settings: Mapping[str, object]
-) -> AbstractEstimator | None:
+def _built(triad: str, name: str | None, settings: Mapping[str, Any]) -> AbstractEstimator | None:
     """An estimator of a triad from those of the settings that it has fields for."""
     if name is None:
         return None
     cls = ESTIMATORS[triad][name]
     fields = {field.name for field in dataclasses.fields(cls)}
-    make: Callable[..., AbstractEstimator] = cls
-    return make(**{key: value for key, value in settings.items() if key in fields})
+    return cls(**{key: value for key, value in settings.items() if key in fields})
