@@ -22,8 +22,8 @@ STAGES = {
 wording pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce solve effects population model_choice store rows fit derivatives overview results cluster
 pipeline __init__""".split(),
-    "data": """moments frames plausible_units recording stored_recording compensated formats pairing pose_rows model_columns
-settings json_documents campaign""".split(),
+    "data": """moments frames plausible_units recording stored_recording compensated formats pairing pose_rows
+model_columns settings json_documents campaign""".split(),
 }
 
 
