@@ -19,7 +19,7 @@ report protocol cli __main__""".split()
 # The same inside the folders that have stages of their own.
 STAGES = {
     "diagnose": """observations candidates noise problem selection plan residuals result estimates custom_model
-wording pipeline held_out_stretch learn_type_noise __init__""".split(),
+wording findings pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce solve effects population model_choice store rows fit derivatives overview results cluster
 pipeline __init__""".split(),
     "data": """moments frames plausible_units recording stored_recording compensated formats pairing pose_rows

@@ -89,7 +89,7 @@ def _phones(folder: Path) -> Iterator[Log]:
 
 
 def _sunsided(folder: Path) -> Iterator[Log]:
-    import h5py  # type: ignore[import-untyped]
+    import h5py
 
     for sub, one_pose in (("full-sphere", False), ("unmoved-with-x-pointing-forward-10min", True)):
         columns = {}

@@ -15,10 +15,11 @@ from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect
 from .candidates.signatures import block_shapes, coarsen, in_other_form, padded, Term
 from .estimates.cross_validation import effect_columns, predict_rest
+from .findings import find, find_all, Finding, Progress, silent
 from .observations.blocks import Blocks, cut, join, Log
 from .observations.model_rows import Baseline, calibrated, CalibratedTriad, rows, usable
 from .observations.signals import specific_force
-from .pipeline import conclude_findings, find, find_all, Finding, Progress, silent, tuned
+from .pipeline import conclude_findings, tuned
 from .problem import prepare, prepare_triad, Prepared
 from .result import Diagnosis
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import jax
 
 from ..data.recording import Campaign, Rig
+from .findings import find_all, silent
 from .noise.type_noise import chain_labels, learn_chain, TypeNoise
-from .pipeline import find_all, silent
 from .problem import prepare, Prepared
 
 

@@ -1,11 +1,10 @@
 """The whole diagnosis of a campaign: gate, locate, name, check, quantify, prove, say."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import jax
-import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
@@ -18,7 +17,6 @@ from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
-from .estimates import single_rests
 from .estimates.allan_check import allan_checks
 from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import augmented_calibration, Beside
@@ -26,64 +24,29 @@ from .estimates.calibration_chain import succeeding, taken_away
 from .estimates.cross_validation import held_out_rms, in_sample
 from .estimates.localisation import locate, tidy
 from .estimates.parameters import moved
-from .estimates.persistence import persists
-from .estimates.separable import refined, renewed
+from .estimates.separable import refined
 from .estimates.transients import (
-    Burst,
     burst_places,
-    find_bursts,
-    swallows,
 )
+from .findings import find, find_all, Finding, Progress, silent
 from .noise.observation_series import NoiseFit
 from .noise.pooled_channels import TOLD
 from .noise.reml import interval_noise
 from .noise.type_noise import TypeNoise
-from .observations.delay_ramps import Delay
 from .plan.detectability import Audited, conclude
 from .plan.limits import Audit
-from .problem import between_all, finer, prepare, Prepared, Problem
+from .problem import prepare, Prepared, Problem
 from .residuals import residuals
 from .result import Detectable, Diagnosis, Quality, with_findings
 from .selection.evidence import Candidate
-from .selection.score_test import Score, whiten_system
-from .selection.verdict import Answer, identify, Named
+from .selection.score_test import whiten_system
+from .selection.verdict import Answer, Named
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
 from .wording.sentences import summary
 
 
-Progress = Callable[[str], None]
 DEFAULT_SITE = Site()
-MOST_PASSES = 4  # over a triad's rows, each without more of the rests that stood out alone
-
-
-def silent(text: str) -> None:
-    """No progress wanted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """One triad with its answer."""
-
-    prepared: Prepared
-    answer: Answer
-    scores: tuple[Score, ...]  # of the catalogue under the null noise
-    bursts: tuple[Burst, ...]  # where nothing smooth explains the triad's rows
-    left_out: tuple[Disturbance, ...] = ()  # rests that stood out alone
-
-    @property
-    def verdict(self) -> str:
-        """Of the triad: a short disturbance alone is something that no catalogued effect explains."""
-        consistent = self.answer.verdict == "consistent"
-        if consistent and self.bursts:
-            return "unexplained"
-        return "missing-physics" if consistent and self.delay is not None else self.answer.verdict
-
-    @property
-    def delay(self) -> Delay | None:
-        """The delay that the ramps between plateaus show, if there is one."""
-        delay = self.prepared.delay
-        return delay if delay is not None and delay.found else None
 
 
 def diagnose_campaign(
@@ -203,113 +166,6 @@ def run_diagnosis(
     diagnosis.save(folder / "diagnosis.json")
     write_calibration(augmented, folder / "calibration.json")
     return diagnosis
-
-
-def find_all(triads: Sequence[Prepared], grade: str | None, progress: Progress) -> list[Finding]:
-    """Every triad's finding; what one remembers of temperature is looked for on the next.
-
-    A hand that disturbs a rest holds both triads: what one finds beside rests that the other left out, it is asked
-    again without them.
-    """
-    made: list[Finding] = []
-    for prepared in triads:
-        hint = made[-1].answer.remembered if made else None
-        made.append(find(prepared, grade, progress, hint))
-    for k, (prepared, found) in enumerate(zip(triads, made, strict=True)):
-        others = [d for j, other in enumerate(made) if j != k for d in other.left_out]
-        touched = single_rests.within(prepared, others)
-        if found.verdict == "consistent" or prepared.only is None or not single_rests.few(touched):
-            continue
-        progress(
-            f"{prepared.form.triad}: again without the rests that stand out in the other triad"
-        )
-        again = find(prepared.only(~touched), grade, progress, found.answer.remembered)
-        made[k] = replace(again, left_out=(*others, *again.left_out))
-    return made
-
-
-def find(
-    prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
-) -> Finding:
-    """Gate, locate and name for one triad; `hint` is a thermal effect that another triad has shown.
-
-    What single rests of a searched log show alone is left out, and the others are asked again. That something shook
-    in one of them is never a reason to call it unexplained.
-    """
-    made, bursts = find_once(prepared, grade, progress, hint)
-    if not single_rests.searched(prepared):
-        return made
-    if prepared.only is None:
-        return replace(made, bursts=())
-    first, kept = made, np.ones(prepared.blocks.num_blocks, bool)
-    for _ in range(MOST_PASSES):
-        now = made.prepared
-        marked = single_rests.alone_in_one_rest(now, made.answer.noise, _asked(made.answer))
-        marked |= single_rests.disturbed(now, bursts)
-        kept[np.flatnonzero(kept)[marked]] = False
-        if not marked.any():
-            break
-        if not single_rests.few(~kept):
-            return replace(first, bursts=())  # no exceptions any more
-        progress(f"{now.form.triad}: again without what single rests show alone")
-        made, bursts = find_once(prepared.only(kept), grade, progress, hint)
-    return replace(made, bursts=(), left_out=single_rests.left_out(prepared, ~kept))
-
-
-def _asked(answer: Answer) -> list[Term]:
-    """What was named, and the unlisted dependence where there is one."""
-    unlisted = [] if answer.unlisted is None else [answer.unlisted.term]
-    return [*(n.candidate.term for n in answer.named), *unlisted]
-
-
-def find_once(
-    prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
-) -> tuple[Finding, list[Burst]]:
-    """The finding of all rows as they are, and every short disturbance that is no named jump's."""
-    triad = prepared.form.triad
-    listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
-    unlisted = [t for t in prepared.candidates if t.name.startswith(PREFIX)]
-    answer = identify(
-        prepared.system,
-        listed,
-        unlisted,
-        prepared.flexible,
-        grade=grade,
-        hint=hint,
-        finer=lambda term: finer(prepared, term),
-        between_all=lambda term: between_all(prepared, term),
-        renew=lambda noise, terms: renewed(prepared, noise, terms),
-        say=lambda text: progress(f"{triad}: {text}"),
-    )
-    outputs = np.asarray(prepared.signal.output)
-    chosen = [n.candidate.term for n in answer.named]
-    every: list[Burst] = []
-    if answer.verdict != "unexplained":
-        every = find_bursts(prepared, outputs, answer.noise, chosen)
-    bursts = every
-    if answer.verdict == "missing-physics":
-        bursts = [b for b in bursts if any(swallows(prepared, b, t) for t in chosen)]
-        kept = tuple(
-            n
-            for n in answer.named
-            if not any(swallows(prepared, b, n.candidate.term) for b in bursts)
-        )
-        answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
-    answer = _persistent(prepared, answer)
-    return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1])), every
-
-
-def _persistent(prepared: Prepared, answer: Answer) -> Answer:
-    """The answer without jumps that do not persist."""
-    terms = [n.candidate.term for n in answer.named]
-    kept = tuple(
-        n
-        for k, n in enumerate(answer.named)
-        if persists(prepared, terms[k], terms[:k] + terms[k + 1 :])
-    )
-    if answer.verdict != "missing-physics" or len(kept) == len(answer.named):
-        return answer
-    return replace(answer, named=kept, verdict="missing-physics" if kept else "consistent")
 
 
 def conclude_findings(
