@@ -11,6 +11,7 @@ from .reference_accel import ReferenceAccel as ReferenceAccel
 from .reference_gyro import ReferenceGyro as ReferenceGyro
 from .reference_gyro_rig import ReferenceGyroRig as ReferenceGyroRig
 from .static import StaticAccel as StaticAccel, StaticGyro as StaticGyro
+from .triads import AccelEstimator as AccelEstimator, GyroEstimator as GyroEstimator
 
 
 # Names of `[model]` in campaign.toml, by triad.

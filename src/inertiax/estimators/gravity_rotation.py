@@ -21,30 +21,26 @@ with the opposite sign.
 without external equipments*, ICRA 2014 (who take the bias from the first rest alone, and no D).
 """
 
-from typing import ClassVar
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Mat3, Scalar, Vec3
-from ..physics.composition import compose_gyro
-from ..physics.error_model import compensate_gyro, GyroErrors, solve3
+from ..physics.error_model import GyroErrors, solve3
 from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from ..reduction.motions import carry, Motions
-from .base import AbstractEstimator, soften, transform_covariance, whiten
-from .reference_gyro import dwell_force, ReferenceGyro
+from .base import soften, whiten
+from .reference_gyro import ReferenceGyro
+from .triads import dwell_force, GyroEstimator
 
 
-class GravityRotation(AbstractEstimator[GyroErrors]):
+class GravityRotation(GyroEstimator):
     """Gravity's rotation between rests; bias (3), full Θ (9), optionally D (9). See the module.
 
     Dwells are rests with their `motion`, as `turns.with_motions` makes them.
     """
-
-    triad: ClassVar[str] = "gyro"
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad, 1 sigma
@@ -102,19 +98,10 @@ class GravityRotation(AbstractEstimator[GyroErrors]):
         return jax.vmap(one)(jnp.asarray(motion.gyro), jnp.asarray(motion.force))
 
     def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        errors = self.unpack(vector)
-        rate = compensate_gyro(errors, jnp.asarray(dwell.gyro), dwell_force(dwell), self.gravity)
-        covariance = transform_covariance(jnp.asarray(errors.matrix), dwell.gyro_covariance)
-        return eqx.tree_at(
-            lambda d: (d.gyro, d.gyro_covariance, d.motion.gyro),
-            dwell,
-            (rate, covariance, self._rates(errors, _motion(dwell))),
-        )
-
-    def compose(
-        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
-    ) -> Float[Array, " parameters"]:
-        return self.pack(compose_gyro(self.unpack(first), self.unpack(second)))
+        """The rest, and the rates of the motion that led to it."""
+        refined = super().compensate(vector, dwell)
+        rates = self._rates(self.unpack(vector), _motion(dwell))
+        return eqx.tree_at(lambda d: d.motion.gyro, refined, rates)
 
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         gyro = jnp.asarray(dwells.gyro)

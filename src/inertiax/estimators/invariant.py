@@ -20,21 +20,20 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
 from ..numerics.linear_algebra import cholesky, cholesky_solve
-from ..physics.composition import compose_accel
 from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
-from .base import AbstractEstimator, soften, transform_covariance
+from .base import soften
+from .triads import AccelEstimator
 
 
 _ROWS = (0, 1, 1, 2, 2, 2)
 _COLUMNS = (0, 0, 1, 0, 1, 2)
 
 
-class Invariant(AbstractEstimator[AccelerometerErrors]):
+class Invariant(AccelEstimator):
     """‖compensated output‖ = g at rest; bias (3) and lower-triangular Γ (6). See the module."""
 
-    triad: ClassVar[str] = "accel"
     by_magnitude: ClassVar[bool] = True
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s²
@@ -80,22 +79,6 @@ class Invariant(AbstractEstimator[AccelerometerErrors]):
         variance = direction @ jnp.asarray(dwell.accel_covariance) @ direction
         force = compensate_accel(self.unpack(vector), output)
         return (jnp.linalg.norm(force) - self.gravity)[None], _safe_sqrt(variance)[None]
-
-    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        errors = self.unpack(vector)
-        return eqx.tree_at(
-            lambda d: (d.accel, d.accel_covariance),
-            dwell,
-            (
-                compensate_accel(errors, jnp.asarray(dwell.accel)),
-                transform_covariance(jnp.asarray(errors.matrix), dwell.accel_covariance),
-            ),
-        )
-
-    def compose(
-        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
-    ) -> Float[Array, " parameters"]:
-        return self.pack(compose_accel(self.unpack(first), self.unpack(second)))
 
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         """The ellipsoid's, or zero where Γ is diagonal: faces alone determine no ellipsoid."""

@@ -14,17 +14,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..physics.composition import compose_accel
-from ..physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
+from ..physics.error_model import AccelerometerErrors, distort_accel
 from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
-from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
+from .base import diagonal_sigmas, soften, whiten
+from .triads import AccelEstimator
 
 
-class ReferenceAccel(AbstractEstimator[AccelerometerErrors]):
+class ReferenceAccel(AccelEstimator):
     """Outputs against `reference_accel`; bias (3) and full Γ (9). See the module."""
 
-    triad: ClassVar[str] = "accel"
     by_reference: ClassVar[bool] = True
 
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
@@ -55,22 +54,6 @@ class ReferenceAccel(AbstractEstimator[AccelerometerErrors]):
         expected = distort_accel(self.unpack(vector), jnp.asarray(dwell.reference_accel))
         misfit = jnp.asarray(dwell.accel) - expected
         return misfit, diagonal_sigmas(dwell.accel_covariance)
-
-    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        errors = self.unpack(vector)
-        return eqx.tree_at(
-            lambda d: (d.accel, d.accel_covariance),
-            dwell,
-            (
-                compensate_accel(errors, jnp.asarray(dwell.accel)),
-                transform_covariance(jnp.asarray(errors.matrix), dwell.accel_covariance),
-            ),
-        )
-
-    def compose(
-        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
-    ) -> Float[Array, " parameters"]:
-        return self.pack(compose_accel(self.unpack(first), self.unpack(second)))
 
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         # The residual is linear in the parameters: Gauss-Newton needs no start.

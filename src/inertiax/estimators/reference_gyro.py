@@ -17,17 +17,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
-from ..physics.composition import compose_gyro
-from ..physics.error_model import compensate_gyro, distort_gyro, GyroErrors
+from ..physics.error_model import distort_gyro, GyroErrors
 from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
-from .base import AbstractEstimator, diagonal_sigmas, soften, transform_covariance, whiten
+from .base import diagonal_sigmas, soften, whiten
+from .triads import dwell_force, GyroEstimator
 
 
-class ReferenceGyro(AbstractEstimator[GyroErrors]):
+class ReferenceGyro(GyroEstimator):
     """Outputs against `reference_gyro`; bias (3), full Θ (9), optionally D (9). See the module."""
 
-    triad: ClassVar[str] = "gyro"
     by_reference: ClassVar[bool] = True
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
@@ -68,30 +67,6 @@ class ReferenceGyro(AbstractEstimator[GyroErrors]):
         misfit = jnp.asarray(dwell.gyro) - expected
         return misfit, diagonal_sigmas(dwell.gyro_covariance)
 
-    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        errors = self.unpack(vector)
-        rate = compensate_gyro(errors, jnp.asarray(dwell.gyro), dwell_force(dwell), self.gravity)
-        return eqx.tree_at(
-            lambda d: (d.gyro, d.gyro_covariance),
-            dwell,
-            (rate, transform_covariance(jnp.asarray(errors.matrix), dwell.gyro_covariance)),
-        )
-
-    def compose(
-        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
-    ) -> Float[Array, " parameters"]:
-        return self.pack(compose_gyro(self.unpack(first), self.unpack(second)))
-
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         # The residual is linear in the parameters: Gauss-Newton needs no start.
         return jnp.zeros(self.num_parameters, jnp.asarray(dwells.gyro).dtype)
-
-
-def dwell_force(dwell: Dwells) -> Float[Array, "3"]:
-    """Specific force of a dwell, m/s²: the reference where there is one, else the accelerometers'
-    (compensated) outputs, else zero."""
-    if dwell.reference_accel is not None:
-        return jnp.asarray(dwell.reference_accel)
-    if dwell.accel is not None:
-        return jnp.asarray(dwell.accel)
-    return jnp.zeros(3, jnp.asarray(dwell.gyro).dtype)

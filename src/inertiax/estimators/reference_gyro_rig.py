@@ -26,7 +26,8 @@ from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
 from ..reduction.motions import rotate
 from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
-from .reference_gyro import dwell_force, ReferenceGyro
+from .reference_gyro import ReferenceGyro
+from .triads import dwell_force
 
 
 class ReferenceGyroRig(AbstractEstimator[GyroErrors]):

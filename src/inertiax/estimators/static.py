@@ -11,8 +11,6 @@ for gyros zero, so that Earth rate is part of the bias.
 indistinguishable from bias.
 """
 
-from typing import ClassVar
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -21,14 +19,12 @@ from .._typing import AnyArray, Scalar, Vec3
 from ..physics.error_model import AccelerometerErrors, GyroErrors
 from ..physics.leaves import as_array
 from ..reduction.dwells import Dwells
-from .base import AbstractEstimator, diagonal_sigmas, soften, whiten
-from .reference_gyro import dwell_force
+from .base import diagonal_sigmas, soften, whiten
+from .triads import AccelEstimator, dwell_force, GyroEstimator
 
 
-class StaticAccel(AbstractEstimator[AccelerometerErrors]):
+class StaticAccel(AccelEstimator):
     """Accelerometer bias against a known or mean output; 3 parameters. See the module."""
-
-    triad: ClassVar[str] = "accel"
 
     nominal: Vec3 = eqx.field(converter=as_array)  # m/s², used where there is no reference_accel
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
@@ -58,22 +54,12 @@ class StaticAccel(AbstractEstimator[AccelerometerErrors]):
         misfit = jnp.asarray(dwell.accel) - jnp.asarray(known) - jnp.asarray(vector)
         return misfit, diagonal_sigmas(dwell.accel_covariance)
 
-    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        return eqx.tree_at(lambda d: d.accel, dwell, jnp.asarray(dwell.accel) - vector)
-
-    def compose(
-        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
-    ) -> Float[Array, " parameters"]:
-        return jnp.asarray(first) + second
-
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         return jnp.zeros(3, jnp.asarray(dwells.accel).dtype)
 
 
-class StaticGyro(AbstractEstimator[GyroErrors]):
+class StaticGyro(GyroEstimator):
     """Gyro bias, optionally with D, from rests; 3 or 12 parameters. See the module."""
-
-    triad: ClassVar[str] = "gyro"
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
@@ -117,15 +103,6 @@ class StaticGyro(AbstractEstimator[GyroErrors]):
         if dwell.reference_gyro is not None:
             misfit = misfit - jnp.asarray(dwell.reference_gyro)
         return misfit, diagonal_sigmas(dwell.gyro_covariance)
-
-    def compensate(self, vector: Float[AnyArray, " parameters"], dwell: Dwells) -> Dwells:
-        refined = jnp.asarray(dwell.gyro) - self._drift(vector, dwell)
-        return eqx.tree_at(lambda d: d.gyro, dwell, refined)
-
-    def compose(
-        self, first: Float[AnyArray, " parameters"], second: Float[AnyArray, " parameters"]
-    ) -> Float[Array, " parameters"]:
-        return jnp.asarray(first) + second
 
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         return jnp.zeros(self.num_parameters, jnp.asarray(dwells.gyro).dtype)
