@@ -6,15 +6,14 @@ import numpy as np
 import scipy.linalg
 
 from ...numerics.quasi_newton import minimise
-from ..candidates.columns import lengthen, unit
+from ..candidates.columns import unit
 from ..candidates.signatures import Term
+from .grouped_filter import whiten
 from .observation_series import BOUNDS, NoiseFit, System
 from .search_places import log_variances, places
-from .state_space import unpack, whiten_jit
 
 
 DWELL, RIG = 3, 6  # places of their log variances
-WIDE = 384  # columns are padded to a multiple, so that few programs are compiled
 STEP = 1e-3  # of differences for the slope: the likelihood's second ones are below a hundred
 TOLERANCE = 0.02  # of log likelihoods; a model is chosen by differences of several
 MOST_STEPS = 15
@@ -133,11 +132,8 @@ class JointLikelihood:
             mine = [k for k in self._known if k[0] == c]
             for old in mine[: 1 - KEPT]:
                 del self._known[old]
-            stack = self._stacks[c]
-            rows = lengthen(stack, -(-stack.shape[1] // WIDE) * WIDE)
-            v = unpack(own, self._system.scales[c])
-            white, logdet = whiten_jit(v, self._shared.chains[c], rows)
-            self._known[key] = np.asarray(white)[: len(stack), : stack.shape[1]], float(logdet)
+            variances = np.exp(own) * self._system.scales[c]
+            self._known[key] = whiten(self._shared.chains[c], variances, self._stacks[c])
         self._known[key] = self._known.pop(key)  # the latest one stands last
         return self._known[key]
 

@@ -24,9 +24,10 @@ from jaxtyping import Array, Float
 
 from ..._typing import AnyArray
 from ...numerics.student_t import HeavyTails
+from ..candidates.columns import lengthen
 from ..candidates.signatures import Term
 from .observation_series import BOUNDS, NoiseFit, System
-from .reml import LEARNED, likelihood_inputs
+from .reml import EXTRA, LEARNED, likelihood_inputs
 from .state_space import Chain, Known, NUM_VARIANCES, unpack, whiten
 
 
@@ -40,6 +41,7 @@ FIRST = 256  # draws over all that is possible
 ROUNDS = 3  # further ones, each around what was found before
 DRAWS = 64  # in each of them for each pair of channels
 PAIRS = ((1, 2), (2, 0), (0, 1))
+COLUMNS = 5  # the baseline's columns are padded to a multiple
 BATCH = 64  # draws evaluated together
 HIGHEST = 4.0  # log variance over the scale up to which the first round looks
 LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a round are useful
@@ -137,11 +139,13 @@ def _log_likelihood(
     unit: np.ndarray,
 ) -> Float[np.ndarray, " draw"]:
     """Restricted log likelihood of one channel's rows at log variances (SI) of its slow noise."""
+    # Padded, so that one compiled program serves the three channels and later campaigns.
     observed, columns, extra = inputs
+    observed = lengthen(observed)
+    columns = lengthen(columns, -(-columns.shape[1] // COLUMNS) * COLUMNS)
+    extra = lengthen(extra, EXTRA if extra.shape[1] else 0)
     theta = np.tile(noise.theta[chain], (-(-len(logs) // BATCH) * BATCH, 1))
     theta[: len(logs), LEARNED] = logs - unit
-    if not extra.any():
-        extra = extra[:, :0]
     rows = np.concatenate([observed[:, None], columns, extra], axis=1)
     scale, blocks = system.scales[chain], system.longer[chain]
     made = [

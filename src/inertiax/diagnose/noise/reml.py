@@ -4,44 +4,50 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from ...numerics.quasi_newton import minimise, Minimum
-from ..candidates.columns import lengthen, span
+from ..candidates.columns import span
 from ..candidates.signatures import Term
 from .common_mode_fit import couple, recoupled
+from .grouped_filter import groups_of
 from .observation_series import BOUNDS, NoiseFit, STARTS, System
+from .restricted_likelihood import RestrictedLikelihood
 from .search_places import log_variances, places
-from .state_space import Known, NUM_VARIANCES, value_and_gradient
+from .state_space import Known, NUM_VARIANCES
 
 
-COLUMNS = 10  # the baseline's columns are padded to a multiple
 LEARNED = [1, 2, 3, 4]  # flicker, walk, dwells and power cycles, which nothing but the rows tells
 LEAN = 0.5  # log density of a log variance whose standard deviation has a flat one, for each e-fold
 TOLERANCE = 1e-3  # of log likelihoods; a model is chosen by differences of several
 EXTRA = 16  # columns of effects that a fit of variances has room for
 
 
-def likelihood_inputs(system: System, c: int, chosen: Sequence[Term]) -> tuple[np.ndarray, ...]:
-    """Residual, scaled baseline columns and padded columns of the chosen terms of one chain."""
+def likelihood_inputs(
+    system: System, c: int, chosen: Sequence[Term]
+) -> tuple[
+    Float[np.ndarray, " row"], Float[np.ndarray, "row column"], Float[np.ndarray, "row extra"]
+]:
+    """Residual, scaled baseline columns and scaled columns of the chosen terms of one chain."""
     y = system.base.observed[c]
     unit = float(np.sqrt(system.scales[c][1])) * np.sqrt(len(y))
-    extra = np.zeros((len(y), EXTRA))
     mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
+    extra = np.zeros((len(y), 0))
     if mine:
-        found = span(np.concatenate(mine, axis=1))[:, :EXTRA]
-        extra[:, : found.shape[1]] = found * unit
-    frame = system.frames[c] * unit
-    wide = -(-frame.shape[1] // COLUMNS) * COLUMNS
-    return lengthen(y), lengthen(frame, wide), lengthen(extra)
+        extra = span(np.concatenate(mine, axis=1))[:, :EXTRA] * unit
+    return y, system.frames[c] * unit, extra
+
+
+def restricted(system: System, chain: int, chosen: Sequence[Term]) -> RestrictedLikelihood:
+    """The restricted likelihood of one chain's variances with the chosen terms in the mean."""
+    inputs = likelihood_inputs(system, chain, chosen)
+    groups = groups_of(system.chains[chain])
+    return RestrictedLikelihood(groups, system.scales[chain], system.known[chain], *inputs)
 
 
 def likelihood(system: System, noise: NoiseFit, chosen: Sequence[Term], chain: int) -> float:
     """Minus the restricted log likelihood of the chosen terms on one chain under given variances."""
-    inputs = likelihood_inputs(system, chain, chosen)
-    theta, scale = noise.theta[chain], system.scales[chain]
-    return float(
-        value_and_gradient(theta, scale, system.longer[chain], *inputs, system.known[chain])[0]
-    )
+    return restricted(system, chain, chosen).value(noise.theta[chain])
 
 
 def fit_noise(
@@ -107,20 +113,18 @@ def _maximise(
     lean: float,
     curvature: np.ndarray | None,
 ) -> Minimum:
-    inputs = likelihood_inputs(system, c, chosen)
+    rows = restricted(system, c, chosen)
     slant = np.zeros(NUM_VARIANCES)
     if not system.known[c].precision.any():
         slant[LEARNED] = lean
 
     def objective(place: np.ndarray) -> tuple[float, np.ndarray]:
         theta, stretch = _from_search(place)
-        value, slope = value_and_gradient(
-            theta, system.scales[c], system.longer[c], *inputs, system.known[c]
-        )
-        value = float(value) - float(slant @ theta)
+        value, slope = rows.value_and_slope(theta)
+        value -= float(slant @ theta)
         if not np.isfinite(value):
             return 1e12, np.zeros(len(theta))
-        return value, (np.asarray(slope) - slant) * stretch
+        return value, (slope - slant) * stretch
 
     box = np.transpose([_to_search(np.array(edge)) for edge in np.transpose(BOUNDS)])
     found = [

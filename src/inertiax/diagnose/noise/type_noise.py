@@ -15,10 +15,10 @@ and never taken for less than a fifth.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import equinox as eqx
-import jax
 import numpy as np
 import scipy.optimize
 from jaxtyping import Float
@@ -26,8 +26,9 @@ from jaxtyping import Float
 from ...data.recording import Rig
 from ...numerics.student_t import HeavyTails
 from .observation_series import BOUNDS, STARTS, System
-from .reml import likelihood_inputs
-from .state_space import Known, negative_log_likelihood, NUM_VARIANCES, value_and_gradient, WALK
+from .reml import restricted
+from .restricted_likelihood import RestrictedLikelihood
+from .state_space import Known, NUM_VARIANCES, WALK
 
 
 DRAWS = 300  # a fifth to a half of them count
@@ -125,19 +126,20 @@ class _Units:
     least: Float[np.ndarray, "7"]  # log variances that are possible
     most: Float[np.ndarray, "7"]
 
+    @cached_property
+    def rows(self) -> list[RestrictedLikelihood]:
+        """The likelihood of each unit's own rows, with nothing known beforehand."""
+        bare = [replace(s, known=tuple(Known.nothing() for _ in s.known)) for s in self.systems]
+        return [restricted(s, self.chain, ()) for s in bare]
+
     def one(self, unit: int, value: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log likelihood of one unit, and its gradient, at absolute log variances."""
-        system, c = self.systems[unit], self.chain
-        theta = value - np.log(system.scales[c])
-        inputs = _inputs(system, c)
-        made, slope = value_and_gradient(
-            theta, system.scales[c], system.longer[c], *inputs, Known.nothing()
-        )
+        theta = value - np.log(self.systems[unit].scales[self.chain])
+        made, slope = self.rows[unit].value_and_slope(theta)
         # The price of a walk is a prior of its own; it is paid once, by the unit that is judged.
         price = 0.5 * WALK * np.logaddexp(0.0, theta[2] + 3.0)
-        slope = np.array(slope)
         slope[2] -= 0.5 * WALK / (1.0 + np.exp(-theta[2] - 3.0))
-        return float(made) - price, slope
+        return made - price, slope
 
     def all(self, value: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log posterior of a common value, and its gradient."""
@@ -151,23 +153,11 @@ class _Units:
     def draws(self, values: np.ndarray) -> np.ndarray:
         """`all` without its gradient at many values."""
         total = 0.5 * (((values - self.center) / VAGUE) ** 2).sum(axis=1)
-        for system in self.systems:
-            c, inputs = self.chain, _inputs(system, self.chain)
-            theta = values - np.log(system.scales[c])
-            made = _many(theta, system.scales[c], system.longer[c], *inputs, Known.nothing())
-            total = total + np.asarray(made) - 0.5 * WALK * np.logaddexp(0.0, theta[:, 2] + 3.0)
+        for system, rows in zip(self.systems, self.rows):
+            theta = values - np.log(system.scales[self.chain])
+            made = np.array([rows.value(t) for t in theta])
+            total = total + made - 0.5 * WALK * np.logaddexp(0.0, theta[:, 2] + 3.0)
         return np.where(np.isfinite(total), total, np.inf)
-
-
-def _inputs(system: System, chain: int) -> tuple[np.ndarray, ...]:
-    """Residual and baseline columns, without the room that a diagnosis keeps for effects: less to filter."""
-    observed, columns, extra = likelihood_inputs(system, chain, ())
-    return observed, columns, extra[:, :0]
-
-
-_many = jax.jit(
-    lambda theta, *rest: jax.lax.map(lambda t: negative_log_likelihood(t, *rest), theta)
-)
 
 
 def learn_chain(systems: Sequence[System], chain: int, label: str) -> ChainNoise:

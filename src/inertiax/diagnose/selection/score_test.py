@@ -6,15 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..candidates.columns import lengthen, span, unit
+from ..candidates.columns import span, unit
 from ..candidates.signatures import Term
 from ..noise.common_mode import root
 from ..noise.common_mode_fit import coupled_theta, RIG
+from ..noise.grouped_filter import whiten
 from ..noise.observation_series import NoiseFit, System
-from ..noise.state_space import unpack, whiten_jit
 
 
-CHUNK = 384  # columns whitened at once, so that one compiled program serves all
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
 TOLD = 0.999  # square of a coefficient's own direction in those that the rows tell, from which it is told
 REMEMBERED = 60  # whitened sets of shared errors
@@ -23,17 +22,11 @@ REMEMBERED = 60  # whitened sets of shared errors
 def whiten_columns(
     system: System, noise: NoiseFit, chain: int, columns: np.ndarray, *, apart: bool = False
 ) -> np.ndarray:
-    """Columns of one chain, whitened, in chunks of equal width; `apart` from the errors that chains share."""
-    theta, rows = noise.theta[chain], system.longer[chain]
+    """Columns of one chain, whitened; `apart` from the errors that chains share."""
+    theta, rows = noise.theta[chain], system.chains[chain]
     if apart and system.shared is not None:
         theta, rows = coupled_theta(noise)[chain], system.shared.chains[chain]
-    v = unpack(theta, system.scales[chain])
-    pieces = []
-    for a in range(0, columns.shape[1], CHUNK):
-        piece = columns[:, a : a + CHUNK]
-        done = whiten_jit(v, rows, lengthen(piece, CHUNK))[0]
-        pieces.append(np.asarray(done)[: len(columns), : piece.shape[1]])
-    return np.concatenate(pieces, axis=1) if pieces else columns
+    return whiten(rows, np.exp(theta) * system.scales[chain], columns)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,291 @@
+"""The filter of `state_space` in NumPy, by groups of rows, with the slope of its likelihood.
+
+A campaign has a thousand rows, and one campaign is all that a process diagnoses: a compiled filter spends longer on its
+compilation than on its steps, and its steps, row by row, are too small for matrix products. Here a step is a group of
+`ROWS` rows. With the state $x \\sim (\\hat x, P)$ before a group, the products $A$ of the decays up to its rows, the
+observation rows $H$ that see the state before the group, and the noise $R$ of the group's own, the group's innovations
+have the covariance
+
+$$S = H P H^T + R = L L^T, \\qquad V = L^{-1} (C - H \\hat x)$$
+
+are its whitened rows, and with $M = H P\\,\\mathrm{diag}(a) + X$ between rows and the state at the group's end and
+$W = L^{-1} M$
+
+$$\\hat x' = a \\circ \\hat x + W^T V, \\qquad P' = a a^T \\circ P + \\mathrm{diag}(q) - W^T W.$$
+
+$R$, $X$ and $q$ are linear in the variances, $H$ and $a$ do not depend on them: both are made once for a chain. The
+Cholesky factor of a covariance is unique, so that the whitened rows are those of `state_space.whiten`.
+
+**Reference:** Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*, Cambridge 1989, ch. 3;
+Murray, arXiv:1602.07527 (2016), for the derivative of a Cholesky factor, read backwards.
+"""
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import lapack
+
+from .state_space import Chain, NUM_VARIANCES, TIME_CONSTANTS, WANDER
+
+
+ROWS = (
+    32  # of a group: products large enough for BLAS, and no more noise within groups than between
+)
+LOST = 1e-30  # share of a state that is left, below which it is as good as none
+REMEMBERED = 6  # filters of a chain; a search comes back to the noises of its bank
+WHITE, FLICKER, WALK, DWELL, CYCLE, PROBE, RIG = range(NUM_VARIANCES)
+
+
+class _Process(NamedTuple):
+    """One process of the state: how it decays, what each variance adds to it, and how it is seen."""
+
+    decay: np.ndarray  # (row,)
+    added: dict[int, np.ndarray]  # by the place of a variance, (row,) for a unit of it
+    seen: np.ndarray  # (row, state): one state for each column
+
+
+def _processes(chain: Chain, num: int) -> list[_Process]:
+    gap, cycle, dwell, rig = (
+        np.asarray(x, float)[:num] for x in (chain.gap, chain.new_cycle, chain.new_dwell, chain.rig)
+    )
+    loads, heated = (np.asarray(x, float)[:num] for x in (chain.loads, chain.heated))
+    later = np.ones(num)
+    later[0] = 0.0
+    relaxing = lambda tau: np.exp(-gap / tau) * later
+    made = [
+        _Process(relaxing(tau), {FLICKER: 1.0 - relaxing(tau) ** 2}, loads)
+        for tau in TIME_CONSTANTS
+    ]
+    made.append(_Process(later, {WALK: gap}, loads))
+    made.append(_Process(1.0 - cycle, {CYCLE: cycle}, loads))
+    if heated.shape[1]:
+        made.append(_Process(relaxing(WANDER), {PROBE: 1.0 - relaxing(WANDER) ** 2}, heated))
+        made.append(_Process(1.0 - cycle, {PROBE: cycle}, heated))
+    made.append(_Process(1.0 - dwell, {DWELL: dwell, RIG: dwell * rig}, np.ones((num, 1))))
+    return made
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """What a chain's filter needs of every group of rows, for a unit of each variance."""
+
+    num: int  # rows; those behind them up to whole groups are seen with unit variance and no state
+    seen: Float[np.ndarray, "group row state"]  # H
+    decay: Float[np.ndarray, "group state"]  # a
+    own: Float[np.ndarray, "variance pair"]  # R, flattened, group by group
+    added: Float[np.ndarray, "variance group state"]  # q
+    shared: Float[np.ndarray, "variance group row state"]  # X
+    known: dict[bytes, "Gains"] = field(default_factory=dict)  # the last filters, by the variances
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return len(self.decay)
+
+    @classmethod
+    def of(cls, chain: Chain) -> "Groups":
+        """The groups of a chain, whose rows of padding are left out."""
+        num = int(np.count_nonzero(np.asarray(chain.white) > 0.0))
+        count = -(-num // ROWS)
+        fold = lambda x, fill: _folded(x, count, fill)
+        processes = _processes(chain, num)
+        size = sum(p.seen.shape[1] for p in processes)
+        own = np.zeros((NUM_VARIANCES, count, ROWS, ROWS))
+        seen, decay = np.zeros((count, ROWS, size)), np.zeros((count, size))
+        added = np.zeros((NUM_VARIANCES, count, size))
+        shared = np.zeros((NUM_VARIANCES, count, ROWS, size))
+        at = 0
+        for process in processes:
+            here = slice(at, at + process.seen.shape[1])
+            at = here.stop
+            a, h = fold(process.decay, 1.0), fold(process.seen, 0.0)
+            # What is lost to rounding is nothing: numbers that underflow are slow.
+            between, upto = _cleared(_carried(a)), _cleared(np.cumprod(a, axis=1))
+            seen[:, :, here] = h * upto[:, :, None]
+            decay[:, here] = upto[:, -1, None]
+            for variance, unit in process.added.items():
+                level = _levels(a, fold(unit, 0.0))
+                lower = between * level[:, None, :]
+                both = lower + np.tril(lower, -1).transpose(0, 2, 1)
+                own[variance] += both * (h @ h.transpose(0, 2, 1))
+                added[variance][:, here] = level[:, -1, None]
+                shared[variance][:, :, here] = h * (between[:, -1] * level)[:, :, None]
+        white = fold(np.asarray(chain.white, float)[:num], 0.0)
+        own[WHITE][:, range(ROWS), range(ROWS)] = white
+        flat = own.reshape(NUM_VARIANCES, -1)
+        return cls(num, seen, decay, flat, added, shared)
+
+
+def _folded(values: np.ndarray, count: int, fill: float) -> np.ndarray:
+    """Rows in groups, with `fill` behind them."""
+    made = np.full((count * ROWS, *values.shape[1:]), fill)
+    made[: len(values)] = values
+    return made.reshape(count, ROWS, *values.shape[1:])
+
+
+def _cleared(share: np.ndarray) -> np.ndarray:
+    return np.where(share < LOST, 0.0, share)
+
+
+def _carried(decay: Float[np.ndarray, "group row"]) -> Float[np.ndarray, "group row earlier"]:
+    """What is left at a row of a state at an earlier one of its group; zeros above the diagonal."""
+    made = np.zeros((*decay.shape, decay.shape[1]))
+    for k in range(decay.shape[1]):
+        if k:
+            made[:, k] = decay[:, k, None] * made[:, k - 1]
+        made[:, k, k] = 1.0
+    return made
+
+
+def _levels(
+    decay: Float[np.ndarray, "group row"], added: Float[np.ndarray, "group row"]
+) -> Float[np.ndarray, "group row"]:
+    """Variance at each row of what was added since the group began."""
+    made, level = np.empty_like(decay), np.zeros(len(decay))
+    for k in range(decay.shape[1]):
+        level = decay[:, k] ** 2 * level + added[:, k]
+        made[:, k] = level
+    return made
+
+
+_KNOWN: dict[int, tuple[weakref.ref, Groups]] = {}
+
+
+def groups_of(chain: Chain) -> Groups:
+    """The groups of a chain, made once and kept as long as the chain is."""
+    key = id(chain)
+    if key not in _KNOWN:
+        gone = weakref.ref(chain, lambda _: _KNOWN.pop(key, None))
+        _KNOWN[key] = gone, Groups.of(chain)
+    return _KNOWN[key][1]
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """A chain's filter under given variances."""
+
+    groups: Groups
+    inverse: list[np.ndarray]  # L⁻¹ of each group
+    gain: list[np.ndarray]  # W
+    state: list[np.ndarray]  # P before each group
+    log_determinant: float
+
+    def whiten(self, columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Whitened columns: $L^{-1} C$ with $L L^T = V$ of all rows, lower triangular."""
+        made = self._whitened(columns)
+        return made.reshape(-1, made.shape[2])[: self.groups.num]
+
+    def _whitened(self, columns: np.ndarray) -> Float[np.ndarray, "group row column"]:
+        groups = self.groups
+        rows = _folded(columns, groups.count, 0.0)
+        made = np.empty_like(rows)
+        x = np.zeros((groups.decay.shape[1], columns.shape[1]))
+        decay = groups.decay[:, :, None]
+        for k, (inverse, gain) in enumerate(zip(self.inverse, self.gain)):
+            row = rows[k]
+            row -= groups.seen[k] @ x
+            white = np.dot(inverse, row, out=made[k])
+            x *= decay[k]
+            x += gain.T @ white
+        return made
+
+
+def gains(groups: Groups, variances: Float[np.ndarray, "7"]) -> Gains:
+    """The filter of a chain under variances in the order of `Variances`, in the observations' unit squared.
+
+    Raises `numpy.linalg.LinAlgError` where rounding leaves no positive covariance.
+    """
+    own = (variances @ groups.own).reshape(groups.count, ROWS, ROWS)
+    short = groups.count * ROWS - groups.num
+    if short:
+        own[-1, range(ROWS - short, ROWS), range(ROWS - short, ROWS)] = 1.0
+    added = np.tensordot(variances, groups.added, 1)
+    shared = np.tensordot(variances, groups.shared, 1)
+    size = groups.decay.shape[1]
+    p, place = np.zeros((size, size)), np.arange(size)
+    inverses, made, states, logs = [], [], [], 0.0
+    for k, (h, a) in enumerate(zip(groups.seen, groups.decay)):
+        hp = h @ p
+        # SciPy takes columns first: the transpose of a symmetric matrix is itself.
+        factor, failed = lapack.dpotrf((hp @ h.T + own[k]).T, lower=1, overwrite_a=1)
+        if failed:
+            raise np.linalg.LinAlgError(f"group {k}: no positive covariance")
+        logs += float(np.log(factor.diagonal()).sum())
+        inverse = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
+        gain = inverse @ (hp * a + shared[k])
+        states.append(p)
+        p = p * (a[:, None] * a) - gain.T @ gain
+        p[place, place] += added[k]
+        inverses.append(inverse)
+        made.append(gain)
+    return Gains(groups, inverses, made, states, 2.0 * logs)
+
+
+def whiten(
+    chain: Chain, variances: Float[np.ndarray, "7"], columns: Float[np.ndarray, "row column"]
+) -> tuple[Float[np.ndarray, "row column"], float]:
+    """`state_space.whiten` in this form; the filter of the last few variances of a chain is kept.
+
+    Raises `numpy.linalg.LinAlgError` where rounding leaves no positive covariance.
+    """
+    groups, key = groups_of(chain), variances.tobytes()
+    found = groups.known.pop(key, None)
+    if found is None:
+        found = gains(groups, variances)
+        while len(groups.known) >= REMEMBERED:
+            groups.known.pop(next(iter(groups.known)))
+    groups.known[key] = found  # the latest one stands last
+    return found.whiten(columns), found.log_determinant
+
+
+def gradient(
+    found: Gains,
+    columns: Float[np.ndarray, "row column"],
+    by_gram: Callable[
+        [Float[np.ndarray, "column column"]], tuple[float, Float[np.ndarray, "column column"]]
+    ],
+) -> tuple[float, Float[np.ndarray, "7"]]:
+    """Half the log determinant and a function of $G = V^T V$ of the whitened columns, with the slope by the variances.
+
+    `by_gram(G)` gives the function and its symmetric derivative by G. The steps of the filter are gone through
+    backwards, with bars for derivatives by what stands below them,
+
+    $$\\bar V = 2 V \\bar G + W \\bar{x}', \\quad \\bar W = V \\bar{x}'^T - 2 W \\bar P', \\quad
+    \\bar C = L^{-T} \\bar V, \\quad \\bar M = L^{-T} \\bar W, \\quad
+    \\bar S = \\tfrac12 L^{-T}\\,\\mathrm{mirrored}(1 - \\bar V V^T - \\bar W W^T)\\, L^{-1},$$
+
+    where `mirrored` takes the lower triangle for both.
+    """
+    groups = found.groups
+    white = found._whitened(columns)
+    flat = white.reshape(-1, white.shape[2])
+    value, by = by_gram(flat.T @ flat)
+    pulled = (flat @ (2.0 * by)).reshape(white.shape)
+    size = groups.decay.shape[1]
+    x, p = np.zeros((size, white.shape[2])), np.zeros((size, size))
+    by_own = np.empty((groups.count, ROWS, ROWS))
+    by_added, by_shared = np.empty_like(groups.decay), np.empty_like(groups.seen)
+    below, unit = np.tri(ROWS), np.eye(ROWS)
+    half = below - 0.5 * unit
+    for k in range(groups.count - 1, -1, -1):
+        h, a, v = groups.seen[k], groups.decay[k], white[k]
+        inverse, gain = found.inverse[k], found.gain[k]
+        v_bar = pulled[k]
+        v_bar += gain @ x
+        w_bar = v @ x.T
+        w_bar -= 2.0 * (gain @ p)
+        inner = (unit - v_bar @ v.T - w_bar @ gain.T) * half
+        s_bar = inverse.T @ (0.5 * (inner + inner.T)) @ inverse
+        m_bar = inverse.T @ w_bar
+        by_own[k], by_added[k], by_shared[k] = s_bar, p.diagonal(), m_bar
+        cross = h.T @ (m_bar * a)
+        p = p * (a[:, None] * a) + h.T @ s_bar @ h + 0.5 * (cross + cross.T)
+        x *= a[:, None]
+        x -= (inverse @ h).T @ v_bar
+    slope = groups.own @ by_own.reshape(-1)
+    slope += np.tensordot(groups.added, by_added, 2) + np.tensordot(groups.shared, by_shared, 3)
+    return 0.5 * found.log_determinant + value, slope
