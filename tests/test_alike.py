@@ -197,6 +197,6 @@ def turned_to(system, chain):
     first = lambda values: (values[chain], *values[1:])
     base = replace(system.base, observed=first(system.base.observed))
     return replace(
-        system, base=base, scales=first(system.scales), frames=first(system.frames),
-        longer=first(system.longer),
+        system, base=base, chains=first(system.chains), scales=first(system.scales),
+        frames=first(system.frames), longer=first(system.longer),
     )  # fmt: skip

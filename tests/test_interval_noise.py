@@ -144,7 +144,7 @@ def test_the_search_ends_no_lower_than_scipys_from_the_same_starts():
 
             def objective(theta, c=c, inputs=inputs):
                 value, slope = value_and_gradient(
-                    theta, system.scales[c], system.longer[c], *inputs, system.known[c]
+                    theta, system.scales[c], system.chains[c], *inputs, system.known[c]
                 )
                 return float(value), np.asarray(slope)
 

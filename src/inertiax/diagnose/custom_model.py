@@ -81,7 +81,8 @@ class AtTemperature(eqx.Module):
         return cls(lambda p, s: predict(eqx.combine(p, other), s), fitted, signal)
 
     def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
-        return self.predict(
+        # Compiled, for it is asked for many times.
+        return jax.jit(self.predict)(
             self.parameters, eqx.tree_at(lambda s: s.temperature, self.signal, temperature)
         )
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..calibrate.pipeline import calibrate_device
 from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect
-from .candidates.signatures import block_shapes, coarsen, in_other_form, padded, Term
+from .candidates.signatures import block_shapes, coarsen, in_other_form, Term
 from .estimates.cross_validation import effect_columns, predict_rest
 from .findings import find, find_all, Finding, Progress, silent
 from .observations.blocks import Blocks, cut, join, Log
@@ -154,8 +154,7 @@ def _predict(
 ) -> list[Prediction]:
     base = prepared.system.base
     other = rows(model, left, None if force is None else left.mean(force))
-    long = padded(prepared.signal, len(log.time))
-    coarse = padded(coarsen(prepared.signal, left), left.num_blocks)
+    coarse = coarsen(prepared.signal, left)
     made = []
     for c, chain in enumerate(prepared.system.chains):
         mine = [t for t in chosen if c in t.chains]
@@ -165,7 +164,7 @@ def _predict(
             solution = _solve(np.concatenate(x, axis=1), base.observed[c], chain.white)
             there = [other.columns[c]]
             for term in terms:
-                (shape,) = block_shapes(term.known, [term.variant], long, coarse, left)
+                (shape,) = block_shapes(term.known, [term.variant], prepared.signal, coarse, left)
                 again = in_other_form(term, term.variant, other, shape)
                 there.append(again.columns[again.chains.index(c)])
             miss = other.observed[c] - np.concatenate(there, axis=1) @ solution

@@ -14,7 +14,7 @@ from ..numerics.compilation_cache import make_room
 from ..reduction.rig_errors import rig_covariance
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
-from .candidates.signatures import block_shapes, coarsen, in_other_form, padded, Term, terms
+from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
 from .candidates.smooth import flexible
 from .noise.observation_series import make, share, System
 from .noise.type_noise import TypeNoise
@@ -238,13 +238,8 @@ def rebuilt(prepared: Prepared, term: Term) -> Term:
 
 
 def _formed(prepared: Prepared, term: Term, variants: Sequence[Variant]) -> list[Term]:
-    shapes = block_shapes(
-        term.known,
-        variants,
-        padded(prepared.signal, len(prepared.signal.time)),
-        padded(prepared.coarse, prepared.blocks.num_blocks),
-        prepared.blocks,
-    )
+    signal, coarse, blocks = prepared.signal, prepared.coarse, prepared.blocks
+    shapes = block_shapes(term.known, variants, signal, coarse, blocks)
     base = prepared.system.base
     return [in_other_form(term, v, base, shape) for v, shape in zip(variants, shapes)]
 

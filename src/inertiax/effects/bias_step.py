@@ -3,19 +3,19 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
 from .moment import Moment, Online
 from .signal import Signal
 
 
-def shape(signal: Signal, *, time: Scalar | float) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, time: Scalar | float) -> Float[AnyArray, "time channels columns"]:
     """Zero before the moment, one from then on."""
-    return jnp.where(jnp.asarray(signal.time) >= time, 1.0, 0.0)[:, None, None]
+    return xp.where(xp.asarray(signal.time) >= time, 1.0, 0.0)[:, None, None]
 
 
 def _grid(signal: Signal):
@@ -26,16 +26,16 @@ def _grid(signal: Signal):
 variants = over("time", _grid)
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
     del settings, temperature
     return ()
 
 
 def _follow(
     state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[Array, "channels columns"]]:
-    zero = jnp.zeros_like(jnp.asarray(moment.temperature))
-    return state, jnp.where(moment.time >= settings["time"], zero + 1.0, zero)[None, None]
+) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
+    zero = xp.zeros_like(xp.asarray(moment.temperature))
+    return state, xp.where(moment.time >= settings["time"], zero + 1.0, zero)[None, None]
 
 
 EFFECT = Effect(
@@ -56,6 +56,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="recordings before and after the moment",
     driver="time",

@@ -1,26 +1,27 @@
 """Dependence of a gyro on products with the rates about its other axes."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, terms: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, terms: str) -> Float[AnyArray, "time channels columns"]:
     """Products of rates about the input axis i and the two others p, o, (rad/s)²; magnitudes |p|, |o| in rad/s."""
-    w = jnp.asarray(signal.input)
-    p, o = jnp.roll(w, -1, axis=1), jnp.roll(w, -2, axis=1)
+    w = xp.asarray(signal.input)
+    p, o = xp.roll(w, -1, axis=1), xp.roll(w, -2, axis=1)
     table = {
         "ip": w * p,
         "io": w * o,
         "po": p * o,
         "pp": p * p,
         "oo": o * o,
-        "|p|": jnp.abs(p),
-        "|o|": jnp.abs(o),
+        "|p|": xp.abs(p),
+        "|o|": xp.abs(o),
     }
-    return jnp.stack([table[k] for k in terms.split()], axis=-1)
+    return xp.stack([table[k] for k in terms.split()], axis=-1)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -42,6 +43,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="rates about two axes",
     driver="rate",

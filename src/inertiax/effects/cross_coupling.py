@@ -1,18 +1,19 @@
 """Cross-coupling coefficients Kip, Kio, Kpo."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, MICRO_G
 from .signal import Signal
 
 
-def shape(signal: Signal, *, terms: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, terms: str) -> Float[AnyArray, "time channels columns"]:
     """Products of the specific force along the input axis i and the two others p, o, g²."""
-    f = jnp.asarray(signal.input)
-    p, o = jnp.roll(f, -1, axis=1), jnp.roll(f, -2, axis=1)
+    f = xp.asarray(signal.input)
+    p, o = xp.roll(f, -1, axis=1), xp.roll(f, -2, axis=1)
     products = {"ip": f * p, "io": f * o, "po": p * o}
-    return jnp.stack([products[k] for k in terms.split()], axis=-1)
+    return xp.stack([products[k] for k in terms.split()], axis=-1)
 
 
 EFFECT = Effect(
@@ -28,6 +29,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(
         ("ip", {"terms": "ip"}),
         ("io", {"terms": "io"}),

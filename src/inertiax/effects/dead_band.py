@@ -1,24 +1,24 @@
 """Dead band or lock-in: the output is flat near zero rate."""
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import Effect, Variant
 from .signal import Signal
 
 
 def shape(
     signal: Signal, *, width: Scalar | float, form: str
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """What lock-in (sqrt(w² - w_L²) above w_L, nothing below) or a dead zone takes away."""
-    w = jnp.asarray(signal.input)
+    w = xp.asarray(signal.input)
     if form == "zone":
-        return -jnp.where(jnp.abs(w) < width, w, 0.0)[:, :, None]
+        return -xp.where(xp.abs(w) < width, w, 0.0)[:, :, None]
     if form == "offset":
-        return -jnp.clip(w, -width, width)[:, :, None]
-    locked = jnp.sign(w) * jnp.sqrt(jnp.maximum(w**2 - width**2, 0.0))
+        return -xp.clip(w, -width, width)[:, :, None]
+    locked = xp.sign(w) * xp.sqrt(xp.maximum(w**2 - width**2, 0.0))
     return (locked - w)[:, :, None]
 
 
@@ -43,6 +43,7 @@ EFFECT = Effect(
     units={"gyro": "1"},
     prior={"gyro": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)}},
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="rates near zero, fractions of the Earth rate included",
     driver="rate",

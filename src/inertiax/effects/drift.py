@@ -3,33 +3,34 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, inputs, inputs_at
 from .moment import Moment, Online
 from .signal import Signal
 
 
-def shape(signal: Signal, *, on: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, on: str) -> Float[AnyArray, "time channels columns"]:
     """Time since the middle of the campaign, s; on the bias or times the input."""
-    time = jnp.asarray(signal.time)
+    time = xp.asarray(signal.time)
     time = time - 0.5 * (time[0] + time[-1])
     if on == "bias":
         return time[:, None, None]
     return inputs(signal)[:, :, None] * time[:, None, None]
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
     del settings, temperature
     return ()
 
 
 def _follow(
     state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[Array, "channels columns"]]:
+) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
     """From the beginning of the data that it was fitted on, held at their end."""
-    time = jnp.minimum(moment.time, moment.duration) - 0.5 * jnp.asarray(moment.duration)
+    time = xp.minimum(moment.time, moment.duration) - 0.5 * xp.asarray(moment.duration)
     if settings["on"] == "bias":
         return state, time[None, None]
     return state, (inputs_at(moment.triad, moment.input) * time)[:, None]
@@ -53,6 +54,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("bias", {"on": "bias"}), ("scale", {"on": "scale"})),
     needs="running time not tied to temperature or position",
     driver="time",

@@ -1,15 +1,16 @@
 """Earth rate left out of the reference."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """The room's axes seen by the device, in units of Earth's rate: coefficients are Earth's unit vector."""
-    return jnp.asarray(signal.room) * 7.292115e-5
+    return xp.asarray(signal.room) * 7.292115e-5
 
 
 EFFECT = Effect(
@@ -19,6 +20,7 @@ EFFECT = Effect(
     units={"gyro": "1"},
     prior={"gyro": {"navigation": (0.3, 1.1), "tactical": (0.3, 1.1), "consumer": (0.3, 1.1)}},
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="rests in positions that turn the Earth rate in the device",
     driver="attitude",

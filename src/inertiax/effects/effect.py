@@ -1,17 +1,22 @@
 """What a physical effect is: metadata and one function of a signal."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import get_blas_funcs
 
 from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .moment import Online, without_memory
 from .signal import Signal
 
 
+(_SUBSTITUTE,) = get_blas_funcs(("tbsv",), dtype=np.float64)  # in a banded triangle
 MICRO_G = 9.80665e-6  # m/s²
 DEG_PER_HOUR = 4.84813681e-6  # rad/s
 DEG_PER_SECOND = 1.74532925e-2  # rad/s
@@ -42,7 +47,7 @@ class Effect(eqx.Module):
     units: Mapping[str, str] = eqx.field(static=True)  # of a coefficient, by triad
     # By triad and grade: smallest and largest usual coefficient, SI.
     prior: Mapping[str, Mapping[str, tuple[float | int, float | int]]] = eqx.field(static=True)
-    shape: Callable[..., Float[Array, "time channels columns"]] = eqx.field(static=True)
+    shape: Callable[..., Float[AnyArray, "time channels columns"]] = eqx.field(static=True)
     variants: Callable[[Signal], tuple[Variant, ...]] = eqx.field(static=True)
     needs: str = eqx.field(static=True)  # the excitation, in words
     driver: str = eqx.field(static=True)  # the quantity that drives it
@@ -55,6 +60,8 @@ class Effect(eqx.Module):
     nuisance: str = eqx.field(static=True, default="")  # the setting to refine and report, if any
     nuisance_unit: str = eqx.field(static=True, default="s")
     unit_amplitude: bool = eqx.field(static=True, default=False)  # the coefficient is 1 by theory
+    # Its shape takes arrays of NumPy as they are (`effects.arrays`): a diagnosis need not compile it.
+    in_numpy: bool = eqx.field(static=True, default=False)
     once: bool = eqx.field(static=True, default=False)  # a channel has one of it, of one setting
     instant: bool = eqx.field(static=True, default=False)  # force, rate and temperature tell it
     # Whether dwell means show it, as a fleet has them; the others need the samples.
@@ -119,12 +126,12 @@ def addition(
     coefficients: Float[AnyArray, "channels columns"],
     variant: Variant,
     signal: Signal,
-) -> Float[Array, "time 3"]:
+) -> Float[AnyArray, "time 3"]:
     """What the effect adds to the outputs, m/s² or rad/s.
 
     `coefficients` has shape `(3, columns)`, one row per channel, or `(1, columns)` for a common effect.
     """
-    shape = effect.shape(signal, **variant.settings)
+    shape = jnp.asarray(effect.shape(signal, **variant.settings))
     full = jnp.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2]))
     return jnp.einsum(
         "tcq,cq->tc", full, jnp.broadcast_to(jnp.asarray(coefficients), (3, shape.shape[2]))
@@ -143,22 +150,22 @@ def apply(
     )
 
 
-def inputs(signal: Signal) -> Float[Array, "time 3"]:
+def inputs(signal: Signal) -> Float[AnyArray, "time 3"]:
     """What an ideal triad reads, in the outputs' unit: m/s² or rad/s."""
     return inputs_at(signal.triad, signal.input)
 
 
-def inputs_at(triad: str, given: Float[AnyArray, "*time 3"]) -> Float[Array, "*time 3"]:
+def inputs_at(triad: str, given: Float[AnyArray, "*time 3"]) -> Float[AnyArray, "*time 3"]:
     """`inputs` of a triad from its input in g or rad/s."""
-    return jnp.asarray(given) * (9.80665 if triad == "accel" else 1.0)
+    return xp.asarray(given) * (9.80665 if triad == "accel" else 1.0)
 
 
 def chebyshev(
     temperature: AnyArray, order: int, low: Scalar | float, high: Scalar | float
-) -> Float[Array, " time"]:
+) -> Float[AnyArray, " time"]:
     """Chebyshev polynomial $T_{order}(x)$ of temperature scaled to [-1, 1]."""
-    x = (2.0 * jnp.asarray(temperature) - (low + high)) / (high - low)
-    before, value = jnp.ones_like(x), x
+    x = (2.0 * xp.asarray(temperature) - (low + high)) / (high - low)
+    before, value = xp.ones_like(x), x
     if order == 0:
         return before
     for _ in range(order - 1):
@@ -168,50 +175,78 @@ def chebyshev(
 
 def gradient(
     values: Float[AnyArray, "time 3"], time: Float[AnyArray, " time"]
-) -> Float[Array, "time 3"]:
+) -> Float[AnyArray, "time 3"]:
     """Time derivative by central differences, in the values' unit per second."""
-    change, step = jnp.gradient(values, axis=0), jnp.gradient(time)
-    return jnp.asarray(change) / jnp.asarray(step)[:, None]
+    change, step = xp.gradient(values, axis=0), xp.gradient(time)
+    return xp.asarray(change) / xp.asarray(step)[:, None]
+
+
+def lag(
+    time: Float[AnyArray, " time"], values: Float[AnyArray, " time"], time_constant: Scalar | float
+) -> Float[AnyArray, " time"]:
+    """First-order lag $\\tau \\dot y + y = x$, exact for a piecewise linear x, in equilibrium at the start."""
+    time, values = xp.asarray(time), xp.asarray(values)
+    decay, mean = _weights(xp.diff(time, prepend=time[:1]), time_constant)
+    before = xp.concatenate([values[:1], values[:-1]])
+    driven = (1.0 - mean) * values + (mean - decay) * before
+    driven = xp.concatenate([values[:1], driven[1:]])
+    decay = xp.concatenate([xp.zeros_like(decay[:1]), decay[1:]])
+    return (_followed if xp.of_jax(decay, driven) else _followed_by_lapack)(decay, driven)
 
 
 @jax.jit
-def lag(
-    time: Float[AnyArray, " time"], values: Float[AnyArray, " time"], time_constant: Scalar | float
-) -> Float[Array, " time"]:
-    """First-order lag $\\tau \\dot y + y = x$, exact for a piecewise linear x, in equilibrium at the start."""
-    time, values = jnp.asarray(time), jnp.asarray(values)
-    decay, mean = _weights(jnp.diff(time, prepend=time[:1]), time_constant)
-    before = jnp.concatenate([values[:1], values[:-1]])
-    driven = (1.0 - mean) * values + (mean - decay) * before
+def _followed(
+    decay: Float[AnyArray, " time"], driven: Float[AnyArray, " time"]
+) -> Float[AnyArray, " time"]:
+    """$y_k = a_k y_{k-1} + b_k$ of decays a and drives b, from zero."""
 
     def follow(state, now):
         state = now[0] * state + now[1]
         return state, state
 
     # A plain scan: an associative one compiles ten times longer, and a CPU gains nothing from it.
-    start = jnp.zeros_like(driven[0])
-    driven = driven.at[0].set(values[0])
-    return jax.lax.scan(follow, start, (decay.at[0].set(0.0), driven))[1]
+    return jax.lax.scan(follow, jnp.zeros_like(driven[0]), (decay, driven))[1]
 
 
-def _weights(step: Array, time_constant: Scalar | float) -> tuple[Array, Array]:
+def _followed_by_lapack(
+    decay: Float[np.ndarray, " time"], driven: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " time"]:
+    """The same: forward substitution in a matrix of ones with -a below its diagonal."""
+    band = np.stack([np.ones_like(decay), -np.append(decay[1:], 0.0)])
+    return _SUBSTITUTE(1, np.asfortranarray(band), driven, lower=1, diag=1)
+
+
+def _weights(step: Any, time_constant: Scalar | float) -> tuple[Any, Any]:
     """Decay over a step, and its mean over the step."""
-    ratio = jnp.maximum(step / time_constant, 1e-9)
-    return jnp.exp(-ratio), -jnp.expm1(-ratio) / ratio
+    ratio = xp.maximum(step / time_constant, 1e-9)
+    return xp.exp(-ratio), -xp.expm1(-ratio) / ratio
 
 
 def lag_step(
-    state: tuple[Array, Array], value: Array, step: Scalar | float, time_constant: Scalar | float
-) -> tuple[Array, Array]:
+    state: tuple[AnyArray, AnyArray],
+    value: AnyArray,
+    step: Scalar | float,
+    time_constant: Scalar | float,
+) -> tuple[AnyArray, AnyArray]:
     """One step of `lag`: the lagged value and the value itself, from those before."""
-    decay, mean = _weights(jnp.asarray(step), time_constant)
+    decay, mean = _weights(xp.asarray(step), time_constant)
     lagged, before = state
     return decay * lagged + (1.0 - mean) * value + (mean - decay) * before, value
 
 
-@jax.jit
-def play(values: Float[AnyArray, " time"], radius: Scalar | float) -> Float[Array, " time"]:
+def play(values: Float[AnyArray, " time"], radius: Scalar | float) -> Float[AnyArray, " time"]:
     """Play (backlash) operator of half-width `radius`, starting in the middle of its play."""
+    if xp.of_jax(values, radius):
+        return _play(values, radius)
+    made, y = [], float(values[0])
+    for low, high in zip((values - radius).tolist(), (values + radius).tolist()):
+        y = low if y < low else high if y > high else y
+        made.append(y)
+    return np.array(made)
+
+
+@jax.jit
+def _play(values: Float[AnyArray, " time"], radius: Scalar | float) -> Float[AnyArray, " time"]:
     values = jnp.asarray(values)
 
     def step(y, x):

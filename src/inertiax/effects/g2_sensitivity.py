@@ -1,8 +1,9 @@
 """Anisoelastic sensitivity of a gyro: products of specific force."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, Variant
 from .signal import Signal
 
@@ -10,10 +11,10 @@ from .signal import Signal
 PAIRS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 
 
-def shape(signal: Signal, *, terms: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, terms: str) -> Float[AnyArray, "time channels columns"]:
     """Products of the specific force along two device axes, g²."""
-    f = jnp.asarray(signal.force)
-    return jnp.stack([f[:, i] * f[:, j] for i, j in (PAIRS[k] for k in terms.split())], axis=-1)[
+    f = xp.asarray(signal.force)
+    return xp.stack([f[:, i] * f[:, j] for i, j in (PAIRS[k] for k in terms.split())], axis=-1)[
         :, None, :
     ]
 
@@ -37,6 +38,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="rests in positions with two axes loaded at once",
     driver="specific_force",

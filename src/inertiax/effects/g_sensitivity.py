@@ -1,16 +1,17 @@
 """Sensitivity of a gyro to specific force: matrix D."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, fixed
 from .signal import Signal
 
 
-def shape(signal: Signal, *, axes: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, axes: str) -> Float[AnyArray, "time channels columns"]:
     """Specific force along the device's axes, g."""
-    f = jnp.asarray(signal.force)
-    return jnp.stack([f[:, "xyz".index(k)] for k in axes], axis=-1)[:, None, :]
+    f = xp.asarray(signal.force)
+    return xp.stack([f[:, "xyz".index(k)] for k in axes], axis=-1)[:, None, :]
 
 
 EFFECT = Effect(
@@ -26,6 +27,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(
         ("row", {"axes": "xyz"}), ("x", {"axes": "x"}), ("y", {"axes": "y"}), ("z", {"axes": "z"})
     ),

@@ -1,15 +1,16 @@
 """Wrong reference value of gravity."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """The specific force itself, m/s²."""
-    return jnp.asarray(signal.input)[:, :, None] * 9.80665
+    return xp.asarray(signal.input)[:, :, None] * 9.80665
 
 
 EFFECT = Effect(
@@ -25,6 +26,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="a device whose scale factors are known otherwise",
     driver="specific_force",

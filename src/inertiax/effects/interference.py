@@ -3,20 +3,20 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
 from .moment import Moment, Online
 from .signal import Signal
 
 
-def shape(signal: Signal, *, frequency: Scalar | float) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, frequency: Scalar | float) -> Float[AnyArray, "time channels columns"]:
     """Sine and cosine of one frequency, Hz."""
-    phase = 2.0 * jnp.pi * frequency * jnp.asarray(signal.time)
-    return jnp.stack([jnp.sin(phase), jnp.cos(phase)], axis=-1)[:, None, :]
+    phase = 2.0 * xp.pi * frequency * xp.asarray(signal.time)
+    return xp.stack([xp.sin(phase), xp.cos(phase)], axis=-1)[:, None, :]
 
 
 def _grid(signal: Signal):
@@ -29,16 +29,16 @@ def _grid(signal: Signal):
 variants = over("frequency", _grid)
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
     del settings, temperature
     return ()
 
 
 def _follow(
     state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[Array, "channels columns"]]:
-    phase = 2.0 * jnp.pi * settings["frequency"] * jnp.asarray(moment.time)
-    return state, jnp.stack([jnp.sin(phase), jnp.cos(phase)])[None, :]
+) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
+    phase = 2.0 * xp.pi * settings["frequency"] * xp.asarray(moment.time)
+    return state, xp.stack([xp.sin(phase), xp.cos(phase)])[None, :]
 
 
 EFFECT = Effect(
@@ -59,6 +59,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="a recording of many periods",
     driver="time",

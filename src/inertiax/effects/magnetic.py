@@ -1,10 +1,10 @@
 """Sensitivity to the magnetic field, which is fixed to the room."""
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
@@ -17,16 +17,16 @@ AZIMUTHS = 12  # horizontal directions that the field may have where north is no
 
 def shape(
     signal: Signal, *, form: str, azimuth: Scalar | float = 0.0
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """The field, of unit size, along the input axis or all three; any direction where up is not known.
 
     `azimuth`, rad, turns the field's horizontal part from the room's first axis.
     """
-    room = jnp.asarray(signal.room)
+    room = xp.asarray(signal.room)
     if form == "own" and not signal.oriented:
         return room
-    level = room[:, :, 0] * jnp.cos(azimuth) + room[:, :, 1] * jnp.sin(azimuth)
-    field = level * jnp.cos(DIP) - room[:, :, 2] * jnp.sin(DIP)
+    level = room[:, :, 0] * xp.cos(azimuth) + room[:, :, 1] * xp.sin(azimuth)
+    field = level * xp.cos(DIP) - room[:, :, 2] * xp.sin(DIP)
     if form == "own":
         return field[:, :, None]
     if form == "horizontal":
@@ -73,6 +73,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="rests with different headings at known attitude",
     driver="attitude",

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
-from .._typing import Scalar, Vec3
+from .._typing import AnyArray, Scalar, Vec3
+from . import arrays as xp
 from .signal import Signal
 
 
@@ -17,14 +17,14 @@ class Moment(eqx.Module):
     triad: str = eqx.field(static=True)  # "accel" or "gyro"
     time: Scalar | float  # s since power-on
     step: Scalar | float  # s since the sample before
-    first: Bool[Array, ""]  # whether there was none before
+    first: Bool[AnyArray, ""]  # whether there was none before
     input: Vec3  # g (accelerometers) or rad/s (gyros): what an ideal triad reads
     force: Vec3  # g
     rate: Vec3  # rad/s
     temperature: Scalar | float  # °C, by the probe
-    at_rest: Bool[Array, ""]
+    at_rest: Bool[AnyArray, ""]
     # The model's outputs at another temperature, m/s² or rad/s.
-    at_temperature: Callable[[Scalar | float], Float[Array, "3"]]
+    at_temperature: Callable[[Scalar | float], Float[AnyArray, "3"]]
     degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1
@@ -34,7 +34,7 @@ class Moment(eqx.Module):
     duration: Scalar | float = 0.0  # s
 
 
-Shape = Float[Array, "channels columns"]
+Shape = Float[AnyArray, "channels columns"]
 
 
 class Online(eqx.Module):
@@ -44,14 +44,14 @@ class Online(eqx.Module):
     settings)` gives the next state and the effect's `shape` in that sample, `(3, columns)` or `(1, columns)`.
     """
 
-    begin: Callable[[Mapping[str, Any], Array], Any] = eqx.field(static=True)
+    begin: Callable[[Mapping[str, Any], AnyArray], Any] = eqx.field(static=True)
     follow: Callable[[Any, Moment, Mapping[str, Any]], tuple[Any, Shape]] = eqx.field(static=True)
 
 
-def without_memory(shape: Callable[..., Float[Array, "time channels columns"]]) -> Online:
+def without_memory(shape: Callable[..., Float[AnyArray, "time channels columns"]]) -> Online:
     """The form of an effect that depends on nothing but the sample's force, rate and temperature."""
 
-    def begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+    def begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
         del settings, temperature
         return ()
 
@@ -63,13 +63,13 @@ def without_memory(shape: Callable[..., Float[Array, "time channels columns"]]) 
 
 def _rows(moment: Moment) -> Signal:
     """A signal of the sample and, for shapes that are scaled by it, a row of the greatest input."""
-    given = jnp.asarray(moment.input)
-    greatest = jnp.full(3, moment.greatest_input, given.dtype)
-    twice = lambda x: jnp.stack([jnp.asarray(x), jnp.asarray(x)])
-    zero = jnp.zeros(2, given.dtype)
+    given = xp.asarray(moment.input)
+    greatest = xp.full(3, moment.greatest_input, given.dtype)
+    twice = lambda x: xp.stack([xp.asarray(x), xp.asarray(x)])
+    zero = xp.zeros(2, given.dtype)
     return Signal(
-        triad=moment.triad, time=zero, input=jnp.stack([given, greatest]), output=twice(given), since_power=zero,
-        since_start=zero, since_move=zero, move=jnp.zeros((2, 3), given.dtype), at_rest=twice(moment.at_rest),
+        triad=moment.triad, time=zero, input=xp.stack([given, greatest]), output=twice(given), since_power=zero,
+        since_start=zero, since_move=zero, move=xp.zeros((2, 3), given.dtype), at_rest=twice(moment.at_rest),
         temperature=twice(moment.temperature), force=twice(moment.force), rate=twice(moment.rate),
         degree=moment.degree, low=moment.low, high=moment.high,
     )  # fmt: skip

@@ -1,16 +1,17 @@
 """Odd quadratic coefficient Koq."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, MICRO_G
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """f |f|, g²."""
-    f = jnp.asarray(signal.input)
-    return (f * jnp.abs(f))[:, :, None]
+    f = xp.asarray(signal.input)
+    return (f * xp.abs(f))[:, :, None]
 
 
 EFFECT = Effect(
@@ -26,6 +27,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="at least three levels of |f| along the axis",
     driver="specific_force",

@@ -1,8 +1,9 @@
 """Tilt of the pier or foundation, out of level from the start or slowly changing."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
@@ -11,24 +12,24 @@ DAY = 86400.0  # s
 LONG = 2e4  # s; a good part of a day
 
 
-def shape(signal: Signal, *, course: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, course: str) -> Float[AnyArray, "time channels columns"]:
     """Small rotations about the room's axes: constant, growing linearly, or in sine and cosine of a day's period.
 
     The vertical axis is left out where it is known and gravity is the input, which it does not turn.
     """
     u = inputs(signal)
-    time = jnp.asarray(signal.time)
+    time = xp.asarray(signal.time)
     if course == "constant":
-        courses = [jnp.ones_like(time)]
+        courses = [xp.ones_like(time)]
     elif course == "linear":
         courses = [time / (time[-1] - time[0])]
     else:
-        phase = 2.0 * jnp.pi * time / DAY
-        courses = [jnp.sin(phase), jnp.cos(phase)]
-    room = jnp.asarray(signal.room)
+        phase = 2.0 * xp.pi * time / DAY
+        courses = [xp.sin(phase), xp.cos(phase)]
+    room = xp.asarray(signal.room)
     axes = range(2) if signal.upright and signal.triad == "accel" else range(3)
-    turned = [jnp.cross(room[:, :, k], u) for k in axes]
-    return jnp.stack([c[:, None] * t for t in turned for c in courses], axis=-1)
+    turned = [xp.cross(room[:, :, k], u) for k in axes]
+    return xp.stack([c[:, None] * t for t in turned for c in courses], axis=-1)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -62,6 +63,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="positions turned about the vertical in a known way, or hours of recording",
     driver="time",

@@ -1,8 +1,9 @@
 """Quantisation coarser than the noise."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed
 from .signal import Signal
 
@@ -10,24 +11,24 @@ from .signal import Signal
 HARMONICS = 6
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """Mean rounding error of an output x with step q and Gaussian scatter s, m/s² or rad/s.
 
     $(q/\\pi) \\sum_k (-1)^k/k \\, \\sin(2\\pi k x/q) \\, e^{-2 (\\pi k s/q)^2}$
     (Widrow & Kollár, Quantization Noise, 2008). A recorded output is rounded already, a whole number of steps, and
     says nothing of what was lost: there the value is the one that the fitted model expects.
     """
-    q, s = jnp.asarray(signal.resolution)[None, :], jnp.asarray(signal.scatter)[None, :]
-    x = jnp.asarray(signal.output if signal.expected is None else signal.expected)
-    error = jnp.zeros_like(x)
+    q, s = xp.asarray(signal.resolution)[None, :], xp.asarray(signal.scatter)[None, :]
+    x = xp.asarray(signal.output if signal.expected is None else signal.expected)
+    error = xp.zeros_like(x)
     for k in range(1, HARMONICS + 1):
-        error += (
+        error = error + (
             (-1.0) ** k
             / k
-            * jnp.sin(2.0 * jnp.pi * k * x / q)
-            * jnp.exp(-2.0 * (jnp.pi * k * s / q) ** 2)
+            * xp.sin(2.0 * xp.pi * k * x / q)
+            * xp.exp(-2.0 * (xp.pi * k * s / q) ** 2)
         )
-    return (error * q / jnp.pi)[:, :, None]
+    return (error * q / xp.pi)[:, :, None]
 
 
 EFFECT = Effect(
@@ -40,6 +41,7 @@ EFFECT = Effect(
         "gyro": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)},
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="noise below half a step of the outputs",
     driver="output",

@@ -1,16 +1,17 @@
 """Scale-factor nonlinearity of a gyro."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed
 from .signal import Signal
 
 
-def shape(signal: Signal, *, power: int) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, power: int) -> Float[AnyArray, "time channels columns"]:
     """ω|ω| or ω³ with ω in rad/s."""
-    w = jnp.asarray(signal.input)
-    return (w * jnp.abs(w) ** (power - 1))[:, :, None]
+    w = xp.asarray(signal.input)
+    return (w * xp.abs(w) ** (power - 1))[:, :, None]
 
 
 EFFECT = Effect(
@@ -26,6 +27,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("quadratic", {"power": 2}), ("cubic", {"power": 3})),
     needs="three or more rates of each sign",
     driver="rate",

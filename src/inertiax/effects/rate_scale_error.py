@@ -1,15 +1,16 @@
 """Wrong scale of the table's rate, or a wrong clock."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """The rate itself, rad/s."""
-    return jnp.asarray(signal.input)[:, :, None]
+    return xp.asarray(signal.input)[:, :, None]
 
 
 EFFECT = Effect(
@@ -25,6 +26,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="gyros whose scale factors are known otherwise",
     driver="rate",

@@ -1,22 +1,22 @@
 """Saturation: clipping near the ends of the range."""
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
 
 def shape(
     signal: Signal, *, depth: Scalar | float, side: int
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """What a clip takes away that leaves `depth`, a part of the largest input, off at both ends or at one."""
     u = inputs(signal)
-    limit = (1.0 - depth) * jnp.max(jnp.abs(u))
-    high = jnp.maximum(u - limit, 0.0) if side >= 0 else jnp.zeros_like(u)
-    low = jnp.maximum(-u - limit, 0.0) if side <= 0 else jnp.zeros_like(u)
+    limit = (1.0 - depth) * xp.max(xp.abs(u))
+    high = xp.maximum(u - limit, 0.0) if side >= 0 else xp.zeros_like(u)
+    low = xp.maximum(-u - limit, 0.0) if side <= 0 else xp.zeros_like(u)
     return (low - high)[:, :, None]
 
 
@@ -44,6 +44,7 @@ EFFECT = Effect(
         "gyro": {"navigation": (0.0001, 1), "tactical": (0.0001, 1), "consumer": (0.0001, 1)},
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="several levels of input near the end of the range",
     driver="input",

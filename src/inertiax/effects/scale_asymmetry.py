@@ -1,15 +1,16 @@
 """Scale-factor asymmetry: different scale factors for positive and negative input."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, MICRO_G
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """|f| (g) or |ω| (rad/s)."""
-    return jnp.abs(jnp.asarray(signal.input))[:, :, None]
+    return xp.abs(xp.asarray(signal.input))[:, :, None]
 
 
 EFFECT = Effect(
@@ -30,6 +31,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="both signs of the input at several levels",
     driver="input",

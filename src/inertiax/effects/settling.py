@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .moment import Moment, Online
 from .signal import Signal
@@ -15,15 +15,15 @@ from .signal import Signal
 
 def shape(
     signal: Signal, *, time_constant: Scalar | float, size: str
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """exp(-t_s / tau) after each move, of equal size or in proportion to the change of the input along the axis."""
-    decay = jnp.exp(-jnp.asarray(signal.since_move) / time_constant)[:, None, None]
+    decay = xp.exp(-xp.asarray(signal.since_move) / time_constant)[:, None, None]
     if size == "equal":
         return decay
-    move = jnp.asarray(signal.move)
+    move = xp.asarray(signal.move)
     if size == "signed":
         return decay * move[:, :, None]
-    return decay * jnp.linalg.norm(move, axis=1)[:, None, None]
+    return decay * xp.norm(move, axis=1)[:, None, None]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -43,31 +43,31 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     )
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple[Array, ...]:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple[AnyArray, ...]:
     del settings
-    zero = jnp.zeros_like(temperature)
-    vector, no = jnp.zeros(3, zero.dtype), jnp.zeros((), bool)
+    zero = xp.zeros_like(temperature)
+    vector, no = xp.zeros(3, zero.dtype), xp.zeros((), bool)
     return zero, vector, vector, no, no
 
 
 def _follow(
-    state: tuple[Array, ...], moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple[Array, ...], Float[Array, "channels columns"]]:
+    state: tuple[AnyArray, ...], moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple[AnyArray, ...], Float[AnyArray, "channels columns"]]:
     """The input of the last rest is known when a new one begins; the first rest has no move."""
     since, last, move, resting, rested = state
-    now = jnp.asarray(moment.input)
+    now = xp.asarray(moment.input)
     begins = moment.at_rest & ~resting
-    since = jnp.where(begins, 0.0, since + jnp.asarray(moment.step))
-    move = jnp.where(begins, jnp.where(rested, now - last, 0.0), move)
-    last = jnp.where(moment.at_rest, now, last)
+    since = xp.where(begins, 0.0, since + xp.asarray(moment.step))
+    move = xp.where(begins, xp.where(rested, now - last, 0.0), move)
+    last = xp.where(moment.at_rest, now, last)
     state = since, last, move, moment.at_rest, rested | moment.at_rest
-    decay = jnp.exp(-since / settings["time_constant"])
+    decay = xp.exp(-since / settings["time_constant"])
     if settings["size"] == "equal":
         return state, decay[None, None]
-    own = jnp.where(moment.at_rest, move, 0.0)
+    own = xp.where(moment.at_rest, move, 0.0)
     if settings["size"] == "signed":
         return state, (decay * own)[:, None]
-    return state, (decay * jnp.linalg.norm(own))[None, None]
+    return state, (decay * xp.norm(own))[None, None]
 
 
 EFFECT = Effect(
@@ -88,6 +88,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="several blocks within each rest",
     driver="time_since_move",

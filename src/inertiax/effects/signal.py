@@ -7,7 +7,7 @@ effect that needs one of them is not testable there.
 from collections.abc import Callable
 
 import equinox as eqx
-from jaxtyping import Array, Float, Shaped
+from jaxtyping import Float, Shaped
 
 from .._typing import AnyArray, Scalar
 
@@ -40,7 +40,7 @@ class Signal(eqx.Module):
     scatter: Float[AnyArray, "3"] | None = None  # 1 sigma of one sample
     supply: Float[AnyArray, " time"] | None = None  # V
     expected: Float[AnyArray, "time 3"] | None = None  # m/s² or rad/s: outputs by the fitted model
-    at_temperature: Callable[[Float[AnyArray, " time"]], Float[Array, "time 3"]] | None = None
+    at_temperature: Callable[[Float[AnyArray, " time"]], Float[AnyArray, "time 3"]] | None = None
     degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1

@@ -3,44 +3,45 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, gradient
 from .moment import Moment, Online
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """Row of ω × (ω × r) + dω/dt × r for the three components of the lever arm r, m/s² per m."""
-    w = jnp.asarray(signal.rate)
+    w = xp.asarray(signal.rate)
     return _rows(w, gradient(w, signal.time))
 
 
 def _rows(
-    w: Float[Array, "time 3"], change: Float[Array, "time 3"]
-) -> Float[Array, "time channels columns"]:
-    inner = w[:, :, None] * w[:, None, :] - jnp.sum(w**2, axis=1)[:, None, None] * jnp.eye(3)[None]
+    w: Float[AnyArray, "time 3"], change: Float[AnyArray, "time 3"]
+) -> Float[AnyArray, "time channels columns"]:
+    inner = w[:, :, None] * w[:, None, :] - xp.sum(w**2, axis=1)[:, None, None] * xp.eye(3)[None]
     x, y, z = change[:, 0], change[:, 1], change[:, 2]
-    o = jnp.zeros_like(x)
-    cross = jnp.stack(
-        [jnp.stack([o, -z, y], -1), jnp.stack([z, o, -x], -1), jnp.stack([-y, x, o], -1)], axis=1
+    o = xp.zeros_like(x)
+    cross = xp.stack(
+        [xp.stack([o, -z, y], -1), xp.stack([z, o, -x], -1), xp.stack([-y, x, o], -1)], axis=1
     )
     return inner + cross
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> Array:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> AnyArray:
     del settings
-    return jnp.zeros(3, temperature.dtype)
+    return xp.zeros(3, temperature.dtype)
 
 
 def _follow(
-    state: Array, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[Array, Float[Array, "channels columns"]]:
+    state: AnyArray, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[AnyArray, Float[AnyArray, "channels columns"]]:
     """With the difference to the sample before for dω/dt."""
     del settings
-    w = jnp.asarray(moment.rate)
-    change = jnp.where(moment.first, jnp.zeros_like(w), (w - state) / moment.step)
+    w = xp.asarray(moment.rate)
+    change = xp.where(moment.first, xp.zeros_like(w), (w - state) / moment.step)
     return w, _rows(w[None], change[None])[0]
 
 
@@ -53,6 +54,7 @@ EFFECT = Effect(
         "accel": {"navigation": (0.001, 0.1), "tactical": (0.001, 0.05), "consumer": (0.0005, 0.02)}
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="accelerometer rows while the table turns",
     driver="rate",

@@ -1,17 +1,17 @@
 """Sensitivity to the supply voltage."""
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, nominal: Scalar | float) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, nominal: Scalar | float) -> Float[AnyArray, "time channels columns"]:
     """Supply voltage about the one at which the bias is stated, V."""
-    return (jnp.asarray(signal.supply) - nominal)[:, None, None]
+    return (xp.asarray(signal.supply) - nominal)[:, None, None]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -41,6 +41,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="a recorded supply voltage that changes",
     driver="supply",

@@ -1,37 +1,44 @@
 """Errors of the table's axes: index error, wobble, non-orthogonality."""
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, inputs, Variant
 from .signal import Signal
 
 
 def shape(
     signal: Signal, *, axis: str, form: str, pole: int = 0
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """Rotation about the inner axis in first or second harmonics of its angle, or non-orthogonality of the two axes.
 
     The inner angle is told by the specific force across the inner axis. Where that axis stands upright it is not, and
     the axis is taken to stand at its zero, which lies on the first (`pole` 0) or second of the other two device axes.
     """
-    f = jnp.asarray(signal.force)
+    f = xp.asarray(signal.force)
     u = inputs(signal)
     k = "xyz".index(axis)
     p, q = (k + 1) % 3, (k + 2) % 3
-    across = jnp.sqrt(jnp.maximum(f[:, p] ** 2 + f[:, q] ** 2, 1e-4))
+    across = xp.sqrt(xp.maximum(f[:, p] ** 2 + f[:, q] ** 2, 1e-4))
     c, s = f[:, p] / across, f[:, q] / across
-    turned = jnp.zeros_like(u).at[:, p].set(-u[:, q]).at[:, q].set(u[:, p])
+    turned = _vector({p: -u[:, q], q: u[:, p]})
     if form != "skew":
         angles = {"index": [c, s], "second": [c**2 - s**2, 2.0 * c * s]}[form]
-        return turned[:, :, None] * jnp.stack(angles, axis=-1)[:, None, :]
+        return turned[:, :, None] * xp.stack(angles, axis=-1)[:, None, :]
     upright = across < 0.1
-    c, s = jnp.where(upright, 1.0 - pole, c), jnp.where(upright, float(pole), s)
+    c, s = xp.where(upright, 1.0 - pole, c), xp.where(upright, float(pole), s)
     # A turn about the level direction that stays with the outer axis. The inner axis carries its own rates along.
-    along = jnp.zeros_like(u).at[:, p].set(c).at[:, q].set(s)
-    given = u if signal.triad == "accel" else u.at[:, k].set(0.0)
-    return jnp.cross(given, along)[:, :, None]
+    along = _vector({p: c, q: s})
+    given = u if signal.triad == "accel" else _vector({p: u[:, p], q: u[:, q]})
+    return xp.cross(given, along)[:, :, None]
+
+
+def _vector(components: dict[int, Float[AnyArray, " time"]]) -> Float[AnyArray, "time 3"]:
+    """The given components, and zero for the third."""
+    zero = xp.zeros_like(next(iter(components.values())))
+    return xp.stack([components.get(k, zero) for k in range(3)], axis=-1)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -68,6 +75,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="a reference, and many angles about each axis",
     driver="attitude",

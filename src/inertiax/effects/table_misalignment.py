@@ -1,19 +1,20 @@
 """Constant small rotation of the device on the table."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, inputs
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """θ × input for unit rotations about the three device axes."""
     u = inputs(signal)
     x, y, z = u[:, 0], u[:, 1], u[:, 2]
-    o = jnp.zeros_like(x)
-    return jnp.stack(
-        [jnp.stack([o, -z, y], -1), jnp.stack([z, o, -x], -1), jnp.stack([-y, x, o], -1)], axis=1
+    o = xp.zeros_like(x)
+    return xp.stack(
+        [xp.stack([o, -z, y], -1), xp.stack([z, o, -x], -1), xp.stack([-y, x, o], -1)], axis=1
     )
 
 
@@ -35,6 +36,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="a reference, and a model without misalignments of its own",
     driver="attitude",

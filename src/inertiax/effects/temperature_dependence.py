@@ -1,17 +1,18 @@
 """Temperature dependence where the model has none."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import chebyshev, DEG_PER_HOUR, Effect, inputs, MICRO_G, Variant
 from .signal import Signal
 
 
-def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, terms: int, on: str) -> Float[AnyArray, "time channels columns"]:
     """Chebyshev terms of degree 1 … terms, on the bias, or times the input along or across the axis."""
-    curve = jnp.stack(
+    curve = xp.stack(
         [
-            chebyshev(jnp.asarray(signal.temperature), k, signal.low, signal.high)
+            chebyshev(xp.asarray(signal.temperature), k, signal.low, signal.high)
             for k in range(1, terms + 1)
         ],
         axis=-1,
@@ -21,7 +22,7 @@ def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels
     scaled = inputs(signal)[:, :, None] * curve[:, None, :]
     if on == "scale":
         return scaled
-    return jnp.concatenate([jnp.roll(scaled, -1, axis=1), jnp.roll(scaled, -2, axis=1)], axis=2)
+    return xp.concatenate([xp.roll(scaled, -1, axis=1), xp.roll(scaled, -2, axis=1)], axis=2)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -50,6 +51,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="the temperature changes while the model is constant",
     driver="temperature",

@@ -1,8 +1,9 @@
 """Temperature polynomial of too low a degree: terms above the model's degree."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import chebyshev, DEG_PER_HOUR, Effect, inputs, MICRO_G, Variant
 from .signal import Signal
 
@@ -10,11 +11,11 @@ from .signal import Signal
 ON = {"bias": 0, "scale": 1, "misalignment": 2}
 
 
-def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal, *, terms: int, on: str) -> Float[AnyArray, "time channels columns"]:
     """Chebyshev terms of degree d + 1 … d + terms, on the bias, or times the input along or across the axis."""
     order = range(signal.degree + 1, signal.degree + 1 + terms)
-    curve = jnp.stack(
-        [chebyshev(jnp.asarray(signal.temperature), k, signal.low, signal.high) for k in order],
+    curve = xp.stack(
+        [chebyshev(xp.asarray(signal.temperature), k, signal.low, signal.high) for k in order],
         axis=-1,
     )
     if on == "bias":
@@ -22,7 +23,7 @@ def shape(signal: Signal, *, terms: int, on: str) -> Float[Array, "time channels
     scaled = inputs(signal)[:, :, None] * curve[:, None, :]
     if on == "scale":
         return scaled
-    return jnp.concatenate([jnp.roll(scaled, -1, axis=1), jnp.roll(scaled, -2, axis=1)], axis=2)
+    return xp.concatenate([xp.roll(scaled, -1, axis=1), xp.roll(scaled, -2, axis=1)], axis=2)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -51,6 +52,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="temperatures spread over more levels than the degree",
     driver="temperature",

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, lag, lag_step, MICRO_G, Variant
 from .moment import Moment, Online
 from .signal import Signal
@@ -14,9 +14,9 @@ from .signal import Signal
 
 def shape(
     signal: Signal, *, time_constant: Scalar | float, on: str
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """dT/dt in °C/min, by the probe or behind it by a lag; on the bias, times the input, or with d²T/dt² beside it."""
-    rate = jnp.asarray(signal.temperature_rate) * 60.0
+    rate = xp.asarray(signal.temperature_rate) * 60.0
     if time_constant > 0.0:
         rate = lag(signal.time, rate, time_constant)
     if on == "bias":
@@ -24,7 +24,7 @@ def shape(
     if on == "scale":
         return inputs(signal)[:, :, None] * rate[:, None, None]
     change = (rate - lag(signal.time, rate, 60.0)) / 60.0
-    return jnp.stack([rate, change], axis=-1)[:, None, :]
+    return xp.stack([rate, change], axis=-1)[:, None, :]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -33,32 +33,32 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     return tuple(Variant(f"{on}, {tau:g} s", {"time_constant": tau, "on": on}) for tau, on in forms)
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple[Array, ...]:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple[AnyArray, ...]:
     del settings
-    zero = jnp.zeros_like(temperature)
-    return temperature, zero, zero, zero, zero, jnp.zeros((), bool)
+    zero = xp.zeros_like(temperature)
+    return temperature, zero, zero, zero, zero, xp.zeros((), bool)
 
 
 def _follow(
-    state: tuple[Array, ...], moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple[Array, ...], Float[Array, "channels columns"]]:
+    state: tuple[AnyArray, ...], moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple[AnyArray, ...], Float[AnyArray, "channels columns"]]:
     """With the difference to the sample before for dT/dt."""
-    now, step = jnp.asarray(moment.temperature), moment.step
+    now, step = xp.asarray(moment.temperature), moment.step
     slope = (now - state[0]) / step * 60.0
     # Like `lag`, in equilibrium with the first slope that is known.
     start = ~state[5]
-    lagged, last = (jnp.where(start, slope, x) for x in state[1:3])
+    lagged, last = (xp.where(start, slope, x) for x in state[1:3])
     tau = settings["time_constant"]
-    lagged, last = lag_step((lagged, last), slope, step, jnp.maximum(tau, 1e-9))
-    rate = jnp.where(tau > 0.0, lagged, slope)
-    slow, before = (jnp.where(start, rate, x) for x in state[3:5])
+    lagged, last = lag_step((lagged, last), slope, step, xp.maximum(tau, 1e-9))
+    rate = xp.where(tau > 0.0, lagged, slope)
+    slow, before = (xp.where(start, rate, x) for x in state[3:5])
     slow, before = lag_step((slow, before), rate, step, 60.0)
     state = (now, lagged, last, slow, before, ~moment.first)
     if settings["on"] == "bias":
         return state, rate[None, None]
     if settings["on"] == "scale":
         return state, (inputs_at(moment.triad, moment.input) * rate)[:, None]
-    return state, jnp.stack([rate, (rate - slow) / 60.0])[None, :]
+    return state, xp.stack([rate, (rate - slow) / 60.0])[None, :]
 
 
 EFFECT = Effect(
@@ -79,6 +79,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="ramps of temperature of different rates and signs",
     driver="temperature_rate",

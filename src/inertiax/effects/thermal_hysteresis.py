@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, MICRO_G, play, Variant
 from .moment import Moment, Online
 from .signal import Signal
@@ -20,15 +20,15 @@ LEAST = 2.0  # °C, a range of temperature that can hold a loop
 
 def shape(
     signal: Signal, *, radius: Scalar | float, loop: str, on: str
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
     itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; or plays side by
     side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each."""
-    t = jnp.asarray(signal.temperature)
-    low, high = jnp.min(t), jnp.max(t)
-    radius = jnp.asarray(radius)
+    t = xp.asarray(signal.temperature)
+    low, high = xp.min(t), xp.max(t)
+    radius = xp.asarray(radius)
     leads = [_lead(t, part * radius * (high - low)) for part in _parts(loop)]
-    lead = _loop(jnp.stack(leads, axis=-1), t, low, high, loop)
+    lead = _loop(xp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":
         return lead[:, None, :]
     return inputs(signal)[:, :, None] * lead[:, None, :]
@@ -40,24 +40,22 @@ def _parts(loop: str) -> tuple[float, ...]:
 
 
 def _loop(
-    lead: Float[Array, "*time plays"],
-    t: Float[Array, "*time"],
-    low: Float[Array, ""],
-    high: Float[Array, ""],
+    lead: Float[AnyArray, "*time plays"],
+    t: Float[AnyArray, "*time"],
+    low: Scalar | float,
+    high: Scalar | float,
     loop: str,
-) -> Float[Array, "*time columns"]:
+) -> Float[AnyArray, "*time columns"]:
     """The loop's columns from what each play lags behind the temperature."""
     if loop == "spread":
-        return jnp.mean(lead, axis=-1, keepdims=True)
+        return xp.mean(lead, axis=-1, keepdims=True)
     if loop == "Rayleigh":
         x = (2.0 * t - (high + low)) / (high - low)
         return lead * (1.0 - x**2)[..., None]
     return lead
 
 
-def _lead(
-    temperature: Float[Array, " time"], width: Float[Array, ""] | float
-) -> Float[Array, " time"]:
+def _lead(temperature: Float[AnyArray, " time"], width: Scalar | float) -> Float[AnyArray, " time"]:
     return (play(temperature, width) - temperature) / width
 
 
@@ -78,19 +76,19 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     )
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> Array:
-    return jnp.full(len(_parts(settings["loop"])), temperature)
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> AnyArray:
+    return xp.full(len(_parts(settings["loop"])), temperature)
 
 
 def _follow(
-    state: Array, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[Array, Float[Array, "channels columns"]]:
-    low, high = jnp.asarray(moment.coldest), jnp.asarray(moment.warmest)
-    t = jnp.clip(jnp.asarray(moment.temperature), low, high)
-    widths = jnp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
+    state: AnyArray, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[AnyArray, Float[AnyArray, "channels columns"]]:
+    low, high = xp.asarray(moment.coldest), xp.asarray(moment.warmest)
+    t = xp.clip(xp.asarray(moment.temperature), low, high)
+    widths = xp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
     # The play begins in the middle, at the temperature within the range.
-    state = jnp.where(moment.first, t, state)
-    state = jnp.clip(state, t - widths, t + widths)
+    state = xp.where(moment.first, t, state)
+    state = xp.clip(state, t - widths, t + widths)
     lead = _loop((state - t) / widths, t, low, high, settings["loop"])
     if settings["on"] == "bias":
         return state, lead[None, :]
@@ -115,6 +113,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="heating and cooling branches with soaks on both",
     driver="temperature_branch",

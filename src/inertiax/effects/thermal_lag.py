@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import Effect, lag, lag_step, over
 from .moment import Moment, Online
 from .signal import Signal
@@ -18,12 +18,12 @@ SHORTEST = 6.0  # s; sensors lag by more, and what is shorter looks like a distu
 
 def shape(
     signal: Signal, *, time_constant: Scalar | float
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """Difference of the model's outputs at the element's and at the probe's temperature."""
     probe, outputs = signal.temperature, signal.at_temperature
     assert probe is not None and outputs is not None  # `requires` names both
     element = lag(signal.time, probe, time_constant)
-    return (outputs(element) - outputs(jnp.asarray(probe)))[:, :, None]
+    return (outputs(element) - outputs(xp.asarray(probe)))[:, :, None]
 
 
 def _grid(signal: Signal):
@@ -33,15 +33,15 @@ def _grid(signal: Signal):
 variants = over("time_constant", _grid)
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple[Array, Array]:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple[AnyArray, AnyArray]:
     del settings
     return temperature, temperature
 
 
 def _follow(
-    state: tuple[Array, Array], moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple[Array, Array], Float[Array, "channels columns"]]:
-    probe = jnp.asarray(moment.temperature)
+    state: tuple[AnyArray, AnyArray], moment: Moment, settings: Mapping[str, Any]
+) -> tuple[tuple[AnyArray, AnyArray], Float[AnyArray, "channels columns"]]:
+    probe = xp.asarray(moment.temperature)
     state = lag_step(state, probe, moment.step, settings["time_constant"])
     return state, (moment.at_temperature(state[0]) - moment.at_temperature(probe))[:, None]
 
@@ -56,6 +56,7 @@ EFFECT = Effect(
         "gyro": {"navigation": (0.5, 1.5), "tactical": (0.5, 1.5), "consumer": (0.5, 1.5)},
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="ramps of temperature where the parameters depend on it",
     driver="temperature_rate",

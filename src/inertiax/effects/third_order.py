@@ -1,15 +1,16 @@
 """Third-order coefficient K3."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, MICRO_G
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """f³, g³."""
-    f = jnp.asarray(signal.input)
+    f = xp.asarray(signal.input)
     return (f**3)[:, :, None]
 
 
@@ -26,6 +27,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="at least three levels of |f| along the axis",
     driver="specific_force",

@@ -3,36 +3,37 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, gradient, inputs, inputs_at
 from .moment import Moment, Online
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """Minus the derivative of the input, m/s² or rad/s per s."""
     u = inputs(signal)
     slope = gradient(u, signal.time)
-    moving = jnp.logical_not(jnp.asarray(signal.at_rest))
-    return jnp.where(moving[:, None], -slope, 0.0)[:, :, None]
+    moving = xp.logical_not(xp.asarray(signal.at_rest))
+    return xp.where(moving[:, None], -slope, 0.0)[:, :, None]
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> Array:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> AnyArray:
     del settings
-    return jnp.zeros(3, temperature.dtype)
+    return xp.zeros(3, temperature.dtype)
 
 
 def _follow(
-    state: Array, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[Array, Float[Array, "channels columns"]]:
+    state: AnyArray, moment: Moment, settings: Mapping[str, Any]
+) -> tuple[AnyArray, Float[AnyArray, "channels columns"]]:
     """With the difference to the sample before for the slope."""
     del settings
     now = inputs_at(moment.triad, moment.input)
     slope = (now - state) / moment.step
     still = moment.first | moment.at_rest
-    return now, -jnp.where(still, jnp.zeros_like(now), slope)[:, None]
+    return now, -xp.where(still, xp.zeros_like(now), slope)[:, None]
 
 
 EFFECT = Effect(
@@ -53,6 +54,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="a reference and ramps of the input, in rows at most 50 ms apart",
     driver="rate_of_change",

@@ -1,15 +1,16 @@
 """Vibration rectification: bias in proportion to the mean square of vibration."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._typing import AnyArray
+from . import arrays as xp
 from .effect import Effect, fixed, MICRO_G
 from .signal import Signal
 
 
-def shape(signal: Signal) -> Float[Array, "time channels columns"]:
+def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """Mean square of the specific force about its mean, g²."""
-    return jnp.asarray(signal.vibration)[:, None, None]
+    return xp.asarray(signal.vibration)[:, None, None]
 
 
 EFFECT = Effect(
@@ -25,6 +26,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    in_numpy=True,
     variants=fixed(("", {})),
     needs="vibration that differs between rests",
     driver="vibration",

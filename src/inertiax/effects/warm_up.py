@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
+from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .moment import Moment, Online
 from .signal import Signal
@@ -15,10 +15,10 @@ from .signal import Signal
 
 def shape(
     signal: Signal, *, time_constant: Scalar | float, start: str
-) -> Float[Array, "time channels columns"]:
+) -> Float[AnyArray, "time channels columns"]:
     """exp(-t / tau) from each power-on, or from the first only."""
-    since = jnp.asarray(signal.since_power if start == "each" else signal.since_start)
-    return jnp.exp(-since / time_constant)[:, None, None]
+    since = xp.asarray(signal.since_power if start == "each" else signal.since_start)
+    return xp.exp(-since / time_constant)[:, None, None]
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -36,15 +36,15 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     )
 
 
-def _begin(settings: Mapping[str, Any], temperature: Array) -> tuple:
+def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
     del settings, temperature
     return ()
 
 
 def _follow(
     state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[Array, "channels columns"]]:
-    return state, jnp.exp(-jnp.asarray(moment.time) / settings["time_constant"])[None, None]
+) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
+    return state, xp.exp(-xp.asarray(moment.time) / settings["time_constant"])[None, None]
 
 
 EFFECT = Effect(
@@ -65,6 +65,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    in_numpy=True,
     variants=variants,
     needs="the recording begins near power-on",
     driver="time_since_power_on",

@@ -1,6 +1,6 @@
 """Signatures: what every catalogued effect, in every form and on every channel, would do to the rows."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -75,7 +75,59 @@ class Term:
         return self.effect.driver in INPUTS and not self.effect.common
 
 
-def padded(signal: Signal, rows: int) -> Signal:
+def bucket(rows: int, finest: int = 4) -> int:
+    """The next power of two, or of `finest` equal steps between two of them, from 256 on."""
+    base = 256
+    while 2 * base < rows:
+        base *= 2
+    return next(s for s in (base + base * n // finest for n in range(finest + 1)) if s >= rows)
+
+
+def block_shapes(
+    effect: Effect, variants: Sequence[Variant], signal: Signal, coarse: Signal, blocks: Blocks
+) -> list[np.ndarray]:
+    """The effect's additions for unit coefficients at the blocks, `(block, 3, column)` for each variant."""
+    where = coarse if effect.slow else signal
+    make = _evaluated if effect.in_numpy else _compiled
+    made = []
+    for shape in make(effect, variants, where):
+        shape = shape if effect.slow else blocks.mean(shape)
+        made.append(np.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2])))
+    return made
+
+
+def _evaluated(
+    effect: Effect, variants: Sequence[Variant], signal: Signal
+) -> Iterator[Float[np.ndarray, "time channels columns"]]:
+    """The shape in each form, as it stands."""
+    for variant in variants:
+        yield np.asarray(effect.shape(signal, **variant.settings), float)
+
+
+def _compiled(
+    effect: Effect, variants: Sequence[Variant], signal: Signal
+) -> list[Float[np.ndarray, "time channels columns"]]:
+    """The shape in each form by JAX; variants that differ in numbers only are evaluated together."""
+    rows, signal = len(signal.time), _padded(signal, len(signal.time))
+    groups: dict[tuple, list[int]] = {}
+    for k, variant in enumerate(variants):
+        numbers = tuple(sorted(n for n, v in variant.settings.items() if isinstance(v, float)))
+        others = tuple(
+            sorted((n, v) for n, v in variant.settings.items() if not isinstance(v, float))
+        )
+        groups.setdefault((numbers, others), []).append(k)
+    made: list[np.ndarray] = [np.empty(0)] * len(variants)
+    for (numbers, others), members in groups.items():
+        for first in range(0, len(members), BATCH):
+            part = members[first : first + BATCH]
+            grid = [[variants[k].settings[n] for k in part] for n in numbers]
+            together = _evaluate(effect, numbers, others, signal, grid, len(part))
+            for k, shape in zip(part, together):
+                made[k] = shape[:rows]
+    return made
+
+
+def _padded(signal: Signal, rows: int) -> Signal:
     """The signal lengthened to a bucket size by repeats of its last row, as arrays of JAX.
 
     Campaigns of nearly the same length then share their compiled programs.
@@ -88,41 +140,6 @@ def padded(signal: Signal, rows: int) -> Signal:
         return jnp.asarray(x) if isinstance(x, (np.ndarray, float)) else x
 
     return jax.tree.map(longer, signal)
-
-
-def bucket(rows: int, finest: int = 4) -> int:
-    """The next power of two, or of `finest` equal steps between two of them, from 256 on."""
-    base = 256
-    while 2 * base < rows:
-        base *= 2
-    return next(s for s in (base + base * n // finest for n in range(finest + 1)) if s >= rows)
-
-
-def block_shapes(
-    effect: Effect, variants: Sequence[Variant], signal: Signal, coarse: Signal, blocks: Blocks
-) -> list[np.ndarray]:
-    """The effect's additions for unit coefficients at the blocks, `(block, 3, column)` for each variant.
-
-    Variants that differ in numbers only are evaluated together. The signals may be `padded`.
-    """
-    groups: dict[tuple, list[int]] = {}
-    for k, variant in enumerate(variants):
-        numbers = tuple(sorted(n for n, v in variant.settings.items() if isinstance(v, float)))
-        others = tuple(
-            sorted((n, v) for n, v in variant.settings.items() if not isinstance(v, float))
-        )
-        groups.setdefault((numbers, others), []).append(k)
-    made: list[np.ndarray] = [np.empty(0)] * len(variants)
-    where, rows = (coarse, blocks.num_blocks) if effect.slow else (signal, int(blocks.stop[-1]))
-    for (numbers, others), members in groups.items():
-        for first in range(0, len(members), BATCH):
-            part = members[first : first + BATCH]
-            grid = [[variants[k].settings[n] for k in part] for n in numbers]
-            together = _evaluate(effect, numbers, others, where, grid, len(part))
-            for k, shape in zip(part, together):
-                shape = shape[:rows] if effect.slow else blocks.mean(shape[:rows])
-                made[k] = np.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2]))
-    return made
 
 
 def _evaluate(effect, numbers, others, signal, grid, count) -> np.ndarray:
@@ -165,7 +182,6 @@ def terms(
     """All candidates of one triad, and for each effect that cannot be tested why not."""
     coarse = coarsen(signal, blocks)
     found: list[Term] = []
-    longer = padded(signal, len(signal.time)), padded(coarse, blocks.num_blocks)
     missing: dict[str, str] = {}
     for effect in catalogue:
         if signal.triad not in effect.triads:
@@ -177,7 +193,9 @@ def terms(
         variants = effect.variants(coarse if effect.slow else signal)
         if not variants:
             missing[effect.name] = "does not apply to this model and recording"
-        for variant, addition in zip(variants, block_shapes(effect, variants, *longer, blocks)):
+        for variant, addition in zip(
+            variants, block_shapes(effect, variants, signal, coarse, blocks)
+        ):
             if not effect.common:
                 found.extend(channel_terms(effect, variant, base, addition))
             if effect.common or effect.package:

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from .state_space import Chain, NUM_VARIANCES, TIME_CONSTANTS, WANDER
 
@@ -37,6 +37,7 @@ ROWS = (
 )
 LOST = 1e-30  # share of a state that is left, below which it is as good as none
 REMEMBERED = 6  # filters of a chain; a search comes back to the noises of its bank
+_FACTOR, _INVERT = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
 WHITE, FLICKER, WALK, DWELL, CYCLE, PROBE, RIG = range(NUM_VARIANCES)
 
 
@@ -211,17 +212,19 @@ def gains(groups: Groups, variances: Float[np.ndarray, "7"]) -> Gains:
     for k, (h, a) in enumerate(zip(groups.seen, groups.decay)):
         hp = h @ p
         # SciPy takes columns first: the transpose of a symmetric matrix is itself.
-        factor, failed = lapack.dpotrf((hp @ h.T + own[k]).T, lower=1, overwrite_a=1)
+        factor, failed = _FACTOR((hp @ h.T + own[k]).T, lower=1, overwrite_a=1)
         if failed:
             raise np.linalg.LinAlgError(f"group {k}: no positive covariance")
         logs += float(np.log(factor.diagonal()).sum())
-        inverse = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
+        inverse = _INVERT(factor, lower=1, overwrite_c=1)[0]
         gain = inverse @ (hp * a + shared[k])
         states.append(p)
         p = p * (a[:, None] * a) - gain.T @ gain
         p[place, place] += added[k]
         inverses.append(inverse)
         made.append(gain)
+    if not np.isfinite(logs):
+        raise np.linalg.LinAlgError("variances too large to compute with")
     return Gains(groups, inverses, made, states, 2.0 * logs)
 
 

@@ -92,11 +92,13 @@ class Blocks(eqx.Module):
 
 
 def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Means of `values[start:stop]` along the first axis, by differences of a running sum."""
-    offset = values.mean(axis=0)
-    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values - offset, axis=0)])
+    """Means of `values[start:stop]` along the first axis; where all of a block are zero, so is its mean."""
+    edges = np.stack([start, stop], axis=1).ravel()
+    # Sums between successive edges: every other one is of a block. The end of the rows is no edge to begin at.
+    if len(edges) and edges[-1] == len(values):
+        edges = edges[:-1]
     shape = (-1,) + (1,) * (values.ndim - 1)
-    return (total[stop] - total[start]) / (stop - start).reshape(shape) + offset
+    return np.add.reduceat(values, edges, axis=0)[::2] / (stop - start).reshape(shape)
 
 
 def join(campaign: Campaign, *, handling: bool = True) -> Log:

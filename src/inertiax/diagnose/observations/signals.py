@@ -1,12 +1,11 @@
 """What each triad went through, from the log and the fitted models: the `Signal` that effects act on."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ..._typing import AnyArray, Scalar
-from ...effects import Signal
+from ...effects import arrays as xp, Signal
 from ...effects.effect import chebyshev
 from .attitude import attitude
 from .blocks import block_mean, Blocks, EARTH_RATE, Log
@@ -23,14 +22,13 @@ class AtTemperature(eqx.Module):
     low: Scalar | float
     high: Scalar | float
 
-    def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
+    def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[AnyArray, "time 3"]:
         size = self.bias.shape[1]
         terms = [chebyshev(temperature, k, self.low, self.high) for k in range(size)]
-        basis = jnp.stack(terms, axis=-1)
-        by_matrix = jnp.einsum(
-            "ijk,tk,tj->ti", jnp.asarray(self.matrix), basis, jnp.asarray(self.input)
-        )
-        return basis @ jnp.asarray(self.bias).T + by_matrix
+        basis, given = xp.stack(terms, axis=-1), xp.asarray(self.input)
+        both = xp.concatenate([basis, *(basis[:, k, None] * given for k in range(size))], axis=1)
+        columns = [self.bias.T, *(self.matrix[:, :, k].T for k in range(size))]
+        return both @ xp.concatenate(columns, axis=0)
 
     def with_parameters(
         self, base: Baseline, coefficients: Float[np.ndarray, "parameter size"]

@@ -1,0 +1,73 @@
+"""Operations on arrays by the library that the arrays are of: NumPy's, or JAX's where any is one of JAX's.
+
+A shape is one formula. In a compiled program, under a derivative or on an accelerator it is JAX; for one campaign,
+where a hundred shapes are asked for once each, compiling them would take most of the time, and NumPy evaluates them as
+they are. The names are those that both libraries have.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._typing import AnyArray
+
+
+pi = np.pi
+
+
+def of_jax(*values: Any) -> bool:
+    """Whether any of the values, or of the members of a list of them, is an array of JAX or traced by it."""
+    return any(
+        of_jax(*v) if isinstance(v, (list, tuple)) else isinstance(v, jax.Array) for v in values
+    )
+
+
+def _either(name: str) -> Callable[..., Any]:
+    host, device = getattr(np, name), getattr(jnp, name)
+
+    def call(*arguments: Any, **options: Any) -> Any:
+        if of_jax(*arguments):
+            return device(*arguments, **options)
+        made = host(*arguments, **options)
+        # Of Python's numbers alone comes one again: beside an array of JAX it does not widen the array's type.
+        plain = all(isinstance(a, (bool, float, int)) for a in arguments)
+        return made.item() if plain and not options else made
+
+    call.__name__ = call.__qualname__ = name
+    call.__doc__ = f"`numpy.{name}`, or `jax.numpy.{name}`."
+    return call
+
+
+def _new(name: str) -> Callable[..., Any]:
+    host, device = getattr(np, name), getattr(jnp, name)
+
+    def call(*arguments: Any, **options: Any) -> Any:
+        return (device if of_jax(*arguments) else host)(*arguments, **options)
+
+    call.__name__ = call.__qualname__ = name
+    call.__doc__ = f"`numpy.{name}`, or `jax.numpy.{name}`."
+    return call
+
+
+# By the names of both libraries, those of Python's own functions among them.
+zeros, zeros_like, ones_like, full, eye = map(
+    _new, ("zeros", "zeros_like", "ones_like", "full", "eye")
+)
+asarray, broadcast_to, concatenate, stack, roll, where = map(
+    _either, ("asarray", "broadcast_to", "concatenate", "stack", "roll", "where")
+)
+abs, clip, maximum, minimum, sign, logical_not = map(
+    _either, ("abs", "clip", "maximum", "minimum", "sign", "logical_not")
+)
+cos, exp, expm1, sin, sqrt, square = map(_either, ("cos", "exp", "expm1", "sin", "sqrt", "square"))
+max, mean, min, sum = map(_either, ("max", "mean", "min", "sum"))
+cross, diff, einsum, gradient = map(_either, ("cross", "diff", "einsum", "gradient"))
+
+
+def norm(values: AnyArray, axis: int | None = None) -> Any:
+    """Euclidean length along an axis."""
+    library = jnp if of_jax(values) else np
+    return library.linalg.norm(values, axis=axis)
