@@ -13,7 +13,7 @@ import equinox as eqx
 import numpy as np
 
 from ..calibration.calibration import Calibration, TriadCalibration
-from ..calibration.quantities import customary_units, label, with_sigma
+from ..calibration.quantities import customary_units, label, rms_text, with_sigma
 from ..calibration.triad import slot
 from .data_coverage import input_of, Judged, orientations, rates, temperatures
 from .goodness_of_fit import (
@@ -27,7 +27,7 @@ from .goodness_of_fit import (
     UNUSABLE,
     usual_size,
 )
-from .pipeline import DeviceResult, TriadResult
+from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
 TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros"}
@@ -79,6 +79,10 @@ def judge(result: DeviceResult) -> Quality:
         own += _outliers(name, estimate)
         triads.append(_triad_verdict(name, own))
         findings += own
+    if result.mag is not None:
+        own = _magnetometers(result.mag)
+        triads.append(_triad_verdict("Magnetometers", own))
+        findings += own
     said = [w for w in result.warnings if w not in forced]
     findings += [Finding("warning", ATTENTION, w[0].upper() + w[1:]) for w in said]
     # The sort is stable: of like grade, the first that was looked at.
@@ -119,6 +123,27 @@ def _both(result: DeviceResult) -> list[tuple[TriadCalibration, TriadResult]]:
 
 def _lower(text: str) -> str:
     return text[0].lower() + text[1:]
+
+
+# Of the field: a misfit of 5 % is 3° of heading, and iron near by or a wrong column; an uncertainty of 2 % is 1°.
+_GROSS_FIELD, _UNSURE_FIELD = 0.05, 0.02
+
+
+def _magnetometers(mag: MagnetometerResult) -> list[Finding]:
+    """What is left of the field's magnitude, and how well the hard and the soft iron are known."""
+    field = float(np.asarray(mag.estimator.field))
+    ratio = math.sqrt(mag.chi2_per_dof)
+    left = f"Magnetometers: {rms_text('T', mag.rms)} rms of a field of {1e6 * field:.1f} µT is left"
+    grade = UNUSABLE if mag.rms > _GROSS_FIELD * field else FINE
+    if grade == FINE and ratio > LIMITS.noise_ratio:
+        grade = ATTENTION
+        left += f", {ratio:.1f} times what the noise predicts: iron near by, or a field that is not uniform"
+    elif grade == UNUSABLE:
+        left += ": look for iron near by, exchanged columns or a wrong unit"
+    hard, soft = mag.worst_sigmas
+    known = FINE if max(hard / field, soft) <= _UNSURE_FIELD else ATTENTION
+    text = f"Magnetometers: hard iron is known to {1e6 * hard:.2g} µT, soft iron to {100 * soft:.2g} % (1 sigma)"
+    return [Finding("misfit", grade, f"{left}."), Finding("weakest", known, f"{text}.")]
 
 
 # Misfit ----------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from ..model_selection.select_model import (
     fixed_model,
     settle_accel,
 )
-from ..plausibility import require_plausible, statements
+from ..plausibility import Finding, require_plausible, statements
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
 from ..reduction.handling import kept_sentence, left_out_sentence
@@ -33,10 +33,12 @@ from ..reduction.segments import segment_all
 from .accelerometers import calibrate_accelerometers
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
+from .magnetometers_of_device import calibrate_mag, has_magnetometers, magnetometer_calibration
 from .one_triad import Progress, with_refined_force
 from .results import (
     DeviceFailure as DeviceFailure,
     DeviceResult as DeviceResult,
+    MagnetometerResult as MagnetometerResult,
     TriadResult as TriadResult,
 )
 
@@ -101,7 +103,14 @@ def calibrate_device(
     progress("reducing recordings to dwells")
     segments = segment_all(campaign.recordings)
     handling = tuple(d for s in segments for d in s.disturbances)
-    dwells = reduce_to_dwells(campaign.recordings, segments=segments)
+    try:
+        dwells = reduce_to_dwells(campaign.recordings, segments=segments)
+    except ValueError as error:
+        if not has_magnetometers(campaign):
+            raise
+        alone = chosen.accel_estimator is None and chosen.gyro_estimator is None
+        why = () if alone else (f"accelerometers and gyros are not calibrated: {error}",)
+        return _magnetometers_alone(campaign, chosen, robust, progress, found_odd, why)
     dwells = with_rig_errors(dwells, campaign.rig)
     warning = None
     if chosen.accel_estimator is not None:
@@ -127,16 +136,20 @@ def calibrate_device(
         choices.extend(found.statements)
         specific_force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
         effects = found.effects(float(np.abs(specific_force).max()))
+    mag, failed = calibrate_mag(campaign, chosen, accel_result, dwells, segments, robust, progress)
+    warnings.extend(failed)
+    choices.extend(() if mag is None else mag.statements)
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
         accel=_triad(accel_result, chosen.accel_estimator, campaign.rig),
         gyro=_triad(gyro_result, chosen.gyro_estimator, campaign.rig),
         device=campaign.devices[0],
-        temperature_range=_temperature_range(campaign, accel_result, gyro_result),
+        temperature_range=_temperature_range(campaign, accel_result, gyro_result, mag),
         notes=tuple(choices),
         effects=effects,
         model=spec,
+        mag=None if mag is None else magnetometer_calibration(mag, campaign.rig),
     )
     return DeviceResult(
         calibration,
@@ -148,7 +161,36 @@ def calibrate_device(
         found_odd,
         handling,
         segments,
+        mag,
     )
+
+
+def _magnetometers_alone(
+    campaign: Campaign,
+    chosen: ChosenModel,
+    robust: float | None,
+    progress: Progress,
+    found_odd: tuple[Finding, ...],
+    why: tuple[str, ...],
+) -> DeviceResult:
+    """A device that is turned all ways without a rest: its magnetometers, in their own frame.
+
+    Raises `ValueError` where they are not determined either.
+    """
+    mag, failed = calibrate_mag(campaign, chosen, None, None, (), robust, progress)
+    warnings = (*campaign.notes, *statements(found_odd), *why, *failed)
+    if mag is None:
+        raise ValueError("; ".join((*why, *failed)))
+    spec = _described(campaign, chosen, None, None, None)
+    calibration = Calibration(
+        gravity=campaign.site.gravity,
+        device=campaign.devices[0],
+        temperature_range=_temperature_range(campaign, None, None, mag),
+        notes=mag.statements,
+        model=spec,
+        mag=magnetometer_calibration(mag, campaign.rig),
+    )
+    return DeviceResult(calibration, None, None, spec, mag.statements, warnings, found_odd, mag=mag)
 
 
 def _described(
@@ -228,10 +270,16 @@ def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> Triad
 
 
 def _temperature_range(
-    campaign: Campaign, accel: TriadResult | None, gyro: TriadResult | None
+    campaign: Campaign,
+    accel: TriadResult | None,
+    gyro: TriadResult | None,
+    mag: MagnetometerResult | None,
 ) -> tuple[float, float] | None:
+    """Temperatures that accelerometers and gyros were calibrated over, or the magnetometers where they are alone."""
     if any(r.temperature is None for r in campaign.recordings):
         return None
     used = [np.asarray(t.dwells.temperature) for t in (accel, gyro) if t is not None]
+    if not used and mag is not None:
+        used = [np.asarray(mag.dwells.temperature)]
     together = np.concatenate(used)
     return float(together.min()), float(together.max())

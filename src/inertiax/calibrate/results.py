@@ -2,12 +2,13 @@
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration
-from ..estimators import AbstractEstimator
+from ..estimators import AbstractEstimator, MagneticField
 from ..model_selection.model_spec import ModelSpec
+from ..physics.temperature import Curve
 from ..plausibility import Finding
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
@@ -41,6 +42,50 @@ class TriadResult(eqx.Module):
         return "m/s^2" if self.estimator.triad == "accel" else "rad/s"
 
 
+class MagnetometerResult(eqx.Module):
+    """The magnetometers' estimate with what is needed to judge and draw it."""
+
+    estimator: MagneticField  # with the field, the weights and the scatter that were found
+    curve: Curve  # of all its parameters, zero where they are not free
+    # Of the coefficients, row-major (size, parameters); zero where they are not free.
+    covariance: Float[AnyArray, "unknowns unknowns"]
+    free: Bool[np.ndarray, "size parameter"]  # which coefficients were estimated
+    dwells: Dwells  # rests, and samples in motion (position −1)
+    misfit: Float[
+        AnyArray, "dwells 2"
+    ]  # of magnitude and upward part, T; 0 for the latter in motion
+    sigma: Float[AnyArray, "dwells 2"]  # dwell noise and scatter together, T
+    scatter: float = eqx.field(static=True)  # found between dwells, T
+    chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
+    frame: str = eqx.field(static=True)  # "accel", or "own" where no vertical was known
+    field_given: bool = eqx.field(static=True)  # else the scale is by convention
+    statements: tuple[str, ...] = eqx.field(static=True)  # what was found, for people
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the magnitude's misfit, T."""
+        return float(np.sqrt(np.mean(np.square(np.asarray(self.misfit)[:, 0]))))
+
+    @property
+    def worst_sigmas(self) -> tuple[float, float]:
+        """1 sigma of the least certain hard iron, T, and element of the soft iron, at the mean temperature."""
+        size, names = self.curve.basis.size, self.estimator.names
+        blocks = np.asarray(self.covariance).reshape(size, len(names), size, len(names))
+        (phi,) = self.curve.basis.rows(np.array([np.mean(np.asarray(self.dwells.temperature))]))
+        sigma = np.sqrt(np.einsum("a,aibi,b->i", phi, blocks, phi))
+        kinds = ("mag.bias", "mag.matrix")
+        hard, soft = (
+            max(s for s, n in zip(sigma, names, strict=True) if n.startswith(k)) for k in kinds
+        )
+        return float(hard), float(soft)
+
+    @property
+    def num_rests(self) -> int:
+        """How many of the rows are rests."""
+        return int(np.sum(np.asarray(self.dwells.position) >= 0))
+
+
 class DeviceResult(eqx.Module):
     """A calibrated device."""
 
@@ -53,6 +98,7 @@ class DeviceResult(eqx.Module):
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
     handling: tuple[Disturbance, ...] = ()  # where rests were disturbed
     segments: tuple[Segments, ...] = ()  # of each recording
+    mag: MagnetometerResult | None = None  # None: not calibrated
 
 
 class DeviceFailure(eqx.Module):

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -15,6 +16,7 @@ from ..model_selection.model_spec import ModelEntry, to_model_entry
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
 from ..storage.whole_files import write_atomically
 from .fitted_effects import EffectEntry, from_entry, to_entry
+from .magnetometers import MagnetometerCalibration
 from .pytree import Calibration
 from .triad import is_parameter, TriadCalibration, unit_of
 
@@ -45,6 +47,17 @@ class _Triad(msgspec.Struct, forbid_unknown_fields=True):
     covariance: list[list[float]]  # of the coefficients row by row, SI
 
 
+class _Magnetometers(_Triad):
+    """The magnetometers, under `mag`: parameters as of any triad, and the field that they rest on."""
+
+    field: float  # in `field_unit`, magnitude at the test place
+    field_unit: str  # T
+    field_given: bool  # False: the scale is by convention
+    frame: Literal["accel", "own"]  # in which the compensated field is
+    dip: float | None = None  # rad, of the field below the horizontal; None: no vertical was known
+    dip_std: float | None = None  # rad
+
+
 class _File(msgspec.Struct, forbid_unknown_fields=True):
     """A device's calibration; a key that is not here is refused."""
 
@@ -62,6 +75,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     effects: list[EffectEntry] | msgspec.UnsetType = msgspec.UNSET  # named by a diagnosis
     # Of the accelerometers' coefficients (rows) with the gyros', where both were estimated together.
     cross_covariance: list[list[float]] | msgspec.UnsetType = msgspec.UNSET
+    mag: _Magnetometers | msgspec.UnsetType = msgspec.UNSET  # absent: not calibrated
 
 
 def _basis_to_json(basis: AbstractBasis) -> _Basis:
@@ -99,6 +113,35 @@ def _triad_to_json(triad: TriadCalibration) -> _Triad:
         basis=_basis_to_json(triad.curve.basis),
         coefficients=np.asarray(triad.curve.coefficients).tolist(),
         covariance=np.asarray(triad.covariance).tolist(),
+    )
+
+
+def _mag_to_json(mag: MagnetometerCalibration) -> _Magnetometers:
+    known = bool(np.isfinite(float(mag.dip)))
+    return _Magnetometers(
+        **msgspec.structs.asdict(_triad_to_json(mag.triad)),
+        field=float(mag.field),
+        field_unit="T",
+        field_given=mag.field_given,
+        frame="accel" if mag.frame == "accel" else "own",
+        dip=float(mag.dip) if known else None,
+        dip_std=float(mag.dip_sigma) if known else None,
+    )
+
+
+def _mag_from_json(mag: _Magnetometers, where: str) -> MagnetometerCalibration:
+    if mag.field_unit != "T":
+        raise ValueError(f"{where}: field_unit is {mag.field_unit!r}; it must be 'T'.")
+    if not mag.field > 0.0:
+        raise ValueError(f"{where}: field is {mag.field:g}; it must be above 0 T.")
+    unknown = float("nan")
+    return MagnetometerCalibration(
+        _triad_from_json(mag, where),
+        mag.field,
+        unknown if mag.dip is None else mag.dip,
+        unknown if mag.dip_std is None else mag.dip_std,
+        mag.field_given,
+        mag.frame,
     )
 
 
@@ -147,7 +190,9 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
 
     Raises `ValueError` where a number is not finite: a calibration that failed is not written.
     """
-    arrays = [x for x in jax.tree.leaves(calibration) if eqx.is_array(x)]
+    # The dip of the field is not a number where no vertical was known.
+    judged = calibration.changed(mag=None if calibration.mag is None else calibration.mag.triad)
+    arrays = [x for x in jax.tree.leaves(judged) if eqx.is_array(x)]
     if not all(np.isfinite(np.asarray(x)).all() for x in arrays):
         raise ValueError(
             f"calibration of device {calibration.device!r} has numbers that are not finite, so "
@@ -168,6 +213,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         model=msgspec.UNSET if calibration.model is None else to_model_entry(calibration.model),
         effects=[to_entry(e) for e in calibration.effects] or msgspec.UNSET,
         cross_covariance=msgspec.UNSET if cross is None else np.asarray(cross).tolist(),
+        mag=msgspec.UNSET if calibration.mag is None else _mag_to_json(calibration.mag),
     )
     write_atomically(path, encode(content, str(path), indent=1))
 
@@ -214,4 +260,7 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
         notes=tuple(content.notes),
         model=content.model.spec() if isinstance(content.model, ModelEntry) else None,
         effects=tuple(from_entry(e, str(path), effects) for e in content.effects or ()),
+        mag=None
+        if isinstance(content.mag, msgspec.UnsetType)
+        else _mag_from_json(content.mag, f"{path}: mag"),
     )

@@ -34,6 +34,7 @@ from .coefficients import Block
 from .effect_additions import additions, refuse_memory
 from .fitted_effects import FittedEffect
 from .labels import pair, register_labelled
+from .magnetometers import MagnetometerCalibration
 from .triad import TriadCalibration
 
 
@@ -50,7 +51,9 @@ class Calibration:
     effects beside the parameters. Those that depend on a sample alone take part in `calibration(...)` and `distort`;
     with one that depends on what went before, both raise `ValueError`, and `Twin` and
     `diagnose.estimates.applied_effects` serve. `cross_covariance` is that of the accelerometers' coefficients
-    with the gyros', where both were estimated together.
+    with the gyros', where both were estimated together. `mag(outputs, temperature, current)` compensates the
+    magnetometers; their coefficients are no part of `coefficients` and `covariance`, which are of accelerometers and
+    gyros.
 
     Raises `ValueError` for a gravity that is none in m/s², temperatures that are no °C or not in order, a triad in
     the other's place, or a `cross_covariance` of another shape.
@@ -66,6 +69,7 @@ class Calibration:
     # SI; None: estimated apart.
     cross_covariance: Float[AnyArray, "*batch accel_coefficients gyro_coefficients"] | None = None
     model: ModelSpec | None = None  # as it was fitted
+    mag: MagnetometerCalibration | None = None  # None: not calibrated
 
     def __post_init__(self):
         object.__setattr__(self, "gravity", as_leaf(self.gravity))
@@ -338,7 +342,7 @@ class Calibration:
 
 register_labelled(
     Calibration,
-    leaves=("gravity", "accel", "gyro", "temperature_range", "effects", "cross_covariance"),
+    leaves=("gravity", "accel", "gyro", "temperature_range", "effects", "cross_covariance", "mag"),
     structure=(),
     labels={"device": "", "notes": (), "model": None},
 )

@@ -27,7 +27,9 @@ def label(name: str) -> str:
     kind, indices = name.partition(".")[2].rstrip("]").split("[")
     axes = "".join(_AXES[int(i)] for i in indices.split(","))
     if kind == "bias":
-        return f"bias {axes}"
+        return f"hard iron {axes}" if name.startswith("mag") else f"bias {axes}"
+    if kind == "current":
+        return f"field of the current {axes}"
     if kind == "g_sensitivity":
         return f"g-sensitivity {axes}"
     return f"scale factor {axes[0]}" if axes[0] == axes[1] else f"misalignment {axes}"
@@ -49,8 +51,19 @@ def customary_units(triad: TriadCalibration) -> tuple[tuple[float, str], ...]:
     return tuple(_customary_unit(name, coarse) for name in triad.names)
 
 
+# A magnetometer's soft iron is per cents, and its axes are known to tenths of a degree.
+_MAGNETIC = {
+    "hard iron": (1e6, "µT"),
+    "field of the current": (1e6, "µT/A"),
+    "scale factor": (100.0, "%"),
+    "misalignment": (1e3, "mrad"),
+}
+
+
 def _customary_unit(name: str, coarse: bool) -> tuple[float, str]:
     what = family(name)
+    if name.startswith("mag"):
+        return _MAGNETIC[what]
     if what == "scale factor":
         return 1e6, "ppm"
     if what == "misalignment":
@@ -103,11 +116,16 @@ def with_sigma(value: float, sigma: float) -> tuple[str, str]:
 
 
 # How a misfit in an SI unit is shown.
-SHOWN_AS = {"m/s^2": (1.0, "m/s²"), "rad/s": (DEG_PER_HOUR, "°/h"), "rad": (1e3, "mrad")}
+SHOWN_AS = {
+    "m/s^2": (1.0, "m/s²"),
+    "rad/s": (DEG_PER_HOUR, "°/h"),
+    "rad": (1e3, "mrad"),
+    "T": (1e6, "µT"),
+}
 
 
 def rms_text(unit: str, value: float) -> str:
-    """A root mean square in the SI unit m/s^2, rad/s or rad, as people read it."""
+    """A root mean square in the SI unit m/s^2, rad/s, rad or T, as people read it."""
     factor, shown = SHOWN_AS[unit]
     return f"{factor * value:.3g} {shown}"
 

@@ -16,15 +16,20 @@ def is_parameter(name: str) -> bool:
 
 
 def slot(name: str) -> int:
-    """Place of a named parameter in (bias 3, matrix 9, g-sensitivity 9). Raises `ValueError` for another name."""
+    """Place of a named parameter in (bias 3, matrix 9, g-sensitivity 9 or current 3).
+
+    Raises `ValueError` for another name.
+    """
     parts = parse(name)
     if parts is None:
         raise ValueError(
-            f"parameter name {name!r} is not one of accel|gyro . bias[i], matrix[i,j], "
-            f"g_sensitivity[i,j] with i, j = 0, 1, 2."
+            f"parameter name {name!r} is not one of accel|gyro|mag . bias[i], matrix[i,j], gyro.g_sensitivity[i,j], "
+            f"mag.current[i] with i, j = 0, 1, 2."
         )
     if parts.kind == "bias":
         return parts.row
+    if parts.kind == "current":
+        return 12 + parts.row
     return {"matrix": 3, "g_sensitivity": 12}[parts.kind] + 3 * parts.row + parts.column
 
 
@@ -34,6 +39,8 @@ def unit_of(name: str) -> str:
         return "1"
     if name.startswith("accel"):
         return "m/s^2"
+    if name.startswith("mag"):
+        return "T/A" if ".current" in name else "T"
     return "rad/s/g" if "g_sensitivity" in name else "rad/s"
 
 
@@ -77,7 +84,10 @@ class TriadCalibration(eqx.Module):
             )
 
     def parameters(self, temperature: Scalar | float) -> Float[Array, "21"]:
-        """Bias (3), matrix (9) and g-sensitivity (9) at one temperature, °C; zero where not fitted."""
+        """Bias (3), matrix (9) and g-sensitivity (9) at one temperature, °C; zero where not fitted.
+
+        Of magnetometers the field of a current (3) stands in the place of the g-sensitivity.
+        """
         values = self.curve(temperature)
         place = {slot(n): k for k, n in enumerate(self.names)}
         # Read, not written to their slots, so that each device's numbers stay where they are.

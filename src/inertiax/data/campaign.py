@@ -67,7 +67,7 @@ def load_settings(path: Path | str) -> tuple[Campaign, CampaignTable]:
 
 def _site(table: SiteTable) -> Site:
     latitude = None if table.latitude is None else math.radians(table.latitude)
-    return Site(gravity=table.gravity, latitude=latitude)
+    return Site(table.gravity, latitude, table.magnetic_field)
 
 
 def _rig(table: RigTable) -> Rig:

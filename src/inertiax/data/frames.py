@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 
 
-TRIADS = ("accel", "gyro", "reference_accel", "reference_gyro")
-SINGLE = ("time", "experiment", "position", "supply")
+TRIADS = ("accel", "gyro", "reference_accel", "reference_gyro", "mag")
+SINGLE = ("time", "experiment", "position", "supply", "current", "pressure")
 Names = Mapping[str, str | Sequence[str]]
 
 

@@ -99,7 +99,7 @@ def _in_gaps(time: Float[np.ndarray, " time"], other: Float[np.ndarray, " other"
 
 
 def _onto(other: Recording, time: Float[np.ndarray, " time"]) -> Recording:
-    """A triad's columns at other stamps: numbers by straight lines, labels as they were last."""
+    """A triad's columns at other stamps: numbers by straight lines, labels and slower sensors as they were last."""
     straight = lambda x: None if x is None else onto(time, other.time, x, other.name)
     held = np.clip(np.searchsorted(other.time, time, side="right") - 1, 0, None)
     last = lambda x: None if x is None else x[held]
@@ -114,6 +114,9 @@ def _onto(other: Recording, time: Float[np.ndarray, " time"]) -> Recording:
         reference_accel=straight(other.reference_accel),
         reference_gyro=straight(other.reference_gyro),
         supply=None if supply is None else supply[:, 0],
+        mag=last(other.mag),
+        current=last(other.current),
+        pressure=last(other.pressure),
         device=other.device,
         name=other.name,
     )
@@ -136,6 +139,9 @@ def _joined(accel: Recording, gyro: Recording, base: Recording, name: str) -> Re
         reference_accel=accel.reference_accel,
         reference_gyro=gyro.reference_gyro,
         supply=either("supply"),
+        mag=either("mag"),
+        current=either("current"),
+        pressure=either("pressure"),
         device=accel.device or gyro.device,
         name=name,
     )

@@ -19,6 +19,9 @@ LEAST_RATIO, GREATEST_RATIO = 0.2, 5.0
 DEGREES = 57.3
 # m/s²: gravity of no other body that people calibrate on is outside, but 1 g, 981 gal and 9810 mm/s² are.
 LEAST_GRAVITY, GREATEST_GRAVITY = 1.5, 30.0
+# T, median magnitude: beyond, no magnetometer for the Earth's field goes, whatever iron is near.
+GREATEST_FIELD = 5e-3
+LEAST_EARTH_FIELD, GREATEST_EARTH_FIELD = 20e-6, 70e-6  # T: 22 in South America, 67 near the poles
 
 
 def check_temperature(call: str, values: Any, valid: Any, name: str = "temperature") -> None:
@@ -76,6 +79,32 @@ def check_rate(call: str, name: str, values: Any, valid: Any) -> None:
         raise ValueError(
             f"`{call}({name}=...)`: median magnitude {size:g}; it is in rad/s (deg/s?)."
         )
+
+
+def check_field(call: str, values: Any, valid: Any) -> None:
+    """Raise `ValueError` for magnetic fields that are none in T."""
+    size = _size(values, valid)
+    if size is not None and size > GREATEST_FIELD:
+        raise ValueError(
+            f"`{call}(mag=...)`: median magnitude {size:g}; it is in T, about 5e-5 ({field_unit_guess(size)}?)."
+        )
+
+
+def check_earth_field(call: str, field: Any) -> None:
+    """Raise `ValueError` for a magnitude that the Earth's magnetic field has nowhere; `None` passes."""
+    if field is None or is_traced(field):
+        return
+    if not LEAST_EARTH_FIELD <= float(field) <= GREATEST_EARTH_FIELD:
+        raise ValueError(
+            f"`{call}(magnetic_field=...)`: {float(field):g}; it is in T, from {LEAST_EARTH_FIELD:g} to "
+            f"{GREATEST_EARTH_FIELD:g} on Earth (48.6 uT is 48.6e-6)."
+        )
+
+
+def field_unit_guess(size: float) -> str:
+    """The unit in which a median magnitude would be the Earth's field, give or take what iron adds."""
+    units = {"gauss": 1e-4, "uT": 1e-6, "mgauss": 1e-7, "nT": 1e-9}
+    return min(units, key=lambda u: abs(np.log(size * units[u] / 45e-6)))
 
 
 def check_ratio(

@@ -13,6 +13,8 @@ from jaxtyping import Float, Int
 from .._typing import Given
 from .frames import columns_of, Names, TRIADS
 from .plausible_units import (
+    check_earth_field,
+    check_field,
     check_force,
     check_from_zero,
     check_gravity,
@@ -40,6 +42,9 @@ class Recording(eqx.Module):
     reference_accel: Float[np.ndarray, "time 3"] | None = None  # m/s², an ideal triad's reading
     reference_gyro: Float[np.ndarray, "time 3"] | None = None  # rad/s, Earth rate included
     supply: Float[np.ndarray, " time"] | None = None  # V
+    mag: Float[np.ndarray, "time 3"] | None = None  # T; NaN where it was not read
+    current: Float[np.ndarray, " time"] | None = None  # A; NaN where it was not read
+    pressure: Float[np.ndarray, " time"] | None = None  # Pa; NaN where it was not read
     device: str = eqx.field(static=True, default="")  # serial number
     name: str = eqx.field(static=True, default="")  # where it came from, for messages
 
@@ -48,7 +53,7 @@ class Recording(eqx.Module):
         num = self.time.shape[0]
         if num == 0:
             raise ValueError(f"{where}: no rows; at least one sample is needed.")
-        if self.accel is None and self.gyro is None:
+        if self.accel is None and self.gyro is None and self.mag is None:
             raise ValueError(
                 f"{where}: neither accelerometer nor gyro columns; at least one triad is needed."
             )
@@ -60,8 +65,11 @@ class Recording(eqx.Module):
                 raise ValueError(
                     f"{where}: '{label}' has {values.shape[0]} rows but 'time' has {num}."
                 )
-            if values.dtype.kind == "f" and not np.isfinite(values).all():
-                row = int(np.argmax(~np.isfinite(values).reshape(num, -1).all(axis=1)))
+            if values.dtype.kind != "f":
+                continue
+            sound = np.isfinite(values) | (np.isnan(values) & (label in WITH_GAPS))
+            if not sound.all():
+                row = int(np.argmax(~sound.reshape(num, -1).all(axis=1)))
                 raise ValueError(
                     f"{where}: '{label}' is not a finite number in row {row} (time "
                     f"{self.time[row]:g} s); every sample must be a number, so drop or repair it."
@@ -90,7 +98,8 @@ class Recording(eqx.Module):
 
         **Arguments:** `time` in s, increasing, or `sample_rate` in Hz instead; `accel` (m/s²) and `gyro` (rad/s)
         (time, 3); `temperature` (°C) (time,) or (time, probes); further columns by their names: `experiment`,
-        `position`, `reference_accel`, `reference_gyro`, `supply`.
+        `position`, `reference_accel`, `reference_gyro`, `supply`; `mag` (T) (time, 3), `current` (A) and `pressure`
+        (Pa), which may have gaps of NaN.
 
         Raises `ValueError`, one line that names the argument, for shapes that do not fit and for numbers that are
         implausible in these units.
@@ -155,7 +164,11 @@ COLUMNS = (
     "reference_accel",
     "reference_gyro",
     "supply",
+    "mag",
+    "current",
+    "pressure",
 )
+WITH_GAPS = ("mag", "current", "pressure")  # NaN where a slower sensor was not read
 
 
 def _samples(call: str, name: str, values: Any) -> np.ndarray:
@@ -190,18 +203,22 @@ def _check_units(call: str, made: dict[str, Any]) -> None:
             check_force(call, name, values, every)
         elif name.endswith("gyro"):
             check_rate(call, name, values, every)
+        elif name == "mag":
+            check_field(call, values, every)
 
 
 class Site(eqx.Module):
     """The test place.
 
-    Raises `ValueError` for a gravity that is none in m/s² or a latitude in degrees.
+    Raises `ValueError` for a gravity that is none in m/s², a latitude in degrees or a magnetic field that is none in T.
     """
 
     gravity: float = eqx.field(static=True, default=9.80665)  # m/s²
     latitude: float | None = eqx.field(static=True, default=None)  # rad
+    magnetic_field: float | None = eqx.field(static=True, default=None)  # T, magnitude
 
     def __check_init__(self):
+        check_earth_field("Site", self.magnetic_field)
         check_gravity("Site", self.gravity)
         if self.latitude is not None and not abs(self.latitude) <= np.pi / 2.0:
             raise ValueError(
@@ -239,6 +256,8 @@ class ModelChoice(eqx.Module):
     accel_estimator: str | None = eqx.field(static=True, default=None)
     # Reference | gravity | static | none; None: the tool chooses.
     gyro_estimator: str | None = eqx.field(static=True, default=None)
+    # Field | none; None: field where there are magnetometers.
+    mag_estimator: str | None = eqx.field(static=True, default=None)
     g_sensitivity: bool | None = eqx.field(static=True, default=None)  # the gyros' matrix D
     # Of every parameter's polynomial; 0 = constant.
     temperature_degree: int | None = eqx.field(static=True, default=None)

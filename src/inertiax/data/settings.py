@@ -16,6 +16,7 @@ import msgspec
 
 from .formats import ColumnMap, FORMATS
 from .formats.columns import nearest
+from .plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -27,6 +28,7 @@ class SiteTable(_Strict, frozen=True):
 
     gravity: float  # m/s²
     latitude: float | None = None  # deg
+    magnetic_field: float | None = None  # T, magnitude
 
 
 class RecordingsTable(_Strict, frozen=True):
@@ -67,6 +69,7 @@ class ModelTable(_Strict, frozen=True):
     # Names of `estimators.ESTIMATORS`, or "none"; checked where the model is chosen, since users may add their own.
     accel_estimator: str | None = None
     gyro_estimator: str | None = None
+    mag_estimator: str | None = None
     g_sensitivity: bool | None = None
     temperature_degree: int | None = None
     together: bool | None = None
@@ -194,6 +197,12 @@ def _check_values(table: CampaignTable, file: Path) -> None:
     if site.latitude is not None and not -90 <= site.latitude <= 90:
         raise ValueError(
             f"{file}: [site] latitude = {site.latitude:g} must be within -90 to 90 degrees."
+        )
+    field = site.magnetic_field
+    if field is not None and not LEAST_EARTH_FIELD <= field <= GREATEST_EARTH_FIELD:
+        raise ValueError(
+            f"{file}: [site] magnetic_field = {field:g} is no magnetic field of the Earth in T; it must be within "
+            f"{LEAST_EARTH_FIELD:g} to {GREATEST_EARTH_FIELD:g} (48.6 uT is 48.6e-6)."
         )
     for key, value in msgspec.structs.asdict(table.rig).items():
         if value is not None and not (math.isfinite(value) and value >= 0):

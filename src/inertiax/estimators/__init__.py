@@ -7,6 +7,7 @@ from .base import AbstractEstimator as AbstractEstimator, NOMINAL_SIGMA as NOMIN
 from .gravity_rotation import GravityRotation as GravityRotation
 from .invariant import ellipsoid_start as ellipsoid_start, Invariant as Invariant
 from .joint_imu import JointImu as JointImu, size_effect as size_effect
+from .magnetic_field import MagneticField as MagneticField
 from .reference_accel import ReferenceAccel as ReferenceAccel
 from .reference_gyro import ReferenceGyro as ReferenceGyro
 from .reference_gyro_rig import ReferenceGyroRig as ReferenceGyroRig
@@ -18,4 +19,5 @@ from .triads import AccelEstimator as AccelEstimator, GyroEstimator as GyroEstim
 ESTIMATORS: dict[str, dict[str, type[AbstractEstimator]]] = {
     "accel": {"invariant": Invariant, "reference": ReferenceAccel, "static": StaticAccel},
     "gyro": {"reference": ReferenceGyro, "gravity": GravityRotation, "static": StaticGyro},
+    "mag": {"field": MagneticField},
 }

@@ -16,16 +16,23 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Mat3, Scalar
 from ..physics.error_model import AccelerometerErrors, GyroErrors, solve3
+from ..physics.magnetic_model import MagnetometerErrors
 from ..reduction.dwells import Dwells
 
 
-Errors = TypeVar("Errors", AccelerometerErrors, GyroErrors, tuple[AccelerometerErrors, GyroErrors])
+Errors = TypeVar(
+    "Errors",
+    AccelerometerErrors,
+    GyroErrors,
+    tuple[AccelerometerErrors, GyroErrors],
+    MagnetometerErrors,
+)
 
 
 class AbstractEstimator(eqx.Module, Generic[Errors]):
     """Interface of the estimators; each states its gauge (what stays unobservable) in its docs."""
 
-    triad: eqx.AbstractClassVar[str]  # "accel", "gyro" or "imu"
+    triad: eqx.AbstractClassVar[str]  # "accel", "gyro", "imu" or "mag"
     by_reference: ClassVar[bool] = (
         False  # its rows need what an ideal triad reads, in motion as well
     )

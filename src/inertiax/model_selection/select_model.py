@@ -49,6 +49,8 @@ class ChosenModel(eqx.Module):
     fixed: bool = eqx.field(
         static=True, default=False
     )  # was fitted before; nothing is left to choose
+    # Accelerometers that the user does not want to be calibrated count as calibrated before.
+    accel_as_recorded: bool = eqx.field(static=True, default=False)
 
     def degree(self, triad: str) -> int | None:
         """Degree over temperature of one triad's polynomials; `None` where the data are to decide."""
@@ -110,6 +112,7 @@ def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenM
         together,
         bool(campaign.model.lever_arms),
         campaign.model.misalignment is not False,
+        accel_as_recorded=campaign.model.accel_estimator == NOT_CALIBRATED,
     )
 
 
@@ -153,7 +156,7 @@ def _accel_estimator(campaign, has, where: str, reasons: list[str]) -> str | Non
         asked = "reference" if has("reference_accel") else "invariant"
         because = "there is" if asked == "reference" else "there is no"
         reasons.append(f"accelerometers: '{asked}' because {because} reference_accel")
-    _require_known("accel", asked, where)
+    require_known("accel", asked, where)
     if ESTIMATORS["accel"][asked].by_reference and not has("reference_accel"):
         raise ValueError(
             f"{where} accel_estimator = {asked!r} needs the columns reference_accel_x/y/z; "
@@ -182,7 +185,7 @@ def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[
             "gyros: 'static' because there are neither reference_gyro nor calibrated accel"
         )
         return "static"
-    _require_known("gyro", asked, where)
+    require_known("gyro", asked, where)
     if ESTIMATORS["gyro"][asked].by_reference and not has("reference_gyro"):
         raise ValueError(
             f"{where} gyro_estimator = {asked!r} needs the columns reference_gyro_x/y/z; "
@@ -196,7 +199,7 @@ def _gyro_estimator(campaign, has, accel: str | None, where: str, reasons: list[
     return asked
 
 
-def _require_known(triad: str, asked: str, where: str) -> None:
+def require_known(triad: str, asked: str, where: str) -> None:
     """Raise `ValueError` where `[model]` names no estimator of the triad."""
     names = [*ESTIMATORS[triad], NOT_CALIBRATED]
     if asked not in names:
@@ -318,7 +321,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     now = problem.at(problem.start())
     rows, parameters = now.residual.reshape(-1), now.jacobian
     num_dwells, per_dwell, count = parameters.shape
-    levels = _temperature_levels(temperature)
+    levels = temperature_levels(temperature)
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
     scores: dict[int, float] = {}
     for degree in range(min(HIGHEST_DEGREE, levels - 1) + 1):
@@ -337,7 +340,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     return best, f"temperature degree {best} by BIC among 0…{max(scores)}"
 
 
-def _temperature_levels(temperature: np.ndarray) -> int:
+def temperature_levels(temperature: np.ndarray) -> int:
     """How many temperatures there are at least 1/12 of the whole span apart, which is what a
     polynomial of degree 6 can tell apart near its middle."""
     ordered = np.sort(temperature)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 
 _NAME = re.compile(
-    r"(?P<triad>accel|gyro)\."
-    r"(?:(?P<vector>bias)\[(?P<element>[0-2])\]"
+    r"(?P<triad>accel|gyro|mag)\."
+    r"(?:(?P<vector>bias|(?<=mag\.)current)\[(?P<element>[0-2])\]"
     r"|(?P<kind>matrix|(?<=gyro\.)g_sensitivity)\[(?P<row>[0-2]),(?P<column>[0-2])\])"
 )
 
@@ -14,17 +14,20 @@ _NAME = re.compile(
 class ParameterName(NamedTuple):
     """What a parameter's name says: its triad, what it belongs to, and its place there."""
 
-    triad: str  # accel or gyro
-    kind: str  # bias, matrix or g_sensitivity
+    triad: str  # accel, gyro or mag
+    kind: str  # bias, matrix, g_sensitivity or current
     row: int  # the output it acts on
-    column: int  # the input it is multiplied by; 0 for a bias
+    column: int  # the input it is multiplied by; 0 for a bias or a current
 
 
 def parse(name: str) -> ParameterName | None:
-    """The parts of a parameter's name; nothing for another name (accelerometers have no g-sensitivity)."""
+    """The parts of a parameter's name; nothing for another name.
+
+    Gyros alone have a g-sensitivity, magnetometers alone the field of a current.
+    """
     match = _NAME.fullmatch(name)
     if match is None:
         return None
     if match["vector"]:
-        return ParameterName(match["triad"], "bias", int(match["element"]), 0)
+        return ParameterName(match["triad"], match["vector"], int(match["element"]), 0)
     return ParameterName(match["triad"], match["kind"], int(match["row"]), int(match["column"]))

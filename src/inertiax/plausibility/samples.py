@@ -224,9 +224,10 @@ def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     every = max(sum(r.num_samples for r in device.recordings) // _MOST_STRETCHES, 1)
     keys, owner = [], []
     for number, log in enumerate(device.logs):
-        rows = np.concatenate([v for _, v in triads(log)], axis=1)
-        if len(rows) < 2 * length:
+        outputs = [v for _, v in triads(log)]
+        if not outputs or len(outputs[0]) < 2 * length:
             continue
+        rows = np.concatenate(outputs, axis=1)
         hashes = _stretch_hashes(rows, length)
         # Of a long log a part of the stretches, the same wherever they stand.
         keys.append(hashes[hashes % np.uint64(every) == 0])

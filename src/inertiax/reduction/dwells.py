@@ -26,6 +26,8 @@ _INNER = {
     "reference_gyro": (3,),
     "accel_covariance": (3, 3),
     "gyro_covariance": (3, 3),
+    "mag": (3,),
+    "mag_covariance": (3, 3),
     "rows": (4,),
 }
 
@@ -54,6 +56,9 @@ class Dwells(eqx.Module):
     rows: Int[AnyArray, "*dwell 4"] | None = (
         None  # recording, first row, one past the last, segment
     )
+    mag: Float[AnyArray, "*dwell 3"] | None = None  # T
+    mag_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, T²
+    current: Float[AnyArray, " *dwell"] | None = None  # A, mean
 
     def __check_init__(self):
         shape = jnp.shape(self.time)

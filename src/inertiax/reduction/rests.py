@@ -46,6 +46,9 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
     **Reference:** Tedaldi, Pretto, Menegatti, ICRA 2014, section IV (who try m over a range and
     keep the calibration with the least residual).
     """
+    if recording.accel is None and recording.gyro is None:
+        nothing = np.zeros(0, np.int64)
+        return Rests(nothing, nothing, statement="no rest: neither accelerometers nor gyros")
     step = usual_step(recording)
     width = max(int(round(window / step)) if step > 0 else 1, 16)
     if recording.num_samples < 2 * width:

@@ -17,6 +17,7 @@ from .mean_noise import quantisation_step
 
 _SAMPLES_FOR_SLOPE = 8
 _COLUMNS = ("time", "accel", "gyro", "temperature", "reference_accel", "reference_gyro")
+_TRIADS = ("accel", "gyro", "mag")
 
 
 class Line(eqx.Module):
@@ -44,6 +45,7 @@ class Reduced(eqx.Module):
     means: dict[str, np.ndarray]  # of each column, a row a dwell
     accel: Line | None
     gyro: Line | None
+    mag: Line | None
     spread: Float[np.ndarray, " dwell"] | None  # mean square of rates about their mean, (rad/s)²
 
     @property
@@ -56,7 +58,7 @@ class Reduced(eqx.Module):
 
     def first(
         self,
-        triad: Literal["accel", "gyro"],
+        triad: Literal["accel", "gyro", "mag"],
         dwells: Int[np.ndarray, " chosen"],
         kept: Int[np.ndarray, " chosen"],
     ) -> Float[np.ndarray, "row 3"]:
@@ -73,25 +75,38 @@ def reduced(
     start: Int[np.ndarray, " dwell"],
     stop: Int[np.ndarray, " dwell"],
     used: Bool[np.ndarray, " time"],
+    columns: Sequence[str] = _COLUMNS,
 ) -> Reduced:
-    """The sums over the rows `[start, stop)` of each dwell, of which those count that are `used`."""
+    """The sums over the rows `[start, stop)` of each dwell, of which those count that are `used`.
+
+    Of a column with gaps, such as the magnetometers', the rows without a number must not be among them.
+    """
     total = np.append(0, np.cumsum(used))
     counts = total[stop] - total[start]
-    made = Reduced(recording, start, stop, used, counts, {}, None, None, None)
+    made = Reduced(recording, start, stop, used, counts, {}, None, None, None, None)
     rows, starts = made.rows, np.cumsum(counts) - counts
 
     def mean(x: np.ndarray) -> np.ndarray:
         return np.add.reduceat(x, starts, axis=0) / counts.reshape(-1, *[1] * (x.ndim - 1))
 
-    given = [c for c in _COLUMNS if getattr(recording, c) is not None]
+    given = [c for c in columns if getattr(recording, c) is not None]
     means = {c: mean(getattr(recording, c)[rows]) for c in given}
-    lines = {t: _line(made, t, rows, starts) if t in given else None for t in ("accel", "gyro")}
+    lines = {t: _line(made, t, rows, starts) if t in given else None for t in _TRIADS}
     spread = None
-    if recording.gyro is not None and recording.reference_gyro is not None:
+    if recording.gyro is not None and {"gyro", "reference_gyro"} <= set(given):
         about = recording.gyro[rows] - np.repeat(means["gyro"], counts, axis=0)
         spread = mean(np.sum(np.square(about), axis=1))
     return Reduced(
-        recording, start, stop, used, counts, means, lines["accel"], lines["gyro"], spread
+        recording,
+        start,
+        stop,
+        used,
+        counts,
+        means,
+        lines["accel"],
+        lines["gyro"],
+        lines["mag"],
+        spread,
     )
 
 
@@ -102,7 +117,7 @@ def joined_means(found: Sequence[Reduced], column: str) -> np.ndarray | None:
     return np.concatenate([f.means[column] for f in found])
 
 
-def scatter_of(found: Sequence[Reduced], triad: Literal["accel", "gyro"]) -> Scatter | None:
+def scatter_of(found: Sequence[Reduced], triad: Literal["accel", "gyro", "mag"]) -> Scatter | None:
     """A triad's scatter within the dwells of all recordings, `None` where it was not recorded."""
     lines = [line for f in found if (line := getattr(f, triad)) is not None]
     if not lines:
@@ -156,7 +171,7 @@ def _line(
 
 def _outputs(recording: Recording, triad: str, rows: Int[np.ndarray, " row"]) -> np.ndarray:
     """A triad's outputs, less the reference where there is one."""
-    x, ideal = getattr(recording, triad)[rows], getattr(recording, f"reference_{triad}")
+    x, ideal = getattr(recording, triad)[rows], getattr(recording, f"reference_{triad}", None)
     return x if ideal is None else x - ideal[rows]
 
 

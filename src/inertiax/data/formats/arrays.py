@@ -83,6 +83,7 @@ def _wanted(columns: ColumnMap) -> list[str]:
     for key in ("accel", "gyro", "reference_accel", "reference_gyro"):
         triad = getattr(columns, key) or TriadColumns()
         names += triad.names or [f"{key}_{a}" for a in AXES]
+    names += columns.mag.names or () if columns.mag is not None else ()
     if columns.supply is not None:  # unasked, an array of that name may be other data of the file
         supply = columns.supply
         names.append(supply if isinstance(supply, str) else supply.name or "supply")

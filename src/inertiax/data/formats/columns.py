@@ -30,6 +30,14 @@ TEMPERATURE_UNITS = {
 }
 
 SUPPLY_UNITS = {"V": 1.0, "mV": 1e-3}
+# T first; a gauss is 1e-4 T, and mgauss is how flight controllers log it.
+MAG_UNITS = {
+    "T": 1.0, "mT": 1e-3, "uT": 1e-6, "µT": 1e-6, "nT": 1e-9,
+    "gauss": 1e-4, "G": 1e-4, "mgauss": 1e-7, "mG": 1e-7,
+}  # fmt: skip
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
+PRESSURE_UNITS = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5}
+_TRIAD_UNITS = {"accel": ACCEL_UNITS, "gyro": GYRO_UNITS, "mag": MAG_UNITS}
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -82,6 +90,20 @@ class SupplyColumn(_Strict, frozen=True):
     unit: str = "V"
 
 
+class CurrentColumn(_Strict, frozen=True):
+    """The current whose field the magnetometers feel."""
+
+    name: str | None = None
+    unit: str = "A"
+
+
+class PressureColumn(_Strict, frozen=True):
+    """The barometer's output."""
+
+    name: str | None = None
+    unit: str = "Pa"
+
+
 class LabelColumn(_Strict, frozen=True):
     """A column of labels: device, experiment or position."""
 
@@ -108,6 +130,9 @@ class ColumnMap(_Strict, frozen=True):
     experiment: LabelColumn | str | None = None
     position: PositionColumn | str | None = None
     supply: SupplyColumn | str | None = None
+    mag: TriadColumns | None = None
+    current: CurrentColumn | str | None = None
+    pressure: PressureColumn | str | None = None
 
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
@@ -170,13 +195,13 @@ def time_scale(column: TimeColumn, where: str) -> float:
 
 
 def triad_factors(
-    column: TriadColumns, kind: Literal["accel", "gyro"], where: str
+    column: TriadColumns, kind: Literal["accel", "gyro", "mag"], where: str
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Offset and factor of each axis, SI = (value − offset) · factor.
 
     Raises `ValueError` for an unknown unit and for scale, scale_unit or offset without raw counts.
     """
-    units = ACCEL_UNITS if kind == "accel" else GYRO_UNITS
+    units = _TRIAD_UNITS[kind]
     unit = column.unit or next(iter(units))
     if unit != "count":
         _refuse_count_keys(column, unit, where)
@@ -241,6 +266,16 @@ def temperature_factors(column: ProbeColumns, where: str) -> tuple[float, float]
 def supply_scale(unit: str, where: str) -> float:
     """Volts per unit."""
     return SUPPLY_UNITS[_known(unit, SUPPLY_UNITS, where)]
+
+
+def current_scale(unit: str, where: str) -> float:
+    """Amperes per unit."""
+    return CURRENT_UNITS[_known(unit, CURRENT_UNITS, where)]
+
+
+def pressure_scale(unit: str, where: str) -> float:
+    """Pascals per unit."""
+    return PRESSURE_UNITS[_known(unit, PRESSURE_UNITS, where)]
 
 
 def _known(unit: str, units: Iterable[str], where: str) -> str:

@@ -12,8 +12,12 @@ from ..recording import Recording
 from .columns import (
     AXES,
     ColumnMap,
+    current_scale,
+    CurrentColumn,
     Layout,
     nearest,
+    pressure_scale,
+    PressureColumn,
     ProbeColumns,
     shown,
     supply_scale,
@@ -52,8 +56,11 @@ def to_recordings(
         "reference_accel": _triad(table, columns.reference_accel, "reference_accel", name),
         "reference_gyro": _triad(table, columns.reference_gyro, "reference_gyro", name),
         "supply": _supply(table, columns.supply, name),
+        "mag": _mag(table, columns.mag, name),
+        "current": _current(table, columns.current, name),
+        "pressure": _pressure(table, columns.pressure, name),
     }
-    if values["accel"] is None and values["gyro"] is None:
+    if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
             f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
             "them under [columns] accel or gyro."
@@ -77,8 +84,13 @@ def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:
     return table.get_column(column)
 
 
-def numbers(table: pl.DataFrame, column: str, where: str) -> Float[np.ndarray, " rows"]:
-    """A column as finite float64. Raises `ValueError` for text, gaps, NaN and infinities."""
+def numbers(
+    table: pl.DataFrame, column: str, where: str, *, gaps: bool = False
+) -> Float[np.ndarray, " rows"]:
+    """A column as finite float64. Raises `ValueError` for text, gaps, NaN and infinities.
+
+    With `gaps` rows without a number are NaN: a sensor that is read less often than the others.
+    """
     series = require(table, column, where)
     if series.dtype == pl.String:
         text = series.str.strip_chars()
@@ -96,7 +108,7 @@ def numbers(table: pl.DataFrame, column: str, where: str) -> Float[np.ndarray, "
             f"{where}: column '{column}' is of type {series.dtype}; it must hold numbers."
         )
     values = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
-    finite = np.isfinite(values)
+    finite = np.isfinite(values) | (np.isnan(values) & gaps)
     if not finite.all():
         raise ValueError(
             f"{where}: column '{column}' has no finite number in {int((~finite).sum())} of "
@@ -154,7 +166,7 @@ def stamps_of(table: pl.DataFrame, columns: ColumnMap, where: str) -> Float[np.n
 
 _TICK = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-TriadName = Literal["accel", "gyro", "reference_accel", "reference_gyro"]
+TriadName = Literal["accel", "gyro", "reference_accel", "reference_gyro", "mag"]
 
 
 def _triad(
@@ -168,12 +180,31 @@ def _triad(
         raise ValueError(
             f"[columns] {key}: names must be three different columns; found {list(names)}."
         )
-    kind = "accel" if key.endswith("accel") else "gyro"
+    kind = "mag" if key == "mag" else "accel" if key.endswith("accel") else "gyro"
     offset, factor = triad_factors(column, kind, f"[columns] {key}")
     values = np.empty((table.height, 3))
     for axis, name in enumerate(names):
-        values[:, axis] = (numbers(table, name, where) - offset[axis]) * factor[axis]
+        read = numbers(table, name, where, gaps=key == "mag")
+        values[:, axis] = (read - offset[axis]) * factor[axis]
     return values
+
+
+def _mag(
+    table: pl.DataFrame, said: TriadColumns | None, where: str
+) -> Float[np.ndarray, "rows 3"] | None:
+    """The magnetometers, T; rows in which one of them is missing are NaN.
+
+    Columns of that name that nobody asked for and that are no three of numbers are not they.
+    """
+    try:
+        values = _triad(table, said, "mag", where)
+    except ValueError:
+        if said is not None:
+            raise
+        return None
+    if values is None or np.isnan(values).all():
+        return None
+    return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, values)
 
 
 def _temperature(
@@ -207,6 +238,30 @@ def _supply(
     if said is None and not (name in table.columns and table.schema[name].is_numeric()):
         return None
     return numbers(table, name, where) * supply_scale(column.unit, "[columns] supply")
+
+
+def _current(
+    table: pl.DataFrame, said: CurrentColumn | str | None, where: str
+) -> Float[np.ndarray, " rows"] | None:
+    """The current, A, NaN where it was not read; found by its name as the supply is."""
+    column = CurrentColumn(name=said) if isinstance(said, str) else said or CurrentColumn()
+    name = column.name or "current"
+    if said is None and not (name in table.columns and table.schema[name].is_numeric()):
+        return None
+    scale = current_scale(column.unit, "[columns] current")
+    return numbers(table, name, where, gaps=True) * scale
+
+
+def _pressure(
+    table: pl.DataFrame, said: PressureColumn | str | None, where: str
+) -> Float[np.ndarray, " rows"] | None:
+    """The barometer, Pa, NaN where it was not read; found by its name as the supply is."""
+    column = PressureColumn(name=said) if isinstance(said, str) else said or PressureColumn()
+    name = column.name or "pressure"
+    if said is None and not (name in table.columns and table.schema[name].is_numeric()):
+        return None
+    scale = pressure_scale(column.unit, "[columns] pressure")
+    return numbers(table, name, where, gaps=True) * scale
 
 
 def _position(
