@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Bool
 
 from ...reduction.handling import Disturbance
@@ -106,7 +106,7 @@ def _decisive_rest(
         scores = whiten_system(
             _without(prepared.system, prepared.blocks.dwell == dwell), noise, [term], others
         ).scores
-        chance = float(scipy.stats.chi2.sf(scores[0].gain, scores[0].size)) if scores else 1.0
+        chance = float(scipy.special.chdtrc(scores[0].size, scores[0].gain)) if scores else 1.0
         if chance > worst:
             worst, decisive = chance, int(dwell)
     return decisive

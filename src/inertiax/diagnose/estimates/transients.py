@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from ...data.moments import moment
@@ -99,7 +99,7 @@ def most_scattered(
             best = (float(score[k]), int(start[k]), int(start[k]) + length - 1, float(s[k] / nu[k]))
         length *= 2
     assert best is not None
-    single = scipy.stats.norm.sf(best[0])
+    single = scipy.special.ndtr(-best[0])
     p = float(-np.expm1(windows * np.log1p(-min(single, 1 - 1e-12))))
     return Window(best[1], best[2], p, best[3])
 

@@ -42,7 +42,9 @@ ROUNDS = 3  # further ones, each around what was found before
 DRAWS = 64  # in each of them for each pair of channels
 PAIRS = ((1, 2), (2, 0), (0, 1))
 COLUMNS = 5  # the baseline's columns are padded to a multiple
-BATCH = 64  # draws evaluated together
+BATCH = (
+    65  # draws evaluated together: as many as a pair of channels has in a round, with the center
+)
 HIGHEST = 4.0  # log variance over the scale up to which the first round looks
 LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a round are useful
 
@@ -94,7 +96,10 @@ def _told(
         return [_log_likelihood(system, noise, c, inputs[c], logs, units[c]) for c in range(3)]
 
     logs = rng.uniform(low, high, (FIRST, len(LEARNED)))
-    likely, shapes = likelihoods(logs), []
+    fitted = np.array([theta[LEARNED] for theta in noise.theta]) + units
+    together = likelihoods(np.concatenate([logs, fitted]))
+    likely, at_fitted = ([v[:FIRST] for v in together], [v[FIRST:] for v in together])
+    shapes: list[tuple[HeavyTails, float]] = []
     density = np.full(FIRST, np.log(FIRST) - np.log(high - low).sum())
     for _ in range(ROUNDS):
         moments = [_moments(logs, likely[a] + likely[b] - density) for a, b in PAIRS]
@@ -108,8 +113,7 @@ def _told(
         parts += [shape.log_density(logs) + count for shape, count in shapes]
         density = np.logaddexp.reduce(parts)
     told = [v - 0.5 * density for v in likely]
-    fitted = np.array([theta[LEARNED] for theta in noise.theta]) + units
-    return logs, told, [np.concatenate(both) for both in zip(likely, likelihoods(fitted))]
+    return logs, told, [np.concatenate(both) for both in zip(likely, at_fitted)]
 
 
 def _moments(logs: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from ..._typing import AnyArray
@@ -81,7 +81,7 @@ def find_delay(log: Log, base: CalibratedTriad) -> Delay | None:
     seen = _seen(log, base, ramps)
     value, std, number = _agreed(seen)
     freedom = np.maximum(number - 1.0, 1.0)
-    p_value = np.minimum(6.0 * scipy.stats.t.sf(np.abs(value) / std, freedom), 1.0)
+    p_value = np.minimum(6.0 * scipy.special.stdtr(freedom, -np.abs(value) / std), 1.0)
     before, after = seen.square(np.zeros(3)), seen.square(value)
     white = _white(log, output) * seen.freedom
     share = (before - after) / np.maximum(before - white, 1e-300)

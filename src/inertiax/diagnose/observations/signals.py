@@ -7,6 +7,7 @@ from jaxtyping import Float
 from ..._typing import AnyArray, Scalar
 from ...effects import arrays as xp, Signal
 from ...effects.effect import chebyshev
+from ...numerics.local_parabola import local_parabola
 from .attitude import attitude
 from .blocks import block_mean, Blocks, EARTH_RATE, Log
 from .model_rows import Baseline, CalibratedTriad, compensated
@@ -50,8 +51,6 @@ def at_temperature(base: Baseline | CalibratedTriad, given: np.ndarray) -> AtTem
 
 def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
     """Probe temperature and its rate by local parabolas over about `span` seconds, recording by recording."""
-    from scipy.signal import savgol_filter
-
     assert log.temperature is not None
     value, rate = np.empty_like(log.temperature), np.empty_like(log.temperature)
     for number in np.unique(log.recording):
@@ -63,9 +62,9 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
             value[rows] = t
             rate[rows] = np.gradient(t, log.time[rows]) if count > 1 else 0.0
             continue
-        value[rows] = savgol_filter(t, width, 2)
+        value[rows] = local_parabola(t, width)
         wide = min(3 * width // 2 * 2 + 1, (count - 1) // 2 * 2 + 1)
-        rate[rows] = savgol_filter(t, wide, 2, deriv=1, delta=step)
+        rate[rows] = local_parabola(t, wide, step)
     return value, rate
 
 

@@ -13,7 +13,6 @@ import jax
 import numpy as np
 import scipy.linalg
 import scipy.special
-import scipy.stats
 
 from ...data.recording import Campaign
 from ...effects import CATALOGUE, Effect
@@ -124,9 +123,9 @@ def needed(size: int, rows: int, forms: int, tests: float) -> float:
     pay the price of its columns and of its forms; $z = \\sqrt{\\text{threshold}} + \\Phi^{-1}(0.9)$.
     """
     single = -np.expm1(np.log1p(-GATE) / max(tests, 1.0))
-    gate = float(scipy.stats.chi2.isf(single, size))
+    gate = float(scipy.special.chdtri(size, single))
     price = size * np.log(max(rows, 2)) + 2.0 * np.log(max(forms, 1))
-    return float(np.sqrt(max(gate, price)) + scipy.stats.norm.ppf(POWER))
+    return float(np.sqrt(max(gate, price)) + scipy.special.ndtri(POWER))
 
 
 def at_the_gate(tests: Family, score: Score) -> float:

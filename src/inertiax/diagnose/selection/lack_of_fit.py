@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from ..candidates.signatures import Term
 from ..candidates.smooth import on_input
@@ -61,4 +61,5 @@ def left_over(
 
 def _rareness(candidate: Candidate) -> float:
     """Logarithm of the chance of such a likelihood ratio by noise alone."""
-    return float(scipy.stats.chi2.logsf(max(candidate.ratio, 0.0), candidate.score.size))
+    with np.errstate(divide="ignore"):  # no chance at all
+        return float(np.log(scipy.special.chdtrc(candidate.score.size, max(candidate.ratio, 0.0))))

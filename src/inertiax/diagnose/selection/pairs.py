@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import scipy.stats
+import scipy.special
 
 from ..candidates.signatures import Term
 from ..noise.observation_series import System
@@ -38,7 +38,7 @@ class Pair:
 def chance(first: Candidate, second: Candidate, tests: Family, slow: Collection[Key]) -> float:
     """Chance that the pair's part of all pairs of slow effects of one channel gains as much by noise alone."""
     size = first.score.size + second.score.size
-    single = scipy.stats.chi2.sf(max(first.ratio, 0.0) + max(second.ratio, 0.0), size)
+    single = scipy.special.chdtrc(size, max(first.ratio, 0.0) + max(second.ratio, 0.0))
     per_channel = Counter(on for _, on in slow)
     pairs = sum(n * (n - 1) // 2 for n in per_channel.values())
     forms = [tests.groups.get(c.key, ONE).at(c.ratio) for c in (first, second)]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from ..candidates.signatures import Term
@@ -153,7 +153,7 @@ def _beyond_noise(
         single = [1.0]
         for score in scores[:FORMS]:
             after = fit_noise(system, [score.term], null, [c]).value[c]
-            single.append(float(scipy.stats.chi2.sf(2.0 * max(before - after, 0.0), score.size)))
+            single.append(float(scipy.special.chdtrc(score.size, 2.0 * max(before - after, 0.0))))
         chances.append(min(1.0, different * min(single)))
     first, second = sorted([*chances, 1.0, 1.0])[:2]
     return first * second if first < SURE and second < SURE else 1.0

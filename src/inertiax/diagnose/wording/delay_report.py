@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from ...calibration.fitted_effects import FittedEffect
 from ...effects.time_delay import EFFECT
@@ -23,7 +23,7 @@ def with_delays(audit: Audit, delays: Sequence[Delay]) -> Audit:
     """The audit with the delays that the ramps would have shown with a chance of 0.9."""
     sizes: list[Detectable] = []
     for delay in delays:
-        least = scipy.stats.t.isf(LEVEL / 6.0, delay.freedom) + scipy.stats.norm.ppf(POWER)
+        least = scipy.special.ndtri(POWER) - scipy.special.stdtrit(delay.freedom, LEVEL / 6.0)
         for c, size in enumerate(least * np.asarray(delay.std)):
             if np.isfinite(size):
                 sizes.append(Detectable(NAME, (f"{delay.triad}_{'xyz'[c]}",), float(size), "s"))
