@@ -12,10 +12,12 @@ import scipy.optimize
 from diagnose_data import only, sweep, tumble
 from inertiax.diagnose.estimates.cross_validation import (
     folds,
+    gain_over_rests,
     held_out_rms,
     predict_rest,
     TOLD_BY_OTHERS,
 )
+from inertiax.diagnose.estimates.persistence import predicts
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.wording.sentences import gain_on_left_out
 
@@ -122,6 +124,38 @@ def test_an_effect_seen_everywhere_is_predicted_as_before():
         with_it = held_out_rms(prepared, [term])
         assert with_it == pytest.approx(np.sqrt(square / len(y)), rel=1e-9)
         assert with_it < 0.7 * held_out_rms(prepared, [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("second", "carried"), [(1.0, True), (0.4, False)])
+def test_what_acts_throughout_is_carried_by_more_than_one_dwell(second, carried):
+    """By hand: two dwells of sizes 1 and s, each told by the other, fall by 1 and s² and carry (1 + s²)² / (1 + s⁴)
+    dwells: 2 for s = 1, 1.3 for s = 0.4."""
+    with jax.enable_x64(True):
+        (prepared,) = prepare(tumble(seed=4)).triads
+        (term,) = [t for t in prepared.candidates if t.name == "second_order" and t.channels == (1,)]  # fmt: skip
+        dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
+        # Stretches have one or two dwells, so that these are not left out together.
+        first, other = dwell == 0, dwell == 3
+        column = 1.0 * first + second * other
+        term = replace(term, columns=(column[:, None],))
+        base = eqx.tree_at(lambda b: b.observed, prepared.system.base, (column,))
+        apart = ((~first & ~other)[:, None].astype(float),)  # a model that has no part in the two
+        system = eqx.tree_at(lambda s: (s.base, s.frames), prepared.system, (base, apart))
+        prepared = replace(prepared, system=system)
+        gain = gain_over_rests(prepared, term, [])
+        assert gain.sum() == pytest.approx(first.sum() + second**2 * other.sum(), rel=1e-9)
+        assert predicts(prepared, term, []) is carried
+
+
+@pytest.mark.slow
+def test_only_a_position_that_comes_again_has_a_level_of_its_own():
+    with jax.enable_x64(True):
+        levels = [
+            [t for t in prepare(tumble(seed=4, sessions=n)).triads[0].candidates if t.name == "~position"]
+            for n in (1, 2)
+        ]  # fmt: skip
+    assert [len(found) for found in levels] == [0, 3]
 
 
 def test_the_gain_is_said_as_it_is():

@@ -9,7 +9,7 @@ from ..reduction.handling import Disturbance
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .estimates import single_rests
-from .estimates.persistence import persists
+from .estimates.persistence import persists, predicts
 from .estimates.separable import renewed
 from .estimates.transients import Burst, find_bursts, swallows
 from .observations.delay_ramps import Delay
@@ -146,13 +146,28 @@ def find_once(
 
 
 def _persistent(prepared: Prepared, answer: Answer) -> Answer:
-    """The answer without jumps that do not persist."""
+    """The answer without what does not persist: jumps, and in searched logs whatever predicts no rest left out.
+
+    A dependence with many coefficients fits the levels of few rests, which nobody vouches for; on those that it was not
+    fitted to it is worse than none.
+    """
+    searched = single_rests.searched(prepared)
+
+    def lasts(term: Term, others: list[Term]) -> bool:
+        return persists(prepared, term, others) and (
+            not searched or predicts(prepared, term, others)
+        )
+
     terms = [n.candidate.term for n in answer.named]
     kept = tuple(
-        n
-        for k, n in enumerate(answer.named)
-        if persists(prepared, terms[k], terms[:k] + terms[k + 1 :])
+        n for k, n in enumerate(answer.named) if lasts(terms[k], terms[:k] + terms[k + 1 :])
     )
-    if answer.verdict != "missing-physics" or len(kept) == len(answer.named):
+    unlisted = answer.unlisted
+    if unlisted is not None and not lasts(unlisted.term, [n.candidate.term for n in kept]):
+        unlisted = None
+    if len(kept) == len(answer.named) and unlisted is answer.unlisted:
         return answer
-    return replace(answer, named=kept, verdict="missing-physics" if kept else "consistent")
+    if unlisted is not None and answer.verdict == "unexplained":
+        return replace(answer, named=kept)
+    verdict = "missing-physics" if kept else "consistent"
+    return replace(answer, named=kept, unlisted=unlisted, verdict=verdict)

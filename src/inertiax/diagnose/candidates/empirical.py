@@ -17,6 +17,7 @@ from .signatures import channel_terms, Term
 
 
 PREFIX = "~"  # names of alternatives; never a name of the catalogue
+FEWEST_POSITIONS, MOST_POSITIONS = 4, 40  # that come again, from and up to which each has a level
 
 
 def _courses(signal: Signal) -> Iterator[Course]:
@@ -133,13 +134,18 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
 
 
 def add_positions(made: list[Term], signal: Signal, blocks: Blocks, base: Baseline) -> None:
-    """One free level for each position that comes again; the least specific alternative."""
+    """One free level for each position that comes again; the least specific alternative.
+
+    The level of a position that comes once is that of its dwell, which is noise.
+    """
     rest = ~blocks.moving
-    numbers, counts = np.unique(blocks.position[rest], return_counts=True)
-    if not 4 <= len(numbers) <= 40:
+    visits = np.unique(np.stack([blocks.position[rest], blocks.dwell[rest]]), axis=1)
+    numbers, counts = np.unique(visits[0], return_counts=True)
+    again = numbers[counts > 1]
+    if not FEWEST_POSITIONS <= len(again) <= MOST_POSITIONS:
         return
-    dummy = ((blocks.position[:, None] == numbers) & rest[:, None]).astype(float)
-    addition = np.broadcast_to(dummy[:, None, :], (len(dummy), 3, len(numbers)))
+    dummy = ((blocks.position[:, None] == again) & rest[:, None]).astype(float)
+    addition = np.broadcast_to(dummy[:, None, :], (len(dummy), 3, len(again)))
     made.extend(
         channel_terms(PREFIX + "position", Variant("a level of each position", {}), base, addition)
     )

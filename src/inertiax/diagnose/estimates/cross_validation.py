@@ -110,18 +110,34 @@ def effect_columns(
 
 def held_out_rms(prepared: Prepared, chosen: Sequence[Term]) -> float:
     """Root mean square of the rows of every fold predicted from the others, SI."""
-    fold = folds(prepared)
-    system = prepared.system
-    square, number = 0.0, 0
+    squares = _held_out_squares(prepared, chosen)
+    return float(np.sqrt(squares.sum() / max(squares.size, 1)))
+
+
+def gain_over_rests(
+    prepared: Prepared, term: Term, others: Sequence[Term]
+) -> Float[np.ndarray, " dwell"]:
+    r"""What a term beside the others takes from the sum of squares of each dwell, when that is left out, SI.
+
+    $$g_d = \sum_{i \in d} (e_i^2 - \tilde e_i^2),$$ with $e_i$ predicted without the term and $\tilde e_i$ with it.
+    """
+    change = _held_out_squares(prepared, others) - _held_out_squares(prepared, [*others, term])
+    dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
+    return np.bincount(dwell, change.sum(axis=0))
+
+
+def _held_out_squares(prepared: Prepared, chosen: Sequence[Term]) -> Float[np.ndarray, "chain row"]:
+    """Squared errors of the rows of every fold predicted from the others, SI squared."""
+    fold, system = folds(prepared), prepared.system
+    squares = np.zeros((len(system.chains), len(fold)))
     for c, chain in enumerate(system.chains):
         y = system.base.observed[c]
         effects = effect_columns(chosen, c, len(y))
         for k in range(FOLDS):
             known = fold != k
             left = y[~known] - predict_rest(system.frames[c], effects, y, chain.white, known)
-            square += float(left @ left)
-            number += len(left)
-    return float(np.sqrt(square / max(number, 1)))
+            squares[c, ~known] = left**2
+    return squares
 
 
 def in_sample(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[float, float]:
