@@ -10,12 +10,13 @@ from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .estimates import single_rests
 from .estimates.persistence import persists, predicts
+from .estimates.predicted_rivals import with_predicted_rivals
 from .estimates.separable import renewed
 from .estimates.transients import Burst, find_bursts, swallows
 from .observations.delay_ramps import Delay
 from .problem import between_all, finer, Prepared
 from .selection.score_test import Score
-from .selection.verdict import Answer, identify
+from .selection.verdict import Answer, identify, Named
 
 
 Progress = Callable[[str], None]
@@ -142,7 +143,17 @@ def find_once(
         )
         answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
     answer = _persistent(prepared, answer)
+    if single_rests.searched(prepared):
+        answer = replace(answer, named=_with_rivals(prepared, answer.named))
     return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1])), every
+
+
+def _with_rivals(prepared: Prepared, named: Sequence[Named]) -> tuple[Named, ...]:
+    """Each name with what rests left out do not exclude, beside the other names."""
+    terms = [n.candidate.term for n in named]
+    return tuple(
+        with_predicted_rivals(prepared, n, terms[:k] + terms[k + 1 :]) for k, n in enumerate(named)
+    )
 
 
 def _persistent(prepared: Prepared, answer: Answer) -> Answer:

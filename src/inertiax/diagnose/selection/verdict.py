@@ -18,6 +18,7 @@ from .thermal import remember, Remembered
 
 
 SAME = 6.0  # difference of BIC within which names stay in the set
+NEAR = 60.0  # the same within which they may be asked what they predict, where the noise's form is not to be trusted
 OWN = 8  # forms of a chosen effect among which the likeliest rare one is sought at the end
 
 
@@ -28,6 +29,9 @@ class Named:
     candidate: Candidate
     p_value: float
     rivals: tuple[Candidate, ...]
+    near: tuple[
+        Candidate, ...
+    ] = ()  # and further names, by falling evidence, that a Gaussian noise excludes
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +199,12 @@ def _again(ask: Asked, mine: Candidate, others: list[Term], noises: list[NoiseFi
     known = {(t.name, t.channels) for t in others}
     same = [c for c in ranked if c.key in known and 2.0 * (lead.evidence - c.evidence) < SAME]
     lead = same[0] if same else lead
-    rivals = tuple(
-        c for c in sorted(names.values(), key=lambda c: -c.evidence)
-        if c.term.name != lead.term.name and 2.0 * (lead.evidence - c.evidence) < SAME
-    )  # fmt: skip
-    return Named(lead, ask.chance(lead), rivals)
+    others_named = sorted(
+        (c for c in names.values() if c.term.name != lead.term.name), key=lambda c: -c.evidence
+    )
+
+    def within(distance: float) -> tuple[Candidate, ...]:
+        return tuple(c for c in others_named if 2.0 * (lead.evidence - c.evidence) < distance)
+
+    rivals = within(SAME)
+    return Named(lead, ask.chance(lead), rivals, within(NEAR)[len(rivals) :])
