@@ -260,6 +260,14 @@ FLEETS = (
     "the same, rig stated",
     "paper plan",
     "hand, gyros left alone",
+    "hand",
+    "hand with temperature",
+    "hand, together",
+    "three attitudes and gyros",
+    "Ferraris",
+    "faces only",
+    "one pose",
+    "together",
 )
 
 
@@ -277,26 +285,29 @@ def written(campaign, folder, devices):
         text += f"[rig]\nposition_uncertainty = {arcsec}\nrate_uncertainty = {1e6 * (rig.rate_uncertainty or 0.0)}\n"
     text += "[model]\n"
     text += "g_sensitivity = true\n" if asked.g_sensitivity else ""
+    text += "together = true\n" if asked.together else ""
     text += f"gyro_estimator = '{asked.gyro_estimator}'\n" if asked.gyro_estimator else ""
     (place / "campaign.toml").write_text(text)
     return place, folder if place == folder else folder / "line"
 
 
 def rows(campaign, device):
-    """A campaign's recording as a table of one device."""
-    (recording,) = campaign.recordings
-    columns = {"time": recording.time}
-    for label in ("position", "experiment"):
-        if getattr(recording, label) is not None:
-            columns[label] = getattr(recording, label)
-    for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
-        if getattr(recording, triad) is not None:
-            columns |= {
-                f"{triad}_{a}": getattr(recording, triad)[:, k] for k, a in enumerate("xyz")
-            }
-    if recording.temperature is not None:
-        columns |= {"temperature": recording.temperature[:, 0]}
-    return pl.DataFrame(columns).with_columns(device=pl.lit(device))
+    """A campaign's recordings as one table of one device."""
+    tables = []
+    for recording in campaign.recordings:
+        columns = {"time": recording.time}
+        for label in ("position", "experiment"):
+            if getattr(recording, label) is not None:
+                columns[label] = getattr(recording, label)
+        for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
+            if getattr(recording, triad) is not None:
+                columns |= {
+                    f"{triad}_{a}": getattr(recording, triad)[:, k] for k, a in enumerate("xyz")
+                }
+        if recording.temperature is not None:
+            columns |= {"temperature": recording.temperature[:, 0]}
+        tables.append(pl.DataFrame(columns))
+    return pl.concat(tables).with_columns(device=pl.lit(device))
 
 
 @pytest.mark.slow
@@ -308,6 +319,29 @@ def test_a_fleet_says_the_same(name, tmp_path):
     summary = run_fleet(line, tmp_path / "out")
     assert summary.as_dict()["model"] == alone.model.document()
     same(alone.calibration, fleet_calibration(tmp_path / "out", "A-1"))
+
+
+@pytest.mark.slow
+def test_a_line_of_hand_logs_has_the_model_of_most_and_one_bad_device_stops_nothing(tmp_path):
+    """Two good logs, one that was never turned, and one that is no table."""
+    still = without(
+        hand(), **{k: v[:120] for k, v in vars(hand().recordings[0]).items() if _is_column(v)}
+    )
+    for name, made in {"A-1": hand(), "A-2": hand(), "A-3": still, "A-4": hand()}.items():
+        folder = tmp_path / "line" / name
+        folder.mkdir(parents=True)
+        rows(made, name).write_parquet(folder / "log.parquet")
+        (folder / "campaign.toml").write_text(
+            f"[site]\ngravity = {G}\n[recordings]\nfiles = ['log.parquet']\n"
+        )
+    (tmp_path / "line" / "A-4" / "log.parquet").write_text("no table")
+    summary = run_fleet(tmp_path / "line", tmp_path / "out")
+    assert summary.as_dict()["model"] == calibrated(hand()).model.document()
+    assert (summary.devices, summary.calibrated) == (4, 2)
+    same(fleet_calibration(tmp_path / "out", "A-1"), fleet_calibration(tmp_path / "out", "A-2"))
+    for name in ("A-3", "A-4"):
+        with pytest.raises(ValueError, match="was set aside: "):
+            fleet_calibration(tmp_path / "out", name)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import scipy.optimize
 from diagnose_data import only, sweep, tumble
 from inertiax.diagnose.estimates.cross_validation import (
     folds,
-    gain_over_rests,
+    gain_over_stretches,
     held_out_rms,
     predict_rest,
     TOLD_BY_OTHERS,
@@ -143,7 +143,7 @@ def test_what_acts_throughout_is_carried_by_more_than_one_dwell(second, carried)
         apart = ((~first & ~other)[:, None].astype(float),)  # a model that has no part in the two
         system = eqx.tree_at(lambda s: (s.base, s.frames), prepared.system, (base, apart))
         prepared = replace(prepared, system=system)
-        gain = gain_over_rests(prepared, term, [])
+        gain = gain_over_stretches(prepared, term, [])
         assert gain.sum() == pytest.approx(first.sum() + second**2 * other.sum(), rel=1e-9)
         assert predicts(prepared, term, []) is carried
 

@@ -24,6 +24,7 @@ from .solve.triad_model import TriadModel
 
 
 TRIALS = 5  # devices that choose the temperature model
+NO_MOTIONS = "a run with a prior, with --explain or of more than 4 million rows keeps none"
 
 Reader = Callable[[Task], Reduction]
 
@@ -39,16 +40,15 @@ class LineModel(eqx.Module):
 
 
 def choose_line_model(
-    campaign: Campaign, tasks: Sequence[Task], read: Reader, prior: Population | None = None
+    campaign: Campaign, trial: Sequence[Dwells], prior: Population | None = None
 ) -> LineModel:
     """One model for all devices, from the columns and the first devices that can be read.
 
-    **Arguments:** `read` gives a task's dwells; where there is a `prior` its model is taken.
+    **Arguments:** `trial` are the dwells of these; where there is a `prior` its model is taken.
 
-    Raises `ValueError` where no device can be read, or the campaign asks for another model than the prior's.
+    Raises `ValueError` where the campaign asks for another model than the prior's.
     """
-    trial = _trial(campaign, tasks, read)
-    recording = _columns_of(trial[0])
+    recording = columns_of(trial[0])
     asked = campaign if prior is None else _as_prior(campaign, prior, recording)
     chosen = _static_for_gravity(campaign, choose_model(asked, [recording]))
     reasons = list(chosen.reasons)
@@ -88,7 +88,8 @@ def _spec(model: TriadModel | None) -> TriadSpec | None:
     return TriadSpec(model.estimator, model.degree, model.names, by_force)
 
 
-def _trial(campaign: Campaign, tasks: Sequence[Task], read: Reader) -> list[Dwells]:
+def first_dwells(campaign: Campaign, tasks: Sequence[Task], read: Reader) -> list[Dwells]:
+    """Dwells of the first devices that can be read; `read` gives a task's. Raises `ValueError` where there is none."""
     trial: list[Dwells] = []
     failed: list[str] = []
     for task in tasks:
@@ -134,11 +135,11 @@ def _static_for_gravity(campaign: Campaign, chosen: ChosenModel) -> ChosenModel:
     """Gyros without a reference, where the campaign leaves the choice: their bias at rest."""
     if chosen.gyro_estimator != "gravity" or campaign.model.gyro_estimator is not None:
         return chosen
-    reason = "gyros: 'static' because there is no reference_gyro, and a fleet keeps no motions"
+    reason = f"gyros: 'static' because there is no reference_gyro, and {NO_MOTIONS}"
     return dataclasses.replace(chosen, gyro_estimator="static", reasons=(*chosen.reasons, reason))
 
 
-def _columns_of(dwells: Dwells) -> Recording:
+def columns_of(dwells: Dwells) -> Recording:
     """A recording with the columns that these dwells have, for `choose_model`."""
 
     def column(name: str) -> np.ndarray | None:
@@ -160,16 +161,19 @@ def _columns_of(dwells: Dwells) -> Recording:
 def _estimators(chosen: ChosenModel, gravity: float, dwells: Dwells) -> list[AbstractEstimator]:
     if chosen.together:
         raise ValueError(
-            "[model] together, lever_arms and misalignment = false are for one device at a time."
+            "[model] together, lever_arms and misalignment = false go with no prior, no --explain and no more than "
+            "4 million rows."
         )
     for triad, name in (("accel", chosen.accel_estimator), ("gyro", chosen.gyro_estimator)):
         if name == "gravity":
             raise ValueError(
-                "[model] gyro_estimator: 'gravity' needs the motion between rests, which a fleet's dwell "
-                "means do not hold; use 'reference' or 'static', or calibrate the devices one by one."
+                f"[model] gyro_estimator: 'gravity' needs the motion between rests; {NO_MOTIONS}. Use 'reference' or "
+                "'static', or calibrate fewer devices at a time."
             )
         if triad == "accel" and name == "static":
-            raise ValueError("[model] accel_estimator: 'static' is for one device at a time.")
+            raise ValueError(
+                "[model] accel_estimator: 'static' goes with no prior, no --explain and no more than 4 million rows."
+            )
     return [e for e in build_estimators(chosen, gravity, dwells, robust=None) if e is not None]
 
 

@@ -12,11 +12,12 @@ import msgspec
 
 from ..data.campaign import load_settings
 from ..data.formats import ColumnMap
-from ..data.recording import Campaign, Rig
+from ..data.recording import Campaign, Rig, Site
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
-from .model_choice import choose_line_model, Reader
+from .model_choice import choose_line_model, first_dwells, Reader
+from .one_by_one import beyond_batches, calibrate_one_by_one, Devices, devices_of, line_model
 from .overview.explain import choose_line_forms, write_line
 from .overview.populate import population_of
 from .population.population import as_prior, Population, write_population
@@ -125,12 +126,21 @@ def _reader_of(context: Context) -> Reader:
     return _reader(manifest.campaigns, context.columns, manifest.exact)
 
 
+def _devices_of(context: Context) -> Devices:
+    manifest = context.manifest
+    station = Campaign((), Site(manifest.gravity), Rig(*manifest.rig))
+    return devices_of(station, context.columns, folders=manifest.campaigns)
+
+
 def run_task(task: Task, context: Context) -> int:
     """Read, reduce, solve and store one task; returns its number. Runs wherever a worker is."""
     # A worker process has JAX's defaults; the precision is local to this call.
     with jax.enable_x64(True):
-        reduced = _reader_of(context)(task)
-        write_part(Path(context.folder), task.number, calibrate_reduced(reduced, context.manifest))
+        if context.manifest.one_by_one:
+            rows = calibrate_one_by_one(task, _devices_of(context), context.manifest)
+        else:
+            rows = calibrate_reduced(_reader_of(context)(task), context.manifest)
+        write_part(Path(context.folder), task.number, rows)
     return task.number
 
 
@@ -161,7 +171,7 @@ def _each(
         return
     with ThreadPoolExecutor(1) as ahead, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         # Programs are compiled while the first tasks are read; campaigns take longer to be read twice.
-        if tasks and not context.manifest.campaigns:
+        if tasks and not (context.manifest.campaigns or context.manifest.one_by_one):
             ahead.submit(_compile, _some_dwells(tasks, context), context)
         futures = [pool.submit(run_task, t, context) for t in tasks]
         try:
@@ -207,7 +217,9 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
         raise ValueError(f"{file}: {error}") from None
     exact = sum(t.rows for t in tasks) <= EXACT_ROWS
     reader = _reader(False, columns, exact)
-    found = _settled(campaign, tasks, reader, mark, folder, asked, campaigns=False, exact=exact)
+    found = _settled(
+        campaign, tasks, reader, columns, mark, folder, asked, campaigns=False, exact=exact
+    )
     return found, columns
 
 
@@ -219,7 +231,15 @@ def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _A
         return known
     tasks = split_campaigns(files)
     return _settled(
-        campaign, tasks, read_campaigns, mark, folder, asked, campaigns=True, exact=True
+        campaign,
+        tasks,
+        read_campaigns,
+        ColumnMap(),
+        mark,
+        folder,
+        asked,
+        campaigns=True,
+        exact=True,
     )
 
 
@@ -227,6 +247,7 @@ def _settled(
     campaign: Campaign,
     tasks: tuple[Task, ...],
     reader: Reader,
+    columns: ColumnMap,
     mark: str,
     folder: Path,
     asked: _Asked,
@@ -235,13 +256,19 @@ def _settled(
     exact: bool,
 ) -> Manifest:
     """The plan of a new run, stored."""
-    model = choose_line_model(campaign, tasks, reader, asked.prior)
+    trial = first_dwells(campaign, tasks, reader)
+    plain = asked == _Asked(None, explain=False, precision="float64")
+    one_by_one = exact and plain and beyond_batches(campaign, trial)
+    if one_by_one:
+        model = line_model(campaign, tasks, devices_of(campaign, columns, folders=campaigns))
+    else:
+        model = choose_line_model(campaign, trial, asked.prior)
     if asked.precision == "float32":
         _require_single(model.accel, asked.prior)
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
-        rig=_promised(campaign.rig), exact=exact,
+        rig=_promised(campaign.rig), exact=exact, one_by_one=one_by_one,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)

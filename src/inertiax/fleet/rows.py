@@ -34,7 +34,7 @@ def calibrate_reduced(
     reduced: Reduction, manifest: Manifest, *, observe: Observer | None = None
 ) -> pl.DataFrame:
     """The rows of the results' table, in the order of the devices; `observe` is shown the scores, if any."""
-    empty = _empty(manifest)
+    empty = empty_table(manifest)
     tables = [_without(reduced, empty)] if any(reduced.reasons) else []
     for stack in reduced.stacks:
         lacking = _lacking(stack.dwells, manifest)
@@ -42,7 +42,7 @@ def calibrate_reduced(
         if not lacking:
             columns = _columns(stack, manifest, observe)
         columns |= {"device": [reduced.devices[k] for k in stack.members], "number": stack.members}
-        tables.append(_table(columns, len(stack.members), empty))
+        tables.append(table_of(columns, len(stack.members), empty))
     return pl.concat(tables).sort("number").drop("number")
 
 
@@ -185,7 +185,7 @@ def _entries(triad: str, fit: FleetFit) -> Columns:
 # --- the table -----------------------------------------------------------------------------------
 
 
-def _empty(manifest: Manifest) -> pl.DataFrame:
+def empty_table(manifest: Manifest) -> pl.DataFrame:
     """The results' table without rows; `number` orders the devices while it is made."""
     many = pl.List(pl.Float64)
     schema = {
@@ -213,10 +213,11 @@ def _without(reduced: Reduction, empty: pl.DataFrame) -> pl.DataFrame:
         "device": [reduced.devices[k] for k in numbers],
         "reason": [reduced.reasons[k] for k in numbers],
     }
-    return _table(columns, len(numbers), empty)
+    return table_of(columns, len(numbers), empty)
 
 
-def _table(columns: Columns, height: int, empty: pl.DataFrame) -> pl.DataFrame:
+def table_of(columns: Columns, height: int, empty: pl.DataFrame) -> pl.DataFrame:
+    """Columns by name as so many rows of the results' table; the others are empty."""
     given = [pl.Series(k, v, strict=False).cast(empty.schema[k]) for k, v in columns.items()]
     absent = empty.drop(columns.keys()).clear(height)
     return (

@@ -53,6 +53,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     rig: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     exact: bool = False  # every device was reduced as `calibrate` does, not by sums over blocks
+    one_by_one: bool = False  # and calibrated as it does, for want of a program that takes many
 
     @property
     def num_devices(self) -> int:

@@ -221,7 +221,7 @@ def settle_accel(
         return chosen, None
     if chosen.accel_estimator != "invariant" or chosen.together:
         return chosen, None
-    found = _directions(dwells)
+    found = directions(dwells)
     if found == 1 and np.ptp(np.asarray(dwells.temperature)) >= LEAST_SPAN:
         reason = (
             "accelerometers: 'static' because all rests are in one pose, which tells how the bias changes "
@@ -257,7 +257,7 @@ def _with_accel(
     )
 
 
-def _directions(dwells: Dwells) -> int:
+def directions(dwells: Dwells) -> int:
     """How many directions of gravity the rests show, each further than 5 degrees from all others."""
     outputs = np.asarray(dwells.accel)[np.asarray(dwells.position) >= 0]
     kept: list[np.ndarray] = []

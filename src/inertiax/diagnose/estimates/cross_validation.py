@@ -25,11 +25,7 @@ def folds(prepared: Prepared) -> np.ndarray:
     as long as they can be while the others still tell every parameter of the model: where one stretch alone shows a
     scale factor at the coldest plateau, its prediction from the others would be anything.
     """
-    blocks = prepared.blocks
-    if len(np.unique(blocks.dwell)) >= 2 * FOLDS:
-        order = np.unique(blocks.dwell, return_inverse=True)[1]
-    else:
-        order = np.arange(blocks.num_blocks)
+    order = _pieces(prepared)
     count = int(order.max()) + 1
     chunks = min(CHUNKS, count)
     fold = order * chunks // count % FOLDS
@@ -39,6 +35,14 @@ def folds(prepared: Prepared) -> np.ndarray:
         finer = order * chunks // count % FOLDS
         fold, told = max((fold, told), (finer, _least_told(prepared, finer)), key=lambda f: f[1])
     return fold
+
+
+def _pieces(prepared: Prepared) -> np.ndarray:
+    """Number of the piece that each block is in, and that is never cut: a dwell, or a block where dwells are few."""
+    blocks = prepared.blocks
+    if len(np.unique(blocks.dwell)) >= 2 * FOLDS:
+        return np.unique(blocks.dwell, return_inverse=True)[1]
+    return np.arange(blocks.num_blocks)
 
 
 def _least_told(prepared: Prepared, fold: np.ndarray) -> float:
@@ -114,16 +118,19 @@ def held_out_rms(prepared: Prepared, chosen: Sequence[Term]) -> float:
     return float(np.sqrt(squares.sum() / max(squares.size, 1)))
 
 
-def gain_over_rests(
+def gain_over_stretches(
     prepared: Prepared, term: Term, others: Sequence[Term]
-) -> Float[np.ndarray, " dwell"]:
-    r"""What a term beside the others takes from the sum of squares of each dwell, when that is left out, SI.
+) -> Float[np.ndarray, " stretch"]:
+    r"""What a term beside the others takes from the sum of squares of each stretch, when that is left out, SI.
 
-    $$g_d = \sum_{i \in d} (e_i^2 - \tilde e_i^2),$$ with $e_i$ predicted without the term and $\tilde e_i$ with it.
+    $$g_d = \sum_{i \in d} (e_i^2 - \tilde e_i^2),$$ with $e_i$ predicted without the term and $\tilde e_i$ with it. A
+    stretch is a dwell, or a fortieth of the blocks where dwells are few.
     """
     change = _held_out_squares(prepared, others) - _held_out_squares(prepared, [*others, term])
-    dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
-    return np.bincount(dwell, change.sum(axis=0))
+    piece = _pieces(prepared)
+    if len(np.unique(prepared.blocks.dwell)) < 2 * FOLDS:
+        piece = piece * min(CHUNKS, len(piece)) // len(piece)
+    return np.bincount(piece, change.sum(axis=0))
 
 
 def _held_out_squares(prepared: Prepared, chosen: Sequence[Term]) -> Float[np.ndarray, "chain row"]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..candidates.signatures import Term
 from ..problem import Prepared
-from .cross_validation import gain_over_rests, held_out_rms
+from .cross_validation import gain_over_stretches, held_out_rms
 
 
 SIDE = 2  # dwells on either side of a jump; one rest that is off is a rest that is off, and no jump (convention)
@@ -31,11 +31,11 @@ def persists(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
 
 
 def predicts(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
-    r"""Whether a term beside the others lowers the squares of dwells left out, and of more than one of them.
+    r"""Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it.
 
-    With $g_d$ the fall of dwell d's, $G = \sum g_d > 0$ and $G^2 / \sum g_d^2 > 1.5$: that is 1 where a single dwell
-    gains, and n where n gain alike.
+    With $g_d$ the fall of dwell d's (or of a stretch's, where dwells are few), $G = \sum g_d > 0$ and
+    $G^2 / \sum g_d^2 > 1.5$: that is 1 where a single dwell gains, and n where n gain alike.
     """
-    gain = gain_over_rests(prepared, term, others)
+    gain = gain_over_stretches(prepared, term, others)
     total = float(gain.sum())
     return total > 0.0 and total**2 > CARRIERS * float(gain @ gain)

@@ -1,9 +1,9 @@
 """Names that rests left out do not exclude, in logs whose rests were searched.
 
 The evidence of a name holds for noise of the form that was fitted. In a log by hand the levels of the rests have a
-few large ones among them, which no Gaussian has, and of twenty rests these decide: a drift that fits two of them better
-than a step is then "certain" by the evidence. How well each name predicts rests that it was not fitted to, and how much that
-differs from rest to rest, asks nothing of the noise's form.
+few large ones among them, which no Gaussian has, and of twenty rests these decide: a drift that fits two of them
+better than a step is then "certain" by the evidence. How well each name predicts rests that it was not fitted to,
+and how much that differs from rest to rest, asks nothing of the noise's form.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from ..candidates.signatures import Term
 from ..problem import Prepared
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
-from .cross_validation import gain_over_rests
+from .cross_validation import gain_over_stretches
 
 
 ALIKE = 2.0  # standard errors of the difference between two names' predictions, within which both stay (convention)
@@ -30,12 +30,12 @@ def with_predicted_rivals(prepared: Prepared, named: Named, others: Sequence[Ter
     $t = \sum d_r / \sqrt{\sum d_r^2} < 2$ keeps the rival. Its odds against the name are
     $\Phi(-t) / \Phi(t)$, at most 1.
     """
-    gain = gain_over_rests(prepared, named.candidate.term, others)
+    gain = gain_over_stretches(prepared, named.candidate.term, others)
     kept = list(named.rivals)
     for rival in named.near:
         if len(kept) >= MOST:
             break
-        behind = gain - gain_over_rests(prepared, rival.term, others)
+        behind = gain - gain_over_stretches(prepared, rival.term, others)
         t = float(behind.sum() / max(np.sqrt(behind @ behind), 1e-300))
         if t < ALIKE:
             kept.append(_as_likely(rival, named.candidate, max(t, 0.0)))

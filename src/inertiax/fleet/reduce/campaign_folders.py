@@ -89,29 +89,34 @@ def split_campaigns(files: tuple[Path, ...]) -> tuple[Task, ...]:
     )
 
 
+def campaigns_of(task: Task) -> Iterator[tuple[str, Campaign | str]]:
+    """A task's devices, each with its campaign, or in words why that cannot be read."""
+    for name, (stretch,) in task.devices:
+        file = Path(stretch.file)
+        try:
+            campaign = load_campaign(file)
+        except (ValueError, OSError) as error:
+            yield name, _reason(error, file)
+            continue
+        several = len(campaign.devices) > 1
+        for serial in campaign.devices:
+            yield f"{name}/{serial}" if several else name, campaign.of_device(serial)
+
+
 def read_campaigns(task: Task) -> Reduction:
     """The dwells of a task's devices."""
-    return Reduction.of(
-        [r for name, (stretch,) in task.devices for r in _read(name, Path(stretch.file))]
-    )
+    return Reduction.of([_reduced(name, one) for name, one in campaigns_of(task)])
 
 
-def _read(name: str, file: Path) -> Iterator[Reduced]:
+def _reduced(name: str, one: Campaign | str) -> Reduced:
+    if isinstance(one, str):
+        return Reduced(name, None, one)
     try:
-        campaign = load_campaign(file)
-    except (ValueError, OSError) as error:
-        yield Reduced(name, None, _reason(error, file))
-        return
-    several = len(campaign.devices) > 1
-    for serial in campaign.devices:
-        full = f"{name}/{serial}" if several else name
-        try:
-            require_plausible(campaign.of_device(serial))
-            dwells = reduce_to_dwells(campaign.of_device(serial).recordings)
-        except ValueError as error:
-            yield Reduced(full, None, _reason(error, file))
-        else:
-            yield Reduced(full, dwells)
+        require_plausible(one)
+        return Reduced(name, reduce_to_dwells(one.recordings))
+    except ValueError as error:
+        assert one.path is not None  # read from a file
+        return Reduced(name, None, _reason(error, one.path))
 
 
 def _reason(error: Exception, file: Path) -> str:

@@ -5,7 +5,7 @@ reading memory. Only devices that are set aside are looked at one by one, for th
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from ...data.formats.columns import (
     triad_factors,
     TriadColumns,
 )
+from ...data.recording import Recording
 from ...reduction.dwells import Dwells
 from .blocks import Blocks
 from .columns import (
@@ -36,7 +37,7 @@ from .columns import (
 from .implausible_devices import implausible_devices
 from .locations import scan
 from .many_dwells import Reduction, Stack
-from .single_devices import labels, reduce_alone, with_plateaus
+from .single_devices import labels, recording_of, reduce_alone, with_plateaus
 from .stacked_dwells import shared_length
 from .tasks import Stretch, Task
 
@@ -55,6 +56,16 @@ def read(task: Task, columns: ColumnMap, *, exact: bool = False) -> Reduction:
     tables = [_rows(s.file, s.start, s.rows, columns) for s in _joined(stretches)]
     table = tables[0] if len(tables) == 1 else pl.concat(tables, how="vertical_relaxed")
     return reduce_table(table, rows, tuple(d for d, _ in task.devices), columns, exact=exact)
+
+
+def recordings_of(task: Task, columns: ColumnMap) -> Iterator[tuple[str, Recording | str]]:
+    """A task's devices, each with all its rows, or in words why these make no recording."""
+    for device, stretches in task.devices:
+        tables = [_rows(s.file, s.start, s.rows, columns) for s in _joined(stretches)]
+        try:
+            yield device, recording_of(pl.concat(tables, how="vertical_relaxed"), columns, device)
+        except ValueError as error:
+            yield device, " ".join(str(error).split()).rstrip(".")
 
 
 def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:

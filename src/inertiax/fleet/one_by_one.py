@@ -1,0 +1,198 @@
+"""Devices whose model the batches have no program for, calibrated one by one as `inertiax calibrate` does it.
+
+Gyros that turn gravity between rests need the motions, six faces tell no misalignments, one pose tells a bias alone,
+and two triads may be asked for together. Such a line has the model, the estimates and the standard deviations that
+each of its devices has alone, for a second a device where a batch takes a millisecond.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+from msgspec import structs
+
+from ..calibrate.fit_quality import judge
+from ..calibrate.goodness_of_fit import UNUSABLE
+from ..calibrate.pipeline import calibrate_device
+from ..calibrate.results import DeviceResult, TriadResult
+from ..calibration.triad import TriadCalibration
+from ..data.formats import ColumnMap
+from ..data.recording import Campaign
+from ..model_selection.model_spec import ModelSpec, TriadSpec
+from ..model_selection.select_model import choose_model, directions, settle_accel
+from ..physics.temperature import AbstractBasis
+from ..reduction.dwells import Dwells
+from .model_choice import columns_of, LineModel, TRIALS
+from .reduce.campaign_folders import campaigns_of
+from .reduce.raw_rows import recordings_of
+from .reduce.tasks import Task
+from .rows import Columns, empty_table, table_of
+from .solve.triad_model import basis_of, TriadModel
+from .store import Manifest
+
+
+# A task's devices with the campaign of each, or in words why there is none.
+Devices = Callable[[Task], Iterator[tuple[str, Campaign | str]]]
+
+UNKNOWNS = 9  # of the invariant accelerometer problem that the batches solve
+
+
+def beyond_batches(campaign: Campaign, trial: Sequence[Dwells]) -> bool:
+    """Whether the model is one that only `calibrate` fits, as far as the columns and the first devices' rests say."""
+    chosen = choose_model(campaign, [columns_of(trial[0])])
+    if chosen.together or chosen.gyro_estimator == "gravity" or chosen.accel_estimator == "static":
+        return True
+    if chosen.accel_estimator != "invariant":
+        return False
+    settled = [settle_accel(campaign, chosen, d)[0].accel_estimator for d in trial]
+    return set(settled) != {"invariant"} or max(map(directions, trial)) < UNKNOWNS
+
+
+def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> LineModel:
+    """The model that most of the first devices have, with the highest degree over temperature among them.
+
+    Raises `ValueError` where none of the first devices can be calibrated, or lever arms are asked for.
+    """
+    if campaign.model.lever_arms:
+        raise ValueError("[model] lever_arms = true is for one device at a time.")
+    found, failed = [], []
+    for task in tasks:
+        for name, one in devices(task):
+            try:
+                found.append(calibrate_device(_given(one)))
+            except ValueError as error:
+                failed.append(f"device '{name}': {_line(error)}")
+            if len(found) == TRIALS or len(failed) == 4 * TRIALS:
+                break
+        if len(found) == TRIALS or len(failed) >= 4 * TRIALS:
+            break
+    if not found:
+        raise ValueError(
+            f"{campaign.path}: no device can be calibrated, the first because of this: {failed[0]}."
+        )
+    kinds = [_kind(r.model) for r in found]
+    common = max(dict.fromkeys(kinds), key=kinds.count)
+    alike = [r for r, kind in zip(found, kinds, strict=True) if kind == common]
+    first = alike[0]
+    accel = _triad_model([r.calibration.accel for r in alike], [r.accel for r in alike])
+    gyro = _triad_model([r.calibration.gyro for r in alike], [r.gyro for r in alike])
+    spec = structs.replace(
+        first.model,
+        accel=_of_degree(first.model.accel, accel),
+        gyro=_of_degree(first.model.gyro, gyro),
+    )
+    said = f"devices one by one: {len(alike)} of the first {len(found)} have this model"
+    by_force = bool(spec.gyro is not None and spec.gyro.g_sensitivity)
+    return LineModel(accel, gyro, by_force, (*first.choices, said), spec)
+
+
+def calibrate_one_by_one(task: Task, devices: Devices, manifest: Manifest) -> pl.DataFrame:
+    """The rows of the results' table of a task's devices; a device that fails or is not to be used has a reason."""
+    empty = empty_table(manifest)
+    rows = []
+    for number, (name, one) in enumerate(devices(task)):
+        try:
+            columns = _row(calibrate_device(_given(one), model=manifest.model), manifest)
+        except ValueError as error:
+            columns = {"reason": [_line(error)]}
+        columns |= {"device": [name], "number": np.array([number])}
+        rows.append(table_of(columns, 1, empty))
+    return pl.concat([empty, *rows]).drop("number")
+
+
+def devices_of(campaign: Campaign, columns: ColumnMap, *, folders: bool) -> Devices:
+    """What gives a task's devices.
+
+    **Arguments:** `folders` of campaigns, or else rows of tables, with the place and the rig of `campaign`.
+    """
+    if folders:
+        return campaigns_of
+
+    def from_rows(task: Task) -> Iterator[tuple[str, Campaign | str]]:
+        for name, one in recordings_of(task, columns):
+            whole = one if isinstance(one, str) else replace(campaign, recordings=(one,))
+            yield name, whole
+
+    return from_rows
+
+
+def _given(one: Campaign | str) -> Campaign:
+    if isinstance(one, str):
+        raise ValueError(one)
+    return one
+
+
+def _line(error: ValueError) -> str:
+    return " ".join(str(error).split()).rstrip(".")
+
+
+def _kind(spec: ModelSpec) -> tuple[object, ...]:
+    """A model but for its degrees over temperature."""
+    of = lambda t: None if t is None else (t.estimator, t.parameters)
+    return of(spec.accel), of(spec.gyro), spec.together, spec.misalignment
+
+
+def _triad_model(
+    found: Sequence[TriadCalibration | None], results: Sequence[TriadResult | None]
+) -> TriadModel | None:
+    """One basis for all devices: the highest degree, over the temperatures of the first ones in whole degrees."""
+    triads = [t for t in found if t is not None]
+    if not triads:
+        return None
+    seen = np.concatenate([np.asarray(r.dwells.temperature) for r in results if r is not None])
+    degree = max(t.curve.basis.size for t in triads) - 1
+    low, high = float(np.floor(seen.min())), float(np.ceil(seen.max()))
+    return TriadModel(triads[0].estimator, triads[0].names, degree, low, high)
+
+
+def _of_degree(spec: TriadSpec | None, model: TriadModel | None) -> TriadSpec | None:
+    return (
+        None
+        if spec is None or model is None
+        else structs.replace(spec, temperature_degree=model.degree)
+    )
+
+
+def _row(result: DeviceResult, manifest: Manifest) -> Columns:
+    """What a device's calibration is in the results' table."""
+    worst = max(judge(result).findings, key=lambda f: f.grade)
+    low, high = result.calibration.temperature_range or (0.0, 0.0)
+    triads = [r for r in (result.accel, result.gyro) if r is not None]
+    columns: Columns = {
+        "reason": [worst.text.rstrip(".") if worst.grade == UNUSABLE else ""],
+        "dwells": np.array([max(len(np.asarray(r.dwells.time)) for r in triads)]),
+        "temperature_low": np.array([low]),
+        "temperature_high": np.array([high]),
+    }
+    for triad in ("accel", "gyro"):
+        model: TriadModel | None = getattr(manifest, triad)
+        calibration: TriadCalibration | None = getattr(result.calibration, triad)
+        found: TriadResult | None = getattr(result, triad)
+        if model is None or calibration is None or found is None:
+            continue
+        values, covariance = on_basis(calibration, basis_of(model))
+        i, j = np.tril_indices(len(covariance))
+        columns |= {
+            f"{triad}_parameters": values.reshape(1, -1),
+            f"{triad}_sigma": np.sqrt(np.diagonal(covariance))[None],
+            f"{triad}_covariance": covariance[i, j][None],
+            f"{triad}_rms": np.array([found.rms]),
+            f"{triad}_scatter": np.array([found.scatter]),
+            f"{triad}_chi2_per_dof": np.array([found.chi2_per_dof]),
+        }
+    return columns
+
+
+def on_basis(calibration: TriadCalibration, basis: AbstractBasis) -> tuple[np.ndarray, np.ndarray]:
+    r"""The same curves by the coefficients of a basis that holds them, and their covariance.
+
+    $\phi_1(T)^T c_1 = \phi_2(T)^T c_2$ at as many temperatures as the second has functions: $c_2 = B c_1$ with
+    $B = \Phi_2^{-1} \Phi_1$, and the covariance is $(B \otimes E) C (B \otimes E)^T$.
+    """
+    curve = calibration.curve
+    nodes = np.asarray(basis.nodes, float)
+    change = np.linalg.solve(basis.rows(nodes), curve.basis.rows(nodes))
+    whole = np.kron(change, np.eye(len(calibration.names)))
+    covariance = np.asarray(calibration.covariance)
+    return change @ np.asarray(curve.coefficients), whole @ covariance @ whole.T
