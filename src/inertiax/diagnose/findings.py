@@ -10,9 +10,10 @@ from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .estimates import single_rests
 from .estimates.persistence import persists, predicts
-from .estimates.predicted_rivals import with_predicted_rivals
+from .estimates.predicted_rivals import named_instead, with_predicted_rivals
 from .estimates.separable import renewed
 from .estimates.transients import Burst, find_bursts, swallows
+from .noise.reml import fit_noise
 from .observations.delay_ramps import Delay
 from .problem import between_all, finer, Prepared
 from .selection.score_test import Score
@@ -142,10 +143,24 @@ def find_once(
             if not any(swallows(prepared, b, n.candidate.term) for b in bursts)
         )
         answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
-    answer = _persistent(prepared, answer)
-    if single_rests.searched(prepared):
+    searched = single_rests.searched(prepared)
+    answer = _persistent(prepared, _catalogued(prepared, answer) if searched else answer)
+    if searched:
         answer = replace(answer, named=_with_rivals(prepared, answer.named))
     return Finding(prepared, answer, answer.listed_scores, tuple(bursts[:1])), every
+
+
+def _catalogued(prepared: Prepared, answer: Answer) -> Answer:
+    """The answer with a name in place of an unlisted dependence that predicts rests left out no better."""
+    if answer.verdict != "unexplained" or answer.unlisted is None:
+        return answer
+    chosen = [n.candidate.term for n in answer.named]
+    found = named_instead(prepared, answer.unlisted, answer.instead, chosen)
+    if found is None:
+        return answer
+    noise = fit_noise(prepared.system, [*chosen, found.candidate.term])
+    named = (*answer.named, found)
+    return replace(answer, named=named, unlisted=None, noise=noise, verdict="missing-physics")
 
 
 def _with_rivals(prepared: Prepared, named: Sequence[Named]) -> tuple[Named, ...]:

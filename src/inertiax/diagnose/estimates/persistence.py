@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from ..candidates.signatures import Term
 from ..problem import Prepared
@@ -31,11 +32,15 @@ def persists(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
 
 
 def predicts(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
-    r"""Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it.
+    """Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it."""
+    return carried(gain_over_stretches(prepared, term, others))
 
-    With $g_d$ the fall of dwell d's (or of a stretch's, where dwells are few), $G = \sum g_d > 0$ and
-    $G^2 / \sum g_d^2 > 1.5$: that is 1 where a single dwell gains, and n where n gain alike.
+
+def carried(gain: Float[np.ndarray, " stretch"]) -> bool:
+    r"""Whether more than one stretch carries a gain.
+
+    With $g_d$ by how much the squares of stretch d fall, $G = \sum g_d > 0$ and $G^2 / \sum g_d^2 > 1.5$: that is 1
+    where a single one gains, and n where n gain alike.
     """
-    gain = gain_over_stretches(prepared, term, others)
     total = float(gain.sum())
     return total > 0.0 and total**2 > CARRIERS * float(gain @ gain)

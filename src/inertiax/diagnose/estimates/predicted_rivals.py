@@ -11,12 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.stats
+from jaxtyping import Float
 
 from ..candidates.signatures import Term
 from ..problem import Prepared
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .cross_validation import gain_over_stretches
+from .persistence import carried
 
 
 ALIKE = 2.0  # standard errors of the difference between two names' predictions, within which both stay (convention)
@@ -35,11 +37,34 @@ def with_predicted_rivals(prepared: Prepared, named: Named, others: Sequence[Ter
     for rival in named.near:
         if len(kept) >= MOST:
             break
-        behind = gain - gain_over_stretches(prepared, rival.term, others)
-        t = float(behind.sum() / max(np.sqrt(behind @ behind), 1e-300))
+        t = _behind(gain, gain_over_stretches(prepared, rival.term, others))
         if t < ALIKE:
             kept.append(_as_likely(rival, named.candidate, max(t, 0.0)))
     return replace(named, rivals=tuple(kept))
+
+
+def named_instead(
+    prepared: Prepared, unlisted: Candidate, listed: Sequence[Named], others: Sequence[Term]
+) -> Named | None:
+    """The first name of the catalogue that predicts rests left out, and no worse than an unlisted dependence.
+
+    What follows it in `listed` is `near` it. `None` where the unlisted dependence is better than all.
+    """
+    gain = gain_over_stretches(prepared, unlisted.term, others)
+    for k, named in enumerate(listed):
+        own = gain_over_stretches(prepared, named.candidate.term, others)
+        if carried(own) and _behind(gain, own) < ALIKE:
+            name = named.candidate.term.name
+            after = [n.candidate for n in listed[k + 1 :] if n.candidate.term.name != name]
+            first = {c.term.name: c for c in reversed(after)}
+            return replace(named, near=tuple(c for c in after if first[c.term.name] is c))
+    return None
+
+
+def _behind(lead: Float[np.ndarray, " stretch"], rival: Float[np.ndarray, " stretch"]) -> float:
+    """By how many standard errors a rival's predictions are worse."""
+    difference = lead - rival
+    return float(difference.sum() / max(np.sqrt(difference @ difference), 1e-300))
 
 
 def _as_likely(rival: Candidate, lead: Candidate, t: float) -> Candidate:

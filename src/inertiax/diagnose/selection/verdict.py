@@ -51,6 +51,8 @@ class Answer:
     listed_scores: tuple[Score, ...]  # of the catalogue under the null noise
     remembered: str | None  # effect chosen by prediction, to be looked for on the other triad
     alike: bool  # whether the channels told each other's noise when the last effect was looked for
+    # Names of the catalogue on the rows of the unlisted dependence that are no chance either, by falling evidence.
+    instead: tuple[Named, ...] = ()
 
 
 def identify(
@@ -147,6 +149,7 @@ def _conclude(
         again = _again(ask, mine, others, [noise, *without])
         if again.p_value < STILL:
             named.append(again)
+    beside = [null] if noise is None else [noise, null]
     noise = noise if named else None
     best_open, open_p = found.unlisted, found.unlisted_p
     if best_open is None and left is not None:
@@ -161,6 +164,10 @@ def _conclude(
         verdict = "missing-physics"
     else:
         verdict = "consistent"
+    instead: tuple[Named, ...] = ()
+    if verdict == "unexplained":
+        assert best_open is not None  # which is why
+        instead = _listed(ask, best_open, [n.candidate.term for n in named], beside)
     return Answer(
         verdict,
         tuple(named),
@@ -175,7 +182,23 @@ def _conclude(
         tuple(s for s in scores if s.term.effect is not None),
         None if memory is None else memory.chosen[0].term.name,
         ask.system is not ask.alone,
+        instead,
     )
+
+
+def _listed(
+    ask: Asked, unlisted: Candidate, chosen: list[Term], noises: list[NoiseFit]
+) -> tuple[Named, ...]:
+    """The catalogue on the rows of an unlisted dependence, each name in its best form, where it is no chance."""
+    rows = set(unlisted.term.chains)
+    asked = [t for t in ask.short if not t.name.startswith(PREFIX) and rows.intersection(t.chains)]
+    ranked = judge(
+        ask.system, bank(ask.system, noises, chosen), asked, chosen, ask.forms, ask.grade
+    )
+    best: dict[tuple[str, tuple[int, ...]], Candidate] = {}
+    for c in ranked:
+        best.setdefault(c.key, c)
+    return tuple(Named(c, ask.chance(c), ()) for c in best.values() if ask.tests.p_value(c) < STILL)
 
 
 def _again(ask: Asked, mine: Candidate, others: list[Term], noises: list[NoiseFit]) -> Named:
