@@ -54,7 +54,7 @@ def disturbed(prepared: Prepared, bursts: Sequence[Burst]) -> Bool[np.ndarray, "
 
 def few(marked: Bool[np.ndarray, " block"]) -> bool:
     """Whether so few blocks are marked that they are exceptions."""
-    return 0 < marked.sum() <= MOST * len(marked)
+    return bool(0 < marked.sum() <= MOST * len(marked))
 
 
 def left_out(prepared: Prepared, marked: Bool[np.ndarray, " block"]) -> tuple[Disturbance, ...]:
