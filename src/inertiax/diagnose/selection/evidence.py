@@ -20,6 +20,7 @@ from .score_test import Score, whiten_system
 
 
 ROOM = 0.35  # standard deviation of the logarithm of a coefficient that theory fixes at 1
+ROUNDING = 6  # decimals of a log odds beyond which rounding decides
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +159,8 @@ def judge(
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
         evidence = 0.5 * ratio - cost + plausibility(score, usual.get((id(effect), triad)))
         made.append(Candidate(score.term, score, float(ratio), float(evidence)))
-    return sorted(made, key=lambda c: -c.evidence)
+    # Forms that are one in these data, as a bias and a scale factor in one pose, keep the catalogue's order.
+    return sorted(made, key=lambda c: -round(c.evidence, ROUNDING))
 
 
 def count_forms(candidates: Sequence[Term]) -> dict[tuple[str, tuple[int, ...]], int]:
