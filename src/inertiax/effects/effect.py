@@ -238,11 +238,9 @@ def play(values: Float[AnyArray, " time"], radius: Scalar | float) -> Float[AnyA
     """Play (backlash) operator of half-width `radius`, starting in the middle of its play."""
     if xp.of_jax(values, radius):
         return _play(values, radius)
-    made, y = [], float(values[0])
-    for low, high in zip((values - radius).tolist(), (values + radius).tolist()):
-        y = low if y < low else high if y > high else y
-        made.append(y)
-    return np.array(made)
+    y = float(values[0])
+    room = zip((values - radius).tolist(), (values + radius).tolist())
+    return np.array([y := low if y < low else high if y > high else y for low, high in room])
 
 
 @jax.jit

@@ -43,8 +43,6 @@ def _products(
     """Sums of `values[k : k + width] * weights` for each k."""
     if len(values) * len(weights) < DIRECT:
         return np.convolve(values, weights[::-1], mode="valid")
-    from scipy.fft import irfft, next_fast_len, rfft
-
-    size = next_fast_len(len(values), real=True)
-    turned = rfft(values, size) * np.conj(rfft(weights, size))
-    return irfft(turned, size)[: len(values) - len(weights) + 1]
+    size = 1 << (len(values) - 1).bit_length()
+    turned = np.fft.rfft(values, size) * np.conj(np.fft.rfft(weights, size))
+    return np.fft.irfft(turned, size)[: len(values) - len(weights) + 1]

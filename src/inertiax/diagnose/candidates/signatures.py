@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
@@ -64,7 +64,7 @@ class Term:
         """Number of coefficients."""
         return self.columns[0].shape[1]
 
-    @property
+    @cached_property
     def follows_input(self) -> bool:
         """Whether the columns are a function of what the triad feels, dwell by dwell, of one channel.
 

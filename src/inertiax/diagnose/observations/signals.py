@@ -25,11 +25,12 @@ class AtTemperature(eqx.Module):
 
     def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[AnyArray, "time 3"]:
         size = self.bias.shape[1]
-        terms = [chebyshev(temperature, k, self.low, self.high) for k in range(size)]
-        basis, given = xp.stack(terms, axis=-1), xp.asarray(self.input)
-        both = xp.concatenate([basis, *(basis[:, k, None] * given for k in range(size))], axis=1)
-        columns = [self.bias.T, *(self.matrix[:, :, k].T for k in range(size))]
-        return both @ xp.concatenate(columns, axis=0)
+        given = xp.asarray(self.input)
+        made = xp.zeros_like(given)
+        for k in range(size):
+            basis = chebyshev(temperature, k, self.low, self.high)[:, None]
+            made = made + basis * (given @ self.matrix[:, :, k].T + self.bias[:, k])
+        return made
 
     def with_parameters(
         self, base: Baseline, coefficients: Float[np.ndarray, "parameter size"]

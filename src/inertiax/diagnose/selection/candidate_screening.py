@@ -47,9 +47,12 @@ def carried(before: Bank, noise: NoiseFit, touched: Collection[int]) -> list[Noi
 def screen(
     system: System, noise: NoiseFit, everything: Sequence[Term], forms: dict, grade: str | None
 ) -> tuple[Bank, list[Candidate], list[Candidate], list[Term]]:
-    """Every candidate under the fitted noise and under much less slow noise, best first, and a short list of both."""
+    """Every candidate under the fitted noise and under much less slow noise, best first, and a short list of both.
+
+    The first ones' scores have their whitened columns.
+    """
     first = bank(system, [noise], [])
-    ranked = judge(system, first, everything, [], forms, grade)
+    ranked = judge(system, first, everything, [], forms, grade, columns=True)
     slow = judge(system, quiet_bank(noise), everything, [], forms, grade)
     short = list(dict.fromkeys([*map(id, shortlist(ranked)), *map(id, shortlist(slow))]))
     by_id = {id(t): t for t in everything}

@@ -130,10 +130,13 @@ def judge(
     chosen: Sequence[Term],
     forms: dict,
     grade: str | None,
+    *,
+    columns: bool = False,
 ) -> list[Candidate]:
     """Candidates with their profile likelihood ratios over the bank, best evidence first.
 
-    Chains are independent: a candidate is judged by the variances of its own chains.
+    Chains are independent: a candidate is judged by the variances of its own chains. Scores have their whitened columns
+    where `columns` are asked for.
     """
     best: dict[int, tuple[float, Score]] = {}
     done: set[tuple[int, bytes]] = set()
@@ -143,17 +146,21 @@ def judge(
         fresh = {c for c, _ in keys - done}
         done |= keys
         some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
-        for score in whiten_system(system, fit, some, chosen).scores if some else ():
+        scores = whiten_system(system, fit, some, chosen, columns=columns).scores if some else ()
+        for score in scores:
             loss = sum(value[c] - least[c] for c in score.term.chains)
             ratio = score.gain - 2.0 * loss
             if id(score.term) not in best or ratio > best[id(score.term)][0]:
                 best[id(score.term)] = (ratio, score)
-    made, usual = [], {}
+    made, usual, seen = [], {}, {}
     for ratio, score in best.values():
+        alike = score.term.chains, score.term.follows_input
+        if alike not in seen:
+            seen[alike] = np.log(observations(system, score.term))
         effect, triad = score.term.effect, score.term.triad
         if effect is not None and (id(effect), triad) not in usual:
             usual[id(effect), triad] = Usual.of(effect, triad, grade)
-        cost = 0.5 * score.size * np.log(observations(system, score.term))
+        cost = 0.5 * score.size * seen[alike]
         cost += np.log(forms.get((score.term.name, score.term.channels), 1))
         if score.term.name.startswith(PREFIX):
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one

@@ -1,7 +1,8 @@
 """Whitening of rows, and scores of candidate terms."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,19 +15,34 @@ from ..noise.grouped_filter import whiten
 from ..noise.observation_series import NoiseFit, System
 
 
+CHUNK = 512  # columns whitened at once
 ABSORBED = 2e-3  # part of a signature's square that must survive the baseline to count as testable
 TOLD = 0.999  # square of a coefficient's own direction in those that the rows tell, from which it is told
-REMEMBERED = 60  # whitened sets of shared errors
+REMEMBERED = 24  # whitened sets of shared errors, megabytes each
 
 
 def whiten_columns(
     system: System, noise: NoiseFit, chain: int, columns: np.ndarray, *, apart: bool = False
 ) -> np.ndarray:
-    """Columns of one chain, whitened; `apart` from the errors that chains share."""
+    """Columns of one chain, whitened, column by column in memory; `apart` from the errors that chains share."""
     theta, rows = noise.theta[chain], system.chains[chain]
     if apart and system.shared is not None:
         theta, rows = coupled_theta(noise)[chain], system.shared.chains[chain]
-    return whiten(rows, np.exp(theta) * system.scales[chain], columns)[0]
+    variances, made = np.exp(theta) * system.scales[chain], np.empty(columns.shape, order="F")
+    for here in _chunks(columns.shape[1]):
+        made[:, here] = whiten(rows, variances, columns[:, here])[0]
+    return made
+
+
+def _chunks(width: int) -> Iterator[slice]:
+    """Columns a few at a time, so that no copy of all is made beside the result."""
+    return (slice(a, a + CHUNK) for a in range(0, width, CHUNK))
+
+
+def _project_out(columns: np.ndarray, q: np.ndarray) -> None:
+    """Take the span of orthonormal columns away from others, in place."""
+    for here in _chunks(columns.shape[1]):
+        columns[:, here] -= q @ (q.T @ columns[:, here])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +72,8 @@ class Score:
     chains: tuple[
         int, ...
     ]  # on which it shows: the term's, or all where the rig's errors couple them
-    white: tuple[np.ndarray, ...]  # whitened columns with the baseline projected out, per chain
+    # Whitened columns with the baseline projected out, per chain; none where they were not asked for.
+    white: tuple[np.ndarray, ...]
     turn: np.ndarray  # white @ turn is orthonormal
     part: np.ndarray  # coordinates of the residual in those directions
     gain: float  # drop of the sum of squares
@@ -89,9 +106,16 @@ class Score:
 
 
 def whiten_system(
-    system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term] = ()
+    system: System,
+    noise: NoiseFit,
+    candidates: Sequence[Term],
+    chosen: Sequence[Term] = (),
+    *,
+    columns: bool = True,
 ) -> Whitened:
     """Whiten the rows, project the baseline and the chosen terms out, and score every candidate.
+
+    Without `columns` the scores have none: those of a thousand candidates are as large as the rest of a diagnosis.
 
     Where the rig's errors couple the chains, candidates that follow the input are scored on all chains together. What
     is slow stays with its own chain, for slow noise is fitted chain by chain beside the whole of the rig's errors.
@@ -106,9 +130,8 @@ def whiten_system(
     for c in range(len(system.chains)):
         y, fixed, rest, places = _white_rows(system, noise, c, alone, chosen)
         q = span(fixed)
-        before = np.square(rest).sum(axis=0)
-        # Column by column in memory, as candidates take it.
-        rest = np.asfortranarray(rest - q @ (q.T @ rest))
+        before = _squares(rest)
+        _project_out(rest, q)
         residual.append(y - q @ (q.T @ y))
         now = _columns_seen(before, rest, residual[-1])
         for k, here in places:
@@ -120,7 +143,8 @@ def whiten_system(
         scores += _scored_together(system, noise, together, chosen)
         place = {id(t): k for k, t in enumerate(candidates)}
         scores.sort(key=lambda s: -1 if s is None else place[id(s.term)])
-    return Whitened(tuple(residual), fitted, tuple(s for s in scores if s is not None))
+    made = [s if columns else replace(s, white=()) for s in scores if s is not None]
+    return Whitened(tuple(residual), fitted, tuple(made))
 
 
 def _white_rows(
@@ -133,19 +157,16 @@ def _white_rows(
     apart: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[int, slice]]]:
     """Whitened residual, columns that are fitted, and candidates' columns of one chain with their places."""
-    level = system.scales[c][1] ** 0.5
     mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
     fixed = np.concatenate([system.frames[c], *map(unit, mine)], axis=1)
     owners = [(k, t.columns[t.chains.index(c)]) for k, t in enumerate(candidates) if c in t.chains]
     edges = np.cumsum([0, *(m.shape[1] for _, m in owners)])
     y = system.base.observed[c]
-    rest = np.concatenate([m for _, m in owners], axis=1) if owners else np.zeros((len(y), 0))
-    size = np.linalg.norm(rest, axis=0) + 1e-300
-    columns = np.concatenate([y[:, None] / level, fixed, rest / size], axis=1)
+    columns = np.concatenate([y[:, None], fixed, *(m for _, m in owners)], axis=1)
     done = whiten_columns(system, noise, c, columns, apart=apart)
     split = 1 + fixed.shape[1]
     places = [(k, slice(a, b)) for (k, _), a, b in zip(owners, edges[:-1], edges[1:])]
-    return done[:, 0] * level, done[:, 1:split], done[:, split:] * size, places
+    return done[:, 0], done[:, 1:split], done[:, split:], places
 
 
 def _scored_together(
@@ -156,7 +177,7 @@ def _scored_together(
     rows = [slice(a, b) for a, b in zip(edges[:-1], edges[1:])]
     widths = np.cumsum([0, *(t.size for t in candidates)])
     y, fixed = np.zeros(edges[-1]), []
-    rest = np.zeros((edges[-1], widths[-1]))
+    rest = np.zeros((edges[-1], widths[-1]), order="F")
     for c, here in enumerate(rows):
         mine, base, columns, places = _white_rows(system, noise, c, candidates, chosen, apart=True)
         y[here] = mine
@@ -168,10 +189,10 @@ def _scored_together(
     y = y - f @ (f.T @ y)
     wide = np.concatenate(fixed, axis=1)
     q = span(wide - f @ (f.T @ wide))
-    rest -= f @ (f.T @ rest)
-    before = np.square(rest).sum(axis=0)
+    _project_out(rest, f)
+    before = _squares(rest)
     y = y - q @ (q.T @ y)
-    rest -= q @ (q.T @ rest)
+    _project_out(rest, q)
     seen, scores = _columns_seen(before, rest, y), []
     for k, term in enumerate(candidates):
         place = slice(widths[k], widths[k + 1])
@@ -206,23 +227,33 @@ def _columns_seen(
     before: np.ndarray, rest: np.ndarray, residual: np.ndarray
 ) -> Float[np.ndarray, "3 column"]:
     """Squares of columns before and after the baseline was projected out, and products with the residual."""
-    return np.stack([before, np.einsum("nk,nk->k", rest, rest), residual @ rest])
+    return np.stack([before, _squares(rest), residual @ rest])
+
+
+def _squares(columns: np.ndarray) -> np.ndarray:
+    """Sum of squares of each column."""
+    return np.einsum("nk,nk->k", columns, columns)
 
 
 def _score(
     term: Term, white: dict[int, np.ndarray], seen: Float[np.ndarray, "3 column"]
 ) -> Score | None:
+    if seen.shape[1] == 1:
+        before, after, product = seen[:, 0].tolist()
+        if after <= ABSORBED * max(before, 1e-300):
+            return None
+        scale = 1.0 / math.sqrt(max(after, 1e-300))
+        part = scale * product
+        chains, columns = tuple(white), tuple(white.values())
+        return Score(term, chains, columns, np.array([[scale]]), np.array([part]), part * part)
     before, after, product = seen
     shown = after > ABSORBED * np.maximum(before, 1e-300)
-    if not np.any(shown):
+    if not shown.any():
         return None
     norm = np.where(shown, np.sqrt(np.maximum(after, 1e-300)), np.inf)
-    if len(norm) == 1:
-        turn = 1.0 / norm[None, :]
-    else:
-        gram = sum(w.T @ w for w in white.values())
-        value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
-        good = value > 1e-7 * value[-1]
-        turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
+    gram = sum(w.T @ w for w in white.values())
+    value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
+    good = value > 1e-7 * value[-1]
+    turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
     part = turn.T @ product
     return Score(term, tuple(white), tuple(white.values()), turn, part, float(part @ part))

@@ -85,6 +85,7 @@ def identify(
     tests = family(scores, [len(y) for y in system.base.observed])
     say(f"{len(everything)} candidates screened, {tests.total:.0f} independent tests")
     hidden = leaders(slow, 3, 1)
+    scores = [s for s in scores if s.term.effect is not None]
     fuller, ranked = rank(system, [null], short, [], forms, grade, hidden)
     nearer = sharpen(system, fuller, ranked, everything, finer, forms, grade)
     if nearer:
@@ -179,7 +180,7 @@ def _conclude(
         ask.tests,
         tuple(ask.short),
         tuple(first[:40]),
-        tuple(s for s in scores if s.term.effect is not None),
+        tuple(scores),
         None if memory is None else memory.chosen[0].term.name,
         ask.system is not ask.alone,
         instead,
