@@ -1,0 +1,77 @@
+"""Names that rests left out do not exclude, by hand: rows in which the terms differ in as many dwells as one likes."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnose_data import tumble
+from inertiax.diagnose.estimates.predicted_rivals import named_instead, with_predicted_rivals
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection.evidence import Candidate
+from inertiax.diagnose.selection.score_test import Score
+from inertiax.diagnose.selection.verdict import Named
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Rows of an invariant triad whose model has no part in the first two dwells of every six."""
+    with jax.enable_x64(True):
+        (prepared,) = prepare(tumble(seed=4)).triads
+    dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
+    apart = (dwell % 6 > 1)[:, None].astype(float)
+    return eqx.tree_at(lambda s: s.frames, prepared.system, (apart,)), prepared, dwell
+
+
+def seen(rows, observed):
+    system, prepared, _ = rows
+    base = eqx.tree_at(lambda b: b.observed, system.base, (observed,))
+    return replace(prepared, system=eqx.tree_at(lambda s: s.base, system, base))
+
+
+def candidate(rows, name, column, evidence):
+    """A name whose column is made up; what its score says is not asked."""
+    _, prepared, _ = rows
+    like = next(t for t in prepared.candidates if t.name == name and t.channels == (1,))
+    term = replace(like, columns=(column[:, None],))
+    score = Score(term, (0,), (column[:, None],), np.eye(1), np.ones(1), 100.0)
+    return Candidate(term, score, 100.0, evidence)
+
+
+@pytest.mark.parametrize(("dwells", "kept"), [(3, True), (12, False)])
+def test_a_rival_that_predicts_nothing_is_kept_where_few_rests_tell(rows, dwells, kept):
+    """n dwells of one size, all but one of which tell each: the rival is behind by √n standard errors."""
+    dwell = rows[2]
+    mine = np.isin(dwell, 6 * np.arange(dwells)).astype(float)
+    other = np.isin(dwell, 6 * np.arange(12) + 1).astype(float)
+    lead = candidate(rows, "second_order", mine, 50.0)
+    rival = candidate(rows, "third_order", other, 30.0)
+    found = with_predicted_rivals(seen(rows, mine), Named(lead, 1e-9, (), (rival,)), [])
+    assert [r.term.name for r in found.rivals] == (["third_order"] if kept else [])
+    if kept:
+        t = np.sqrt(dwells)
+        odds = scipy.stats.norm.sf(t) / scipy.stats.norm.cdf(t)
+        assert np.exp(found.rivals[0].evidence - 50.0) == pytest.approx(odds, rel=1e-6)
+
+
+def test_a_rival_that_predicts_the_same_is_as_likely(rows):
+    mine = np.isin(rows[2], 6 * np.arange(12)).astype(float)
+    lead = candidate(rows, "second_order", mine, 50.0)
+    rival = candidate(rows, "third_order", -2.0 * mine, 30.0)
+    found = with_predicted_rivals(seen(rows, mine), Named(lead, 1e-9, (), (rival,)), [])
+    assert [r.evidence for r in found.rivals] == [pytest.approx(50.0, abs=1e-9)]
+
+
+def test_a_name_that_predicts_as_well_stands_in_place_of_an_unlisted_dependence(rows):
+    mine = np.isin(rows[2], 6 * np.arange(12)).astype(float)
+    other = np.isin(rows[2], 6 * np.arange(12) + 1).astype(float)
+    unlisted = candidate(rows, "second_order", mine, 50.0)
+    good = Named(candidate(rows, "third_order", mine, 20.0), 1e-6, ())
+    useless = Named(candidate(rows, "odd_quadratic", other, 40.0), 1e-6, ())
+    data = seen(rows, mine)
+    found = named_instead(data, unlisted, [useless, good], [])
+    assert found is not None and found.candidate.term.name == "third_order"
+    assert named_instead(data, unlisted, [useless], []) is None
