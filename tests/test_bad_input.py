@@ -74,7 +74,7 @@ TOML = {
     ),
     "unknown key": (
         "[site]\ngravty = 9.81\n" + FILES,
-        "[site] unknown key 'gravty'; did you mean 'gravity'? known are gravity, latitude.",
+        "[site] unknown key 'gravty'; did you mean 'gravity'? known are gravity, latitude, magnetic_field.",
     ),
     "unknown inner key": (
         ACCEL + '{ units = "g" }',

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.signal import lfilter
 
 from ..data.plausible_units import (
     field_unit_guess,
@@ -36,8 +37,9 @@ from .observability import judge_normal
 from .results import MagnetometerResult
 
 
-_PASSES = 6  # over weights, scatter and the conventional field: each changes the answer ever less
-_SETTLED = 1e-6  # of weights and field, relative: far below what any data tell
+_PASSES = 12  # over weights, scatter and the conventional field: each changes the answer ever less
+_SETTLED = 1e-4  # of weights, relative: below what any data tell of a variance
+_FEWEST_ALIKE = 20  # samples in motion from which their correlation is looked at
 _UNKNOWN_NOISE = 1e-7  # T: equal weights where no sample says how noisy it is
 LEAST_CURRENT = (
     0.1  # A, span: over less no wire of a drone makes a field that shows (50 nT at 0.4 m)
@@ -137,6 +139,22 @@ def _free(
     return np.arange(max(degrees) + 1)[:, None] <= np.array(highest)[None, :]
 
 
+class _Memory(NamedTuple):
+    """Correlation of the magnitude's misfit over samples in motion: `share` · `decay`^h with that h samples on."""
+
+    share: float = 0.0
+    decay: float = 0.0
+
+    def applied(self, columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """R X, where R has ones on its diagonal and the correlations beside it."""
+        if self.share == 0.0:
+            return columns
+        one, recursion = np.ones(1), np.array([1.0, -self.decay])
+        before = lfilter(one, recursion, columns, axis=0)
+        after = lfilter(one, recursion, columns[::-1], axis=0)[::-1]
+        return (1.0 - self.share) * columns + self.share * (before + after - columns)
+
+
 class _Fit(NamedTuple):
     """A solve with its weights settled."""
 
@@ -146,6 +164,7 @@ class _Fit(NamedTuple):
     coefficients: Float[np.ndarray, "size parameter"]
     free: Bool[np.ndarray, "size parameter"]
     converged: bool
+    memory: _Memory
 
     @property
     def turned(self) -> bool:
@@ -158,12 +177,46 @@ class _Fit(NamedTuple):
         resting = np.asarray(dwells.position)[: self.problem.num_dwells] >= 0
         return resting & (dwells.accel is not None)
 
+    @property
+    def moving(self) -> Bool[np.ndarray, " dwell"]:
+        """Single samples in motion."""
+        return np.asarray(self.rows.duration) == 0.0
+
+    def _design(
+        self,
+    ) -> tuple[Float[np.ndarray, "still unknown"], Float[np.ndarray, "moving unknown"]]:
+        """∂r/∂x of the free coefficients: of rests, and of samples in motion in their order."""
+        jacobian = self.problem.at(self.coefficients).jacobian
+        full = np.einsum("na,nri->nrai", self.problem.phi[: len(jacobian)], jacobian)
+        own = full[:, :, self.free]
+        return own[~self.moving].reshape(-1, own.shape[2]), own[self.moving, 0]
+
+    def _normal_inverse(self, designs: tuple[np.ndarray, ...]) -> np.ndarray:
+        whole = np.concatenate(designs)
+        return scaled_inverse(whole.T @ whole)
+
+    def told(self) -> tuple[Float[np.ndarray, "row unknown"], float]:
+        """What samples in motion tell: their rows of J P^½, P = (JᵀJ)⁻¹, scaled to a sum of squares of one; and that
+        sum, of how many unknowns they take."""
+        designs = self._design()
+        bread = self._normal_inverse(designs)
+        if not np.all(np.isfinite(bread)):
+            return np.zeros((len(designs[1]), 1)), 0.0
+        values, vectors = np.linalg.eigh(bread)
+        rows = designs[1] @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        taken = float(np.sum(np.square(rows)))
+        return rows / math.sqrt(max(taken, 1e-300)), taken
+
     def covariance(self) -> Float[np.ndarray, "unknowns unknowns"]:
-        """(JᵀJ)⁻¹ of the free coefficients, zero for the others."""
-        normal = self.problem.normal(self.problem.at(self.coefficients).jacobian)
-        own = np.flatnonzero(self.free.ravel())
-        spread = np.zeros_like(normal)
-        spread[np.ix_(own, own)] = scaled_inverse(normal[np.ix_(own, own)])
+        """P (JᵀJ of the rests + JᵀR J / τ of the samples in motion) P, P = (JᵀJ)⁻¹; zero for what is not free."""
+        designs = self._design()
+        bread = self._normal_inverse(designs)
+        rests, moving = designs
+        alike = float(np.asarray(self.estimator.alike))
+        filling = rests.T @ rests + moving.T @ self.memory.applied(moving) / alike
+        size, own = self.free.size, np.flatnonzero(self.free.ravel())
+        spread = np.zeros((size, size))
+        spread[np.ix_(own, own)] = bread @ filling @ bread
         return spread
 
     def judged(self) -> tuple[Float[np.ndarray, "row 1"], Float[np.ndarray, "row 1"]]:
@@ -188,7 +241,9 @@ def _solved(
     problem = Problem(estimator, basis, visible)
     coefficients = problem.start() if start is None else start
     estimator = eqx.tree_at(lambda e: e.at, estimator, middle @ coefficients)
-    fit = _Fit(estimator, rows, Problem(estimator, basis, visible), coefficients, free, False)
+    fit = _Fit(
+        estimator, rows, Problem(estimator, basis, visible), coefficients, free, False, _Memory()
+    )
     _require_determined(fit)
     for _ in range(_PASSES):
         found, _, converged = fit.problem.solve(fit.coefficients, free=free)
@@ -217,7 +272,9 @@ def _settle(
         coefficients[:, -1] *= stretch
     at = middle @ coefficients
     before = np.asarray(estimator.at)
-    settled = with_scatter(estimator, *fit.judged(), int(fit.free.sum()))
+    memory, alike, unknowns = _memory(fit, float(np.asarray(estimator.scatter)))
+    fit = fit._replace(memory=memory)
+    settled = with_scatter(estimator, *fit.judged(), round(unknowns))
     assert isinstance(settled, MagneticField)
     size = float(np.asarray(estimator.field))
     moved = max(
@@ -225,10 +282,51 @@ def _settle(
         float(np.max(np.abs(at - before)[:3])) / size,
         float(np.max(np.abs(at - before)[3:12])),
         abs(float(settled.scatter) - float(estimator.scatter)) / size,
+        abs(alike / float(np.asarray(estimator.alike)) - 1.0),
     )
-    settled = eqx.tree_at(lambda e: (e.at, e.field), settled, (at, np.asarray(size * stretch)))
+    new = (at, np.asarray(size * stretch), np.asarray(alike))
+    settled = eqx.tree_at(lambda e: (e.at, e.field, e.alike), settled, new)
     problem = Problem(settled, fit.problem.basis, fit.problem.dwells[: fit.problem.num_dwells])
     return fit._replace(estimator=settled, problem=problem, coefficients=coefficients), moved
+
+
+def _memory(fit: _Fit, scatter: float) -> tuple[_Memory, float, float]:
+    """The memory that the misfits show; how many samples therefore tell what one would whose error is its own, τ; and
+    how many degrees of freedom the unknowns take.
+
+    Correlations C_h / C_0 of what is left after the fit are too small: unknowns that samples with a memory tell take
+    τ times what they would take of independent ones, σ² τ q κ_h of C_h, with q the unknowns that the samples tell and
+    κ_h how alike two of them, h apart, tell them. That is given back. The memory is fitted to the lags before the first
+    correlation below 2 sigma of a white series', 1/√n. τ is by how much, on average over the unknowns, a variance is
+    larger than of independent samples: Σ R_ij over rows i and j, each pair weighted by how alike the two tell.
+    """
+    moving = fit.moving
+    count = int(moving.sum())
+    total = float(fit.free.sum())
+    if count < _FEWEST_ALIKE:
+        return _Memory(), 1.0, total
+    now = fit.problem.at(fit.coefficients)
+    relative = now.misfit[moving, 0] / np.hypot(now.sigma[moving, 0], scatter)
+    told, taken = fit.told()
+    lost = min(float(np.asarray(fit.estimator.alike)) * taken, 0.5 * count)
+    left = float(relative @ relative)
+    whole = left * count / (count - lost)
+    seen = []
+    for lag in range(1, count // 4 if left > 0.0 else 1):
+        given_back = whole / count * lost * float(np.sum(told[:-lag] * told[lag:]))
+        correlation = (float(relative[:-lag] @ relative[lag:]) + given_back) / whole
+        if correlation < 2.0 / math.sqrt(count):
+            break
+        seen.append(correlation)
+    if not seen:
+        return _Memory(), 1.0, total
+    powers = np.geomspace(0.3, 0.99, 40)[:, None] ** np.arange(1, len(seen) + 1)
+    shares = np.clip(powers @ seen / np.sum(powers**2, axis=1), 0.0, 1.0)
+    apart = np.sum(np.square(seen - shares[:, None] * powers), axis=1)
+    best = int(np.argmin(apart))
+    memory = _Memory(float(shares[best]), float(powers[best, 0]))
+    alike = max(float(np.sum(told * memory.applied(told))), 1.0)
+    return memory, alike, total + min((alike - 1.0) * taken, 0.5 * count)
 
 
 def _without_vertical(rows: Dwells) -> Dwells:
@@ -373,6 +471,10 @@ def _degrees(fit: _Fit, asked: int | None) -> tuple[tuple[int, int], str]:
     now = fit.problem.at(fit.coefficients)
     counted = np.column_stack([np.ones(len(now.misfit), bool), fit.resting & fit.turned])
     right = now.residual[counted]
+    # Samples that tell alike count as one.
+    moving = fit.moving
+    n = float(np.sum(~moving) + np.sum(moving) / float(np.asarray(fit.estimator.alike)))
+    n += int(np.sum(fit.resting & fit.turned))
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
     phi = np.polynomial.chebyshev.chebvander(x, max(highest, 0))
     design = np.einsum("na,nri->nrai", phi, now.jacobian)[counted]
@@ -381,11 +483,12 @@ def _degrees(fit: _Fit, asked: int | None) -> tuple[tuple[int, int], str]:
         for soft in range(hard + 1):
             free = _free(fit.estimator.names, (hard, soft), turned=fit.turned)
             columns = design[:, : hard + 1][:, free]
-            if len(right) < columns.shape[1] + 3:
+            # With about as many unknowns as rows the misfit vanishes, and ln RSS rewards it beyond all measure.
+            if n < 2.0 * columns.shape[1] and (hard, soft) != (0, 0):
                 continue
             step, *_ = np.linalg.lstsq(columns, right, rcond=1e-10)
             rss = float(np.sum(np.square(right - columns @ step)))
-            n, k = len(right), columns.shape[1]
+            k = columns.shape[1]
             scores[hard, soft] = n * math.log(max(rss, 1e-300) / n) + k * math.log(n)
     if not scores:
         return (0, 0), "magnetometers: constants, because there are too few rows for more"

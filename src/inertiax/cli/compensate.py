@@ -65,9 +65,9 @@ def compensate(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compensate a recording: specific force in m/s² and angular rate in rad/s.
+    """Compensate a recording: specific force in m/s², angular rate in rad/s, magnetic field in T.
 
-    The result is the recording's table with accel_x/y/z and gyro_x/y/z compensated, every other
+    The result is the recording's table with accel_x/y/z, gyro_x/y/z and mag_x/y/z compensated, every other
     column kept (of CSV and Parquet; other formats give canonical columns), and a column `extrapolated`:
     true where the temperature is outside what the calibration covered.
     """

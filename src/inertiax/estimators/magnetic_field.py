@@ -9,6 +9,7 @@ iron b (3), soft iron S (9), the field of a current c (3) and the field's upward
 r₁ is the accelerometers' invariant with another name, and leaves a rotation of the triad open; r₂ closes it, so that
 the result is in the frame of the accelerometers. Rows are whitened with the covariance of the means, carried to both
 residuals at the parameters `at`: weights that moved with the unknowns would draw the answer to where they are small.
+`scatter` is what the field itself differs by from place to place, alike in all directions.
 
 **Gauge.** A common scale of S against F: F is given, or set by convention. The sign of the field: an inverted triad
 (all three axes) with an inverted F_u fits as well; of both the one nearer to the ideal triad is meant.
@@ -36,12 +37,15 @@ from .invariant import ellipsoid_start
 
 
 VERTICAL = "mag.vertical"  # F_u, T
+_ALONE = (
+    1e-9  # of a variance: far above rounding, far below what any field that is not vertical leaves
+)
 
 
 class MagneticField(AbstractEstimator[MagnetometerErrors]):
     """Constant magnitude of the field, and at rest a constant angle to the vertical. See the module.
 
-    Dwells of position −1 are samples in motion, of which the magnitude alone counts.
+    Of dwells of position −1 the magnitude alone counts; those without a duration are single samples in motion.
     """
 
     triad: ClassVar[str] = "mag"
@@ -49,6 +53,8 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
     field: Scalar = eqx.field(converter=as_array)  # F, T
     at: Float[AnyArray, " parameters"] = eqx.field(converter=as_array)  # where the weights are made
     scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # T, 1 sigma
+    # How many samples in motion tell what one would whose error is its own: neighbours are in the same place.
+    alike: Scalar = eqx.field(converter=as_array, default=1.0)
     with_current: bool = eqx.field(static=True, default=False)  # c is estimated
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
@@ -77,10 +83,12 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
         self, vector: Float[AnyArray, " parameters"], dwell: Dwells
     ) -> Float[Array, " rows"]:
         misfit, _ = self.misfit(vector, dwell)
-        spread = self._covariance(dwell) + jnp.square(self.scatter) * jnp.eye(2)
+        spread = self._covariance(dwell) + jnp.square(self.scatter) * self._of_place(dwell)
+        spread = spread * jnp.where(jnp.asarray(dwell.duration) > 0.0, 1.0, self.alike)
         first = jnp.sqrt(spread[0, 0])
         across = spread[1, 0] / first
-        second = jnp.sqrt(spread[1, 1] - jnp.square(across))
+        # Where the field is vertical both residuals are one, and the second tells nothing new.
+        second = jnp.sqrt(jnp.maximum(spread[1, 1] - jnp.square(across), _ALONE * spread[1, 1]))
         magnitude = misfit[0] / first
         vertical = jnp.where(_rests(dwell), (misfit[1] - across * magnitude) / second, 0.0)
         return soften(jnp.stack([magnitude, vertical]), self.robust)
@@ -98,6 +106,12 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
     def _field(self, vector: Float[Array, " parameters"], dwell: Dwells) -> Float[Array, "3"]:
         current = 0.0 if dwell.current is None else dwell.current
         return compensate_mag(self.unpack(vector), jnp.asarray(dwell.mag), current)
+
+    def _of_place(self, dwell: Dwells) -> Float[Array, "2 2"]:
+        """Of both residuals where the field differs by one unit on every axis: ∂r₁/∂m = m / ‖m‖, ∂r₂/∂m = u."""
+        field = self._field(jnp.asarray(self.at), dwell)
+        steep = field @ _up(dwell) / jnp.linalg.norm(field)
+        return jnp.array([[1.0, 0.0], [0.0, 1.0]]) + steep * jnp.array([[0.0, 1.0], [1.0, 0.0]])
 
     def _covariance(self, dwell: Dwells) -> Float[Array, "2 2"]:
         """Of both residuals, T², by the dwell's own noise: ∂r₁/∂m' = (E + S)⁻ᵀ m / ‖m‖, ∂r₂/∂m' = (E + S)⁻ᵀ u."""

@@ -12,14 +12,16 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array, Bool, Float
 
-from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.calibration import Calibration
 from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from ..data.formats.columns import AXES, TimeColumn
+from ..data.frames import TRIADS
 from ..data.pairing import pair
 from ..data.recording import Recording
 from ..data.settings import read_toml
 from ..physics.temperature import Constant
+from .compensated_field import compensated_field, feels_current
 from .text_columns import kinds_of, typed
 
 
@@ -67,7 +69,7 @@ def compensate_file(
 ) -> Compensated:
     """The table of a recording with its outputs compensated, equation (3), named effects included.
 
-    Columns accel_x/y/z (m/s²) and gyro_x/y/z (rad/s) hold the result, and `extrapolated` says
+    Columns accel_x/y/z (m/s²), gyro_x/y/z (rad/s) and mag_x/y/z (T) hold the result, and `extrapolated` says
     where the temperature is outside `calibration.temperature_range`. Of CSV and Parquet all other columns are
     kept as they are; any other format that `formats` reads gives its canonical columns in SI, and a column
     `recording` where the file holds several of the device. `gyro_file` holds the gyros where triads are
@@ -115,9 +117,10 @@ def _compensated_table(
     """A recording's table with the columns that compensation makes."""
     require_fit(calibration, recording, name, any_device=any_device)
     force, rate, outside, left_out = _compensate(calibration, recording)
+    field = compensated_field(calibration, recording)
     notes = notes_on(calibration, recording, Extent.of(recording, outside), name)
     notes += tuple(f"{name}: {line}" for line in left_out)
-    made = with_outputs(table, force, rate, outside)
+    made = with_outputs(table, force, rate, field, outside)
     return Compensated(made, int(outside.sum()), notes)
 
 
@@ -125,11 +128,12 @@ def with_outputs(
     table: pl.DataFrame,
     force: Float[np.ndarray, "time 3"] | None,
     rate: Float[np.ndarray, "time 3"] | None,
+    field: Float[np.ndarray, "time 3"] | None,
     outside: Bool[np.ndarray, " time"],
 ) -> pl.DataFrame:
-    """The table with what compensation gave: m/s², rad/s, and where the temperature is outside."""
+    """The table with what compensation gave: m/s², rad/s, T, and where the temperature is outside."""
     new = {COLUMN: outside}
-    for triad, values in (("accel", force), ("gyro", rate)):
+    for triad, values in (("accel", force), ("gyro", rate), ("mag", field)):
         if values is not None:
             new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
     return table.with_columns(**new)
@@ -138,14 +142,14 @@ def with_outputs(
 def _table_of(recording: Recording) -> pl.DataFrame:
     """A recording as canonical columns, SI."""
     columns: dict[str, np.ndarray] = {"time": recording.time}
-    for triad in ("accel", "gyro", "reference_accel", "reference_gyro"):
+    for triad in TRIADS:
         values = getattr(recording, triad)
         if values is not None:
             columns |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
     if recording.temperature is not None:
         probes = recording.temperature.T
         columns |= {f"temperature{f'_{k + 1}' if k else ''}": v for k, v in enumerate(probes)}
-    for label in ("experiment", "position", "supply"):
+    for label in ("experiment", "position", "supply", "current", "pressure"):
         if getattr(recording, label) is not None:
             columns[label] = getattr(recording, label)
     table = pl.DataFrame(columns)
@@ -310,6 +314,8 @@ def _check_device(
 
 def _check_columns(calibration: Calibration, recording: Recording, name: str) -> None:
     triads = [t for t in (calibration.accel, calibration.gyro) if t is not None]
+    if calibration.mag is not None and recording.mag is not None:
+        triads.append(calibration.mag.triad)
     by_temperature = any(not isinstance(t.curve.basis, Constant) for t in triads)
     if by_temperature and recording.temperature is None:
         raise ValueError(
@@ -323,15 +329,18 @@ def _check_columns(calibration: Calibration, recording: Recording, name: str) ->
             f"{name}: no accelerometer columns, but the gyros' g-sensitivity was calibrated and needs "
             f"them to be compensated."
         )
-    usable = (calibration.accel, recording.accel), (calibration.gyro, recording.gyro)
+    usable = [(getattr(calibration, t), getattr(recording, t)) for t in ("accel", "gyro", "mag")]
     if not any(c is not None and r is not None for c, r in usable):
         raise ValueError(
-            f"{name}: the calibration is of the {_named(calibration.accel)}, which it does not hold."
+            f"{name}: the calibration is of the {_named(calibration)}, which it does not hold."
         )
 
 
-def _named(accel: TriadCalibration | None) -> str:
-    return "gyros" if accel is None else "accelerometers"
+def _named(calibration: Calibration) -> str:
+    """The first triad that is calibrated."""
+    if calibration.accel is None and calibration.gyro is None:
+        return "magnetometers"
+    return "gyros" if calibration.accel is None else "accelerometers"
 
 
 def notes_on(
@@ -342,6 +351,10 @@ def notes_on(
     for triad, label in (("accel", "accelerometers"), ("gyro", "gyros")):
         if getattr(recording, triad) is not None and getattr(calibration, triad) is None:
             notes.append(f"{name}: the {label} were not calibrated and are left as recorded")
+    if feels_current(calibration) and recording.mag is not None and recording.current is None:
+        notes.append(
+            f"{name}: no current column, so that its field is not taken from the magnetometers'"
+        )
     if extent.outside and calibration.temperature_range is not None:
         low, high = calibration.temperature_range
         notes.append(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 
 from ..calibration.calibration import Calibration
@@ -18,6 +19,7 @@ from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
 from ..storage.whole_files import written_beside
+from .compensated_field import compensated_field, feels_current
 from .compensated_recording import (
     by_parameters,
     compensate_file,
@@ -92,9 +94,12 @@ def _in_pieces(
             (recording,) = to_recordings(table, columns, Layout(), name=name)
             _require_next(recording, last, columns)
             require_fit(calibration, recording, name, any_device=any_device)
+            if feels_current(calibration) and _has_gaps(recording):
+                raise ValueError("a current that is held goes beyond a piece.")
             force, rate, outside = by_parameters(calibration, recording)
+            field = compensated_field(calibration, recording)
             extent |= Extent.of(recording, outside)
-            writer.append(with_outputs(table, force, rate, outside))
+            writer.append(with_outputs(table, force, rate, field, outside))
             last = recording[-1:]
     if last is None:
         raise ValueError(f"{name}: no rows.")
@@ -110,8 +115,12 @@ def _require_next(recording: Recording, last: Recording | None, columns: ColumnM
         raise ValueError("the pieces are not those of one recording.")
 
 
+def _has_gaps(recording: Recording) -> bool:
+    return recording.current is not None and not np.isfinite(recording.current).all()
+
+
 def _columns(recording: Recording) -> list[str]:
-    return [k for k in ("accel", "gyro", "temperature") if getattr(recording, k) is not None]
+    return [k for k in ("accel", "gyro", "mag", "temperature") if getattr(recording, k) is not None]
 
 
 def _as_numbers(tables: Tables) -> Tables:

@@ -119,7 +119,7 @@ def _rests(
     sums = reduced(mine, start, stop, used, ("time", "mag"))
     if mine.current is None:
         return _Rests(own, sums, None)
-    held = _held(mine)
+    held = held_current(mine)
     return _Rests(own, sums, np.add.reduceat(held[sums.rows], _starts(sums)) / sums.counts)
 
 
@@ -154,7 +154,7 @@ def _starts(sums: Reduced) -> Int[np.ndarray, " rest"]:
     return np.cumsum(sums.counts) - sums.counts
 
 
-def _held(recording: Recording) -> Float[np.ndarray, " time"]:
+def held_current(recording: Recording) -> Float[np.ndarray, " time"]:
     """The current of every row as it was read last, A."""
     current = recording.current
     assert current is not None
@@ -218,7 +218,7 @@ def _in_motion(mine: Recording, noise: Float[np.ndarray, "3"]) -> Dwells:
         valid=np.ones(count, bool),
         mag=mine.mag,
         mag_covariance=np.broadcast_to(np.diag(noise**2), (count, 3, 3)),
-        current=None if mine.current is None else _held(mine),
+        current=None if mine.current is None else held_current(mine),
     )
 
 
