@@ -464,7 +464,8 @@ def _degrees(fit: _Fit, asked: int | None) -> tuple[tuple[int, int], str]:
     if asked == 0:
         return (0, 0), "magnetometers: constants, as asked"
     if span < LEAST_SPAN:
-        return (0, 0), f"magnetometers: constants, because the temperature moves by {span:.2f} °C"
+        moves = f"moves by {span:.2f} °C" if span > 0.0 else "is not known to move"
+        return (0, 0), f"magnetometers: constants, because the temperature {moves}"
     highest = min(HIGHEST_DEGREE, temperature_levels(temperature) - 1)
     if asked is not None:
         highest = asked

@@ -55,9 +55,8 @@ def calibrate_mag(
     if not has_magnetometers(campaign):
         return None, ()
     progress("estimating mag")
-    degree = campaign.model.temperature_degree
-    if any(r.temperature is None for r in campaign.recordings):
-        degree = 0
+    known = all(r.temperature is not None for r in campaign.recordings)
+    degree = campaign.model.temperature_degree if known else None
     try:
         rows = field_rows(
             campaign.recordings, _with_vertical(chosen, accel, dwells), _at_rest(segments)

@@ -16,11 +16,24 @@ from ..plots import calibration as plots
 from ..plots.style import drawing
 from ..reduction.segments import rests_are_searched
 from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
+from .magnetometers import (
+    FIGURES as FIELD_FIGURES,
+    magnetometer_keys,
+    magnetometer_sections,
+)
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 
 # All files that this module may write; an earlier run's are removed where they are not written again.
-_NAMES = ("curves-accel", "curves-gyro", "misfit-accel", "misfit-gyro", "coverage", "rests")
+_NAMES = (
+    "curves-accel",
+    "curves-gyro",
+    "misfit-accel",
+    "misfit-gyro",
+    "coverage",
+    "rests",
+    *FIELD_FIGURES,
+)
 FIGURES = tuple(f"figures/{name}.{suffix}" for name in _NAMES for suffix in ("png", "svg"))
 
 
@@ -43,7 +56,8 @@ def report_calibration(
         keys=_keys(result),
         sections=[
             *_parameter_sections(result, folder),
-            _misfit_section(result, folder),
+            *_magnetometer_sections(result, folder),
+            *_misfit_sections(result, folder),
             _data_section(result, folder, campaign),
             _quality_section(quality),
             _choices_section(result),
@@ -54,6 +68,7 @@ def report_calibration(
 
 def _under(result: DeviceResult) -> str:
     names = [f"{TRIAD_NAMES[k].lower()} ('{c.estimator}')" for k, (c, _) in triads(result).items()]
+    names += [] if result.mag is None else ["magnetometers ('field')"]
     return f"Estimated: {', '.join(names)}; {_temperature_words(result.calibration)}."
 
 
@@ -98,6 +113,7 @@ def _keys(result: DeviceResult) -> list[Key]:
                 f"{triad.curve.basis.size * len(triad.names)} unknowns",
             )
         )
+    keys += magnetometer_keys(result)
     if result.calibration.temperature_range is not None:
         low, high = result.calibration.temperature_range
         keys.append(Key("Temperature range", f"{low:.1f} … {high:.1f} °C", _degrees(result)))
@@ -106,6 +122,8 @@ def _keys(result: DeviceResult) -> list[Key]:
 
 def _degrees(result: DeviceResult) -> str:
     sizes = {c.curve.basis.size - 1 for c, _ in triads(result).values()}
+    mag = result.calibration.mag
+    sizes |= set() if mag is None else {mag.triad.curve.basis.size - 1}
     return f"polynomial degree {', '.join(str(s) for s in sorted(sizes))}"
 
 
@@ -153,7 +171,15 @@ def _curve_picture(
         return picture(figure, folder, f"curves-{name}", caption, f"{title}: {caption}")
 
 
-def _misfit_section(result: DeviceResult, folder: Path) -> Section:
+def _magnetometer_sections(result: DeviceResult, folder: Path) -> list[Section]:
+    mag = result.calibration.mag
+    table = None if mag is None else parameter_table(mag.triad, result.calibration)
+    return magnetometer_sections(result, table, folder)
+
+
+def _misfit_sections(result: DeviceResult, folder: Path) -> list[Section]:
+    if not triads(result):
+        return []
     figures = []
     for name, (_, estimate) in triads(result).items():
         caption = (
@@ -174,7 +200,7 @@ def _misfit_section(result: DeviceResult, folder: Path) -> Section:
         "condition",
     )
     table = Table(head, rows, numeric=(1, 2, 3, 4, 5))
-    return Section("Misfit", tables=(table,), figures=tuple(figures))
+    return [Section("Misfit", tables=(table,), figures=tuple(figures))]
 
 
 def _misfit_row(name: str, result: TriadResult) -> tuple[str, ...]:

@@ -12,9 +12,8 @@ from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
 from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import middle_temperature, si_unit
 from .judge import triads
-
-
-Value = str | int | float | bool | None | list["Value"] | dict[str, "Value"]
+from .magnetometers import magnetometer_document
+from .values import Value
 
 
 def calibration_document(
@@ -53,6 +52,7 @@ def _device(
         "handling": [d.as_dict() for d in result.handling],
         "quality": _quality(judge(result)),
         **{name: _triad(c, r, at) for name, (c, r) in triads(result).items()},
+        **magnetometer_document(result),
     }
 
 

@@ -40,6 +40,13 @@ def print_result(result: "DeviceResult", folder: Path) -> None:
         chi2 = estimate.chi2_per_dof
         noise = f", χ² per degree of freedom {chi2:.2f}" if math.isfinite(chi2) else ""
         console.print(f"  rms misfit {rms_text(estimate.misfit_unit, estimate.rms)}{noise}")
+    if calibration.mag is not None and result.mag is not None:
+        console.print("Magnetometers ('field'):")
+        table = _plain_table("", "value", "± 1 sigma", "unit")
+        for q in quantities(calibration.mag.triad, middle):
+            table.add_row(q.label, *with_sigma(q.value, q.sigma), q.unit)
+        console.print(table)
+        console.print(f"  rms misfit {rms_text('T', result.mag.rms)}")
     for choice in result.choices:
         console.print(f"chosen: {choice}")
     for warning in result.warnings:
