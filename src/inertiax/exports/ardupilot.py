@@ -1,10 +1,11 @@
-"""ArduPilot's parameters: thermal `INS_TCAL*` and static `INS_*OFFS`, `INS_ACCSCAL`.
+"""ArduPilot's parameters: thermal `INS_TCAL*` and static `INS_*OFFS`, `INS_ACCSCAL`; `COMPASS_*` of magnetometers.
 
 ArduPilot corrects v = v' − P(T − 35) + P(T_cal − 35), then subtracts the offset that holds at T_cal, then
 (accelerometers only) multiplies by a scale; P is a cubic without constant term, its coefficients times 10⁶,
-and T is clamped to TMIN…TMAX.
+and T is clamped to TMIN…TMAX. Compasses (mgauss) have no temperature: S (m' + OFS + MOT · A), S symmetric.
 
-**Reference:** ArduPilot, `AP_InertialSensor_tempcal.cpp` and `AP_InertialSensor_Backend.cpp`.
+**Reference:** ArduPilot, `AP_InertialSensor_tempcal.cpp` and `AP_InertialSensor_Backend.cpp`,
+`AP_Compass_Backend.cpp`.
 """
 
 import re
@@ -13,10 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
+from ..calibration.magnetometers import MagnetometerCalibration
 from ..physics.temperature import Constant, Polynomial
 from .cubic import cubic, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, triad
+from .magnetometer_parameters import GAUSS, symmetric_field
 from .parameters import axis_by_axis_loss, parameters_over, temperature_span
 
 
@@ -64,10 +67,14 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         return one(a, accel) * scale, one(w, gyro)
 
     lines = _lines(settings.instance, accel, gyro, scale, (low, high, at))
+    field_losses: tuple[str, ...] = ()
+    if calibration.mag is not None:
+        field_lines, field_losses = _compass(settings.instance, calibration.mag, at)
+        lines += field_lines
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,
-        losses=axis_by_axis_loss(calibration),
+        losses=(*axis_by_axis_loss(calibration), *field_losses),
         notes=(
             "ArduPilot takes an accelerometer calibration only with the sensor's own INS_ACC_ID, and "
             "learns gyro offsets anew at each start unless INS_GYR_CAL is 0",
@@ -96,6 +103,27 @@ def _lines(
         values[f"INS_ACC{_number(n)}SCAL_{name}"] = scale[axis]
     lines = [f"{name} {float(value):.9g}" for name, value in values.items()]
     return [f"INS_TCAL{n}_ENABLE {int(high > low)}", *lines]
+
+
+def _compass(n: int, mag: MagnetometerCalibration, at: float) -> tuple[list[str], tuple[str, ...]]:
+    """The magnetometers' lines, in mgauss, at one temperature (°C), and what they lose."""
+    found = symmetric_field(mag, np.array([at]))
+    scale, milli = found.scale, 1e3 * GAUSS
+    groups = [
+        ("OFS", -milli * found.bias[0]),
+        ("DIA", np.diagonal(scale)),
+        ("ODI", np.array([scale[0, 1], scale[0, 2], scale[1, 2]])),
+    ]
+    lines = []
+    if found.current.any():
+        groups.append(("MOT", -milli * found.current))
+        lines.append("COMPASS_MOTCT 2")  # by the battery's current
+    for key, values in groups:
+        names = [f"COMPASS_{key}{_number(n)}_{axis}" for axis in "XYZ"]
+        lines += [f"{name} {float(v):.9g}" for name, v in zip(names, values, strict=True)]
+    warm = not isinstance(mag.triad.curve.basis, Constant)
+    thermal = (f"temperature dependence of the hard iron: it is that at {at:g} °C",)
+    return lines, (*found.losses, *(thermal if warm else ()))
 
 
 def _offset(fit: Float[np.ndarray, "4 3"], at: float) -> Float[np.ndarray, "3"]:

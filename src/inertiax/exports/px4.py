@@ -1,10 +1,12 @@
-"""PX4's parameters: thermal offsets `TC_A*`, `TC_G*` and static `CAL_ACC*`, `CAL_GYRO*`.
+"""PX4's parameters: thermal offsets `TC_A*`, `TC_G*`, `TC_M*` and static `CAL_ACC*`, `CAL_GYRO*`, `CAL_MAG*`.
 
 PX4 corrects (x' − thermal(T) − offset) · scale axis by axis, thermal(T) = X3 ΔT³ + X2 ΔT² + X1 ΔT + X0 with
 ΔT = clamp(T, TMIN, TMAX) − TREF; gyros have no scale. The thermal polynomial takes the whole bias, the
-static offset is zero, and the accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range.
+static offset is zero, and the accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range. Magnetometers (gauss)
+have a symmetric matrix S and the field of the power: S (m' − thermal(T) + COMP · kA − offset).
 
-**Reference:** PX4-Autopilot, `TemperatureCompensation.cpp` and `sensor_calibration/Accelerometer.hpp`.
+**Reference:** PX4-Autopilot, `TemperatureCompensation.cpp` and `sensor_calibration/Accelerometer.hpp`,
+`Magnetometer.cpp`.
 """
 
 import re
@@ -13,10 +15,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
+from ..calibration.magnetometers import MagnetometerCalibration
 from ..physics.temperature import Constant, Polynomial
 from .cubic import cubic, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, triad
+from .magnetometer_parameters import GAUSS, symmetric_field
 from .parameters import axis_by_axis_loss, parameters_over, temperature_span
 
 
@@ -38,6 +42,7 @@ class Settings(Common, frozen=True, kw_only=True):
     instance: int = 0  # 0 to 3
     accel_id: int = 0  # `device_id` of sensor_accel in a log; PX4 ignores a calibration of 0
     gyro_id: int = 0
+    mag_id: int = 0
 
 
 def write(calibration: Calibration, settings: Settings) -> Export:
@@ -52,6 +57,10 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         *_thermal(settings, accel, gyro, present, (reference, low, high)),
         *_static(settings, scale),
     ]
+    field_losses: tuple[str, ...] = ()
+    if calibration.mag is not None:
+        field_lines, field_losses = _field(settings, calibration.mag, (reference, low, high))
+        lines += field_lines
 
     def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
         d = np.clip(temperature, low, high) - reference
@@ -63,10 +72,12 @@ def write(calibration: Calibration, settings: Settings) -> Export:
             "PX4 wants the sensors' own numbers: give --set accel_id=... --set gyro_id=...",
             *notes,
         )
+    if calibration.mag is not None and settings.mag_id == 0:
+        notes = ("PX4 wants the magnetometers' own number: give --set mag_id=...", *notes)
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,
-        losses=axis_by_axis_loss(calibration),
+        losses=(*axis_by_axis_loss(calibration), *field_losses),
         notes=notes,
     )
 
@@ -87,13 +98,49 @@ def _thermal(
     n, lines = settings.instance, []
     rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
     for letter, number, fit, enabled in rows:
-        lines += [_line(f"TC_{letter}_ENABLE", int(enabled)), _line(f"TC_{letter}{n}_ID", number)]
-        for axis in range(3):
-            for order in (3, 2, 1, 0):
-                lines.append(_line(f"TC_{letter}{n}_X{order}_{axis}", float(fit[order, axis])))
-        for key, value in zip(("TREF", "TMIN", "TMAX"), temperatures, strict=True):
-            lines.append(_line(f"TC_{letter}{n}_{key}", float(value)))
+        lines.append(_line(f"TC_{letter}_ENABLE", int(enabled)))
+        lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)
     return lines
+
+
+def _cubics(
+    prefix: str,
+    number: int,
+    fit: Float[np.ndarray, "4 3"],
+    temperatures: tuple[float, float, float],
+) -> list[str]:
+    """One sensor's thermal offsets."""
+    lines = [_line(f"{prefix}_ID", number)]
+    for axis in range(3):
+        for order in (3, 2, 1, 0):
+            lines.append(_line(f"{prefix}_X{order}_{axis}", float(fit[order, axis])))
+    for key, value in zip(("TREF", "TMIN", "TMAX"), temperatures, strict=True):
+        lines.append(_line(f"{prefix}_{key}", float(value)))
+    return lines
+
+
+def _field(
+    settings: Settings, mag: MagnetometerCalibration, temperatures: tuple[float, float, float]
+) -> tuple[list[str], tuple[str, ...]]:
+    """The magnetometers' lines, in gauss, and what they lose. The power is the battery's current, kA."""
+    reference, low, high = temperatures
+    n, number = settings.instance, settings.mag_id
+    found = symmetric_field(mag, nodes(low, high) if high > low else np.array([low]))
+    if high > low:
+        fit = fit_cubic(GAUSS * found.bias, low, high, reference)
+    else:
+        fit = np.pad(GAUSS * found.bias, ((0, 3), (0, 0)))
+    scale, power = found.scale, -1e3 * GAUSS * found.current
+    lines = [_line("TC_M_ENABLE", 1), *_cubics(f"TC_M{n}", number, fit, temperatures)]
+    lines += [_line(f"CAL_MAG{n}_ID", number)]
+    lines += [_line(f"CAL_MAG{n}_{axis}OFF", 0.0) for axis in "XYZ"]
+    lines += [_line(f"CAL_MAG{n}_{a}SCALE", float(scale[k, k])) for k, a in enumerate("XYZ")]
+    beside = (scale[0, 1], scale[0, 2], scale[1, 2])
+    lines += [_line(f"CAL_MAG{n}_{a}ODIAG", float(x)) for a, x in zip("XYZ", beside, strict=True)]
+    if power.any():
+        lines.append(_line("CAL_MAG_COMP_TYP", 2))  # by the battery's current
+        lines += [_line(f"CAL_MAG{n}_{a}COMP", float(x)) for a, x in zip("XYZ", power, strict=True)]
+    return lines, found.losses
 
 
 def _static(settings: Settings, scale: Float[np.ndarray, "3"]) -> list[str]:
