@@ -31,6 +31,7 @@ from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
 from ..reduction.segments import segment_all
 from .accelerometers import calibrate_accelerometers
+from .barometer import BarometerResult, calibrate_barometer
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
 from .magnetometers_of_device import calibrate_mag, has_magnetometers, magnetometer_calibration
@@ -139,6 +140,9 @@ def calibrate_device(
     mag, failed = calibrate_mag(campaign, chosen, accel_result, dwells, segments, robust, progress)
     warnings.extend(failed)
     choices.extend(() if mag is None else mag.statements)
+    baro, failed = _barometer(campaign)
+    warnings.extend(failed)
+    choices.extend(() if baro is None else baro.statements)
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
@@ -150,6 +154,7 @@ def calibrate_device(
         effects=effects,
         model=spec,
         mag=None if mag is None else magnetometer_calibration(mag, campaign.rig),
+        baro=None if baro is None else baro.calibration,
     )
     return DeviceResult(
         calibration,
@@ -162,7 +167,19 @@ def calibrate_device(
         handling,
         segments,
         mag,
+        baro,
     )
+
+
+def _barometer(campaign: Campaign) -> tuple[BarometerResult | None, tuple[str, ...]]:
+    """The barometer over temperature where both were recorded, and warnings."""
+    if any(r.pressure is None or r.temperature is None for r in campaign.recordings):
+        return None, ()
+    try:
+        found = calibrate_barometer(campaign.recordings)
+    except ValueError as error:
+        return None, (f"the barometer is not calibrated: {error}",)
+    return found, found.warnings
 
 
 def _magnetometers_alone(

@@ -14,6 +14,7 @@ from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
 from ..reduction.handling import Disturbance
 from ..reduction.segments import Segments
+from .barometer import BarometerResult
 from .observability import Observability
 
 
@@ -99,6 +100,7 @@ class DeviceResult(eqx.Module):
     handling: tuple[Disturbance, ...] = ()  # where rests were disturbed
     segments: tuple[Segments, ...] = ()  # of each recording
     mag: MagnetometerResult | None = None  # None: not calibrated
+    baro: BarometerResult | None = None  # None: not calibrated
 
 
 class DeviceFailure(eqx.Module):

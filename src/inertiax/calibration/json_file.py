@@ -15,6 +15,7 @@ from ..effects import CATALOGUE, Effect
 from ..model_selection.model_spec import ModelEntry, to_model_entry
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
 from ..storage.whole_files import write_atomically
+from .barometer import BarometerCalibration
 from .fitted_effects import EffectEntry, from_entry, to_entry
 from .magnetometers import MagnetometerCalibration
 from .pytree import Calibration
@@ -58,6 +59,16 @@ class _Magnetometers(_Triad):
     dip_std: float | None = None  # rad
 
 
+class _Barometer(msgspec.Struct, forbid_unknown_fields=True):
+    """The barometer over temperature, under `baro`: zero at the reference temperature."""
+
+    basis: _Basis  # functions of temperature
+    coefficients: list[float]  # of each, in `unit`
+    covariance: list[list[float]]  # of the coefficients, Pa²
+    unit: str  # Pa
+    reference_temperature: float  # degC
+
+
 class _File(msgspec.Struct, forbid_unknown_fields=True):
     """A device's calibration; a key that is not here is refused."""
 
@@ -76,6 +87,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     # Of the accelerometers' coefficients (rows) with the gyros', where both were estimated together.
     cross_covariance: list[list[float]] | msgspec.UnsetType = msgspec.UNSET
     mag: _Magnetometers | msgspec.UnsetType = msgspec.UNSET  # absent: not calibrated
+    baro: _Barometer | msgspec.UnsetType = msgspec.UNSET  # absent: not calibrated
 
 
 def _basis_to_json(basis: AbstractBasis) -> _Basis:
@@ -143,6 +155,27 @@ def _mag_from_json(mag: _Magnetometers, where: str) -> MagnetometerCalibration:
         mag.field_given,
         mag.frame,
     )
+
+
+def _baro_to_json(baro: BarometerCalibration) -> _Barometer:
+    return _Barometer(
+        basis=_basis_to_json(baro.curve.basis),
+        coefficients=np.asarray(baro.curve.coefficients, float)[:, 0].tolist(),
+        covariance=np.asarray(baro.covariance).tolist(),
+        unit="Pa",
+        reference_temperature=float(baro.reference),
+    )
+
+
+def _baro_from_json(baro: _Barometer, where: str) -> BarometerCalibration:
+    if baro.unit != "Pa":
+        raise ValueError(f"{where}: unit is {baro.unit!r}; it must be 'Pa'.")
+    basis = _basis_from_json(baro.basis, where)
+    coefficients = _matrix(
+        [[c] for c in baro.coefficients], (basis.size, 1), f"{where}.coefficients"
+    )
+    spread = _matrix(baro.covariance, (basis.size, basis.size), f"{where}.covariance")
+    return BarometerCalibration(Curve(basis, coefficients), spread, baro.reference_temperature)
 
 
 def _triad_from_json(triad: _Triad, where: str) -> TriadCalibration:
@@ -214,6 +247,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         effects=[to_entry(e) for e in calibration.effects] or msgspec.UNSET,
         cross_covariance=msgspec.UNSET if cross is None else np.asarray(cross).tolist(),
         mag=msgspec.UNSET if calibration.mag is None else _mag_to_json(calibration.mag),
+        baro=msgspec.UNSET if calibration.baro is None else _baro_to_json(calibration.baro),
     )
     write_atomically(path, encode(content, str(path), indent=1))
 
@@ -263,4 +297,7 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
         mag=None
         if isinstance(content.mag, msgspec.UnsetType)
         else _mag_from_json(content.mag, f"{path}: mag"),
+        baro=None
+        if isinstance(content.baro, msgspec.UnsetType)
+        else _baro_from_json(content.baro, f"{path}: baro"),
     )

@@ -30,6 +30,7 @@ from ..physics.error_model import (
 from ..physics.leaves import as_leaf, is_traced
 from ..physics.shapes import check_one
 from . import coefficients, drawn, representation
+from .barometer import BarometerCalibration
 from .coefficients import Block
 from .effect_additions import additions, refuse_memory
 from .fitted_effects import FittedEffect
@@ -52,8 +53,8 @@ class Calibration:
     with one that depends on what went before, both raise `ValueError`, and `Twin` and
     `diagnose.estimates.applied_effects` serve. `cross_covariance` is that of the accelerometers' coefficients
     with the gyros', where both were estimated together. `mag(outputs, temperature, current)` compensates the
-    magnetometers; their coefficients are no part of `coefficients` and `covariance`, which are of accelerometers and
-    gyros.
+    magnetometers; `baro(pressure, temperature)` a barometer; their coefficients are no part of `coefficients` and
+    `covariance`, which are of accelerometers and gyros.
 
     Raises `ValueError` for a gravity that is none in m/s², temperatures that are no °C or not in order, a triad in
     the other's place, or a `cross_covariance` of another shape.
@@ -70,6 +71,7 @@ class Calibration:
     cross_covariance: Float[AnyArray, "*batch accel_coefficients gyro_coefficients"] | None = None
     model: ModelSpec | None = None  # as it was fitted
     mag: MagnetometerCalibration | None = None  # None: not calibrated
+    baro: BarometerCalibration | None = None  # over temperature; None: not calibrated
 
     def __post_init__(self):
         object.__setattr__(self, "gravity", as_leaf(self.gravity))
@@ -342,7 +344,16 @@ class Calibration:
 
 register_labelled(
     Calibration,
-    leaves=("gravity", "accel", "gyro", "temperature_range", "effects", "cross_covariance", "mag"),
+    leaves=(
+        "gravity",
+        "accel",
+        "gyro",
+        "temperature_range",
+        "effects",
+        "cross_covariance",
+        "mag",
+        "baro",
+    ),
     structure=(),
     labels={"device": "", "notes": (), "model": None},
 )

@@ -43,6 +43,17 @@ def compensated_field(
     return np.concatenate(parts)
 
 
+def further_columns(calibration: Calibration, recording: Recording) -> dict[str, np.ndarray]:
+    """Compensated columns beside accelerometers and gyros: `mag_x/y/z` (T) and `pressure` (Pa), where calibrated."""
+    field = compensated_field(calibration, recording)
+    made = {} if field is None else {f"mag_{axis}": field[:, k] for k, axis in enumerate("xyz")}
+    if calibration.baro is not None and recording.pressure is not None:
+        if recording.temperature is not None:
+            offset, _ = calibration.baro.over(recording.temperature[:, 0])
+            made["pressure"] = recording.pressure - offset
+    return made
+
+
 def feels_current(calibration: Calibration) -> bool:
     """Whether the field of a current is part of the calibration."""
     mag = calibration.mag

@@ -21,7 +21,7 @@ from ..data.pairing import pair
 from ..data.recording import Recording
 from ..data.settings import read_toml
 from ..physics.temperature import Constant
-from .compensated_field import compensated_field, feels_current
+from .compensated_field import feels_current, further_columns
 from .text_columns import kinds_of, typed
 
 
@@ -117,10 +117,10 @@ def _compensated_table(
     """A recording's table with the columns that compensation makes."""
     require_fit(calibration, recording, name, any_device=any_device)
     force, rate, outside, left_out = _compensate(calibration, recording)
-    field = compensated_field(calibration, recording)
+    further = further_columns(calibration, recording)
     notes = notes_on(calibration, recording, Extent.of(recording, outside), name)
     notes += tuple(f"{name}: {line}" for line in left_out)
-    made = with_outputs(table, force, rate, field, outside)
+    made = with_outputs(table, force, rate, further, outside)
     return Compensated(made, int(outside.sum()), notes)
 
 
@@ -128,12 +128,12 @@ def with_outputs(
     table: pl.DataFrame,
     force: Float[np.ndarray, "time 3"] | None,
     rate: Float[np.ndarray, "time 3"] | None,
-    field: Float[np.ndarray, "time 3"] | None,
+    further: dict[str, np.ndarray],
     outside: Bool[np.ndarray, " time"],
 ) -> pl.DataFrame:
-    """The table with what compensation gave: m/s², rad/s, T, and where the temperature is outside."""
-    new = {COLUMN: outside}
-    for triad, values in (("accel", force), ("gyro", rate), ("mag", field)):
+    """The table with what compensation gave: m/s², rad/s, further columns, and where the temperature is outside."""
+    new = {COLUMN: outside, **further}
+    for triad, values in (("accel", force), ("gyro", rate)):
         if values is not None:
             new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
     return table.with_columns(**new)

@@ -19,7 +19,7 @@ from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
 from ..storage.whole_files import written_beside
-from .compensated_field import compensated_field, feels_current
+from .compensated_field import feels_current, further_columns
 from .compensated_recording import (
     by_parameters,
     compensate_file,
@@ -97,9 +97,9 @@ def _in_pieces(
             if feels_current(calibration) and _has_gaps(recording):
                 raise ValueError("a current that is held goes beyond a piece.")
             force, rate, outside = by_parameters(calibration, recording)
-            field = compensated_field(calibration, recording)
+            further = further_columns(calibration, recording)
             extent |= Extent.of(recording, outside)
-            writer.append(with_outputs(table, force, rate, field, outside))
+            writer.append(with_outputs(table, force, rate, further, outside))
             last = recording[-1:]
     if last is None:
         raise ValueError(f"{name}: no rows.")

@@ -14,9 +14,10 @@ import re
 import numpy as np
 from jaxtyping import Float
 
+from ..calibration.barometer import BarometerCalibration
 from ..calibration.calibration import Calibration
 from ..calibration.magnetometers import MagnetometerCalibration
-from ..physics.temperature import Constant, Polynomial
+from ..physics.temperature import Constant, Polynomial, to_powers
 from .cubic import cubic, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, triad
@@ -43,6 +44,7 @@ class Settings(Common, frozen=True, kw_only=True):
     accel_id: int = 0  # `device_id` of sensor_accel in a log; PX4 ignores a calibration of 0
     gyro_id: int = 0
     mag_id: int = 0
+    baro_id: int = 0
 
 
 def write(calibration: Calibration, settings: Settings) -> Export:
@@ -72,6 +74,8 @@ def write(calibration: Calibration, settings: Settings) -> Export:
             "PX4 wants the sensors' own numbers: give --set accel_id=... --set gyro_id=...",
             *notes,
         )
+    if calibration.baro is not None:
+        lines += _barometer(settings, calibration.baro)
     if calibration.mag is not None and settings.mag_id == 0:
         notes = ("PX4 wants the magnetometers' own number: give --set mag_id=...", *notes)
     return Export(
@@ -173,6 +177,22 @@ def _fits(
         )
     single = lambda x: x.astype(np.float32).astype(float)
     return single(fit(p.accel_bias)), single(fit(p.gyro_bias)), single(scale)
+
+
+def _barometer(settings: Settings, baro: BarometerCalibration) -> list[str]:
+    """The barometer's lines, Pa: zero at the reference temperature, of degree five at most."""
+    n, basis = settings.instance, baro.curve.basis
+    if not isinstance(basis, Polynomial) or basis.degree > 5:
+        raise ValueError("px4: the barometer's curve must be a polynomial of degree 5 or less.")
+    reference = float(baro.reference)
+    powers = to_powers(basis, np.asarray(baro.curve.coefficients), reference)[:, 0]
+    powers[0] = 0.0  # the pressure of the place
+    found = np.pad(powers, (0, 6 - len(powers)))
+    lines = [_line("TC_B_ENABLE", 1), _line(f"TC_B{n}_ID", settings.baro_id)]
+    lines += [_line(f"TC_B{n}_X{order}", float(found[order])) for order in (5, 4, 3, 2, 1, 0)]
+    ends = (reference, float(basis.low), float(basis.high))
+    keys = ("TREF", "TMIN", "TMAX")
+    return lines + [_line(f"TC_B{n}_{k}", v) for k, v in zip(keys, ends, strict=True)]
 
 
 _LINE = re.compile(r"\d+\s+\d+\s+([A-Z0-9_]+)\s+(\S+)\s+\d+")
