@@ -34,8 +34,14 @@ _ANGLE = {
     "arcmin": _DEGREE / 60.0,
     "arcsec": _DEGREE / 3600.0,
 }
-_KINDS = ("bias", "scale", "misalignment", "matrix")
-_NAME = re.compile(r"(accel|gyro)\.(?:(bias)\[([0-2])\]|(matrix)\[([0-2]),([0-2])\])")
+_BY_FORCE = {f"{unit}/g": size for unit, size in _RATE.items()}
+_KINDS = {
+    "accel": ("bias", "scale", "misalignment", "matrix"),
+    "gyro": ("bias", "scale", "misalignment", "matrix", "g_sensitivity"),
+}
+_NAME = re.compile(
+    r"(?:(?:accel|gyro)\.(?:(bias)\[[0-2]\]|(matrix)\[([0-2]),([0-2])\])|gyro\.(g_sensitivity)\[[0-2],[0-2]\])"
+)
 _AMOUNT = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\S+)")
 
 # Where nobody says what is wanted: a tenth of what such devices are off by, from data sheets (convention).
@@ -86,7 +92,7 @@ def parse_target(text: str) -> Target:
 
 
 def parse_limit(name: str, amount: str, where: str) -> float:
-    """A limit such as "0.3 mg" of a family or a parameter, in m/s², rad/s, 1 or rad.
+    """A limit such as "0.3 mg" of a family or a parameter, in m/s², rad/s, 1, rad or rad/s per g.
 
     Raises `ValueError`, one line that begins with `where`, for an unknown name or unit, or a limit not above zero.
     """
@@ -94,17 +100,17 @@ def parse_limit(name: str, amount: str, where: str) -> float:
 
 
 def kind_of(parameter: str) -> str:
-    """ "bias", "scale" (diagonal of a matrix) or "misalignment" (off it)."""
+    """ "bias", "scale" (diagonal of a matrix), "misalignment" (off it) or "g_sensitivity"."""
     found = _NAME.fullmatch(parameter)
     if found is None:
         raise ValueError(f"`kind_of({parameter!r})`: is no parameter, such as accel.matrix[1,0].")
-    if found[2]:
-        return "bias"
-    return "scale" if found[5] == found[6] else "misalignment"
+    if found[2] is None:
+        return found[1] or found[5]
+    return "scale" if found[3] == found[4] else "misalignment"
 
 
 def _known_name(name: str, where: str) -> str:
-    groups = [f"{triad}.{kind}" for triad in ("accel", "gyro") for kind in _KINDS]
+    groups = [f"{triad}.{kind}" for triad, kinds in _KINDS.items() for kind in kinds]
     if name in groups or _NAME.fullmatch(name):
         return name
     raise ValueError(
@@ -139,6 +145,8 @@ def _units(name: str) -> dict[str, float]:
     kind = kind_of(name) if "[" in name else name.partition(".")[2]
     if kind == "bias":
         return _ACCELERATION if name.startswith("accel") else _RATE
+    if kind == "g_sensitivity":
+        return _BY_FORCE
     if kind == "matrix":
         return {**_RATIO, **_ANGLE}
     return _RATIO if kind == "scale" else _ANGLE
