@@ -37,6 +37,13 @@ def diagnose(
             help="What other units of the type told of its noise (`inertiax learn-noise`): smaller effects show.",
         ),
     ] = None,
+    explore: Annotated[
+        bool,
+        typer.Option(
+            "--explore",
+            help="Write explorer.html, too: residuals over any variable, to zoom and hover (needs inertiax[explore]).",
+        ),
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -53,6 +60,10 @@ def diagnose(
         environment.prepare()
         from ..data.campaign import load_campaign
 
+        if explore:
+            from ..report.explorer import require_bokeh
+
+            require_bokeh()
         stages("reading recordings")
         loaded = load_campaign(campaign)
         devices = tuple(loaded.devices)
@@ -68,7 +79,7 @@ def diagnose(
                 for d, name in folders.items()
             }
             outcomes = _diagnose_all(
-                loaded, calibration, noise, force, staging, folders, seen_from, stages
+                loaded, calibration, noise, force, staging, folders, seen_from, stages, explore
             )
     _tell(outcomes, folders, output, as_json=as_json, quiet=quiet)
 
@@ -82,6 +93,7 @@ def _diagnose_all(
     folders: dict[str, str],
     seen_from: dict[str, str],
     stages: console.Stages,
+    explore: bool,
 ) -> "dict[str, Diagnosis | str]":
     """Diagnosis of each device, or why there is none. A single device's failure is raised."""
     from ..calibration.calibration import read_calibration, write_calibration
@@ -125,6 +137,11 @@ def _diagnose_all(
             folder,
         )
         report_diagnosis(found, folder, command_line(), campaign=one)
+        if explore:
+            from ..report.explorer import write_explorer
+
+            title = f"Residuals of {device}" if device else "Residuals"
+            write_explorer(found.residuals, folder / "explorer.html", title=title)
         outcomes[device] = found
     return outcomes
 
