@@ -59,7 +59,7 @@ def campaign(rows, seed):
         experiment=(part * 4).clip(0, 3).astype(int),
         position=np.where(moving, -1, number),
     )
-    model = ModelChoice("invariant", None, False, 3)
+    model = ModelChoice(accel_estimator="invariant", temperature_degree=3)
     return Campaign((recording,), Site(GRAVITY), Rig(), model, "tactical")
 
 

@@ -69,9 +69,12 @@ def test_memory_in_numpy_is_that_of_jax():
         for tau in (1e-3, 3.0, 500.0):
             other = np.asarray(lag(time, values, tau))
             np.testing.assert_allclose(lag(signal.time, signal.temperature, tau), other, rtol=1e-13)
-        for radius in (0.0, 0.7, 100.0):
-            mine = play(signal.temperature, radius)
-            np.testing.assert_array_equal(mine, np.asarray(play(values, radius)))
+        rough = signal.temperature + np.random.default_rng(1).standard_normal(NUM)
+        rough[100:110] = rough[100]  # neither rises nor falls
+        for course in (signal.temperature, rough, rough[:1]):
+            for radius in (0.0, 0.7, 100.0):
+                other = np.asarray(play(jnp.asarray(course), radius))
+                np.testing.assert_array_equal(play(course, radius), other)
 
 
 def test_numbers_of_python_do_not_widen_arrays_of_32_bits():

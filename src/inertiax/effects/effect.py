@@ -238,9 +238,22 @@ def play(values: Float[AnyArray, " time"], radius: Scalar | float) -> Float[AnyA
     """Play (backlash) operator of half-width `radius`, starting in the middle of its play."""
     if xp.of_jax(values, radius):
         return _play(values, radius)
-    y = float(values[0])
-    room = zip((values - radius).tolist(), (values + radius).tolist())
-    return np.array([y := low if y < low else high if y > high else y for low, high in room])
+    return _play_by_runs(np.asarray(values), float(radius))
+
+
+def _play_by_runs(values: Float[np.ndarray, " time"], radius: float) -> Float[np.ndarray, " time"]:
+    """The same: while values rise from y the play is max(y, x - radius), while they fall min(y, x + radius)."""
+    rising = np.diff(values) >= 0.0
+    ends = np.flatnonzero(np.r_[rising[1:] != rising[:-1], np.ones(len(rising[:1]), bool)])
+    y, begun = float(values[0]), []
+    for up, last in zip(rising[ends].tolist(), values[ends + 1].tolist()):
+        begun.append(y)
+        y = max(y, last - radius) if up else min(y, last + radius)
+    held = np.repeat(begun, np.diff(ends, prepend=-1))
+    later = np.where(
+        rising, np.maximum(held, values[1:] - radius), np.minimum(held, values[1:] + radius)
+    )
+    return np.concatenate([values[:1], later])
 
 
 @jax.jit
