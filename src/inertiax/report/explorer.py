@@ -37,7 +37,8 @@ def require_bokeh() -> None:
 def write_explorer(residuals: Sequence[Residuals], file: Path, *, title: str) -> None:
     """Write the page of a device's triads. Raises `ValueError` where Bokeh is not installed."""
     require_bokeh()
-    from bokeh.embed import json_item  # heavy, and an extra
+    from bokeh.core.types import ID  # heavy, and an extra
+    from bokeh.embed import json_item
 
     tables = [_thinned(table(rows), len(residuals)) for rows in residuals]
     packed, layout = _packed(tables)
@@ -49,7 +50,7 @@ def write_explorer(residuals: Sequence[Residuals], file: Path, *, title: str) ->
         library=_compressed(_library()),
         numbers=_compressed(packed),
         layout=json.dumps(layout).replace("<", "\\u003c"),
-        figure=json.dumps(json_item(_figure(), "plot")).replace("<", "\\u003c"),
+        figure=json.dumps(json_item(_figure(), ID("plot"))).replace("<", "\\u003c"),
     )
     write_atomically(file, text.encode())
 
@@ -66,7 +67,7 @@ def _figure():
     from bokeh.plotting import figure
 
     source = ColumnDataSource({"x": [], "y": [], "c": []}, name="points")
-    colours = LinearColorMapper("Viridis256", name="colours")
+    colours = LinearColorMapper(palette="Viridis256", name="colours")
     made = figure(
         sizing_mode="stretch_both", output_backend="canvas", name="figure",
         tools="pan,box_zoom,wheel_zoom,reset,save", active_drag="box_zoom",
