@@ -256,14 +256,14 @@ class ModelChoice(eqx.Module):
     accel_estimator: str | None = eqx.field(static=True, default=None)
     # Reference | gravity | static | none; None: the tool chooses.
     gyro_estimator: str | None = eqx.field(static=True, default=None)
-    # Field | none; None: field where there are magnetometers.
-    mag_estimator: str | None = eqx.field(static=True, default=None)
     g_sensitivity: bool | None = eqx.field(static=True, default=None)  # the gyros' matrix D
     # Of every parameter's polynomial; 0 = constant.
     temperature_degree: int | None = eqx.field(static=True, default=None)
     together: bool | None = eqx.field(static=True, default=None)  # both triads in one least squares
     lever_arms: bool | None = eqx.field(static=True, default=None)  # of the accelerometers
     misalignment: bool | None = eqx.field(static=True, default=None)  # of the gyros to them
+    # Field | none; None: field where there are magnetometers.
+    mag_estimator: str | None = eqx.field(static=True, default=None)
 
 
 class Campaign(eqx.Module):
