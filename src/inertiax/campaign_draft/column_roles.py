@@ -17,6 +17,9 @@ _NEITHER = re.compile(
     r"mag|^m[_ .]?x|^b[_ .]?x|euler|quat|orient|free_?acc|user_?acc|linear acc|^gravity|pos|cov|bias|ref",
     re.IGNORECASE,
 )
+_MAG = re.compile(
+    r"^(?!.*(?:cov|bias|ref|cal))(?:.*mag|.*compass|m[_ .]?x$|b[_ .]?x$)", re.IGNORECASE
+)
 _TIME = re.compile(
     r"time|stamp|^t$|^t[_ (\[]|^ts|second|^sec|^millis|^micros|^clock|utc", re.IGNORECASE
 )
@@ -37,6 +40,7 @@ class Roles(NamedTuple):
     temperature: str | None
     position: str | None
     notes: tuple[str, ...]  # what was left aside
+    mag: tuple[str, str, str] | None = None
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -80,8 +84,11 @@ def _by_name(log: RawLog) -> Roles:
     triads = triads_by_name(log.names)
     kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
     unnamed: list[tuple[str, str, str]] = []
+    mags: list[tuple[str, str, str]] = []
     for triad in triads:
         first = _UNIT.sub("", triad[0]).strip().split("/")[-1]
+        if _MAG.search(first):
+            mags.append(triad)
         if _NEITHER.search(first):
             continue
         if _GYRO.search(first) and not first.lower().startswith("gf"):
@@ -114,6 +121,7 @@ def _by_name(log: RawLog) -> Roles:
         next((n for n in temperature if n in log.numbers), None),
         position,
         tuple(notes),
+        next((t for t in mags if all(n in log.numbers for n in t)), None),
     )
 
 

@@ -17,6 +17,7 @@ from .clock import counted
 from .converters import middle, nearest, rounded
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit
+from .mag_unit import mag_unit
 from .raw_triads import given_names, RawTriads, read_triads
 from .resting import poses, Resting, resting
 from .temperature_unit import temperature_unit
@@ -174,6 +175,17 @@ def _columns(
     if found.gyro is not None:
         unit = gyro_unit(found.gyro, turns, found.gyro_words)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
+    if found.roles.mag is not None and named:
+        mag = np.stack([found.log.numbers[n] for n in found.roles.mag], axis=1)
+        told = mag_unit(mag)
+        if told is not None:
+            value = {"names": list(found.roles.mag), "unit": told}
+            why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
+            lines.append(Line("mag", value, why))
+        else:
+            remarks.append(
+                f"{CHECK} mag: {', '.join(found.roles.mag)} do not tell their unit; they are left out"
+            )
     if rests.single_rows:
         lines.append(Line("position", {"row_index": True}, "each row is the mean of one pose"))
     elif found.roles.position not in (None, "position"):

@@ -14,6 +14,7 @@ from .finding import Finding, Plausibility
 from .gravity import check_gravity
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
+from .mag_unit import check_mag_unit
 from .pose_rows import check_pose_rows
 from .positions import check_positions
 from .reference import check_accel_reference, check_gyro_reference
@@ -37,6 +38,7 @@ CHECKS: tuple[Check, ...] = (
     check_constant_channels,
     check_pose_rows,
     check_accel_unit,
+    check_mag_unit,
     check_gyro_rest,
     check_gyro_turns,
     check_gyro_reference,

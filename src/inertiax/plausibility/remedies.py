@@ -54,6 +54,11 @@ def rescaled(kind: str, columns: ColumnMap, factor: float) -> tuple[str | None, 
     return None, None
 
 
+def with_unit(kind: str, said: TriadColumns, unit: str) -> str:
+    """Remedy that reads a triad's values in another unit."""
+    return _line(kind, said, f'unit = "{unit}"')
+
+
 def _rescaled_counts(kind: str, said: TriadColumns, factor: float) -> str:
     inverse = (said.scale_unit or "").startswith("count per")
     scale = np.broadcast_to(np.asarray(said.scale, float), (3,)) * (

@@ -1,0 +1,31 @@
+"""The unit of magnetometers: turned, they move by 20 to 70 µT."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..data.formats.columns import MAG_UNITS
+from ..data.plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
+
+
+_UNITS = ("uT", "gauss", "mgauss", "nT", "T")
+_LEAST_ROWS = 10
+_TURNED = 0.5  # of the magnitude without its middle, from 5 to 95 %: a device that was turned all ways is steadier
+_NEAR = 1.5  # by how much soft iron changes what the outputs move by
+
+
+def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:
+    """The unit in which the outputs move by the Earth's field about their middle; `None` where the device was hardly
+    turned, or no unit or more than one fits."""
+    read = outputs[np.isfinite(outputs).all(axis=1)]
+    if len(read) < _LEAST_ROWS:
+        return None
+    about = np.linalg.norm(read - 0.5 * (read.min(axis=0) + read.max(axis=0)), axis=1)
+    low, size, high = np.quantile(about, [0.05, 0.5, 0.95])
+    if not size > 0.0 or (high - low) / size > _TURNED:
+        return None
+    fits = [
+        u
+        for u in _UNITS
+        if LEAST_EARTH_FIELD / _NEAR < size * MAG_UNITS[u] < _NEAR * GREATEST_EARTH_FIELD
+    ]
+    return fits[0] if len(fits) == 1 else None
