@@ -9,7 +9,7 @@ error $d$ of each positioning, white noise $w$, and the probe's error $\\Delta T
 temperature turns into one of the model; it wanders, and is another after each power-on. Flicker is a sum of
 first-order Gauss-Markov processes with equal variances and time constants a factor of about six apart, whose
 spectrum is $1/f$ between them. A Kalman filter over these states turns observations and model columns into white ones
-in $O(n)$.
+in $O(n)$. `grouped_filter` and `restricted_likelihood` are the forms in NumPy that a diagnosis uses.
 
 **Reference:** Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*,
 Cambridge 1989, ch. 3; for $1/f$ as a sum of relaxations: van der Ziel, Physica 16 (1950) 359.
@@ -151,9 +151,6 @@ def whiten(
     start = jnp.zeros((a.shape[1], columns.shape[1]))
     _, white = jax.lax.scan(step, start, (s, gain, a, h, columns))
     return white, jnp.sum(jnp.log(s))
-
-
-whiten_jit = jax.jit(whiten)
 
 
 def unpack(theta: Float[AnyArray, "7"], scale: Float[AnyArray, "7"]) -> Variances:
