@@ -46,7 +46,6 @@ LEAST_CURRENT = (
 )
 SURE_OF_FRAME = 0.1  # rad, 1 sigma of the rotation: beyond, the accelerometers' frame is not known
 _STEEP = 0.3  # of the field, upward part, from which its sign tells the hemisphere
-_NEAR = math.radians(30.0)  # of the ideal axes; a triad soldered as its columns say is nearer
 
 
 def calibrate_magnetometers(
