@@ -23,6 +23,7 @@ from ..model_selection.select_model import (
     fixed_model,
     settle_accel,
 )
+from ..numerics.blas_threads import one_blas_thread
 from ..plausibility import Finding, require_plausible, statements
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
@@ -80,6 +81,7 @@ def calibrate(
     return tuple(results)
 
 
+@one_blas_thread()
 def calibrate_device(
     campaign: Campaign,
     *,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import jax
 
 from ..data.recording import Campaign, Rig
+from ..numerics.blas_threads import one_blas_thread
 from .findings import find_all, silent
 from .noise.type_noise import chain_labels, learn_chain, TypeNoise
 from .problem import prepare, Prepared
@@ -14,6 +15,7 @@ from .problem import prepare, Prepared
 FEWEST = 2  # units; a single one cannot tell its own noise from that of its type
 
 
+@one_blas_thread()
 def learn_noise(
     campaigns: Sequence[tuple[str, Campaign]],
     *,

@@ -12,6 +12,7 @@ from ..calibration.calibration import Calibration, read_calibration, write_calib
 from ..data.campaign import load_campaign
 from ..data.recording import Campaign, Recording, Site
 from ..effects import CATALOGUE, Effect, Signal
+from ..numerics.blas_threads import one_blas_thread
 from ..plausibility import require_plausible
 from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
@@ -49,6 +50,7 @@ from .wording.sentences import summary
 DEFAULT_SITE = Site()
 
 
+@one_blas_thread()
 def diagnose_campaign(
     campaign: Campaign,
     *,
@@ -122,6 +124,7 @@ def diagnose(
     )[0]
 
 
+@one_blas_thread()
 def diagnose_model(
     predict: Callable[[Parameters, Signal], Float[Array, "time 3"]],
     parameters: Parameters,

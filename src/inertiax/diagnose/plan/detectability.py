@@ -16,6 +16,7 @@ import scipy.special
 
 from ...data.recording import Campaign
 from ...effects import CATALOGUE, Effect
+from ...numerics.blas_threads import one_blas_thread
 from ..candidates.empirical import PREFIX
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit, START, System
@@ -55,6 +56,7 @@ class Audited:
         return whiten_system(alone, self.noise, [s.term for s in self.scores]).scores
 
 
+@one_blas_thread()
 def audit(
     campaign: Campaign, *, effects: Sequence[Effect] = CATALOGUE, estimate_noise: bool = False
 ) -> Audit:

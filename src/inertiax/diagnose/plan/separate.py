@@ -19,6 +19,7 @@ import numpy as np
 
 from ...data.recording import Campaign, Recording
 from ...effects import CATALOGUE
+from ...numerics.blas_threads import one_blas_thread
 from ...physics.temperature import Curve, Polynomial
 from ...simulate.bench import simulate_recordings
 from ...simulate.scenario import (
@@ -133,6 +134,7 @@ class Separation:
         return msgspec.convert(msgspec.to_builtins(said), Scenario)
 
 
+@one_blas_thread()
 def separate(
     campaign: Campaign,
     names: NameSet,
