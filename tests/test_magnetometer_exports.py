@@ -37,6 +37,7 @@ def _samples():
 
 def _sizes(outputs, temperature, current):
     mag = _calibration().mag
+    assert mag is not None
     found = [
         mag(jnp.asarray(m), t, i) for m, t, i in zip(outputs, temperature, current, strict=True)
     ]

@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._typing import Scalar
+from .._typing import AnyArray, Scalar
 from ..effects import Moment, Online
 from ..physics.temperature import Polynomial
 from .fitted_effects import FittedEffect, known_effect
@@ -128,10 +128,13 @@ def moment_of(
     )
 
 
-def on_channels(fitted: FittedEffect, shape: Float[Array, "channels columns"]) -> Float[Array, "3"]:
+def on_channels(
+    fitted: FittedEffect, shape: Float[AnyArray, "channels columns"]
+) -> Float[Array, "3"]:
     """Coefficients times shape, on the effect's own channels."""
-    coefficients = jnp.asarray(fitted.coefficients, shape.dtype)
-    every = jnp.broadcast_to(shape @ coefficients, (3,))
+    columns = jnp.asarray(shape)
+    coefficients = jnp.asarray(fitted.coefficients, columns.dtype)
+    every = jnp.broadcast_to(columns @ coefficients, (3,))
     mine = jnp.asarray([c in fitted.channels for c in range(3)])
     return jnp.where(mine, every, jnp.zeros_like(every))
 
