@@ -12,7 +12,6 @@ from inertiax.fleet import (
     between_devices,
     fleet_calibration,
     Population,
-    read_parts,
     read_population,
     run_fleet,
     stack_dwells,
@@ -285,15 +284,14 @@ def test_a_device_unlike_the_line_is_set_aside_where_only_the_line_could_tell(sh
     )
 
 
-def test_without_a_prior_the_same_devices_are_set_aside(known, tmp_path):
+def test_without_a_prior_the_same_devices_tell_biases_and_scale_factors_alone(known, tmp_path):
     _, truth = known
     some = dict(list(truth.items())[:6])
     _write(tmp_path / "short", some, positions=range(6))
-    table = (
-        read_parts(tmp_path / "out") if run_fleet(tmp_path / "short", tmp_path / "out") else None
-    )
-    assert all("do not determine" in r or "too few" in r for r in table.collect()["reason"])
-    assert not (tmp_path / "out" / "population.json").exists()
+    summary = run_fleet(tmp_path / "short", tmp_path / "out")
+    assert summary.calibrated == 6
+    diagonal = tuple(f"accel.matrix[{i},{i}]" for i in range(3))
+    assert summary.model.accel.parameters == (*(f"accel.bias[{i}]" for i in range(3)), *diagonal)
 
 
 def test_a_prior_of_another_model_is_refused(known, tmp_path):

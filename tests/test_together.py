@@ -99,7 +99,8 @@ def _asked(drift, lag, seed=2):
     terms = [t for t in prepared.candidates if t.effect is not None]
     null, forms = fit_noise(system), count_forms(terms)
     scores = [
-        c.score for c in judge(system, bank(system, [null], []), terms, [], forms, "tactical")
+        c.score
+        for c in judge(system, bank(system, [null], []), terms, [], forms, "tactical", columns=True)
     ]
     tests = family(scores, [len(y) for y in system.base.observed])
     fuller, ranked = rank(system, [null], terms, [], forms, "tactical")

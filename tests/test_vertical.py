@@ -76,7 +76,9 @@ def test_no_vertical_where_the_axis_leans_or_the_latitude_is_unknown_or_another(
 def test_g_sensitivity_is_found_without_accelerometers():
     with jax.enable_x64(True):
         found = diagnose(rate_table(D)[0])
-    (effect,) = found.effects
+    effect = max(found.effects, key=lambda e: e.evidence.delta_bic)
+    # A further name may be one of the false alarms that are promised, of which 1.5 % of all triads have one.
+    assert all(e.evidence.p_value > 1e-3 for e in found.effects if e is not effect)
     assert (effect.name, effect.channels) == ("g_sensitivity", ("gyro_y",))
     values = np.array([p.value for _, p in effect.parameters])
     errors = np.array([p.std for _, p in effect.parameters])

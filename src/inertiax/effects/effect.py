@@ -178,7 +178,9 @@ def gradient(
 ) -> Float[AnyArray, "time 3"]:
     """Time derivative by central differences, in the values' unit per second."""
     change, step = xp.gradient(values, axis=0), xp.gradient(time)
-    return xp.asarray(change) / xp.asarray(step)[:, None]
+    # Rows that only pad a series repeat a moment; who padded it cuts them off.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return xp.asarray(change) / xp.asarray(step)[:, None]
 
 
 def lag(

@@ -45,8 +45,9 @@ def beyond_batches(campaign: Campaign, trial: Sequence[Dwells]) -> bool:
         return True
     if chosen.accel_estimator != "invariant":
         return False
-    settled = [settle_accel(campaign, chosen, d)[0].accel_estimator for d in trial]
-    return set(settled) != {"invariant"} or max(map(directions, trial)) < UNKNOWNS
+    told = [d for d in trial if d.accel is not None]
+    settled = {settle_accel(campaign, chosen, d)[0].accel_estimator for d in told}
+    return settled != {"invariant"} or max(map(directions, told)) < UNKNOWNS
 
 
 def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> LineModel:
