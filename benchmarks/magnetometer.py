@@ -16,24 +16,23 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import jax
+import numpy as np
+import scipy.optimize
 
-
-jax.config.update("jax_enable_x64", True)
-
-import h5py  # noqa: E402
-import numpy as np  # noqa: E402
-import scipy.optimize  # noqa: E402
-
-from inertiax.calibrate.magnetometers import calibrate_magnetometers  # noqa: E402
-from inertiax.calibrate.results import MagnetometerResult  # noqa: E402
-from inertiax.data.recording import Recording  # noqa: E402
-from inertiax.reduction.field_rows import field_rows  # noqa: E402
+from inertiax.calibrate.magnetometers import calibrate_magnetometers
+from inertiax.calibrate.results import MagnetometerResult
+from inertiax.data.recording import Recording
+from inertiax.reduction.field_rows import field_rows
 
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from magnetometer_cases import DIP, DRIFT, FIELD, HARD, rows, SOFT, WARM, WIRE  # noqa: E402
+
+
+jax.config.update("jax_enable_x64", True)
 
 
 RUNS = 240

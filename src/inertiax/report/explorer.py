@@ -9,6 +9,7 @@ import gzip
 import json
 from collections.abc import Sequence
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +27,10 @@ LEVELS = 65535
 
 def require_bokeh() -> None:
     """Raise `ValueError` with the cure where Bokeh is not installed."""
-    try:
-        import bokeh  # noqa: F401, PLC0415
-    except ImportError:
+    if find_spec("bokeh") is None:
         raise ValueError(
             "--explore needs Bokeh: pip install 'inertiax[explore]', or leave the option out."
-        ) from None
+        )
 
 
 def write_explorer(residuals: Sequence[Residuals], file: Path, *, title: str) -> None:

@@ -1,6 +1,7 @@
 """From a table of named columns to `Recording`s: units, checks, one recording per device."""
 
 import re
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -55,10 +56,10 @@ def to_recordings(
         "position": _position(table, columns, name),
         "reference_accel": _triad(table, columns.reference_accel, "reference_accel", name),
         "reference_gyro": _triad(table, columns.reference_gyro, "reference_gyro", name),
-        "supply": _supply(table, columns.supply, name),
+        "supply": _quantity(table, columns.supply, "supply", supply_scale, name, gaps=False),
         "mag": _mag(table, columns.mag, name),
-        "current": _current(table, columns.current, name),
-        "pressure": _pressure(table, columns.pressure, name),
+        "current": _quantity(table, columns.current, "current", current_scale, name),
+        "pressure": _quantity(table, columns.pressure, "pressure", pressure_scale, name),
     }
     if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
@@ -229,39 +230,27 @@ def _temperature(
 _PROBE = re.compile(r"temperature_\d{1,6}")
 
 
-def _supply(
-    table: pl.DataFrame, said: SupplyColumn | str | None, where: str
+def _quantity(
+    table: pl.DataFrame,
+    said: SupplyColumn | CurrentColumn | PressureColumn | str | None,
+    key: str,
+    scale: Callable[[str, str], float],
+    where: str,
+    *,
+    gaps: bool = True,
 ) -> Float[np.ndarray, " rows"] | None:
-    """The supply voltage, V. A column of that name that nobody asked for and that holds no numbers is not it."""
-    column = SupplyColumn(name=said) if isinstance(said, str) else said or SupplyColumn()
-    name = column.name or "supply"
+    """The supply voltage (V), the current (A) or the barometer (Pa); NaN where it was not read and `gaps` are allowed.
+
+    A column of that name that nobody asked for and that holds no numbers is not it.
+    """
+    column = _QUANTITIES[key](name=said) if isinstance(said, str) else said or _QUANTITIES[key]()
+    name = column.name or key
     if said is None and not (name in table.columns and table.schema[name].is_numeric()):
         return None
-    return numbers(table, name, where) * supply_scale(column.unit, "[columns] supply")
+    return numbers(table, name, where, gaps=gaps) * scale(column.unit, f"[columns] {key}")
 
 
-def _current(
-    table: pl.DataFrame, said: CurrentColumn | str | None, where: str
-) -> Float[np.ndarray, " rows"] | None:
-    """The current, A, NaN where it was not read; found by its name as the supply is."""
-    column = CurrentColumn(name=said) if isinstance(said, str) else said or CurrentColumn()
-    name = column.name or "current"
-    if said is None and not (name in table.columns and table.schema[name].is_numeric()):
-        return None
-    scale = current_scale(column.unit, "[columns] current")
-    return numbers(table, name, where, gaps=True) * scale
-
-
-def _pressure(
-    table: pl.DataFrame, said: PressureColumn | str | None, where: str
-) -> Float[np.ndarray, " rows"] | None:
-    """The barometer, Pa, NaN where it was not read; found by its name as the supply is."""
-    column = PressureColumn(name=said) if isinstance(said, str) else said or PressureColumn()
-    name = column.name or "pressure"
-    if said is None and not (name in table.columns and table.schema[name].is_numeric()):
-        return None
-    scale = pressure_scale(column.unit, "[columns] pressure")
-    return numbers(table, name, where, gaps=True) * scale
+_QUANTITIES = {"supply": SupplyColumn, "current": CurrentColumn, "pressure": PressureColumn}
 
 
 def _position(
