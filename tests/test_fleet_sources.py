@@ -1,5 +1,7 @@
 """Where a fleet's recordings may lie: a folder of campaigns in any format, and addresses."""
 
+import os
+
 import fsspec
 import numpy as np
 import polars as pl
@@ -10,6 +12,7 @@ from inertiax.calibrate.pipeline import calibrate, DeviceResult
 from inertiax.data.campaign import load_campaign
 from inertiax.fleet import fleet_calibration, read_parts, run_fleet
 from inertiax.fleet.reduce.campaign_folders import find_campaigns
+from inertiax.fleet.reduce.tasks import Stretch, Task, wherever_read
 
 
 TOML = '[site]\ngravity = {}\n[recordings]\nfiles = ["*.csv", "*.parquet"]\n[model]\ntemperature_degree = {}\n'
@@ -150,3 +153,26 @@ def test_an_address_that_cannot_be_read_is_said(address, message, tmp_path):
     with pytest.raises(ValueError, match=message) as caught:
         run_fleet(tmp_path, tmp_path / "out")
     assert "\n" not in str(caught.value)
+
+
+def test_a_run_goes_on_from_another_folder(tmp_path, monkeypatch):
+    """Paths that were given relative to one folder are read from another, as by workers of Dask's."""
+    write_line(tmp_path / "line", 2, files=1, experiments=1, degree=0)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    run_fleet("line", "out", workers=1)
+    found = read_parts("out").collect()
+    for part in (tmp_path / "out").rglob("*.parquet"):
+        part.unlink()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    run_fleet("../line", "../out", workers=1)
+    assert read_parts("../out").collect().equals(found)
+
+
+def test_addresses_of_other_places_stay():
+    task = Task(0, (("A", (Stretch("s3://bucket/a.parquet", 0, 1), Stretch("a.parquet", 0, 1))),))
+    (made,) = wherever_read([task])
+    assert [s.file for s in made.devices[0][1]] == [
+        "s3://bucket/a.parquet",
+        os.path.abspath("a.parquet"),
+    ]

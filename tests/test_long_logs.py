@@ -4,7 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from inertiax.allan import logs_of, noise_of
+from inertiax.allan import deviations, logs_of, noise_of
+from inertiax.allan.logs import _channel
+from inertiax.allan.stored_channel import is_constant, StoredChannel
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import read_recordings
 from inertiax.data.formats.long_logs import read_long
@@ -116,7 +118,9 @@ def test_a_part_without_any_rest_has_none(tmp_path):
         assert segment(part[:]).used.mean() > 0.9
 
 
-def test_noise_of_parts_is_that_of_the_whole(tmp_path):
+@pytest.mark.parametrize("on_the_disk", [False, True])
+def test_noise_of_parts_is_that_of_the_whole(tmp_path, monkeypatch, on_the_disk):
+    monkeypatch.setattr("inertiax.allan.rest_channels.LONG", 100 if on_the_disk else 1 << 30)
     log(still=True).write_parquet(tmp_path / "a.parquet")
     (whole,) = read_recordings(tmp_path / "a.parquet")
     parts = in_parts(tmp_path / "a.parquet")
@@ -127,6 +131,23 @@ def test_noise_of_parts_is_that_of_the_whole(tmp_path):
     for a, b in zip(one.channels, other.channels, strict=True):
         np.testing.assert_array_equal(a.curve.deviation, b.curve.deviation)
         assert a.model.terms == b.model.terms and a.model.statement == b.model.statement
+
+
+def test_a_stored_channel_slices_as_an_array_and_tells_the_same_noise():
+    """Of more than 2¹⁹ samples, from which on spectra and deviations are found piece by piece."""
+    rng = np.random.default_rng(5)
+    samples = 600_011
+    log = rng.standard_normal(samples) + 0.01 * np.cumsum(rng.standard_normal(samples))
+    stored = StoredChannel(np.array_split(log, 7))
+    for rows in (slice(None), slice(5), slice(10, 20), slice(samples - 3, samples + 9)):
+        np.testing.assert_array_equal(stored[rows], log[rows])
+    one, other = (_channel("gyro_x", "gyro", channel, 100.0) for channel in (log, stored))
+    assert one.model.terms == other.model.terms
+    np.testing.assert_array_equal(one.curve.deviation, other.curve.deviation)
+    whole = deviations(log, rate=100.0, factors=one.curve.factor[one.curve.factor < 256])
+    # The same sums in another order: a part in 10¹⁶ for each of 10⁵ rows at the most.
+    np.testing.assert_allclose(one.curve.deviation[: len(whole.tau)], whole.deviation, rtol=1e-11)
+    assert not is_constant(stored) and is_constant(StoredChannel([np.ones(9)]))
 
 
 def test_what_is_odd_in_many_parts_is_told_once(tmp_path):

@@ -16,10 +16,13 @@ stay in the processor's cache, which is what makes ten million samples quick.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
+
+from .stored_channel import BLOCK, Log
 
 
 _BLOCK = 1 << 13  # samples of a block: its arrays fit a core's cache
@@ -76,6 +79,23 @@ def deviations(
     if kind in ("tdev", "ttotdev"):
         deviation *= tau / np.sqrt(3.0)
     return Deviations(kind, rate, len(log), chosen, tau, deviation, count[kept])
+
+
+def short_deviations(log: Log, *, rate: float, factors: Int[np.ndarray, " tau"]) -> Deviations:
+    """`oadev` at averaging factors far below a log's length, which is read in pieces.
+
+    A difference of the phase is the same whatever line is taken from it, so each piece's phase begins anew.
+    """
+    reach, squares = 2 * int(factors[-1]), np.zeros(len(factors))
+    counts = len(log) + 1 - 2 * factors  # differences: each begins at a phase of its own
+    for first in range(0, len(log), BLOCK):
+        phase = _phase(log[first : first + BLOCK - 1 + reach], rate)
+        for k, m in enumerate(factors):
+            begin = min(int(counts[k]) - first, BLOCK)
+            squares[k] += _sum_squares(begin, partial(_second, phase, int(m)))
+    tau = factors / rate
+    deviation = np.sqrt(squares / counts / 2.0) / tau
+    return Deviations("oadev", rate, len(log), factors, tau, deviation, counts)
 
 
 def _phase(log: Float[np.ndarray, " time"], rate: float) -> _Phase:

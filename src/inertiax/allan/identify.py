@@ -19,8 +19,9 @@ from .limits import terms_of
 from .model import NoiseModel, NoiseTerm, TERMS
 from .ramp import plain_slope, ramp_term, slope
 from .repeats import own_samples
-from .spectrum import fast_length, Spectrum, spectrum_of
+from .spectrum import Spectrum, spectrum_of
 from .statement import band_statement
+from .stored_channel import Log
 
 
 FEWEST = 256  # samples
@@ -31,7 +32,7 @@ UNKNOWN = NoiseTerm(None, None, 0.0, float("inf"))
 # Of the samples' scatter: rounding to coarser steps is no noise that adds to the sensor's.
 COARSE = 1.5
 RISING = 0.5  # of the density in the highest third, what a rounded integral's log has in the lowest at most
-_FOR_SCATTER = 20_000  # samples
+_FOR_SCATTER = 20_000  # samples, which tell the converter's step, too
 # χ² per degree of freedom up to which limits are widened, and beyond which the terms have no values.
 FAILED = 4.0
 # Relative error of N, one sigma, beyond which it has no value.
@@ -55,20 +56,20 @@ def identify(log: Float[np.ndarray, " time"], *, rate: float, triad: str = "gyro
         raise ValueError(
             "`identify(log)`: the log is constant: a dead channel, or filled-in values."
         )
-    own = own_samples(log[None])
-    log, rate = own.of(log), own.rate(rate, len(log))
-    if len(log) < FEWEST:
+    own = own_samples([log])
+    fresh, rate = own.of(log), own.rate(rate, len(log))
+    if len(fresh) < FEWEST:
         raise ValueError(
-            f"`identify(log)`: {len(log)} of the samples are new ones, the others repeat them; 256 are "
+            f"`identify(log)`: {len(fresh)} of the samples are new ones, the others repeat them; 256 are "
             f"needed."
         )
-    return identify_samples(log, rate=rate, triad=triad)
+    return identify_samples(fresh, rate=rate, triad=triad)
 
 
-def identify_samples(log: Float[np.ndarray, " time"], *, rate: float, triad: str) -> NoiseModel:
+def identify_samples(log: Log, *, rate: float, triad: str) -> NoiseModel:
     """As `identify`, of a checked log without repeated samples."""
-    step, duration = quantisation_step(log), len(log) / rate
-    log = log[: fast_length(len(log))]
+    begin = log[:_FOR_SCATTER]
+    step, duration = quantisation_step(begin), len(log) / rate
     ramp = plain_slope(log, rate)
     spectrum = spectrum_of(log, rate, ramp)
     rounding = _rounding(spectrum, step)
@@ -88,7 +89,7 @@ def identify_samples(log: Float[np.ndarray, " time"], *, rate: float, triad: str
         terms,
         band,
         failed=not band.passes and chi2 > FAILED,
-        coarse=_is_coarse(log, step, spectrum),
+        coarse=_is_coarse(begin, step, spectrum),
     )
     return NoiseModel(
         triad=triad,
@@ -122,9 +123,7 @@ def _matters(change: float, spectrum: Spectrum, samples: int) -> bool:
     return (change / spectrum.rate) ** 2 * samples > 0.01 * float(spectrum.power[0])
 
 
-def _ramp(
-    log: Float[np.ndarray, " time"], rate: float, problem: Problem, fit: Fit, names: tuple[str, ...]
-) -> NoiseTerm:
+def _ramp(log: Log, rate: float, problem: Problem, fit: Fit, names: tuple[str, ...]) -> NoiseTerm:
     squares = _every(names, fit.squares)
     found, shares = slope(log, rate, squares)
     spread, _ = variances(problem, fit)
@@ -138,9 +137,9 @@ def _ramp(
     return ramp_term(found, shares, squares, both, _every(names, possible))
 
 
-def _is_coarse(log: Float[np.ndarray, " time"], step: float, spectrum: Spectrum) -> bool:
+def _is_coarse(begin: Float[np.ndarray, " time"], step: float, spectrum: Spectrum) -> bool:
     """Whether rounding hides the noise; an integral that is rounded (an angle) is no such case."""
-    if step <= COARSE * float(np.std(log[:_FOR_SCATTER])):
+    if step <= COARSE * float(np.std(begin)):
         return False
     density, third = spectrum.power / spectrum.expected[:, 1], spectrum.upper[-1] / 3.0
     mean = lambda part: float(np.average(density[part], weights=spectrum.width[part]))

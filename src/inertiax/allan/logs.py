@@ -8,11 +8,12 @@ from jaxtyping import Float
 
 from ..data.recording import Recording
 from .confidence import interval
-from .deviations import Deviations, deviations, usual_factors
+from .deviations import Deviations, deviations, short_deviations, usual_factors
 from .identify import FEWEST, identify_samples
 from .model import NoiseModel
 from .repeats import own_samples
-from .rest_channels import Axes, longest_rest, name_of
+from .rest_channels import longest_rest, name_of
+from .stored_channel import blocks_of, is_constant, Log
 
 
 _LONG = 1 << 18  # samples from which on long averaging times use means of neighbours
@@ -61,7 +62,8 @@ def noise_of(
     for triad in ("accel", "gyro"):
         if not rest.has(triad):
             continue
-        own = own_samples(Axes(rest, triad))
+        axes = [rest.channel(triad, axis) for axis in range(3)]
+        own = own_samples(axes)
         own_rate = own.rate(rate, rest.num_samples)
         if own.rows is not None:
             notes.append(
@@ -71,14 +73,14 @@ def noise_of(
             if len(own.rows) < FEWEST:
                 notes.append(f"{triad} has {len(own.rows)} samples of its own; {FEWEST} are needed")
                 continue
-        for axis, letter in enumerate("xyz"):
+        for axis, letter in zip(axes, "xyz", strict=True):
             name = f"{triad}_{letter}"
             tell(f"noise of {name}")
-            log = own.of(rest.channel(triad, axis))
-            if np.ptp(log) == 0.0:
+            fresh = own.of(axis)
+            if is_constant(fresh):
                 notes.append(f"{name} is constant: a dead channel, or filled-in values")
                 continue
-            channels.append(_channel(name, triad, log, own_rate))
+            channels.append(_channel(name, triad, fresh, own_rate))
     if not channels:
         reason = "; ".join(notes) if notes else "every channel is constant"
         raise ValueError(f"{where or 'the recording'}: no channel tells noise: {reason}.")
@@ -93,23 +95,24 @@ def noise_of(
     )
 
 
-def _channel(name: str, triad: str, log: Float[np.ndarray, " time"], rate: float) -> ChannelNoise:
+def _channel(name: str, triad: str, log: Log, rate: float) -> ChannelNoise:
     model = identify_samples(log, rate=rate, triad=triad)
     curve = _curve(log, rate)
     lower, upper = interval(curve, model.exponents(curve.tau))
     return ChannelNoise(name, curve, lower, upper, model)
 
 
-def _curve(log: Float[np.ndarray, " time"], rate: float) -> Deviations:
+def _curve(log: Log, rate: float) -> Deviations:
     """Overlapping Allan deviations; of a long log those of long times from means of neighbours.
 
     Differences that begin at every sample or at every sixteenth tell the same where they span hundreds.
     """
     factors = usual_factors(len(log))
     if len(log) < _LONG:
-        return deviations(log, rate=rate, factors=factors)
-    short = deviations(log, rate=rate, factors=factors[factors < _THINNED**2])
-    means = log[: len(log) // _THINNED * _THINNED].reshape(-1, _THINNED).mean(axis=1)
+        return deviations(log[:], rate=rate, factors=factors)
+    short = short_deviations(log, rate=rate, factors=factors[factors < _THINNED**2])
+    whole = (b[: len(b) // _THINNED * _THINNED] for b in blocks_of(log))
+    means = np.concatenate([b.reshape(-1, _THINNED).mean(axis=1) for b in whole])
     longer = np.unique(factors[factors >= _THINNED**2] // _THINNED)
     long = deviations(means, rate=rate / _THINNED, factors=longer)
     join = lambda name, factor=1: np.concatenate(

@@ -9,13 +9,14 @@ from scipy.linalg import solve_toeplitz
 from scipy.special import stdtrit
 
 from .model import NoiseTerm
+from .stored_channel import blocks_of, Log
 
 
 _BLOCKS = 256
 _RIDGE = 1e-9
 
 
-def plain_slope(log: Float[np.ndarray, " time"], rate: float) -> float:
+def plain_slope(log: Log, rate: float) -> float:
     """Slope of the log by ordinary least squares on block means, a second."""
     length = max(len(log) // _BLOCKS, 1)
     means = _block_means(log, length)
@@ -24,7 +25,7 @@ def plain_slope(log: Float[np.ndarray, " time"], rate: float) -> float:
 
 
 def slope(
-    log: Float[np.ndarray, " time"], rate: float, squares: Float[np.ndarray, "4"]
+    log: Log, rate: float, squares: Float[np.ndarray, "4"]
 ) -> tuple[float, Float[np.ndarray, "4"]]:
     """Slope of the log, a second, weighted by the noise found, and its variance per square of each term.
 
@@ -47,8 +48,9 @@ def slope(
     return float(weights @ np.diff(means) / step), np.array(shares) / step**2
 
 
-def _block_means(log: Float[np.ndarray, " time"], length: int) -> Float[np.ndarray, " block"]:
-    return log[: len(log) // length * length].reshape(-1, length).mean(axis=1)
+def _block_means(log: Log, length: int) -> Float[np.ndarray, " block"]:
+    """Of the samples whose block is whole."""
+    return np.array([b.mean() for b in blocks_of(log, length) if len(b) == length])
 
 
 def _block_covariance(

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..reduction.mean_noise import quantisation_step
+from .stored_channel import BLOCK, Log, StoredChannel
 
 
 # Share of rows that repeat the row before. Fewer may be chance, or a sample lost now and then.
@@ -27,24 +28,24 @@ class OwnSamples(eqx.Module):
     rows: Int[np.ndarray, " sample"] | None  # None: all
     share: float = eqx.field(static=True)  # of the rows that repeat the one before
 
-    def of(self, log: Float[np.ndarray, " time"]) -> Float[np.ndarray, " sample"]:
-        """The sensor's own samples of one channel."""
-        return log if self.rows is None else log[self.rows]
+    def of(self, log: Log) -> Float[np.ndarray, " sample"] | StoredChannel:
+        """The sensor's own samples of one channel; in memory where some are left out."""
+        return log if self.rows is None else log[:][self.rows]
 
     def rate(self, rate: float, num_rows: int) -> float:
         """The sensor's own rate, Hz, in a log of `rate`."""
         return rate if self.rows is None else rate * len(self.rows) / num_rows
 
 
-def own_samples(channels: Sequence[np.ndarray] | np.ndarray) -> OwnSamples:
+def own_samples(channels: Sequence[Log]) -> OwnSamples:
     """The new samples among rows that a reader of another rate has repeated, axes of one triad together.
 
-    **Arguments:** `channels` are the axes, each of shape (time,); they are taken one at a time.
+    **Arguments:** `channels` are the axes, each of shape (time,).
 
     A row repeats the one before where no axis changes. Rows are left out where many repeat and rounding
     alone does not do that: by whole numbers of rows (each value twice), or at another pattern that is regular.
     """
-    same = np.logical_and.reduce([axis[1:] == axis[:-1] for axis in channels])
+    same = _repeated(channels)
     share = float(same.mean())
     if share < _MANY or not _by_holding(channels, same):
         return OwnSamples(None, share)
@@ -56,9 +57,17 @@ def own_samples(channels: Sequence[np.ndarray] | np.ndarray) -> OwnSamples:
     return OwnSamples(np.concatenate([[0], 1 + np.flatnonzero(~same)]), share)
 
 
-def _by_holding(
-    channels: Sequence[np.ndarray] | np.ndarray, same: Bool[np.ndarray, " step"]
-) -> bool:
+def _repeated(channels: Sequence[Log]) -> Bool[np.ndarray, " step"]:
+    """Whether the samples of all channels are those of the row before."""
+    rows = len(channels[0])
+    same = np.empty(rows - 1, bool)
+    for first in range(0, rows - 1, BLOCK):
+        parts = (channel[first : first + BLOCK + 1] for channel in channels)
+        same[first : first + BLOCK] = np.logical_and.reduce([p[1:] == p[:-1] for p in parts])
+    return same
+
+
+def _by_holding(channels: Sequence[Log], same: Bool[np.ndarray, " step"]) -> bool:
     """Whether rows repeat because a sample is held: chance would repeat axes one by one as well.
 
     Axes that are rounded coarsely repeat their values by themselves, each its own; rows then repeat as
@@ -66,10 +75,10 @@ def _by_holding(
     """
     period, _, steady = _steps(same)
     in_step = period > 1 and steady > _STEADY
-    alone = [float(np.mean(axis[1:] == axis[:-1])) for axis in channels]
+    alone = [float(np.mean(_repeated([axis]))) for axis in channels]
     if len(alone) == 1:
-        moved = np.abs(np.diff(channels[0]))[~same]
-        step = quantisation_step(channels[0])
+        moved = np.abs(np.diff(channels[0][:]))[~same]
+        step = quantisation_step(channels[0][:])
         fine = step == 0.0 or float(np.median(moved)) >= _FINE * step
         return fine or in_step
     # If held with probability h and repeated by chance with p: alone = h + (1 - h) p, together h + (1 - h) Π p.

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
@@ -12,9 +11,11 @@ from ..reduction.host_stamps import remark
 from ..reduction.rests import PAUSE, usual_step
 from ..reduction.segments import segment
 from .identify import FEWEST
+from .stored_channel import BLOCK, Log, StoredChannel
 
 
 _WINDOW = 1.0  # s, over which motion is judged
+LONG = 2 * BLOCK  # samples of a rest from which on its channels stay on the disk
 _CUT = 2.5  # windows: what is cut off a rest's end at most, and a little
 
 
@@ -44,28 +45,12 @@ class RestChannels(eqx.Module):
         """Whether it was recorded."""
         return getattr(self.parts[0], column) is not None
 
-    def channel(self, column: str, axis: int) -> Float[np.ndarray, " time"]:
-        """One axis of a column."""
-        made, row = np.empty(self.num_samples), 0
-        for piece in self.pieces(column):
-            made[row : row + len(piece)] = piece[:, axis]
-            row += len(piece)
-        return made
-
-
-class Axes(Sequence):
-    """The three channels of a triad as a sequence; each is read when it is taken."""
-
-    def __init__(self, rest: RestChannels, triad: str):
-        self._rest, self._triad = rest, triad
-
-    def __len__(self) -> int:
-        return 3
-
-    def __getitem__(self, axis: int) -> Float[np.ndarray, " time"]:  # type: ignore[override]
-        if axis >= 3:
-            raise IndexError(axis)
-        return self._rest.channel(self._triad, axis)
+    def channel(self, column: str, axis: int) -> Log:
+        """One axis of a column; of a long rest on the disk."""
+        pieces = (piece[:, axis] for piece in self.pieces(column))
+        if len(self.parts) > 1 and self.num_samples > LONG:
+            return StoredChannel(pieces)
+        return np.concatenate(list(pieces))
 
 
 def logs_of(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:
@@ -142,15 +127,14 @@ def _notes(log: Sequence[Recording], rest: RestChannels) -> list[str]:
             f"only the longest rest is used: {last - first:.0f} s from {first:.0f} s on, of "
             f"{log[-1].time[-1] - log[0].time[0]:.0f} s"
         )
-    steps = [np.diff(time) for time in rest.pieces("time")]
-    count = sum(map(len, steps))
-    mean = sum(float(s.sum()) for s in steps) / count
-    variance = sum(float(np.square(s - mean).sum()) for s in steps) / count
-    if np.sqrt(variance) > 0.2 * mean:
+    count = rest.num_samples - len(rest.parts)
+    mean = sum(float(t[-1] - t[0]) for t in rest.pieces("time")) / count
+    squares = (float(np.square(np.diff(t) - mean).sum()) for t in rest.pieces("time"))
+    if np.sqrt(sum(squares) / count) > 0.2 * mean:
         notes.append("the time stamps are uneven; equal steps were assumed")
     if rest.has("temperature"):
-        probes = [piece[:, 0] for piece in rest.pieces("temperature")]
-        moved = max(float(p.max()) for p in probes) - min(float(p.min()) for p in probes)
+        ends = [(p[:, 0].min(), p[:, 0].max()) for p in rest.pieces("temperature")]
+        moved = float(max(high for _, high in ends) - min(low for low, _ in ends))
         if moved > 2.0:
             notes.append(
                 f"the temperature moved by {moved:.1f} °C, which looks like random walk or ramp; "

@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.fft import next_fast_len, rfft
 
+from .stored_channel import Log
+
 
 TAPERS = 5
 _SINGLE = 256  # ordinates kept one by one; above them they are averaged
@@ -22,6 +24,7 @@ _SMALL = 1 << 14  # samples at which flicker's leakage is computed; it scales
 _LONG = 1 << 19  # samples of a log that is transformed as a whole; longer ones in two parts
 _SEGMENT = 1 << 16  # samples of a part of the log, for the higher frequencies
 _THINNED = 32  # samples to one of the thinned log, for the lower frequencies
+_THINNED_AT_ONCE = 1 << 14  # samples of the thinned log
 _SEAM = 1.0 / 128.0  # of the rate: where both meet, half the thinned log's Nyquist frequency
 
 
@@ -43,19 +46,19 @@ class Spectrum(eqx.Module):
         )  # fmt: skip
 
 
-def spectrum_of(log: Float[np.ndarray, " time"], rate: float, ramp: float = 0.0) -> Spectrum:
+def spectrum_of(log: Log, rate: float, ramp: float = 0.0) -> Spectrum:
     """The multitaper spectrum of a log's differences (at `rate` Hz, the `ramp` a second taken out) in bins.
 
     A log of more than half a million samples is thinned for its lowest frequencies and cut into segments for
     the others, whose spectra are averaged, so that the memory taken does not grow much with the log.
     """
-    log = log[: fast_length(len(log))]
-    if len(log) <= _LONG:
-        power = tapered(np.diff(log) - ramp / rate)
+    size = fast_length(len(log))
+    if size <= _LONG:
+        power = tapered(np.diff(log[:size]) - ramp / rate)
         ordinates = np.arange(1, len(power) + 1)
-        expected = expected_of(len(log), ordinates, rate)
-        return _binned(power, expected, ordinates * (rate / len(log)), 1.0, rate, _SINGLE)
-    return _joined(_thinned(log, rate, ramp), _segments(log, rate, ramp))
+        expected = expected_of(size, ordinates, rate)
+        return _binned(power, expected, ordinates * (rate / size), 1.0, rate, _SINGLE)
+    return _joined(_thinned(log, size, rate, ramp), _segments(log, size, rate, ramp))
 
 
 def fast_length(samples: int) -> int:
@@ -66,9 +69,9 @@ def fast_length(samples: int) -> int:
     return samples
 
 
-def _segments(log: np.ndarray, rate: float, ramp: float) -> Spectrum:
-    """Mean over segments, above the seam."""
-    count = len(log) // _SEGMENT
+def _segments(log: Log, size: int, rate: float, ramp: float) -> Spectrum:
+    """Mean over segments of the first `size` samples, above the seam."""
+    count = size // _SEGMENT
     first = int(_SEAM * _SEGMENT) + 1
     power = np.zeros(_SEGMENT // 2 - first + 1)
     for k in range(count):
@@ -77,17 +80,28 @@ def _segments(log: np.ndarray, rate: float, ramp: float) -> Spectrum:
     ordinates = np.arange(first, _SEGMENT // 2 + 1)
     expected = expected_of(_SEGMENT, ordinates, rate)
     frequency = ordinates * (rate / _SEGMENT)
-    return _binned(power / count, expected, frequency, len(log) / _SEGMENT, rate, 0)
+    return _binned(power / count, expected, frequency, size / _SEGMENT, rate, 0)
 
 
-def _thinned(log: np.ndarray, rate: float, ramp: float) -> Spectrum:
-    """The spectrum of a log low-passed and thinned, up to the seam."""
+def _low_passed(log: Log, size: int) -> Float[np.ndarray, " slow"]:
+    """Every 32nd sample of the first `size` behind a low-pass filter, where all its taps lie in the log."""
     from scipy.signal import firwin, upfirdn
 
-    taps = firwin(
-        20 * _THINNED + 1, 1.0 / _THINNED
-    )  # flat to 1e-4 up to half the new Nyquist frequency
-    slow = np.asarray(upfirdn(taps, log - log[0], 1, _THINNED))[20:-20]
+    reach = 20  # samples of the thinned log
+    # flat to 1e-4 up to half the new Nyquist frequency
+    taps = firwin(reach * _THINNED + 1, 1.0 / _THINNED)
+    count = (size - len(taps)) // _THINNED + 1
+    slow, start = np.empty(count), log[0:1]
+    for a in range(0, count, _THINNED_AT_ONCE):
+        b = min(a + _THINNED_AT_ONCE, count)
+        part = log[a * _THINNED : (b - 1) * _THINNED + len(taps)] - start
+        slow[a:b] = np.asarray(upfirdn(taps, part, 1, _THINNED))[reach : reach + b - a]
+    return slow
+
+
+def _thinned(log: Log, size: int, rate: float, ramp: float) -> Spectrum:
+    """The spectrum of a log low-passed and thinned, up to the seam."""
+    slow = _low_passed(log, size)
     slow = slow[: fast_length(len(slow))]
     slower = rate / _THINNED
     last = int(_SEAM * _THINNED * len(slow))

@@ -1,6 +1,5 @@
 """`inertiax design`: what a given plan can tell, and which plan to take."""
 
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -322,6 +321,7 @@ def _campaign(plan: str, stages: console.Stages) -> "Campaign":
     """The campaign at a path, or one simulated by a scenario."""
     from ..data.campaign import load_campaign
     from ..simulate import load_scenario, SCENARIOS, write_campaign
+    from ..storage.whole_files import scratch_folder
 
     path = Path(plan)
     if path.exists() and not _is_scenario(path):
@@ -334,8 +334,8 @@ def _campaign(plan: str, stages: console.Stages) -> "Campaign":
             f"{', '.join(SCENARIOS)}.",
             param_hint="'PLAN'",
         )
-    with tempfile.TemporaryDirectory() as folder:
-        simulated = Path(folder) / "campaign"
+    with scratch_folder() as folder:
+        simulated = folder / "campaign"
         write_campaign(
             load_scenario(plan), simulated, progress=lambda text: stages(f"simulating {text}")
         )

@@ -1,11 +1,9 @@
 """Our own `calibration.json`, so that files of other tools can be brought in."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from ..calibration.calibration import Calibration, read_calibration, write_calibration
+from ..storage.whole_files import scratch_folder
 from .export import Export, Settings as Common
 from .parameters import parameters_over
 
@@ -22,10 +20,10 @@ Settings = Common
 def write(calibration: Calibration, settings: Common) -> Export:
     """The calibration as `write_calibration` writes it."""
     del settings
-    with tempfile.TemporaryDirectory() as folder:
-        write_calibration(calibration, Path(folder) / "calibration.json")
-        content = (Path(folder) / "calibration.json").read_bytes()
-        again = read_calibration(Path(folder) / "calibration.json")
+    with scratch_folder() as folder:
+        write_calibration(calibration, folder / "calibration.json")
+        content = (folder / "calibration.json").read_bytes()
+        again = read_calibration(folder / "calibration.json")
 
     def applied(accel: np.ndarray, gyro: np.ndarray, temperature: np.ndarray):
         p = parameters_over(again, temperature)
@@ -38,7 +36,7 @@ def write(calibration: Calibration, settings: Common) -> Export:
 
 def read(content: bytes) -> Calibration:
     """The calibration in a `calibration.json`."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "calibration.json"
+    with scratch_folder() as folder:
+        path = folder / "calibration.json"
         path.write_bytes(content)
         return read_calibration(path)

@@ -30,7 +30,7 @@ from .reduce.campaign_folders import (
 from .reduce.locations import find_sources, local_state
 from .reduce.many_dwells import Reduction
 from .reduce.raw_rows import read
-from .reduce.tasks import split, Task
+from .reduce.tasks import split, Task, wherever_read
 from .results import FleetSummary, summarise
 from .rows import calibrate_reduced
 from .solve.batch import Precision
@@ -83,7 +83,9 @@ def run_fleet(
         tell = progress if progress is not None else lambda done, of: None
         tell(before, total)
         # Not all tasks go with each: of a large fleet they are megabytes.
-        context = Context(msgspec.structs.replace(manifest, tasks=()), columns, str(folder))
+        context = Context(
+            msgspec.structs.replace(manifest, tasks=()), columns, str(folder.absolute())
+        )
         for number, _ in enumerate(_each(left, context, workers, scheduler)):
             tell(before + number + 1, total)
         return _gather(folder, manifest, columns, before)
@@ -212,7 +214,7 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
         known = _known(folder, mark, asked)
         if known is not None:
             return known, columns
-        tasks = split([s.address for s in sources], columns)
+        tasks = wherever_read(split([s.address for s in sources], columns))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     exact = sum(t.rows for t in tasks) <= EXACT_ROWS
@@ -229,7 +231,7 @@ def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _A
     known = _known(folder, mark, asked)
     if known is not None:
         return known
-    tasks = split_campaigns(files)
+    tasks = wherever_read(split_campaigns(files))
     return _settled(
         campaign,
         tasks,

@@ -7,6 +7,7 @@ killed left behind.
 import itertools
 import os
 import shutil
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +16,8 @@ from pathlib import Path
 
 MARK = ".inertiax-"
 _LONGEST = 100  # characters of a file's name inside that of the unfinished one; file systems take 255 bytes
+
+_SCRATCH = f"{MARK}scratch~"
 
 _unfinished: set[Path] = set()
 _numbers = itertools.count()
@@ -62,6 +65,42 @@ def unfinished_folder(home: Path, name: str) -> Iterator[Path]:
     finally:
         shutil.rmtree(place, ignore_errors=True)
         _unfinished.discard(place)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A new folder among the system's temporary files, for this user only, that is gone when the block ends.
+
+    A signal's handler removes it with what else is unfinished; those of processes that were killed are swept here.
+    """
+    _sweep_scratch()
+    place = Path(tempfile.mkdtemp(prefix=f"{_SCRATCH}{os.getpid()}-"))
+    _unfinished.add(place)
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        _unfinished.discard(place)
+
+
+def _sweep_scratch() -> None:
+    if os.name != "posix":  # elsewhere there is no harmless question whether a process lives
+        return
+    for left in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
+        process = left.name.removeprefix(_SCRATCH).partition("-")[0]
+        with suppress(OSError, ValueError):
+            if left.lstat().st_uid == os.getuid() and not _lives(int(process)):
+                _remove(left)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
 
 
 def _register(path: Path) -> Path:

@@ -94,21 +94,13 @@ def numbers(
     """
     series = require(table, column, where)
     if series.dtype == pl.String:
-        text = series.str.strip_chars()
-        series = text.cast(pl.Float64, strict=False)
-        if series.null_count() > text.null_count():
-            bad = series.is_null() & text.is_not_null() & (text != "")
-            if bad.any():
-                row = int(bad.arg_true()[0])
-                raise ValueError(
-                    f"{where}: column '{column}' holds text in row {row}: '{short(text[row])}'; every row "
-                    "must be a number."
-                )
+        series = _of_text(series, column, where)
     elif not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
         raise ValueError(
             f"{where}: column '{column}' is of type {series.dtype}; it must hold numbers."
         )
-    values = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
+    series = series.cast(pl.Float64)
+    values = (series.fill_null(float("nan")) if series.null_count() else series).to_numpy()
     finite = np.isfinite(values) | (np.isnan(values) & gaps)
     if not finite.all():
         raise ValueError(
@@ -116,6 +108,23 @@ def numbers(
             f"{len(values)} rows, first in row {int(np.argmin(finite))}; drop or repair them."
         )
     return values
+
+
+def _of_text(given: pl.Series, column: str, where: str) -> pl.Series:
+    """Numbers of a column of text; null where there is none. Raises `ValueError` for what is no number."""
+    plain = given.cast(pl.Float64, strict=False)
+    if plain.null_count() == given.null_count():  # no blanks around any number, as nearly always
+        return plain
+    text = given.str.strip_chars()
+    found = text.cast(pl.Float64, strict=False)
+    bad = found.is_null() & text.is_not_null() & (text != "")
+    if bad.any():
+        row = int(bad.arg_true()[0])
+        raise ValueError(
+            f"{where}: column '{column}' holds text in row {row}: '{short(text[row])}'; every row "
+            "must be a number."
+        )
+    return found
 
 
 def _clock(

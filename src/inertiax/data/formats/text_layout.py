@@ -64,16 +64,17 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     if not body:
         raise ValueError(f"{where}: the file has no rows of data, only comments.")
     delimiter = separator[1] if separator else _delimiter(body)
-    width = _usual_width([len(fields(x.text, delimiter)) for x in body])
+    split = {x.number: fields(x.text, delimiter) for x in body}
+    width = _usual_width([len(row) for row in split.values()])
     if header_line is not None:
         names, number, top = _said(lines, header_line, body, delimiter, where)
     else:
-        names, number, top = _header(below, body, delimiter, width)
+        names, number, top = _header(below, body, split, delimiter, width)
     data_lines = [x for x in body if x.number >= top]
     start = data_lines[0].start if data_lines else len(data)
     above = top if number is None else number
     preamble = tuple(x.text for x in lines if x.number < above)
-    rows = [fields(x.text, delimiter) for x in data_lines]
+    rows = [split[x.number] for x in data_lines]
     filled = width - _empty_ends([r for r in rows if len(r) == width])
     return TextLayout(delimiter, names, number, start, filled, preamble)
 
@@ -137,10 +138,9 @@ def _delimiter(body: list[_Line]) -> str:
 
 
 def _header(
-    lines: list[_Line], body: list[_Line], delimiter: str, width: int
+    lines: list[_Line], body: list[_Line], split: dict[int, list[str]], delimiter: str, width: int
 ) -> tuple[tuple[str, ...] | None, int | None, int]:
     """Column names with their line's number (`None` where there are none), and the number of the first line of data."""
-    split = {x.number: fields(x.text, delimiter) for x in body}
     fewest = width - _empty_ends([f for f in split.values() if len(f) == width])
     fits = lambda named: fewest <= len(_named(named)) <= width
     full = lambda row: len(row) == width and 2 * sum(map(bool, row)) > width

@@ -14,7 +14,7 @@ import msgspec
 import polars as pl
 
 from ...data.formats import ColumnMap
-from .locations import scan
+from .locations import is_address, scan
 
 
 ROWS = 2_000_000  # of a task, at least: about 200 MB; fewer cost a tenth more time
@@ -83,6 +83,16 @@ def _gather(devices: Iterable[tuple[str, list[Stretch]]], rows: int) -> Iterable
             waiting, filled = [], 0
     if waiting:
         yield Task(next(numbers), tuple(waiting))
+
+
+def wherever_read(tasks: Iterable[Task]) -> tuple[Task, ...]:
+    """The same with paths from the root: workers, and who goes on with a run, may be in another folder."""
+    place = lambda file: file if is_address(file) else os.path.abspath(file)
+    return tuple(
+        Task(t.number, tuple((name, tuple(msgspec.structs.replace(s, file=place(s.file)) for s in mine))
+                             for name, mine in t.devices))
+        for t in tasks
+    )  # fmt: skip
 
 
 def device_of_folder(file: Path) -> str | None:
