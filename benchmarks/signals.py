@@ -62,7 +62,7 @@ def rests(seed: int, positions: int = 14, samples: int = 40) -> pl.DataFrame:
 
 
 def prepare(home: Path) -> None:
-    """Two devices, a line of twelve, a log for `live`, a calibration."""
+    """Two devices, a line of twelve, a log at rest, one for `live`, a calibration."""
     for name in ("one", "two", "line", "lively"):
         (home / name).mkdir(parents=True)
         (home / name / "campaign.toml").write_text(TOML)
@@ -71,6 +71,8 @@ def prepare(home: Path) -> None:
         rests(seed).write_parquet(home / name / "log.parquet")
     line = [rests(k).with_columns(device=pl.lit(f"D{k}")) for k in range(12)]
     pl.concat(line).write_parquet(home / "line" / "log.parquet")
+    still = rests(3, positions=1, samples=600).drop("position")
+    still.write_parquet(home / "still.parquet")
     # Rests of 5 s, longer than the 4 s that `live` holds one; it finds them by itself.
     (home / "lively" / "campaign.toml").write_text(TOML.replace("log.parquet", "log.csv"))
     rests(1, samples=100).drop("position").write_csv(home / "lively" / "log.csv")
@@ -94,7 +96,7 @@ COMMANDS = {
     "init": "init one/log.parquet -o out --replace -q",
     "learn-noise": "learn-noise one two --consistent -o out/noise.json -q",
     "live": "live lively --idle 0.2 -q",
-    "noise": "noise one -o out -q",
+    "noise": "noise still.parquet -o out -q",
     "protocol": "protocol known -o out -q",
     "simulate": "simulate gyro-table -o out -q",
 }
@@ -231,7 +233,7 @@ def command(arguments: list[str]) -> list[str]:
 def content(path: Path) -> object:
     """What of a file must be equal."""
     if path.suffix == ".parquet":
-        return pl.read_parquet(path).to_dicts()
+        return repr(pl.read_parquet(path).to_dicts())  # as text NaN equals itself
     if path.suffix in PICTURES:
         return path.stat().st_size > 0
     found = neutral(path.read_bytes())
@@ -257,6 +259,8 @@ def main() -> None:
     asked.add_argument("--commands", default=",".join(COMMANDS))
     asked.add_argument("--signals", default=",".join(SIGNALS))
     options = asked.parse_args()
+    # A shell ignores it for what runs in the background, and a command leaves ignored signals so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     end, rng = time.monotonic() + options.limit, random.Random(options.seed)
     names, signals = options.commands.split(","), options.signals.split(",")
     pairs = [(n, s) for n in names for s in signals]

@@ -55,7 +55,7 @@ def _log(sessions, earth):
 
 @pytest.mark.parametrize("earth", [False, True])
 def test_sessions_that_begin_anywhere_are_joined_by_their_positions(earth):
-    poses = Rotation.random(6, rng=np.random.default_rng(5))
+    poses = Rotation.random(6, np.random.default_rng(5))
     orders = [(0, 1, 2, 3, 4, 5), (4, 2, 0, 5, 3, 1)]
     sessions = [_session(poses[o[0]], poses, o) for o in orders]
     log, path = _log(sessions, earth)
@@ -68,7 +68,7 @@ def test_positions_that_mean_other_poses_join_nothing():
     rng = np.random.default_rng(6)
     sessions = []
     for _ in range(2):
-        poses = Rotation.random(6, rng=rng)
+        poses = Rotation.random(6, rng)
         sessions.append(_session(poses[0], poses, range(6)))
     log, path = _log(sessions, False)
     up = path @ np.array([0.0, 0.0, 1.0])
@@ -77,14 +77,14 @@ def test_positions_that_mean_other_poses_join_nothing():
 
 
 def test_a_session_alone_has_the_room_of_its_first_sample():
-    poses = Rotation.random(4, rng=np.random.default_rng(7))
+    poses = Rotation.random(4, np.random.default_rng(7))
     log, path = _log([_session(poses[0], poses, (0, 1, 2, 3))], True)
     assert np.abs(attitude(log) @ path[0] - path).max() < 5e-4
 
 
 @pytest.mark.parametrize("earth", [False, True])
 def test_up_is_known_without_the_earth_rate_but_north_is_not(earth):
-    poses = Rotation.random(6, rng=np.random.default_rng(8))
+    poses = Rotation.random(6, np.random.default_rng(8))
     log, path = _log([_session(poses[0], poses, range(6))], earth)
     room, upright, oriented = room_axes(log, path @ np.array([0.0, 0.0, 1.0]))
     assert upright and oriented == earth
@@ -99,7 +99,7 @@ def test_up_is_known_without_the_earth_rate_but_north_is_not(earth):
 
 
 def test_a_rate_at_rest_of_a_third_of_the_earths_is_no_north():
-    poses = Rotation.random(6, rng=np.random.default_rng(8))
+    poses = Rotation.random(6, np.random.default_rng(8))
     log, path = _log([_session(poses[0], poses, range(6))], False)
     offset = log.reference_gyro + path @ (
         EARTH / 3.0

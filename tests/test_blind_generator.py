@@ -120,7 +120,7 @@ def test_generator_and_marks_import_nothing_of_the_package():
     # What runs the diagnosis, and what compares it afterwards with a fit that is given the answer.
     users = {"together.py", "given.py", "learned.py", "informed.py", "kept.py"}
     for file in (f for f in BLIND.glob("*.py") if f.name not in users):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not {n.split(".")[0] for n in names} & {"inertiax", "jax", "equinox"}, file

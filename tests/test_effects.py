@@ -198,7 +198,7 @@ def test_axes_that_are_not_square_turn_the_force_as_the_tables_rotations_do(pole
 
 def test_a_field_of_unknown_azimuth_is_nearly_among_the_forms():
     rng = np.random.default_rng(3)
-    room = Rotation.random(400, rng=rng).as_matrix()  # the room's axes, seen by the device
+    room = Rotation.random(400, rng).as_matrix()  # the room's axes, seen by the device
     signal = eqx.tree_at(lambda s: s.room, make_signal("gyro", 400), room)
     signal = dataclasses.replace(signal, upright=True)
     effect = BY_NAME["magnetic"]

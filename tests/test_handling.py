@@ -31,11 +31,11 @@ class Hand:
     def __init__(self, rng, rests=12, turns=None):
         turns = turns or {}
         attitude, position = [], []
-        pose = Rotation.random(rng=rng)
+        pose = Rotation.random(None, rng)
         for k in range(rests):
             own = turns.get(k, np.zeros((REST, 3)))
             rest = pose * Rotation.from_rotvec(own)
-            following = Rotation.random(rng=rng)
+            following = Rotation.random(None, rng)
             between = (rest[-1].inv() * following).as_rotvec()
             share = 0.5 - 0.5 * np.cos(np.pi * (np.arange(MOVE) + 1) / MOVE)
             attitude += [rest, rest[-1] * Rotation.from_rotvec(share[:, None] * between)]

@@ -378,7 +378,7 @@ console.log(JSON.stringify(out));
 @pytest.mark.skipif(NODE is None, reason="no node to run the page's script with")
 def test_the_geometry_and_the_state_of_the_script(tmp_path):
     script = tmp_path / "live.js"
-    script.write_text(SCRIPT.read_text())
+    script.write_bytes(SCRIPT.read_bytes())
     made = subprocess.run(
         [NODE, "-e", CHECKS, str(script)], capture_output=True, text=True, timeout=60
     )

@@ -24,7 +24,7 @@ def test_there_are_campaigns():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", _keys(), ids=lambda key: key["case"])
+@pytest.mark.parametrize("key", _keys(), ids=[key["case"] for key in _keys()])
 def test_a_campaign_gets_the_answer_of_its_key(key, tmp_path):
     run_diagnosis(Path(PRACTICE) / key["case"], tmp_path)
     said = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))

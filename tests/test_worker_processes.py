@@ -17,57 +17,36 @@ from inertiax.fleet.reduce.tasks import Task
 
 linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="sockets as Linux shows them")
 
-# Tells of every listening TCP socket that a process and its children hold, by the inodes in /proc.
-SOCKETS = """
-import os, sys
-from pathlib import Path
-
-def family(pid):
-    children = []
-    for tasks in Path(f"/proc/{pid}/task").glob("*/children"):
-        children += tasks.read_text().split()
-    return [pid, *(p for c in children for p in family(c))]
-
-def listening():
-    lines = [l.split() for f in ("tcp", "tcp6") for l in Path(f"/proc/net/{f}").read_text().splitlines()[1:]]
-    inodes = {f"socket:[{l[9]}]" for l in lines if l[3] == "0A"}
-    held = []
-    for pid in family(str(os.getpid())):
-        for fd in Path(f"/proc/{pid}/fd").glob("*"):
-            try:
-                held.append(os.readlink(fd))
-            except OSError:
-                pass
-    return [h for h in held if h in inodes], len(family(str(os.getpid())))
-"""
-
 FLEET = """
-import sys, threading, time
+import sys
 from inertiax.fleet import run_fleet
 import inertiax.fleet.pipeline as run
 import inertiax.fleet.reduce.tasks as tasks
+from listening_sockets import Watch
 if __name__ == "__main__":
     whole = tasks.split
     run.split = lambda files, columns: whole(files, columns, rows=1)  # a task for each device
-    found, most = [], 0
-    def look():
-        global most
-        while True:
-            open_, processes = listening()
-            found.extend(open_); most = max(most, processes)
-            time.sleep(0.05)
-    threading.Thread(target=look, daemon=True).start()
+    watch = Watch()
     run_fleet(sys.argv[1], sys.argv[2], scheduler="local", workers=1)
-    print(len(found), most > 1)
+    print(len(watch.found), watch.most_processes > 1)
 """
+
+
+def beside_tests(command: list[str]) -> subprocess.CompletedProcess[str]:
+    """A process that finds the tests' own modules."""
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=240, env={**os.environ, "PYTHONPATH": path}
+    )
 
 
 @pytest.mark.slow
 @linux
 def test_local_workers_open_no_port(tmp_path):
     write_line(tmp_path / "line", 3, files=1, experiments=2)
-    command = [sys.executable, "-c", SOCKETS + FLEET, str(tmp_path / "line"), str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    done = beside_tests(
+        [sys.executable, "-c", FLEET, str(tmp_path / "line"), str(tmp_path / "out")]
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout == "0 True\n"
     assert read_parts(tmp_path / "out").collect().height == 3
@@ -75,13 +54,9 @@ def test_local_workers_open_no_port(tmp_path):
 
 @linux
 def test_the_look_at_sockets_sees_a_port():
-    code = (
-        SOCKETS
-        + "import socket\ns = socket.create_server(('127.0.0.1', 0))\nprint(len(listening()[0]))"
-    )
-    assert (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "1\n"
-    )
+    code = "import socket\nfrom listening_sockets import listening\n"
+    code += "s = socket.create_server(('127.0.0.1', 0))\nprint(len(listening()[0]))"
+    assert beside_tests([sys.executable, "-c", code]).stdout == "1\n"
 
 
 def killed_once(task: Task) -> int:

@@ -92,7 +92,7 @@ def table() -> pl.DataFrame:
 
 def csv_seeds() -> list[bytes]:
     plain = table().write_csv().encode()
-    commas = table().write_csv(separator=";", decimal_comma=True).encode()
+    commas = table().write_csv(separator=";").replace(".", ",").encode()
     return [
         plain,
         commas,

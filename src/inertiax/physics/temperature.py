@@ -140,7 +140,7 @@ class Polynomial(AbstractBasis):
         low, high = jnp.asarray(self.low, t.dtype), jnp.asarray(self.high, t.dtype)
         x = (2.0 * t - (low + high)) / (high - low)
         # Ones that depend on x, so that under `vmap` they lie on the same accelerators as the others.
-        values = [jnp.where(x < 0.0, jnp.ones_like(x), jnp.ones_like(x)), x]
+        values = [((x < 0.0) | ~(x < 0.0)).astype(x.dtype), x]
         for _ in range(2, self.size):
             values.append(2.0 * x * values[-1] - values[-2])  # T_k = 2 x T_{k-1} - T_{k-2}
         return jnp.stack(values[: self.size])
