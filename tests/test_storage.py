@@ -11,6 +11,7 @@ from hard_limit import ends_within
 from inertiax.storage.harmless_text import harmless, one_line, short
 from inertiax.storage.ownership import owned
 from inertiax.storage.whole_files import (
+    scratch_folder,
     sweep,
     sweep_own,
     unfinished_folder,
@@ -186,3 +187,21 @@ def test_where_the_folder_above_cannot_be_written_the_lock_is_inside(tmp_path):
         assert not list(out.iterdir())
     finally:
         out.parent.chmod(0o755)
+
+
+def test_a_scratch_folder_goes_with_its_block_and_that_of_a_killed_process_with_the_next(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    for process in (ended.pid, os.getpid()):
+        (tmp_path / f".inertiax-scratch~{process}-x").mkdir()
+    with scratch_folder() as mine:
+        (mine / "a").write_text("")
+        left = {p.name.split("~")[1].split("-")[0] for p in tmp_path.iterdir()} - {str(os.getpid())}
+        assert left == (set() if os.name == "posix" else {str(ended.pid)})
+    assert not mine.exists()
+    with scratch_folder() as mine:
+        sweep_own()  # what a signal's handler does
+        assert not mine.exists()

@@ -81,7 +81,8 @@ def campaign_text(file: Path) -> str:
 
 
 def _open(path: Path) -> int:
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
+    as_sent = getattr(os, "O_BINARY", 0)  # Windows would change the line feeds
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | as_sent, 0o666)
 
 
 def _write(handle: int, lines: list[bytes]) -> None:

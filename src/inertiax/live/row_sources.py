@@ -48,10 +48,16 @@ def follow(path: Path | None, *, idle: float) -> Iterator[Piece]:
 
     **Arguments:** `path` is a file (waited for where it is not there yet), a serial line or a pipe; `None` is standard
     input. A piece without lines comes at least every `WAIT` seconds, so that whoever listens can look at the clock.
+
+    Raises `ValueError` for what is no file on Windows, whose pipes cannot be waited for.
     """
     if path is not None and (not path.exists() or stat.S_ISREG(path.stat().st_mode)):
         yield from _file(path, idle)
         return
+    if os.name == "nt":
+        raise ValueError(
+            "live: Windows cannot wait for a pipe or a serial line; have the rows written to a file, and follow that."
+        )
     handle = 0 if path is None else os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     try:
         # A file as standard input is always ready: its end is the end of the input.
