@@ -72,13 +72,19 @@ def turned(vector: np.ndarray, angles: np.ndarray) -> np.ndarray:
     return vector + np.cross(angles, vector)
 
 
-def draw(station: str, rng: np.random.Generator) -> tuple[Campaign, dict[str, Truth]]:
-    """One campaign, with the truth."""
+def draw(
+    station: str, rng: np.random.Generator, *, common: bool = True
+) -> tuple[Campaign, dict[str, Truth]]:
+    """One campaign, with the truth.
+
+    With `common` g has an error, and the error of the rates is one for all of them; else g has none, and every plateau
+    has its own.
+    """
     table = station == "table"
     truth = {"accel": Truth(rng, 0.1, lower=not table)}
     if table:
         truth["gyro"] = Truth(rng, 1e-3, lower=False)
-    really = G + rng.normal(0.0, G_SIGMA)
+    really = G + (rng.normal(0.0, G_SIGMA) if common else 0.0)
     offset, scale = rng.normal(0.0, PROBE), 1.0 + rng.normal(0.0, RATE)
     columns = defaultdict(list)
     number = 0
@@ -97,7 +103,8 @@ def draw(station: str, rng: np.random.Generator) -> tuple[Campaign, dict[str, Tr
             columns["experiment"].append(np.full(SAMPLES, number))
             columns["time"].append(STEP * np.arange(SAMPLES) + 10.0 * number)
             if table:
-                felt = turned(scale * rate, angles)
+                own = scale if common else 1.0 + rng.normal(0.0, RATE)
+                felt = turned(own * rate, angles)
                 columns["gyro"].append(
                     truth["gyro"].output(heat, felt) + rng.normal(0.0, GYRO_NOISE, (SAMPLES, 3))
                 )

@@ -14,6 +14,7 @@ from ..estimators import (
     JointImu,
     ReferenceAccel,
     ReferenceGyro,
+    StaticAccel,
 )
 from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
 from ..model_selection.select_model import (
@@ -148,7 +149,7 @@ def calibrate_device(
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
-        accel=_triad(accel_result, chosen.accel_estimator, campaign.rig),
+        accel=_triad(_told(accel_result), chosen.accel_estimator, campaign.rig),
         gyro=_triad(gyro_result, chosen.gyro_estimator, campaign.rig),
         device=campaign.devices[0],
         temperature_range=_temperature_range(campaign, accel_result, gyro_result, mag),
@@ -277,6 +278,18 @@ def _together(
 def _raw_force(recording: Recording) -> Float[np.ndarray, "time 3"]:
     assert recording.accel is not None  # gravity's rotation needs both triads
     return recording.accel
+
+
+def _told(result: TriadResult | None) -> TriadResult | None:
+    """The estimate where its numbers mean something.
+
+    Constants that are counted from the outputs' own mean say nothing of the sensor: no calibration, and no other
+    tool's file, may hold them. The diagnosis looks for changes about them.
+    """
+    if result is None or not isinstance(result.estimator, StaticAccel):
+        return result
+    constant = result.solution.curve.basis.size == 1
+    return None if constant and result.dwells.reference_accel is None else result
 
 
 def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> TriadCalibration | None:

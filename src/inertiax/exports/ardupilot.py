@@ -66,7 +66,8 @@ def write(calibration: Calibration, settings: Settings) -> Export:
 
         return one(a, accel) * scale, one(w, gyro)
 
-    lines = _lines(settings.instance, accel, gyro, scale, (low, high, at))
+    present = {"ACC": calibration.accel is not None, "GYR": calibration.gyro is not None}
+    lines = _lines(settings.instance, accel, gyro, scale, (low, high, at), present)
     field_losses: tuple[str, ...] = ()
     if calibration.mag is not None:
         field_lines, field_losses = _compass(settings.instance, calibration.mag, at)
@@ -89,17 +90,21 @@ def _lines(
     gyro: Float[np.ndarray, "4 3"],
     scale: Float[np.ndarray, "3"],
     temperatures: tuple[float, float, float],
+    present: dict[str, bool],
 ) -> list[str]:
+    """The lines of what was calibrated; the rest keeps what the autopilot has."""
     low, high, at = temperatures
     values = {f"INS_TCAL{n}_TMIN": low, f"INS_TCAL{n}_TMAX": high}
     for key, fit in (("ACC", accel), ("GYR", gyro)):
+        if not present[key]:
+            continue
         offset = _offset(fit, at)
         for axis, name in enumerate("XYZ"):
             for order in (1, 2, 3):
                 values[f"INS_TCAL{n}_{key}{order}_{name}"] = fit[order, axis]
             values[f"INS_{key}{_number(n)}OFFS_{name}"] = offset[axis]
         values[f"INS_{key}{n}_CALTEMP"] = at
-    for axis, name in enumerate("XYZ"):
+    for axis, name in enumerate("XYZ" if present["ACC"] else ""):
         values[f"INS_ACC{_number(n)}SCAL_{name}"] = scale[axis]
     lines = [f"{name} {float(value):.9g}" for name, value in values.items()]
     return [f"INS_TCAL{n}_ENABLE {int(high > low)}", *lines]

@@ -57,7 +57,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     present = calibration.accel is not None, calibration.gyro is not None
     lines = [
         *_thermal(settings, accel, gyro, present, (reference, low, high)),
-        *_static(settings, scale),
+        *_static(settings, scale, present),
     ]
     field_losses: tuple[str, ...] = ()
     if calibration.mag is not None:
@@ -101,9 +101,10 @@ def _thermal(
 ) -> list[str]:
     n, lines = settings.instance, []
     rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
-    for letter, number, fit, enabled in rows:
-        lines.append(_line(f"TC_{letter}_ENABLE", int(enabled)))
-        lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)
+    for letter, number, fit, calibrated in rows:
+        if calibrated:
+            lines.append(_line(f"TC_{letter}_ENABLE", 1))
+            lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)
     return lines
 
 
@@ -147,13 +148,20 @@ def _field(
     return lines, found.losses
 
 
-def _static(settings: Settings, scale: Float[np.ndarray, "3"]) -> list[str]:
+def _static(
+    settings: Settings, scale: Float[np.ndarray, "3"], present: tuple[bool, bool]
+) -> list[str]:
+    """Static offsets, and the accelerometers' scale; what was not calibrated keeps what the autopilot has."""
     n, lines = settings.instance, []
-    for sensor, number in (("ACC", settings.accel_id), ("GYRO", settings.gyro_id)):
-        lines.append(_line(f"CAL_{sensor}{n}_ID", number))
-        lines += [_line(f"CAL_{sensor}{n}_{axis}OFF", 0.0) for axis in "XYZ"]
-    pairs = zip("XYZ", scale.tolist(), strict=True)
-    return lines + [_line(f"CAL_ACC{n}_{axis}SCALE", value) for axis, value in pairs]
+    sensors = zip(("ACC", "GYRO"), (settings.accel_id, settings.gyro_id), present, strict=True)
+    for sensor, number, calibrated in sensors:
+        if calibrated:
+            lines.append(_line(f"CAL_{sensor}{n}_ID", number))
+            lines += [_line(f"CAL_{sensor}{n}_{axis}OFF", 0.0) for axis in "XYZ"]
+    if present[0]:
+        pairs = zip("XYZ", scale.tolist(), strict=True)
+        lines += [_line(f"CAL_ACC{n}_{axis}SCALE", value) for axis, value in pairs]
+    return lines
 
 
 def _fits(

@@ -213,9 +213,9 @@ def settle_accel(
 ) -> tuple[ChosenModel, str | None]:
     """The model now that the rests are known, and what the reader should be warned of.
 
-    Where the choice was left open, one pose tells how the accelerometers' bias changes with temperature ('static'),
-    and from fewer than six directions of gravity without a reference they are not calibrated at all if there are
-    gyros to calibrate.
+    Where the choice was left open, one pose tells how the accelerometers' outputs change, with temperature and in time
+    ('static'), and from two to five directions of gravity without a reference they are not calibrated at all if there
+    are gyros to calibrate.
     """
     if chosen.fixed or campaign.model.accel_estimator is not None:
         return chosen, None
@@ -228,6 +228,13 @@ def settle_accel(
             "with temperature"
         )
         return _with_accel(campaign, chosen, "static", reason), None
+    if found == 1 and chosen.gyro_estimator is not None:
+        reason = "accelerometers: 'static' because all rests are in one pose, which tells how outputs change in time"
+        warning = (
+            "accelerometers: one pose at one temperature tells no bias, only changes from the mean output; record "
+            f"{FEWEST_DIRECTIONS} directions of gravity or more, or give reference_accel_x/y/z"
+        )
+        return _with_accel(campaign, chosen, "static", reason), warning
     if found >= FEWEST_DIRECTIONS or chosen.gyro_estimator is None:
         return chosen, None
     warning = (

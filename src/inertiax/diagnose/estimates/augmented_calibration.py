@@ -51,6 +51,8 @@ def augmented_calibration(
     found = estimate.calibration
     for one in named:
         triad = one.prepared.form.triad
+        if getattr(found, triad) is None:
+            continue  # one pose at one temperature: the effects are all that is told of the accelerometers
         widened = _widened(getattr(found, triad), one)
         found = eqx.tree_at(lambda c, t=triad: getattr(c, t), found, widened)
     stored = (effect for one in named for effect in one.stored)

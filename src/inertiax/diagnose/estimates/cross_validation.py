@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..candidates.columns import span
 from ..candidates.signatures import Term
@@ -75,12 +75,31 @@ def predict_rest(
     each row. **Returns** the predicted rows, in their order.
     """
     weight = 1.0 / np.sqrt(variance)
-    model = model / (np.linalg.norm(model, axis=0) + 1e-300)
-    told = effects @ _told(model * weight[:, None], effects * weight[:, None], known)
-    columns = np.concatenate([model, told / (np.linalg.norm(told, axis=0) + 1e-300)], axis=1)
+    columns = _predictors(model, effects, weight, known)
     weighted = columns[known] * weight[known, None]
     solution = np.linalg.lstsq(weighted, observed[known] * weight[known], rcond=1e-9)[0]
     return columns[~known] @ solution
+
+
+def _predictors(
+    model: np.ndarray, effects: np.ndarray, weight: np.ndarray, known: np.ndarray
+) -> Float[np.ndarray, "row column"]:
+    """Columns of the model, and of what the known rows tell of the effects, of norm one."""
+    model = model / (np.linalg.norm(model, axis=0) + 1e-300)
+    told = effects @ _told(model * weight[:, None], effects * weight[:, None], known)
+    return np.concatenate([model, told / (np.linalg.norm(told, axis=0) + 1e-300)], axis=1)
+
+
+def reach(
+    columns: Float[np.ndarray, "piece column"], known: Bool[np.ndarray, " piece"]
+) -> Float[np.ndarray, " piece"]:
+    r"""How uncertain a prediction is beside a single observation: $1 + x^T (X^T X)^{-1} x$, X the known pieces.
+
+    The variance of an error of prediction in units of that of one piece, where pieces are alike. Six rests tell nine
+    parameters badly, and what they say of a seventh far from them may be anything: its error then proves little.
+    """
+    solved = np.linalg.pinv(columns[known], rcond=1e-9)
+    return 1.0 + np.square(columns @ solved).sum(axis=1)
 
 
 def _told(model: np.ndarray, effects: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -123,18 +142,23 @@ def gain_over_stretches(
 ) -> Float[np.ndarray, " stretch"]:
     r"""What a term beside the others takes from the sum of squares of each stretch, when that is left out, SI.
 
-    $$g_d = \sum_{i \in d} (e_i^2 - \tilde e_i^2),$$ with $e_i$ predicted without the term and $\tilde e_i$ with it. A
-    stretch is a dwell, or a fortieth of the blocks where dwells are few.
+    $$g_d = \sum_{i \in d} (e_i^2 / u_d - \tilde e_i^2 / \tilde u_d),$$ with $e_i$ predicted without the term and
+    $\tilde e_i$ with it, and $u_d$ the variance of such a prediction beside that of one stretch (`reach`). A stretch
+    is a dwell, or a fortieth of the blocks where dwells are few.
     """
-    change = _held_out_squares(prepared, others) - _held_out_squares(prepared, [*others, term])
     piece = _pieces(prepared)
     if len(np.unique(prepared.blocks.dwell)) < 2 * FOLDS:
         piece = piece * min(CHUNKS, len(piece)) // len(piece)
+    before = _held_out_squares(prepared, others, piece)
+    change = before - _held_out_squares(prepared, [*others, term], piece)
     return np.bincount(piece, change.sum(axis=0))
 
 
-def _held_out_squares(prepared: Prepared, chosen: Sequence[Term]) -> Float[np.ndarray, "chain row"]:
-    """Squared errors of the rows of every fold predicted from the others, SI squared."""
+def _held_out_squares(
+    prepared: Prepared, chosen: Sequence[Term], piece: Int[np.ndarray, " row"] | None = None
+) -> Float[np.ndarray, "chain row"]:
+    """Squared errors of the rows of every fold predicted from the others, SI squared; with the number of the `piece`
+    of each row by the variance of such a prediction."""
     fold, system = folds(prepared), prepared.system
     squares = np.zeros((len(system.chains), len(fold)))
     for c, chain in enumerate(system.chains):
@@ -144,7 +168,20 @@ def _held_out_squares(prepared: Prepared, chosen: Sequence[Term]) -> Float[np.nd
             known = fold != k
             left = y[~known] - predict_rest(system.frames[c], effects, y, chain.white, known)
             squares[c, ~known] = left**2
+            if piece is not None:
+                weight = 1.0 / np.sqrt(chain.white)
+                columns = _predictors(system.frames[c], effects, weight, known)
+                squares[c, ~known] /= _reach_of_rows(columns, known, piece)[~known]
     return squares
+
+
+def _reach_of_rows(
+    columns: np.ndarray, known: np.ndarray, piece: np.ndarray
+) -> Float[np.ndarray, " row"]:
+    """`reach` of the piece that each row is in; a piece is known where most of its rows are."""
+    count = np.bincount(piece)
+    means = np.stack([np.bincount(piece, column) / count for column in columns.T], axis=1)
+    return reach(means, np.bincount(piece, known) > 0.5 * count)[piece]
 
 
 def in_sample(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> tuple[float, float]:
