@@ -2,7 +2,8 @@
 
 Nobody vouches for a rest that was found in the data: the device may have crept, been held, or been turned slowly about
 the vertical. What shows in one such rest and nowhere else is taken for handling: the rest is left out, counted and
-said. A dependence must show in the others too.
+said. A dependence must show in the others too. What no hand can do is not taken for handling: a constant acceleration
+over a whole rest would carry the device away.
 """
 
 from collections.abc import Sequence
@@ -18,12 +19,14 @@ from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit, System
 from ..problem import Prepared
 from ..selection.score_test import whiten_system
+from .cross_validation import effect_columns, predict_rest
 from .transients import Burst
 
 
 SEEN = 0.01  # chance of the rest of the evidence by noise, above which one rest is all there is (convention)
 MOST = 0.15  # of the blocks that may be left out so; more is no exception (convention)
 FEWEST = 6  # rests, from which one is an exception (convention)
+REACH = 0.5  # m that a hand moves a device within what is found as a rest (convention)
 _IGNORED = 1e8  # times the variance: such rows tell nothing
 
 
@@ -39,7 +42,7 @@ def alone_in_one_rest(
         return marked
     for k, term in enumerate(terms):
         decisive = _decisive_rest(prepared, noise, term, [*terms[:k], *terms[k + 1 :]])
-        if decisive is not None:
+        if decisive is not None and _by_hand(prepared, decisive, [*terms[:k], *terms[k + 1 :]]):
             marked |= prepared.blocks.dwell == decisive
     return marked
 
@@ -110,6 +113,24 @@ def _decisive_rest(
         if chance > worst:
             worst, decisive = chance, int(dwell)
     return decisive
+
+
+def _by_hand(prepared: Prepared, dwell: int, others: Sequence[Term]) -> bool:
+    """Whether a hand can have done what a rest shows beyond the other rests' prediction.
+
+    A turn about the vertical is all that gyros need. Where |a| is compared with gravity, an error e over the rest's
+    duration T is an acceleration that moves the device by e T²/2.
+    """
+    blocks = prepared.blocks
+    if not prepared.form.by_magnitude or prepared.log is None:
+        return True
+    known = blocks.dwell != dwell
+    y, white = prepared.system.base.observed[0], prepared.system.chains[0].white
+    effects = effect_columns(others, 0, len(y))
+    error = y[~known] - predict_rest(prepared.system.frames[0], effects, y, white, known)
+    clock, mine = prepared.log.clock, np.flatnonzero(~known)
+    duration = float(clock[blocks.stop[mine[-1]] - 1] - clock[blocks.start[mine[0]]])
+    return 0.5 * abs(float(np.mean(error))) * duration**2 <= REACH
 
 
 def _without(system: System, rows: Bool[np.ndarray, " block"]) -> System:
