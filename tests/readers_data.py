@@ -32,6 +32,9 @@ FORMATS = {
     "sensor_accel": FIELDS + "float temperature;",
     "sensor_gyro": FIELDS + "float temperature;",
     "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;",
+    "sensor_mag": FIELDS + "float temperature;",
+    "sensor_baro": "uint64_t timestamp;float pressure;",
+    "battery_status": "uint64_t timestamp;float current_a;",
 }
 
 
@@ -47,7 +50,7 @@ def ulog(path, streams):
         data += ulog_message("F", f"{topic}:{FORMATS[topic]}".encode())
     for number, (topic, instance, _) in enumerate(streams):
         data += ulog_message("A", struct.pack("<BH", instance, number) + topic.encode())
-    layouts = {"sensor_combined": "<Q6f"}
+    layouts = {"sensor_combined": "<Q6f", "sensor_baro": "<Qf", "battery_status": "<Qf"}
     for number, (topic, _, rows) in enumerate(streams):
         layout = layouts.get(topic, "<QQI4f")
         for row in rows:
@@ -87,7 +90,8 @@ def dataflash_format(number, name, layout, columns):
     return HEAD + b"\x80" + body
 
 
-def dataflash(path, data, instances=(0,), columns=COLUMNS):
+def dataflash(path, data, instances=(0,), columns=COLUMNS, others=()):
+    """`others`: (name, columns, rows) of further messages; whole numbers are stamps or, as `I`, a sensor's."""
     layout = "".join({"TimeUS": "Q", "TimeMS": "I", "I": "B"}.get(c, "f") for c in columns)
     content = (
         HEAD
@@ -101,6 +105,11 @@ def dataflash(path, data, instances=(0,), columns=COLUMNS):
             row = dict(zip(COLUMNS[2:8], [*data["gyro"][k], *data["accel"][k]], strict=True))
             row |= {"TimeUS": stamp, "TimeMS": stamp // 1000, "I": i, "T": data["temperature"][k]}
             content += HEAD + b"\x81" + struct.pack("<" + layout, *(row[c] for c in columns))
+    for number, (name, fields, rows) in enumerate(others, start=0x82):
+        form = "".join({"TimeUS": "Q", "I": "B"}.get(c, "f") for c in fields)
+        content += dataflash_format(number, name.encode(), form.encode(), fields)
+        for row in rows:
+            content += HEAD + bytes([number]) + struct.pack("<" + form, *row)
     path.write_bytes(content)
 
 

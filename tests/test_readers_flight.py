@@ -71,6 +71,34 @@ def test_sensor_combined_is_read_where_asked_for(tmp_path):
     )
 
 
+FIELD = np.array([0.21, -0.05, 0.43])  # gauss
+
+
+def test_slower_sensors_of_a_ulog_are_in_the_rows_nearest_to_their_samples(tmp_path):
+    pyulog = pytest.importorskip("pyulog")
+    data = made_up()
+    stamps = (1e6 * data["time"][5::10]).round().astype(int).tolist()
+    late = (
+        1e6 * float(np.median(np.diff(data["time"]))) / 4.0
+    )  # of a row's distance: nearest is the row before
+    mag = [(int(t + late), int(t + late), 7, *FIELD.tolist(), 30.0) for t in stamps]
+    streams = [(f"sensor_{k}", 0, sensor_rows(data, k)) for k in ("accel", "gyro")]
+    streams += [("sensor_mag", 0, mag), ("battery_status", 0, [(t, 12.5) for t in stamps])]
+    streams += [("sensor_baro", 0, [(t, 1013.25) for t in stamps])]  # mbar, as before PX4 1.14
+    ulog(tmp_path / "a.ulg", streams)
+    theirs = pyulog.ULog(str(tmp_path / "a.ulg")).get_dataset("sensor_mag").data
+    assert len(theirs["x"]) == len(stamps)
+    (recording,) = read_recordings(tmp_path / "a.ulg")
+    seen = np.flatnonzero(~np.isnan(recording.mag[:, 0]))
+    np.testing.assert_array_equal(seen, np.arange(5, len(data["time"]), 10))
+    np.testing.assert_allclose(
+        recording.mag[seen], np.tile(1e-4 * FIELD, (len(seen), 1)), rtol=SINGLE
+    )
+    np.testing.assert_allclose(recording.pressure[seen], 101325.0, rtol=SINGLE)
+    np.testing.assert_allclose(recording.current[seen], 12.5, rtol=SINGLE)
+    assert np.isnan(recording.pressure[np.setdiff1d(np.arange(len(data["time"])), seen)]).all()
+
+
 def test_units_of_a_ulog_may_be_mapped(tmp_path):
     pytest.importorskip("pyulog")
     data = made_up()
@@ -155,6 +183,30 @@ def test_stamps_in_milliseconds_of_old_logs_are_read(tmp_path):
     dataflash(tmp_path / "a.bin", data, columns=("TimeMS", *COLUMNS[2:8]))
     (recording,) = read_recordings(tmp_path / "a.bin")
     check(recording, data | {"temperature": None}, rtol=SINGLE)
+
+
+def test_slower_sensors_of_a_dataflash_log_come_without_the_compass_offsets(tmp_path):
+    data = made_up()
+    stamps = (1e6 * data["time"][3::20]).round().astype(int).tolist()
+    offset, motor = np.array([12.0, -30.0, 5.0]), np.array([1.0, 2.0, -3.0])  # mgauss
+    axes = "XYZ"
+    fields = ("TimeUS", "I", *(f"{k}{a}" for k in ("Mag", "Ofs", "MO") for a in axes))
+    told = (*(1e3 * FIELD + offset + motor).tolist(), *offset.tolist(), *motor.tolist())
+    others = [
+        ("MAG", fields, [(t, 0, *told) for t in stamps]),
+        ("BARO", ("TimeUS", "I", "Press"), [(t, 0, 98000.0) for t in stamps]),
+        ("BAT", ("TimeUS", "I", "Curr"), [(t, 0, 7.5) for t in stamps]),
+    ]
+    dataflash(tmp_path / "a.bin", data, others=others)
+    (recording,) = read_recordings(tmp_path / "a.bin")
+    seen = np.flatnonzero(~np.isnan(recording.mag[:, 0]))
+    np.testing.assert_array_equal(seen, np.arange(3, len(data["time"]), 20))
+    # Differences of 32-bit numbers of some hundred mgauss, in T.
+    np.testing.assert_allclose(
+        recording.mag[seen], np.tile(1e-4 * FIELD, (len(seen), 1)), atol=1e-11
+    )
+    np.testing.assert_allclose(recording.pressure[seen], 98000.0, rtol=SINGLE)
+    np.testing.assert_allclose(recording.current[seen], 7.5, rtol=SINGLE)
 
 
 def test_bad_dataflash_logs_are_refused_in_one_line(tmp_path):

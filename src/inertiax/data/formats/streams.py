@@ -40,3 +40,23 @@ def shared(
             f"and {other_time.min():.3f} to {other_time.max():.3f} s)."
         )
     return slice(first, last)
+
+
+def placed(
+    time: Float[np.ndarray, " time"],
+    other_time: Float[np.ndarray, " other"],
+    values: Float[np.ndarray, "other channel"],
+) -> Float[np.ndarray, "time channel"]:
+    """A slower stream's samples in the rows nearest to their stamps (s), NaN in the others.
+
+    Samples that are further from every row than rows are from each other are left out; of several for one row the last
+    one is kept.
+    """
+    made = np.full((len(time), values.shape[1]), np.nan)
+    if len(time) < 2:
+        return made
+    after = np.clip(np.searchsorted(time, other_time), 1, len(time) - 1)
+    row = np.where(other_time - time[after - 1] < time[after] - other_time, after - 1, after)
+    near = np.abs(time[row] - other_time) <= float(np.median(np.diff(time)))
+    made[row[near]] = values[near]
+    return made

@@ -1,5 +1,8 @@
 """PX4's ULog, through pyulog: the raw `sensor_accel` and `sensor_gyro`, with their temperature.
 
+The magnetometer `sensor_mag` (gauss), the barometer `sensor_baro` and the battery's current come with the IMU of the
+same number, in the rows nearest to their samples.
+
 Each instance (IMU) of the log is a device of its own, named `imu0`, `imu1`, …; `[recordings] instance`
 reads one alone. The gyros are put onto the accelerometers' stamps by straight lines where their stamps
 differ. `[recordings] topic = "sensor_combined"` reads what PX4 has corrected instead.
@@ -16,7 +19,7 @@ import polars as pl
 from ..recording import Recording
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, shown
 from .optional import load
-from .streams import onto, shared
+from .streams import onto, placed, shared
 from .table import to_recordings
 
 
@@ -25,6 +28,10 @@ SUFFIXES = (".ulg", ".ulog")
 KEYS = ("topic", "instance")
 MAGIC = b"ULog\x01\x12\x35"
 _TOPICS = ("sensor_accel", "sensor_gyro", "sensor_combined")
+_SLOWER = ("sensor_mag", "sensor_baro", "battery_status")
+_GAUSS = 1e-4  # T
+_MBAR = 100.0  # Pa
+_MOST_MBAR = 2000.0  # no air has so many; PX4 logged mbar before version 1.14, Pa since
 _COMBINED = {"gyro": "gyro_rad[{}]", "accel": "accelerometer_m_s2[{}]"}
 
 
@@ -37,12 +44,13 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
             "sensor_accel comes with its sensor_gyro)."
         )
     data = _datasets(path)
+    imus = sorted({name for name, _ in data} - set(_SLOWER))
     names = ("sensor_combined",) if topic == "sensor_combined" else _TOPICS[:2]
     instances = sorted({i for name, i in data if name in names})
     if not instances:
         raise ValueError(
             f"{path.name}: no topic {' or '.join(names)} in the log; it has "
-            f"{sorted({name for name, _ in data}) or 'none of ' + str(_TOPICS)}. Log raw sensor "
+            f"{imus or 'none of ' + str(_TOPICS)}. Log raw sensor "
             "topics (SDLOG_PROFILE, sensor comparison)."
         )
     if layout.instance is not None:
@@ -56,6 +64,8 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     for i in instances:
         label = f"{path.name} {names[0]}[{i}]"
         table = _table({name: data.get((name, i)) for name in names}, label)
+        if topic != "sensor_combined":
+            table = table.with_columns(_slower(data, i, table["time"].to_numpy(), path.name))
         if len(instances) > 1 and columns.device is None:
             table = table.with_columns(pl.lit(f"imu{i}").alias("device"))
         recordings += to_recordings(table, columns, layout, name=label)
@@ -71,7 +81,7 @@ def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
     with path.open("rb") as file, contextlib.redirect_stdout(said):
         try:
             once = _Once(file, path.stat().st_size)
-            log = pyulog.ULog(once, message_name_filter_list=list(_TOPICS))
+            log = pyulog.ULog(once, message_name_filter_list=[*_TOPICS, *_SLOWER])
         # pyulog meets a damaged file with whatever its parsing runs into (struct.error,
         # TypeError, ValueError, IndexError, KeyError, UnicodeDecodeError), and promises none of it.
         except Exception as error:
@@ -117,6 +127,36 @@ def _table(data: dict[str, dict[str, np.ndarray] | None], where: str) -> pl.Data
             # The accelerometers come first and their probe is the device's.
             temperature = temperature or (time, fields["temperature"].astype(float)[:, None])
     return _joined(triads, temperature, where)
+
+
+def _slower(
+    data: dict[tuple[str, int], dict[str, np.ndarray]], instance: int, time: np.ndarray, where: str
+) -> list[pl.Series]:
+    """Magnetometer (T), air pressure (Pa) and the battery's current (A) in an IMU's rows, where they were logged."""
+    made: list[pl.Series] = []
+
+    def add(topic: str, number: int, fields: tuple[str, ...], names: tuple[str, ...]) -> None:
+        found = data.get((topic, number))
+        if found is None:
+            return
+        label = f"{where} {topic}[{number}]"
+        stamp = found.get("timestamp_sample", found.get("timestamp"))
+        if stamp is None or not np.any(stamp):
+            stamp = _field(found, "timestamp", label)
+        values = np.stack([_field(found, f, label) for f in fields], axis=1).astype(float)
+        if topic == "sensor_mag":
+            values = _GAUSS * values
+        elif topic == "sensor_baro" and np.nanmax(values, initial=0.0) < _MOST_MBAR:
+            values = _MBAR * values
+        rows = placed(time, stamp.astype(float) * 1e-6, values)
+        if not np.isnan(rows).all():
+            made.extend(pl.Series(n, rows[:, k]) for k, n in enumerate(names))
+
+    add("sensor_mag", instance, AXES, tuple(f"mag_{a}" for a in AXES))
+    add("sensor_baro", instance, ("pressure",), ("pressure",))
+    if any(series.name == "mag_x" for series in made):
+        add("battery_status", 0, ("current_a",), ("current",))
+    return made
 
 
 def _joined(
