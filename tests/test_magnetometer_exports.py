@@ -71,7 +71,7 @@ def test_ardupilot_gives_the_magnitude_at_its_temperature():
     said = {name: float(value) for name, value in (line.split() for line in text.splitlines())}
     axes = lambda key: np.array([said[f"COMPASS_{key}_{a}"] for a in "XYZ"])
     outputs, _, current = _samples()
-    there = np.full(20, said["INS_ACC1_CALTEMP"])
+    there = np.full(20, np.clip(35.0, said["INS_TCAL1_TMIN"], said["INS_TCAL1_TMAX"]))
     milli = 1e7 * outputs + axes("OFS") + axes("MOT") * current[:, None]
     field = milli @ _symmetric(axes("DIA"), axes("ODI")).T
     assert said["COMPASS_MOTCT"] == 2.0

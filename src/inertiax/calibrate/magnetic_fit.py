@@ -58,6 +58,7 @@ class Fit(NamedTuple):
 
     @property
     def resting(self) -> Bool[np.ndarray, " dwell"]:
+        """Rests whose vertical is known."""
         dwells = self.problem.dwells
         resting = np.asarray(dwells.position)[: self.problem.num_dwells] >= 0
         return resting & (dwells.accel is not None)
