@@ -12,6 +12,7 @@ import msgspec
 import pytest
 import typer
 
+from hard_limit import run_here
 from inertiax.cli.app import app
 from inertiax.data.settings import CampaignTable
 from inertiax.effects import CATALOGUE
@@ -147,8 +148,8 @@ def test_a_page_is_as_long_as_its_question(page):
         assert len(_text(page).split()) <= limit
 
 
-# Blocks run after those before them on the page. `library.md` and the tutorials have tests of their own;
-# the others need files that are not here.
+# Each block is pasted alone. `library.md`, the home page, `other-libraries.md` and the tutorials have tests of their
+# own; the other pages need files that are not here.
 RUNNING = (
     "how-to/apply-a-calibration.md",
     "how-to/diagnose.md",
@@ -159,24 +160,17 @@ RUNNING = (
     "explanation/noise.md",
     "reference/exports.md",
 )
-RUN = """
-import re, sys
-for page in sys.argv[1:]:
-    names = {"__name__": "__main__"}
-    for block in re.findall(r"^```python\\n(.*?)^```", open(page, encoding="utf-8").read(), re.M | re.S):
-        exec(compile(block, page, "exec"), names)
-    print("done", page)
-"""
 
 
 @pytest.mark.slow
-def test_blocks_of_other_pages_run():
-    pages = [str(DOCS / page) for page in RUNNING]
-    command = [sys.executable, "-c", RUN, *pages]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert ran.returncode == 0, ran.stderr[-2000:]
-    assert [f"done {page}" for page in pages] == re.findall(r"^done .*$", ran.stdout, flags=re.M)
-    assert "9.808" in ran.stdout  # gravity of the place, as its page says
+@pytest.mark.parametrize("wide", [False, True], ids=["32 bits", "64 bits"])
+@pytest.mark.parametrize("page", RUNNING)
+def test_blocks_of_other_pages_run_alone_in_both_precisions(page, wide):
+    blocks = re.findall(r"^```python\n(.*?)^```", _text(DOCS / page), re.M | re.S)
+    assert blocks
+    said = "".join(run_here(block, seconds=300.0, wide=wide) for block in blocks)
+    if page == "how-to/gravity.md":
+        assert "9.808" in said  # gravity of the place, as its page says
 
 
 # What people type, and the page that must be among the first three.

@@ -20,10 +20,11 @@ BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', flags=re.MULTI
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 # Pages with commands, and pages whose Python runs.
 WALKED = ("hand-log", "chamber-table", "fleet")
-# Of the filter's time most is compiling; a diagnosis would take longer for being compiled quickly.
+# Of the filter's and the twin's time most is compiling; a diagnosis would take longer for being compiled quickly.
 SCRIPTS = {
     "own-model": {},
     "navigation-filter": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
+    "twin": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
 }
 
 
