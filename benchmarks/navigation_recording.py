@@ -4,8 +4,8 @@
         --reference mav0/state_groundtruth_estimate0/data.csv
 
 The reference may also be a text file of the trajectory, `t x y z qx qy qz qw`, as many evaluation tools carry it; of
-this sequence the public attitudes are known to be off, and those that OpenVINS has computed anew are the ones to take. The
-IMU is an ADIS16448 at 200 Hz on a flying quadrotor; the log has no temperature, so that calibration states are
+this sequence the public attitudes are known to be off, and those that OpenVINS has computed anew are the ones to take.
+The IMU is an ADIS16448 at 200 Hz on a flying quadrotor; the log has no temperature, so that calibration states are
 constants. Its calibration is taken as unknown: biases to 5 °/s and 0.2 m/s², scale factors and misalignments to 1 %.
 
 Fixes are the reference's positions once a second, none for 5 s in each 15 s. The heading of the reference's frame is

@@ -11,7 +11,7 @@ import pytest
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "other-libraries.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-LIBRARIES = ("blackjax", "cuthbert")
+LIBRARIES = ("blackjax", "cuthbert", "jaxls")
 
 
 def test_each_library_has_a_block():
