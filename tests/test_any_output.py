@@ -120,7 +120,10 @@ def test_a_device_of_escape_sequences_steers_no_terminal(tmp_path, name, capfd):
     assert said.out and all(c.isprintable() or c == "\n" for c in said.out + said.err)
 
 
-linux = pytest.mark.skipif(sys.platform != "linux", reason="file names of any bytes")
+# In an encoding of single bytes such as cp1252 each byte is a letter, and every name a text.
+linux = pytest.mark.skipif(
+    sys.platform != "linux" or os.fsdecode(b"\xff").isprintable(), reason="file names of any bytes"
+)
 
 
 @linux
