@@ -141,3 +141,7 @@ def gone(pid: int) -> bool:
 def test_dask_is_for_addresses():
     with pytest.raises(ValueError, match="no Dask scheduler answers at 'nowhere"):
         list(on_dask(killed_always, [Task(0, ())], "nowhere://"))
+
+
+def test_a_run_whose_tasks_are_all_done_needs_no_worker():
+    assert list(on_processes(killed_always, [], 1)) == []

@@ -30,6 +30,8 @@ def on_processes(
     """
     left = list(tasks)
     for _ in range(1 + RETRIES):
+        if not left:  # an earlier run was broken off after its last task
+            return
         done: set[int] = set()
         try:
             for task in _in_pool(run_task, left, workers or os.cpu_count() or 1):
