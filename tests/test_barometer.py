@@ -92,3 +92,12 @@ def test_file_and_px4(tmp_path):
     offset = sum(said[f"TC_B0_X{k}"] * difference**k for k in range(6))
     assert np.allclose(offset, found.over(at)[0], rtol=0.0, atol=1e-5)  # nine digits of 100 Pa
     assert np.allclose(offset, [float(again.baro.offset(t)) for t in at], rtol=0.0, atol=1e-5)
+
+
+def test_points_of_the_figure_are_what_the_simulation_added():
+    found = calibrate_barometer((_warming(),))
+    wanted = _curve(found.temperature) - _curve(float(found.calibration.reference))
+    # Averages of 36 s have 2 / 6 Pa of noise; 5 sigma of two hundred.
+    assert np.max(np.abs(found.offset - wanted)) < 5.0 * 2.0 / 6.0
+    left = found.offset - found.calibration.over(found.temperature)[0]
+    assert np.isclose(np.sqrt(np.mean(left**2)), found.rms, rtol=1e-9)

@@ -38,6 +38,10 @@ class BarometerResult(eqx.Module):
     drift: float | None = eqx.field(static=True)  # Pa/s; None: not told apart from temperature
     statements: tuple[str, ...] = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
+    temperature: Float[np.ndarray, " row"]  # °C, of the averages
+    offset: Float[
+        np.ndarray, " row"
+    ]  # Pa: the averages less place and drift, zero at the reference temperature
 
 
 def calibrate_barometer(recordings: Sequence[Recording]) -> BarometerResult:
@@ -79,7 +83,8 @@ def calibrate_barometer(recordings: Sequence[Recording]) -> BarometerResult:
     rms = float(np.sqrt(np.mean(np.square(left))))
     drift = float(solution[size]) / 3600.0 if separate else None
     told, warnings = _words(made, degree, rms, drift, float(np.ptp(hours)), (low, high))
-    return BarometerResult(made, rms, drift, told, warnings)
+    offset = made.over(temperature)[0] + left
+    return BarometerResult(made, rms, drift, told, warnings, temperature, offset)
 
 
 def _stretches(

@@ -15,6 +15,7 @@ from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.style import drawing
 from ..reduction.segments import rests_are_searched
+from .barometer import barometer_sections, FIGURE as BAROMETER_FIGURE
 from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
 from .magnetometers import (
     FIGURES as FIELD_FIGURES,
@@ -33,6 +34,7 @@ _NAMES = (
     "coverage",
     "rests",
     *FIELD_FIGURES,
+    BAROMETER_FIGURE,
 )
 FIGURES = tuple(f"figures/{name}.{suffix}" for name in _NAMES for suffix in ("png", "svg"))
 
@@ -57,6 +59,7 @@ def report_calibration(
         sections=[
             *_parameter_sections(result, folder),
             *_magnetometer_sections(result, folder),
+            *barometer_sections(result, folder),
             *_misfit_sections(result, folder),
             _data_section(result, folder, campaign),
             _quality_section(quality),
