@@ -5,7 +5,7 @@
 Stations and devices are those of `protocol_coverage.py`, which shares no code with the package: dwell noise, what each
 re-positioning does, the angles and the rate error of every positioning and the offset of the probe are drawn anew in
 every run, at their stated sizes. Errors of g and one common to all rates are what `protocol` adds, and are none here.
-In every second run one effect is hidden: a term in the square of an accelerometer's output. Where the diagnosis names
+In every second run one effect is hidden: a term in the square of an accelerometer's force. Where the diagnosis names
 what was hidden, its calibration is judged as that of the augmented model, else as it is.
 A run is kept in `COVERAGE` as it ends, so that a run goes on where it stopped.
 """
@@ -32,11 +32,15 @@ HIDDEN = 12.0  # standard deviations of a position's level, of the second order 
 
 
 def hide(campaign: Campaign, station: str, rng: np.random.Generator) -> tuple[Campaign, str]:
-    """The campaign with a term in the square of one axis' output, and its channel."""
+    """The campaign with a term in the square of the true force along one axis, and its channel."""
     (recording,) = campaign.recordings
     axis, size = int(rng.integers(3)), HIDDEN * stations.MOVED[station] * rng.choice([-1.0, 1.0])
+    if recording.reference_accel is None:  # positions are numbered through the temperatures
+        up = stations.UP[np.asarray(recording.position) % len(stations.UP)]
+    else:
+        up = np.asarray(recording.reference_accel) / stations.G
     accel = np.array(recording.accel)
-    accel[:, axis] += size * (accel[:, axis] / stations.G) ** 2
+    accel[:, axis] += size * up[:, axis] ** 2
     return replace(campaign, recordings=(replace(recording, accel=accel),)), f"accel_{'xyz'[axis]}"
 
 
