@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from inertiax.fleet import cluster
+
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
@@ -121,3 +123,19 @@ def start(arguments: list[Path]) -> subprocess.Popen:
         [sys.executable, *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+
+
+def test_pythons_own_tracker_is_started_silent(monkeypatch):
+    """It outlives a run that Ctrl-C ends, and would warn of the run's semaphores beside its one line."""
+    seen = []
+    monkeypatch.setattr(
+        cluster.resource_tracker,
+        "ensure_running",
+        lambda: seen.append(os.environ["PYTHONWARNINGS"]),
+    )
+    monkeypatch.setenv("PYTHONWARNINGS", "error")
+    cluster._start_tracker()
+    assert seen == ["error,ignore:resource_tracker"] and os.environ["PYTHONWARNINGS"] == "error"
+    monkeypatch.delenv("PYTHONWARNINGS")
+    cluster._start_tracker()
+    assert seen[1] == "ignore:resource_tracker" and "PYTHONWARNINGS" not in os.environ

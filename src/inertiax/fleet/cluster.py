@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import resource_tracker
 
 from .reduce.tasks import Task
 
@@ -53,6 +54,7 @@ def _in_pool(
 ) -> Iterator[Task]:
     """Tasks as they are done. Processes are spawned: a fork of one with JAX's threads may hang."""
     spawn = multiprocessing.get_context("spawn")
+    _start_tracker()
     with ProcessPoolExecutor(min(workers, len(tasks)), spawn, initializer=_as_worker) as pool:
         futures: dict[Future[int], Task] = {pool.submit(run_task, t): t for t in tasks}
         try:
@@ -62,6 +64,21 @@ def _in_pool(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _start_tracker() -> None:
+    """Python's process that removes semaphores of a run which was ended: it does, and need not say so beside the
+    run's one line."""
+    before = os.environ.get("PYTHONWARNINGS")
+    quiet = "ignore:resource_tracker"
+    os.environ["PYTHONWARNINGS"] = quiet if not before else f"{before},{quiet}"
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def _as_worker() -> None:
