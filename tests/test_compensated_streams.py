@@ -66,7 +66,8 @@ def test_pieces_give_the_whole_table(tmp_path, source, target, monkeypatch):
         calibration(), tmp_path / source, tmp_path / target, rows=64, size=SIZE
     )
     assert (done.rows, done.num_extrapolated) == (ROWS, whole.num_extrapolated)
-    assert done.notes == whole.notes and "outside the calibrated" in done.notes[0]
+    assert done.notes == whole.notes
+    assert "at 15.00…35.00 °C are outside the calibrated 10.00…30.00 °C" in done.notes[0]
     if target.endswith("csv"):
         whole.table.write_csv(tmp_path / "whole.csv")
         assert (tmp_path / target).read_bytes() == (tmp_path / "whole.csv").read_bytes()

@@ -362,8 +362,8 @@ def notes_on(
     if extent.outside and calibration.temperature_range is not None:
         low, high = calibration.temperature_range
         notes.append(
-            f"{name}: {extent.outside} of {extent.rows} rows at {extent.lowest:.1f}…"
-            f"{extent.highest:.1f} °C are outside the calibrated {low:.1f}…{high:.1f} °C; see the column "
+            f"{name}: {extent.outside} of {extent.rows} rows at {extent.lowest:.2f}…"
+            f"{extent.highest:.2f} °C are outside the calibrated {low:.2f}…{high:.2f} °C; see the column "
             f"'extrapolated'"
         )
     return tuple(notes)
