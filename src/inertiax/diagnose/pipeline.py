@@ -203,7 +203,7 @@ def conclude_findings(
             empirical.append(burst.formula(places[0].start, places[-1].end, prepared.clock[0]))
         qualities.append((finding, *_quality(prepared, answer, terms)))
         if answer.verdict != "unexplained":
-            beside.append(_beside(prepared, stated, terms))
+            beside.append(_beside(prepared, stated, named_terms))
         rows.append(residuals(prepared, _everything(answer, terms)))
         if answer.alike:
             noise.append(TOLD.format(triad=prepared.form.triad))
@@ -238,10 +238,13 @@ def conclude_findings(
     return diagnosis, beside
 
 
-def _beside(prepared: Prepared, noise: NoiseFit, terms: Sequence[Term]) -> Beside:
+def _beside(
+    prepared: Prepared, noise: NoiseFit, tuned: Sequence[tuple[Named, Term, float | None]]
+) -> Beside:
     """The named effects that have coefficients, with what is stored of each."""
-    pairs = fitted_effects(prepared, noise, terms)
-    return Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs))
+    pairs = fitted_effects(prepared, noise, [t for _, t, _ in tuned])
+    named = tuple(n for n, _, _ in tuned)
+    return Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs), named)
 
 
 def tuned(

@@ -23,6 +23,8 @@ from ...effects import addition
 from ..candidates.signatures import Term
 from ..observations.blocks import Log
 from ..problem import Prepared, Problem, with_outputs
+from ..selection.evidence import Candidate
+from ..selection.verdict import Named
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class Beside:
     prepared: Prepared
     terms: tuple[Term, ...]
     stored: tuple[FittedEffect, ...]
+    named: tuple[Named, ...] = ()  # with the rivals that the data do not exclude
 
 
 def augmented_calibration(
@@ -80,13 +83,32 @@ def _without(log: Log, one: Beside) -> Log:
 
 
 def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
-    """The triad's calibration with the uncertainty of the effects beside it."""
+    r"""The triad's calibration with the uncertainty of the effects beside it.
+
+    The effects' covariance is carried to the parameters. Where names are left that the data do not tell apart, the
+    parameters would be others under another name: with the odds $p_k$ of a rival and the difference $d_k$ that its
+    estimate makes, $\sum p_k d_k d_k^T$ is added, the mean square about the calibration that is written.
+    """
     size, count = np.asarray(triad.curve.coefficients).shape
     covariance = np.array(triad.covariance, float)
     for term, stored in zip(one.terms, one.stored):
         slope = _slope(one.prepared, term, count, size)
         covariance += slope @ np.asarray(stored.covariance) @ slope.T
+    for named in one.named:
+        lead = _shift(one.prepared, named.candidate, count, size)
+        for part, rival in zip(named.odds[1:], named.rivals, strict=True):
+            if rival.score.term is not rival.term:
+                continue  # kept for what it predicts, without a size of its own
+            apart = _shift(one.prepared, rival, count, size) - lead
+            covariance += part * np.outer(apart, apart)
     return eqx.tree_at(lambda t: t.covariance, triad, covariance)
+
+
+def _shift(
+    prepared: Prepared, candidate: Candidate, count: int, size: int
+) -> Float[np.ndarray, " unknowns"]:
+    """Change of the calibration's coefficients, row-major, by an effect of the size that it was found with."""
+    return _slope(prepared, candidate.term, count, size) @ candidate.score.coefficients
 
 
 def _slope(

@@ -3,6 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Float
+
 from ..candidates.empirical import PREFIX
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit, System
@@ -32,6 +35,13 @@ class Named:
     near: tuple[
         Candidate, ...
     ] = ()  # and further names, by falling evidence, that a Gaussian noise excludes
+
+    @property
+    def odds(self) -> Float[np.ndarray, " name"]:
+        """The chance of this name and of each rival, as if they were all there is."""
+        evidence = np.array([c.evidence for c in (self.candidate, *self.rivals)])
+        weights = np.exp(evidence - evidence.max())
+        return weights / weights.sum()
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,12 +31,8 @@ def explain(
         others = terms[:k] + terms[k + 1 :]
         without = held_out_rms(prepared, others)
         candidate, effect = named.candidate, term.known
-        members = [
-            (term.name, candidate.evidence),
-            *((r.term.name, r.evidence) for r in named.rivals),
-        ]
-        weights = np.exp(np.array([e for _, e in members]) - max(e for _, e in members))
-        odds = tuple((n, float(w)) for (n, _), w in zip(members, weights / weights.sum()))
+        members = (term.name, *(r.term.name for r in named.rivals))
+        odds = tuple((n, float(w)) for n, w in zip(members, named.odds))
         rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
         bic = delta_bic(candidate.ratio, candidate.score.size, effect, rows)
         values = parameters(prepared, stated, term, others, std)
