@@ -21,6 +21,7 @@ from ..model_selection.select_model import (
     build_estimators,
     choose_model,
     ChosenModel,
+    FEWEST_DIRECTIONS,
     fixed_model,
     settle_accel,
 )
@@ -128,6 +129,7 @@ def calibrate_device(
             campaign, chosen, dwells, method, robust, progress, choices, warnings
         )
         dwells = with_refined_force(accel_result, dwells)
+        warnings.extend(_of_the_mean(accel_result))
     gyro_result, chosen = calibrate_gyros(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
@@ -280,16 +282,35 @@ def _raw_force(recording: Recording) -> Float[np.ndarray, "time 3"]:
     return recording.accel
 
 
+def _about_the_mean(result: TriadResult | None) -> bool:
+    """Whether an estimate counts from the outputs' own mean, which says nothing of the sensor."""
+    if result is None or not isinstance(result.estimator, StaticAccel):
+        return False
+    return result.dwells.reference_accel is None
+
+
+def _of_the_mean(result: TriadResult) -> tuple[str, ...]:
+    """What is to be said of numbers that count from the mean output."""
+    if not _about_the_mean(result):
+        return ()
+    told = "only changes from the mean output"
+    if result.solution.curve.basis.size > 1:
+        told = "only how the bias changes with temperature; its constant is counted from the mean output"
+    return (
+        f"accelerometers: without a reference 'static' tells {told}; record {FEWEST_DIRECTIONS} directions of gravity "
+        "or more, or give reference_accel_x/y/z",
+    )
+
+
 def _told(result: TriadResult | None) -> TriadResult | None:
     """The estimate where its numbers mean something.
 
     Constants that are counted from the outputs' own mean say nothing of the sensor: no calibration, and no other
     tool's file, may hold them. The diagnosis looks for changes about them.
     """
-    if result is None or not isinstance(result.estimator, StaticAccel):
+    if result is None or not _about_the_mean(result) or result.solution.curve.basis.size > 1:
         return result
-    constant = result.solution.curve.basis.size == 1
-    return None if constant and result.dwells.reference_accel is None else result
+    return None
 
 
 def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> TriadCalibration | None:

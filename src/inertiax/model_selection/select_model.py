@@ -230,11 +230,7 @@ def settle_accel(
         return _with_accel(campaign, chosen, "static", reason), None
     if found == 1 and chosen.gyro_estimator is not None:
         reason = "accelerometers: 'static' because all rests are in one pose, which tells how outputs change in time"
-        warning = (
-            "accelerometers: one pose at one temperature tells no bias, only changes from the mean output; record "
-            f"{FEWEST_DIRECTIONS} directions of gravity or more, or give reference_accel_x/y/z"
-        )
-        return _with_accel(campaign, chosen, "static", reason), warning
+        return _with_accel(campaign, chosen, "static", reason), None
     if found >= FEWEST_DIRECTIONS or chosen.gyro_estimator is None:
         return chosen, None
     warning = (
