@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
 from inertiax import reduce_to_dwells
-from inertiax.calibrate.pipeline import calibrate
+from inertiax.calibrate.pipeline import calibrate, calibrate_device
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose.observations.blocks import cut, join
 from inertiax.reduction.clipping import clipped
@@ -291,3 +291,18 @@ def test_diagnosis_is_consistent_with_what_is_left():
     assert [d.kind for d in found.handling] == ["knock"] * 3
     assert "Handling: 3 knocks left out" in found.summary
     assert [d["kind"] for d in found.as_dict()["handling"]] == ["knock"] * 3
+
+
+def test_rests_found_before_are_kept_where_outputs_have_been_changed_since():
+    """What is taken away from the gyros may shift which moments look like rest; accelerometers do not know of it."""
+    hand = Hand(np.random.default_rng(21))
+    before = hand.campaign(labelled=False)
+    plain = calibrate_device(before)
+    rest = 3 * (REST + MOVE)
+    hand.gyro[rest : rest + REST : 40, 0] += 0.2  # a correction that does not suit one rest
+    after = hand.campaign(labelled=False)
+    coefficients = lambda found: np.asarray(found.calibration.accel.curve.coefficients)
+    anew = calibrate_device(after)
+    assert not np.array_equal(coefficients(anew), coefficients(plain))  # a rest is lost
+    again = calibrate_device(after, model=plain.model, segments=plain.segments)
+    np.testing.assert_array_equal(coefficients(again), coefficients(plain))

@@ -1,5 +1,7 @@
 """From a campaign to calibrations: reduce, choose, estimate, judge; one device at a time."""
 
+from collections.abc import Sequence
+
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -32,7 +34,7 @@ from ..reduction.dwells import Dwells
 from ..reduction.handling import kept_sentence, left_out_sentence
 from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
-from ..reduction.segments import segment_all
+from ..reduction.segments import segment_all, Segments
 from .accelerometers import calibrate_accelerometers
 from .barometer import BarometerResult, calibrate_barometer
 from .gyros import calibrate_gyros
@@ -93,12 +95,14 @@ def calibrate_device(
     model: ModelSpec | None = None,
     force: bool = False,
     checked: bool = False,
+    segments: Sequence[Segments] | None = None,
 ) -> DeviceResult:
     """Calibrate the one device of a campaign.
 
     **Arguments:** `model` is one that was fitted before and is to be fitted again, whatever `[model]` says; with
     `force` data that cannot be right are calibrated all the same; `checked` says that their plausibility was asked
-    before.
+    before; `segments` are rests and plateaus that were found before, one entry a recording, where the outputs have been
+    changed since: a rest is one of the device, whatever is taken away from its outputs.
 
     Raises `ValueError` with the reason where the data do not determine the model, or cannot be right.
     """
@@ -106,7 +110,7 @@ def calibrate_device(
     fixed = None if model is None else fixed_model(model)
     chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
     progress("reducing recordings to dwells")
-    segments = segment_all(campaign.recordings)
+    segments = tuple(segment_all(campaign.recordings) if segments is None else segments)
     handling = tuple(d for s in segments for d in s.disturbances)
     try:
         dwells = reduce_to_dwells(campaign.recordings, segments=segments)

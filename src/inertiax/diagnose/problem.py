@@ -110,7 +110,9 @@ def prepare(
         log, delays = _delays(log, plain)
     if any(d.found for d in delays.values()):
         campaign = with_outputs(campaign, log)
-        fitted = calibrate_device(campaign, model=plain.model, checked=True)
+        fitted = calibrate_device(
+            campaign, model=plain.model, checked=True, segments=plain.segments
+        )
     prepared = []
     for made in prepared_triads(campaign, log, fitted, catalogue):
         made = replace(made, delay=delays.get(made.form.triad))

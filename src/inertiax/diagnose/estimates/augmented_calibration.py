@@ -50,7 +50,9 @@ def augmented_calibration(
     for one in named:
         log = _without(log, one)
     campaign = with_outputs(problem.campaign, log)
-    estimate = calibrate_device(campaign, model=problem.plain.model, checked=True)
+    estimate = calibrate_device(
+        campaign, model=problem.plain.model, checked=True, segments=problem.plain.segments
+    )
     found = estimate.calibration
     for one in named:
         triad = one.prepared.form.triad
