@@ -54,6 +54,27 @@ def hand(rng, *, warms: bool = False) -> Plan:
     return plan
 
 
+def inclined(rng) -> Plan:
+    """Rests in 18 attitudes, then turns about the case axes and about axes between them, which lever arms need."""
+    table = Table(4.0)
+    rest_at = plans.directions(18)
+    plans._tumble(table, rest_at, rng.choice(4, 18) * np.pi / 2, 12.0, rng)
+    between = (np.eye(3) + np.roll(np.eye(3), 1, axis=1)) / np.sqrt(2)
+    for axis in (*np.eye(3), *between):
+        target, table.angles = plans.attitude(axis, 0.0)
+        table.move(target)
+        for rate in rng.permutation([-120.0, -60.0, 60.0, 120.0]):
+            table.spin(axis, np.deg2rad(rate), 10.0)
+    model = {
+        "accel_estimator": "reference", "gyro_estimator": "reference", "temperature_degree": 0,
+        "lever_arms": True, "g_sensitivity": False,
+    }  # fmt: skip
+    return table.plan(
+        "inclined", lambda t: np.full_like(np.asarray(t, float), 25.0), model=model,
+        block_seconds=3.0, references=("gyro", "accel"),
+    )  # fmt: skip
+
+
 def with_model(make: Callable[..., Plan], **keys) -> Callable[..., Plan]:
     """The plan with more keys of `[model]`."""
 
@@ -77,7 +98,7 @@ KINDS: dict[str, tuple[Callable[..., Plan], dict]] = {
     "rate table over temperature": (plans.thermal_rate, {}),
     "g-sensitivity": (with_model(plans.mixed, g_sensitivity=True), {"accel": "reference"}),
     "together": (with_model(plans.mixed, together=True, g_sensitivity=False), {}),
-    "lever arms": (with_model(plans.mixed, lever_arms=True, g_sensitivity=False), {}),
+    "lever arms": (inclined, {}),
     "hand": (hand, {}),
     "hand, warming": (hand, {"warms": True}),
 }
