@@ -6,7 +6,9 @@ Every fifth stretch of each campaign is taken out: a dwell where positions are l
 time. Both commands get the rest. Both calibrations compensate the whole recording, and what is left in the stretches
 taken out is compared here in NumPy: |a| against g or against the reference, rates against the reference, or their means
 at rest.
-`OUT` holds one JSON a campaign, and a run goes on where it stopped. Ratios are of rms, diagnose over calibrate.
+`OUT` holds one JSON a campaign, and a run goes on where it stopped. Ratios are of rms, diagnose over calibrate; z is
+the sum of the squares' differences over the root of the sum of their squares: below 2, the stretches do not tell the
+two apart.
 """
 
 import argparse
@@ -122,7 +124,13 @@ def judge(folder: Path) -> dict:
             sums.append(np.concatenate(every))
         if len(sums[0]):
             rms = [float(np.sqrt(np.mean(s**2))) for s in sums]
-            said[triad] = {"calibrate": rms[0], "diagnose": rms[1], "ratio": rms[1] / rms[0]}
+            more = sums[1] ** 2 - sums[0] ** 2
+            said[triad] = {
+                "calibrate": rms[0],
+                "diagnose": rms[1],
+                "ratio": rms[1] / rms[0],
+                "z": float(more.sum() / max(np.sqrt(more @ more), 1e-300)),
+            }
     return said
 
 
@@ -145,7 +153,10 @@ def tell(results: dict[str, dict]) -> None:
     }
     print(f"worse than {WORSE} x: {len(worse)}")
     for name, r in worse.items():
-        print(f"  {name}: {r['named']} {[r.get(t, {}).get('ratio') for t in ('accel', 'gyro')]}")
+        said = [
+            f"{t} {r[t]['ratio']:.3f} x, z {r[t]['z']:.1f}" for t in ("accel", "gyro") if t in r
+        ]
+        print(f"  {name}: {', '.join(r['named'])}; {'; '.join(said)}")
 
 
 def main() -> None:

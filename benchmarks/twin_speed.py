@@ -3,7 +3,8 @@
     python benchmarks/twin_speed.py [--devices 1000] [--samples 20000]
 
 Times are of the processor (all threads together), by the clock on an accelerator, the least of five runs, so that
-other work on the machine counts little; compilation is left out. The calibration has both triads with polynomials of degree 3.
+other work on the machine counts little; compilation is left out. The calibration has both triads with polynomials of
+degree 3.
 
 Measured on two cores of a shared AMD EPYC with JAX 0.10.2, before and after the noise was made by counting
 (`navigation.counted_normals`), in 32 bits:
@@ -12,6 +13,8 @@ Measured on two cores of a shared AMD EPYC with JAX 0.10.2, before and after the
     none         1.0 → 1.0             8.3e6 → 8.0e6
     N            4.1 → 1.2             2.7e6 → 5.4e6
     N, B and K   7.8 → 1.9             0.9e6 → 1.7e6
+
+With 20 000 devices on one NVIDIA H100 (JAX 0.11.2, 32 bits) `vmap` makes 8.5e8, 6.8e8 and 8.3e8 samples a second.
 
 Asked were 5 µs in `scan` and 10⁷ a second under `vmap`: with white noise it takes two cores of their own, with flicker
 six. Flicker's ten processes are ten numbers an axis to carry, and it takes four normal numbers an axis instead of one.

@@ -18,9 +18,24 @@ def shape(signal: Signal, *, time: Scalar | float) -> Float[AnyArray, "time chan
     return xp.where(xp.asarray(signal.time) >= time, 1.0, 0.0)[:, None, None]
 
 
-def _grid(signal: Signal):
+MOMENTS = 72  # tried over a campaign
+EVEN = 24  # of them at least evenly spread
+
+
+def _grid(signal: Signal) -> Float[np.ndarray, " moment"]:
+    """Moments to try: the beginnings of stays where they are few, and others evenly spread.
+
+    A jump between two stays shows at no moment within one: with a dozen rests, the nearest moment of an even grid puts
+    a whole rest on the wrong side.
+    """
     t = np.asarray(signal.time)
-    return np.unique(t[np.linspace(0, len(t) - 1, min(len(t), 72)).astype(int)[4:-4]])
+    moves = 1 + np.flatnonzero(np.diff(np.asarray(signal.since_move)) < 0)
+    few = len(moves) <= MOMENTS - EVEN
+    count = min(len(t), MOMENTS - len(moves) if few else MOMENTS)
+    even = np.linspace(0, len(t) - 1, count).astype(int)
+    edge = 4 * len(t) // MOMENTS  # a jump so near to an end is not told from a disturbed stay
+    among = np.concatenate([even, moves]) if few else even
+    return np.unique(t[among[(among >= edge) & (among < len(t) - edge)]])
 
 
 variants = over("time", _grid)

@@ -36,6 +36,7 @@ from ..observations.signals import (
 )
 from ..problem import Prepared
 from ..selection.score_test import whiten_system
+from .common_size import held_to_common_size
 
 
 ITERATIONS = 12
@@ -349,10 +350,11 @@ def fitted_effects(
         found = whiten_system(prepared.system, noise, [term], others).scores
         if not found:
             continue
+        values, covariance = held_to_common_size(found[0].coefficients, found[0].covariance)
         stored = (
             FittedEffect(
                 term.name, term.triad, term.channels, tuple(sorted(term.variant.settings.items())),
-                np.asarray(found[0].coefficients), np.asarray(found[0].covariance),
+                values, covariance,
                 term.known.units[term.triad],
                 (float(clock[0]), float(clock[-1])) if one_clock else None, temperature,
                 float(np.abs(np.asarray(signal.input)).max()),

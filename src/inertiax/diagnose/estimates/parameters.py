@@ -9,6 +9,7 @@ from ..noise.observation_series import NoiseFit, System
 from ..problem import Prepared, retuned
 from ..result import Moved, Parameter
 from ..selection.score_test import Score, whiten_system
+from .common_size import held_to_common_size
 
 
 CHI2_95 = 3.8415  # of one degree of freedom
@@ -166,7 +167,8 @@ def parameters(
     """Coefficients and nuisance setting of a term, in SI units.
 
     The coefficients' covariance is the marginal one: $C + s s^T \\sigma^2$ with $C$ at the refined setting, $s$
-    the coefficients' slope by the setting and $\\sigma$ the setting's standard deviation.
+    the coefficients' slope by the setting and $\\sigma$ the setting's standard deviation. Those of several columns are
+    held to one size (`common_size`).
     """
     effect = term.known
     found = whiten_system(prepared.system, noise, [term], others).scores
@@ -181,6 +183,7 @@ def parameters(
         if nuisance_std is not None and effect.nuisance != "time" and not effect.unit_amplitude:
             slope = _slope(prepared, noise, term, others, nuisance_std)
             covariance = covariance + nuisance_std**2 * np.outer(slope, slope)
+        values, covariance = held_to_common_size(values, covariance)
         spread = np.sqrt(np.diag(covariance))
         unit = effect.units[term.triad]
         label = "amplitude" if effect.unit_amplitude else "coefficient"
