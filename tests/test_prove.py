@@ -115,14 +115,14 @@ def test_an_effect_seen_everywhere_is_predicted_as_before():
         ).triads
         (term,) = [t for t in prepared.candidates if t.name == "second_order" and t.channels == (1,)]  # fmt: skip
         fold, system, square = folds(prepared), prepared.system, 0.0
-        y, w = system.base.observed[0], 1.0 / np.sqrt(system.chains[0].white)
+        y, w = system.base.observed[0], (system.chains[0].white + system.chains[0].rig) ** -0.5
         x = np.concatenate([system.frames[0], term.columns[0]], axis=1)
         for k in range(5):
             known = fold != k
             there = scipy.linalg.lstsq(x[known] * w[known, None], y[known] * w[known])[0]
-            square += np.sum((y - x @ there)[~known] ** 2)
+            square += np.sum((w * (y - x @ there))[~known] ** 2)
         with_it = held_out_rms(prepared, [term])
-        assert with_it == pytest.approx(np.sqrt(square / len(y)), rel=1e-9)
+        assert with_it == pytest.approx(np.sqrt(square / np.sum(w**2)), rel=1e-9)
         assert with_it < 0.7 * held_out_rms(prepared, [])
 
 
