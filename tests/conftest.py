@@ -44,6 +44,16 @@ def _room_for_programs():
     make_room()
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _compiled_quickly(request):
+    """Files marked `compiled_quickly` run each program a few times for milliseconds, so compiling is all that it costs.
+
+    LLVM's optimiser changes the speed of the same formulas and nothing else.
+    """
+    quickly = request.node.get_closest_marker("compiled_quickly") is not None
+    jax.config.update("jax_disable_most_optimizations", quickly)
+
+
 @pytest.fixture
 def getkey(request):
     """Fresh JAX random keys from a seed fixed by the test's name, so that a failure repeats."""

@@ -29,6 +29,9 @@ from inertiax.physics.error_model import distort_accel, distort_gyro
 from inertiax.physics.temperature import Curve, Polynomial
 
 
+pytestmark = pytest.mark.compiled_quickly
+
+
 LATITUDE = float(np.deg2rad(55.0))
 START = jnp.array([LATITUDE, 0.5, 200.0])
 ACCEL_NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
@@ -65,9 +68,6 @@ def _at(states, row):
 def _last(states):
     return _at(states, -1)
 
-
-# For programs that run once or twice: compiling is all that they cost.
-QUICK = {"xla_backend_optimization_level": 0}
 
 # Compiled once for all tests: 600 samples, whatever their step.
 RUN = eqx.filter_jit(navigate)
@@ -233,7 +233,7 @@ def test_navigator_goes_through_vmap_and_reverse_mode(calibration, moving):
         return jnp.sum(errors(_last(states), end)[:3])
 
     values = coefficients_of(calibration)
-    run = jax.jit(jax.vmap(jax.grad(miss)), compiler_options=QUICK)
+    run = jax.jit(jax.vmap(jax.grad(miss)))
     many = run(jnp.stack([values, values]))
     np.testing.assert_allclose(many[0], exact[:3].sum(axis=0), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(many[0], many[1])
@@ -261,7 +261,7 @@ def test_refinement_from_position_fixes_finds_a_changed_bias(calibration):
         refined, solution = refine(with_coefficients(old, values), raw, start, residual, columns)
         return coefficients_of(refined), solution
 
-    run = jax.jit(coefficients_and_solution, compiler_options=QUICK)
+    run = jax.jit(coefficients_and_solution)
     found, solution = run(coefficients_of(old))
     refined = with_coefficients(old, found)
     assert bool(solution.succeeded)

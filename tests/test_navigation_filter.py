@@ -13,6 +13,9 @@ from inertiax.physics import rotation
 from inertiax.physics.temperature import Curve, Polynomial
 
 
+pytestmark = pytest.mark.compiled_quickly
+
+
 LATITUDE, SAMPLES, STEP, SEGMENTS = 0.85, 50, 0.02, 12
 FRAME = navigation.LevelFrame(LATITUDE, 300.0)
 NOISE = navigation.ImuNoise(
@@ -24,11 +27,7 @@ ACCEL = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
 GYRO = tuple(f"gyro.bias[{i}]" for i in range(3)) + tuple(
     f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3)
 )
-# Compiling is what these runs cost.
-QUICK = {"xla_backend_optimization_level": 0}
-RUN = jax.jit(
-    lambda filter_, start, data, fixes: filter_.run(start, data, fixes), compiler_options=QUICK
-)
+RUN = jax.jit(lambda filter_, start, data, fixes: filter_.run(start, data, fixes))
 SIGMAS = {"attitude_sigma": 2e-3, "velocity_sigma": 0.05, "position_sigma": 0.5}
 
 
@@ -230,7 +229,7 @@ def test_likelihood_is_the_innovations_and_has_a_gradient_by_the_noise(
     assert float(rested.log_likelihood) == pytest.approx(total, abs=0.02)
     start = biases.start(attitude, np.zeros(3), np.zeros(3), **SIGMAS)
     loss = lambda white: _likelihood(white, start, data, fixes, valid, calibration)
-    run = jax.jit(jax.value_and_grad(loss), compiler_options=QUICK)
+    run = jax.jit(jax.value_and_grad(loss))
     white, h = 3e-3, 1e-5
     value, slope = run(white)
     up, down = run(white + h)[0], run(white - h)[0]
@@ -249,12 +248,12 @@ def test_runs_go_through_vmap_and_gradients_through_the_outputs(resting, biases,
         track = biases.run(start, changed, [navigation.Position(fixes, 0.1, valid)])
         return track.last.estimate.navigation.position
 
-    many = jax.jit(jax.vmap(last), compiler_options=QUICK)(
+    many = jax.jit(jax.vmap(last))(
         np.stack([data.accel, data.accel + 1e-3]), np.stack([fixes, fixes])
     )
     alone = rested.last.estimate.navigation.position
     np.testing.assert_allclose(many[0], alone, atol=1e-12)
-    height = jax.jit(jax.grad(lambda a: last(a, fixes)[2]), compiler_options=QUICK)
+    height = jax.jit(jax.grad(lambda a: last(a, fixes)[2]))
     slope = height(jnp.asarray(data.accel))
     assert np.all(np.isfinite(slope))
     moved = float(many[1][2] - many[0][2])

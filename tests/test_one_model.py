@@ -1,6 +1,7 @@
 """One model from calibrate to diagnose, audit and fleet: the same block, estimates and standard deviations."""
 
 import json
+from functools import cache
 
 import jax
 import numpy as np
@@ -192,6 +193,11 @@ def calibrated(campaign):
     return result
 
 
+@cache
+def calibrated_by_name(name):
+    return calibrated(CAMPAIGNS[name]())
+
+
 def same(one, other):
     """Parameters within a thousandth of a standard deviation over the temperatures, those within 5 %."""
     low, high = one.temperature_range or (25.0, 25.0)
@@ -210,8 +216,7 @@ def same(one, other):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_a_diagnosis_judges_the_model_that_was_calibrated(name):
-    campaign = CAMPAIGNS[name]()
-    plain = calibrated(campaign)
+    campaign, plain = CAMPAIGNS[name](), calibrated_by_name(name)
     with jax.enable_x64(True):
         problem = prepare(campaign, FEW)
     assert problem.plain.model == plain.model == problem.plain.calibration.model
@@ -229,7 +234,7 @@ def test_a_diagnosis_judges_the_model_that_was_calibrated(name):
 
 @pytest.mark.slow
 def test_every_kind_of_model_is_among_them():
-    models = [calibrated(make()).model for make in CAMPAIGNS.values()]
+    models = [calibrated_by_name(name).model for name in CAMPAIGNS]
     used = {m.accel.estimator for m in models if m.accel} | {
         m.gyro.estimator for m in models if m.gyro
     }
@@ -240,8 +245,7 @@ def test_every_kind_of_model_is_among_them():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ("hand with temperature", "table", "lever arms", "faces only"))
 def test_nothing_is_missing_where_the_model_is_right_and_the_calibration_stays(name):
-    campaign = CAMPAIGNS[name]()
-    plain = calibrated(campaign)
+    campaign, plain = CAMPAIGNS[name](), calibrated_by_name(name)
     found, after = diagnose_campaign(campaign)
     assert found.verdict == "consistent", found.summary
     assert json.loads(found.to_json())["model"] == plain.model.document()
@@ -336,7 +340,7 @@ def test_a_line_of_hand_logs_has_the_model_of_most_and_one_bad_device_stops_noth
         )
     (tmp_path / "line" / "A-4" / "log.parquet").write_text("no table")
     summary = run_fleet(tmp_path / "line", tmp_path / "out")
-    assert summary.as_dict()["model"] == calibrated(hand()).model.document()
+    assert summary.as_dict()["model"] == calibrated_by_name("hand").model.document()
     assert (summary.devices, summary.calibrated) == (4, 2)
     same(fleet_calibration(tmp_path / "out", "A-1"), fleet_calibration(tmp_path / "out", "A-2"))
     for name in ("A-3", "A-4"):

@@ -22,11 +22,11 @@ from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros
 
 
-# Each program runs a few times for milliseconds, so compiling is all that it costs; LLVM's optimiser changes
-# the speed of the same formulas and nothing else.
-QUICK = {"xla_backend_optimization_level": 0}
-iterate = eqx.filter_jit(thermal_iterations.iterate, compiler_options=QUICK)
-joint_fit = eqx.filter_jit(thermal_iterations.joint_fit, compiler_options=QUICK)
+pytestmark = pytest.mark.compiled_quickly
+
+
+iterate = eqx.filter_jit(thermal_iterations.iterate)
+joint_fit = eqx.filter_jit(thermal_iterations.joint_fit)
 
 ESTIMATOR = Invariant(gravity=PAPER_GRAVITY)
 # One range for all plans of this file, so that every test uses the same compiled programs.
@@ -222,7 +222,7 @@ def test_derivatives_of_the_answer_are_finite_differences(method, device):
     answer = lambda steps: _answer(method, *_perturbed(dwells, steps))
     # One program for values and derivatives along any direction.
     run = lambda steps, tangent: jax.jvp(answer, (steps,), (tangent,))
-    along = jax.jit(run, compiler_options=QUICK)
+    along = jax.jit(run)
     zero = jnp.zeros(3)
     for unit, (which, h) in zip(jnp.eye(3), STEPS.items(), strict=True):
         exact = along(zero, unit)[1]
@@ -245,8 +245,8 @@ def test_derivatives_work_in_reverse_and_under_vmap(device):
         return thermal_iterations.joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
 
     shifts = jnp.array([0.0, 1e-3, -1e-3])
-    gradients = jax.jit(jax.vmap(jax.grad(one)), compiler_options=QUICK)(shifts)
-    h, value = 1e-4, jax.jit(one, compiler_options=QUICK)
+    gradients = jax.jit(jax.vmap(jax.grad(one)))(shifts)
+    h, value = 1e-4, jax.jit(one)
     for shift, gradient in zip(shifts, gradients, strict=True):
         numeric = (value(shift + h) - value(shift - h)) / (2 * h)
         np.testing.assert_allclose(gradient, numeric, rtol=1e-6)

@@ -21,6 +21,9 @@ from inertiax.numerics.linear_algebra import (
 )
 
 
+pytestmark = pytest.mark.compiled_quickly
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 3, 9, 12, 13, 63])  # unrolled up to 12, a loop beyond
 def test_cholesky_is_numpys(size):
