@@ -228,6 +228,28 @@ def test_motions_that_cannot_be_integrated_are_counted():
     )
 
 
+def test_motions_beyond_the_gyros_range_are_left_out_and_the_others_give_the_truth():
+    """A turn that is faster than the range reads too little, and one such motion spoils all nine coefficients."""
+    rng = np.random.default_rng(5)
+    truth = _truth(rng)
+    recording, _ = _log(rng, num_rests=16, truth=truth, noise=1e-4)
+    range_end = 0.8 * np.abs(recording.gyro[:, 0]).max()
+    narrow = Recording(
+        time=recording.time, accel=recording.accel, name="narrow", position=recording.position,
+        gyro=np.clip(recording.gyro, -range_end, range_end),
+    )  # fmt: skip
+    beyond = [np.any(np.abs(recording.gyro[b]) > range_end) for b in _between(recording.position)]
+    assert 1 <= sum(beyond) <= 6
+    turns = _turns(narrow)
+    assert turns.num_motions == 15 - sum(beyond)
+    assert f"left out: {sum(beyond)} with rates beyond the gyros' range" in turns.statement
+    # Without them the estimate is that of the others; with them it was off by hundreds of its sigmas.
+    (kept,) = calibrate(Campaign((narrow,), model=ModelChoice(gyro_estimator="gravity")))
+    found = kept.calibration.gyro
+    error = np.asarray(found.curve.coefficients)[0] - _vector(truth)
+    assert np.abs(error / np.sqrt(np.diag(found.covariance))).max() < 4.0
+
+
 def _between(position):
     for k in range(position.max()):
         after = np.flatnonzero(position == k)[-1]

@@ -364,3 +364,20 @@ def test_gravity_tells_the_accelerometers_where_their_names_do_not(tmp_path):
     _, tables = drafted(tmp_path, text(columns))
     assert tables["columns"]["accel"] == {"names": ["tx", "ty", "tz"], "unit": "m/s^2"}
     assert tables["columns"]["gyro"] == {"names": ["wx", "wy", "wz"], "unit": "rad/s"}
+
+
+def test_signed_readings_written_as_unsigned_are_refused_with_the_cure(tmp_path):
+    accel, gyro = counts(ACCEL / G, 16384), counts(GYRO / DEGREE, 131.0)
+    log = tmp_path / "log.csv"
+    log.write_text(text(table(TIME, accel % 65536, gyro % 65536)))
+    with pytest.raises(
+        ValueError, match="accelerometers are whole .* 65536 from every value above 32767"
+    ):
+        draft_campaign(log, tmp_path)
+    log.write_text(text(table(TIME, accel, gyro)))
+    assert "count" in draft_campaign(log, tmp_path).text  # signed, they are read
+    middle = 32768 + counts(
+        GYRO, DEGREE / 131.0
+    )  # an unsigned converter with its zero in the middle
+    log.write_text(text(table(TIME, 32768 + accel, middle)))
+    assert "offset = 32768.0" in draft_campaign(log, tmp_path).text

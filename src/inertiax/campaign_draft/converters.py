@@ -36,6 +36,19 @@ def middle(values: Float[np.ndarray, "time 3"]) -> float:
     return float(2 ** (int(np.ceil(np.log2(high + 1.0))) - 1))
 
 
+def wraps(values: Float[np.ndarray, "time 3"]) -> bool:
+    """Whether signed 16-bit readings were written as unsigned: 65535 stands for −1, and small motions go end to end.
+
+    Taken as signed an eighth of the steps that are longer than half of the range are left, or fewer.
+    """
+    low, high = float(values.min()), float(values.max())
+    if not whole(values) or low < 0.0 or not 60000.0 < high < 65536.0:
+        return False
+    signed = np.where(values >= 32768.0, values - 65536.0, values)
+    long = lambda x: int(np.sum(np.abs(np.diff(x, axis=0)) > 32768.0))
+    return long(values) >= 3 and 8 * long(signed) <= long(values)
+
+
 def nearest(scale: float, nominal: tuple[float, ...], tolerance: float) -> float | None:
     """The nominal scale within a relative tolerance of a measured one."""
     best = min(nominal, key=lambda n: abs(np.log(scale / n)))

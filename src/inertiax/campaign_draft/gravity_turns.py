@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..reduction.clipping import clipped_rows
+
 
 _MOST = 12  # motions: enough for a factor to a few percent
 _LONGEST = 60.0  # s; by then a consumer gyro's zero has wandered off by degrees
@@ -57,17 +59,17 @@ def gravity_turns(
     start: Int[np.ndarray, " rest"],
     stop: Int[np.ndarray, " rest"],
 ) -> GravityTurns | None:
-    """Motions that tilt the device by 10° or more within a minute; `None` without any.
+    """Motions that tilt the device by 10° or more within a minute and the gyros' range; `None` without any.
 
     **Arguments:** `up` is the unit vector of the specific force in each rest, `start` and `stop` its rows.
     """
     rest = np.array([np.median(gyro[a:b], axis=0) for a, b in zip(start, stop, strict=True)])
     step = np.gradient(time) if len(time) > 1 else np.ones(1)
-    pieces = []
+    pieces, ended = [], clipped_rows(gyro)
     for k in range(len(up) - 1):
         rows = slice(int(stop[k]), int(start[k + 1]))
-        few = rows.stop - rows.start < 4
-        if few or time[rows.stop] - time[rows.start] > _LONGEST:
+        useless = rows.stop - rows.start < 4 or ended[rows].any()
+        if useless or time[rows.stop] - time[rows.start] > _LONGEST:
             continue
         tilt = float(_angle(up[k : k + 1], up[k + 1 : k + 2])[0])
         if tilt < _LEAST_TILT:

@@ -14,7 +14,7 @@ from ..physics.earth import gravity as normal_gravity
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import accel_unit, directions, sphere, TriadUnit
 from .clock import counted
-from .converters import middle, nearest, rounded
+from .converters import middle, nearest, rounded, wraps
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit
 from .mag_unit import mag_unit
@@ -59,11 +59,22 @@ def draft_campaign(
         files = Line("files", [_path(log, folder)], f"{chosen} names its columns and units itself")
         return _draft(log, (site, Table("recordings", (files,))))
     found = read_triads(log, gyro)
+    _refuse_wrapped(log, found)
     rests = _rests(found)
     found, turns = _with_clock(found, rests)
     columns, remarks = _columns(found, rests, turns)
     columns = Table("columns", columns, (*remarks, *found.roles.notes))
     return _draft(log, (site, _recordings(found, folder), columns, _model(found, rests)))
+
+
+def _refuse_wrapped(log: Path, found: RawTriads) -> None:
+    for name, values in (("accelerometers", found.accel), ("gyros", found.gyro)):
+        if values is not None and wraps(values):
+            raise ValueError(
+                f"{log}: the {name} are whole numbers up to {values.max():.0f} that jump from one end to the other: "
+                "signed 16-bit readings written as unsigned. Take 65536 from every value above 32767, then run "
+                "`inertiax init` again."
+            )
 
 
 def _draft(log: Path, tables: tuple[Table, ...]) -> Draft:

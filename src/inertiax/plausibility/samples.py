@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import AXES
+from ..reduction.clipping import holds_extreme
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
@@ -126,24 +127,6 @@ def _clipped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> l
     return found
 
 
-def holds_extreme(x: Float[np.ndarray, " time"], extreme: float) -> bool:
-    """Whether runs at the extreme are too long for this channel's own habit of repeating values.
-
-    A channel that repeats its last value with probability p stays L samples at one value by chance
-    with probability about N p^L; below one in a thousand it must be the end of the range.
-    """
-    there = x == extreme
-    if there.sum() < 5 or there.all():
-        return False
-    elsewhere = ~there[1:] & ~there[:-1]
-    if elsewhere.sum() < 20:
-        return False
-    repeats = (np.sum((x[1:] == x[:-1]) & elsewhere) + 1) / (elsewhere.sum() + 2)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
-    longest = int((edges[1::2] - edges[::2]).max())
-    return longest >= 5 and bool(len(x) * repeats**longest < 1e-3)
-
-
 def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> list[Finding]:
     """Steps over nearly the whole range from one sample to the next, end to end."""
     low, high = float(x.min()), float(x.max())
@@ -164,7 +147,8 @@ def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> l
             "warning",
             f"{name}_{AXES[axis]}",
             f"{log.name}: {name}_{AXES[axis]} jumps {len(jumps)} times from one end of its range to the other "
-            f"({low:.6g} to {high:.6g} {UNITS[name]}) from one sample to the next: counts wrap round.",
+            f"({low:.6g} to {high:.6g} {UNITS[name]}) from one sample to the next: counts wrap round. "
+            "Where a logger wrote signed readings as unsigned, take the whole range from those in its upper half.",
             jumps=len(jumps),
             low=low,
             high=high,

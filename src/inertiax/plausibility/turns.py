@@ -10,6 +10,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..reduction.clipping import clipped_rows
 from ..reduction.turned_direction import turned
 from .evidence import Log
 
@@ -68,7 +69,7 @@ def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     force, rate = log.over_rests("accel"), log.over_rests("gyro")
     if force is None or rate is None or recording.gyro is None:
         return []
-    found = []
+    found, ended = [], clipped_rows(recording.gyro)
     for k in range(1, log.num_rests):
         first, last = int(log.stop[k - 1]) - 1, int(log.start[k])
         rows = last - first
@@ -76,6 +77,8 @@ def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         if rows < 4 or rows > _LONGEST_ROWS or steps.max() > 20 * log.step:
             continue
         if rows * log.step > _LONGEST and log.step < 1.0:
+            continue
+        if ended[first : last + 1].any():  # rates beyond the range: how far it turned is not known
             continue
         zero = 0.5 * (rate.mean[k - 1] + rate.mean[k])
         turn = recording.gyro[first : last + 1] - zero

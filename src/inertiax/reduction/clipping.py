@@ -1,4 +1,4 @@
-"""Rests in which a converter has reached its end."""
+"""Rests in which a converter has reached its end, and samples that hold it."""
 
 from dataclasses import dataclass
 
@@ -44,3 +44,31 @@ def clipped(
         if noise > max(limits.noise * quantisation_step(x), 0.0):
             marked |= suspect
     return marked
+
+
+def clipped_rows(values: Float[np.ndarray, "time 3"]) -> Bool[np.ndarray, " time"]:
+    """Samples of a triad at the end of a channel's range, where the channel stays there as noise does not."""
+    marked = np.zeros(len(values), bool)
+    for x in values.T:
+        for extreme in {float(x.min()), float(x.max())}:
+            if holds_extreme(x, extreme):
+                marked |= x == extreme
+    return marked
+
+
+def holds_extreme(x: Float[np.ndarray, " time"], extreme: float) -> bool:
+    """Whether runs at the extreme are too long for this channel's own habit of repeating values.
+
+    A channel that repeats its last value with probability p stays L samples at one value by chance
+    with probability about N p^L; below one in a thousand it must be the end of the range.
+    """
+    there = x == extreme
+    if there.sum() < 5 or there.all():
+        return False
+    elsewhere = ~there[1:] & ~there[:-1]
+    if elsewhere.sum() < 20:
+        return False
+    repeats = (np.sum((x[1:] == x[:-1]) & elsewhere) + 1) / (elsewhere.sum() + 2)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+    longest = int((edges[1::2] - edges[::2]).max())
+    return longest >= 5 and bool(len(x) * repeats**longest < 1e-3)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from ..numerics.paule_mandel import excess_deviation
+from .clipping import clipped_rows
 from .dwells import Dwells
 from .motion_clock import motion_clock, MotionClock, Turn
 from .motions import Motions
@@ -63,8 +64,9 @@ def with_motions(
       for g-sensitivity alone.
 
     A motion is left out where time pauses, where it is longer than a minute, where samples are
-    more than half a radian apart, and where there are fewer than four of them. Uneven stamps give
-    way to counted rows where gravity says so (see `motion_clock`). The variance of the
+    more than half a radian apart, where a gyro is at the end of its range, and where there are
+    fewer than four samples. Uneven stamps give way to counted rows where gravity says so (see
+    `motion_clock`). The variance of the
     integrated rate about each axis is N² T + τ² T²: N² is the angle random walk that the rests'
     covariances imply, τ the scatter of the bias between rests (see `bias_scatter`), T the
     motion's duration; τ² is added to the covariance of the rests' mean rates too.
@@ -138,7 +140,11 @@ def shortfall(turns: Turns) -> str | None:
     sine, cosine = np.linalg.norm(axes, axis=1), np.sum(before * after, axis=1)
     tilted = np.arctan2(sine, cosine) > _DIFFERENT_TILT
     if tilted.sum() < 5:
-        return f"{int(tilted.sum())} motions tilt the device by 10° or more; at least 5 are needed"
+        others = turns.statement.partition("; ")[2]
+        return (
+            f"{int(tilted.sum())} motions tilt the device by 10° or more; at least 5 are needed"
+            + (f" ({others})" if others else "")
+        )
     spread = np.linalg.svd(axes[tilted], compute_uv=False)
     if spread[-1] < 0.1 * spread[0]:
         return (
@@ -187,6 +193,7 @@ def _pairs(
     """Which rests a usable motion led to, and how many were left out for what."""
     kept = np.zeros(len(rests), bool)
     dropped: dict[str, int] = {}
+    ended = [np.zeros(0, bool) if r.gyro is None else clipped_rows(r.gyro) for r in recordings]
     for k in range(1, len(rests)):
         before, after = rests[k - 1], rests[k]
         if (before.recording, before.segment) == (after.recording, after.segment):
@@ -194,6 +201,8 @@ def _pairs(
         if before.recording != after.recording or before.stop == after.start:
             continue  # no motion, or another recording
         why = _flaw(recordings[after.recording], before.stop - 1, after.start, bias[k])
+        if why is None and ended[after.recording][before.stop - 1 : after.start + 1].any():
+            why = "with rates beyond the gyros' range"
         kept[k] = why is None
         if why is not None:
             dropped[why] = dropped.get(why, 0) + 1
