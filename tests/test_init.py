@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from scipy.spatial.transform import Rotation
 
 from inertiax.campaign_draft import draft_campaign
@@ -381,3 +382,27 @@ def test_signed_readings_written_as_unsigned_are_refused_with_the_cure(tmp_path)
     )  # an unsigned converter with its zero in the middle
     log.write_text(text(table(TIME, 32768 + accel, middle)))
     assert "offset = 32768.0" in draft_campaign(log, tmp_path).text
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".h5"])
+def test_matrices_under_a_users_own_names(tmp_path, suffix):
+    """A struct-free MATLAB file, or an HDF5 file, with a matrix for each triad and a vector of stamps."""
+    arrays = {
+        "t_ms": 1e3 * TIME,
+        "static_acc": ACCEL / G,
+        "omega": GYRO / DEGREE,
+        "fs": np.array([50.0]),
+    }
+    if suffix == ".mat":
+        scipy.io.savemat(tmp_path / "log.mat", arrays)
+    else:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(tmp_path / "log.h5", "w") as file:
+            for name, values in arrays.items():
+                file[name] = values
+    found = draft_campaign(tmp_path / f"log{suffix}", tmp_path)
+    (tmp_path / "campaign.toml").write_text(found.text)
+    toml = tomllib.loads(found.text)
+    assert toml["columns"]["accel"]["unit"] == "g" and toml["columns"]["gyro"]["unit"] == "deg/s"
+    assert toml["columns"]["time"] == {"name": "t_ms", "unit": "ms"}
+    check(tmp_path)

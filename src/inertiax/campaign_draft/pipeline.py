@@ -24,7 +24,7 @@ from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table, toml_text
 
 
-_TEXT_FORMATS = ("csv", "imu_tk", "parquet")
+_TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
 _STANDARD = 9.80665  # m/s²
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
@@ -55,7 +55,7 @@ def draft_campaign(
     """
     site = _site(latitude, height)
     chosen = format_of(log).NAME
-    if chosen not in _TEXT_FORMATS:
+    if chosen not in _TABLES:
         files = Line("files", [_path(log, folder)], f"{chosen} names its columns and units itself")
         return _draft(log, (site, Table("recordings", (files,))))
     found = read_triads(log, gyro)

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from ..data.formats import csv, imu_tk, parquet
+from ..data.formats import csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
 from ..data.formats.text_layout import find_layout, is_value, TextLayout
 from ..data.formats.time_stamps import seconds_of
@@ -60,13 +60,13 @@ class RawLog(NamedTuple):
 
 
 def read_log(path: Path) -> RawLog:
-    """The columns of numbers in a delimited text or a Parquet file.
+    """The columns of numbers in a delimited text, or in a Parquet, HDF5 or MATLAB file.
 
     Raises `ValueError` where the file is in another format, or holds no numbers.
     """
     chosen = detect(path)
-    if chosen is parquet:
-        return _from_table(parquet.decode(path), path, "parquet", None)
+    if chosen in (parquet, hdf5, matlab):
+        return _from_table(chosen.decode(path), path, chosen.NAME, None)
     if chosen not in (csv, imu_tk):
         raise ValueError(f"{path.name}: {chosen.NAME} names its columns and units itself.")
     layout = find_layout(csv.text_of(path), path.name)

@@ -34,6 +34,21 @@ def to_table(arrays: dict[str, np.ndarray], columns: ColumnMap, where: str) -> p
     return pl.DataFrame(kept)
 
 
+def longest_columns(arrays: dict[str, np.ndarray], where: str) -> pl.DataFrame:
+    """All columns of the length that most rows have: what a file holds whose names nobody has told yet.
+
+    Raises `ValueError` where there is none.
+    """
+    found: dict[str, np.ndarray] = {}
+    for name, values in arrays.items():
+        found |= _split(name, values)
+    if not found:
+        raise ValueError(f"{where}: no numeric arrays in it.")
+    sizes = [len(v) for v in found.values()]
+    rows = max(sorted(set(sizes), reverse=True), key=lambda n: n * sizes.count(n))
+    return pl.DataFrame({k: v for k, v in found.items() if len(v) == rows})
+
+
 def choose_group(groups: list[str], asked: str, where: str) -> None:
     """Raises `ValueError` where the group that the campaign asks for is not in the file."""
     if asked not in groups:

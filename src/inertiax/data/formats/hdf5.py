@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from ..recording import Recording
-from .arrays import choose_group, to_table
+from .arrays import choose_group, longest_columns, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .expansion import require_plausible
 from .optional import load
@@ -28,6 +29,11 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     """Recordings in an HDF5 file, one per device. Raises `ValueError` naming file and dataset."""
     arrays = read_arrays(path, layout.group)
     return to_recordings(to_table(arrays, columns, path.name), columns, layout, name=path.name)
+
+
+def decode(path: Path) -> pl.DataFrame:
+    """The columns of an HDF5 file under their own names. Raises `ValueError` naming the file."""
+    return longest_columns(read_arrays(path), path.name)
 
 
 def read_arrays(

@@ -8,9 +8,10 @@ functions are left alone.
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 from ..recording import Recording
-from .arrays import choose_group, to_table
+from .arrays import choose_group, longest_columns, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .hdf5 import MAGIC, read_arrays
 from .matlab5 import Content, parse
@@ -29,13 +30,19 @@ def is_matlab(head: bytes) -> bool:
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
     """Recordings in a MATLAB file. Raises `ValueError` naming file and variable."""
+    arrays = _arrays(path, layout.group)
+    return to_recordings(to_table(arrays, columns, path.name), columns, layout, name=path.name)
+
+
+def decode(path: Path) -> pl.DataFrame:
+    """The columns of a MATLAB file under their own names. Raises `ValueError` naming the file."""
+    return longest_columns(_arrays(path, None), path.name)
+
+
+def _arrays(path: Path, group: str | None) -> dict[str, np.ndarray]:
     with path.open("rb") as file:
         head = file.read(520)
-    if MAGIC in head:
-        arrays = read_arrays(path, layout.group, matlab=True)
-    else:
-        arrays = _version_5(path, layout.group)
-    return to_recordings(to_table(arrays, columns, path.name), columns, layout, name=path.name)
+    return read_arrays(path, group, matlab=True) if MAGIC in head else _version_5(path, group)
 
 
 def _version_5(path: Path, group: str | None) -> dict[str, np.ndarray]:
