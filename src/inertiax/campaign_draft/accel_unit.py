@@ -12,6 +12,7 @@ from .resting import poses, Resting
 _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
 _UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0}  # what 1 g reads
 _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
+_TURNING = 0.9  # of the samples' norm: the means of a device that turned by 50° or more are shorter
 _OFFSET_SHOWS = 0.25  # of the radius: no bias is as large, so it is an offset of the converter
 
 
@@ -50,11 +51,16 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit
     """Unit, scale and offset of accelerometers.
 
     The means at rest lie on a sphere of 1 g. With six poses or more its centre is fitted; with fewer it is zero, or the
-    middle of an unsigned converter's range.
+    middle of an unsigned converter's range. Where the device turned on, however slowly, means over its turns are
+    shorter than 1 g, and single samples tell more.
     """
     assert rests.accel is not None
     center, radius, fitted = sphere(rests.accel, middle(values))
     what = f"|a| is {radius:.4g} at rest ({rests.num_rests} rest{'s' * (rests.num_rests > 1)})"
+    samples = float(np.median(np.linalg.norm(values - center, axis=1)))
+    if not fitted and radius < _TURNING * samples:
+        radius = samples
+        what = f"|a| is {radius:.4g} in half of the samples; no rests were found"
     offset = _offset(center, radius, fitted)
     if not whole(values) or nearest(radius, (1000.0,), 0.015):
         for unit, reads in _UNITS.items():

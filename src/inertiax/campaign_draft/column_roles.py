@@ -85,11 +85,12 @@ def _by_name(log: RawLog) -> Roles:
     kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
     unnamed: list[tuple[str, str, str]] = []
     mags: list[tuple[str, str, str]] = []
+    sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
         first = _UNIT.sub("", triad[0]).strip().split("/")[-1]
         if _MAG.search(first):
             mags.append(triad)
-        if _NEITHER.search(first):
+        if _NEITHER.search(first) and not (sole and _ACCEL.search(first)):
             continue
         if _GYRO.search(first) and not first.lower().startswith("gf"):
             kinds["gyro"].append(triad)
@@ -97,6 +98,10 @@ def _by_name(log: RawLog) -> Roles:
             kinds["accel"].append(triad)
         else:
             unnamed.append(triad)
+    if (
+        len(triads) == 1 and len(unnamed) == 1 and len(log.names) <= 4
+    ):  # nothing else to take it for
+        kinds["accel"], unnamed = unnamed, []
     by_norm = [t for t in unnamed if not kinds["accel"] and _is_specific_force(log, t)]
     kinds["accel"] += by_norm[:1]
     notes = [

@@ -9,15 +9,15 @@ from jaxtyping import Float
 _FEWEST = 4  # rows: three directions and a repetition tell nothing yet
 MOST_POSE_ROWS = 500  # rows: nobody writes down more poses by hand
 _TURNED = math.radians(10.0)  # from row to row; samples of one log are far closer to each other
-_NORM_SPREAD = (
-    0.05  # of the median norm: a device that moves fast enough to turn so far reads other forces
-)
+# Of the median norm: biases and scale errors of consumer sensors, 4 % to either side and more; a device that moves fast
+# enough to turn so far reads other forces.
+_NORM_SPREAD = 0.12
 
 
 def turn_between_rows(accel: Float[np.ndarray, "row 3"]) -> float | None:
     """By how much (rad, median) neighbouring rows turn, where each row is the mean of one pose; `None` where not.
 
-    They are where the norm, in any unit, stays within 5 % while the direction turns by more than 10° between most
+    They are where the norm, in any unit, stays within 12 % while the direction turns by more than 10° between most
     neighbouring rows: a log sampled in time does one or the other.
     """
     if not _FEWEST <= len(accel) <= MOST_POSE_ROWS:
