@@ -5,6 +5,7 @@ Every formula below is written here from the tool's sources or publication and r
 
 import json
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -259,6 +260,33 @@ def test_px4_gives_what_its_parameters_can_say():
     )
     loss = measure_loss(cal, result)
     assert loss.force < 3e-6 and loss.rate < 3e-7
+
+
+def test_px4_of_one_temperature_has_static_offsets_and_no_thermal_correction():
+    """Sensor.hpp: (x' − offset) · scale, with nothing taken away before where TC is off."""
+    cal = without_gyro_scale(constant_scale(calibration(diagonal=True)))
+    found = px4_parameters(export(cal, "px4", accel_id=7, gyro_id=9).content)
+    assert found["TC_A_ENABLE"] == found["TC_G_ENABLE"] == 0
+    assert not any(k.startswith(("TC_A0_", "TC_G0_")) for k in found)
+    accel, gyro, temperature = samples()
+    axes = lambda key: np.array([float(found[f"CAL_{key.replace('*', a)}"]) for a in "XYZ"])
+    static = (accel - axes("ACC0_*OFF")) * axes("ACC0_*SCALE"), gyro - axes("GYRO0_*OFF")
+    agree(static, ours(cal, accel, gyro, temperature), tolerance=3e-7)
+
+
+@pytest.mark.parametrize(
+    ("name", "accel", "gyro"),
+    [("px4", ("TC_A", "CAL_ACC"), ("TC_G", "CAL_GYRO")), ("ardupilot", ("INS_ACC",), ("INS_GYR",))],
+)
+@pytest.mark.parametrize("kept", ["accel", "gyro"])
+def test_a_triad_that_was_not_calibrated_keeps_what_the_autopilot_has(name, accel, gyro, kept):
+    cal = calibration(Polynomial(3, LOW, HIGH))
+    gone = "gyro" if kept == "accel" else "accel"
+    cal = eqx.tree_at(lambda c: getattr(c, gone), cal, None)
+    lines = export(cal, name).content.decode().split()
+    mine, others = (accel, gyro) if kept == "accel" else (gyro, accel)
+    assert any(word.startswith(mine) for word in lines)
+    assert not any(word.startswith(others) for word in lines)
 
 
 def ardupilot_apply(content, n, accel, gyro, temperature):

@@ -15,6 +15,7 @@ from inertiax.diagnose.estimates.cross_validation import (
     gain_over_stretches,
     held_out_rms,
     predict_rest,
+    reach,
     TOLD_BY_OTHERS,
 )
 from inertiax.diagnose.estimates.persistence import predicts
@@ -28,6 +29,20 @@ def rows(seed: int, count: int = 200):
     time = np.linspace(0.0, 1.0, count)
     variance = rng.uniform(0.5, 2.0, count)
     return rng, time, np.stack([np.ones(count), time], axis=1), variance, time >= 0.2
+
+
+def test_the_reach_of_a_prediction_is_its_variance_over_many_draws():
+    """Seven rests of nine tell four parameters; what they say of the two others, over 40 000 draws of noise."""
+    rng = np.random.default_rng(7)
+    columns = np.column_stack([np.ones(9), rng.standard_normal((9, 3))])
+    columns[8] *= [1.0, 4.0, 4.0, 4.0]  # far from the others
+    known = np.arange(9) < 7
+    drawn = rng.standard_normal((9, 40_000))
+    fitted = np.linalg.lstsq(columns[known], drawn[known], rcond=None)[0]
+    error = (drawn - columns @ fitted)[~known]
+    # A variance of 40 000 draws is known to 0.7 % (1 sigma).
+    np.testing.assert_allclose(reach(columns, known)[~known], error.var(axis=1), rtol=0.03)
+    assert reach(columns, known)[8] > 3.0 * reach(columns, known)[7]
 
 
 def test_told_effects_are_predicted_as_least_squares_predicts_them():

@@ -1,11 +1,17 @@
 """What one rest of a searched log shows alone is handling; what all show is physics. Logs by NumPy and SciPy alone."""
 
+from dataclasses import replace
+
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.estimates.single_rests import _by_hand
+from inertiax.diagnose.problem import prepare
 
 
 REST, MOVE, RATE, NUM = 4.0, 1.5, 50.0, 16  # s, s, Hz, rests
@@ -46,6 +52,22 @@ def hand_log(seed, *, creeping=None, shaken=None, sensitive=0.0):
     gyro = rate + [0.01, -0.02, 0.005] + 1e-3 * rng.normal(size=rate.shape)
     gyro[:, 0] += sensitive * up[:, 1]
     return Campaign((Recording(time=time, accel=accel, gyro=gyro, name="hand.csv"),), Site(9.81))
+
+
+@pytest.mark.parametrize(("metres", "by_hand"), [(0.25, True), (1.0, False)])
+def test_a_hand_cannot_have_moved_the_device_farther_than_it_reaches(metres, by_hand):
+    """An error e of |a| over a rest of T seconds is an acceleration that carries the device e T²/2 away."""
+    with jax.enable_x64(True):
+        (accel, _) = prepare(hand_log(6)).triads
+        blocks = accel.blocks
+        mine = np.flatnonzero(blocks.dwell == 4)
+        clock = accel.log.clock
+        lasts = clock[blocks.stop[mine[-1]] - 1] - clock[blocks.start[mine[0]]]
+        assert 2.0 < lasts <= REST
+        moved = accel.system.base.observed[0].copy()
+        moved[mine] += 2.0 * metres / lasts**2
+        system = eqx.tree_at(lambda s: s.base.observed, accel.system, (moved,))
+        assert _by_hand(replace(accel, system=system), 4, []) is by_hand
 
 
 def alone(found):

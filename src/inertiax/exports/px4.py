@@ -1,8 +1,9 @@
 """PX4's parameters: thermal offsets `TC_A*`, `TC_G*`, `TC_M*` and static `CAL_ACC*`, `CAL_GYRO*`, `CAL_MAG*`.
 
 PX4 corrects (x' − thermal(T) − offset) · scale axis by axis, thermal(T) = X3 ΔT³ + X2 ΔT² + X1 ΔT + X0 with
-ΔT = clamp(T, TMIN, TMAX) − TREF; gyros have no scale. The thermal polynomial takes the whole bias, the
-static offset is zero, and the accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range. Magnetometers (gauss)
+ΔT = clamp(T, TMIN, TMAX) − TREF; gyros have no scale. The thermal polynomial takes the whole bias and the static
+offset is zero; of a calibration at one temperature the offset takes it, and the thermal correction is switched off.
+The accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range. Magnetometers (gauss)
 have a symmetric matrix S and the field of the power: S (m' − thermal(T) + COMP · kA − offset).
 
 **Reference:** PX4-Autopilot, `TemperatureCompensation.cpp` and `sensor_calibration/Accelerometer.hpp`,
@@ -57,7 +58,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     present = calibration.accel is not None, calibration.gyro is not None
     lines = [
         *_thermal(settings, accel, gyro, present, (reference, low, high)),
-        *_static(settings, scale, present),
+        *_static(settings, scale, present, None if high > low else (accel[0], gyro[0])),
     ]
     field_losses: tuple[str, ...] = ()
     if calibration.mag is not None:
@@ -103,8 +104,10 @@ def _thermal(
     rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
     for letter, number, fit, calibrated in rows:
         if calibrated:
-            lines.append(_line(f"TC_{letter}_ENABLE", 1))
-            lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)
+            _, low, high = temperatures
+            lines.append(_line(f"TC_{letter}_ENABLE", int(high > low)))
+            if high > low:
+                lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)
     return lines
 
 
@@ -136,9 +139,11 @@ def _field(
     else:
         fit = np.pad(GAUSS * found.bias, ((0, 3), (0, 0)))
     scale, power = found.scale, -1e3 * GAUSS * found.current
-    lines = [_line("TC_M_ENABLE", 1), *_cubics(f"TC_M{n}", number, fit, temperatures)]
-    lines += [_line(f"CAL_MAG{n}_ID", number)]
-    lines += [_line(f"CAL_MAG{n}_{axis}OFF", 0.0) for axis in "XYZ"]
+    lines = [_line("TC_M_ENABLE", int(high > low))]
+    if high > low:
+        lines += _cubics(f"TC_M{n}", number, fit, temperatures)
+    offset = np.zeros(3) if high > low else fit[0]
+    lines += [_line(f"CAL_MAG{n}_ID", number), *_offsets(f"CAL_MAG{n}", offset)]
     lines += [_line(f"CAL_MAG{n}_{a}SCALE", float(scale[k, k])) for k, a in enumerate("XYZ")]
     beside = (scale[0, 1], scale[0, 2], scale[1, 2])
     lines += [_line(f"CAL_MAG{n}_{a}ODIAG", float(x)) for a, x in zip("XYZ", beside, strict=True)]
@@ -148,16 +153,29 @@ def _field(
     return lines, found.losses
 
 
+def _offsets(prefix: str, offset: Float[np.ndarray, "3"]) -> list[str]:
+    """Static offsets of one sensor."""
+    return [_line(f"{prefix}_{a}OFF", float(x)) for a, x in zip("XYZ", offset, strict=True)]
+
+
 def _static(
-    settings: Settings, scale: Float[np.ndarray, "3"], present: tuple[bool, bool]
+    settings: Settings,
+    scale: Float[np.ndarray, "3"],
+    present: tuple[bool, bool],
+    offsets: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None,
 ) -> list[str]:
-    """Static offsets, and the accelerometers' scale; what was not calibrated keeps what the autopilot has."""
+    """Static offsets, and the accelerometers' scale; what was not calibrated keeps what the autopilot has.
+
+    **Arguments:** `offsets` are the biases of a calibration at one temperature, else none.
+    """
     n, lines = settings.instance, []
-    sensors = zip(("ACC", "GYRO"), (settings.accel_id, settings.gyro_id), present, strict=True)
-    for sensor, number, calibrated in sensors:
+    numbers = settings.accel_id, settings.gyro_id
+    said = offsets or (np.zeros(3), np.zeros(3))
+    sensors = zip(("ACC", "GYRO"), numbers, said, present, strict=True)
+    for sensor, number, offset, calibrated in sensors:
         if calibrated:
             lines.append(_line(f"CAL_{sensor}{n}_ID", number))
-            lines += [_line(f"CAL_{sensor}{n}_{axis}OFF", 0.0) for axis in "XYZ"]
+            lines += _offsets(f"CAL_{sensor}{n}", offset)
     if present[0]:
         pairs = zip("XYZ", scale.tolist(), strict=True)
         lines += [_line(f"CAL_ACC{n}_{axis}SCALE", value) for axis, value in pairs]
