@@ -48,6 +48,24 @@ def export(
             help="noise.json of `inertiax noise`, for formats that hold noise (--set goes before it).",
         ),
     ] = None,
+    warm_up: Annotated[
+        Path | None,
+        typer.Option(
+            "--warm-up",
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="calibration.json of one pose over temperature; CALIBRATION, of one temperature, gets its biases.",
+        ),
+    ] = None,
+    made_at: Annotated[
+        float | None,
+        typer.Option(
+            "--at",
+            metavar="T",
+            help="With --warm-up: temperature of CALIBRATION in °C, where it holds none.",
+        ),
+    ] = None,
     source: Annotated[
         str,
         typer.Option(
@@ -82,6 +100,8 @@ def export(
     how = _settings(reading or [], "'--read'")
     if how and source == "inertiax":
         raise typer.BadParameter("is for files of other tools, with --from.", param_hint="'--read'")
+    if made_at is not None and warm_up is None:
+        raise typer.BadParameter("is for calibrations with --warm-up.", param_hint="'--at'")
     if output is not None:
         outputs.require_file(output)
     with console.Stages(quiet=quiet) as stages:
@@ -99,6 +119,11 @@ def export(
             known = read_calibration(calibration)
         else:
             known = read_calibration_of(calibration.read_bytes(), source, **how)
+        if warm_up is not None:
+            from ..calibration.calibration import read_calibration
+            from ..calibration.warm_up import with_warm_up
+
+            known = with_warm_up(known, read_calibration(warm_up), made_at)
         stages("exporting")
         notes: tuple[str, ...] = ()
         if noise is not None:

@@ -51,4 +51,5 @@ def _largest_size(along: np.ndarray, variance: np.ndarray) -> float:
     losses = np.array([loss(x) for x in grid])
     best = int(np.argmin(losses))
     limit = losses[best] + DROP
-    return float(np.exp(scipy.optimize.brentq(lambda x: loss(x) - limit, grid[best], high)))
+    edge = scipy.optimize.root_scalar(lambda x: loss(x) - limit, bracket=(grid[best], high))
+    return float(np.exp(edge.root))

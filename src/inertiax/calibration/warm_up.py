@@ -1,0 +1,113 @@
+r"""A calibration at one temperature, joined with the biases that a warm-up in one pose shows over temperature.
+
+Who has no chamber turns the device at room temperature, and leaves it in one pose while it warms up from the cold. The
+first tells biases, scale factors and misalignments at one temperature $T_0$; the second how the outputs move:
+
+$$p(T) = p + b_w(T) - b_w(T_0),$$
+
+with the warm-up's biases $b_w$, of which only differences are told. In the basis of the warm-up, with $u$ the
+coefficients of the constant function one and $\phi$ the basis, the biases' coefficients are
+$u\,p + (I - u\,\phi(T_0)^T)\,c_w$, and their covariance follows; the two logs are independent. What a scale factor does
+with temperature is counted as bias where gravity or a rate lies along its axis.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..physics.temperature import AbstractBasis, Constant, Curve
+from .pytree import Calibration
+from .triad import TriadCalibration
+
+
+WIDE = (
+    10.0  # °C, beyond which a calibration without temperature dependence is not of one temperature
+)
+
+
+def with_warm_up(
+    calibration: Calibration, warm_up: Calibration, temperature: float | None = None
+) -> Calibration:
+    """The calibration at one temperature with the warm-up's biases over temperature.
+
+    **Arguments:** `temperature` (°C) is that of `calibration`; without it the middle of its `temperature_range`. A
+    triad that one of the two lacks is taken from the other as it is; a barometer too.
+
+    Raises `ValueError` where the devices have different names, where `calibration` has a temperature dependence of its
+    own or no temperature is known, and where that lies outside of the warm-up's.
+    """
+    if calibration.device and warm_up.device and calibration.device != warm_up.device:
+        raise ValueError(
+            f"the warm-up is of device '{warm_up.device}', the calibration of '{calibration.device}'."
+        )
+    for triad in calibration.triads:
+        if not isinstance(triad.curve.basis, Constant):
+            raise ValueError(
+                "the calibration depends on temperature itself; it needs no warm-up. Give the one with constants first."
+            )
+    ends = warm_up.temperature_range
+    if ends is None:
+        raise ValueError("the warm-up has no temperatures; record them with it.")
+    at = _temperature(calibration, temperature)
+    low, high = map(float, ends)
+    if not low <= at <= high:
+        raise ValueError(
+            f"the calibration was made at {at:.1f} °C, outside of the warm-up's {low:.1f} to {high:.1f} °C."
+        )
+    said = (
+        f"biases over temperature from a warm-up in one pose, joined at {at:.1f} °C: what scale factors do with "
+        "temperature is counted as bias along gravity",
+    )
+    return replace(
+        calibration,
+        accel=_joined(calibration.accel, warm_up.accel, at),
+        gyro=_joined(calibration.gyro, warm_up.gyro, at),
+        temperature_range=ends,
+        notes=(*calibration.notes, *said),
+        cross_covariance=None,
+        baro=calibration.baro or warm_up.baro,
+    )
+
+
+def _temperature(calibration: Calibration, given: float | None) -> float:
+    if given is not None:
+        return float(given)
+    ends = calibration.temperature_range
+    if ends is None:
+        raise ValueError("the calibration has no temperature; give the one that it was made at.")
+    low, high = map(float, ends)
+    if high - low > WIDE:
+        raise ValueError(
+            f"the calibration covers {low:.1f} to {high:.1f} °C with constants; give the temperature that it is meant "
+            "for."
+        )
+    return 0.5 * (low + high)
+
+
+def _one(basis: AbstractBasis) -> Float[np.ndarray, " size"]:
+    """Coefficients of the constant function one."""
+    rows = basis.rows(np.array([float(t) for t in basis.nodes]))
+    return np.linalg.lstsq(rows, np.ones(len(rows)), rcond=None)[0]
+
+
+def _joined(
+    fixed: TriadCalibration | None, moving: TriadCalibration | None, at: float
+) -> TriadCalibration | None:
+    if fixed is None or moving is None or isinstance(moving.curve.basis, Constant):
+        return fixed or moving
+    basis, one = moving.curve.basis, _one(moving.curve.basis)
+    change = np.eye(len(one)) - np.outer(one, basis.rows(np.array([at]))[0])
+    size, count = len(one), len(fixed.names)
+    spread = np.kron(one[:, None], np.eye(count))  # of the constants onto the basis
+    shift = np.zeros((size * count, size * len(moving.names)))
+    for k, name in enumerate(fixed.names):
+        if ".bias[" in name and name in moving.names:
+            other = moving.names.index(name)
+            shift[k::count, other :: len(moving.names)] = change
+    coefficients = spread @ np.ravel(fixed.curve.coefficients)
+    coefficients += shift @ np.ravel(moving.curve.coefficients)
+    covariance = spread @ np.asarray(fixed.covariance) @ spread.T
+    covariance += shift @ np.asarray(moving.covariance) @ shift.T
+    curve = Curve(basis, coefficients.reshape(size, count))
+    return TriadCalibration(curve, covariance, fixed.names, fixed.estimator)

@@ -1,0 +1,153 @@
+"""A hand log at one temperature joined with a warm-up in one pose: a device made in NumPy, and a hand calculation."""
+
+import json
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from command_runs import run
+from exports_cases import triad
+from inertiax.calibrate.pipeline import calibrate
+from inertiax.calibration.calibration import Calibration, read_calibration, write_calibration
+from inertiax.calibration.warm_up import with_warm_up
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.physics.temperature import Constant, CubicSpline, Polynomial
+
+
+G = 9.81
+MATRIX = np.array([[0.01, 0.0, 0.0], [0.004, -0.008, 0.0], [-0.006, 0.003, 0.005]])
+
+
+def bias(temperature):
+    """m/s², a cubic of each accelerometer over −10 to 50 °C."""
+    x = (np.asarray(temperature)[..., None] - 20.0) / 30.0
+    shape = np.array([0.10, -0.05, 0.08]) * x + np.array([0.02, 0.03, -0.04]) * x**3
+    return np.array([0.1, -0.2, 0.15]) + shape
+
+
+def logs(seed):
+    """Eighteen poses of 4 s at 22 °C, and half an hour in one pose from −10 to 50 °C."""
+    rng = np.random.default_rng(seed)
+    up = rng.standard_normal((18, 3))
+    up = np.repeat(up / np.linalg.norm(up, axis=1, keepdims=True), 200, axis=0)
+    hand = {"position": np.repeat(np.arange(18), 200), "up": up, "temperature": np.full(3600, 22.0)}
+    heat = np.linspace(-10.0, 50.0, 9000)
+    warm = {
+        "position": np.zeros(9000, int),
+        "up": np.tile([0.6, 0.0, 0.8], (9000, 1)),
+        "temperature": heat,
+    }
+    made = []
+    for log in (hand, warm):
+        accel = G * log["up"] @ (np.eye(3) + MATRIX).T + bias(log["temperature"])
+        accel += 0.01 * rng.standard_normal(accel.shape)
+        time = np.arange(len(accel)) * (0.02 if log is hand else 0.2)
+        heat = log["temperature"][:, None] + 0.01 * rng.standard_normal((len(accel), 1))
+        made.append(Recording(time=time, accel=accel, temperature=heat, position=log["position"]))
+    return made
+
+
+@pytest.fixture(scope="module")
+def both():
+    with jax.enable_x64(True):
+        hand, warm = logs(1)
+        poses = ModelChoice(accel_estimator="invariant", temperature_degree=0)
+        pose = ModelChoice(accel_estimator="static", temperature_degree=3)
+        (fixed,) = calibrate(Campaign((hand,), Site(G), model=poses))
+        (moving,) = calibrate(Campaign((warm,), Site(G), model=pose))
+        return fixed.calibration, moving.calibration
+
+
+def test_biases_of_a_made_up_device_are_told_over_temperature(both):
+    found = with_warm_up(*both)
+    at = np.array([-10.0, 0.0, 22.0, 40.0, 50.0])
+    values, sigmas = found.accel.over(at)
+    error = values[:, :3] - bias(at)
+    assert np.abs(error / sigmas[:, :3]).max() < 4.0
+    assert np.abs(error).max() < 0.005  # of changes of 0.1 m/s² and more
+    # Without the warm-up the biases of 22 °C are wrong elsewhere; the matrix is the hand log's.
+    assert np.abs(both[0].accel.over(at)[0][:, :3] - bias(at)).max() > 0.1
+    np.testing.assert_allclose(
+        values[:, 3:], np.tile(both[0].accel.over(at)[0][0, 3:], (5, 1)), rtol=1e-9
+    )
+    assert found.temperature_range == both[1].temperature_range
+    assert found.notes[-1].startswith(
+        "biases over temperature from a warm-up in one pose, joined at 22.0"
+    )
+
+
+@pytest.mark.parametrize(
+    "basis", [Polynomial(3, -10.0, 50.0), CubicSpline((-10.0, 5.0, 30.0, 50.0))]
+)
+def test_values_and_variances_are_those_of_the_equation(basis):
+    """p + b(T) − b(T0); variance of p plus that of the difference, by hand from the warm-up's covariance."""
+    rng = np.random.default_rng(2)
+    fixed, moving = triad("accel", Constant(), seed=4), triad("accel", basis, seed=5)
+    root = 1e-3 * rng.standard_normal((2, 48, 48))
+    count = len(moving.names)
+    fixed = replace_covariance(fixed, root[0][:count, :count] @ root[0][:count, :count].T)
+    moving = replace_covariance(moving, root[1] @ root[1].T)
+    warm = Calibration(gravity=G, accel=moving, temperature_range=(-10.0, 50.0))
+    found = with_warm_up(Calibration(gravity=G, accel=fixed), warm, 15.0).accel
+    at = np.array([-10.0, 15.0, 37.0])
+    values, sigmas = found.over(at)
+    change = moving.over(at)[0][:, :3] - moving.over(np.array([15.0]))[0][:, :3]
+    expected = np.asarray(fixed.curve.coefficients)[0] + np.pad(change, ((0, 0), (0, count - 3)))
+    np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-12)
+    step = basis.rows(at) - basis.rows(np.array([15.0]))
+    blocks = np.asarray(moving.covariance).reshape(basis.size, count, basis.size, count)
+    for k in range(3):
+        variance = fixed.covariance[k, k] + np.einsum("ta,ab,tb->t", step, blocks[:, k, :, k], step)
+        np.testing.assert_allclose(sigmas[:, k], np.sqrt(variance), rtol=1e-9)
+    np.testing.assert_allclose(sigmas[:, 5], np.sqrt(fixed.covariance[5, 5]), rtol=1e-9)
+
+
+def replace_covariance(one, covariance):
+    return type(one)(one.curve, covariance, one.names, one.estimator)
+
+
+def test_what_does_not_fit_together_is_refused_in_one_line(both):
+    fixed, moving = both
+    cold = replace(fixed, temperature_range=(-30.0, -28.0))
+    wide = replace(fixed, temperature_range=(0.0, 40.0))
+    for one, other, words in (
+        (moving, moving, "depends on temperature itself"),
+        (cold, moving, "made at -29.0 °C, outside of the warm-up's"),
+        (wide, moving, "covers 0.0 to 40.0 °C with constants"),
+        (replace(fixed, temperature_range=None), moving, "has no temperature"),
+        (fixed, replace(moving, temperature_range=None), "the warm-up has no temperatures"),
+        (replace(fixed, device="A"), replace(moving, device="B"), "of device 'B'.*of 'A'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            with_warm_up(one, other)
+
+
+def test_the_export_command_joins_them(both, capsys, monkeypatch, tmp_path):
+    write_calibration(both[0], tmp_path / "hand.json")
+    write_calibration(both[1], tmp_path / "warm.json")
+    out = tmp_path / "joined.json"
+    status, said, _ = run(
+        capsys, monkeypatch, "export", tmp_path / "hand.json", "--warm-up", tmp_path / "warm.json",
+        "--to", "inertiax", "-o", out, "--json",
+    )  # fmt: skip
+    assert status == 0 and json.loads(said)
+    expected, got = with_warm_up(*both), read_calibration(out)
+    at = np.linspace(-10.0, 50.0, 7)
+    np.testing.assert_allclose(
+        got.accel.over(at)[0], expected.accel.over(at)[0], rtol=1e-6, atol=1e-9
+    )
+    status, _, err = run(
+        capsys,
+        monkeypatch,
+        "export",
+        tmp_path / "hand.json",
+        "--at",
+        "20",
+        "--to",
+        "px4",
+        "-o",
+        out,
+    )
+    assert status == 2 and "with --warm-up" in err
