@@ -350,9 +350,7 @@ def notes_on(
     notes = []
     for triad, label in (("accel", "accelerometers"), ("gyro", "gyros")):
         if getattr(recording, triad) is not None and getattr(calibration, triad) is None:
-            named = [
-                e.name for e in calibration.effects if triad in {c[:-2] for c in e.channel_names}
-            ]
+            named = [e.name for e in calibration.effects if e.triad == triad]
             kept = f"have only {', '.join(named)} taken away" if named else "are left as recorded"
             notes.append(f"{name}: the {label} were not calibrated and {kept}")
     if feels_current(calibration) and recording.mag is not None and recording.current is None:

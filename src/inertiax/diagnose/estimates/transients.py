@@ -48,7 +48,7 @@ class Burst:
     def formula(self, start: float, end: float, first: float) -> str:
         """The dependence in words with its size; `first` is the clock's time at the first row, s."""
         unit = "m/s^2" if self.channel.startswith("accel") else "rad/s"
-        begin, finish = (moment(round(t), round(first)) for t in (start, end))
+        begin, finish = (moment(float(round(t)), float(round(first))) for t in (start, end))
         return (
             f"{self.channel} carries a disturbance of {self.excess:.3g} {unit} rms from {begin} to {finish} "
             f"({self.kind})"
