@@ -46,10 +46,20 @@ def explain(
                 parameters=values,
                 evidence=Evidence(bic, named.p_value, 1.0 - full / without),
                 statement=sentence(effect, term.channel_names, values, odds),
-                separating_experiment=effect.separating,
+                separating_experiment=experiment(effect, alone=not named.rivals),
             )
         )
     return _merge(made)
+
+
+def experiment(effect: Effect, *, alone: bool) -> str:
+    """What would tell more: of a lone effect what confirms it, of a set also the command that plans the run."""
+    if alone:
+        return effect.separating
+    return (
+        f"{effect.separating}; `inertiax design --separate` with this diagnosis gives the run that parts these names "
+        "in the least time, its checklist and the odds to expect"
+    )
 
 
 def delta_bic(ratio: float, size: int, effect: Effect, rows: float) -> float:
