@@ -145,7 +145,9 @@ def _unit(
         return [finding("time_unit", "error", "time", text, remedy=remedy, step=step, **common)]
     remedy, unit = remedies.rescaled("gyro", device.columns, best.factor)
     said = "the gyros' unit or scale is wrong" + (
-        ", or the sampling rate" if unit is None else f", likely {unit}"
+        f", or the sampling rate: {ratio / step:.3g} Hz would agree, {1.0 / step:.3g} Hz is given"
+        if unit is None
+        else f", likely {unit}"
     )
     return [finding("gyro_unit", "error", "gyro", f"{turned}: {said}.", remedy=remedy, **common)]
 
