@@ -104,6 +104,16 @@ def test_values_and_variances_are_those_of_the_equation(basis):
     np.testing.assert_allclose(sigmas[:, 5], np.sqrt(fixed.covariance[5, 5]), rtol=1e-9)
 
 
+def test_one_pose_gives_gyros_that_are_missing_but_no_accelerometers(both):
+    """Of gyros at rest the warm-up tells biases; of accelerometers only what they do with temperature."""
+    basis = Polynomial(3, -10.0, 50.0)
+    turning = triad("gyro", basis, seed=6)
+    warm = replace(both[1], gyro=turning)
+    assert with_warm_up(both[0], warm).gyro is turning
+    alone = Calibration(gravity=G, gyro=triad("gyro", Constant(), seed=7))
+    assert with_warm_up(alone, warm, 20.0).accel is None
+
+
 def replace_covariance(one, covariance):
     return type(one)(one.curve, covariance, one.names, one.estimator)
 
@@ -114,6 +124,7 @@ def test_what_does_not_fit_together_is_refused_in_one_line(both):
     wide = replace(fixed, temperature_range=(0.0, 40.0))
     for one, other, words in (
         (moving, moving, "depends on temperature itself"),
+        (fixed, fixed, "the warm-up has no biases over temperature"),
         (cold, moving, "made at -29.0 °C, outside of the warm-up's"),
         (wide, moving, "covers 0.0 to 40.0 °C with constants"),
         (replace(fixed, temperature_range=None), moving, "has no temperature"),

@@ -21,9 +21,7 @@ from .pytree import Calibration
 from .triad import TriadCalibration
 
 
-WIDE = (
-    10.0  # °C, beyond which a calibration without temperature dependence is not of one temperature
-)
+WIDE = 10.0  # °C, beyond which a calibration by constants is not of one temperature
 
 
 def with_warm_up(
@@ -31,11 +29,12 @@ def with_warm_up(
 ) -> Calibration:
     """The calibration at one temperature with the warm-up's biases over temperature.
 
-    **Arguments:** `temperature` (°C) is that of `calibration`; without it the middle of its `temperature_range`. A
-    triad that one of the two lacks is taken from the other as it is; a barometer too.
+    **Arguments:** `temperature` (°C) is that of `calibration`; without it the middle of its `temperature_range`.
+    Accelerometers that `calibration` lacks stay out, since one pose tells of them differences alone; gyros and a
+    barometer are taken from the warm-up.
 
     Raises `ValueError` where the devices have different names, where `calibration` has a temperature dependence of its
-    own or no temperature is known, and where that lies outside of the warm-up's.
+    own or the warm-up has none, where no temperature is known, and where it lies outside of the warm-up's.
     """
     if calibration.device and warm_up.device and calibration.device != warm_up.device:
         raise ValueError(
@@ -46,6 +45,10 @@ def with_warm_up(
             raise ValueError(
                 "the calibration depends on temperature itself; it needs no warm-up. Give the one with constants first."
             )
+    if all(isinstance(t.curve.basis, Constant) for t in warm_up.triads):
+        raise ValueError(
+            "the warm-up has no biases over temperature; give it `[model] temperature_degree`."
+        )
     ends = warm_up.temperature_range
     if ends is None:
         raise ValueError("the warm-up has no temperatures; record them with it.")
@@ -61,8 +64,10 @@ def with_warm_up(
     )
     return replace(
         calibration,
-        accel=_joined(calibration.accel, warm_up.accel, at),
-        gyro=_joined(calibration.gyro, warm_up.gyro, at),
+        accel=None if calibration.accel is None else _joined(calibration.accel, warm_up.accel, at),
+        gyro=warm_up.gyro
+        if calibration.gyro is None
+        else _joined(calibration.gyro, warm_up.gyro, at),
         temperature_range=ends,
         notes=(*calibration.notes, *said),
         cross_covariance=None,
@@ -92,10 +97,10 @@ def _one(basis: AbstractBasis) -> Float[np.ndarray, " size"]:
 
 
 def _joined(
-    fixed: TriadCalibration | None, moving: TriadCalibration | None, at: float
-) -> TriadCalibration | None:
-    if fixed is None or moving is None or isinstance(moving.curve.basis, Constant):
-        return fixed or moving
+    fixed: TriadCalibration, moving: TriadCalibration | None, at: float
+) -> TriadCalibration:
+    if moving is None or isinstance(moving.curve.basis, Constant):
+        return fixed
     basis, one = moving.curve.basis, _one(moving.curve.basis)
     change = np.eye(len(one)) - np.outer(one, basis.rows(np.array([at]))[0])
     size, count = len(one), len(fixed.names)

@@ -98,9 +98,7 @@ def _by_name(log: RawLog) -> Roles:
             kinds["accel"].append(triad)
         else:
             unnamed.append(triad)
-    if (
-        len(triads) == 1 and len(unnamed) == 1 and len(log.names) <= 4
-    ):  # nothing else to take it for
+    if sole and unnamed:  # nothing else to take it for
         kinds["accel"], unnamed = unnamed, []
     by_norm = [t for t in unnamed if not kinds["accel"] and _is_specific_force(log, t)]
     kinds["accel"] += by_norm[:1]

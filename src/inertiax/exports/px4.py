@@ -100,11 +100,10 @@ def _thermal(
     present: tuple[bool, bool],
     temperatures: tuple[float, float, float],
 ) -> list[str]:
-    n, lines = settings.instance, []
+    n, lines, (_, low, high) = settings.instance, [], temperatures
     rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
     for letter, number, fit, calibrated in rows:
         if calibrated:
-            _, low, high = temperatures
             lines.append(_line(f"TC_{letter}_ENABLE", int(high > low)))
             if high > low:
                 lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)

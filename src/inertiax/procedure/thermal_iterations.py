@@ -16,7 +16,6 @@ derivatives of the answer come from the implicit function theorem.
 """
 
 import abc
-from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
@@ -35,6 +34,7 @@ from ..numerics.wide_arithmetic import in_64_bits
 from ..physics.temperature import AbstractBasis, Curve, interpolate
 from ..reduction.dwells import by_experiment, Dwells, experiment_rows
 from .rank import determines_all
+from .recorded_iteration import RecordedIteration
 
 
 class ThermalSolution(eqx.Module):
@@ -221,56 +221,6 @@ class GaussNewtonIteration(AbstractIteration):
         return interpolate(self.basis, composed)
 
 
-class _RecordState(eqx.Module):
-    index: Int[Array, ""]
-    step_size: Float[Array, ""]
-    history: Float[Array, "iterations unknowns"]
-    step_sizes: Float[Array, " iterations"]
-
-
-class _RecordedIteration(optx.AbstractFixedPointSolver):
-    """Plain fixed-point iteration that keeps every iterate and tests the step in sigmas."""
-
-    atol: float = eqx.field(static=True)  # standard deviations
-    max_iterations: int = eqx.field(static=True)
-    rtol: float = eqx.field(static=True, default=0.0)
-    norm: Callable = eqx.field(static=True, default=optx.max_norm)
-
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _RecordState:
-        del fn, args, options, f_struct, aux_struct, tags
-        history = jnp.full((self.max_iterations + 1, *y.shape), jnp.nan, y.dtype)
-        return _RecordState(
-            index=jnp.array(0),
-            step_size=jnp.array(jnp.inf, y.dtype),
-            history=history.at[0].set(y),
-            step_sizes=jnp.full(self.max_iterations + 1, jnp.nan, y.dtype),
-        )
-
-    def step(self, fn, y, args, options, state, tags):
-        del options, tags
-        new, aux = fn(y, args)
-        step_size = self.norm((new - y) / args[2])
-        index = state.index + 1
-        return (
-            new,
-            _RecordState(
-                index,
-                step_size,
-                state.history.at[index].set(new),
-                state.step_sizes.at[index].set(step_size),
-            ),
-            aux,
-        )
-
-    def terminate(self, fn, y, args, options, state, tags):
-        del fn, y, args, options, tags
-        return state.step_size < self.atol, optx.RESULTS.successful
-
-    def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        del fn, args, options, tags, result
-        return y, aux, {"history": state.history, "step_sizes": state.step_sizes}
-
-
 def start_curve(
     estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
 ) -> Float[Array, "size parameters"]:
@@ -355,7 +305,7 @@ def _iterate(
     sigma = jnp.where(jnp.isfinite(sigma), sigma, jnp.ones_like(sigma))
     solution = optx.fixed_point(
         _refine_flat,
-        _RecordedIteration(atol=tolerance, max_iterations=max_iterations),
+        RecordedIteration(atol=tolerance, max_iterations=max_iterations),
         first.reshape(-1),
         (procedure, dwells, sigma.reshape(-1)),
         max_steps=max_iterations,
