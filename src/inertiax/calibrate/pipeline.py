@@ -34,7 +34,7 @@ from ..reduction.dwells import Dwells
 from ..reduction.handling import kept_sentence, left_out_sentence
 from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
-from ..reduction.segments import segment_all, Segments
+from ..reduction.segments import numbered_through, segment, Segments, without_disturbances
 from .accelerometers import calibrate_accelerometers
 from .barometer import BarometerResult, calibrate_barometer
 from .gyros import calibrate_gyros
@@ -106,11 +106,17 @@ def calibrate_device(
 
     Raises `ValueError` with the reason where the data do not determine the model, or cannot be right.
     """
-    found_odd = () if checked else require_plausible(campaign, force=force)
+    recordings = campaign.recordings
+    as_recorded = [segment(r, handling=False) for r in recordings] if segments is None else None
+    found_odd = () if checked else require_plausible(campaign, force=force, as_recorded=as_recorded)
     fixed = None if model is None else fixed_model(model)
     chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
     progress("reducing recordings to dwells")
-    segments = tuple(segment_all(campaign.recordings) if segments is None else segments)
+    if as_recorded is not None:
+        undisturbed = [without_disturbances(r, s) for r, s in zip(recordings, as_recorded)]
+        segments = numbered_through(recordings, undisturbed)
+    assert segments is not None  # given, or just found
+    segments = tuple(segments)
     handling = tuple(d for s in segments for d in s.disturbances)
     try:
         dwells = reduce_to_dwells(campaign.recordings, segments=segments)

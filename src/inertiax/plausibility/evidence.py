@@ -1,6 +1,7 @@
 """What the checks look at: one device's recordings with their rests and the motions between them. NumPy only."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import SupportsFloat
 
 import numpy as np
@@ -11,7 +12,7 @@ from ..data.moments import moment
 from ..data.recording import Campaign, Recording, Site
 from ..data.settings import read_table
 from ..reduction.rests import usual_step
-from ..reduction.segments import segment
+from ..reduction.segments import segment, Segments
 
 
 _MOST_RESTS = 2000  # of one recording: more are labels that do not mean rests
@@ -107,21 +108,28 @@ def means(
     return Means(mean + centre, np.sqrt(np.maximum(spread, 0.0)))
 
 
-def look_at(campaign: Campaign, device: str) -> DeviceLogs:
+def look_at(
+    campaign: Campaign, device: str, *, as_recorded: Sequence[Segments] | None = None
+) -> DeviceLogs:
     """One device's recordings with their rests.
 
-    **Arguments:** `device` is a serial number of the campaign.
+    **Arguments:** `device` is a serial number of the campaign; `as_recorded` are the segments of its recordings
+    (`segment(..., handling=False)`), where they were found before.
     """
     recordings = campaign.of_device(device).recordings
+    if as_recorded is None:
+        as_recorded = [segment(r, handling=False) for r in recordings]
     # A campaign outlives its file, which only says how to write a remedy.
     file = campaign.path if campaign.path is not None and campaign.path.is_file() else None
     columns = ColumnMap() if file is None else read_table(file).columns
-    return DeviceLogs(tuple(look_at_one(r) for r in recordings), campaign.site, columns, device)
+    logs = tuple(look_at_one(r, s) for r, s in zip(recordings, as_recorded, strict=True))
+    return DeviceLogs(logs, campaign.site, columns, device)
 
 
-def look_at_one(recording: Recording) -> Log:
-    """A recording with its rests; without, where its labels do not mean rests."""
-    found = segment(recording, handling=False)  # as recorded: what disturbs them is looked for
+def look_at_one(recording: Recording, found: Segments | None = None) -> Log:
+    """A recording with its rests as recorded, for what disturbs them is looked for; without, where its labels do not
+    mean rests."""
+    found = segment(recording, handling=False) if found is None else found
     rests, plateaus = found.resting.copy(), ~found.resting
     if rests.sum() > _MOST_RESTS:
         rests &= np.arange(len(rests)) < _MOST_RESTS

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 from ..data.recording import Campaign
 from ..data.stored_recording import StoredRecording
+from ..reduction.segments import Segments
 from .accel_unit import check_accel_unit
 from .band_limit import check_band_limit
 from .clock import check_clock
@@ -60,11 +61,20 @@ CHECKS: tuple[Check, ...] = (
 _ORDER = {"error": 0, "warning": 1, "note": 2}
 
 
-def check_campaign(campaign: Campaign, *, limits: Thresholds = DEFAULT) -> Plausibility:
-    """What cannot be right in a campaign, by physics alone: nothing is fitted but a few lines, on the host."""
+def check_campaign(
+    campaign: Campaign,
+    *,
+    limits: Thresholds = DEFAULT,
+    as_recorded: Sequence[Segments] | None = None,
+) -> Plausibility:
+    """What cannot be right in a campaign, by physics alone: nothing is fitted but a few lines, on the host.
+
+    **Arguments:** `as_recorded` are the segments of the recordings of a campaign of one device
+    (`reduction.segment(..., handling=False)`), where they were found before.
+    """
     found: list[Finding] = []
     for device in campaign.devices:
-        logs = look_at(campaign, device)
+        logs = look_at(campaign, device, as_recorded=as_recorded)
         for check in CHECKS:
             found += _once(check(logs, limits), logs)
     return Plausibility(tuple(sorted(dict.fromkeys(found), key=lambda f: _ORDER[f.severity])))
@@ -90,12 +100,14 @@ def _once(found: list[Finding], logs: DeviceLogs) -> list[Finding]:
     ]
 
 
-def require_plausible(campaign: Campaign, *, force: bool = False) -> tuple[Finding, ...]:
+def require_plausible(
+    campaign: Campaign, *, force: bool = False, as_recorded: Sequence[Segments] | None = None
+) -> tuple[Finding, ...]:
     """Findings that a result has to carry: warnings and notes, and errors where `force` goes on in spite of them.
 
     Raises `ValueError` with the statement (and remedy) of the first error, and how many there are.
     """
-    seen = check_campaign(campaign)
+    seen = check_campaign(campaign, as_recorded=as_recorded)
     errors = list(seen.of("error"))
     if errors and not force:
         where = "" if campaign.path is None else f"{campaign.path}: "

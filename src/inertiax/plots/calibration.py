@@ -178,9 +178,9 @@ def misfits(result: TriadResult) -> Figure:
 
 def _mark_experiments(ax: Axes, order: np.ndarray, experiment: np.ndarray) -> None:
     """A line where an experiment ends and the next begins."""
-    labels = experiment[np.argsort(order)]
-    for edge in np.flatnonzero(np.diff(labels)):
-        ax.axvline(edge + 0.5, color=QUIET, lw=0.8, ls=":")
+    edges = np.flatnonzero(np.diff(experiment[np.argsort(order)])) + 0.5
+    # One artist for all: a campaign may have hundreds of recordings.
+    ax.vlines(edges, 0.0, 1.0, QUIET, ":", lw=0.8, transform=ax.get_xaxis_transform())
 
 
 def coverage(directions: Float[np.ndarray, "dwells 3"]) -> Figure:

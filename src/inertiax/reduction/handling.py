@@ -8,7 +8,7 @@ alone may be a turn about the vertical.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import SupportsIndex
 
 import equinox as eqx
@@ -60,7 +60,8 @@ class Disturbance(eqx.Module):
         return {k: getattr(self, k) for k in self.__dataclass_fields__}
 
 
-class Undisturbed(eqx.Module):
+@dataclass(frozen=True)
+class Undisturbed:
     """What is left of the rests of one recording: their ends, and which rows count."""
 
     start: Int[np.ndarray, " rest"]  # start = stop where nothing is left of a rest
@@ -140,7 +141,7 @@ def undisturbed(
     for step in STEPS:
         left = step(recording, left)
     order = sorted(left.disturbances, key=lambda d: (d.start, d.end))
-    return eqx.tree_at(lambda u: u.disturbances, left, tuple(order))
+    return replace(left, disturbances=tuple(order))
 
 
 def _without_moving_ends(recording: Recording, left: Undisturbed) -> Undisturbed:

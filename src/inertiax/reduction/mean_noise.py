@@ -253,9 +253,9 @@ def quantisation_step(values: Float[np.ndarray, " time"]) -> float:
     least = float(steps.min())
     least = float(steps[steps < 1.5 * least].mean())
     multiples = steps / least
-    if np.median(multiples) > 1000:
-        return 0.0
     near = multiples[multiples < 1000]
+    if 2 * len(near) < len(multiples):
+        return 0.0
     on_grid = np.abs(near - np.round(near)) < 0.02 * np.maximum(1.0, 0.01 * near)
     return least if on_grid.mean() > 0.99 else 0.0
 

@@ -69,8 +69,11 @@ def segment(recording: Recording, *, window: float = 1.0, handling: bool = True)
     if not window > 0:
         raise ValueError(f"`segment(window=...)` must be positive seconds; got {window}.")
     found = _found(recording, window)
-    if not handling:
-        return found
+    return without_disturbances(recording, found) if handling else found
+
+
+def without_disturbances(recording: Recording, found: Segments) -> Segments:
+    """The segments of a recording without the rows in which a rest was disturbed (`handling.undisturbed`)."""
     rests = np.flatnonzero(found.resting)
     kept = undisturbed(recording, found.start[rests], found.stop[rests], found.position[rests])
     start, stop = found.start.copy(), found.stop.copy()
@@ -87,9 +90,16 @@ def segment_all(
     recordings: Sequence[Recording], *, window: float = 1.0, handling: bool = True
 ) -> tuple[Segments, ...]:
     """The segments of each recording; positions that no recording states are numbered through all of them."""
+    found = [segment(r, window=window, handling=handling) for r in recordings]
+    return numbered_through(recordings, found)
+
+
+def numbered_through(
+    recordings: Sequence[Recording], segments: Sequence[Segments]
+) -> tuple[Segments, ...]:
+    """Segments of which positions that no recording states are numbered through all recordings."""
     made, first = [], 0
-    for recording in recordings:
-        found = segment(recording, window=window, handling=handling)
+    for recording, found in zip(recordings, segments, strict=True):
         if recording.position is None:  # numbers of our own: no two recordings share a position
             position = np.where(found.position >= 0, found.position + first, found.position)
             first = max(first, int(position.max(initial=-1)) + 1)

@@ -7,8 +7,10 @@ of `rostopic echo -p`). Rows may end with a delimiter: an empty last field is no
 """
 
 import csv
+import itertools
 import re
 from collections import Counter
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from ...storage.harmless_text import short
@@ -88,6 +90,13 @@ def fields(line: str, delimiter: str) -> list[str]:
     return [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
 
 
+def _number_of_fields(line: str, delimiter: str) -> int:
+    """As many as `fields` gives, counted without making them where that is the same."""
+    if delimiter == " " or '"' in line:
+        return len(fields(line, delimiter))
+    return line.count(delimiter) + 1
+
+
 def is_number(field: str) -> bool:
     """Whether a field holds a number or nothing."""
     try:
@@ -130,7 +139,7 @@ def _delimiter(body: list[_Line]) -> str:
     """The first of tab, semicolon, comma and blank that splits most lines of data into equally many fields."""
     tail = body[len(body) // 2 :] or body  # settings stand at the start
     for delimiter in _DELIMITERS:
-        counts = [len(fields(x.text, delimiter)) for x in tail]
+        counts = [_number_of_fields(x.text, delimiter) for x in tail]
         usual = _usual_width(counts)
         if usual > 1 and 2 * counts.count(usual) > len(counts):
             return delimiter
@@ -144,8 +153,10 @@ def _header(
     fewest = width - _empty_ends([f for f in split.values() if len(f) == width])
     fits = lambda named: fewest <= len(_named(named)) <= width
     full = lambda row: len(row) == width and 2 * sum(map(bool, row)) > width
-    wide = [x for x in body if full(split[x.number]) or fits(split[x.number])] or body
-    top = wide[0]
+    wide = (x for x in body if full(split[x.number]) or fits(split[x.number]))
+    top = next(wide, None)
+    if top is None:
+        top, wide = body[0], iter(body[1:])
     above = [x for x in lines if x.number < top.number]
     first = split[top.number]
     values = sum(map(is_value, first))
@@ -155,11 +166,12 @@ def _header(
             return _named(comment), above[-1].number, top.number
     if 2 * values > len(first):
         return None, None, top.number
-    header = next((x for x in _text_rows(wide, split) if _are_names(split[x.number])), top)
+    rows = _text_rows(itertools.chain([top], wide), split)
+    header = next((x for x in rows if _are_names(split[x.number])), top)
     return _named(split[header.number]), header.number, header.number + 1
 
 
-def _text_rows(wide: list[_Line], split: dict[int, list[str]]) -> list[_Line]:
+def _text_rows(wide: Iterable[_Line], split: dict[int, list[str]]) -> list[_Line]:
     """The lines at the top without any value: names, and with some loggers devices and units."""
     rows = []
     for line in wide:
