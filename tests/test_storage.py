@@ -162,6 +162,16 @@ def test_the_second_owner_is_refused_in_a_line_within_its_patience(tmp_path, oth
 
 
 @posix
+def test_a_lock_of_a_killed_process_goes_with_the_next_run_beside_it(tmp_path):
+    killed, alive = (tmp_path / f".inertiax-{n}.lock" for n in ("one", "two"))
+    killed.write_text("1 elsewhere\n")  # nobody holds it
+    with owned(tmp_path / "two"), owned(tmp_path / "three"):
+        assert not killed.exists()
+        assert alive.exists()  # held by this process
+    assert not list(tmp_path.iterdir())
+
+
+@posix
 def test_a_lock_of_the_folder_above_stops_nobody(tmp_path):
     """`flock DIR inertiax … -o DIR/out`: whoever starts us may hold it."""
     import fcntl

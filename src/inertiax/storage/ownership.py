@@ -41,6 +41,7 @@ def owned(results: Path) -> Iterator[None]:
         stack.enter_context(_locked(lock, results))
         sweep(results.parent, unfinished_name(results))
         _sweep_inside(results)
+        _sweep_locks(results.parent)
         yield
 
 
@@ -48,6 +49,19 @@ def _sweep_inside(results: Path) -> None:
     if results.is_dir():
         for folder in (results, *(p for p in results.iterdir() if p.is_dir())):
             sweep(folder)
+
+
+def _sweep_locks(folder: Path) -> None:
+    """Remove locks that nobody holds: of runs that were killed and whose results have another name than ours."""
+    with suppress(OSError):
+        for lock in folder.glob(f"{MARK}*.lock"):
+            if lock in _held or (handle := _attempt(lock)) is None:
+                continue
+            # Whoever has opened it meanwhile sees that it is gone, and makes another one (`_attempt`).
+            try:
+                lock.unlink(missing_ok=True)
+            finally:
+                os.close(handle)
 
 
 def release_all() -> None:
