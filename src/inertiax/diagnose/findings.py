@@ -18,6 +18,7 @@ from .observations.delay_ramps import Delay
 from .problem import between_all, finer, Prepared
 from .selection.score_test import Score
 from .selection.verdict import Answer, identify, Named
+from .wording.explain import formula
 
 
 Progress = Callable[[str], None]
@@ -37,6 +38,7 @@ class Finding:
     scores: tuple[Score, ...]  # of the catalogue under the null noise
     bursts: tuple[Burst, ...]  # where nothing smooth explains the triad's rows
     left_out: tuple[Disturbance, ...] = ()  # rests that stood out alone
+    remarks: tuple[str, ...] = ()  # on the noise that the rows were judged with
 
     @property
     def verdict(self) -> str:
@@ -108,6 +110,29 @@ def _asked(answer: Answer) -> list[Term]:
     """What was named, and the unlisted dependence where there is one."""
     unlisted = [] if answer.unlisted is None else [answer.unlisted.term]
     return [*(n.candidate.term for n in answer.named), *unlisted]
+
+
+def find_in_motions(prepared: Prepared, grade: str | None, progress: Progress) -> Finding:
+    """What the gyros' motions between rests show.
+
+    Nobody vouches for a hand's motion: what no catalogued effect explains is scatter, as the calibration has it, and a
+    motion that stands out alone is left out. Both are said.
+    """
+    found = find(prepared, grade, progress)
+    remarks = []
+    if found.left_out:
+        number = len(found.left_out)
+        remarks.append(f"gyros: {number} of the motions between rests left out, alone with it.")
+    answer = found.answer
+    if answer.verdict == "unexplained":
+        assert answer.unlisted is not None  # which is why
+        remarks.append(
+            "gyros: what the motions between rests show beyond the model goes best with "
+            f"{formula(answer.unlisted)}, which is no catalogued effect; it counts as their scatter."
+        )
+        answer = replace(answer, verdict="consistent", named=(), unlisted=None)
+        answer = replace(answer, noise=answer.null_noise)
+    return replace(found, answer=answer, bursts=(), left_out=(), remarks=tuple(remarks))
 
 
 def find_once(

@@ -29,7 +29,7 @@ from .estimates.separable import refined
 from .estimates.transients import (
     burst_places,
 )
-from .findings import find, find_all, Finding, Progress, silent
+from .findings import find, find_all, find_in_motions, Finding, Progress, silent
 from .noise.observation_series import NoiseFit
 from .noise.pooled_channels import TOLD
 from .noise.reml import interval_noise
@@ -37,6 +37,7 @@ from .noise.type_noise import TypeNoise
 from .plan.detectability import Audited, conclude
 from .plan.limits import Audit
 from .problem import prepare, Prepared, Problem
+from .problem_of_motions import prepared_motions
 from .residuals import residuals
 from .result import Detectable, Diagnosis, Quality, with_findings
 from .selection.evidence import Candidate
@@ -71,6 +72,10 @@ def diagnose_campaign(
         problem = prepare(seen, effects, noise=noise)
         progress("calibration, blocks and signatures made")
         findings = find_all(problem.triads, campaign.grade, progress)
+        motions = prepared_motions(problem, effects)
+        if motions is not None:
+            progress("gyro: motions between rests")
+            findings.append(find_in_motions(motions, campaign.grade, progress))
         found, named = conclude_findings(findings, effects, progress)
         if noise is not None:
             found = replace(found, noise=(noise.origin(), *found.noise))
@@ -207,6 +212,7 @@ def conclude_findings(
         rows.append(residuals(prepared, _everything(answer, terms)))
         if answer.alike:
             noise.append(TOLD.format(triad=prepared.form.triad))
+        noise.extend(finding.remarks)
         checks = allan_checks(prepared, answer.noise, _everything(answer, terms))
         noise.extend(check.line() for check in checks)
         progress(f"{prepared.form.triad}: proved on held-out data")
@@ -214,7 +220,8 @@ def conclude_findings(
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
     plan = conclude([_audited(f) for f in findings], effects)
     plan = with_delays(plan, [f.prepared.delay for f in findings if f.prepared.delay is not None])
-    said = summary(verdict, explanations, where, empirical, [f.prepared.form for f in findings])
+    forms = [f.prepared.form for f in findings if not f.prepared.motions]
+    said = summary(verdict, explanations, where, empirical, forms)
     handling = _handling(findings)
     diagnosis = Diagnosis(
         verdict=verdict,

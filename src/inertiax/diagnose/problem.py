@@ -50,6 +50,7 @@ class Prepared:
     )
     log: Log | None = None
     only: Callable[[np.ndarray], "Prepared"] | None = None  # the same triad with some of its blocks
+    motions: bool = False  # rows are of the gyros' motions between rests, two each, rad
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,15 @@ from .candidates.signatures import Term
 from .problem import Prepared
 
 
+TURN = "direction after a motion"
+
+
 class Residuals(eqx.Module):
     """One triad's residuals block by block; columns that the campaign does not tell are `None`."""
 
     triad: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)  # of the rows; |accel| for the invariant
+    # Of the rows; |accel| for the invariant, TURN for gravity's direction after motions.
+    channels: tuple[str, ...] = eqx.field(static=True)
     time: Float[np.ndarray, " block"]  # s, on the recording's clock
     experiment: Int[np.ndarray, " block"]
     moving: Bool[np.ndarray, " block"]
@@ -24,9 +28,14 @@ class Residuals(eqx.Module):
     temperature_rate: Float[np.ndarray, " block"] | None  # °C/s
     force: Float[np.ndarray, "block 3"] | None  # g
     rate: Float[np.ndarray, "block 3"] | None  # rad/s
-    before: Float[np.ndarray, "block row"]  # m/s² or rad/s, of the model as meant
+    before: Float[np.ndarray, "block row"]  # m/s², rad/s or rad, of the model as meant
     after: Float[np.ndarray, "block row"]  # with the effects in the fit
     loads: Float[np.ndarray, "block 3"] | None = None  # of the outputs on a single row, |accel|
+
+    @property
+    def name(self) -> str:
+        """In names of files: the triad, and "motions" where the rows are of these."""
+        return f"{self.triad}-motions" if self.channels == (TURN,) else self.triad
 
     def of(self, channel: str) -> int:
         """Column of the rows that a channel of the triad shows up in."""
@@ -48,13 +57,14 @@ def residuals(prepared: Prepared, chosen: Sequence[Term]) -> Residuals:
             columns[k].append(y - x @ solution)
     triad = prepared.form.triad
     names = tuple(f"{triad}_{a}" for a in "xyz")
+    alone = TURN if prepared.motions else f"|{triad}|"
 
     def plain(values):
         return None if values is None else np.asarray(values, float)
 
     return Residuals(
         triad=triad,
-        channels=names if len(system.chains) == 3 else (f"|{triad}|",),
+        channels=names if len(system.chains) == 3 else (alone,),
         time=prepared.clock[(blocks.start + blocks.stop) // 2],
         experiment=blocks.experiment,
         moving=blocks.moving,
@@ -66,5 +76,5 @@ def residuals(prepared: Prepared, chosen: Sequence[Term]) -> Residuals:
         rate=plain(coarse.rate),
         before=np.stack(columns[0], axis=1),
         after=np.stack(columns[1], axis=1),
-        loads=None if len(system.chains) == 3 else system.base.loads[0],
+        loads=None if len(system.chains) == 3 or prepared.motions else system.base.loads[0],
     )

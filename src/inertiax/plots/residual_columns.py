@@ -21,7 +21,7 @@ class Column(NamedTuple):
 class Table(NamedTuple):
     """One triad's blocks."""
 
-    triad: str
+    name: str  # of the rows
     variables: tuple[Column, ...]
     before: tuple[Column, ...]  # residuals of each channel, of the model as meant
     effects: tuple[Column, ...]  # what was found takes from them: before less after
@@ -50,7 +50,7 @@ def table(rows: Residuals) -> Table:
     factor, unit = scale(rows)
     before, taken = factor * rows.before, factor * (rows.before - rows.after)
     return Table(
-        rows.triad,
+        rows.name,
         tuple(found),
         tuple(Column(c, unit, before[:, k]) for k, c in enumerate(rows.channels)),
         tuple(Column(c, unit, taken[:, k]) for k, c in enumerate(rows.channels)),

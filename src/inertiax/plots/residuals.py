@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..calibration.quantities import DEG_PER_HOUR
-from ..diagnose.residuals import Residuals
+from ..diagnose.residuals import Residuals, TURN
 from .style import COLOURS, INK, legend_above, MARKERS, new_figure, QUIET
 
 
@@ -136,12 +136,16 @@ def scale(rows: Residuals) -> tuple[float, str]:
     if rows.triad == "accel":
         micro = 1e6 / 9.80665
         return (micro, "µg") if size * micro < 1e3 else (1e-3 * micro, "mg")
+    if rows.channels == (TURN,):
+        return 1e3, "mrad"
     if size * DEG_PER_HOUR < 1e3:
         return DEG_PER_HOUR, "°/h"
     return _DEG_PER_SECOND, "°/s"
 
 
 def _row_name(rows: Residuals, channel: str) -> str:
+    if rows.channels == (TURN,):
+        return TURN
     if channel.startswith("|"):
         return "size of specific force"
     return f"{'accelerometer' if rows.triad == 'accel' else 'gyro'} {channel[-1]}"

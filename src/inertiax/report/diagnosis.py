@@ -3,10 +3,12 @@
 import math
 from pathlib import Path
 
+import numpy as np
+
 from ..calibration.quantities import label, with_sigma
 from ..data.recording import Campaign
 from ..diagnose import Diagnosis
-from ..diagnose.residuals import Residuals
+from ..diagnose.residuals import Residuals, TURN
 from ..diagnose.result import Moved
 from ..diagnose.wording.sentences import gain_on_left_out
 from ..effects import CATALOGUE
@@ -118,24 +120,29 @@ def _driver_figures(
 ) -> tuple[Picture, ...]:
     """Residuals of the named channels against a driver, before and after."""
     made = []
-    for rows in found.residuals:
+    # Rests and motions of one triad are rows of their own; an effect shows in those that it changes.
+    changed = [r for r in found.residuals if not np.allclose(r.before, r.after)]
+    for rows in changed or found.residuals:
         channels = tuple(c for c in named if c.startswith(rows.triad))
         if not channels:
             continue
+        dots = "motions" if rows.channels == (TURN,) else "blocks of a few seconds"
         caption = (
             f"Residuals of the {_rows_name(rows)} against {in_words(driver)}, before and after. Dots are "
-            f"blocks of a few seconds, the line is their mean."
+            f"{dots}, the line is their mean."
         )
         if rows.loads is not None:
             caption += " The size of specific force is shown as the error of the channel that would make it."
         with drawing():
             figure = residual_plots.before_and_after(rows, driver, channels)
-            made.append(picture(figure, folder, f"{name}-{rows.triad}", caption, caption))
+            made.append(picture(figure, folder, f"{name}-{rows.name}", caption, caption))
     return tuple(made)
 
 
 def _rows_name(rows: Residuals) -> str:
     name = "accelerometers" if rows.triad == "accel" else "gyros"
+    if rows.channels == (TURN,):
+        return f"{name} (gravity's direction after motions between rests)"
     return name if len(rows.channels) == 3 else f"{name} (size of specific force less gravity)"
 
 
@@ -184,7 +191,7 @@ def _time_figures(found: Diagnosis, folder: Path) -> tuple[Picture, ...]:
         caption = f"Residuals of the {_rows_name(rows)} over the campaign."
         with drawing():
             figure = residual_plots.over_time(rows)
-            made.append(picture(figure, folder, f"over-time-{rows.triad}", caption, caption))
+            made.append(picture(figure, folder, f"over-time-{rows.name}", caption, caption))
     return tuple(made)
 
 

@@ -85,7 +85,7 @@ def _thinned(full: Table, triads: int) -> Table:
     blocks, channels = len(full.variables[0].values), len(full.before)
     step = -(-blocks * channels * triads // MOST_POINTS)
     cut = lambda columns: tuple(c._replace(values=c.values[::step]) for c in columns)
-    return Table(full.triad, cut(full.variables), cut(full.before), cut(full.effects))
+    return Table(full.name, cut(full.variables), cut(full.before), cut(full.effects))
 
 
 def _packed(tables: Sequence[Table]) -> tuple[bytes, list[dict]]:
@@ -103,7 +103,7 @@ def _packed(tables: Sequence[Table]) -> tuple[bytes, list[dict]]:
 
     layout = [
         {
-            "triad": t.triad,
+            "triad": t.name,
             "blocks": len(t.variables[0].values),
             **{
                 key: [put(c) for c in getattr(t, key)] for key in ("variables", "before", "effects")

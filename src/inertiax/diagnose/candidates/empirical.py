@@ -59,8 +59,8 @@ def _courses(signal: Signal) -> Iterator[Course]:
     yield Course("temperature and time", "T t", {}, z * (x - 0.5))
 
 
-def _inputs(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Family, formula and dependence on the input, `(block, 3, column)`."""
+def input_dependences(signal: Signal) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Family, formula and dependence on the input alone, `(row, 3, column)` for a signal of so many rows."""
     u = np.asarray(signal.input)
     if not np.any(u):
         return
@@ -125,7 +125,7 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
             shape = (u / scale)[:, :, None] ** power
             for name, symbol, course in courses:
                 add(f"input {word} and {name}", f"{letter}^{power} {symbol}", shape * course, {})
-    for family, formula, addition in _inputs(signal):
+    for family, formula, addition in input_dependences(signal):
         add(family, formula, addition, {})
     for form in at_levels(signal):
         add(form.family, form.formula, form.values, form.settings)

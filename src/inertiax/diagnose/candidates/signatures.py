@@ -91,7 +91,7 @@ def block_shapes(
     make = _evaluated if effect.in_numpy else _compiled
     made = []
     for shape in make(effect, variants, where):
-        shape = shape if effect.slow else blocks.mean(shape)
+        shape = shape if effect.slow else blocks.felt(shape)
         made.append(np.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2])))
     return made
 

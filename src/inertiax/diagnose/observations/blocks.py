@@ -86,6 +86,12 @@ class Blocks(eqx.Module):
         """Means over the blocks of anything sampled as the log is."""
         return block_mean(np.asarray(values, float), self.start, self.stop)
 
+    def felt(
+        self, addition: Float[np.ndarray, "time channels column"]
+    ) -> Float[np.ndarray, "block ..."]:
+        """What an addition to the outputs does at the blocks, channel by channel: here its means."""
+        return self.mean(addition)
+
     def __getitem__(self, rows: np.ndarray) -> "Blocks":
         """The same columns, only those blocks."""
         return jax.tree.map(lambda column: column[rows], self)

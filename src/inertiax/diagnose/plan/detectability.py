@@ -23,6 +23,7 @@ from ..noise.observation_series import NoiseFit, START, System
 from ..noise.reml import fit_noise
 from ..observations.model_rows import ModelForm
 from ..problem import prepare, Prepared
+from ..problem_of_motions import prepared_motions
 from ..selection.evidence import count_forms, observations
 from ..selection.forward import GATE
 from ..selection.multiple_testing import Family, family
@@ -68,7 +69,9 @@ def audit(
     """
     with jax.enable_x64(True):
         problem = prepare(campaign, effects)
-        found = conclude([_audited(p, estimate_noise) for p in problem.triads], effects)
+        motions = prepared_motions(problem, effects)
+        triads = [*problem.triads, *([] if motions is None else [motions])]
+        found = conclude([_audited(p, estimate_noise) for p in triads], effects)
         return replace(found, model=problem.plain.model)
 
 

@@ -36,6 +36,7 @@ def explain(
         rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
         bic = delta_bic(candidate.ratio, candidate.score.size, effect, rows)
         values = parameters(prepared, stated, term, others, std)
+        said = sentence(effect, term.channel_names, values, odds)
         made.append(
             Explanation(
                 name=term.name,
@@ -45,7 +46,9 @@ def explain(
                 odds=odds,
                 parameters=values,
                 evidence=Evidence(bic, named.p_value, 1.0 - full / without),
-                statement=sentence(effect, term.channel_names, values, odds),
+                statement=f"{said} It shows in the motions between rests."
+                if prepared.motions
+                else said,
                 separating_experiment=experiment(effect, alone=not named.rivals),
             )
         )

@@ -11,7 +11,11 @@ through x: 1, a component of the compensated rate, or of the force in g.
 **Reference:** Solà, Deray, Atchuthan, *A micro Lie theory for state estimation in robotics*, arXiv:1812.01537, eq. 145.
 """
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -45,6 +49,20 @@ class GravityRotationOnHost(AbstractHostForm):
             dwells, np.concatenate(rows, axis=1), np.concatenate(jacobian, axis=1), tilt, sigma
         )
 
+    def response(
+        self, vectors: Vectors, dwells: Dwells
+    ) -> Iterator[Float[np.ndarray, "sample 2 3"]]:
+        """What an addition to the outputs at each sample does to the two tilts, rad per rad/s, motion by motion.
+
+        An addition e changes the compensated rate by (E + Θ)⁻¹ e.
+        """
+        errors, dwells = self.layout.unpack(vectors), jax.tree.map(np.asarray, dwells)
+        for part in self._chunks(dwells):
+            some = TriadErrors(*(x[part] for x in errors))
+            ends = self._ends(some, dwells[part])
+            refine = np.linalg.inv(np.eye(3) + some.matrix)
+            yield from ends.by_turn[:, None] @ ends.by_rate @ refine[:, None]
+
     def start(self, dwells: Dwells) -> Float[np.ndarray, " parameter"]:
         mean = np.asarray(dwells.gyro)[np.asarray(dwells.valid)].mean(axis=0)
         return self.layout.pack(mean[None], np.zeros((1, 3, 3)), np.zeros((1, 3, 3)))[0]
@@ -66,41 +84,56 @@ class GravityRotationOnHost(AbstractHostForm):
         self, errors: TriadErrors, dwells: Dwells
     ) -> tuple[Float[np.ndarray, "dwell 2"], Float[np.ndarray, "dwell 2 parameter"]]:
         """The two angles of `gravity_rotation.tilt`, rad, and their Jacobian; few motions at a time."""
-        samples = np.shape(_motion(dwells).gyro)[1]
-        chunk = max(_SAMPLES_AT_ONCE // samples, 1)
         parts = [
-            self._tilts_of(TriadErrors(*(x[a : a + chunk] for x in errors)), dwells[a : a + chunk])
-            for a in range(0, dwells.num_dwells, chunk)
+            self._tilts_of(TriadErrors(*(x[part] for x in errors)), dwells[part])
+            for part in self._chunks(dwells)
         ]
         tilt, slope = zip(*parts, strict=True)
         return np.concatenate(tilt), np.concatenate(slope)
 
+    def _chunks(self, dwells: Dwells) -> list[slice]:
+        samples = np.shape(_motion(dwells).gyro)[1]
+        chunk = max(_SAMPLES_AT_ONCE // samples, 1)
+        return [slice(a, a + chunk) for a in range(0, dwells.num_dwells, chunk)]
+
     def _tilts_of(
         self, errors: TriadErrors, dwells: Dwells
     ) -> tuple[Float[np.ndarray, "dwell 2"], Float[np.ndarray, "dwell 2 parameter"]]:
+        ends, motion = self._ends(errors, dwells), _motion(dwells)
+        force = np.zeros_like(ends.rates) if motion.force is None else np.asarray(motion.force)
+        inputs = self.layout.inputs(ends.rates, force / self.gravity)
+        refine = np.linalg.inv(np.eye(3) + errors.matrix)
+        flat = ends.by_rate.reshape(*ends.by_rate.shape[:2], 9)
+        by_input = -(np.swapaxes(inputs, 1, 2) @ flat).reshape(len(inputs), -1, 3, 3)
+        turned = np.einsum("npij,njp->nip", by_input, refine[:, :, self.layout.output])
+        return ends.tilt, ends.by_turn @ turned
+
+    def _ends(self, errors: TriadErrors, dwells: Dwells) -> "_Ends":
         motion = _motion(dwells)
         rates = self._rates(errors, motion)
-        force = np.zeros_like(rates) if motion.force is None else np.asarray(motion.force)
-        inputs = self.layout.inputs(rates, force / self.gravity)
-        turn, by_input = _carried(rates, np.asarray(motion.step), inputs)
-        refine = np.linalg.inv(np.eye(3) + errors.matrix)
+        turn, by_rate = _carried(rates, np.asarray(motion.step))
         start, end = _unit(motion.start_force), _unit(dwells.accel)
         predicted = np.einsum("nij,nj->ni", turn, start)
-        turned = np.einsum("npij,njp->nip", by_input, refine[:, :, self.layout.output])
-        moved = np.cross(predicted[:, :, None], turned, axis=1)
         across, along = _across(end), 1.0 + np.einsum("ni,ni->n", end, predicted)
         tilt = 2.0 * np.einsum("nki,ni->nk", across, predicted) / along[:, None]
-        slope = 2.0 * across @ moved
-        slope -= tilt[:, :, None] * np.einsum("ni,nip->np", end, moved)[:, None, :]
-        return tilt, slope / along[:, None, None]
+        moved = 2.0 * across - tilt[:, :, None] * end[:, None, :]
+        by_turn = moved @ _cross_matrix(predicted) / along[:, None, None]
+        return _Ends(rates, by_rate, tilt, by_turn)
+
+
+class _Ends(NamedTuple):
+    """Motions with the direction of gravity at their ends."""
+
+    rates: Float[np.ndarray, "dwell sample 3"]  # compensated, rad/s
+    by_rate: Float[np.ndarray, "dwell sample 3 3"]  # Gₛ of `_carried`
+    tilt: Float[np.ndarray, "dwell 2"]  # rad
+    by_turn: Float[np.ndarray, "dwell 2 3"]  # its change by a small turn v at the end: u by u × v
 
 
 def _carried(
-    rates: Float[np.ndarray, "dwell sample 3"],
-    step: Float[np.ndarray, "dwell step"],
-    inputs: Float[np.ndarray, "dwell sample parameter"],
-) -> tuple[Float[np.ndarray, "dwell 3 3"], Float[np.ndarray, "dwell parameter 3 3"]]:
-    """The whole motion's rotation, and −Σ Pₖ J(−φₖ) ∂φₖ/∂ωₖ xₖ for each parameter's inputs x."""
+    rates: Float[np.ndarray, "dwell sample 3"], step: Float[np.ndarray, "dwell step"]
+) -> tuple[Float[np.ndarray, "dwell 3 3"], Float[np.ndarray, "dwell sample 3 3"]]:
+    """The whole motion's rotation, and Gₛ with Σₖ Pₖ J(−φₖ) δφₖ = Σₛ Gₛ δωₛ for changes of the samples' rates."""
     first, second, h = rates[:, :-1], rates[:, 1:], step[..., None, None]
     angle = 0.5 * step[..., None] * (first + second)
     angle += step[..., None] ** 2 / 12.0 * np.cross(first, second)
@@ -108,13 +141,10 @@ def _carried(
     after, whole = _suffix_products(rotation)
     moved = after @ jacobian
     half, coning = 0.5 * h * np.eye(3), h**2 / 12.0
-    before = moved @ (half - coning * _cross_matrix(second))
-    behind = moved @ (half + coning * _cross_matrix(first))
-    count = inputs.shape[-1]
-    flat = lambda m: m.reshape(*m.shape[:2], 9)
-    summed = np.swapaxes(inputs[:, :-1], 1, 2) @ flat(before)
-    summed += np.swapaxes(inputs[:, 1:], 1, 2) @ flat(behind)
-    return whole, -summed.reshape(len(rates), count, 3, 3)
+    by_rate = np.zeros((*rates.shape, 3))
+    by_rate[:, :-1] = moved @ (half - coning * _cross_matrix(second))
+    by_rate[:, 1:] += moved @ (half + coning * _cross_matrix(first))
+    return whole, by_rate
 
 
 def _rotation(
