@@ -31,6 +31,25 @@ import jax
 import pytest
 
 
+# Files of the slow tier that take a minute or more. They come first: begun last, one would keep a worker alone.
+LONG = (
+    "test_tutorials.py",
+    "test_no_open_port.py",
+    "test_first_layer_precision.py",
+    "test_procedure.py",
+    "test_real_recordings.py",
+    "test_sensitivity.py",
+    "test_one_model.py",
+    "test_navigation.py",
+    "test_fleet.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The long files first; each file stays together."""
+    items.sort(key=lambda item: item.path.name not in LONG)
+
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
