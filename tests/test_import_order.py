@@ -18,8 +18,8 @@ report protocol cli __main__""".split()
 
 # The same inside the folders that have stages of their own.
 STAGES = {
-    "diagnose": """observations candidates noise problem problem_of_motions selection plan residuals result estimates custom_model
-wording findings pipeline held_out_stretch learn_type_noise __init__""".split(),
+    "diagnose": """observations candidates noise problem problem_of_motions selection plan residuals result
+estimates custom_model wording findings pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce solve effects population model_choice store rows one_by_one fit derivatives overview
 results cluster pipeline __init__""".split(),
     "data": """moments frames plausible_units recording stored_recording compensated formats pairing pose_rows
