@@ -10,6 +10,8 @@ from inertiax.diagnose.observations.blocks import join
 from inertiax.diagnose.observations.motion_rows import FEWEST, motion_rows, MotionRows
 from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.diagnose.plan.detectability import audit
+from inertiax.diagnose.plan.separate import NameSet, separate
+from inertiax.diagnose.problem_of_motions import PARTED_BY
 from inertiax.estimators.gravity_rotation import across
 from turned_by_hand import log, SCALE
 
@@ -84,6 +86,12 @@ def test_few_motions_are_no_rows():
     assert motion_rows(campaign, join(campaign), calibrate_device(campaign)) is None
 
 
+def test_a_set_that_only_motions_show_is_not_parted_by_a_stations_run():
+    names = NameSet(("scale_asymmetry", "rate_nonlinearity"), ("gyro_x",))
+    with pytest.raises(ValueError, match=f"rests show 0 of .*; .* is parted by {PARTED_BY}"):
+        separate(log(11, motions=20), names)
+
+
 HIDDEN = {
     "scale_asymmetry": (lambda w: np.abs(w) * [0.006, 0.0, 0.0], "gyro_x", 0.006),
     "rate_nonlinearity": (lambda w: w * np.abs(w) * [0.0, 0.006, 0.0], "gyro_y", 0.006),
@@ -103,6 +111,7 @@ def test_an_effect_of_the_rate_is_named_and_the_calibration_beside_it_is_nearer(
     value = dict(said.parameters)["coefficient"]
     assert abs(value.value - size) < 3.5 * value.std  # three draws: a chance of 0.2 %
     assert said.evidence.held_out_gain > 0.2 and "motions between rests" in said.statement
+    assert said.separating_experiment == PARTED_BY
     plain = calibrate_device(campaign).calibration
     axis = "xyz".index(channel[-1])
     with jax.enable_x64(True):

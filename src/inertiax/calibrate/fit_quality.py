@@ -30,7 +30,7 @@ from .goodness_of_fit import (
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
-TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros"}
+TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros", "mag": "Magnetometers"}
 
 
 class TriadVerdict(NamedTuple):

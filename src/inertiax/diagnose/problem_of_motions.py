@@ -16,6 +16,11 @@ from .observations.motion_rows import motion_rows, MotionRows, rows_again
 from .problem import Prepared, Problem
 
 
+# What parts such effects where a diagnosis leaves a set; the runs of a station have no such motions.
+PARTED_BY = (
+    "more motions by hand, slow ones and fast ones, both ways about each axis and about skew axes; a rate table "
+    "tells most"
+)
 DRIVERS = ("rate", "input")  # of effects that show while a device turns and not at rest
 
 

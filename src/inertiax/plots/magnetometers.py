@@ -1,7 +1,7 @@
 """Figures of the magnetometers' calibration: the field's magnitude before and after, and its upward part."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
 from ..calibrate.results import MagnetometerResult
@@ -39,7 +39,7 @@ def field_before_and_after(result: MagnetometerResult) -> Figure:
 
 def _bars(
     ax,
-    place: Float[np.ndarray, " row"],
+    place: Float[np.ndarray, " row"] | Int[np.ndarray, " row"],
     values: Float[np.ndarray, " row"],
     sigmas: Float[np.ndarray, " row"],
     resting: np.ndarray,

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import customary_units, label, with_sigma
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Key, Section, Table, Verdict
+from .calibrated_triads import calibrated_triads
 from .expanded_uncertainty import COVERAGE
 from .guard_band import RISK
 from .protocol import DISCLAIMER, Protocol
@@ -98,9 +98,9 @@ def procedure(protocol: Protocol) -> Section:
     """Procedure and conditions as recorded."""
     record, station = protocol.record, protocol.record.station
     conditions, triads = record.conditions, []
-    for name in ("accel", "gyro"):
-        triad, own = getattr(protocol.calibration, name), getattr(record, name)
-        if triad is not None:
+    for name, triad in calibrated_triads(protocol.calibration).items():
+        own = getattr(record, name)
+        if own is not None:
             turns = f", {own.turns} of them at constant rate" if own.turns else ""
             triads.append(
                 f"{TRIAD_NAMES[name]}: estimator '{triad.estimator}' ({record.method}), {own.dwells} dwells{turns}; "
@@ -157,7 +157,7 @@ def requirements(protocol: Protocol) -> Section | None:
 def results(protocol: Protocol) -> list[Section]:
     """Values with expanded uncertainties, a section for each triad."""
     made = []
-    for name in ("accel", "gyro"):
+    for name in calibrated_triads(protocol.calibration):
         own = [r for r in protocol.results if r.name.startswith(f"{name}.")]
         if own:
             temperatures = list(dict.fromkeys(r.at for r in own))
@@ -190,7 +190,7 @@ def _values(protocol: Protocol, own: list[Result], at: Sequence[float | None]) -
 def budgets(protocol: Protocol) -> list[Section]:
     """The sources' standard uncertainties at the middle temperature."""
     made = []
-    for name in ("accel", "gyro"):
+    for name in calibrated_triads(protocol.calibration):
         own = [r for r in protocol.results if r.name.startswith(f"{name}.")]
         if not own:
             continue
@@ -258,8 +258,7 @@ def signatures(protocol: Protocol) -> Section:
 
 def _unit_of(protocol: Protocol, result: Result) -> tuple[float, str]:
     """Factor from SI and the unit in which people read a result."""
-    triad: TriadCalibration | None = getattr(protocol.calibration, result.name.partition(".")[0])
-    assert triad is not None  # whose result it is
+    triad = calibrated_triads(protocol.calibration)[result.name.partition(".")[0]]
     return dict(zip(triad.names, customary_units(triad), strict=True))[result.name]
 
 

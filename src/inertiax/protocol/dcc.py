@@ -15,6 +15,7 @@ from ..calibration.quantities import label
 from ..report.judge import TRIAD_NAMES
 from ..storage.harmless_text import one_line
 from ..storage.whole_files import write_atomically
+from .calibrated_triads import calibrated_triads
 from .expanded_uncertainty import COVERAGE
 from .protocol import DISCLAIMER, Protocol
 from .requirements import Requirement
@@ -30,6 +31,8 @@ _UNITS = {
     "rad/s": r"\radian\second\tothe{-1}",
     # Per standard g in SI: the values are divided by g below.
     "rad/s/g": r"\radian\second\metre\tothe{-1}",
+    "T": r"\tesla",
+    "T/A": r"\tesla\ampere\tothe{-1}",
     "1": r"\one",
     "degC": r"\degreecelsius",
 }
@@ -88,7 +91,7 @@ def dcc(protocol: Protocol) -> bytes:
         _people(writer, protocol)
         _statements(writer, protocol)
     with writer.inside("measurementResults"):
-        for name in ("accel", "gyro"):
+        for name in calibrated_triads(protocol.calibration):
             own = [r for r in protocol.results if r.name.startswith(f"{name}.")]
             if own:
                 _results(writer, protocol, name, own)
@@ -199,7 +202,7 @@ def _requirement(writer: _Writer, requirement: Requirement) -> None:
 
 
 def _results(writer: _Writer, protocol: Protocol, name: str, own: list[Result]) -> None:
-    triad = getattr(protocol.calibration, name)
+    triad = calibrated_triads(protocol.calibration)[name]
     with writer.inside("measurementResult"):
         writer.text("name", TRIAD_NAMES[name])
         with writer.inside("usedMethods"), writer.inside("usedMethod"):

@@ -9,11 +9,12 @@ from ..plots.protocol import against_limits, AgainstLimit
 from ..plots.style import drawing
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Picture, picture
+from .calibrated_triads import calibrated_triads
 from .guard_band import allowance
 from .protocol import Protocol
 
 
-_NAMES = ("limits", "curves-accel", "curves-gyro")
+_NAMES = ("limits", "curves-accel", "curves-gyro", "curves-mag")
 FIGURES = tuple(f"figures/protocol-{name}.{suffix}" for name in _NAMES for suffix in ("png", "svg"))
 
 
@@ -38,9 +39,8 @@ def draw(protocol: Protocol, folder: Path) -> list[Drawn]:
         with drawing():
             made.append(_drawn(against_limits(rows), folder, "limits", caption))
     known = protocol.calibration.temperature_range
-    for name in ("accel", "gyro"):
-        triad = getattr(protocol.calibration, name)
-        if triad is None or known is None or isinstance(triad.curve.basis, Constant):
+    for name, triad in calibrated_triads(protocol.calibration).items():
+        if known is None or isinstance(triad.curve.basis, Constant):
             continue
         caption = (
             f"{TRIAD_NAMES[name]}: parameters over temperature, with the 95 % band of the fit and the probe (often "

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..calibrate.fit_quality import judge
-from ..calibrate.results import DeviceResult, TriadResult
+from ..calibrate.results import DeviceResult, MagnetometerResult, TriadResult
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.probe_error import probe_covariance
 from ..data.recording import Campaign
@@ -81,6 +81,7 @@ def record_of(
         left_out=() if handling is None else (handling,),
         accel=_triad(result.accel, campaign, result.calibration.accel, written.accel, beside),
         gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro, beside),
+        mag=None if result.mag is None or written.mag is None else _magnetometers(result.mag),
     )
 
 
@@ -132,6 +133,19 @@ def _triad(
         unit=result.misfit_unit,
         degrees_of_freedom=residual_degrees(result),
         sources=tuple(_source(p) for p in parts),
+    )
+
+
+def _magnetometers(result: MagnetometerResult) -> TriadRecord:
+    rows = int(np.count_nonzero(np.asarray(result.misfit)))  # zero where there is no row
+    return TriadRecord(
+        dwells=result.num_rests,
+        turns=None,
+        rms=result.rms,
+        scatter=result.scatter,
+        unit="T",
+        degrees_of_freedom=max(rows - int(np.sum(result.free)), 1),
+        sources=(),
     )
 
 

@@ -1,7 +1,9 @@
 """What a station cannot tell by its own measurements and nobody stated: named, so that no reader takes it for zero."""
 
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.magnetometers import MagnetometerCalibration
 from ..physics.temperature import Constant
+from .calibrated_triads import calibrated_triads
 from .record import Record
 from .sources_at import BY_GRAVITY
 
@@ -11,7 +13,8 @@ def not_known(
 ) -> tuple[str, ...]:
     """One line each; the first words name the source."""
     station, said = record.station, []
-    thermal = [t for t in calibration.triads if not isinstance(t.curve.basis, Constant)]
+    triads = calibrated_triads(calibration).values()
+    thermal = [t for t in triads if not isinstance(t.curve.basis, Constant)]
     if thermal and not station.temperature_uncertainty:
         said.append(
             "probe offset: an error that all temperatures share shifts every curve along the temperature axis; the "
@@ -44,6 +47,8 @@ def not_known(
             "positions of the table: the campaign states no uncertainty ([rig] position_uncertainty); what differs "
             "from one position to the next is in re-positioning, what is common to all is not."
         )
+    if calibration.mag is not None:
+        said += _of_field(calibration.mag)
     said.append(
         "stability: what changes after the measurement (ageing, shocks, from one turn-on to the next) is not in these "
         "uncertainties."
@@ -60,6 +65,19 @@ def _of_gravity(accel: TriadCalibration, uncertainty: float | None) -> list[str]
         else "from one pose it cannot be told from the bias along the vertical, and is not in the budget."
     )
     return [f"reference g: an error of it is a common scale factor of the accelerometers; {why}"]
+
+
+def _of_field(mag: MagnetometerCalibration) -> list[str]:
+    said = [
+        "field of the place: iron and currents that stay in place belong to the field; what moves with the device is "
+        "taken for its hard and soft iron."
+    ]
+    if not mag.field_given:
+        said.append(
+            "magnitude of the field: nobody states it, so that the magnetometers' common scale is by convention, and its "
+            "error is not in the budget."
+        )
+    return said
 
 
 def _of_frame(accel: TriadCalibration) -> list[str]:

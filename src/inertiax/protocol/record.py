@@ -81,6 +81,7 @@ class Record(_Strict, frozen=True):
     left_out: tuple[str, ...]  # of the rests, in words
     accel: TriadRecord | None  # None where not calibrated
     gyro: TriadRecord | None  # likewise
+    mag: TriadRecord | None = None  # likewise
 
 
 def write_record(record: Record, folder: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import si_unit
 from ..physics.temperature import Constant
+from .calibrated_triads import calibrated_triads
 from .expanded_uncertainty import coverage_factor, effective_degrees
 from .guard_band import Measured
 from .record import Record
@@ -61,7 +62,8 @@ def reference_temperatures(
                 )
         return asked
     middle = 0.5 * (low + high)
-    if all(isinstance(t.curve.basis, Constant) for t in calibration.triads):
+    triads = calibrated_triads(calibration).values()
+    if all(isinstance(t.curve.basis, Constant) for t in triads):
         return (middle,)
     return (low, middle, high)
 
@@ -74,10 +76,8 @@ def results_at(
 ) -> tuple[Result, ...]:
     """All parameters at all temperatures, by parameter and then temperature; without temperature once."""
     found: list[Result] = []
-    for name in ("accel", "gyro"):
-        triad = getattr(calibration, name)
-        if triad is not None:
-            found += _of_triad(name, triad, record, temperatures, gravity_uncertainty)
+    for name, triad in calibrated_triads(calibration).items():
+        found += _of_triad(name, triad, record, temperatures, gravity_uncertainty)
     return tuple(found)
 
 
@@ -98,7 +98,8 @@ def _of_triad(
     gravity_uncertainty: float | None,
 ) -> list[Result]:
     own = getattr(record, name)
-    assert own is not None  # written with the calibration, whose triad it is
+    if own is None:  # of a version that had none of magnetometers
+        return []
     grid = np.array(temperatures or (0.0,), float)
     parts = contributions(triad, own, record.station, gravity_uncertainty, grid)
     values, _ = triad.over(grid)

@@ -65,7 +65,8 @@ def field_rows(
             found += [] if rests is None else [rests]
             resting = _rows_of(rests, dwells, recording) & resting
         moving = _spread_out(_mag(mine), ~resting[read])
-        parts.append(_in_motion(mine[moving], noise[-1]))
+        if len(moving):  # a log of labelled rests alone has none
+            parts.append(_in_motion(mine[moving], noise[-1]))
     if dwells is not None and found:
         parts.insert(0, _at_rest(dwells, found))
     if not parts or not sum(p.num_dwells for p in parts):

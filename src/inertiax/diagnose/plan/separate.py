@@ -43,6 +43,7 @@ from ..noise.observation_series import NoiseFit, System
 from ..noise.reml import fit_noise
 from ..observations.blocks import Blocks, cut, join
 from ..problem import finer, prepare, Prepared, prepared_triads, Problem, rebuilt
+from ..problem_of_motions import PARTED_BY
 from ..selection.score_test import Score, whiten_system
 from .run_menu import menu, Run, station_of
 
@@ -160,9 +161,12 @@ def separate(
             raise ValueError(f"the campaign's {triad} is not calibrated, so nothing of it is told.")
         seen, beside, noise = _as_seen(mine, names, others)
         if len(seen) < 2:
-            raise ValueError(
-                f"the campaign shows {len(seen)} of {', '.join(names.names)}, so there is nothing to part."
-            )
+            why = f"{len(seen)} of {', '.join(names.names)}, so there is nothing to part"
+            if mine.form.estimator == "gravity":
+                raise ValueError(
+                    f"the campaign's rests show {why}; what the motions between them show is parted by {PARTED_BY}."
+                )
+            raise ValueError(f"the campaign shows {why}.")
         before = _pairs(mine, seen, beside, noise)
         axis = "xyz".index(names.channels[0][-1])
         blocks = cut(problem.log)

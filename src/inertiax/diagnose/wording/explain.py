@@ -10,6 +10,7 @@ from ..estimates.cross_validation import held_out_rms
 from ..estimates.parameters import parameters
 from ..noise.observation_series import NoiseFit
 from ..problem import Prepared
+from ..problem_of_motions import PARTED_BY
 from ..result import Evidence, Explanation, Parameter
 from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named
@@ -49,7 +50,9 @@ def explain(
                 statement=f"{said} It shows in the motions between rests."
                 if prepared.motions
                 else said,
-                separating_experiment=experiment(effect, alone=not named.rivals),
+                separating_experiment=(
+                    PARTED_BY if prepared.motions else experiment(effect, alone=not named.rivals)
+                ),
             )
         )
     return _merge(made)
