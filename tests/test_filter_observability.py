@@ -7,6 +7,8 @@ rate along one of its axes can be held constant while all else varies.
 degenerate motions of IMU intrinsics.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -53,7 +55,7 @@ def _felt():
     return force, 0.2 + 0.8 * waves(0.19, 0.29, 0.37) + 0.3 * waves(0.43, 0.47, 0.59)
 
 
-@jax.jit(compiler_options=QUICK)
+@partial(jax.jit, compiler_options=QUICK)
 def _run(filter_, start, data, fixes, valid):
     return filter_.run(start, data, [navigation.Position(fixes, 0.01, valid)])
 
