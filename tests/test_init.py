@@ -14,6 +14,7 @@ import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
 
+from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.column_roles import triads_by_name
 from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
@@ -21,7 +22,9 @@ from inertiax.campaign_draft.gravity_turns import gravity_turns
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Recording
+from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rests import find_rests
+from magnetometer_cases import field_of, HARD, slow_turns, SOFT
 
 
 G, DEGREE = 9.80665, np.pi / 180
@@ -432,3 +435,37 @@ def test_a_device_that_never_rested_has_the_unit_of_its_samples(tmp_path):
     log.write_text(text(dict(zip(("ax", "ay", "az"), force.T, strict=True))))
     found = tomllib.loads(draft_campaign(log, tmp_path).text)
     assert found["columns"]["accel"] == {"names": ["ax", "ay", "az"], "unit": "g"}
+    assert "accel_estimator" not in found.get("model", {})  # it is no log of one pose
+    with pytest.raises(ValueError, match="turned slowly all along, it never lies still"):
+        reduce_to_dwells([Recording(time=t, accel=G * force)])
+
+
+def slowly_turned(rows=4000, seed=3):
+    """Outputs of magnetometers with hard and soft iron in µT while the device turns all ways, T turned to µT."""
+    rng = np.random.default_rng(seed)
+    field = 1e6 * field_of(slow_turns(rows, rng, 0.03))
+    return field @ (np.eye(3) + SOFT).T + 1e6 * HARD + 0.05 * rng.standard_normal((rows, 3))
+
+
+@pytest.mark.parametrize("unit, size", [("uT", 1.0), ("mgauss", 10.0), ("nT", 1000.0)])
+def test_magnetometers_alone_and_turned_slowly_have_a_campaign(tmp_path, unit, size):
+    log = tmp_path / "log.csv"
+    values = size * slowly_turned()
+    columns = {"t": np.arange(len(values)) / 50.0, **dict(zip(("mx", "my", "mz"), values.T))}
+    log.write_text(text(columns))
+    made = draft_campaign(log, tmp_path)
+    found = tomllib.loads(made.text)
+    assert found["columns"]["mag"] == {"names": ["mx", "my", "mz"], "unit": unit}
+    assert "accel" not in found["columns"] and "model" not in found
+    (tmp_path / "campaign.toml").write_text(made.text)
+    (result,) = calibrate(load_campaign(tmp_path / "campaign.toml"))
+    mag = result.calibration.mag
+    # Frame and scale are its own; the hard iron is in neither. Half a µT is a hundredth of the field.
+    assert np.abs(np.asarray(mag.errors(25.0).bias) - HARD).max() < 5e-7
+
+
+def test_magnetometers_that_were_hardly_turned_are_refused_in_a_line(tmp_path):
+    log, still = tmp_path / "log.csv", slowly_turned(400)[:20].repeat(20, axis=0)
+    log.write_text(text(dict(zip(("mx", "my", "mz"), still.T))))
+    with pytest.raises(ValueError, match="mx, my, mz do not tell their unit, for the device"):
+        draft_campaign(log, tmp_path)

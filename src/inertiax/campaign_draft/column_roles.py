@@ -54,10 +54,10 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
     if only is not None:
         first = getattr(roles, only) or roles.accel or roles.gyro
         roles = roles._replace(accel=None, gyro=None)._replace(**{only: first})
-    if roles.accel is None and roles.gyro is None:
+    if roles.accel is None and roles.gyro is None and roles.mag is None:
         raise ValueError(
-            f"{log.path.name}: no three columns x, y, z of accelerometers or gyros among {list(log.names)[:16]}; "
-            "write campaign.toml by hand, with their names under [columns]."
+            f"{log.path.name}: no three columns x, y, z of accelerometers, gyros or magnetometers among "
+            f"{list(log.names)[:16]}; write campaign.toml by hand, with their names under [columns]."
         )
     return roles
 

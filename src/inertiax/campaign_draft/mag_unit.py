@@ -5,11 +5,13 @@ from jaxtyping import Float
 
 from ..data.formats.columns import MAG_UNITS
 from ..data.plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
+from .accel_unit import sphere
 
 
 _UNITS = ("uT", "gauss", "mgauss", "nT", "T")
 _LEAST_ROWS = 10
 _TURNED = 0.5  # of the magnitude without its middle, from 5 to 95 %: a device that was turned all ways is steadier
+_ENOUGH = 500  # rows that tell a sphere
 _NEAR = 1.5  # by how much soft iron changes what the outputs move by
 
 
@@ -19,7 +21,7 @@ def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:
     read = outputs[np.isfinite(outputs).all(axis=1)]
     if len(read) < _LEAST_ROWS:
         return None
-    about = np.linalg.norm(read - 0.5 * (read.min(axis=0) + read.max(axis=0)), axis=1)
+    about = np.linalg.norm(read - _center(read), axis=1)
     low, size, high = np.quantile(about, [0.05, 0.5, 0.95])
     if not size > 0.0 or (high - low) / size > _TURNED:
         return None
@@ -29,3 +31,9 @@ def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:
         if LEAST_EARTH_FIELD / _NEAR < size * MAG_UNITS[u] < _NEAR * GREATEST_EARTH_FIELD
     ]
     return fits[0] if len(fits) == 1 else None
+
+
+def _center(read: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "3"]:
+    """Of the sphere that the outputs lie on; their middle where few orientations tell no sphere."""
+    middle = 0.5 * (read.min(axis=0) + read.max(axis=0))
+    return middle + sphere(read[:: -(-len(read) // _ENOUGH)] - middle, 0.0).center

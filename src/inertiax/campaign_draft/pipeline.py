@@ -193,6 +193,11 @@ def _columns(
             value = {"names": list(found.roles.mag), "unit": told}
             why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
             lines.append(Line("mag", value, why))
+        elif found.accel is None and found.gyro is None:
+            raise ValueError(
+                f"{found.log.path}: {', '.join(found.roles.mag)} do not tell their unit, for the device was not turned "
+                "in all directions; turn it so, away from steel, or write campaign.toml by hand."
+            )
         else:
             remarks.append(
                 f"{CHECK} mag: {', '.join(found.roles.mag)} do not tell their unit; they are left out"
@@ -240,7 +245,9 @@ def _triad(key: str, names: tuple[str, str, str] | None, unit: TriadUnit) -> Lin
 
 def _model(found: RawTriads, rests: Resting) -> Table:
     """The estimator that one pose allows; with more of them the tool's own choice is right."""
-    if found.accel is None or _poses(found.accel, rests) > 1 or _sections(found).is_file():
+    if found.accel is None or rests.turned or _sections(found).is_file():
+        return Table("model", ())
+    if _poses(found.accel, rests) > 1:
         return Table("model", ())
     why = "one pose tells each output's offset from its mean alone"
     return Table("model", (Line("accel_estimator", "static", why),))
@@ -259,10 +266,15 @@ def _sections(found: RawTriads) -> Path:
 
 def _on_poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> list[str]:
     """What the log can calibrate of the accelerometers."""
-    count = _poses(accel, rests)
     said = [
         "The sign of the accelerometers does not show: at rest the axis that points up must read +g."
     ]
+    if rests.turned:
+        return [
+            *said,
+            "No rest was found: accelerometers need rests of seconds in 9 orientations or more.",
+        ]
+    count = _poses(accel, rests)
     if count < _POSES_OF_A_CALIBRATION:
         said.append(
             f"{count} pose{'s' * (count > 1)}: bias, scale and misalignments of the accelerometers need 9 or more."

@@ -45,7 +45,9 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
     accel, gyro = _columns(log, roles.accel), _columns(log, roles.gyro)
     if gyro_path is None:
-        rows = np.all([np.isfinite(x).all(axis=1) for x in (accel, gyro) if x is not None], axis=0)
+        rows = np.ones(len(clock.seconds), bool)
+        for x in (accel, gyro):
+            rows &= True if x is None else np.isfinite(x).all(axis=1)
         only = lambda x: None if x is None else x[rows]
         return RawTriads(
             log, roles, clock, None, None, clock.seconds[rows], only(accel), only(gyro)

@@ -19,6 +19,7 @@ class Resting(NamedTuple):
     stop: Int[np.ndarray, " rest"]
     accel: Float[np.ndarray, "rest 3"] | None
     single_rows: bool  # each row is the mean of one pose
+    turned: bool = False  # no rest was found: all rows stand for one
 
     @property
     def num_rests(self) -> int:
@@ -40,10 +41,11 @@ def resting(
         return Resting(rows, rows + 1, accel, True)
     found = find_rests(Recording(time=time, accel=accel), window=1.0)
     start, stop = np.asarray(found.start), np.asarray(found.stop)
-    if not len(start):
+    turned = not len(start)
+    if turned:
         start, stop = np.array([0]), np.array([len(time)])
     means = np.array([accel[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)])
-    return Resting(start, stop, means, False)
+    return Resting(start, stop, means, False, turned)
 
 
 def poses(up: Float[np.ndarray, "rest 3"]) -> int:

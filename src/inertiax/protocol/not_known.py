@@ -74,8 +74,8 @@ def _of_field(mag: MagnetometerCalibration) -> list[str]:
     ]
     if not mag.field_given:
         said.append(
-            "magnitude of the field: nobody states it, so that the magnetometers' common scale is by convention, and its "
-            "error is not in the budget."
+            "magnitude of the field: nobody states it, so that the magnetometers' common scale is by convention, and "
+            "its error is not in the budget."
         )
     return said
 

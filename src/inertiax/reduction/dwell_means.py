@@ -14,7 +14,7 @@ from .dwells import Dwells
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
-from .rests import usual_step
+from .rests import TURNED_SLOWLY, usual_step
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
 from .segments import segment_all, Segments
 
@@ -59,10 +59,12 @@ def reduce_to_dwells(
         for recording, part, experiment in zip(recordings, found, labels, strict=True)
     ]
     if not any(len(p.start) for p in parts):
+        slowly = any(f.statement.endswith(TURNED_SLOWLY) for f in found)
+        why = " (turned slowly all along, it never lies still)" if slowly else ""
         raise ValueError(
             f"{', '.join(r.name or 'recording' for r in recordings)}: no rest and no plateau of "
-            "constant rate; a column 'position' of 0 or more at rest (or reference_gyro) is needed."
-            + next(filter(None, map(remark, recordings)), "")
+            f"constant rate{why}; let it lie for seconds in each orientation, or give a column 'position' of 0 or more "
+            f"at rest (or reference_gyro).{next(filter(None, map(remark, recordings)), '')}"
         )
     return _means(recordings, parts)
 

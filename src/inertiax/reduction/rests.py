@@ -17,6 +17,8 @@ PAUSE = 20  # usual steps; a longer pause in the stamps ends an interval
 _BIAS_SPAN = 150.0  # s; three of these at a time give the gyros' bias at rest
 _RESTING_RATE = 5e-3  # rad/s; see `_motion`
 _LOUD = 4.0  # times the quietest level of a log: noise of a part at rest is not that much greater
+TURNED_SLOWLY = "it is turned slowly all along"
+_TURNED = 0.17  # of gravity, a tilt of 10°: more than any rest creeps or a bias wanders
 _SCAN = np.geomspace(2.0, 1000.0, 64)
 
 
@@ -61,6 +63,9 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         return Rests(nothing, nothing, statement="no rest: it moves all along")
     highest = float(np.quantile(motion, 0.999))
     if highest <= 16.0:  # a factor of 4 in standard deviation: no motion to tell from noise
+        if _turned_slowly(recording, width):
+            nothing = np.zeros(0, np.int64)
+            return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}")
         start, stop = _runs(np.ones(len(motion), bool), pauses, width)
         return Rests(start, stop, statement="one rest: no motion found")
     scan = _SCAN[_SCAN <= max(highest, 4.0)]
@@ -74,6 +79,17 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
     return Rests(edges[:, 0], edges[:, 1], threshold=threshold, statement=statement)
+
+
+def _turned_slowly(recording: Recording, width: int) -> bool:
+    """Whether the means of windows say that gravity's direction moves by more than a rest's could."""
+    if recording.accel is None or isinstance(recording, StoredRecording):
+        return False
+    count = recording.num_samples // width
+    windows = recording.accel[: count * width].reshape(count, width, 3)
+    means, noise = windows.mean(axis=1), windows.std(axis=1).mean() / np.sqrt(width)
+    moved = np.linalg.norm(means - np.median(means, axis=0), axis=1).max()
+    return bool(moved > _TURNED * np.median(np.linalg.norm(means, axis=1)) and moved > 10.0 * noise)
 
 
 def _motion(recording: Recording, width: int) -> Float[np.ndarray, " time"]:
