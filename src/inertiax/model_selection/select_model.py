@@ -11,6 +11,7 @@ import numpy as np
 from ..data.formats.columns import nearest
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
+from ..numerics.further_columns import log_odds
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
@@ -312,7 +313,8 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     """Degree of the temperature polynomials by the Bayesian information criterion.
 
     The problem is linearised once at the closed-form start, where the design of every degree is the
-    Kronecker product of Chebyshev values and the dwells' Jacobians; BIC = n ln(RSS/n) + k ln n.
+    Kronecker product of Chebyshev values and the dwells' Jacobians. Each degree is compared with the best one below it,
+    by the criterion's form for few rows (`numerics.further_columns`).
     No degree is considered that the number of different temperatures cannot carry.
     **Returns** the degree and the reason in words.
     """
@@ -326,7 +328,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     num_dwells, per_dwell, count = parameters.shape
     levels = temperature_levels(temperature)
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
-    scores: dict[int, float] = {}
+    best, least, highest = 0, 0.0, -1
     for degree in range(min(HIGHEST_DEGREE, levels - 1) + 1):
         unknowns = (degree + 1) * count
         if num_dwells * per_dwell < unknowns + 3:
@@ -335,12 +337,17 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         design = np.einsum("na,nri->nrai", phi, parameters).reshape(-1, unknowns)
         solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)
         rss = float(np.sum((rows - design @ solution) ** 2))
-        n = len(rows)
-        scores[degree] = n * np.log(max(rss, 1e-300) / n) + unknowns * np.log(n)
-    if not scores:
+        highest = degree
+        if degree == 0:
+            least = rss
+            continue
+        kept = (best + 1) * count
+        left = rss / least if least > 0.0 else 1.0
+        if log_odds(len(rows), kept, unknowns - kept, left) > 0.0:
+            best, least = degree, rss
+    if highest < 0:
         return 0, "too few dwells for a dependence on temperature, so the parameters are constants"
-    best = min(scores, key=lambda d: scores[d])
-    return best, f"temperature degree {best} by BIC among 0…{max(scores)}"
+    return best, f"temperature degree {best} by BIC among 0…{highest}"
 
 
 def temperature_levels(temperature: np.ndarray) -> int:

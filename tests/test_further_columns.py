@@ -1,0 +1,68 @@
+"""The criterion for further columns is the ratio of marginal likelihoods, and BIC where rows are many."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from inertiax.estimators import Invariant
+from inertiax.model_selection.select_model import choose_degree
+from inertiax.numerics.further_columns import log_odds
+from inertiax.reduction.dwells import Dwells
+
+
+@pytest.mark.parametrize("rows, kept, further", [(31, 9, 18), (20, 2, 3), (60, 9, 9)])
+def test_it_is_the_ratio_of_the_integrals_over_sigma(rows, kept, further):
+    """After the kept columns are projected out, rows are N(0, σ²) or, with the further ones, N(0, σ² (1 + n P))."""
+    rng = np.random.default_rng(rows)
+    freedom = rows - kept
+    part = np.linalg.qr(rng.standard_normal((freedom, further)))[0]
+    y = rng.standard_normal(freedom)
+    inside = float(np.sum((part.T @ y) ** 2))
+    whole = float(y @ y)
+
+    def marginal(square: float, log_det: float) -> float:
+        # ∫ σ^(−ν) exp(−square / 2σ²) dσ/σ, with the determinant's root in front; over ln σ.
+        density = lambda s: math.exp(-freedom * s - 0.5 * square * math.exp(-2.0 * s))
+        middle = 0.5 * math.log(square / freedom)
+        return math.exp(-0.5 * log_det) * quad(density, middle - 4.0, middle + 6.0)[0]
+
+    plain = marginal(whole, 0.0)
+    wider = marginal(whole - inside * rows / (1.0 + rows), further * math.log1p(rows))
+    left = 1.0 - inside / whole
+    assert log_odds(rows, kept, further, left) == pytest.approx(math.log(wider / plain), abs=1e-6)
+
+
+def test_with_many_rows_it_is_half_the_difference_of_bic():
+    rows, kept, further, left = 20_000, 9, 9, 0.99
+    bic = rows * math.log(left) + further * math.log(rows)
+    assert log_odds(rows, kept, further, left) == pytest.approx(-0.5 * bic, rel=0.02)
+
+
+def hand_rests(seed: int, *, slope: float) -> Dwells:
+    """Means of 31 rests that a device warms up over, its biases by `slope` (m/s² over the whole)."""
+    rng = np.random.default_rng(seed)
+    up = rng.standard_normal((31, 3))
+    heat = np.linspace(0.0, 1.0, 31)
+    force = 9.81 * up / np.linalg.norm(up, axis=1, keepdims=True) + slope * heat[:, None]
+    return Dwells(
+        time=5.0 * np.arange(31),
+        duration=np.full(31, 4.0),
+        count=np.full(31, 400.0),
+        temperature=20.0 + 15.0 * heat,
+        experiment=np.zeros(31, int),
+        position=np.arange(31),
+        valid=np.ones(31, bool),
+        accel=force + 1e-3 * rng.standard_normal((31, 3)),
+        accel_covariance=np.tile(1e-6 * np.eye(3), (31, 1, 1)),
+    )
+
+
+def test_few_rests_of_a_device_that_warms_up_do_not_feign_a_dependence_on_temperature():
+    """Nine parameters at degree 2 are 27 unknowns for 31 rows, which fit noise to next to nothing."""
+    degree = lambda seed, slope: choose_degree(
+        Invariant(gravity=9.81), hand_rests(seed, slope=slope)
+    )[0]
+    assert [degree(seed, 0.0) for seed in range(20)].count(0) >= 19  # a chance of 1 % each at most
+    assert [degree(seed, 0.05) for seed in range(20)].count(1) >= 18
