@@ -8,7 +8,7 @@ from inertiax.calibration.calibration import Calibration
 from inertiax.calibration.magnetometers import MagnetometerCalibration
 from inertiax.calibration.triad import TriadCalibration
 from inertiax.exports.registry import export
-from inertiax.physics.temperature import Curve, Polynomial
+from inertiax.physics.temperature import Constant, Curve, Polynomial
 from magnetometer_cases import DRIFT, HARD, SOFT, WARM, WIRE
 
 
@@ -84,3 +84,14 @@ def test_ardupilot_gives_the_magnitude_at_its_temperature():
 def test_without_magnetometers_nothing_is_said_of_them(name):
     text = export(Calibration(9.81), name).content.decode()
     assert "MAG" not in text and "COMPASS" not in text and "TC_M" not in text
+
+
+def test_a_format_without_a_place_for_them_says_so():
+    with pytest.raises(
+        ValueError, match="imu_tk: has no place for magnetometers, .* px4, ardupilot, inertiax"
+    ):
+        export(_calibration(), "imu_tk")
+    names = tuple(f"accel.bias[{i}]" for i in range(3))
+    accel = TriadCalibration(Curve(Constant(), np.zeros((1, 3))), np.zeros((3, 3)), names, "static")
+    both = Calibration(9.81, accel=accel, mag=_calibration().mag, temperature_range=(LOW, HIGH))
+    assert any("magnetometers" in loss for loss in export(both, "azure").losses)

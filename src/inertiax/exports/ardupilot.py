@@ -24,6 +24,7 @@ from .parameters import axis_by_axis_loss, parameters_over, temperature_span
 
 
 NAME = "ardupilot"
+MAGNETOMETERS = True  # are held
 TITLE = "ArduPilot's parameters (INS_TCAL*, INS_*OFFS, INS_ACCSCAL)"
 SUFFIX = ".parm"
 KEEPS = "bias as a cubic in temperature, accelerometer scale factors (constants)"

@@ -9,6 +9,7 @@ from .parameters import parameters_over
 
 
 NAME = "inertiax"
+MAGNETOMETERS = True  # are held
 TITLE = "inertiax's calibration.json"
 SUFFIX = ".json"
 KEEPS = "everything"

@@ -27,6 +27,7 @@ from .parameters import axis_by_axis_loss, parameters_over, temperature_span
 
 
 NAME = "px4"
+MAGNETOMETERS = True  # are held
 TITLE = "PX4's parameters (TC_* and CAL_*, QGroundControl's .params)"
 SUFFIX = ".params"
 KEEPS = "bias as a cubic in temperature, accelerometer scale factors (constants)"

@@ -70,10 +70,21 @@ def export(calibration: Calibration, name: str, /, **settings: str | float | int
         said, _, place = str(error).partition(" - at `$.")
         key = place.rstrip("`")
         raise ValueError(f"{name}: {key} = {settings[key]!r}: {said}.") from None
+    without_magnetometers = calibration.mag is not None and not getattr(
+        module, "MAGNETOMETERS", False
+    )
+    if without_magnetometers and calibration.accel is None and calibration.gyro is None:
+        holders = ", ".join(f.NAME for f in FORMATS if getattr(f, "MAGNETOMETERS", False))
+        raise ValueError(
+            f"{name}: has no place for magnetometers, and nothing else is calibrated; {holders} have one."
+        )
     result = module.write(calibration, chosen)
-    if module is native or not calibration.effects:
-        return result
-    return result._replace(losses=(*result.losses, _effects_loss(calibration)))
+    losses = [*result.losses]
+    if without_magnetometers:
+        losses.append("the magnetometers, for which it has no place")
+    if module is not native and calibration.effects:
+        losses.append(_effects_loss(calibration))
+    return result._replace(losses=tuple(losses))
 
 
 def _effects_loss(calibration: Calibration) -> str:
