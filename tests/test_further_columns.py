@@ -2,6 +2,7 @@
 
 import math
 
+import jax
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -66,3 +67,10 @@ def test_few_rests_of_a_device_that_warms_up_do_not_feign_a_dependence_on_temper
     )[0]
     assert [degree(seed, 0.0) for seed in range(20)].count(0) >= 19  # a chance of 1 % each at most
     assert [degree(seed, 0.05) for seed in range(20)].count(1) >= 18
+
+
+def test_no_degree_is_taken_whose_unknowns_the_dwells_do_not_determine():
+    """The same log twice has 62 rows, and 31 poses: 36 unknowns of degree 3 fit them without a misfit."""
+    once = hand_rests(0, slope=0.0)
+    twice = jax.tree.map(lambda x: np.concatenate([x, x]), once)
+    assert choose_degree(Invariant(gravity=9.81), twice)[0] < 3

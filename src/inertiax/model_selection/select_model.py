@@ -13,6 +13,7 @@ from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..numerics.further_columns import log_odds
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
+from ..procedure.rank import has_full_rank
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import shortfall, Turns
@@ -315,7 +316,8 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     The problem is linearised once at the closed-form start, where the design of every degree is the
     Kronecker product of Chebyshev values and the dwells' Jacobians. Each degree is compared with the best one below it,
     by the criterion's form for few rows (`numerics.further_columns`).
-    No degree is considered that the number of different temperatures cannot carry.
+    No degree is considered that the number of different temperatures cannot carry, or whose unknowns the dwells do not
+    determine.
     **Returns** the degree and the reason in words.
     """
     temperature = np.asarray(dwells.temperature)
@@ -335,6 +337,8 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
             break
         phi = np.polynomial.chebyshev.chebvander(x, degree)
         design = np.einsum("na,nri->nrai", phi, parameters).reshape(-1, unknowns)
+        if degree and not has_full_rank(design.T @ design, estimator.names, degree + 1):
+            break
         solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)
         rss = float(np.sum((rows - design @ solution) ** 2))
         highest = degree
