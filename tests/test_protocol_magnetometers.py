@@ -49,7 +49,7 @@ def protocol(tmp_path_factory) -> Path:
 
 def test_values_hold_the_truth_within_their_expanded(protocol):
     results = {
-        r["name"]: r for r in json.loads((protocol / "protocol.json").read_text())["results"]
+        r["name"]: r for r in json.loads((protocol / "protocol.json").read_text("utf-8"))["results"]
     }
     truth = {f"mag.bias[{k}]": v for k, v in enumerate(HARD)}
     truth |= {f"mag.matrix[{i},{j}]": SOFT[i, j] for i in range(3) for j in range(3)}
@@ -69,7 +69,7 @@ def test_the_certificate_has_them_in_tesla(protocol):
     assert names == ["Accelerometers", "Magnetometers"]
     units = {u.text for u in parts[1].iter(f"{SI}unit")}
     assert {r"\tesla", r"\one"} <= units
-    said = (protocol / "protocol.html").read_text()
+    said = (protocol / "protocol.html").read_text("utf-8")
     assert (
         "Magnetometers: results" in said and "hard iron x" in said and "field of the place" in said
     )
