@@ -322,6 +322,16 @@ def test_gravity_s_turn_agrees_with_scipy_s_rotations():
     assert turns.best([1.0, DEGREE])[0] == pytest.approx(1.0, rel=0.01)
 
 
+def test_a_log_of_its_rests_alone_says_nothing_of_the_gyros_turns(tmp_path):
+    """The rows of the motions are missing, as where each position is recorded by itself."""
+    still = np.arange(len(TIME)) % 275 < 200  # 4 s at rest, 1.5 s of turning, at 50 Hz
+    rests = find_rests(Recording(time=TIME, accel=ACCEL), window=1.0)
+    edges = np.searchsorted(np.flatnonzero(still), [rests.start, rests.stop])
+    up = np.array([ACCEL[a:b].mean(axis=0) for a, b in zip(rests.start, rests.stop)])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    assert gravity_turns(TIME[still], GYRO[still], up, *edges) is None
+
+
 def run(arguments, capfd):
     with pytest.raises(SystemExit) as ended:
         main([str(a) for a in arguments])

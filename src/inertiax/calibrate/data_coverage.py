@@ -163,7 +163,7 @@ def temperatures(
     span = float(ordered[-1] - ordered[0])
     gaps = np.diff(ordered)
     at = int(np.argmax(gaps))
-    text = f"{name}: {ordered[0]:.0f} to {ordered[-1]:.0f} °C"
+    text = f"{name}: {round(float(ordered[0]))} to {round(float(ordered[-1]))} °C"  # never -0
     if gaps[at] <= LIMITS.temperature_gap * span:
         return Finding("temperature", FINE, f"{text} without a large gap."), None
     between = f"{ordered[at]:.0f} and {ordered[at + 1]:.0f} °C"

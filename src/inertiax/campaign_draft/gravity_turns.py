@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..reduction.clipping import clipped_rows
+from ..reduction.rests import PAUSE
 
 
 _MOST = 12  # motions: enough for a factor to a few percent
@@ -59,16 +60,19 @@ def gravity_turns(
     start: Int[np.ndarray, " rest"],
     stop: Int[np.ndarray, " rest"],
 ) -> GravityTurns | None:
-    """Motions that tilt the device by 10° or more within a minute and the gyros' range; `None` without any.
+    """Motions that tilt the device by 10° or more within a minute and the gyros' range, recorded without a pause; `None`
+    without any.
 
     **Arguments:** `up` is the unit vector of the specific force in each rest, `start` and `stop` its rows.
     """
     rest = np.array([np.median(gyro[a:b], axis=0) for a, b in zip(start, stop, strict=True)])
     step = np.gradient(time) if len(time) > 1 else np.ones(1)
+    longest = PAUSE * float(np.median(step))  # s; the motion went on while nothing was recorded
     pieces, ended = [], clipped_rows(gyro)
     for k in range(len(up) - 1):
         rows = slice(int(stop[k]), int(start[k + 1]))
-        useless = rows.stop - rows.start < 4 or ended[rows].any()
+        missed = np.diff(time[max(rows.start - 1, 0) : rows.stop + 1]).max(initial=0.0) > longest
+        useless = rows.stop - rows.start < 4 or missed or ended[rows].any()
         if useless or time[rows.stop] - time[rows.start] > _LONGEST:
             continue
         tilt = float(_angle(up[k : k + 1], up[k + 1 : k + 2])[0])
