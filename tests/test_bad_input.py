@@ -282,7 +282,7 @@ CONTENT = {
     ),
     "cut off": (
         PLAIN[:-10],
-        "a.csv: the last row has 2 of 4 fields; the file seems cut off.",
+        "a.csv: the last row has 2 of 4 fields; the file seems cut off; remove that row.",
     ),
     "a field too many": (
         with_row(5, "0.5,0.01,0.02,9.8,7"),

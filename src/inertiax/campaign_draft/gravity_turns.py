@@ -60,8 +60,8 @@ def gravity_turns(
     start: Int[np.ndarray, " rest"],
     stop: Int[np.ndarray, " rest"],
 ) -> GravityTurns | None:
-    """Motions that tilt the device by 10° or more within a minute and the gyros' range, recorded without a pause; `None`
-    without any.
+    """Motions that tilt the device by 10° or more within a minute and the gyros' range, without a pause in the rows;
+    `None` where there are none.
 
     **Arguments:** `up` is the unit vector of the specific force in each rest, `start` and `stop` its rows.
     """

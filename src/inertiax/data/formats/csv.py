@@ -126,7 +126,7 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
     if last[-1] is None and len(last) > 1 and table.get_column(names[-1]).null_count() == 1:
         found = sum(v is not None for v in last)
         raise ValueError(
-            f"{where}: the last row has {found} of {len(names)} fields; the file seems cut off."
+            f"{where}: the last row has {found} of {len(names)} fields; the file seems cut off; remove that row."
         )
     return table if layout.delimiter == "," else _decimal_points(table)
 
