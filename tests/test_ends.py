@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,25 @@ from inertiax.fleet import cluster
 
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _signals_as_a_terminal_leaves_them():
+    """Under nohup, or in the background of a shell, this process ignores some, and what it starts would too."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {
+        one: signal.signal(one, usual)
+        for one, usual in (
+            (signal.SIGINT, signal.default_int_handler),
+            (signal.SIGHUP, signal.SIG_DFL),
+        )
+    }
+    yield
+    for one, handler in before.items():
+        signal.signal(one, handler)
+
 
 # A run that is at work in its folder: staging, a half-written file, a child and threads beside it.
 AT_WORK = """
