@@ -25,9 +25,8 @@ from .blocks import Blocks, Log
 from .model_rows import Baseline, calibrated, CalibratedTriad, errors_at
 
 
-FEWEST = (
-    12  # motions; with fewer, nine elements of Θ leave little to tell an effect by (convention)
-)
+# Motions: four equations for each of the nine elements of Θ. With fewer their scatter is hardly known (convention).
+FEWEST = 18
 
 
 class MotionBlocks(Blocks):
