@@ -33,7 +33,12 @@ class Rests(eqx.Module):
 
 def usual_step(recording: Recording) -> float:
     """Median time from sample to sample, s; 0 for a single sample."""
-    return float(np.median(np.diff(recording.time))) if recording.num_samples > 1 else 0.0
+    steps = np.diff(recording.time)
+    if not len(steps):
+        return 0.0
+    # As `np.median`, which takes five times as long for a short recording; this is asked a dozen times of each.
+    middle = [(len(steps) - 1) // 2, len(steps) // 2]
+    return float(0.5 * np.partition(steps, middle)[middle].sum())
 
 
 def find_rests(recording: Recording, *, window: float) -> Rests:
