@@ -21,7 +21,8 @@ from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
 from inertiax.campaign_draft.gravity_turns import gravity_turns
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
-from inertiax.data.recording import Recording
+from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.plausibility import check_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rests import find_rests
 from magnetometer_cases import field_of, HARD, slow_turns, SOFT
@@ -446,8 +447,11 @@ def test_a_device_that_never_rested_has_the_unit_of_its_samples(tmp_path):
     found = tomllib.loads(draft_campaign(log, tmp_path).text)
     assert found["columns"]["accel"] == {"names": ["ax", "ay", "az"], "unit": "g"}
     assert "accel_estimator" not in found.get("model", {})  # it is no log of one pose
+    tumbled = Recording(time=t, accel=G * force)
     with pytest.raises(ValueError, match="turned slowly all along, it never lies still"):
-        reduce_to_dwells([Recording(time=t, accel=G * force)])
+        reduce_to_dwells([tumbled])
+    seen = check_campaign(Campaign((tumbled,), Site(gravity=G)))
+    assert [(f.kind, f.what) for f in seen.findings] == [("no_rest", "accel")]
 
 
 def slowly_turned(rows=4000, seed=3):

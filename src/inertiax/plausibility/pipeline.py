@@ -16,6 +16,7 @@ from .gravity import check_gravity
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
 from .mag_unit import check_mag_unit
+from .no_rest import check_no_rest
 from .pose_rows import check_pose_rows
 from .positions import check_positions
 from .reference import check_accel_reference, check_gyro_reference
@@ -48,6 +49,7 @@ CHECKS: tuple[Check, ...] = (
     check_clock,
     check_temperature,
     check_positions,
+    check_no_rest,
     check_rests,
     check_zero_jump,
     check_spikes,
