@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 
 from inertiax.cli import main
+from inertiax.live.target import parse_target
 from magnetometer_cases import FIELD, field_of, HARD, rotations, SOFT
 
 
@@ -37,9 +38,12 @@ def protocol(tmp_path_factory) -> Path:
     (folder / "campaign.toml").write_text(
         f'[site]\ngravity = 9.81\nmagnetic_field = {FIELD}\n[recordings]\nfiles = ["log.csv"]\n'
     )
+    (folder / "limits.toml").write_text(
+        '[requirements]\n"mag.bias" = "50 uT"\n"mag.bias[1]" = "0.1 gauss"\n"mag.scale" = "10 %"\n'
+    )
     for words in (
         f"calibrate {folder} -o {folder / 'results'} -q",
-        f"protocol {folder / 'results'} -o {folder / 'out'} -q",
+        f"protocol {folder / 'results'} -o {folder / 'out'} -q --requirements {folder / 'limits.toml'}",
     ):
         with pytest.raises(SystemExit) as end:
             main(words.split())
@@ -60,6 +64,15 @@ def test_values_hold_the_truth_within_their_expanded(protocol):
     assert results["mag.bias[0]"]["unit"] == "T" and results["mag.matrix[0,0]"]["unit"] == "1"
     # Forty means of twenty samples tell an offset to their noise over √800, but for what the matrix takes.
     assert 1.0 < results["mag.bias[0]"]["expanded"] / (1.96 * NOISE / 800**0.5) < 6.0
+
+
+def test_requirements_may_limit_them(protocol):
+    said = json.loads((protocol / "protocol.json").read_text("utf-8"))["requirements"]
+    # The hard iron is 20, −35 and 12 µT; 0.1 gauss are 10 µT. Soft iron on the diagonal is 5 % at most.
+    assert [r["decision"] for r in said] == ["pass", "fail", "pass"]
+    assert said[1]["limit"] == pytest.approx(1e-5) and said[1]["unit"] == "T"
+    with pytest.raises(ValueError, match="follows accelerometers and gyros alone"):
+        parse_target("accel.bias=1 mg, mag.bias=1 uT")
 
 
 def test_the_certificate_has_them_in_tesla(protocol):

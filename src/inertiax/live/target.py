@@ -9,7 +9,7 @@ import fnmatch
 import math
 import re
 
-from ..data.formats.columns import nearest
+from ..data.formats.columns import MAG_UNITS, nearest
 
 
 GRAVITY = 9.80665  # m/s², of a mg: the standard one, as sensor makers use it
@@ -38,9 +38,10 @@ _BY_FORCE = {f"{unit}/g": size for unit, size in _RATE.items()}
 _KINDS = {
     "accel": ("bias", "scale", "misalignment", "matrix"),
     "gyro": ("bias", "scale", "misalignment", "matrix", "g_sensitivity"),
+    "mag": ("bias", "scale", "misalignment", "matrix"),
 }
 _NAME = re.compile(
-    r"(?:(?:accel|gyro)\.(?:(bias)\[[0-2]\]|(matrix)\[([0-2]),([0-2])\])|gyro\.(g_sensitivity)\[[0-2],[0-2]\])"
+    r"(?:(?:accel|gyro|mag)\.(?:(bias)\[[0-2]\]|(matrix)\[([0-2]),([0-2])\])|gyro\.(g_sensitivity)\[[0-2],[0-2]\])"
 )
 _AMOUNT = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\S+)")
 
@@ -87,12 +88,18 @@ def parse_target(text: str) -> Target:
                 f'target "{entry}": write a name, "=" and a limit with its unit, such as '
                 '"accel.bias=0.3 mg, accel.scale=200 ppm".'
             )
-        limits.append((name, parse_limit(name, amount, f'target "{entry}"')))
+        limit = parse_limit(name, amount, f'target "{entry}"')
+        if name.startswith("mag."):
+            raise ValueError(
+                f'target "{entry}": a session follows accelerometers and gyros alone; magnetometers are calibrated '
+                "from its recording."
+            )
+        limits.append((name, limit))
     return Target(text.strip(), tuple(limits))
 
 
 def parse_limit(name: str, amount: str, where: str) -> float:
-    """A limit such as "0.3 mg" of a family or a parameter, in m/s², rad/s, 1, rad or rad/s per g.
+    """A limit such as "0.3 mg" of a family or a parameter, in m/s², rad/s, T, 1, rad or rad/s per g.
 
     Raises `ValueError`, one line that begins with `where`, for an unknown name or unit, or a limit not above zero.
     """
@@ -144,7 +151,7 @@ def _amount(name: str, amount: str, where: str) -> float:
 def _units(name: str) -> dict[str, float]:
     kind = kind_of(name) if "[" in name else name.partition(".")[2]
     if kind == "bias":
-        return _ACCELERATION if name.startswith("accel") else _RATE
+        return {"accel": _ACCELERATION, "gyro": _RATE, "mag": MAG_UNITS}[name.partition(".")[0]]
     if kind == "g_sensitivity":
         return _BY_FORCE
     if kind == "matrix":
