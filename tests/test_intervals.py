@@ -19,6 +19,7 @@ from inertiax.data.formats.columns import TimeColumn, TriadColumns
 from inertiax.data.recording import Recording
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.mean_noise import (
+    converter_steps,
     fit_noise_shape,
     NoiseShape,
     quantisation_floor,
@@ -374,6 +375,10 @@ def test_step_of_a_converter_is_found_only_where_there_is_one():
     x = rng.standard_normal(5000)
     assert quantisation_step(x) == 0.0
     assert quantisation_step(np.round(x / 0.03) * 0.03) == pytest.approx(0.03, rel=1e-6)
+    triad = np.stack([x, np.round(x / 0.03) * 0.03, np.round(x / 0.5) * 0.5], axis=1)
+    for _ in range(2):  # the second time as it was kept
+        np.testing.assert_allclose(converter_steps(triad), [0.0, 0.03, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(converter_steps(triad[:, ::-1].copy()), [0.5, 0.03, 0.0], rtol=1e-6)
 
 
 def test_noise_shape_sums_as_the_toeplitz_matrix():

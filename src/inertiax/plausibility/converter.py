@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.formats.columns import AXES
-from ..reduction.mean_noise import quantisation_step
+from ..reduction.mean_noise import converter_steps
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .samples import triads, UNITS
@@ -25,13 +25,14 @@ def check_converter(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         found
         for log in device.logs
         for name, values in triads(log)
-        for axis in range(3)
-        for found in _one(log, name, axis, values[:, axis])
+        for axis, step in enumerate(converter_steps(values))
+        for found in _one(log, name, axis, values[:, axis], float(step))
     ]
 
 
-def _one(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> list[Finding]:
-    step = float(quantisation_step(x))
+def _one(
+    log: Log, name: str, axis: int, x: Float[np.ndarray, " time"], step: float
+) -> list[Finding]:
     if step <= 0:
         return []
     codes = np.unique(_codes(x, step))

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from ..data.recording import Recording
 from .dwells import Dwells
 from .mean_covariance import covariances_of_means
-from .mean_noise import quantisation_step
+from .mean_noise import converter_steps
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
 
 
@@ -85,7 +85,7 @@ def sample_noise(mag: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "3"]:
     (x₁ − 2 x₂ + x₃)² has the mean 6 σ², and of a Gaussian 0.4549 of that is the median; turns are slow beside the
     sampling. Never below what a converter's step leaves.
     """
-    step = np.array([quantisation_step(mag[:, axis]) for axis in range(3)])
+    step = converter_steps(mag)
     fresh = np.append(True, (np.diff(mag, axis=0) != 0.0).any(axis=1))  # not a repeated value
     second = np.diff(mag[fresh], 2, axis=0)
     variance = np.median(np.square(second), axis=0) / (6.0 * 0.4549) if len(second) else 0.0

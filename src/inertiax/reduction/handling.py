@@ -13,13 +13,13 @@ from typing import SupportsIndex
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from ..data.recording import Recording
 from .clipping import clipped
 from .hand_motion import moved_by_hand
 from .knocks import knocked, levels_of, spiked
-from .mean_noise import quantisation_step
+from .mean_noise import converter_steps
 from .quiet_level import runs_of
 from .rest_ends import quiet_part
 from .rests import usual_step
@@ -206,7 +206,7 @@ def _without_bursts(recording: Recording, left: Undisturbed) -> Undisturbed:
     """Knocks by both triads, and single samples of either."""
     step = usual_step(recording)
     triads = [x for x in (recording.accel, recording.gyro) if x is not None]
-    converters = [_converter_step(x) for x in triads]
+    converters = [converter_steps(x) for x in triads]
     searched = recording.position is None and recording.reference_gyro is None
     knocks, spikes = {}, {}
     for k, rows in left.ranges():
@@ -226,10 +226,6 @@ def _without_tilts(recording: Recording, left: Undisturbed) -> Undisturbed:
     marked = np.zeros(len(left.start), bool)
     marked[[k for k, _ in inside]] = tilting(rests, usual_step(recording))[0]
     return left.without(recording, "slow tilt", marked)
-
-
-def _converter_step(values: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "3"]:
-    return np.array([quantisation_step(values[:, axis]) for axis in range(3)])
 
 
 STEPS: tuple[Step, ...] = (

@@ -6,6 +6,7 @@ the instrument's (`NoiseShape`) and is pooled over all dwells; σ² is the dwell
 towards the pooled one as far as the data say that dwells are alike.
 """
 
+import weakref
 from collections.abc import Callable
 
 import equinox as eqx
@@ -258,6 +259,20 @@ def quantisation_step(values: Float[np.ndarray, " time"]) -> float:
         return 0.0
     on_grid = np.abs(near - np.round(near)) < 0.02 * np.maximum(1.0, 0.01 * near)
     return least if on_grid.mean() > 0.99 else 0.0
+
+
+_STEPS: dict[int, tuple[weakref.ref, np.ndarray]] = {}
+
+
+def converter_steps(outputs: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "3"]:
+    """`quantisation_step` of each channel of a triad; kept as long as the outputs are, since every stage asks."""
+    key = id(outputs)
+    known = _STEPS.get(key)
+    if known is None or known[0]() is not outputs:
+        steps = np.array([quantisation_step(outputs[:, axis]) for axis in range(outputs.shape[1])])
+        known = weakref.ref(outputs, lambda _: _STEPS.pop(key, None)), steps
+        _STEPS[key] = known
+    return known[1]
 
 
 def quantisation_floor(

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from .mean_covariance import Scatter
-from .mean_noise import quantisation_step
+from .mean_noise import converter_steps
 
 
 _SAMPLES_FOR_SLOPE = 8
@@ -164,9 +164,7 @@ def _line(
     for i in range(3):
         for j in range(i + 1):
             products[:, i, j] = products[:, j, i] = over(deviations[:, i] * deviations[:, j])
-    values = getattr(recording, triad)
-    step = np.array([quantisation_step(values[:, axis]) for axis in range(3)])
-    return Line(mean, middle, slope, products, step)
+    return Line(mean, middle, slope, products, converter_steps(getattr(recording, triad)))
 
 
 def _outputs(recording: Recording, triad: str, rows: Int[np.ndarray, " row"]) -> np.ndarray:
