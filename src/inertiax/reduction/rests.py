@@ -17,6 +17,7 @@ PAUSE = 20  # usual steps; a longer pause in the stamps ends an interval
 _BIAS_SPAN = 150.0  # s; three of these at a time give the gyros' bias at rest
 _RESTING_RATE = 5e-3  # rad/s; see `_motion`
 _LOUD = 4.0  # times the quietest level of a log: noise of a part at rest is not that much greater
+_CONSTANT = 1e-2  # m/s², stands for the noise of rests that are constant (convention: a fine converter's step)
 TURNED_SLOWLY = "it is turned slowly all along"
 _TURNED = 0.17  # of gravity, a tilt of 10°: more than any rest creeps or a bias wanders
 _SCAN = np.geomspace(2.0, 1000.0, 64)
@@ -111,7 +112,11 @@ def _motion(recording: Recording, width: int) -> Float[np.ndarray, " time"]:
     least = recording.quietest if parted else (np.inf, np.inf)
     if recording.accel is not None:
         _, spread = _window_moments(recording.accel, width)
-        accel = spread / _level(spread, least[0])
+        level = _level(spread, least[0])
+        # Noise below a converter's step leaves rests without any scatter, and only motion varies.
+        if np.quantile(spread, 0.3) <= 1e-12 * spread.max():
+            level = min(level, _CONSTANT**2)
+        accel = spread / level
     if recording.gyro is not None:
         mean, spread = _window_moments(recording.gyro, width)
         judge = spread if accel is None else accel
