@@ -1,5 +1,7 @@
 """Figures of residuals: true to their data, with units, branches told apart, nothing overlapping."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,12 @@ def test_means_are_taken_over_levels_or_over_equal_numbers():
     at, mean = grouped(np.arange(1000.0), np.arange(1000.0), 10)
     np.testing.assert_allclose(mean, at)
     assert len(at) == 10
+
+
+@pytest.mark.parametrize("scale", [1e-2, 1e-9])
+def test_rows_are_changed_by_what_is_taken_from_them_whatever_their_size(scale):
+    """1e-9 rad/s is 2e-4 °/h, a navigation gyro's."""
+    found = rows(scale=scale)
+    assert found.changed
+    same = replace(found, after=found.before * (1.0 + 1e-15))
+    assert not same.changed

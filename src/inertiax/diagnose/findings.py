@@ -122,7 +122,9 @@ def find_in_motions(prepared: Prepared, grade: str | None, progress: Progress) -
     remarks = []
     if found.left_out:
         number = len(found.left_out)
-        remarks.append(f"gyros: {number} of the motions between rests left out, alone with it.")
+        remarks.append(
+            f"gyros: {number} of the motions between rests left out: what they show, no other one does."
+        )
     answer = found.answer
     if answer.verdict == "unexplained":
         assert answer.unlisted is not None  # which is why

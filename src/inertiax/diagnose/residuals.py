@@ -37,6 +37,12 @@ class Residuals(eqx.Module):
         """In names of files: the triad, and "motions" where the rows are of these."""
         return f"{self.triad}-motions" if self.channels == (TURN,) else self.triad
 
+    @property
+    def changed(self) -> bool:
+        """Whether named effects take anything from these rows, beyond rounding."""
+        size = np.abs(self.before).max(initial=0.0)
+        return bool(np.abs(self.after - self.before).max(initial=0.0) > 1e-9 * size)
+
     def of(self, channel: str) -> int:
         """Column of the rows that a channel of the triad shows up in."""
         return self.channels.index(channel) if channel in self.channels else 0

@@ -65,9 +65,9 @@ class Explanation(eqx.Module):
 class Quality(eqx.Module):
     """How well a model fits."""
 
-    rms: float = eqx.field(static=True)  # of the rows, m/s² or rad/s
+    rms: float = eqx.field(static=True)  # of the rows, m/s², rad/s, or rad after motions
     chi2_per_dof: float = eqx.field(static=True)  # under the fitted noise
-    held_out_rms: float = eqx.field(static=True)  # on left-out stretches, m/s² or rad/s
+    held_out_rms: float = eqx.field(static=True)  # on left-out stretches, in the same unit
 
 
 class Moved(eqx.Module):

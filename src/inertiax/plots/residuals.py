@@ -107,7 +107,7 @@ def over_time(rows: Residuals) -> Figure:
     figure, axes = new_figure(count, 1, height=0.7 + 1.45 * count, sharex=True)
     factor, unit = scale(rows)
     x, label = _time(rows)
-    same = np.allclose(rows.before, rows.after)
+    same = not rows.changed
     # Means must not join what a pause parts.
     breaks = np.flatnonzero(np.diff(x) > 20.0 * np.median(np.diff(x))) + 1
     pieces = np.split(np.arange(len(x)), breaks)

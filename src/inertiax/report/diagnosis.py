@@ -3,8 +3,6 @@
 import math
 from pathlib import Path
 
-import numpy as np
-
 from ..calibration.quantities import label, with_sigma
 from ..data.recording import Campaign
 from ..diagnose import Diagnosis
@@ -121,7 +119,7 @@ def _driver_figures(
     """Residuals of the named channels against a driver, before and after."""
     made = []
     # Rests and motions of one triad are rows of their own; an effect shows in those that it changes.
-    changed = [r for r in found.residuals if not np.allclose(r.before, r.after)]
+    changed = [r for r in found.residuals if r.changed]
     for rows in changed or found.residuals:
         channels = tuple(c for c in named if c.startswith(rows.triad))
         if not channels:
