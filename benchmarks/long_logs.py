@@ -21,6 +21,7 @@ import numpy as np
 RATE = 100.0  # Hz
 RESTS = 36
 TURN = 200  # rows
+SCALE = (1.01, 0.99, 1.005)
 PIECE = 1 << 19  # rows that are written at a time
 MANY = 500  # files
 ROWS_OF_MANY = 1000  # of each file
@@ -58,7 +59,7 @@ def rows_of(first: int, count: int, total: int, *, still: bool, rng: np.random.G
         force = force.copy()
         force[turning] = before * np.cos(swept) - np.cross(axis, before) * np.sin(swept)
         rate[turning] = axis * (angle * speed * RATE / TURN)[:, None]
-    accel = 9.81 * force * [1.01, 0.99, 1.005] + [0.05, -0.03, 0.02]
+    accel = 9.81 * force * SCALE + [0.05, -0.03, 0.02]
     accel = accel + rng.normal(scale=0.01, size=(count, 3))
     gyro = rate * [1.002, 0.997, 1.004] + [0.002, -0.001, 0.003]
     gyro = gyro + rng.normal(scale=1e-3, size=(count, 3))
@@ -111,6 +112,18 @@ def measured(command: list[str]) -> tuple[float, float, float]:
     return wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e6
 
 
+def hold(result: Path) -> None:
+    """Ends the run where a scale factor of the accelerometers is not the log's."""
+    import inertiax
+
+    triad = inertiax.read_calibration(result / "calibration.json").accel
+    assert triad is not None
+    told = dict(zip(triad.names, np.asarray(triad.curve.coefficients[0]).tolist()))
+    off = max(abs(told[f"accel.matrix[{k},{k}]"] - (x - 1.0)) for k, x in enumerate(SCALE))
+    if not off < 1e-4:  # ten times what the 36 rests of 10⁶ rows tell it to
+        sys.exit(f"{result}: a scale factor is {off:.1e} off.")
+
+
 def campaign(folder: Path, files: str) -> Path:
     """A `campaign.toml` over the files."""
     folder.mkdir()
@@ -138,6 +151,8 @@ def over_rows(folder: Path, rows: int, suffix: str, chosen: list[str], calibrati
         else:
             words = ["compensate", str(calibration), str(log), "-o", str(out / f"made.{suffix}")]
         wall, used, peak = measured([*run, *words])
+        if command == "calibrate":
+            hold(out / "calibrate")
         print(
             f"| `{command}` | {rows:.2g} | {suffix} | {wall:.1f} | {used:.1f} | {peak:.2f} |",
             flush=True,

@@ -12,7 +12,7 @@ from inertiax.diagnose.observations.blocks import cut, join
 from inertiax.reduction.clipping import clipped
 from inertiax.reduction.handling import kept_sentence, left_out_sentence
 from inertiax.reduction.knocks import levels_of, spiked
-from inertiax.reduction.quiet_level import burst_deviates
+from inertiax.reduction.quiet_level import Bursts
 from inertiax.reduction.rest_ends import quiet_part
 from inertiax.reduction.segments import disturbances_of, segment
 from inertiax.reduction.tilts import tilting
@@ -245,7 +245,9 @@ def test_energy_of_a_window_is_a_standard_normal_deviate():
     energy = np.ones(1000)  # of a chi² with one degree of freedom, whose mean is one
     rng = np.random.default_rng(16)
     energy = rng.chisquare(1.0, 200_000)
-    deviates = burst_deviates(energy, 1.0, width)
+    bursts = Bursts(energy, 1.0, width)
+    deviates = bursts.at(slice(None))
+    assert np.array_equal(bursts.above(2.0), np.flatnonzero(deviates > 2.0))
     for z in (-1.0, 0.0, 1.0, 2.0, 3.0):
         share = np.mean(deviates > z)
         # Neighbours share rows: 200 000 / 11 independent windows, four standard deviations.

@@ -14,7 +14,7 @@ from inertiax.data.stored_recording import ColumnStore, StoredRecording
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rotations_between_rests import with_motions
-from inertiax.reduction.segments import segment
+from inertiax.reduction.segments import segment, segment_all
 
 
 RATE = 50.0  # Hz
@@ -206,7 +206,7 @@ def test_a_store_holds_few_columns_and_refuses_others():
         store.append(whole[a : a + 100])
     for first in range(20):
         np.testing.assert_array_equal(store.read("accel", first, 300), whole.accel[first:])
-    assert len(store._held) == 8
+    assert len(store._held) == 16
     assert store.read("supply", 0, 10) is None and store.columns == ("time", "accel")
     with pytest.raises(ValueError, match="different columns"):
         store.append(_recordings(300, gyro=True)[0])
@@ -217,3 +217,29 @@ def _recordings(rows: int, gyro: bool = False):
 
     values = np.random.default_rng(0).standard_normal((rows, 3))
     return (Recording(np.arange(rows) / RATE, accel=values, gyro=values if gyro else None),)
+
+
+@pytest.mark.parametrize("in_parts_of", [None, 90_000])
+def test_turns_that_are_a_thousandth_of_a_long_log_part_its_rests(tmp_path, in_parts_of):
+    # Twelve rests of a quarter of an hour, and turns of half a second between them.
+    rate, rest, turn, poses = 20.0, 18_000, 10, 12
+    rng = np.random.default_rng(12)
+    up = rng.normal(size=(poses, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    pose = np.repeat(np.arange(poses), rest)
+    accel = GRAVITY * up[pose] + 0.01 * rng.standard_normal((len(pose), 3))
+    turning = (np.arange(len(pose)) % rest < turn) & (pose > 0)
+    accel[turning] += 2.0 * rng.standard_normal((turning.sum(), 3))
+    gyro = 0.002 + 1e-3 * rng.standard_normal(accel.shape)
+    gyro[turning] += 1.0
+    assert turning.mean() < 1e-3
+    columns = {"time": np.arange(len(accel)) / rate}
+    columns |= {f"accel_{a}": accel[:, k] for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}": gyro[:, k] for k, a in enumerate("xyz")}
+    pl.DataFrame(columns).write_parquet(path := tmp_path / "a.parquet")
+    parts = read_long(path) if in_parts_of is None else read_long(path, part=in_parts_of)
+    assert len(parts) == (1 if in_parts_of is None else 3)
+    found = reduce_to_dwells(parts, segments=segment_all(parts))
+    # Standard error of a mean of 18 000 samples is 7.5e-5 m/s²; rests cut at a part's end are two dwells.
+    off = np.abs(np.asarray(found.accel)[:, None] - GRAVITY * up).max(axis=2).min(axis=1)
+    assert len(off) in range(poses, poses + len(parts)) and off.max() < 1e-3

@@ -34,7 +34,12 @@ from ..reduction.dwells import Dwells
 from ..reduction.handling import kept_sentence, left_out_sentence
 from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
-from ..reduction.segments import numbered_through, segment, Segments, without_disturbances
+from ..reduction.segments import (
+    each_without_disturbances,
+    numbered_through,
+    segment_each,
+    Segments,
+)
 from .accelerometers import calibrate_accelerometers
 from .barometer import BarometerResult, calibrate_barometer
 from .gyros import calibrate_gyros
@@ -107,13 +112,13 @@ def calibrate_device(
     Raises `ValueError` with the reason where the data do not determine the model, or cannot be right.
     """
     recordings = campaign.recordings
-    as_recorded = [segment(r, handling=False) for r in recordings] if segments is None else None
+    as_recorded = segment_each(recordings, handling=False) if segments is None else None
     found_odd = () if checked else require_plausible(campaign, force=force, as_recorded=as_recorded)
     fixed = None if model is None else fixed_model(model)
     chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
     progress("reducing recordings to dwells")
     if as_recorded is not None:
-        undisturbed = [without_disturbances(r, s) for r, s in zip(recordings, as_recorded)]
+        undisturbed = each_without_disturbances(recordings, as_recorded)
         segments = numbered_through(recordings, undisturbed)
     assert segments is not None  # given, or just found
     segments = tuple(segments)

@@ -6,9 +6,10 @@ are read when they are used. The files are gone when nobody uses them any more, 
 """
 
 import tempfile
+import threading
 import weakref
 from collections import OrderedDict
-from typing import Any, BinaryIO
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -16,7 +17,15 @@ import numpy as np
 from .recording import COLUMNS, Recording
 
 
-_HELD = 8  # columns of parts in memory
+_HELD = 16  # columns of parts in memory
+
+
+class _Files(NamedTuple):
+    """Where a column is: a file for each of its axes, so that they are read as they lie in a `Recording`."""
+
+    files: tuple[Any, ...]
+    kind: np.dtype
+    shape: tuple[int, ...]  # of a row
 
 
 class ColumnStore:
@@ -24,8 +33,9 @@ class ColumnStore:
 
     def __init__(self) -> None:
         self.rows = 0
-        self._files: dict[str, tuple[Any, np.dtype, tuple[int, ...]]] = {}
+        self._files: dict[str, _Files] = {}
         weakref.finalize(self, _close, self._files)
+        self._lock = threading.Lock()  # parts are looked at side by side
         self._held: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
 
     @property
@@ -39,15 +49,17 @@ class ColumnStore:
         if self.rows and set(given) != set(self._files):
             raise ValueError("the pieces of a log have different columns.")
         for name in given:
-            values = np.ascontiguousarray(getattr(recording, name))
+            values = getattr(recording, name)
             if name not in self._files:
-                file: BinaryIO = tempfile.TemporaryFile()  # type: ignore[assignment]
-                self._files[name] = file, values.dtype, values.shape[1:]
-            file, kind, shape = self._files[name]
+                width = int(np.prod(values.shape[1:], dtype=int))
+                made = tuple(tempfile.TemporaryFile() for _ in range(width))
+                self._files[name] = _Files(made, values.dtype, values.shape[1:])
+            files, kind, shape = self._files[name]
             if values.shape[1:] != shape:
                 raise ValueError("the pieces of a log have different columns.")
-            file.seek(0, 2)
-            values.astype(kind, copy=False).tofile(file)
+            for file, column in zip(files, values.reshape(len(values), -1).T, strict=True):
+                file.seek(0, 2)
+                np.ascontiguousarray(column, kind).tofile(file)
         self.rows += recording.num_samples
 
     def read(self, name: str, first: int, stop: int) -> np.ndarray | None:
@@ -55,22 +67,26 @@ class ColumnStore:
         if name not in self._files:
             return None
         key = (name, first, stop)
-        if key in self._held:
-            self._held.move_to_end(key)
-            return self._held[key]
-        file, kind, shape = self._files[name]
-        width = int(np.prod(shape, dtype=int))
-        file.seek(first * width * kind.itemsize)
-        values = np.fromfile(file, kind, (stop - first) * width).reshape(-1, *shape)
-        self._held[key] = values
-        if len(self._held) > _HELD:
-            self._held.popitem(last=False)
-        return values
+        with self._lock:
+            if key in self._held:
+                self._held.move_to_end(key)
+                return self._held[key]
+            files, kind, shape = self._files[name]
+            read = np.empty((len(files), stop - first), kind)
+            for row, file in zip(read, files, strict=True):
+                file.seek(first * kind.itemsize)
+                file.readinto(row.view(np.uint8))
+            values = read.T if shape else read[0]
+            self._held[key] = values
+            if len(self._held) > _HELD:
+                self._held.popitem(last=False)
+            return values
 
 
-def _close(files: dict[str, tuple[Any, np.dtype, tuple[int, ...]]]) -> None:
-    for file, _, _ in files.values():
-        file.close()
+def _close(stored: "dict[str, _Files]") -> None:
+    for each in stored.values():
+        for file in each.files:
+            file.close()
 
 
 class StoredRecording(Recording):

@@ -12,7 +12,7 @@ from ..data.moments import moment
 from ..data.recording import Campaign, Recording, Site
 from ..data.settings import read_table
 from ..reduction.rests import usual_step
-from ..reduction.segments import segment, Segments
+from ..reduction.segments import segment, segment_each, Segments
 
 
 _MOST_RESTS = 2000  # of one recording: more are labels that do not mean rests
@@ -37,6 +37,7 @@ class Log:
     plateau_start: Int[np.ndarray, " plateau"]
     plateau_stop: Int[np.ndarray, " plateau"]
     step: float  # s, the usual time from sample to sample
+    known: dict[tuple[str, str], Means] = dataclasses.field(default_factory=dict)  # asked before
 
     @property
     def name(self) -> str:
@@ -67,13 +68,25 @@ class Log:
 
     def over_rests(self, column: str) -> Means | None:
         """Means of a triad over the rests, `None` where it was not recorded."""
-        values = getattr(self.recording, column)
-        return None if values is None else means(values, self.start, self.stop)
+        return self._means(column, "rest", self.start, self.stop)
 
     def over_plateaus(self, column: str) -> Means | None:
         """The same over plateaus of constant rate."""
-        values = getattr(self.recording, column)
-        return None if values is None else means(values, self.plateau_start, self.plateau_stop)
+        return self._means(column, "plateau", self.plateau_start, self.plateau_stop)
+
+    def _means(
+        self,
+        column: str,
+        over: str,
+        start: Int[np.ndarray, " segment"],
+        stop: Int[np.ndarray, " segment"],
+    ) -> Means | None:
+        if (column, over) not in self.known:
+            values = getattr(self.recording, column)
+            if values is None:
+                return None
+            self.known[column, over] = means(values, start, stop)
+        return self.known[column, over]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,15 +110,11 @@ def means(
     stop: Int[np.ndarray, " segment"],
 ) -> Means:
     """Mean and standard deviation over each range of rows."""
-    centre = np.median(values, axis=0) if len(values) else np.zeros(3)
-    apart = values - centre
-    sums, squares = np.zeros((2, len(values) + 1, 3))
-    np.cumsum(apart, axis=0, out=sums[1:])
-    np.cumsum(np.square(apart), axis=0, out=squares[1:])
-    count = (stop - start)[:, None]
-    mean = (sums[stop] - sums[start]) / count
-    spread = (squares[stop] - squares[start]) / count - mean**2
-    return Means(mean + centre, np.sqrt(np.maximum(spread, 0.0)))
+    made = np.empty((2, len(start), 3))
+    for k, (a, b) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
+        made[0, k] = values[a:b].mean(axis=0)
+        made[1, k] = values[a:b].std(axis=0)
+    return Means(*made)
 
 
 def look_at(
@@ -118,7 +127,7 @@ def look_at(
     """
     recordings = campaign.of_device(device).recordings
     if as_recorded is None:
-        as_recorded = [segment(r, handling=False) for r in recordings]
+        as_recorded = segment_each(recordings, handling=False)
     # A campaign outlives its file, which only says how to write a remedy.
     file = campaign.path if campaign.path is not None and campaign.path.is_file() else None
     columns = ColumnMap() if file is None else read_table(file).columns

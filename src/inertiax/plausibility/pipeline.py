@@ -1,10 +1,12 @@
 """All checks of a campaign in order, and what a command does with their findings."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 from ..data.recording import Campaign
 from ..data.stored_recording import StoredRecording
+from ..numerics.side_by_side import side_by_side
 from ..reduction.segments import Segments
 from .accel_unit import check_accel_unit
 from .band_limit import check_band_limit
@@ -77,9 +79,19 @@ def check_campaign(
     found: list[Finding] = []
     for device in campaign.devices:
         logs = look_at(campaign, device, as_recorded=as_recorded)
-        for check in CHECKS:
-            found += _once(check(logs, limits), logs)
+        rows = sum(r.num_samples for r in logs.recordings)
+        ask = functools.partial(_ask, logs, limits)
+        for told in side_by_side(ask, CHECKS, rows=rows):
+            found += _once(told, logs)
     return Plausibility(tuple(sorted(dict.fromkeys(found), key=lambda f: _ORDER[f.severity])))
+
+
+def _ask(
+    logs: DeviceLogs,
+    limits: Thresholds,
+    check: Callable[[DeviceLogs, Thresholds], list[Finding]],
+) -> list[Finding]:
+    return check(logs, limits)
 
 
 def _once(found: list[Finding], logs: DeviceLogs) -> list[Finding]:

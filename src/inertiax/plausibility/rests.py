@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool
 
+from ..reduction.mean_noise import converter_steps
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .samples import triads
@@ -15,6 +16,7 @@ _SHORTEST = 20  # rows of a rest that is looked into
 _LONGEST = 300.0  # s; beyond, zeros wander by themselves
 _SPIKE = 2  # rows; longer disturbances are knocks
 _LEAST_LEAD = 3  # rows of motion at an end
+_ENOUGH = 10_000  # rows tell the noise of a longer rest to 1 %
 _NOTICED = 5.0  # standard errors by which a rest's mean has to move
 _NO_REST = 0.1  # rad
 _MATTERS = {"accel": 2e-3, "gyro": 2e-4}  # m/s², rad/s: what a rest's mean has to move at the least
@@ -57,10 +59,13 @@ def _look(log: Log, k: int, limits: Thresholds) -> _Rest | None:
     head, tail = 0, 0
     for name, values in triads(log):
         x = values[a:b]
-        centre = np.median(x, axis=0)
-        noise = 1.4826 * np.median(np.abs(x - centre), axis=0)
-        step = np.array([np.min(np.diff(np.unique(c)), initial=np.inf) for c in x.T])
-        noise = np.maximum(noise, np.where(np.isfinite(step), step, 0.0))
+        enough = x[:: max(len(x) // _ENOUGH, 1)]
+        centre = np.median(enough, axis=0)
+        noise = 1.4826 * np.median(np.abs(enough - centre), axis=0)
+        noise = np.maximum(noise, converter_steps(values))
+        for axis in np.flatnonzero(noise == 0.0):  # most samples alike, on no grid that shows
+            noise[axis] = np.min(np.diff(np.unique(x[:, axis])), initial=np.inf)
+        noise = np.where(np.isfinite(noise), noise, 0.0)
         if np.any(noise <= 0):
             continue
         off = np.any(np.abs(x - centre) > limits.spike * noise, axis=1)

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
+from ..numerics.side_by_side import side_by_side
 from .dwells import Dwells
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
@@ -174,8 +175,10 @@ def _pieces_by_temperature(
 
 
 def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
-    # One recording after the other, so that no more than the samples of one are held.
-    found = [reduced(r, p.start, p.stop, p.used) for r, p in zip(recordings, parts, strict=True)]
+    # Recording by recording, so that no more than the samples of a few are held.
+    of_one = lambda pair: reduced(pair[0], pair[1].start, pair[1].stop, pair[1].used)
+    rows = sum(r.num_samples for r in recordings)
+    found = side_by_side(of_one, zip(recordings, parts, strict=True), rows=rows)
     counts = np.concatenate([p.counts for p in parts])
     pairs = list(zip(recordings, parts, strict=True))
     step = np.concatenate([np.full(len(p.start), usual_step(r)) for r, p in pairs])

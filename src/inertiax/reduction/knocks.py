@@ -6,12 +6,12 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .quiet_level import burst_deviates, in_quiet_levels, runs_of, widened
+from .quiet_level import Bursts, in_quiet_levels, runs_of, widened
 
 
 @dataclass(frozen=True)
 class KnockThresholds:
-    """When a burst is one. Deviates are standard normal under noise, see `quiet_level.burst_deviates`.
+    """When a burst is one. Deviates are standard normal under noise, see `quiet_level.Bursts`.
 
     A rest of 1000 rows holds about 1000 windows of each length. By two independent triads a sum of 8 is passed at a
     rate of 8e-9 a window; `benchmarks/handling.py` counts false ones with white and with MEMS noise.
@@ -74,10 +74,12 @@ def knocked(
         width = max(round(seconds / step), limits.fewest)
         if 4 * width > num:
             continue
-        force, rate = (burst_deviates(e, f, width) if f else np.zeros(num) for e, f in energies)
-        hit = (force + rate > limits.together) & (force > limits.each) & (rate > limits.each)
+        force, rate = (Bursts(e, f, width) for e, f in energies)
+        hit = np.zeros(num, bool)
+        both = np.intersect1d(force.above(limits.each), rate.above(limits.each), assume_unique=True)
+        hit[both] = force.at(both) + rate.at(both) > limits.together
         if searched:
-            hit |= rate > limits.gyro_alone
+            hit[rate.above(limits.gyro_alone)] = True
         for a, b in zip(*runs_of(hit)):
             marked[slice(*_inside(int(a), int(b), width))] = True
     return widened(marked, max(round(limits.reach / step), 1)) if marked.any() else marked

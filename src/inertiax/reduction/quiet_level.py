@@ -17,10 +17,18 @@ ENOUGH = 400  # rows tell a median distance to 6 %
 def moving_mean(x: Float[np.ndarray, "row *axis"], width: int) -> Float[np.ndarray, "row *axis"]:
     """Mean over the `width` rows around each row, over fewer at both ends."""
     num, half = len(x), max(width // 2, 1)
-    total = np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)])
-    row = np.arange(num)
-    first, last = np.maximum(row - half, 0), np.minimum(row + half + 1, num)
-    return (total[last] - total[first]) / (last - first).reshape(-1, *[1] * (x.ndim - 1))
+    total = np.zeros((num + 1, *x.shape[1:]), order="F")  # as the samples of a `Recording` lie
+    np.cumsum(x, axis=0, out=total[1:])
+    made = np.empty_like(x)
+    whole = slice(half, max(num - half, half))  # rows with all neighbours
+    count = 2 * half + 1
+    np.subtract(total[count:], total[: max(num + 1 - count, 0)], out=made[whole])
+    made[whole] /= count
+    for row in (np.arange(min(half, num)), np.arange(max(num - half, half), num)):
+        first, last = np.maximum(row - half, 0), np.minimum(row + half + 1, num)
+        size = (last - first).reshape(-1, *[1] * (x.ndim - 1))
+        made[row] = (total[last] - total[first]) / size
+    return made
 
 
 @no_type_check  # see above
@@ -51,22 +59,46 @@ def in_quiet_levels(
     return left * np.where(sigma > 0.0, 1.0 / np.where(sigma > 0.0, sigma, 1.0), 0.0)
 
 
-@no_type_check  # see above
-def burst_deviates(
-    energy: Float[np.ndarray, " row"], freedom: float, width: int
-) -> Float[np.ndarray, " row"]:
+class Bursts:
     """How far the energy of `width` rows around each row is from the rest's usual, as a standard normal deviate.
 
-    **Arguments:** `energy` of each row, the sum of squares of `freedom` normal numbers. The sum of squares of n normal
-    numbers over n, its cube root made normal (Wilson and Hilferty, PNAS 17, 1931). Noise with memory scatters more: the
-    deviates are divided by their own robust spread where that is above one.
+    **Arguments:** `energy` of each row, the sum of squares of `freedom` normal numbers; with a freedom of 0 all
+    deviates are 0. The sum of squares of n normal numbers over n, its cube root made normal (Wilson and Hilferty, PNAS
+    17, 1931). Noise with memory scatters more: the deviates are divided by their own robust spread where that is above
+    one.
+
+    Few rows of a long rest are asked: cube roots are taken of them alone.
     """
-    power = moving_mean(energy, width) / freedom
-    spread = 2.0 / (9.0 * freedom * width)
-    deviate = (np.cbrt(power) - (1.0 - spread)) / np.sqrt(spread)
-    apart = deviate[:: max(width // 2, 1)]  # neighbours hold nearly the same rows
-    middle = float(ordered(apart, 0.5))
-    return (deviate - middle) / max(float(median_distance(apart - middle)), 1.0)
+
+    @no_type_check  # see above
+    def __init__(self, energy: Float[np.ndarray, " row"], freedom: float, width: int):
+        self._told = freedom > 0.0
+        if not self._told:
+            return
+        self._power = moving_mean(energy, width) / freedom
+        self._usual = 2.0 / (9.0 * freedom * width)
+        self._middle, self._spread = 0.0, 1.0
+        apart = self._deviates(self._power[:: max(width // 2, 1)])  # neighbours hold nearly alike
+        self._middle = float(ordered(apart, 0.5))
+        self._spread = max(float(median_distance(apart - self._middle)), 1.0)
+
+    @no_type_check  # see above
+    def _deviates(self, power: np.ndarray) -> np.ndarray:
+        normal = (np.cbrt(power) - (1.0 - self._usual)) / np.sqrt(self._usual)
+        return (normal - self._middle) / self._spread
+
+    @no_type_check  # see above
+    def at(self, rows: np.ndarray | slice) -> Float[np.ndarray, " chosen"]:
+        """The deviates of some rows."""
+        return self._deviates(self._power[rows]) if self._told else np.zeros(np.size(rows))
+
+    @no_type_check  # see above
+    def above(self, limit: float) -> np.ndarray:
+        """Rows, by number, whose deviates are above a limit that is not negative."""
+        if not self._told:
+            return np.zeros(0, np.int64)
+        root = (limit * self._spread + self._middle) * np.sqrt(self._usual) + 1.0 - self._usual
+        return np.flatnonzero(self._power > root**3)
 
 
 @no_type_check  # see above

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..data.recording import Recording
+from ..numerics.side_by_side import side_by_side
 from ..physics.earth import EARTH_RATE
 from .handling import Disturbance, undisturbed
 from .plateaus import plateaus, steady_steps, without_ramps
@@ -90,8 +91,24 @@ def segment_all(
     recordings: Sequence[Recording], *, window: float = 1.0, handling: bool = True
 ) -> tuple[Segments, ...]:
     """The segments of each recording; positions that no recording states are numbered through all of them."""
-    found = [segment(r, window=window, handling=handling) for r in recordings]
+    found = segment_each(recordings, window=window, handling=handling)
     return numbered_through(recordings, found)
+
+
+def segment_each(
+    recordings: Sequence[Recording], *, window: float = 1.0, handling: bool = True
+) -> list[Segments]:
+    """`segment` of each recording, of long ones side by side."""
+    one = lambda r: segment(r, window=window, handling=handling)
+    return side_by_side(one, recordings, rows=sum(r.num_samples for r in recordings))
+
+
+def each_without_disturbances(
+    recordings: Sequence[Recording], found: Sequence[Segments]
+) -> list[Segments]:
+    """`without_disturbances` of each recording, of long ones side by side."""
+    pairs, rows = zip(recordings, found, strict=True), sum(r.num_samples for r in recordings)
+    return side_by_side(lambda pair: without_disturbances(*pair), pairs, rows=rows)
 
 
 def numbered_through(

@@ -192,7 +192,7 @@ def _triad(
         )
     kind = "mag" if key == "mag" else "accel" if key.endswith("accel") else "gyro"
     offset, factor = triad_factors(column, kind, f"[columns] {key}")
-    values = np.empty((table.height, 3))
+    values = np.empty((table.height, 3), order="F")  # as a `Recording` has it
     for axis, name in enumerate(names):
         read = numbers(table, name, where, gaps=key == "mag")
         values[:, axis] = (read - offset[axis]) * factor[axis]
