@@ -18,6 +18,7 @@ from .gravity import check_gravity
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
 from .mag_unit import check_mag_unit
+from .moving_label import check_moving_label
 from .no_rest import check_no_rest
 from .pose_rows import check_pose_rows
 from .positions import check_positions
@@ -39,6 +40,7 @@ Check = Callable[[DeviceLogs, Thresholds], list[Finding]]
 
 # In the order in which they are told; errors come first all the same.
 CHECKS: tuple[Check, ...] = (
+    check_moving_label,
     check_constant_channels,
     check_pose_rows,
     check_accel_unit,
@@ -86,32 +88,37 @@ def check_campaign(
     return Plausibility(tuple(sorted(dict.fromkeys(found), key=lambda f: _ORDER[f.severity])))
 
 
-def _ask(
-    logs: DeviceLogs,
-    limits: Thresholds,
-    check: Callable[[DeviceLogs, Thresholds], list[Finding]],
-) -> list[Finding]:
+def _ask(logs: DeviceLogs, limits: Thresholds, check: Check) -> list[Finding]:
     return check(logs, limits)
 
 
 def _once(found: list[Finding], logs: DeviceLogs) -> list[Finding]:
-    """Of what is found alike in several parts of one long log, the first, and in how many it is."""
-    parts = {r.name: r.whole for r in logs.recordings if isinstance(r, StoredRecording)}
-    if not parts:
+    """Of what is found alike in several recordings of a device, the first, and in how many it is.
+
+    Errors of whole recordings are told one by one, for each has its own cure; those of parts of one long log are not.
+    """
+    names = {log.name for log in logs.logs}
+    if len(names) < 2:
         return found
+    parts = {r.name: r.whole for r in logs.recordings if isinstance(r, StoredRecording)}
     alike: dict[tuple, list[Finding]] = {}
     for f in found:
-        name = next((n for n in parts if f.statement.startswith(f"{n}:")), "")
-        key = (f.kind, f.severity, f.what, parts[name]) if name else (f,)
+        name = f.statement.split(": ", 1)[0]
+        single = name not in names or (f.severity == "error" and name not in parts)
+        key = (f,) if single else (f.kind, f.severity, f.what, parts.get(name))
         alike.setdefault(key, []).append(f)
     return [
-        dataclasses.replace(
-            first, statement=f"{first.statement} (Alike in {len(others)} further parts.)"
-        )
+        dataclasses.replace(first, statement=f"{first.statement} ({_further(others, parts)})")
         if others
         else first
         for first, *others in alike.values()
     ]
+
+
+def _further(others: list[Finding], parts: dict[str, str]) -> str:
+    stored = others[0].statement.split(": ", 1)[0] in parts
+    what = "part" if stored else "recording"
+    return f"Alike in {len(others)} further {what}{'s' * (len(others) > 1)}."
 
 
 def require_plausible(

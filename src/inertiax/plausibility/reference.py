@@ -90,6 +90,8 @@ def _gather(device: DeviceLogs, triad: str) -> _Rows | None:
         # Where the reference changes within, it says nothing of the mean.
         size = np.maximum(np.linalg.norm(ideal.mean, axis=1), 1e-12)
         steady = np.linalg.norm(ideal.std, axis=1) < 0.02 * size
+        if triad == "accel":
+            steady &= np.any(ideal.mean, axis=1)  # `check_moving_label` has seen the others
         runs = log.recording.experiment
         group = np.zeros(len(start)) if runs is None else runs[start].astype(float)
         logs += [log] * int(steady.sum())

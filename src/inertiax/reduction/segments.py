@@ -14,7 +14,7 @@ from ..data.recording import Recording
 from ..numerics.side_by_side import side_by_side
 from ..physics.earth import EARTH_RATE
 from .handling import Disturbance, undisturbed
-from .plateaus import plateaus, steady_steps, without_ramps
+from .plateaus import plateaus, steady_steps, TURNING, without_ramps
 from .rests import find_rests, PAUSE, usual_step
 
 
@@ -170,7 +170,13 @@ def _inside(
 def _planned(
     recording: Recording, position: Int[np.ndarray, " time"], source: str = "`position` says"
 ) -> Segments:
-    """Runs of one position, and runs of −1 in which the reference rate is constant."""
+    """Runs of one position, and runs of −1 in which the reference rate is constant.
+
+    A station that numbers its rates as it numbers its positions means plateaus where the reference turns.
+    """
+    if recording.position is not None and recording.reference_gyro is not None:
+        turning = np.linalg.norm(recording.reference_gyro, axis=1) > TURNING * EARTH_RATE
+        position = np.where(turning, -1, position)
     breaks = np.diff(position) != 0
     if recording.experiment is not None:
         breaks |= np.diff(recording.experiment) != 0

@@ -111,10 +111,20 @@ class LabelColumn(_Strict, frozen=True):
 
 
 class PositionColumn(_Strict, frozen=True):
-    """A column of positions by `name`; or `row_index = true` where each row is the mean of one pose."""
+    """A column of positions by `name`; or `row_index = true` where each row is the mean of one pose.
+
+    `moving` is the label that the column has while the device moves, where that is not −1; several are a list.
+    """
 
     name: str | None = None
     row_index: bool = False
+    moving: int | tuple[int, ...] | None = None
+
+    @property
+    def moving_labels(self) -> tuple[int, ...]:
+        """Labels that stand for −1."""
+        said = self.moving
+        return () if said is None else (said,) if isinstance(said, int) else said
 
 
 class ColumnMap(_Strict, frozen=True):

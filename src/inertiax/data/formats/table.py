@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...storage.harmless_text import short
 from ..recording import Recording
@@ -17,6 +17,7 @@ from .columns import (
     CurrentColumn,
     Layout,
     nearest,
+    PositionColumn,
     pressure_scale,
     PressureColumn,
     ProbeColumns,
@@ -47,15 +48,21 @@ def to_recordings(
             f"{table.height}); at least one sample is needed."
         )
     table = table.slice(layout.start_row)
+    position = _position(table, columns, name)
+    moving = None if position is None else position < 0
     values = {
         "time": stamps_of(table, columns, name),
         "accel": None if layout.triad == "gyro" else _triad(table, columns.accel, "accel", name),
         "gyro": None if layout.triad == "accel" else _triad(table, columns.gyro, "gyro", name),
         "temperature": _temperature(table, columns.temperature, name),
         "experiment": _labels(table, columns.label("experiment"), "experiment", name),
-        "position": _position(table, columns, name),
-        "reference_accel": _triad(table, columns.reference_accel, "reference_accel", name),
-        "reference_gyro": _triad(table, columns.reference_gyro, "reference_gyro", name),
+        "position": position,
+        "reference_accel": _triad(
+            table, columns.reference_accel, "reference_accel", name, moving=moving
+        ),
+        "reference_gyro": _triad(
+            table, columns.reference_gyro, "reference_gyro", name, moving=moving
+        ),
         "supply": _quantity(table, columns.supply, "supply", supply_scale, name, gaps=False),
         "mag": _mag(table, columns.mag, name),
         "current": _quantity(table, columns.current, "current", current_scale, name),
@@ -86,11 +93,17 @@ def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:
 
 
 def numbers(
-    table: pl.DataFrame, column: str, where: str, *, gaps: bool = False
+    table: pl.DataFrame,
+    column: str,
+    where: str,
+    *,
+    gaps: bool = False,
+    empty: Bool[np.ndarray, " rows"] | None = None,
 ) -> Float[np.ndarray, " rows"]:
     """A column as finite float64. Raises `ValueError` for text, gaps, NaN and infinities.
 
-    With `gaps` rows without a number are NaN: a sensor that is read less often than the others.
+    With `gaps` rows without a number are NaN: a sensor that is read less often than the others. `empty` marks the only
+    rows that may be without.
     """
     series = require(table, column, where)
     if series.dtype == pl.String:
@@ -101,11 +114,12 @@ def numbers(
         )
     series = series.cast(pl.Float64)
     values = (series.fill_null(float("nan")) if series.null_count() else series).to_numpy()
-    finite = np.isfinite(values) | (np.isnan(values) & gaps)
+    finite = np.isfinite(values) | (np.isnan(values) & (gaps if empty is None else empty))
     if not finite.all():
+        only = " outside position −1" if empty is not None and empty.any() else ""
         raise ValueError(
             f"{where}: column '{column}' has no finite number in {int((~finite).sum())} of "
-            f"{len(values)} rows, first in row {int(np.argmin(finite))}; drop or repair them."
+            f"{len(values)} rows{only}, first in row {int(np.argmin(finite))}; drop or repair them."
         )
     return values
 
@@ -180,8 +194,13 @@ TriadName = Literal["accel", "gyro", "reference_accel", "reference_gyro", "mag"]
 
 
 def _triad(
-    table: pl.DataFrame, said: TriadColumns | None, key: TriadName, where: str
+    table: pl.DataFrame,
+    said: TriadColumns | None,
+    key: TriadName,
+    where: str,
+    moving: Bool[np.ndarray, " rows"] | None = None,
 ) -> Float[np.ndarray, "rows 3"] | None:
+    """A triad in SI. A reference may be empty in rows that are `moving`, and is zero there: it is not told."""
     column = said or TriadColumns()
     names = column.names or tuple(f"{key}_{axis}" for axis in AXES)
     if said is None and not any(n in table.columns for n in names):
@@ -194,8 +213,10 @@ def _triad(
     offset, factor = triad_factors(column, kind, f"[columns] {key}")
     values = np.empty((table.height, 3), order="F")  # as a `Recording` has it
     for axis, name in enumerate(names):
-        read = numbers(table, name, where, gaps=key == "mag")
+        read = numbers(table, name, where, gaps=key == "mag", empty=moving)
         values[:, axis] = (read - offset[axis]) * factor[axis]
+    if moving is not None:
+        values[np.isnan(values).any(axis=1)] = 0.0
     return values
 
 
@@ -268,7 +289,11 @@ def _position(
     """Position labels; row numbers where each row is the mean of one pose."""
     if columns.each_row_is_a_pose:
         return np.arange(table.height)
-    return _labels(table, columns.label("position"), "position", where)
+    labels = _labels(table, columns.label("position"), "position", where)
+    said = columns.position
+    if labels is None or not isinstance(said, PositionColumn) or not said.moving_labels:
+        return labels
+    return np.where(np.isin(labels, said.moving_labels), -1, labels)
 
 
 def _labels(

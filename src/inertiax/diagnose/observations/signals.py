@@ -75,7 +75,7 @@ def specific_force(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> n
     Without accelerometers the upright axis of a rate table tells it, where there is one.
     """
     if log.reference_accel is not None:
-        return log.reference_accel / np.linalg.norm(log.reference_accel, axis=1).mean()
+        return _as_stated(log.reference_accel, log.accel)
     if log.accel is None:
         return upright_axis(log)
     if accel is not None and accel.form.by_magnitude:
@@ -85,6 +85,16 @@ def specific_force(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> n
         force = log.accel / np.median(np.linalg.norm(log.accel[blocks.start], axis=1))
     unit = accel is not None and accel.form.by_magnitude
     return _steady(force, blocks, unit)
+
+
+def _as_stated(reference: np.ndarray, accel: np.ndarray | None) -> np.ndarray:
+    """The reference in g. A station may write zeros while it moves: there the outputs are nearer to the truth."""
+    size = np.linalg.norm(reference, axis=1)
+    told = size > 0.0
+    made = reference / size[told].mean()
+    if accel is not None and not told.all():
+        made[~told] = accel[~told] / np.median(np.linalg.norm(accel[told], axis=1))
+    return made
 
 
 def _steady(values: np.ndarray, blocks: Blocks, unit: bool) -> np.ndarray:
