@@ -1,6 +1,7 @@
 """Allan deviations against allantools and hand calculation; noise terms against simulated truth."""
 
 import json
+import re
 
 import allantools
 import numpy as np
@@ -10,9 +11,10 @@ from scipy.stats import binom
 
 from hard_limit import run_here
 from inertiax.allan import degrees_of_freedom, deviations, identify, interval, KINDS, noise_of
+from inertiax.allan.rest_channels import longest_rest
 from inertiax.allan.spectrum import expected_of, tapered
 from inertiax.data.recording import Recording
-from inertiax.report.noise import noise_document
+from inertiax.report.noise import noise_document, print_noise
 
 
 def _log(samples: int) -> np.ndarray:
@@ -200,6 +202,54 @@ def test_the_longest_rest_of_a_recording_is_told_with_units():
     np.testing.assert_allclose(white["usual"]["value"], 0.3438, rtol=0.05)
     np.testing.assert_allclose(channel["discrete"]["white"]["value"], 1e-3, rtol=0.05)
     assert channel["discrete"]["white"]["unit"] == "rad/s"
+
+
+@pytest.fixture(scope="module")
+def warming():
+    """A log at rest that warms up by 20 °C, with drifts of millions of the data sheets' units."""
+    rng, time = np.random.default_rng(13), np.arange(6000) / 20.0
+    made = {
+        name: size * (rng.normal(size=(6000, 3)) + [0.3, 2.0, 50.0] * np.exp(-time / 90.0)[:, None])
+        for name, size in (("accel", 2.0), ("gyro", 0.1))
+    }
+    temperature = 20.0 + time[:, None] / 15.0
+    position = np.zeros(6000, int)
+    return Recording(time=time, temperature=temperature, position=position, **made)
+
+
+@pytest.fixture(scope="module")
+def warmed(warming):
+    return noise_of(warming)
+
+
+def test_a_table_of_noise_is_whole_in_eighty_columns(warmed, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")  # and is not squeezed where there are fewer
+    print_noise([warmed])
+    shown = capsys.readouterr().out
+    table = [
+        line for line in shown.splitlines() if not line.startswith(("note", "accel_", "gyro_"))
+    ]
+    assert max(map(len, table)) <= 80
+    # A number is cut with an ellipsis at its end; limits have one between two numbers.
+    assert not re.search(r"…\s|…$|e\+", shown)
+    assert re.search(r"K  acceleration random walk, \(m/s\)/h\^\(3/2\) +x ", shown)
+    # 2 m/s² at 20 Hz are 26.8 (m/s)/√h, and one sample is 204 mg again.
+    assert re.search(r"N  velocity random walk, \(m/s\)/sqrt\(h\) +x +2[67](\.\d)?  2", shown)
+    assert re.search(r"N as one sample at 20 Hz, mg +x +20\d  ", shown)
+    assert "N holds for 20 samples a second that are not averaged" in shown
+
+
+def test_of_compensated_columns_the_temperature_is_said_to_be_what_is_left(warming):
+    raw, left = (longest_rest((warming,), compensated=known)[1] for known in (False, True))
+    assert any("by 20.0 °C, which looks like" in n and "compensate the log" in n for n in raw)
+    assert any("by 20.0 °C: the columns are compensated" in n for n in left)
+    assert not any("compensate the log" in n for n in left)
+
+
+def test_terms_that_a_drift_hides_are_said_once_with_the_reason(warmed):
+    (said,) = [n for n in warmed.notes if "drift as none of the terms does" in n]
+    assert "accel_z" in said and "(R) are not told" in said
+    assert not any("does not determine random walk" in n and "accel_z" in n for n in warmed.notes)
 
 
 def test_a_recording_without_a_rest_is_refused():

@@ -54,6 +54,16 @@ def test_json_is_all_that_a_pipe_gets(command, tmp_path, capfd, monkeypatch):
     assert err == ""
 
 
+@pytest.mark.parametrize("header", ["millis,ax,ay,az", "time,ax,ay,az"])
+def test_noise_of_a_log_with_other_names_says_how_to_go_on(header, tmp_path, capfd, monkeypatch):
+    log = FILES["rest.csv"].replace("time,accel_x,accel_y,accel_z", header)
+    place(tmp_path, {"raw.csv": log})
+    status, _, err = run_in("noise @raw.csv -o @out", tmp_path, capfd, monkeypatch)
+    assert status == 1 and err.count("\n") == 1
+    assert "`inertiax init raw.csv -o DIR` writes a campaign.toml" in err
+    assert "then `inertiax noise DIR`" in err
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_offers_json_and_quiet_and_says_what_it_does(command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")

@@ -6,7 +6,7 @@ import pytest
 from bad_inputs_cases import CSV, good_calibration, TABLE, TOML
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
-from inertiax.data.compensated import is_compensated
+from inertiax.data.compensated import is_compensated, reads_compensated
 
 
 @pytest.fixture
@@ -55,6 +55,13 @@ def test_a_glob_of_compensated_files_alone_is_refused(campaign):
         ValueError, match=r"'b\.c\*' matches only what `inertiax compensate` wrote \(b.csv\)"
     ):
         load_campaign(campaign)
+
+
+def test_columns_of_other_names_in_a_compensated_file_are_raw_ones(campaign):
+    assert reads_compensated(campaign / "b.csv", ())
+    assert reads_compensated(campaign / "b.csv", ("accel_x", "accel_y", "accel_z"))
+    assert not reads_compensated(campaign / "b.csv", ("ax", "ay", "az"))
+    assert not reads_compensated(campaign / "a.csv", ())
 
 
 @pytest.mark.parametrize("name", ["b.csv", "b.parquet"])

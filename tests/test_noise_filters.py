@@ -90,14 +90,53 @@ def test_a_line_is_left_out_and_named():
     assert model.chi2_per_dof > 10.0
 
 
+def drifting(seed, seconds, drift):
+    """White noise at 20 Hz and a drift over time in s."""
+    time = np.arange(seconds * 20) / 20.0
+    return white(seed, len(time), rate=20.0) + drift(time)
+
+
+@pytest.mark.parametrize(
+    ("seed", "seconds", "drift"),
+    [
+        (20, 1500, lambda t: 0.1 * np.exp(-t / 400.0)),
+        (21, 1500, lambda t: 1e-3 * np.sin(2.0 * np.pi * t / 500.0)),
+        # Up to 0.3 Hz it passes for a random walk, and N for 0.65 of what it is.
+        (52, 750, lambda t: 2e-3 * N / 2.7e-4 * np.sin(2.0 * np.pi * t / 600.0)),
+    ],
+    ids=["warm-up", "three periods", "weak"],
+)
+def test_a_drift_as_slow_as_the_log_is_no_line_and_tells_no_slow_term(seed, seconds, drift):
+    model = identify(drifting(seed, seconds, drift), rate=20.0)
+    assert "Hz left out" not in model.statement and "a drift" in model.statement
+    assert model.terms["N"].lower < N < model.terms["N"].upper
+    assert all(not model.terms[k].shown and model.terms[k].upper == np.inf for k in "BKR")
+
+
+def test_what_goes_to_and_fro_eight_times_in_the_log_is_a_line():
+    swing = lambda t: 4e-4 * np.sin(2.0 * np.pi * t / 187.5)
+    assert (
+        "a line at 0.00533 Hz left out" in identify(drifting(22, 1500, swing), rate=20.0).statement
+    )
+
+
 @pytest.mark.slow
 def test_a_transient_hides_the_slow_terms_but_not_n():
     log = second_order(white(8, 60_000), 20.0)
     model = identify(log + 0.1 * np.exp(-np.arange(len(log)) / RATE / 3.0), rate=RATE)
-    assert model.band[0] > 0.0 and "nor below" in model.statement
+    assert model.band[0] > 0.0 and "B, K and R are not told" in model.statement
     assert model.terms["N"].value == pytest.approx(N, rel=0.05)
     assert not any(model.terms[k].shown for k in "BKR")
     assert model.terms["K"].upper == np.inf
+
+
+def test_white_noise_up_to_half_the_rate_is_that_of_unaveraged_samples():
+    log = white(23)
+    read_slowly = identify(log[::5], rate=RATE / 5)  # one sample scatters as much
+    assert identify(log, rate=RATE).white_throughout and read_slowly.white_throughout
+    # √5 times the density, known from 4800 samples to 1 %.
+    assert read_slowly.terms["N"].value == pytest.approx(np.sqrt(5.0) * N, rel=0.04)
+    assert not identify(first_order(log, 20.0), rate=RATE).white_throughout
 
 
 # From a recording to other tools -----------------------------------------------------------------------

@@ -15,4 +15,4 @@ from .process_noise import (
     triad_noise as triad_noise,
     TriadNoise as TriadNoise,
 )
-from .rest_channels import logs_of as logs_of
+from .rest_channels import logs_of as logs_of, name_of as name_of

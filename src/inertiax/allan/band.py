@@ -28,7 +28,10 @@ _LINE = 5.0  # standard deviations above the model at which a bin is a line
 _MOST_LINES = 0.15  # share of the bins
 _ROUNDS = 3  # of looking for lines
 _LINE_SKIRT = 3  # bins on either side that a line's leakage reaches where bins are single ordinates
+# Of a line in the log: the leakage of a slower one reaches the lowest ordinate, where it is as a drift is.
+_FEWEST_PERIODS = 2.0 + _LINE_SKIRT
 _ENOUGH = 0.03  # of the Nyquist frequency: a narrower band is taken only if no other beginning gives a wider one
+_OPENS = 2.0  # by how much a band must reach higher without its lowest ordinates for these to be left out
 _LOWEST = (0.0, 8.0, 16.0, 32.0, 64.0, 128.0)  # ordinates below which a band may begin, if it must
 
 
@@ -61,17 +64,20 @@ def find_band(spectrum: Spectrum, rounding: float) -> Band:
     `rounding` is the density of the output's rounding noise, (unit)²/Hz.
     """
     nyquist = 0.5 * spectrum.rate
-    passing: list[tuple[float, Band]] = []
     failing: list[tuple[float, Band]] = []
-    for lowest in _LOWEST:
-        begins = np.cumsum(spectrum.width) > lowest
-        found = _widest(spectrum, begins, rounding, failing)
-        if found is not None and found.upper > _ENOUGH * nyquist:
-            return found
-        if found is not None:
-            passing.append((float(spectrum.width[found.kept].sum()), found))
+    total = np.cumsum(spectrum.width)
+    begun = (_widest(spectrum, total > lowest, rounding, failing) for lowest in _LOWEST)
+    passing: list[Band] = []
+    for band in begun:
+        if band is None:
+            continue
+        if band.upper > _ENOUGH * nyquist:
+            # A drift may pass for a random walk in a narrow band; then the band without it reaches far higher.
+            without = next(begun, None) if band.upper < nyquist / _OPENS else None
+            return without if without is not None and without.upper > _OPENS * band.upper else band
+        passing.append(band)
     if passing:
-        return max(passing, key=lambda pair: pair[0])[1]
+        return max(passing, key=lambda band: float(spectrum.width[band.kept].sum()))
     if not failing:  # a log of a few hundred samples has one band only
         misfit, band = _tried(spectrum, np.ones(len(spectrum.power), bool), rounding)
         failing = [(misfit, band)]
@@ -113,7 +119,7 @@ def _tried(
             stated = order + (not with_q)
             band = Band(used, kept & ~used, lower, upper, stated, seen=order > 0, passes=True)
             return misfits[order][0], band
-        lines = _lines(*fits[-1])
+        lines = _lines(*fits[-1], spectrum.frequency[used] / spectrum.frequency[0])
         if not lines.any() or (kept & ~used).sum() + lines.sum() > _MOST_LINES * kept.sum():
             break
         used = used.copy()
@@ -169,16 +175,22 @@ def _groups(width: Float[np.ndarray, " bin"]) -> Int[np.ndarray, " group"]:
     return np.unique(group, return_index=True)[1]
 
 
-def _lines(problem: Problem, fit: Fit) -> Bool[np.ndarray, " bin"]:
-    """Bins that stand out of the model, with their neighbours."""
+def _lines(
+    problem: Problem, fit: Fit, periods: Float[np.ndarray, " bin"]
+) -> Bool[np.ndarray, " bin"]:
+    """Bins that stand out of the model, with their neighbours; `periods` of each bin's frequency are in the log.
+
+    What stands out from the lowest bin on, or has less than five periods, is a drift and no line.
+    """
     above = problem.power / fit.model - 1.0
-    out = above > _LINE * np.sqrt(spread_of_means() / problem.width)
-    if not out.any():
-        return out
+    out = np.flatnonzero(above > _LINE * np.sqrt(spread_of_means() / problem.width))
     reach = np.where(problem.width <= 1.0, _LINE_SKIRT, 1)
-    near = np.zeros(len(out), bool)
-    for k in np.flatnonzero(out):
-        near[max(k - reach[k], 0) : k + reach[k] + 1] = True
+    near = np.zeros(len(above), bool)
+    for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1):
+        if not len(run) or run[0] == 0 or periods[run[np.argmax(above[run])]] < _FEWEST_PERIODS:
+            continue
+        for k in run:
+            near[max(k - reach[k], 0) : k + reach[k] + 1] = True
     return near
 
 

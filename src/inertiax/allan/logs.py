@@ -43,11 +43,15 @@ class LogNoise(eqx.Module):
 
 
 def noise_of(
-    recording: Recording | Sequence[Recording], *, progress: Callable[[str], None] | None = None
+    recording: Recording | Sequence[Recording],
+    *,
+    compensated: bool = False,
+    progress: Callable[[str], None] | None = None,
 ) -> LogNoise:
     """Allan deviations and noise terms of all channels, over the longest rest without a pause.
 
-    **Arguments:** `recording`, or the parts of one log in their order (`data.stored_recording`).
+    **Arguments:** `recording`, or the parts of one log in their order (`data.stored_recording`); `compensated` where
+    its columns are what `inertiax compensate` wrote.
 
     Raises `ValueError` where no rest of 256 samples is found.
     """
@@ -55,7 +59,7 @@ def noise_of(
     tell = progress if progress is not None else lambda _: None
     where = name_of(parts)
     tell(f"looking for rests in {where or 'the recording'}")
-    rest, notes = longest_rest(parts)
+    rest, notes = longest_rest(parts, compensated=compensated)
     first, last = rest.span
     rate = float((rest.num_samples - 1) / (last - first))
     channels: list[ChannelNoise] = []
@@ -130,15 +134,49 @@ def _curve(log: Log, rate: float) -> Deviations:
 
 
 def _remarks(channels: list[ChannelNoise]) -> list[str]:
-    unlike = [c.channel for c in channels if c.model.chi2_per_dof > UNLIKE]
-    remarks: list[str] = []
-    if unlike:
+    return [*_misfits(channels), *_sampling(channels), *_untold(channels)]
+
+
+def _misfits(channels: list[ChannelNoise]) -> list[str]:
+    """Channels whose spectrum the terms miss, in part or as a whole, with by how much."""
+    unlike = [c for c in channels if c.model.chi2_per_dof > UNLIKE]
+    if not unlike:
+        return []
+    sizes = ", ".join(f"{c.channel} ({c.model.chi2_per_dof:.2g})" for c in unlike)
+    return [
+        f"the terms miss the spectrum by more than chance, χ² per degree of freedom: {sizes}; look for vibration"
+    ]
+
+
+def _sampling(channels: list[ChannelNoise]) -> list[str]:
+    """Triads whose N holds at their sampling rate alone."""
+    triads: dict[float, list[str]] = {}
+    for triad in ("accel", "gyro"):
+        models = [c.model for c in channels if c.model.triad == triad]
+        if models and all(model.white_throughout for model in models):
+            triads.setdefault(models[0].rate, []).append(triad)
+    return [
+        f"the noise of {' and '.join(names)} is white up to {0.5 * rate:.4g} Hz, half the sampling rate: N holds for "
+        f"{rate:.4g} samples a second that are not averaged; at another rate one sample scatters as much, and N goes "
+        f"with 1/√rate"
+        for rate, names in triads.items()
+    ]
+
+
+def _untold(channels: list[ChannelNoise]) -> list[str]:
+    """Terms without a value: those that a drift hides, and those that the log does not show."""
+    drifting = [c for c in channels if c.model.band[0] > 0.0]
+    remarks = []
+    if drifting:
+        names = ", ".join(c.channel for c in drifting)
+        slowest = max(1.0 / c.model.band[0] for c in drifting)
         remarks.append(
-            f"the terms do not describe {', '.join(unlike)} (see chi2_per_dof): look for vibration or a drifting "
-            f"temperature"
+            f"over {slowest:.3g} s and longer {names} drift as none of the terms does: bias instability (B), random "
+            f"walk (K) and ramp (R) are not told: no value, and not exported"
         )
     for term, what in (("N", "white noise"), ("B", "bias instability"), ("K", "random walk")):
-        untold = [c.channel for c in channels if not c.model.terms[term].shown]
+        hidden = drifting if term != "N" else []
+        untold = [c.channel for c in channels if not c.model.terms[term].shown and c not in hidden]
         if untold:
             remarks.append(
                 f"the log does not determine {what} ({term}) of {', '.join(untold)}: no value, and not exported"

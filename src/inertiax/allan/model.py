@@ -68,6 +68,11 @@ USUAL_UNITS = {
 }
 
 
+SAMPLE_UNITS = {"accel": ("mg", 1e3 / _G), "gyro": ("deg/s", _DEG)}  # of one sample, as above
+
+_THROUGHOUT = 0.99  # of the Nyquist frequency: a band ends at its highest ordinate, a little below
+
+
 class NoiseTerm(eqx.Module):
     """One coefficient with its 95 % interval; it has a value only where the log determines it.
 
@@ -121,6 +126,15 @@ class NoiseModel(eqx.Module):
         random = list(EXPONENTS)
         largest = np.argmax([self.share(name, tau) for name in random], axis=0)
         return np.array([EXPONENTS[name] for name in random])[largest]
+
+    @property
+    def white_throughout(self) -> bool:
+        """Whether the noise is white up to half the sampling rate, as that of samples which nothing averages.
+
+        Such an N is that of this rate alone: at another one a sample scatters as much, and N goes with 1/√rate.
+        """
+        reaches = self.band[1] > _THROUGHOUT * 0.5 * self.rate
+        return self.terms["N"].shown and self.corner is None and reaches
 
     @property
     def discrete_sigma(self) -> float | None:

@@ -73,8 +73,10 @@ def name_of(log: Sequence[Recording]) -> str:
     return first.whole if isinstance(first, StoredRecording) and first.whole else first.name
 
 
-def longest_rest(log: Sequence[Recording]) -> tuple[RestChannels, list[str]]:
-    """The longest rest without a pause, and what a reader should know of it.
+def longest_rest(
+    log: Sequence[Recording], *, compensated: bool = False
+) -> tuple[RestChannels, list[str]]:
+    """The longest rest without a pause, and what a reader should know of it, also where it is `compensated`.
 
     Raises `ValueError` where it has fewer than 256 samples.
     """
@@ -95,7 +97,7 @@ def longest_rest(log: Sequence[Recording]) -> tuple[RestChannels, list[str]]:
             f"{where}: the longest rest has {rest.num_samples} samples; noise needs a log of {FEWEST} or "
             f"more at rest, and hours of it for bias instability and random walk.{remark(log[0])}"
         )
-    return rest, _notes(log, rest)
+    return rest, _notes(log, rest, compensated=compensated)
 
 
 def _rests_of(recording: Recording) -> list[tuple[int, int]]:
@@ -120,7 +122,7 @@ def _goes_on(
     return reaches and bool(log[after[0]].time[0] - part.time[-1] <= PAUSE * step)
 
 
-def _notes(log: Sequence[Recording], rest: RestChannels) -> list[str]:
+def _notes(log: Sequence[Recording], rest: RestChannels, *, compensated: bool) -> list[str]:
     notes, (first, last) = [], rest.span
     if rest.num_samples < sum(part.num_samples for part in log):
         notes.append(
@@ -136,10 +138,12 @@ def _notes(log: Sequence[Recording], rest: RestChannels) -> list[str]:
         ends = [(p[:, 0].min(), p[:, 0].max()) for p in rest.pieces("temperature")]
         moved = float(max(high for _, high in ends) - min(low for low, _ in ends))
         if moved > 2.0:
-            notes.append(
-                f"the temperature moved by {moved:.1f} °C, which looks like random walk or ramp; "
-                f"compensate the log first"
+            left = (
+                ": the columns are compensated, so that what B, K and R show of it is what the calibration left"
+                if compensated
+                else ", which looks like random walk or ramp; compensate the log first"
             )
+            notes.append(f"the temperature moved by {moved:.1f} °C{left}")
     return notes
 
 

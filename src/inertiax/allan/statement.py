@@ -22,7 +22,7 @@ def band_statement(spectrum: Spectrum, band: Band, fit: Fit) -> str:
     if band.upper < 0.99 * nyquist:
         parts.append(f"not described above, up to {nyquist:.3g} Hz")
     if band.lower > 0.0:
-        parts.append("nor below: no bias instability, random walk or ramp can be stated")
+        parts.append("below, a drift or a transient prevails: B, K and R are not told")
     if band.lines.any():
         parts.append(f"{_lines(spectrum, band)} left out")
     return "; ".join(parts)

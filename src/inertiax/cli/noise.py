@@ -20,7 +20,7 @@ def noise(
             metavar="RECORDING|CAMPAIGN",
             exists=True,
             help="A recording with canonical columns in SI units, or a campaign (which says names and "
-            "units).",
+            "units; `inertiax init LOG -o DIR` writes one).",
         ),
     ],
     output: OutputFolder,
@@ -36,14 +36,18 @@ def noise(
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
-        from ..allan import logs_of, noise_of
+        from ..allan import logs_of, name_of, noise_of
         from ..plausibility import require_plausible, statements
         from ..report.noise import noise_document, print_noise, write_figures
 
         stages("reading recordings")
         campaign = _campaign(log)
         odd = require_plausible(campaign, force=force)
-        found = [noise_of(log, progress=stages) for log in logs_of(campaign.recordings)]
+        compensated = _compensated(campaign, log)
+        found = [
+            noise_of(parts, compensated=name_of(parts).startswith(compensated), progress=stages)
+            for parts in logs_of(campaign.recordings)
+        ]
         stages("drawing")
         document = {**noise_document(found), "plausibility": [f.as_dict() for f in odd]}
         with outputs.staged_folder(output, replaces=("noise.png",)) as staging:
@@ -66,4 +70,26 @@ def _campaign(path: Path) -> "Campaign":
 
     if path.suffix == ".toml" or (path / "campaign.toml").is_file():
         return load_campaign(path, in_parts=True)
-    return Campaign(read_long(path))
+    try:
+        return Campaign(read_long(path))
+    except ValueError as error:
+        if "[columns]" not in str(error):
+            raise
+        raise ValueError(
+            f"{error} `inertiax init {path.name} -o DIR` writes a campaign.toml with [columns]; then "
+            "`inertiax noise DIR`."
+        ) from None
+
+
+def _compensated(campaign: "Campaign", path: Path) -> tuple[str, ...]:
+    """Names of the files that are read as `inertiax compensate` wrote them; recordings' names begin with them."""
+    from ..data.campaign import find_files, load_settings
+    from ..data.compensated import reads_compensated
+
+    files, named = (path,), []
+    if campaign.path is not None:
+        _, table = load_settings(campaign.path)
+        files = find_files(campaign.path.parent, table.recordings.files)
+        triads = (table.columns.accel, table.columns.gyro)
+        named = [name for triad in triads if triad is not None for name in triad.names or ()]
+    return tuple(file.name for file in files if reads_compensated(file, named))

@@ -4,11 +4,12 @@ Compensated outputs are no raw ones: fitted as a recording they would say that t
 compensated again they would be wrong by the errors' size.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 
 COLUMN = "extrapolated"  # of every compensated table; no recording's column has this name in the formats that are read
+_WRITTEN = {f"{triad}_{axis}" for triad in ("accel", "gyro") for axis in "xyz"}
 _HEADER = 1 << 16  # bytes of a CSV's first line that are looked at
 
 
@@ -26,6 +27,12 @@ def is_compensated(path: Path) -> bool:
     except Exception:  # whatever is wrong with a file is said by its reader
         return False
     return COLUMN.encode() in {name.strip(b' "\r') for name in line.split(b",")}
+
+
+def reads_compensated(path: Path, named: Collection[str]) -> bool:
+    """Whether the columns that a campaign names for its triads (none: the canonical ones) are what compensation wrote
+    into a file: it gives them the canonical names, beside outputs of other names."""
+    return _WRITTEN.issuperset(named) and is_compensated(path)
 
 
 def note_on(skipped: Sequence[Path], named: Sequence[Path]) -> tuple[str, ...]:

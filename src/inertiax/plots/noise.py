@@ -13,7 +13,7 @@ _LABELS = {"accel": "Allan deviation, m/s²", "gyro": "Allan deviation, rad/s"}
 
 def allan(noise: LogNoise) -> Figure:
     """One panel a triad: measured deviations with 68 % limits (bands), the fitted model (lines, from where
-    no filter bends the curve)."""
+    no filter bends the curve to where a drift takes over)."""
     triads = [t for t in _LABELS if any(c.channel.startswith(t) for c in noise.channels)]
     figure, axes = new_figure(1, len(triads), height=3.4)
     for ax, triad in zip(axes, triads, strict=True):
@@ -22,7 +22,8 @@ def allan(noise: LogNoise) -> Figure:
             tau = found.curve.tau
             ax.fill_between(tau, found.lower, found.upper, color=colour, alpha=0.25, lw=0)
             ax.plot(tau, found.curve.deviation, ".", ms=2.5, color=colour, label=found.channel)
-            fine = np.geomspace(max(tau[0], _shortest(found)), tau[-1], 200)
+            first, last = _described(found)
+            fine = np.geomspace(max(tau[0], first), min(tau[-1], last), 200)
             ax.plot(fine, found.model.deviation(fine), "-", lw=0.9, color=colour)
         ax.set_xscale("log")
         ax.set_yscale("log")
@@ -36,9 +37,13 @@ def allan(noise: LogNoise) -> Figure:
     return figure
 
 
-def _shortest(found: ChannelNoise) -> float:
-    """The averaging time from which on the sensor's filter no longer bends the curve, s."""
-    model = found.model
+def _described(found: ChannelNoise) -> tuple[float, float]:
+    """The averaging times from where the sensor's filter no longer bends the curve, s, to where a drift that none of
+    the terms describes is as strong as they are."""
+    model, curve, last = found.model, found.curve, np.inf
+    if model.band[0] > 0.0:
+        drifts = np.square(curve.deviation) > 2.0 * np.square(model.deviation(curve.tau))
+        last = float(curve.tau[np.argmax(drifts)]) if drifts.any() else np.inf
     if model.corner is not None:
-        return 1.0 / model.corner
-    return 0.5 / model.band[1] if model.band[1] < 0.49 * model.rate else 0.0
+        return 1.0 / model.corner, last
+    return (0.5 / model.band[1] if model.band[1] < 0.49 * model.rate else 0.0), last

@@ -8,10 +8,13 @@ from rich import box
 from rich.table import Table
 
 from ..allan import ChannelNoise, LogNoise, NoiseTerm, TERMS
-from ..allan.model import NAMES, SI_UNITS, USUAL_UNITS
+from ..allan.model import NAMES, SAMPLE_UNITS, SI_UNITS, USUAL_UNITS
 from ..plots.noise import allan
 from ..plots.style import drawing, save_png
 from .terminal import Terminal
+
+
+_WIDTH = 80  # columns; a table squeezed into fewer loses digits, and a terminal wraps it instead
 
 
 def noise_document(logs: Sequence[LogNoise]) -> dict[str, object]:
@@ -41,6 +44,7 @@ def _channel(found: ChannelNoise) -> dict[str, object]:
             "random_walk_step": {"value": model.discrete_walk, "unit": rate_unit},
         },
         "rate": {"value": model.rate, "unit": "Hz"},
+        "white_throughout": model.white_throughout,
         "band": {"lower": model.band[0], "upper": model.band[1], "unit": "Hz"},
         "filter_corner": {"value": model.corner, "unit": "Hz"},
         "rounding_step": {"value": model.rounding, "unit": rate_unit},
@@ -85,7 +89,7 @@ def write_figures(logs: Sequence[LogNoise], folder: Path) -> list[str]:
 
 def print_noise(logs: Sequence[LogNoise]) -> None:
     """Every term of every channel in data-sheet units, with its 95 % limits."""
-    console = Terminal(soft_wrap=True)
+    console = Terminal(soft_wrap=True, width=max(Terminal().width, _WIDTH))
     for found in logs:
         console.print(f"{found.recording or 'log'}: {found.duration:.0f} s at {found.rate:.6g} Hz")
         for triad in USUAL_UNITS:
@@ -100,20 +104,50 @@ def print_noise(logs: Sequence[LogNoise]) -> None:
 
 def _table(triad: str, channels: Sequence[ChannelNoise]) -> Table:
     """A row for each term and channel: three channels side by side do not fit a terminal of 80."""
-    table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False)
-    for heading in (triad, "", "", "value", "95 % limits", "unit"):
-        table.add_column(heading, no_wrap=True)
+    table = Table(box=box.SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
+    table.add_column("", no_wrap=True)
+    table.add_column(triad, no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("value", no_wrap=True, justify="right")
+    table.add_column("95 % limits", no_wrap=True)
     for name in TERMS:
         unit, factor = USUAL_UNITS[triad][name]
-        for k, found in enumerate(channels):
-            first = (name, NAMES[triad][name]) if k == 0 else ("", "")
-            cells = _cells(found.model.terms[name], factor)
-            table.add_row(*first, found.channel[-1], *cells, unit)
+        _add(
+            table,
+            name,
+            f"{NAMES[triad][name]}, {unit}",
+            [(c.channel[-1], c.model.terms[name], factor) for c in channels],
+        )
+        if name == "N":
+            rate, (unit, factor) = channels[0].model.rate, SAMPLE_UNITS[triad]
+            _add(
+                table,
+                "",
+                f"N as one sample at {rate:.4g} Hz, {unit}",
+                [(c.channel[-1], c.model.terms[name], factor * math.sqrt(rate)) for c in channels],
+            )
     return table
+
+
+def _add(
+    table: Table, symbol: str, name: str, axes: Sequence[tuple[str, NoiseTerm, float]]
+) -> None:
+    """The rows of one term, axis by axis, each with the factor to the unit shown."""
+    for k, (axis, term, factor) in enumerate(axes):
+        first = (symbol, name) if k == 0 else ("", "")
+        table.add_row(*first, axis, *_cells(term, factor))
 
 
 def _cells(term: NoiseTerm, factor: float) -> tuple[str, str]:
     """Value and limits; a term that the log does not determine has only an upper limit, or none."""
     if term.value is None:
-        return "", f"< {factor * term.upper:.2g}" if math.isfinite(term.upper) else "not told"
-    return f"{factor * term.value:.3g}", f"{factor * term.lower:.3g}…{factor * term.upper:.3g}"
+        limited = math.isfinite(term.upper)
+        return "", f"< {_plain(factor * term.upper, 2)}" if limited else "not told"
+    value, lower, upper = (_plain(factor * x, 3) for x in (term.value, term.lower, term.upper))
+    return value, f"{lower}…{upper}"
+
+
+def _plain(value: float, digits: int) -> str:
+    """A number of so many significant digits, up to ten millions without an exponent."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
