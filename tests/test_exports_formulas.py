@@ -3,9 +3,11 @@
 Every formula below is written here from the tool's sources or publication and reads only the file.
 """
 
+import dataclasses
 import json
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -22,8 +24,9 @@ from exports_cases import (
     samples,
     without_gyro_scale,
 )
+from inertiax.calibration.calibration import TriadCalibration
 from inertiax.exports import export, measure_loss
-from inertiax.physics.temperature import Polynomial
+from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
 def kalibr_forward(text, force, rate):
@@ -228,15 +231,18 @@ def px4_parameters(content):
 
 
 def px4_apply(found, n, accel, gyro, temperature):
-    """TemperatureCompensation.cpp and Accelerometer.hpp: Correct, axis by axis."""
+    """TemperatureCompensation.cpp and Accelerometer.hpp: Correct, axis by axis; nothing thermal where TC is off."""
     results = []
     for letter, sensor, x in (("A", "ACC", accel), ("G", "GYRO", gyro)):
         p = lambda name, s=letter: float(found[f"TC_{s}{n}_{name}"])
-        dt = np.clip(temperature, p("TMIN"), p("TMAX")) - p("TREF")
+        thermal = found[f"TC_{letter}_ENABLE"] == 1
+        dt = np.clip(temperature, p("TMIN"), p("TMAX")) - p("TREF") if thermal else 0.0
         out = np.empty_like(x)
         for k, axis in enumerate("XYZ"):
-            offset = p(f"X0_{k}") + p(f"X1_{k}") * dt
-            offset += p(f"X2_{k}") * dt**2 + p(f"X3_{k}") * dt**3
+            offset = 0.0
+            if thermal:
+                offset = p(f"X0_{k}") + p(f"X1_{k}") * dt
+                offset += p(f"X2_{k}") * dt**2 + p(f"X3_{k}") * dt**3
             scale = float(found.get(f"CAL_{sensor}{n}_{axis}SCALE", 1.0))
             out[:, k] = (x[:, k] - offset - float(found[f"CAL_{sensor}{n}_{axis}OFF"])) * scale
         results.append(out)
@@ -262,9 +268,14 @@ def test_px4_gives_what_its_parameters_can_say():
     assert loss.force < 3e-6 and loss.rate < 3e-7
 
 
-def test_px4_of_one_temperature_has_static_offsets_and_no_thermal_correction():
-    """Sensor.hpp: (x' − offset) · scale, with nothing taken away before where TC is off."""
+@pytest.mark.parametrize("span", [None, (31.4, 32.2)])
+def test_px4_of_constants_has_static_offsets_and_no_thermal_correction(span):
+    """Sensor.hpp: (x' − offset) · scale, with nothing taken away before where TC is off.
+
+    A log by hand warms a little: its calibration by constants has a range of temperatures all the same.
+    """
     cal = without_gyro_scale(constant_scale(calibration(diagonal=True)))
+    cal = dataclasses.replace(cal, temperature_range=span)
     found = px4_parameters(export(cal, "px4", accel_id=7, gyro_id=9).content)
     assert found["TC_A_ENABLE"] == found["TC_G_ENABLE"] == 0
     assert not any(k.startswith(("TC_A0_", "TC_G0_")) for k in found)
@@ -272,6 +283,46 @@ def test_px4_of_one_temperature_has_static_offsets_and_no_thermal_correction():
     axes = lambda key: np.array([float(found[f"CAL_{key.replace('*', a)}"]) for a in "XYZ"])
     static = (accel - axes("ACC0_*OFF")) * axes("ACC0_*SCALE"), gyro - axes("GYRO0_*OFF")
     agree(static, ours(cal, accel, gyro, temperature), tolerance=3e-7)
+
+
+def one_triad_constant(kept, *, higher_terms):
+    """A cubic bias of one triad; the other's is a constant, by its basis or by coefficients of zero."""
+    cal = without_gyro_scale(constant_scale(calibration(Polynomial(3, LOW, HIGH), diagonal=True)))
+    part = getattr(cal, kept)
+    constant = np.asarray(part.curve.coefficients)[:1]
+    if higher_terms:
+        curve = Curve(part.curve.basis, jnp.asarray(np.pad(constant, ((0, 3), (0, 0)))))
+    else:
+        curve = Curve(Constant(), jnp.asarray(constant))
+    size = curve.coefficients.size
+    still = TriadCalibration(curve, jnp.zeros((size, size)), part.names, "x")
+    return dataclasses.replace(cal, **{kept: still})
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+@pytest.mark.parametrize("kept", ["accel", "gyro"])
+@pytest.mark.parametrize("higher_terms", [False, True])
+def test_the_thermal_correction_is_of_the_triads_that_need_it(name, kept, higher_terms):
+    cal = one_triad_constant(kept, higher_terms=higher_terms)
+    content, batch = export(cal, name).content, samples()
+    if name == "px4":
+        found = px4_parameters(content)
+        letter, sensor = {"accel": ("A", "ACC"), "gyro": ("G", "GYRO")}[kept]
+        other, moving = {"accel": ("G", "GYRO"), "gyro": ("A", "ACC")}[kept]
+        assert (found[f"TC_{letter}_ENABLE"], found[f"TC_{other}_ENABLE"]) == (0, 1)
+        assert not any(k.startswith(f"TC_{letter}0_") for k in found)
+        assert all(found[f"CAL_{moving}0_{a}OFF"] == 0 for a in "XYZ")
+        bias = np.asarray(getattr(cal, kept).curve.coefficients)[0, :3]
+        offsets = [float(found[f"CAL_{sensor}0_{a}OFF"]) for a in "XYZ"]
+        np.testing.assert_allclose(offsets, bias, rtol=1e-7)  # single precision
+        applied = px4_apply(found, 0, *batch)
+    else:
+        still = {"accel": "ACC", "gyro": "GYR"}[kept]
+        values = dict(line.split() for line in content.decode().splitlines())
+        assert values["INS_TCAL1_ENABLE"] == "1"
+        assert {values[f"INS_TCAL1_{still}{k}_{a}"] for k in (1, 2, 3) for a in "XYZ"} == {"0"}
+        applied = ardupilot_apply(content, 1, *batch)
+    agree(applied, ours(cal, *batch), tolerance=3e-7)
 
 
 @pytest.mark.parametrize(
@@ -293,7 +344,7 @@ def ardupilot_apply(content, n, accel, gyro, temperature):
     """AP_InertialSensor: TCal::correct_sensor, then offset, then scale."""
     found = dict(line.split() for line in content.decode().splitlines())
     found = {k: float(np.float32(v)) for k, v in found.items()}
-    low, high = found[f"INS_TCAL{n}_TMIN"], found[f"INS_TCAL{n}_TMAX"]
+    low, high = (found.get(f"INS_TCAL{n}_{k}", 0.0) for k in ("TMIN", "TMAX"))
     number = "" if n == 1 else str(n)
     results = []
     for key, x in (("ACC", accel), ("GYR", gyro)):
@@ -331,7 +382,10 @@ def test_ardupilot_gives_what_its_parameters_can_say(n):
 
 def test_ardupilot_constants_need_no_thermal_part():
     cal = without_gyro_scale(calibration(diagonal=True))
+    cal = dataclasses.replace(cal, temperature_range=(31.4, 32.2))
     result = export(cal, "ardupilot")
+    thermal = [w for w in result.content.decode().split() if w.startswith("INS_TCAL1_")]
+    assert thermal == ["INS_TCAL1_ENABLE"]
     accel, gyro, temperature = samples()
     agree(
         ardupilot_apply(result.content, 1, accel, gyro, temperature),

@@ -22,6 +22,7 @@ from exports_cases import (
 from inertiax.calibration.calibration import Calibration, TriadCalibration
 from inertiax.calibration.fitted_effects import FittedEffect
 from inertiax.exports import by_name, export, FORMATS, measure_loss
+from inertiax.exports.registry import loses
 from inertiax.exports.triangular import lower_times_rotation, upper_times_rotation
 from inertiax.physics.temperature import Constant, Curve, Polynomial
 
@@ -71,6 +72,60 @@ def test_stated_error_of_a_frozen_temperature_is_seen_at_the_end_of_the_range():
     assert loss.force_at in (LOW, HIGH)
     warm = measure_loss(cal, export(cal, "realsense", temperature=HIGH))
     assert warm.force == pytest.approx(0.06, rel=1e-12) and warm.force_at == LOW
+
+
+def accel_of(coefficients, names):
+    """Accelerometers of a polynomial over the whole range, alone."""
+    values = np.asarray(coefficients, float)
+    curve = Curve(Polynomial(len(values) - 1, LOW, HIGH), jnp.asarray(values))
+    triad = TriadCalibration(curve, jnp.zeros((values.size, values.size)), names, "x")
+    return Calibration(gravity=GRAVITY, accel=triad, temperature_range=(LOW, HIGH))
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_losses_that_a_calibration_does_not_have_are_not_told(name):
+    names = ("accel.bias[0]", "accel.matrix[0,0]", "accel.matrix[1,0]")
+    quadratic = accel_of([[0.1, 0.01, 0.0], [0.02, 0.0, 0.0], [0.01, 0.0, 0.0]], names)
+    result = export(quadratic, name)
+    assert result.losses == ()
+    said = measure_loss(quadratic, result).sentence
+    assert "the biases lose nothing" in said and "without" not in said
+
+    skewed = accel_of([[0.1, 0.01, 0.002], [0.02, 0.0, 0.0]], names)
+    assert export(skewed, name).losses == ("the accelerometers' misalignments",)
+
+    scale = accel_of([[0.1, 0.01, 0.0], [0.02, 0.001, 0.0]], names)
+    (only,) = export(scale, name).losses
+    assert only == "the change of the accelerometers' scale factors with temperature"
+
+    # 4 mm/s² of T₄: the least that a polynomial of lower degree leaves of it is all of it (Chebyshev).
+    fourth = accel_of([[0.1, 0.0, 0.0], *[[0.0] * 3] * 3, [0.004, 0.0, 0.0]], names)
+    result = export(fourth, name)
+    assert result.losses == (
+        "the part of the biases that no cubic in temperature follows (up to 0.004 m/s²)",
+    )
+    assert (
+        "; of this 0.004 m/s² also without specific force" in measure_loss(fourth, result).sentence
+    )
+
+
+def test_a_format_of_one_temperature_loses_none_of_what_does_not_move():
+    names = ("accel.bias[0]", "accel.matrix[1,0]")
+    still = accel_of([[0.1, 0.01], [0.0, 0.0]], names)
+    for name in ("realsense", "azure"):
+        assert export(still, name).losses == ()
+    moving = accel_of([[0.1, 0.01], [0.01, 0.0]], names)
+    (said,) = export(moving, "realsense").losses
+    assert said.startswith("dependence on temperature")
+    # The inverse of a constant matrix times a bias of degree 1 is a polynomial of degree 1.
+    assert export(moving, "azure").losses == ()
+
+
+def test_every_format_says_which_sensors_it_has_no_place_for():
+    told = {m.NAME: loses(m).split(", ") for m in FORMATS}
+    held = [name for name, lost in told.items() if "magnetometers" not in lost]
+    assert held == ["px4", "ardupilot", "c", "inertiax"]
+    assert [name for name, lost in told.items() if "barometer" not in lost] == ["px4", "inertiax"]
 
 
 def test_matrices_split_into_a_triangle_and_a_rotation():

@@ -2,14 +2,18 @@
 
 import subprocess
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import interpolate
 
 from exports_cases import agree, calibration, GRAVITY, HIGH, LOW, ours, samples, triad
 from inertiax.calibration.calibration import Calibration
-from inertiax.exports import export
-from inertiax.physics.temperature import Constant, CubicSpline, Polynomial
+from inertiax.calibration.magnetometers import MagnetometerCalibration
+from inertiax.calibration.triad import TriadCalibration
+from inertiax.exports import export, measure_loss
+from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
 
 MAIN = """
@@ -28,6 +32,22 @@ int main(void)
 }
 """
 
+MAG_MAIN = """
+#include <stdio.h>
+#include "imu.h"
+int main(void)
+{
+    double v[5];
+    while (scanf("%lf %lf %lf %lf %lf", v, v+1, v+2, v+3, v+4) == 5) {
+        REAL m[3], b[3];
+        for (int k = 0; k < 3; k++) m[k] = (REAL)v[k];
+        imu_compensate_mag(m, (REAL)v[3], (REAL)v[4], b);
+        printf("%.17g %.17g %.17g\\n", b[0], b[1], b[2]);
+    }
+    return 0;
+}
+"""
+
 BASES = [
     Constant(),
     Polynomial(1, LOW, HIGH),
@@ -38,19 +58,22 @@ BASES = [
 
 
 def run_header(folder, text, real, accel, gyro, temperature):
+    out = compiled(folder, text, MAIN, real, np.column_stack([accel, gyro, temperature]))
+    return out[:, :3], out[:, 3:]
+
+
+def compiled(folder, text, main, real, rows):
     (folder / "imu.h").write_text(text)
-    (folder / "main.c").write_text(MAIN)
+    (folder / "main.c").write_text(main)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", f"-DREAL={real}"]
     # Fused multiply-adds would not be a failure of the header, but of the comparison's tolerance.
     flags.append("-ffp-contract=off")
     subprocess.run(["cc", *flags, "main.c", "-o", "main"], cwd=folder, check=True, timeout=60)
-    rows = np.column_stack([accel, gyro, temperature])
     text = "\n".join(" ".join(map(repr, r)) for r in rows.tolist())
     done = subprocess.run(
         [str(folder / "main")], input=text, capture_output=True, text=True, check=True, timeout=60
     )
-    out = np.array([line.split() for line in done.stdout.splitlines()], float)
-    return out[:, :3], out[:, 3:]
+    return np.array([line.split() for line in done.stdout.splitlines()], float)
 
 
 @pytest.mark.parametrize("basis", BASES, ids=lambda b: f"{type(b).__name__} of {b.size}")
@@ -73,6 +96,63 @@ def test_compiled_header_in_single_precision(tmp_path, basis):
     found = run_header(tmp_path, text, "float", accel, gyro, temperature)
     # Some ten roundings of 6e-8 relative in the solve of a well conditioned matrix.
     agree(found, ours(cal, accel, gyro, temperature), tolerance=2e-6)
+
+
+def magnetometers(basis):
+    """Hard iron, soft iron and a current's field that move with temperature, and their parameters anew in NumPy."""
+    names = [f"mag.bias[{i}]" for i in range(3)]
+    names += [f"mag.matrix[{i},{j}]" for i in range(3) for j in range(3)]
+    names += [f"mag.current[{i}]" for i in range(3)]
+    rng = np.random.default_rng(6)
+    size = np.repeat([2e-5, 0.05, 2e-7], [3, 9, 3])
+    values = rng.standard_normal((basis.size, 15)) * size / 4.0 ** np.arange(basis.size)[:, None]
+    triad = TriadCalibration(
+        Curve(basis, jnp.asarray(values)), jnp.zeros((values.size,) * 2), tuple(names), "field"
+    )
+    span = None if isinstance(basis, Constant) else (LOW, HIGH)
+    mag = MagnetometerCalibration(triad, 48e-6)
+    return Calibration(gravity=GRAVITY, mag=mag, temperature_range=span), values
+
+
+def parameters_of(basis, values, temperature):
+    """By NumPy's Chebyshev series and SciPy's natural spline."""
+    if isinstance(basis, Polynomial):
+        x = (2.0 * temperature - LOW - HIGH) / (HIGH - LOW)
+        return np.polynomial.chebyshev.chebval(x, values).T
+    if isinstance(basis, CubicSpline):
+        return interpolate.CubicSpline(np.asarray(basis.knots), values, bc_type="natural")(
+            temperature
+        )
+    return np.repeat(values, len(temperature), axis=0)
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("basis", BASES[:4], ids=lambda b: f"{type(b).__name__} of {b.size}")
+def test_compiled_header_gives_the_magnetometers_field(tmp_path, basis, real):
+    cal, values = magnetometers(basis)
+    rng = np.random.default_rng(7)
+    field = 5e-5 * rng.standard_normal((100, 3))
+    temperature, current = rng.uniform(LOW, HIGH, 100), rng.uniform(0.0, 30.0, 100)
+    p = parameters_of(basis, values, temperature)
+    matrix = np.eye(3) + p[:, 3:12].reshape(-1, 3, 3)
+    outputs = np.einsum("tij,tj->ti", matrix, field) + p[:, :3] + p[:, 12:] * current[:, None]
+    dtype = "float32" if real == "float" else "float64"
+    text = export(cal, "c", dtype=dtype).content.decode()
+    rows = np.column_stack([outputs, temperature, current])
+    found = compiled(tmp_path, text, MAG_MAIN, real, rows)
+    # The same roundings as of the accelerometers, relative to the outputs.
+    np.testing.assert_allclose(
+        found, field, rtol=0, atol=(2e-6 if real == "float" else 1e-12) * 1e-4
+    )
+    ours_ = jax.vmap(cal.mag)(*map(jnp.asarray, (outputs, temperature, current)))
+    np.testing.assert_allclose(ours_, field, rtol=0, atol=1e-16)  # `compensate` does the same
+    assert measure_loss(cal, export(cal, "c")).field.vector < 1e-12 * 48e-6
+
+
+def test_a_header_says_what_becomes_of_other_temperatures_and_holds_no_triad_that_is_none():
+    text = export(calibration(Polynomial(3, LOW, HIGH)), "c", name="unit").content.decode()
+    assert "outside of UNIT_LOW to UNIT_HIGH the curves go on" in text
+    assert "mag" not in text.split("#ifndef")[1]
 
 
 def test_a_header_of_one_triad_leaves_the_other_as_it_is(tmp_path):

@@ -3,7 +3,7 @@
 import msgspec
 from table_rows import table
 
-from inertiax.exports.registry import FORMATS
+from inertiax.exports.registry import FORMATS, loses
 
 
 def formats() -> str:
@@ -12,5 +12,7 @@ def formats() -> str:
     for module in FORMATS:
         settings = ", ".join(f"`{f.name}`" for f in msgspec.structs.fields(module.Settings))
         reads = "yes" if hasattr(module, "read") else "no"
-        rows.append((f"`{module.NAME}`", module.TITLE, module.KEEPS, module.LOSES, settings, reads))
+        rows.append(
+            (f"`{module.NAME}`", module.TITLE, module.KEEPS, loses(module), settings, reads)
+        )
     return table(("format", "file", "keeps", "loses", "settings", "reads"), rows)

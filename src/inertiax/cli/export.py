@@ -193,7 +193,8 @@ def _tell(
             "files": [str(p) for p in written],
             "losses": list(result.losses),
             "notes": list(result.notes),
-            "error": loss._asdict(),
+            "error": loss._asdict()
+            | {"field": None if loss.field is None else loss.field._asdict()},
         }
         outputs.print_json(content)
         return
@@ -212,6 +213,7 @@ def _list(*, as_json: bool) -> None:
     import msgspec
 
     from ..exports import FORMATS
+    from ..exports.registry import loses
 
     rows = [
         {
@@ -219,7 +221,7 @@ def _list(*, as_json: bool) -> None:
             "what": f.TITLE,
             "suffix": f.SUFFIX,
             "keeps": f.KEEPS,
-            "loses": f.LOSES,
+            "loses": loses(f),
             "imports": hasattr(f, "read"),
             "settings": [field.name for field in msgspec.structs.fields(f.Settings)],
         }

@@ -1,7 +1,8 @@
 """Calibrations in other tools' formats: one file each, listed in `registry.FORMATS`.
 
 A format is a module with `NAME`, `TITLE`, `SUFFIX`, `KEEPS`, `LOSES`, a `Settings` and
-`write(calibration, settings) -> Export`; `read(content) -> Calibration` where its files say enough.
+`write(calibration, settings) -> Export`; `read(content) -> Calibration` where its files say enough; `MAGNETOMETERS`
+and `BAROMETER` where it has a place for them.
 """
 
 from .export import Export as Export

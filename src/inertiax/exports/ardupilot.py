@@ -2,13 +2,15 @@
 
 ArduPilot corrects v = v' − P(T − 35) + P(T_cal − 35), then subtracts the offset that holds at T_cal, then
 (accelerometers only) multiplies by a scale; P is a cubic without constant term, its coefficients times 10⁶,
-and T is clamped to TMIN…TMAX. Compasses (mgauss) have no temperature: S (m' + OFS + MOT · A), S symmetric.
+and T is clamped to TMIN…TMAX. One switch turns P on for both triads; of a triad whose bias does not depend on
+temperature P is zero. Compasses (mgauss) have no temperature: S (m' + OFS + MOT · A), S symmetric.
 
 **Reference:** ArduPilot, `AP_InertialSensor_tempcal.cpp` and `AP_InertialSensor_Backend.cpp`,
 `AP_Compass_Backend.cpp`.
 """
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -16,21 +18,24 @@ from jaxtyping import Float
 from ..calibration.calibration import Calibration
 from ..calibration.magnetometers import MagnetometerCalibration
 from ..physics.temperature import Constant, Polynomial
-from .cubic import cubic, fit_cubic, nodes
-from .export import Export, Settings as Common
+from .cubic import bias_curve, cubic, moves, nodes
+from .export import AppliedField, Export, Settings as Common
 from .imported import calibration as imported, triad
-from .magnetometer_parameters import GAUSS, symmetric_field
-from .parameters import axis_by_axis_loss, parameters_over, temperature_span
+from .magnetometer_parameters import field_span, GAUSS, symmetric_field
+from .parameters import axis_by_axis_loss, HELD, parameters_over, temperature_span
 
 
 NAME = "ardupilot"
 MAGNETOMETERS = True  # are held
 TITLE = "ArduPilot's parameters (INS_TCAL*, INS_*OFFS, INS_ACCSCAL)"
 SUFFIX = ".parm"
-KEEPS = "bias as a cubic in temperature, accelerometer scale factors (constants)"
+KEEPS = (
+    "bias as a cubic in temperature, accelerometer scale factors (constants); magnetometers at one temperature: "
+    "hard iron, soft iron, the battery current's field"
+)
 LOSES = (
-    "misalignments, gyro scale factors, temperature dependence of scale, degrees above 3, "
-    "g-sensitivity, uncertainties"
+    "misalignments, gyro scale factors, temperature dependence of scale and of the magnetometers, degrees above 3, "
+    "g-sensitivity, the magnetometers' rotation, uncertainties"
 )
 
 _REFERENCE = 35.0  # °C
@@ -55,6 +60,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     low, high = temperature_span(calibration)
     at = float(np.clip(_REFERENCE, low, high))
     accel, gyro, scale = _fits(calibration, low, high)
+    thermal = any(fit[1:].any() for fit in (accel, gyro))
     there = np.array([at - _REFERENCE])
 
     def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
@@ -69,15 +75,18 @@ def write(calibration: Calibration, settings: Settings) -> Export:
 
     present = {"ACC": calibration.accel is not None, "GYR": calibration.gyro is not None}
     lines = _lines(settings.instance, accel, gyro, scale, (low, high, at), present)
-    field_losses: tuple[str, ...] = ()
+    field: _Compass | None = None
     if calibration.mag is not None:
-        field_lines, field_losses = _compass(settings.instance, calibration.mag, at)
-        lines += field_lines
+        span = field_span(calibration.mag, low, high)
+        field = _compass(settings.instance, calibration.mag, *span)
+        lines += field.lines
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,
-        losses=(*axis_by_axis_loss(calibration), *field_losses),
+        applied_field=None if field is None else field.applied,
+        losses=(*axis_by_axis_loss(calibration), *(() if field is None else field.losses)),
         notes=(
+            *((HELD.format(name="ArduPilot"),) if thermal else ()),
             "ArduPilot takes an accelerometer calibration only with the sensor's own INS_ACC_ID, and "
             "learns gyro offsets anew at each start unless INS_GYR_CAL is 0",
             "axes must be the sensor's own after its mounting rotation, before the board's",
@@ -95,28 +104,38 @@ def _lines(
 ) -> list[str]:
     """The lines of what was calibrated; the rest keeps what the autopilot has."""
     low, high, at = temperatures
-    values = {f"INS_TCAL{n}_TMIN": low, f"INS_TCAL{n}_TMAX": high}
+    thermal = any(fit[1:].any() for fit in (accel, gyro))
+    values = {f"INS_TCAL{n}_TMIN": low, f"INS_TCAL{n}_TMAX": high} if thermal else {}
     for key, fit in (("ACC", accel), ("GYR", gyro)):
         if not present[key]:
             continue
         offset = _offset(fit, at)
         for axis, name in enumerate("XYZ"):
-            for order in (1, 2, 3):
+            for order in (1, 2, 3) if thermal else ():
                 values[f"INS_TCAL{n}_{key}{order}_{name}"] = fit[order, axis]
             values[f"INS_{key}{_number(n)}OFFS_{name}"] = offset[axis]
         values[f"INS_{key}{n}_CALTEMP"] = at
     for axis, name in enumerate("XYZ" if present["ACC"] else ""):
         values[f"INS_ACC{_number(n)}SCAL_{name}"] = scale[axis]
     lines = [f"{name} {float(value):.9g}" for name, value in values.items()]
-    return [f"INS_TCAL{n}_ENABLE {int(high > low)}", *lines]
+    return [f"INS_TCAL{n}_ENABLE {int(thermal)}", *lines]
 
 
-def _compass(n: int, mag: MagnetometerCalibration, at: float) -> tuple[list[str], tuple[str, ...]]:
-    """The magnetometers' lines, in mgauss, at one temperature (°C), and what they lose."""
-    found = symmetric_field(mag, np.array([at]))
-    scale, milli = found.scale, 1e3 * GAUSS
+class _Compass(NamedTuple):
+    """The magnetometers' lines, what ArduPilot makes of outputs with them, and what they lose."""
+
+    lines: list[str]
+    applied: AppliedField
+    losses: tuple[str, ...]
+
+
+def _compass(n: int, mag: MagnetometerCalibration, low: float, high: float) -> _Compass:
+    """The magnetometers in mgauss, at the temperature between `low` and `high` (°C) nearest to 35."""
+    at = float(np.clip(_REFERENCE, low, high))
+    found, over = (symmetric_field(mag, t) for t in (np.array([at]), nodes(low, high)))
+    scale, milli, bias = found.scale, 1e3 * GAUSS, found.bias[0]
     groups = [
-        ("OFS", -milli * found.bias[0]),
+        ("OFS", -milli * bias),
         ("DIA", np.diagonal(scale)),
         ("ODI", np.array([scale[0, 1], scale[0, 2], scale[1, 2]])),
     ]
@@ -127,9 +146,14 @@ def _compass(n: int, mag: MagnetometerCalibration, at: float) -> tuple[list[str]
     for key, values in groups:
         names = [f"COMPASS_{key}{_number(n)}_{axis}" for axis in "XYZ"]
         lines += [f"{name} {float(v):.9g}" for name, v in zip(names, values, strict=True)]
-    warm = not isinstance(mag.triad.curve.basis, Constant)
-    thermal = (f"temperature dependence of the hard iron: it is that at {at:g} °C",)
-    return lines, (*found.losses, *(thermal if warm else ()))
+    losses = over.losses
+    if moves(over.bias):
+        losses = (*losses, f"temperature dependence of the hard iron: it is that at {at:g} °C")
+
+    def applied(m: np.ndarray, temperature: np.ndarray, current: np.ndarray):
+        return (m - bias - np.outer(current, found.current)) @ scale.T
+
+    return _Compass(lines, applied, losses)
 
 
 def _offset(fit: Float[np.ndarray, "4 3"], at: float) -> Float[np.ndarray, "3"]:
@@ -146,14 +170,8 @@ def _fits(
     calibration: Calibration, low: float, high: float
 ) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"], Float[np.ndarray, "3"]]:
     """Bias cubics about 35 °C (the higher terms times 10⁶) and the scale, in single precision."""
-    at = nodes(low, high) if high > low else np.array([low])
-    p = parameters_over(calibration, at)
-
-    def fit(values: np.ndarray) -> np.ndarray:
-        if high > low:
-            return fit_cubic(values, low, high, _REFERENCE)
-        return np.pad(values, ((0, 3), (0, 0)))
-
+    p = parameters_over(calibration, nodes(low, high))
+    fit = lambda values: bias_curve(values, low, high, _REFERENCE).coefficients
     scale = np.diagonal(np.linalg.inv(p.accel_matrix), axis1=1, axis2=2)
     scale = 0.5 * (scale.min(axis=0) + scale.max(axis=0))
     times = np.array([[1.0], [_FACTOR], [_FACTOR], [_FACTOR]])

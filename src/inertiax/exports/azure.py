@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..physics.temperature import Constant, Polynomial
-from .cubic import cubic, fit_cubic, nodes
+from .cubic import cubic, cubic_misfit, fit_cubic, nodes
 from .export import Export, Settings as Common
 from .imported import calibration as imported, numbers, triad
-from .parameters import g_sensitivity_loss, parameters_over, temperature_span, varies
+from .parameters import g_sensitivity_loss, parameters_over, temperature_span
 
 
 NAME = "azure"
@@ -74,7 +74,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     return Export(
         files=(("", json.dumps(content, indent=2).encode() + b"\n"),),
         applied=applied,
-        losses=(*_degree_loss(calibration), *g_sensitivity_loss(calibration)),
+        losses=(*_degree_loss(calibration, low, high), *g_sensitivity_loss(calibration)),
         notes=(
             "noise and bias uncertainty are written as zero",
             "some readers (Monado, Basalt's converters) use the coefficients at 0 °C alone",
@@ -86,21 +86,28 @@ def _fit(
     calibration: Calibration, kind: str, low: float, high: float
 ) -> tuple[Float[np.ndarray, "4 9"], Float[np.ndarray, "4 3"]]:
     """Coefficients in °C of the mixing matrix's elements and of the bias."""
-    at = nodes(low, high) if high > low else np.array([low])
-    p = parameters_over(calibration, at)
-    matrix, offset = (
-        (p.accel_matrix, p.accel_bias) if kind == "accel" else (p.gyro_matrix, p.gyro_bias)
-    )
-    mixing = np.linalg.inv(matrix)
-    bias = -np.einsum("tij,tj->ti", mixing, offset)
-    mixing = mixing.reshape(-1, 9)
+    mixing, bias = _mixing_and_bias(calibration, kind, low, high)
     if high > low:
         return fit_cubic(mixing, low, high, 0.0), fit_cubic(bias, low, high, 0.0)
     return np.pad(mixing, ((0, 3), (0, 0))), np.pad(bias, ((0, 3), (0, 0)))
 
 
-def _degree_loss(calibration: Calibration) -> tuple[str, ...]:
-    if not varies(calibration):
+def _mixing_and_bias(
+    calibration: Calibration, kind: str, low: float, high: float
+) -> tuple[Float[np.ndarray, "node 9"], Float[np.ndarray, "node 3"]]:
+    """The mixing matrix's elements and the bias at the cubics' nodes."""
+    p = parameters_over(calibration, nodes(low, high))
+    matrix, offset = (
+        (p.accel_matrix, p.accel_bias) if kind == "accel" else (p.gyro_matrix, p.gyro_bias)
+    )
+    mixing = np.linalg.inv(matrix)
+    bias = -np.einsum("tij,tj->ti", mixing, offset)
+    return mixing.reshape(-1, 9), bias
+
+
+def _degree_loss(calibration: Calibration, low: float, high: float) -> tuple[str, ...]:
+    curves = (x for kind in _TYPES for x in _mixing_and_bias(calibration, kind, low, high))
+    if not any(cubic_misfit(values) for values in curves):
         return ()
     return ("what a cubic in temperature cannot follow (the inverse matrix and degrees above 3)",)
 

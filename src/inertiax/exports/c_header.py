@@ -1,8 +1,9 @@
-"""A C99 header with the compensation: one static function, no memory, no dependency beyond C.
+"""A C99 header with the compensation: static functions, no memory, no dependency beyond C.
 
 `NAME_compensate(accel, gyro, temperature, force, rate)` is equation (3), exact: the parameters' Chebyshev
 series by Clenshaw's recurrence (or their natural splines by pieces), then two 3 × 3 systems by Cramer's rule.
-Temperatures are not clamped; `NAME_LOW` and `NAME_HIGH` are the calibrated range.
+`NAME_compensate_mag(mag, temperature, current, field)` is the same of the magnetometers, where they are calibrated.
+Temperatures are not clamped; `NAME_LOW` and `NAME_HIGH` are the calibrated range, to clamp them by.
 """
 
 import re
@@ -12,20 +13,23 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.triad import slot
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Polynomial
-from .c_template import BODY, CHEBYSHEV, SPLINE
+from .c_template import BODY, CHEBYSHEV, MAGNETOMETERS as MAGNETOMETER_BODY, SPLINE
 from .export import Export, Settings as Common
 from .parameters import temperature_span
 
 
 NAME = "c"
+MAGNETOMETERS = True  # are held
 TITLE = "C99 header with the compensation, for firmware"
 SUFFIX = ".h"
-KEEPS = "the whole compensation, in double or single precision"
+KEEPS = "the whole compensation of all three triads, in double or single precision"
 LOSES = "uncertainties"
 
-_SLOTS = [f"bias[{i}]" for i in range(3)] + [f"matrix[{i},{j}]" for i in range(3) for j in range(3)]
-_D_SLOTS = [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)]
+# Of a triad: bias 3, matrix 9 (by rows), then the gyros' g-sensitivity 9 or the field of a current 3.
+_COUNTS = {"accel": 21, "gyro": 21, "mag": 15}
+_REST = {"accel": "unused 9", "gyro": "g-sensitivity 9", "mag": "field of a current 3"}
 
 
 class Settings(Common, frozen=True, kw_only=True):
@@ -43,10 +47,8 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     real = "float" if settings.dtype == "float32" else "double"
     low, high = temperature_span(calibration)
     device = "".join(c for c in calibration.device if c.isalnum() or c in " .-_")
-    tables = [
-        _curves(f"{name}_{kind}", part, real)
-        for kind, part in (("accel", calibration.accel), ("gyro", calibration.gyro))
-    ]
+    mag = calibration.mag
+    tables = [_curves(f"{name}_{kind}", part, real) for kind, part in _triads(calibration).items()]
     text = BODY.format(
         name=name,
         guard=f"{name.upper()}_CALIBRATION_H",
@@ -57,12 +59,14 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         high=_literal(high, real),
         gravity=_literal(float(calibration.gravity), real),
         curves="\n".join(tables),
+        magnetometers="" if mag is None else MAGNETOMETER_BODY.format(name=name, real=real),
     )
     dtype = np.dtype(settings.dtype)
     single = ("digits beyond single precision",) if real == "float" else ()
     return Export(
         files=(("", text.encode()),),
         applied=lambda *samples: _applied(calibration, dtype, *samples),
+        applied_field=None if mag is None else lambda *s: _applied_field(mag.triad, dtype, *s),
         losses=single,
     )
 
@@ -79,24 +83,33 @@ def _table(rows: Float[np.ndarray, "row column"], real: str) -> str:
     return "{\n" + inner + "\n}"
 
 
-def _rows(triad: TriadCalibration | None, size: int, kind: str) -> Float[np.ndarray, "21 size"]:
-    """Coefficients of all 21 parameters in the model's order; zero where not fitted."""
-    rows = np.zeros((21, size))
+def _triads(calibration: Calibration) -> dict[str, TriadCalibration | None]:
+    """The triads that the header has curves of; magnetometers only where they are calibrated."""
+    both = {"accel": calibration.accel, "gyro": calibration.gyro}
+    return both if calibration.mag is None else both | {"mag": calibration.mag.triad}
+
+
+def _rows(
+    triad: TriadCalibration | None, size: int, kind: str
+) -> Float[np.ndarray, "parameters size"]:
+    """Coefficients of all parameters in the model's order; zero where not fitted."""
+    rows = np.zeros((_COUNTS[kind], size))
     if triad is not None:
-        slots = [f"{kind}.{s}" for s in (*_SLOTS, *_D_SLOTS)]
         for column, parameter in enumerate(triad.names):
-            rows[slots.index(parameter)] = np.asarray(triad.curve.coefficients)[:, column]
+            rows[slot(parameter)] = np.asarray(triad.curve.coefficients)[:, column]
     return rows
 
 
 def _curves(prefix: str, triad: TriadCalibration | None, real: str) -> str:
-    """C code that evaluates a triad's 21 parameters at a temperature."""
+    """C code that evaluates a triad's parameters at a temperature."""
     kind = prefix.rsplit("_", 1)[1]
     basis = Constant() if triad is None else triad.curve.basis
     rows = _rows(triad, basis.size, kind)
     if isinstance(basis, CubicSpline):
         return SPLINE.format(
             prefix=prefix,
+            count=len(rows),
+            rest=_REST[kind],
             real=real,
             pieces=len(basis.knots) + 1,
             edges=", ".join(_literal(k, real) for k in basis.knots),
@@ -106,6 +119,8 @@ def _curves(prefix: str, triad: TriadCalibration | None, real: str) -> str:
     low, high = (basis.low, basis.high) if isinstance(basis, Polynomial) else (-1.0, 1.0)
     return CHEBYSHEV.format(
         prefix=prefix,
+        count=len(rows),
+        rest=_REST[kind],
         real=real,
         terms=basis.size,
         middle=_literal(float(0.5 * (low + high)), real),
@@ -115,8 +130,8 @@ def _curves(prefix: str, triad: TriadCalibration | None, real: str) -> str:
 
 
 def _pieces(
-    knots: Float[np.ndarray, " knot"], values: Float[np.ndarray, "21 knot"]
-) -> Float[np.ndarray, "piece 21 4"]:
+    knots: Float[np.ndarray, " knot"], values: Float[np.ndarray, "parameters knot"]
+) -> Float[np.ndarray, "piece parameters 4"]:
     """Powers of (T − piece's start) of each piece; the first and last are the straight continuations."""
     from scipy.interpolate import CubicSpline as Spline
 
@@ -143,25 +158,51 @@ def _applied(
     temperature: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The header's arithmetic in its precision, with NumPy."""
-    round_ = lambda x: np.asarray(x, dtype).astype(float)
-    parameters = []
-    for kind, triad in (("accel", calibration.accel), ("gyro", calibration.gyro)):
-        basis = Constant() if triad is None else triad.curve.basis
-        rows = round_(_rows(triad, basis.size, kind))
-        parameters.append(_evaluate(basis, rows, round_(temperature)))
-    p, q = parameters
-    solve = lambda m, x: np.linalg.solve(
-        np.eye(3) + round_(m).reshape(-1, 3, 3), round_(x)[:, :, None]
-    )[:, :, 0]
-    specific = round_(solve(p[:, 3:12], round_(accel) - p[:, :3]))
+    p = _parameters(calibration.accel, "accel", dtype, temperature)
+    q = _parameters(calibration.gyro, "gyro", dtype, temperature)
+    specific = _solve(p, _rounded(accel, dtype) - p[:, :3], dtype)
     by_force = np.einsum("tij,tj->ti", q[:, 12:].reshape(-1, 3, 3), specific)
     by_force = by_force / float(calibration.gravity)
-    return specific, round_(solve(q[:, 3:12], round_(gyro) - q[:, :3] - by_force))
+    return specific, _solve(q, _rounded(gyro, dtype) - q[:, :3] - by_force, dtype)
+
+
+def _applied_field(
+    triad: TriadCalibration,
+    dtype: np.dtype,
+    outputs: np.ndarray,
+    temperature: np.ndarray,
+    current: np.ndarray,
+) -> np.ndarray:
+    """The same of the magnetometers."""
+    p = _parameters(triad, "mag", dtype, temperature)
+    left = _rounded(outputs, dtype) - p[:, :3] - p[:, 12:] * _rounded(current, dtype)[:, None]
+    return _solve(p, left, dtype)
+
+
+def _rounded(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    return np.asarray(values, dtype).astype(float)
+
+
+def _parameters(
+    triad: TriadCalibration | None, kind: str, dtype: np.dtype, temperature: np.ndarray
+) -> Float[np.ndarray, "sample parameters"]:
+    basis = Constant() if triad is None else triad.curve.basis
+    rows = _rounded(_rows(triad, basis.size, kind), dtype)
+    return _evaluate(basis, rows, _rounded(temperature, dtype))
+
+
+def _solve(
+    parameters: Float[np.ndarray, "sample parameters"],
+    left: Float[np.ndarray, "sample 3"],
+    dtype: np.dtype,
+) -> Float[np.ndarray, "sample 3"]:
+    matrix = np.eye(3) + _rounded(parameters[:, 3:12], dtype).reshape(-1, 3, 3)
+    return _rounded(np.linalg.solve(matrix, _rounded(left, dtype)[:, :, None])[:, :, 0], dtype)
 
 
 def _evaluate(
     basis: AbstractBasis, rows: np.ndarray, temperature: np.ndarray
-) -> Float[np.ndarray, "sample 21"]:
+) -> Float[np.ndarray, "sample parameters"]:
     if isinstance(basis, Polynomial):
         x = (2 * temperature - basis.low - basis.high) / (basis.high - basis.low)
         return np.polynomial.chebyshev.chebval(x, rows.T).T

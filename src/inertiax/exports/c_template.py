@@ -1,12 +1,12 @@
 """The C text of the header that `c_header` fills."""
 
 CHEBYSHEV = """\
-/* Chebyshev coefficients: bias 3, matrix 9 (by rows), g-sensitivity 9. */
-static inline void {prefix}_parameters({real} temperature, {real} out[21])
+/* Chebyshev coefficients: bias 3, matrix 9 (by rows), {rest}. */
+static inline void {prefix}_parameters({real} temperature, {real} out[{count}])
 {{
-    static const {real} c[21][{terms}] = {table};
+    static const {real} c[{count}][{terms}] = {table};
     const {real} x = (temperature - {middle}) / {half};
-    for (int i = 0; i < 21; i++) {{
+    for (int i = 0; i < {count}; i++) {{
         {real} b1 = 0, b2 = 0; /* Clenshaw's recurrence */
         for (int k = {terms} - 1; k > 0; k--) {{
             const {real} b0 = c[i][k] + 2 * x * b1 - b2;
@@ -19,17 +19,17 @@ static inline void {prefix}_parameters({real} temperature, {real} out[21])
 """
 
 SPLINE = """\
-/* Cubic pieces: bias 3, matrix 9 (by rows), g-sensitivity 9 in each. */
-static inline void {prefix}_parameters({real} temperature, {real} out[21])
+/* Cubic pieces: bias 3, matrix 9 (by rows), {rest} in each. */
+static inline void {prefix}_parameters({real} temperature, {real} out[{count}])
 {{
     static const {real} knot[{edge_count}] = {{{edges}}};
-    static const {real} c[{pieces} * 21][4] = {table};
+    static const {real} c[{pieces} * {count}][4] = {table};
     int piece = 0;
     while (piece < {edge_count} && temperature >= knot[piece])
         piece++;
     const {real} d = temperature - knot[piece > 0 ? piece - 1 : 0];
-    for (int i = 0; i < 21; i++) {{
-        const {real} *p = c[21 * piece + i];
+    for (int i = 0; i < {count}; i++) {{
+        const {real} *p = c[{count} * piece + i];
         out[i] = p[0] + d * (p[1] + d * (p[2] + d * p[3]));
     }}
 }}
@@ -45,6 +45,9 @@ BODY = """\
  * temperature of the device's probe, degrees Celsius
  *
  * force = (E + G)^-1 (accel - a0),  rate = (E + Q)^-1 (gyro - w0 - D force / g)
+ *
+ * Temperatures are not clamped: outside of {upper}_LOW to {upper}_HIGH the curves go on, and may go far. To hold the
+ * values of the nearer end there, as PX4 and ArduPilot do, clamp the temperature to these two before the call.
  */
 #ifndef {guard}
 #define {guard}
@@ -82,6 +85,23 @@ static inline void {name}_compensate(const {real} accel[3], const {real} gyro[3]
     }}
     {name}_solve(p + 3, left, rate);
 }}
-
+{magnetometers}
 #endif
+"""
+
+MAGNETOMETERS = """
+/* mag     outputs of the magnetometers, T          field   magnetic field, T
+ * current in the wires that move with the device, A; 0 where it is not measured
+ *
+ * field = (E + S)^-1 (mag - b - c current)
+ */
+static inline void {name}_compensate_mag(const {real} mag[3], {real} temperature, {real} current,
+                                  {real} field[3])
+{{
+    {real} p[15], left[3];
+    {name}_mag_parameters(temperature, p);
+    for (int k = 0; k < 3; k++)
+        left[k] = mag[k] - p[k] - p[12 + k] * current;
+    {name}_solve(p + 3, left, field);
+}}
 """

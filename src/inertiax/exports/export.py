@@ -16,6 +16,12 @@ Applied = Callable[
     tuple[Float[np.ndarray, "sample 3"], Float[np.ndarray, "sample 3"]],
 ]
 
+# (magnetometer outputs, T; temperatures; currents, A) to the field, T, one row a sample.
+AppliedField = Callable[
+    [Float[np.ndarray, "sample 3"], Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]],
+    Float[np.ndarray, "sample 3"],
+]
+
 
 class Export(NamedTuple):
     """Files of one format, and what is to be known about them."""
@@ -27,6 +33,7 @@ class Export(NamedTuple):
     losses: tuple[str, ...] = ()  # what the calibration says and the files do not
     notes: tuple[str, ...] = ()  # what the user still has to do or to know
     frame: Float[np.ndarray, "3 3"] = np.eye(3)  # from the case frame to the tool's output frame
+    applied_field: AppliedField | None = None  # None: no magnetometers in the files
 
     @property
     def content(self) -> bytes:

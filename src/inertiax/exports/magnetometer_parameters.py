@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.magnetometers import MagnetometerCalibration
-from ..physics.temperature import Constant
+from ..physics.temperature import CubicSpline, Polynomial
+from .cubic import moves, ROUNDING
 
 
 GAUSS = 1e4  # in a T
@@ -29,6 +30,22 @@ class SymmetricField(NamedTuple):
     losses: tuple[str, ...]  # in words
 
 
+def field_span(mag: MagnetometerCalibration, low: float, high: float) -> tuple[float, float]:
+    """Temperatures that the magnetometers' curve was fitted over, °C, within those of the calibration.
+
+    A calibration joined with a warm-up covers more than its magnetometers were turned at.
+    """
+    basis = mag.triad.curve.basis
+    if isinstance(basis, Polynomial):
+        own = [float(basis.low), float(basis.high)]
+    elif isinstance(basis, CubicSpline):
+        own = [float(basis.knots[0]), float(basis.knots[-1])]
+    else:
+        return low, high
+    first, last = np.clip(own, low, high)
+    return float(first), float(last)
+
+
 def symmetric_field(
     mag: MagnetometerCalibration, temperature: Float[np.ndarray, " temperature"]
 ) -> SymmetricField:
@@ -39,12 +56,14 @@ def symmetric_field(
     cosine = 0.5 * (float(np.trace(left @ right)) - 1.0)
     turned = math.acos(min(max(cosine, -1.0), 1.0))
     losses = []
-    if mag.frame == "accel":
+    if mag.frame == "accel" and turned > ROUNDING:
         losses.append(
             f"the magnetometers' rotation of {math.degrees(turned):.2g}° against the accelerometers"
         )
-    if not isinstance(mag.triad.curve.basis, Constant):
+    if moves(np.eye(3) + np.asarray(errors.matrix)):
         losses.append("temperature dependence of the soft iron")
+    if moves(np.asarray(errors.current)):
+        losses.append("temperature dependence of the current's field")
     return SymmetricField(
         np.asarray(errors.bias, float),
         right.T @ np.diag(sizes) @ right,

@@ -1,5 +1,6 @@
 """Our own `calibration.json`, so that files of other tools can be brought in."""
 
+import jax
 import numpy as np
 
 from ..calibration.calibration import Calibration, read_calibration, write_calibration
@@ -10,6 +11,7 @@ from .parameters import parameters_over
 
 NAME = "inertiax"
 MAGNETOMETERS = True  # are held
+BAROMETER = True
 TITLE = "inertiax's calibration.json"
 SUFFIX = ".json"
 KEEPS = "everything"
@@ -32,7 +34,9 @@ def write(calibration: Calibration, settings: Common) -> Export:
         left = gyro - p.gyro_bias - np.einsum("tij,tj->ti", p.gyro_by_force, force)
         return force, np.linalg.solve(p.gyro_matrix, left[:, :, None])[:, :, 0]
 
-    return Export(files=(("", content),), applied=applied)
+    mag = again.mag
+    held = None if mag is None else lambda *samples: np.asarray(jax.vmap(mag)(*samples))
+    return Export(files=(("", content),), applied=applied, applied_field=held)
 
 
 def read(content: bytes) -> Calibration:

@@ -9,8 +9,10 @@ from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
 from ..physics.temperature import Constant
+from .cubic import cubic_misfit, moves, nodes, ROUNDING
 
 
+HELD = "outside the calibrated temperatures {name} holds the correction of the nearer end"  # they clamp
 NOMINAL_TEMPERATURE = 20.0  # °C, where a calibration has no temperatures; nothing depends on it
 
 
@@ -86,7 +88,7 @@ def chosen_temperature(calibration: Calibration, asked: float | None) -> float:
 
 def constants_loss(calibration: Calibration, temperature: float) -> tuple[str, ...]:
     """What a format of constants loses, in words."""
-    if not varies(calibration):
+    if not any(moves(values) for values in _over_range(calibration)):
         return ()
     return (f"dependence on temperature: the parameters are those at {temperature:g} °C",)
 
@@ -103,13 +105,34 @@ def g_sensitivity_loss(calibration: Calibration) -> tuple[str, ...]:
 
 
 def axis_by_axis_loss(calibration: Calibration) -> tuple[str, ...]:
-    """What a flight controller's axis by axis correction with a cubic bias loses, in words."""
-    thermal = (
-        "temperature dependence of the scale factors",
-        "what a cubic bias in temperature cannot follow",
-    )
-    return (
-        "misalignments, and the gyros' scale factors",
-        *(thermal if varies(calibration) else ()),
-        *g_sensitivity_loss(calibration),
-    )
+    """What a flight controller's axis by axis correction with a cubic bias loses of this calibration, in words."""
+    p, losses = _over_range(calibration), []
+    turned = [
+        name
+        for name, matrix in (("accelerometers'", p.accel_matrix), ("gyros'", p.gyro_matrix))
+        if np.abs(matrix * (1.0 - np.eye(3))).max() > ROUNDING
+    ]
+    if turned:
+        losses.append(f"the {' and '.join(turned)} misalignments")
+    if np.abs(_diagonal(p.gyro_matrix) - 1.0).max() > ROUNDING:
+        losses.append("the gyros' scale factors")
+    if moves(_diagonal(p.accel_matrix)):
+        losses.append("the change of the accelerometers' scale factors with temperature")
+    left = [(cubic_misfit(p.accel_bias), "m/s²"), (cubic_misfit(p.gyro_bias), "rad/s")]
+    if any(size for size, _ in left):
+        sizes = " and ".join(f"{size:.2g} {unit}" for size, unit in left if size)
+        losses.append(
+            f"the part of the biases that no cubic in temperature follows (up to {sizes})"
+        )
+    return (*losses, *g_sensitivity_loss(calibration))
+
+
+def _over_range(calibration: Calibration) -> Parameters:
+    """The parameters at `nodes` of the calibration's range."""
+    return parameters_over(calibration, nodes(*temperature_span(calibration)))
+
+
+def _diagonal(
+    matrix: Float[np.ndarray, "temperature 3 3"],
+) -> Float[np.ndarray, "temperature 3"]:
+    return np.diagonal(matrix, axis1=1, axis2=2)

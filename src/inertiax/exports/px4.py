@@ -2,15 +2,17 @@
 
 PX4 corrects (x' − thermal(T) − offset) · scale axis by axis, thermal(T) = X3 ΔT³ + X2 ΔT² + X1 ΔT + X0 with
 ΔT = clamp(T, TMIN, TMAX) − TREF; gyros have no scale. The thermal polynomial takes the whole bias and the static
-offset is zero; of a calibration at one temperature the offset takes it, and the thermal correction is switched off.
-The accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range. Magnetometers (gauss)
-have a symmetric matrix S and the field of the power: S (m' − thermal(T) + COMP · kA − offset).
+offset is zero; of a triad whose bias does not depend on temperature the offset takes it, and its thermal correction is
+switched off. The accelerometers' scale is the diagonal of (E + Γ)⁻¹ over the range. Magnetometers (gauss) have a
+symmetric matrix S and the field of the power: S (m' − thermal(T) + COMP · kA − offset); their offset is the hard iron
+at TREF, so that firmware without `TC_M*` has it, too.
 
 **Reference:** PX4-Autopilot, `TemperatureCompensation.cpp` and `sensor_calibration/Accelerometer.hpp`,
 `Magnetometer.cpp`.
 """
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,21 +21,25 @@ from ..calibration.barometer import BarometerCalibration
 from ..calibration.calibration import Calibration
 from ..calibration.magnetometers import MagnetometerCalibration
 from ..physics.temperature import Constant, Polynomial, to_powers
-from .cubic import cubic, fit_cubic, nodes
-from .export import Export, Settings as Common
+from .cubic import bias_curve, BiasCurve, cubic, cubic_misfit, nodes
+from .export import AppliedField, Export, Settings as Common
 from .imported import calibration as imported, triad
-from .magnetometer_parameters import GAUSS, symmetric_field
-from .parameters import axis_by_axis_loss, parameters_over, temperature_span
+from .magnetometer_parameters import field_span, GAUSS, symmetric_field
+from .parameters import axis_by_axis_loss, HELD, parameters_over, temperature_span
 
 
 NAME = "px4"
 MAGNETOMETERS = True  # are held
+BAROMETER = True
 TITLE = "PX4's parameters (TC_* and CAL_*, QGroundControl's .params)"
 SUFFIX = ".params"
-KEEPS = "bias as a cubic in temperature, accelerometer scale factors (constants)"
+KEEPS = (
+    "bias as a cubic in temperature, accelerometer scale factors (constants); magnetometers: hard iron as a cubic, "
+    "soft iron, the battery current's field; the barometer"
+)
 LOSES = (
-    "misalignments, gyro scale factors, temperature dependence of scale, degrees above 3, "
-    "g-sensitivity, uncertainties"
+    "misalignments, gyro scale factors, temperature dependence of scale and soft iron, degrees above 3, "
+    "g-sensitivity, the magnetometers' rotation, uncertainties"
 )
 
 _INT, _FLOAT = 6, 9  # MAVLink parameter types
@@ -59,18 +65,20 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     present = calibration.accel is not None, calibration.gyro is not None
     lines = [
         *_thermal(settings, accel, gyro, present, (reference, low, high)),
-        *_static(settings, scale, present, None if high > low else (accel[0], gyro[0])),
+        *_static(settings, accel, gyro, scale, present),
     ]
-    field_losses: tuple[str, ...] = ()
+    field: _Field | None = None
     if calibration.mag is not None:
-        field_lines, field_losses = _field(settings, calibration.mag, (reference, low, high))
-        lines += field_lines
+        field = _field(settings, calibration.mag, *field_span(calibration.mag, low, high))
+        lines += field.lines
 
     def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
         d = np.clip(temperature, low, high) - reference
-        return (a - cubic(accel, d)) * scale, w - cubic(gyro, d)
+        return (a - accel.over(d)) * scale, w - gyro.over(d)
 
     notes = ("axes must be the sensor's own, before PX4's rotation to the body",)
+    if accel.thermal or gyro.thermal or (field is not None and field.thermal):
+        notes = (*notes, HELD.format(name="PX4"))
     if settings.accel_id == 0 or settings.gyro_id == 0:
         notes = (
             "PX4 wants the sensors' own numbers: give --set accel_id=... --set gyro_id=...",
@@ -83,7 +91,8 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
         applied=applied,
-        losses=(*axis_by_axis_loss(calibration), *field_losses),
+        applied_field=None if field is None else field.applied,
+        losses=(*axis_by_axis_loss(calibration), *(() if field is None else field.losses)),
         notes=notes,
     )
 
@@ -96,18 +105,18 @@ def _line(name: str, value: float | int) -> str:
 
 def _thermal(
     settings: Settings,
-    accel: Float[np.ndarray, "4 3"],
-    gyro: Float[np.ndarray, "4 3"],
+    accel: BiasCurve,
+    gyro: BiasCurve,
     present: tuple[bool, bool],
     temperatures: tuple[float, float, float],
 ) -> list[str]:
-    n, lines, (_, low, high) = settings.instance, [], temperatures
+    n, lines = settings.instance, []
     rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
-    for letter, number, fit, calibrated in rows:
+    for letter, number, bias, calibrated in rows:
         if calibrated:
-            lines.append(_line(f"TC_{letter}_ENABLE", int(high > low)))
-            if high > low:
-                lines += _cubics(f"TC_{letter}{n}", number, fit, temperatures)
+            lines.append(_line(f"TC_{letter}_ENABLE", int(bias.thermal)))
+            if bias.thermal:
+                lines += _cubics(f"TC_{letter}{n}", number, bias.coefficients, temperatures)
     return lines
 
 
@@ -127,30 +136,42 @@ def _cubics(
     return lines
 
 
-def _field(
-    settings: Settings, mag: MagnetometerCalibration, temperatures: tuple[float, float, float]
-) -> tuple[list[str], tuple[str, ...]]:
-    """The magnetometers' lines, in gauss, and what they lose. The power is the battery's current, kA."""
-    reference, low, high = temperatures
-    n, number = settings.instance, settings.mag_id
-    found = symmetric_field(mag, nodes(low, high) if high > low else np.array([low]))
-    if high > low:
-        fit = fit_cubic(GAUSS * found.bias, low, high, reference)
-    else:
-        fit = np.pad(GAUSS * found.bias, ((0, 3), (0, 0)))
+class _Field(NamedTuple):
+    """The magnetometers' lines, what PX4 makes of outputs with them, and what they lose."""
+
+    lines: list[str]
+    applied: AppliedField
+    thermal: bool
+    losses: tuple[str, ...]
+
+
+def _field(settings: Settings, mag: MagnetometerCalibration, low: float, high: float) -> _Field:
+    """The magnetometers in gauss; the power is the battery's current, kA."""
+    n, number, reference = settings.instance, settings.mag_id, float(np.float32(0.5 * (low + high)))
+    found = symmetric_field(mag, nodes(low, high))
+    bias = bias_curve(GAUSS * found.bias, low, high, reference)
+    left, losses = cubic_misfit(found.bias), found.losses
+    if left:
+        said = f"the part of the hard iron that no cubic in temperature follows (up to {1e6 * left:.2g} µT)"
+        losses = (*losses, said)
     scale, power = found.scale, -1e3 * GAUSS * found.current
-    lines = [_line("TC_M_ENABLE", int(high > low))]
-    if high > low:
-        lines += _cubics(f"TC_M{n}", number, fit, temperatures)
-    offset = np.zeros(3) if high > low else fit[0]
-    lines += [_line(f"CAL_MAG{n}_ID", number), *_offsets(f"CAL_MAG{n}", offset)]
+    lines = [_line("TC_M_ENABLE", int(bias.thermal))]
+    if bias.thermal:
+        change = np.concatenate([np.zeros((1, 3)), bias.coefficients[1:]])
+        lines += _cubics(f"TC_M{n}", number, change, (reference, low, high))
+    lines += [_line(f"CAL_MAG{n}_ID", number), *_offsets(f"CAL_MAG{n}", bias.coefficients[0])]
     lines += [_line(f"CAL_MAG{n}_{a}SCALE", float(scale[k, k])) for k, a in enumerate("XYZ")]
     beside = (scale[0, 1], scale[0, 2], scale[1, 2])
     lines += [_line(f"CAL_MAG{n}_{a}ODIAG", float(x)) for a, x in zip("XYZ", beside, strict=True)]
     if power.any():
         lines.append(_line("CAL_MAG_COMP_TYP", 2))  # by the battery's current
         lines += [_line(f"CAL_MAG{n}_{a}COMP", float(x)) for a, x in zip("XYZ", power, strict=True)]
-    return lines, found.losses
+
+    def applied(m: np.ndarray, temperature: np.ndarray, current: np.ndarray):
+        d = np.clip(temperature, low, high) - reference
+        return (GAUSS * m - bias.over(d) + power * current[:, None] / 1e3) @ scale.T / GAUSS
+
+    return _Field(lines, applied, bias.thermal, losses)
 
 
 def _offsets(prefix: str, offset: Float[np.ndarray, "3"]) -> list[str]:
@@ -160,21 +181,19 @@ def _offsets(prefix: str, offset: Float[np.ndarray, "3"]) -> list[str]:
 
 def _static(
     settings: Settings,
+    accel: BiasCurve,
+    gyro: BiasCurve,
     scale: Float[np.ndarray, "3"],
     present: tuple[bool, bool],
-    offsets: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None,
 ) -> list[str]:
-    """Static offsets, and the accelerometers' scale; what was not calibrated keeps what the autopilot has.
-
-    **Arguments:** `offsets` are the biases of a calibration at one temperature, else none.
-    """
+    """Static offsets, and the accelerometers' scale; what was not calibrated keeps what the autopilot has."""
     n, lines = settings.instance, []
     numbers = settings.accel_id, settings.gyro_id
-    said = offsets or (np.zeros(3), np.zeros(3))
-    sensors = zip(("ACC", "GYRO"), numbers, said, present, strict=True)
-    for sensor, number, offset, calibrated in sensors:
+    sensors = zip(("ACC", "GYRO"), numbers, (accel, gyro), present, strict=True)
+    for sensor, number, bias, calibrated in sensors:
         if calibrated:
             lines.append(_line(f"CAL_{sensor}{n}_ID", number))
+            offset = np.zeros(3) if bias.thermal else bias.coefficients[0]
             lines += _offsets(f"CAL_{sensor}{n}", offset)
     if present[0]:
         pairs = zip("XYZ", scale.tolist(), strict=True)
@@ -184,16 +203,9 @@ def _static(
 
 def _fits(
     calibration: Calibration, low: float, high: float, reference: float
-) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"], Float[np.ndarray, "3"]]:
+) -> tuple[BiasCurve, BiasCurve, Float[np.ndarray, "3"]]:
     """Bias cubics of both triads and the accelerometers' scale, as PX4's single precision keeps them."""
-    at = nodes(low, high) if high > low else np.array([low])
-    p = parameters_over(calibration, at)
-
-    def fit(values: np.ndarray) -> np.ndarray:
-        if high > low:
-            return fit_cubic(values, low, high, reference)
-        return np.pad(values, ((0, 3), (0, 0)))
-
+    p = parameters_over(calibration, nodes(low, high))
     scale = np.diagonal(np.linalg.inv(p.accel_matrix), axis1=1, axis2=2)
     scale = 0.5 * (scale.min(axis=0) + scale.max(axis=0))
     if np.any(scale < 0.1) or np.any(scale > 3):
@@ -202,7 +214,12 @@ def _fits(
             "m/s²."
         )
     single = lambda x: x.astype(np.float32).astype(float)
-    return single(fit(p.accel_bias)), single(fit(p.gyro_bias)), single(scale)
+
+    def fit(values: np.ndarray) -> BiasCurve:
+        found = bias_curve(values, low, high, reference)
+        return found._replace(coefficients=single(found.coefficients))
+
+    return fit(p.accel_bias), fit(p.gyro_bias), single(scale)
 
 
 def _barometer(settings: Settings, baro: BarometerCalibration) -> list[str]:

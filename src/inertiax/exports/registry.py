@@ -70,21 +70,30 @@ def export(calibration: Calibration, name: str, /, **settings: str | float | int
         said, _, place = str(error).partition(" - at `$.")
         key = place.rstrip("`")
         raise ValueError(f"{name}: {key} = {settings[key]!r}: {said}.") from None
-    without_magnetometers = calibration.mag is not None and not getattr(
-        module, "MAGNETOMETERS", False
-    )
-    if without_magnetometers and calibration.accel is None and calibration.gyro is None:
-        holders = ", ".join(f.NAME for f in FORMATS if getattr(f, "MAGNETOMETERS", False))
+    missing = [s for s in _without(module) if getattr(calibration, _FURTHER[s]) is not None]
+    if missing and calibration.accel is None and calibration.gyro is None:
+        holders = ", ".join(f.NAME for f in FORMATS if missing[0] not in _without(f))
         raise ValueError(
-            f"{name}: has no place for magnetometers, and nothing else is calibrated; {holders} have one."
+            f"{name}: has no place for {missing[0]}, and nothing else is calibrated; {holders} have one."
         )
     result = module.write(calibration, chosen)
-    losses = [*result.losses]
-    if without_magnetometers:
-        losses.append("the magnetometers, for which it has no place")
+    losses = [*result.losses, *(f"the {sensor}, for which it has no place" for sensor in missing)]
     if module is not native and calibration.effects:
         losses.append(_effects_loss(calibration))
     return result._replace(losses=tuple(losses))
+
+
+_FURTHER = {"magnetometers": "mag", "barometer": "baro"}  # beside accelerometers and gyros
+
+
+def _without(module: ModuleType) -> list[str]:
+    """Sensors that a format has no place for."""
+    return [sensor for sensor in _FURTHER if not getattr(module, sensor.upper(), False)]
+
+
+def loses(module: ModuleType) -> str:
+    """What a format loses of a calibration that has everything, in words."""
+    return ", ".join((*_without(module), module.LOSES))
 
 
 def _effects_loss(calibration: Calibration) -> str:

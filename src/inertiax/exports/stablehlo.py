@@ -21,7 +21,7 @@ from .export import Export, Settings as Common
 NAME = "stablehlo"
 TITLE = "serialized StableHLO of the compensation (jax.export)"
 SUFFIX = ".stablehlo"
-KEEPS = "the whole compensation, as a program for any batch"
+KEEPS = "the compensation of accelerometers and gyros, as a program for any batch"
 LOSES = "uncertainties; the parameters can no longer be read"
 
 _PLATFORMS = ("cpu", "cuda", "rocm", "tpu")
