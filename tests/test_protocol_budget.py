@@ -8,13 +8,20 @@ import pytest
 from inertiax.analysis import sources
 from inertiax.analysis.error_budget import error_budget
 from inertiax.calibrate.pipeline import calibrate_device
+from inertiax.calibrate.split_covariance import (
+    fit_of,
+    NOISE,
+    POSITION,
+    residual_degrees,
+    SCATTER,
+    split,
+)
 from inertiax.data.recording import Campaign, Recording, Rig, Site
 from inertiax.protocol.expanded_uncertainty import coverage_factor
 from inertiax.protocol.make_record import record_of
 from inertiax.protocol.record import StationRecord, TriadRecord
 from inertiax.protocol.results import reference_temperatures, results_at
 from inertiax.protocol.sources_at import contributions, symmetric
-from inertiax.protocol.split_covariance import NOISE, POSITION, residual_degrees, SCATTER, split
 
 
 GRAVITY, ANGLE = 9.81, 2e-4
@@ -55,7 +62,7 @@ def referenced():
 
 def test_the_parts_are_the_fits_covariance(referenced):
     one, result = referenced
-    parts = {p.source: p for p in split(result.accel, one.rig)}
+    parts = {p.source: p for p in split(fit_of(result.accel), one.rig)}
     assert set(parts) == {NOISE, POSITION}
     total = sum(p.covariance for p in parts.values())
     fitted = np.asarray(result.accel.solution.covariance)
@@ -69,7 +76,7 @@ def test_the_rigs_part_is_what_the_error_budget_derives(referenced):
     budget = error_budget(
         accel.estimator, accel.solution.curve, accel.dwells, [sources.positioning(ANGLE)]
     )
-    (part,) = (p for p in split(accel, one.rig) if p.source == POSITION)
+    (part,) = (p for p in split(fit_of(accel), one.rig) if p.source == POSITION)
     assert math.isinf(part.degrees)
     expected = np.sqrt(np.diag(budget.covariance(0)))
     # The budget sends the reference through the device's own (E + Γ), |Γ| < 1e-4 here.
@@ -79,10 +86,10 @@ def test_the_rigs_part_is_what_the_error_budget_derives(referenced):
 def test_scatter_between_dwells_is_a_part_with_the_residuals_degrees():
     one = campaign(referenced=False, moved=0.02)
     result = calibrate_device(one).accel
-    parts = {p.source: p for p in split(result, one.rig)}
+    parts = {p.source: p for p in split(fit_of(result), one.rig)}
     assert set(parts) == {NOISE, SCATTER}
     # 14 magnitudes for 9 unknowns; noise of 1e-3/√40 is far below 0.02, so that nearly all is scatter.
-    assert residual_degrees(result) == 5
+    assert residual_degrees(fit_of(result)) == 5
     assert 4.9 < parts[SCATTER].degrees <= 5.0
     assert parts[NOISE].degrees == 14 * 39
     assert np.trace(parts[SCATTER].covariance) > 100 * np.trace(parts[NOISE].covariance)

@@ -12,7 +12,7 @@ from inertiax.fleet.population.population import Outlier, Population, TriadPopul
 from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.plausibility.finding import Finding
 from inertiax.protocol import record
-from inertiax.protocol.inputs import InputFile
+from inertiax.data.inputs import InputFile
 from inertiax.reduction.handling import Disturbance
 
 

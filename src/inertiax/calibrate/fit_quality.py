@@ -30,6 +30,7 @@ from .goodness_of_fit import (
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
+GRID = 25  # temperatures at which parameters are judged, over the calibrated range
 TRIAD_NAMES = {"accel": "Accelerometers", "gyro": "Gyros", "mag": "Magnetometers"}
 
 
@@ -87,7 +88,7 @@ def judge(result: DeviceResult) -> Quality:
     findings += [Finding("warning", ATTENTION, w[0].upper() + w[1:]) for w in said]
     # The sort is stable: of like grade, the first that was looked at.
     ranked = sorted(findings, key=lambda f: -f.grade)
-    verdict, start = _WORDS[ranked[0].grade]
+    verdict, start = VERDICTS[ranked[0].grade], _WORDS[ranked[0].grade]
     rest = _GOOD if ranked[0].grade == FINE else _lower(ranked[0].text)
     return Quality(
         verdict, f"{start}: {rest}", tuple(findings), tuple(dict.fromkeys(advice)), tuple(triads)
@@ -95,17 +96,15 @@ def judge(result: DeviceResult) -> Quality:
 
 
 _GOOD = "the uncertainties hold what the model leaves, and the data cover what the model needs."
-_WORDS = {
-    FINE: ("good", "Good"),
-    ATTENTION: ("usable", "Usable, with a reservation"),
-    UNUSABLE: ("doubtful", "Do not use it yet"),
-}
+# Of the worst finding's grade.
+VERDICTS = {FINE: "good", ATTENTION: "usable", UNUSABLE: "doubtful"}
+_WORDS = {FINE: "Good", ATTENTION: "Usable, with a reservation", UNUSABLE: "Do not use it yet"}
 
 
 def _triad_verdict(name: str, findings: list[Finding]) -> TriadVerdict:
     """The worst finding as the triad's sentence; of a good one, what is left and what is least certain."""
     worst = max(findings, key=lambda f: f.grade)
-    verdict, start = _WORDS[worst.grade]
+    verdict, start = VERDICTS[worst.grade], _WORDS[worst.grade]
     shown = [worst]
     if worst.grade == FINE:
         shown = [f for f in findings if f.topic in ("misfit", "weakest")]
@@ -186,7 +185,7 @@ def weakest(
     A bias counts as it is, a matrix element times the largest input in the data (g, or the largest
     reference rate), g-sensitivity times 1 g.
     """
-    grid = np.linspace(*temperature_range, 25) if temperature_range is not None else np.zeros(1)
+    grid = np.linspace(*temperature_range, GRID) if temperature_range is not None else np.zeros(1)
     _, sigmas = triad.over(grid)
     inputs = np.array([input_of(n, result) for n in triad.names])
     effect = sigmas * inputs
@@ -206,13 +205,25 @@ def _weakest_finding(
     name: str, triad: TriadCalibration, estimate: TriadResult, calibration: Calibration
 ) -> Judged:
     bounds = calibration.temperature_range
-    grid = np.linspace(*bounds, 25) if bounds is not None else np.zeros(1)
+    unsure = unsure_finding(name, triad, bounds)
+    if unsure is not None:
+        return unsure, None
+    text = weakest_sentence(name, weakest(triad, estimate, bounds))
+    return Finding("weakest", FINE, text), None
+
+
+def unsure_finding(
+    name: str, triad: TriadCalibration, bounds: tuple[float, float] | None
+) -> Finding | None:
+    """The parameter whose sigma is largest against its usual size, where one is not small; `None` where all are.
+
+    **Arguments:** `name` as in `TRIAD_NAMES`; `bounds` are the temperatures, °C, between which it is looked for.
+    """
+    grid = np.linspace(*bounds, GRID) if bounds is not None else np.zeros(1)
     values, sigmas = triad.over(grid)
     grades = grade_parameters(triad.names, values, sigmas)
     if grades.max() == FINE:
-        return Finding(
-            "weakest", FINE, weakest_sentence(name, weakest(triad, estimate, bounds))
-        ), None
+        return None
     relative = np.nan_to_num(sigmas / [usual_size(n) for n in triad.names], nan=np.inf)
     row, k = np.unravel_index(
         int(np.argmax(grades * 1e6 + np.minimum(relative, 1e5))), grades.shape
@@ -226,7 +237,7 @@ def _weakest_finding(
         else "its uncertainty is not small against its size"
     )
     text = f"{name}: {label(triad.names[k])} is {value} ± {sigma} {unit}{where}: {why}."
-    return Finding("weakest", int(grades[row, k]), text), None
+    return Finding("weakest", int(grades[row, k]), text)
 
 
 def weakest_sentence(name: str, found: Weakest) -> str:

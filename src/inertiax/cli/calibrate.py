@@ -109,7 +109,7 @@ def write_results(
     """Write everything; the folder of each device, relative to `output` ("" = itself)."""
     from ..calibrate.pipeline import DeviceResult
     from ..calibration.calibration import write_calibration
-    from ..protocol.inputs import campaign_inputs
+    from ..data.inputs import campaign_inputs
     from ..protocol.make_record import record_of
     from ..protocol.record import write_record
     from ..report.calibration import FIGURES, report_calibration, report_summary

@@ -97,10 +97,10 @@ def _diagnose_all(
 ) -> "dict[str, Diagnosis | str]":
     """Diagnosis of each device, or why there is none. A single device's failure is raised."""
     from ..calibration.calibration import read_calibration, write_calibration
+    from ..data.inputs import campaign_inputs
     from ..diagnose import diagnose_campaign
     from ..diagnose.noise.type_noise_file import read_noise
     from ..protocol.diagnosis_record import diagnosis_record
-    from ..protocol.inputs import campaign_inputs
     from ..protocol.record import write_record
     from ..report.diagnosis import report_diagnosis
 

@@ -148,7 +148,8 @@ def columns_of(dwells: Dwells) -> Recording:
 
     temperature = np.asarray(dwells.temperature)
     return Recording(
-        time=np.asarray(dwells.time),
+        # Numbers of the rows: clocks of several recordings may all begin at zero.
+        time=np.arange(dwells.num_dwells, dtype=float),
         accel=column("accel"),
         gyro=column("gyro"),
         temperature=temperature[:, None] if np.any(temperature != 0.0) else None,

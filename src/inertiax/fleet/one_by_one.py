@@ -16,18 +16,21 @@ from ..calibrate.fit_quality import judge
 from ..calibrate.goodness_of_fit import UNUSABLE
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
+from ..calibrate.split_covariance import fit_of, residual_degrees, split
 from ..calibration.triad import TriadCalibration
 from ..data.formats import ColumnMap
+from ..data.recorded import recorded
 from ..data.recording import Campaign
 from ..model_selection.model_spec import ModelSpec, TriadSpec
 from ..model_selection.select_model import choose_model, directions, settle_accel
 from ..physics.temperature import AbstractBasis
 from ..reduction.dwells import Dwells
+from .covariance_by_source import row_of, SUFFIXES
 from .model_choice import columns_of, LineModel, TRIALS
 from .reduce.campaign_folders import campaigns_of
 from .reduce.raw_rows import recordings_of
 from .reduce.tasks import Task
-from .rows import Columns, empty_table, table_of
+from .rows import Columns, empty_table, recorded_columns, table_of
 from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest
 
@@ -94,7 +97,11 @@ def calibrate_one_by_one(task: Task, devices: Devices, manifest: Manifest) -> pl
     rows = []
     for number, (name, one) in enumerate(devices(task)):
         try:
-            columns = _row(calibrate_device(_given(one), model=manifest.model), manifest)
+            own = _given(one)
+            result = calibrate_device(own, model=manifest.model)
+            columns = _row(result, manifest)
+            if manifest.documented:
+                columns |= _documents(result, own, manifest)
         except ValueError as error:
             columns = {"reason": [_line(error)]}
         columns |= {"device": [name], "number": np.array([number])}
@@ -185,15 +192,39 @@ def _row(result: DeviceResult, manifest: Manifest) -> Columns:
     return columns
 
 
+def _documents(result: DeviceResult, campaign: Campaign, manifest: Manifest) -> Columns:
+    """What a protocol states beside the estimates, by column of the results' table."""
+    columns = recorded_columns([recorded(campaign.recordings, result.warnings)])
+    for triad in ("accel", "gyro"):
+        model: TriadModel | None = getattr(manifest, triad)
+        found: TriadResult | None = getattr(result, triad)
+        if model is None or found is None:
+            continue
+        fit = fit_of(found)
+        whole = _change(fit.curve.basis, basis_of(model), len(model.names))
+        parts = [
+            part._replace(covariance=whole @ part.covariance @ whole.T)
+            for part in split(fit, campaign.rig)
+        ]
+        row = row_of(found.dwells, residual_degrees(fit), parts)
+        columns |= {f"{triad}_{s}": [v] for s, v in zip(SUFFIXES, row, strict=True)}
+    return columns
+
+
 def on_basis(calibration: TriadCalibration, basis: AbstractBasis) -> tuple[np.ndarray, np.ndarray]:
     r"""The same curves by the coefficients of a basis that holds them, and their covariance.
 
     $\phi_1(T)^T c_1 = \phi_2(T)^T c_2$ at as many temperatures as the second has functions: $c_2 = B c_1$ with
     $B = \Phi_2^{-1} \Phi_1$, and the covariance is $(B \otimes E) C (B \otimes E)^T$.
     """
-    curve = calibration.curve
-    nodes = np.asarray(basis.nodes, float)
-    change = np.linalg.solve(basis.rows(nodes), curve.basis.rows(nodes))
-    whole = np.kron(change, np.eye(len(calibration.names)))
+    curve, count = calibration.curve, len(calibration.names)
+    whole = _change(curve.basis, basis, count)
+    values = whole @ np.asarray(curve.coefficients).ravel()
     covariance = np.asarray(calibration.covariance)
-    return change @ np.asarray(curve.coefficients), whole @ covariance @ whole.T
+    return values.reshape(-1, count), whole @ covariance @ whole.T
+
+
+def _change(old: AbstractBasis, new: AbstractBasis, count: int) -> np.ndarray:
+    """B ⊗ E of `on_basis`, for so many parameters."""
+    nodes = np.asarray(new.nodes, float)
+    return np.kron(np.linalg.solve(new.rows(nodes), old.rows(nodes)), np.eye(count))

@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed, ThreadPoolExecutor
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from ..data.recording import Campaign, Rig, Site
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
+from .input_hashes import write_inputs
 from .model_choice import choose_line_model, first_dwells, Reader
 from .one_by_one import beyond_batches, calibrate_one_by_one, Devices, devices_of, line_model
 from .overview.explain import choose_line_forms, write_line
@@ -27,7 +28,7 @@ from .reduce.campaign_folders import (
     read_campaigns,
     split_campaigns,
 )
-from .reduce.locations import find_sources, local_state
+from .reduce.locations import find_sources, is_address, local_state
 from .reduce.many_dwells import Reduction
 from .reduce.raw_rows import read
 from .reduce.tasks import split, Task, wherever_read
@@ -217,17 +218,29 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
         tasks = wherever_read(split([s.address for s in sources], columns))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
+    local = [Path(s.address) for s in sources if not is_address(s.address)]
     exact = sum(t.rows for t in tasks) <= EXACT_ROWS
     reader = _reader(False, columns, exact)
     found = _settled(
-        campaign, tasks, reader, columns, mark, folder, asked, campaigns=False, exact=exact
+        campaign,
+        tasks,
+        reader,
+        columns,
+        mark,
+        folder,
+        asked,
+        {file: local},
+        campaigns=False,
+        exact=exact,
     )
     return found, columns
 
 
 def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _Asked) -> Manifest:
     campaign, used = common_settings(path, files)
-    mark = fingerprint([f"{f.parent.name}/{local_state(f)}" for f in used])
+    mark = fingerprint(
+        [f"{f.parent.name}/{local_state(f)}" for c, own in used.items() for f in (c, *own)]
+    )
     known = _known(folder, mark, asked)
     if known is not None:
         return known
@@ -240,6 +253,7 @@ def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _A
         mark,
         folder,
         asked,
+        used,
         campaigns=True,
         exact=True,
     )
@@ -253,11 +267,12 @@ def _settled(
     mark: str,
     folder: Path,
     asked: _Asked,
+    files: Mapping[Path, Iterable[Path]],
     *,
     campaigns: bool,
     exact: bool,
 ) -> Manifest:
-    """The plan of a new run, stored."""
+    """The plan of a new run over `files` by campaign.toml, stored with their hashes."""
     trial = first_dwells(campaign, tasks, reader)
     plain = asked == _Asked(None, explain=False, precision="float64")
     one_by_one = exact and plain and beyond_batches(campaign, trial)
@@ -270,11 +285,12 @@ def _settled(
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
-        rig=_promised(campaign.rig), exact=exact, one_by_one=one_by_one,
+        rig=_promised(campaign.rig), exact=exact, one_by_one=one_by_one, documented=True,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)
         manifest = msgspec.structs.replace(manifest, forms=forms)
+    write_inputs(files, folder)
     write_manifest(manifest, folder)
     return manifest
 

@@ -1,6 +1,7 @@
 """A task's dwells to the rows of the results' table."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from ..calibration.probe_error import probe_covariance
+from ..data.recorded import Recorded
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, Invariant
 from ..model_selection.select_model import build_estimators, ChosenModel
@@ -16,6 +18,7 @@ from ..physics.error_model import compensate_accel
 from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import with_rig_errors
+from .covariance_by_source import source_columns, SUFFIXES
 from .effects.score_statistics import FleetScores, score
 from .population.empirical_bayes import fit_informed, judge_informed
 from .population.population import TriadPopulation
@@ -27,7 +30,7 @@ from .store import Manifest
 
 
 Observer = Callable[[str, FleetScores], None]  # triad, scores
-Columns = dict[str, np.ndarray | list[str]]  # of the results' table
+Columns = dict[str, Any]  # of the results' table: arrays and lists
 
 
 def calibrate_reduced(
@@ -42,6 +45,8 @@ def calibrate_reduced(
         if not lacking:
             columns = _columns(stack, manifest, observe)
         columns |= {"device": [reduced.devices[k] for k in stack.members], "number": stack.members}
+        if manifest.documented:
+            columns |= recorded_columns([reduced.recorded.get(int(k)) for k in stack.members])
         tables.append(table_of(columns, len(stack.members), empty))
     return pl.concat(tables).sort("number").drop("number")
 
@@ -78,6 +83,10 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
             observe(triad, scores)
         reasons = [first or second or "" for first, second in zip(reasons, found, strict=True)]
         columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
+        # A prior's share is no source of the device's own, and beyond some million rows it takes too long.
+        if manifest.documented and manifest.exact and manifest.prior is None:
+            parts = source_columns(estimator, basis, mine, fit, Rig(*manifest.rig))
+            columns |= {f"{triad}_{suffix}": values for suffix, values in parts.items()}
         if scores is not None:
             columns[f"{triad}_amplitudes"] = scores.amplitude
             columns[f"{triad}_amplitude_sigmas"] = scores.sigma
@@ -182,6 +191,13 @@ def _entries(triad: str, fit: FleetFit) -> Columns:
     }
 
 
+def recorded_columns(found: Sequence[Recorded | None]) -> Columns:
+    """What was recorded, by column of the results' table."""
+    return {
+        name: [None if r is None else getattr(r, name) for r in found] for name in Recorded._fields
+    }
+
+
 # --- the table -----------------------------------------------------------------------------------
 
 
@@ -196,10 +212,16 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
         "temperature_low": pl.Float64(),
         "temperature_high": pl.Float64(),
     }
+    if manifest.documented:
+        schema |= {"recordings": pl.Int64(), "samples": pl.Int64(), "seconds": pl.Float64()}
+        schema |= {"experiments": pl.Int64(), "warnings": pl.List(pl.String)}
     for triad in ("accel", "gyro"):
         if getattr(manifest, triad) is not None:
             schema |= {f"{triad}_{k}": many for k in ("parameters", "sigma", "covariance")}
             schema |= {f"{triad}_{k}": pl.Float64() for k in ("rms", "scatter", "chi2_per_dof")}
+            if manifest.documented:
+                kinds = (*[pl.Int64()] * 3, pl.List(pl.String), many, many)
+                schema |= {f"{triad}_{k}": kind for k, kind in zip(SUFFIXES, kinds, strict=True)}
         if (manifest.forms or {}).get(triad):
             schema |= {f"{triad}_{k}": many for k in ("amplitudes", "amplitude_sigmas")}
     return pl.DataFrame(schema=schema)

@@ -54,6 +54,8 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
 
     exact: bool = False  # every device was reduced as `calibrate` does, not by sums over blocks
     one_by_one: bool = False  # and calibrated as it does, for want of a program that takes many
+    # Rows hold what a protocol states beside the estimates: what was recorded, warnings, covariances by source.
+    documented: bool = False
 
     @property
     def num_devices(self) -> int:

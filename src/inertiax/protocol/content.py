@@ -113,8 +113,11 @@ def procedure(protocol: Protocol) -> Section:
         ("rate of the table", _stated(station.rate_uncertainty, 1e6, "ppm")),
         ("temperature probe", _stated(station.temperature_uncertainty, 1.0, "°C")),
     ]
-    recorded = _counted(conditions.recordings, "recording")
-    recorded += f", {conditions.samples} samples"
+    recorded = "recordings: not kept"
+    if conditions.recordings is not None:
+        recorded = _counted(conditions.recordings, "recording")
+    if conditions.samples is not None:
+        recorded += f", {conditions.samples} samples"
     if conditions.seconds is not None:
         recorded += f", {conditions.seconds:.0f} s"
     if conditions.experiments and conditions.experiments > 1:

@@ -6,9 +6,9 @@ from pathlib import Path
 import msgspec
 
 from ..calibration.calibration import Calibration
+from ..data.inputs import InputFile
 from ..data.recording import Campaign
 from ..diagnose.result import Diagnosis
-from .inputs import InputFile
 from .make_record import EFFECTS, KNOWN, record_of
 from .record import Record
 

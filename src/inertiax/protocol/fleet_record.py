@@ -1,7 +1,8 @@
 """One device of a fleet's results: its calibration, and a record of what it was made of.
 
-A fleet's table keeps covariances whole, so the fit is one source here, beside the probe. The run keeps no hashes of its
-files either; they are taken when the record is asked for, and a file that was written to since is named.
+The run keeps the hashes of its files and, by device, what was recorded and the covariance by source. Runs of versions
+that kept neither are read all the same: the fit is one source then, and hashes are taken when the record is asked for;
+a file that was written to since is named.
 """
 
 import datetime
@@ -10,11 +11,16 @@ from pathlib import Path
 import polars as pl
 
 from ..calibration.calibration import Calibration
+from ..data.campaign import find_files
+from ..data.inputs import hashed, InputFile
+from ..data.settings import read_table
+from ..fleet.covariance_by_source import parts_of
+from ..fleet.input_hashes import FleetInputs, read_inputs
 from ..fleet.reduce.tasks import Stretch
 from ..fleet.results import fleet_calibration
 from ..fleet.store import Manifest, read_manifest, read_parts
-from .inputs import hashed, InputFile
-from .make_record import software, time_text
+from ..fleet.verdicts import device_findings, device_verdict
+from .make_record import software, source_record, time_text
 from .record import ConditionsRecord, Record, SCHEMA, StationRecord, TriadRecord
 
 
@@ -33,8 +39,11 @@ def fleet_measurement(folder: Path, device: str | None) -> tuple[Calibration, Re
     row = read_parts(folder).filter(pl.col("device") == device).collect().row(0, named=True)
     position, rate, temperature = (x or None for x in manifest.rig)
     begun = (folder / "manifest.json").stat().st_mtime
-    inputs, left_out = _inputs(manifest, device, begun)
-    known = calibration.temperature_range
+    hashes = read_inputs(folder)
+    if hashes is None:
+        inputs, left_out = _hashed_late(manifest, device, begun)
+    else:
+        inputs, left_out = _hashed(hashes, manifest, device)
     return calibration, Record(
         schema=SCHEMA,
         created=time_text(datetime.datetime.fromtimestamp(begun, datetime.UTC)),
@@ -43,18 +52,12 @@ def fleet_measurement(folder: Path, device: str | None) -> tuple[Calibration, Re
         calibration_sha256="",
         inputs=inputs,
         station=StationRecord(manifest.gravity, None, position, rate, temperature),
-        conditions=ConditionsRecord(
-            recordings=len(inputs),
-            samples=_rows(manifest, device),
-            seconds=None,
-            experiments=None,
-            temperature_range=None if known is None else (float(known[0]), float(known[1])),
-        ),
-        method="batched least squares",
-        verdict="good",  # of what a fleet does not set aside
-        findings=(),
+        conditions=_conditions(row, manifest, calibration),
+        method="least squares device by device" if manifest.one_by_one else "batched least squares",
+        verdict=device_verdict(row, manifest),
+        findings=tuple(f.text for f in device_findings(row, manifest)),
         choices=manifest.reasons,
-        warnings=(),
+        warnings=tuple(row.get("warnings") or ()),
         left_out=left_out,
         accel=_triad(row, calibration, "accel"),
         gyro=_triad(row, calibration, "gyro"),
@@ -62,18 +65,51 @@ def fleet_measurement(folder: Path, device: str | None) -> tuple[Calibration, Re
 
 
 def _stretches(manifest: Manifest, device: str) -> list[Stretch]:
-    return [s for t in manifest.tasks for d, all_of in t.devices if d == device for s in all_of]
+    """Where a device's rows lie; one of several in a campaign's folder is named `folder/serial`."""
+    own = {device, device.partition("/")[0]} if manifest.campaigns else {device}
+    return [s for t in manifest.tasks for d, all_of in t.devices if d in own for s in all_of]
 
 
-def _rows(manifest: Manifest, device: str) -> int:
-    return sum(s.rows for s in _stretches(manifest, device))
+def _conditions(row: dict, manifest: Manifest, calibration: Calibration) -> ConditionsRecord:
+    """As the run kept them; else what the plan says of rows and files, which of campaigns is not known."""
+    known = calibration.temperature_range
+    stretches = _stretches(manifest, row["device"])
+    planned = None if manifest.campaigns else len({s.file for s in stretches})
+    samples = None if manifest.campaigns else sum(s.rows for s in stretches)
+    return ConditionsRecord(
+        # A line in Parquet files is read device by device, from as many files as hold its rows.
+        recordings=row.get("recordings") if manifest.campaigns else planned,
+        samples=row.get("samples") or samples,
+        seconds=row.get("seconds"),
+        experiments=row.get("experiments"),
+        temperature_range=None if known is None else (float(known[0]), float(known[1])),
+    )
 
 
-def _inputs(
+def _hashed(
+    hashes: FleetInputs, manifest: Manifest, device: str
+) -> tuple[tuple[InputFile, ...], tuple[str, ...]]:
+    """The campaign.toml and the files that hold the device's rows, as hashed when the run began."""
+    named = dict.fromkeys(s.file for s in _stretches(manifest, device))
+    if manifest.campaigns:
+        return tuple(f for name in named for f in hashes.campaigns.get(name, ())), ()
+    found, missing = [], dict(named)
+    for campaign, (settings, *files) in hashes.campaigns.items():
+        home = Path(campaign).parent
+        own = [f for f in files if str(home / f.file) in named]
+        found += [settings, *own]
+        missing = {n: None for n in missing if n not in {str(home / f.file) for f in own}}
+    return tuple(found), tuple(f"Not hashed, for it is not on this machine: {f}." for f in missing)
+
+
+def _hashed_late(
     manifest: Manifest, device: str, begun: float
 ) -> tuple[tuple[InputFile, ...], tuple[str, ...]]:
-    """The files that hold the device's rows, and what cannot be said of them."""
+    """The files that hold the device's rows, and what cannot be said of them; of a run without hashes."""
     named = dict.fromkeys(s.file for s in _stretches(manifest, device))
+    if manifest.campaigns:
+        tables = [Path(f) for f in named if Path(f).is_file()]
+        named |= dict.fromkeys(str(f) for t in tables for f in _recordings(t))
     here = [Path(f) for f in named if Path(f).is_file()]
     gone = [f for f in named if not Path(f).is_file()]
     newer = [f.name for f in here if f.stat().st_mtime > begun]
@@ -84,18 +120,28 @@ def _inputs(
     return hashed(here, home), tuple(said)
 
 
+def _recordings(campaign: Path) -> tuple[Path, ...]:
+    try:
+        return find_files(campaign.parent, read_table(campaign).recordings.files)
+    except ValueError:
+        return ()  # moved since; what is left is hashed
+
+
 def _triad(row: dict, calibration: Calibration, name: str) -> TriadRecord | None:
     triad = getattr(calibration, name)
     if triad is None:
         return None
-    rows = row["dwells"] * (1 if triad.estimator == "invariant" else 3)
-    unknowns = triad.curve.basis.size * len(triad.names)
+    dwells, degrees = row.get(f"{name}_dwells"), row.get(f"{name}_degrees")
+    if not dwells:  # not kept, or too many rows to take the covariance apart
+        dwells = row["dwells"]
+        rows = dwells * (1 if triad.estimator == "invariant" else 3)
+        degrees = rows - triad.curve.basis.size * len(triad.names)
     return TriadRecord(
-        dwells=row["dwells"],
-        turns=None,
+        dwells=dwells,
+        turns=row.get(f"{name}_turns"),
         rms=row[f"{name}_rms"],
         scatter=row[f"{name}_scatter"],
         unit="m/s^2" if name == "accel" else "rad/s",
-        degrees_of_freedom=max(rows - unknowns, 1),
-        sources=(),
+        degrees_of_freedom=max(degrees or 0, 1),
+        sources=tuple(source_record(part) for part in parts_of(row, name)),
     )

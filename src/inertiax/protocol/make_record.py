@@ -11,11 +11,13 @@ import numpy as np
 
 from ..calibrate.fit_quality import judge
 from ..calibrate.results import DeviceResult, MagnetometerResult, TriadResult
+from ..calibrate.split_covariance import fit_of, Part, residual_degrees, split
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.probe_error import probe_covariance
+from ..data.inputs import InputFile
+from ..data.recorded import recorded
 from ..data.recording import Campaign
 from ..reduction.handling import left_out_sentence
-from .inputs import InputFile
 from .record import (
     ConditionsRecord,
     digest_of,
@@ -25,7 +27,6 @@ from .record import (
     StationRecord,
     TriadRecord,
 )
-from .split_covariance import Part, residual_degrees, split
 
 
 _SOFTWARE = ("inertiax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
@@ -101,14 +102,12 @@ def _method(result: DeviceResult) -> str:
 
 
 def _conditions(campaign: Campaign, calibration: Calibration) -> ConditionsRecord:
-    recordings = campaign.recordings
-    experiments = [np.unique(r.experiment) for r in recordings if r.experiment is not None]
-    found = calibration.temperature_range
+    known, found = recorded(campaign.recordings), calibration.temperature_range
     return ConditionsRecord(
-        recordings=len(recordings),
-        samples=sum(r.num_samples for r in recordings),
-        seconds=float(sum(r.time[-1] - r.time[0] for r in recordings)),
-        experiments=len(np.unique(np.concatenate(experiments))) if experiments else 1,
+        recordings=known.recordings,
+        samples=known.samples,
+        seconds=known.seconds,
+        experiments=known.experiments,
         temperature_range=None if found is None else (float(found[0]), float(found[1])),
     )
 
@@ -122,7 +121,8 @@ def _triad(
 ) -> TriadRecord | None:
     if result is None or fitted is None or written is None:
         return None
-    parts = split(result, campaign.rig)
+    fit = fit_of(result)
+    parts = split(fit, campaign.rig)
     if parts and written is not fitted:
         parts = _with_rest(parts, written, campaign.rig.temperature_uncertainty or 0.0, beside)
     return TriadRecord(
@@ -131,8 +131,8 @@ def _triad(
         rms=result.rms,
         scatter=result.scatter,
         unit=result.misfit_unit,
-        degrees_of_freedom=residual_degrees(result),
-        sources=tuple(_source(p) for p in parts),
+        degrees_of_freedom=residual_degrees(fit),
+        sources=tuple(source_record(p) for p in parts),
     )
 
 
@@ -171,7 +171,8 @@ def _with_rest(
     return (*parts, Part(beside, math.inf, rest))
 
 
-def _source(part: Part) -> SourceRecord:
+def source_record(part: Part) -> SourceRecord:
+    """A part of a covariance as the record writes it."""
     lower = part.covariance[np.tril_indices(len(part.covariance))]
     degrees = part.degrees if math.isfinite(part.degrees) else None
     return SourceRecord(part.source, degrees, tuple(lower.tolist()))

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 
+from ..data.inputs import InputFile
 from ..data.json_documents import decode, encode
 from ..storage.whole_files import write_atomically
-from .inputs import InputFile
 
 
 SCHEMA = "inertiax.record/1"
@@ -55,8 +55,8 @@ class StationRecord(_Strict, frozen=True):
 class ConditionsRecord(_Strict, frozen=True):
     """What was recorded."""
 
-    recordings: int  # how many
-    samples: int  # of all recordings together
+    recordings: int | None  # how many; None where not kept
+    samples: int | None  # of all recordings together; None where not kept
     seconds: float | None  # of all recordings together; None where not kept
     experiments: int | None  # runs of the programme; None where not kept
     temperature_range: tuple[float, float] | None  # °C

@@ -7,7 +7,8 @@ order in their 1 sigma:
     rig rate ρ            u = ρ |(E + Θ)ᵢⱼ|                the gyros' matrix
     reference g, σ_g      u = (σ_g / g) |(E + Γ)ᵢⱼ|        the accelerometers' matrix
 
-The rate's and g's errors are common to all positions, so that no number of them averages them.
+The rate's and g's errors are common to all positions, so that no number of them averages them. A fit that was not taken
+apart has the rate's error inside, drawn anew for each rate; the common one comes on top, which is never too little.
 """
 
 import math
@@ -20,11 +21,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
+from ..calibrate.split_covariance import RATE
 from ..calibration.calibration import TriadCalibration
 from ..calibration.probe_error import probe_covariance
 from ..physics.temperature import AbstractBasis
 from .record import StationRecord, TriadRecord
-from .split_covariance import RATE
 
 
 FIT, PROBE, GRAVITY = "fit", "probe offset", "reference g"
@@ -91,8 +92,7 @@ def _common_scale(
             return []
         return [(GRAVITY, gravity_uncertainty / station.gravity)]
     rate = station.rate_uncertainty
-    # A fit that is not split has the rate's error inside.
-    if rate is None or triad.estimator != "reference" or not record.sources:
+    if rate is None or triad.estimator != "reference":
         return []
     return [(RATE, rate)]
 

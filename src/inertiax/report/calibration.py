@@ -10,7 +10,7 @@ from ..calibrate.fit_quality import judge, Quality
 from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
-from ..data.recording import Campaign
+from ..data.recording import Campaign, Rig
 from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.style import drawing
@@ -57,7 +57,7 @@ def report_calibration(
         verdict=_verdict(result, quality),
         keys=_keys(result),
         sections=[
-            *_parameter_sections(result, folder),
+            *_parameter_sections(result, folder, campaign),
             *_magnetometer_sections(result, folder),
             *barometer_sections(result, folder),
             *_misfit_sections(result, folder),
@@ -130,15 +130,30 @@ def _degrees(result: DeviceResult) -> str:
     return f"polynomial degree {', '.join(str(s) for s in sorted(sizes))}"
 
 
-def _parameter_sections(result: DeviceResult, folder: Path) -> list[Section]:
+def _parameter_sections(
+    result: DeviceResult, folder: Path, campaign: Campaign | None
+) -> list[Section]:
+    rig = Rig() if campaign is None else campaign.rig
     return [
         Section(
             f"{TRIAD_NAMES[name]}: parameters",
+            lines=_common_errors(triad, rig),
             tables=(parameter_table(triad, result.calibration),),
             figures=(_curve_picture(name, triad, result.calibration, folder),),
         )
         for name, (triad, _) in triads(result).items()
     ]
+
+
+def _common_errors(triad: TriadCalibration, rig: Rig) -> tuple[str, ...]:
+    """What the station states, and ± does not hold as an error that all dwells share."""
+    rate = rig.rate_uncertainty
+    if rate is None or triad.estimator != "reference" or not triad.names[0].startswith("gyro"):
+        return ()
+    return (
+        f"± holds the table's {1e6 * rate:.3g} ppm as an error drawn anew for each rate. As far as all rates share it, "
+        "every scale factor is off by that much (1 sigma) beside ±; `inertiax protocol` adds it.",
+    )
 
 
 def parameter_table(triad: TriadCalibration, calibration: Calibration) -> Table:

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ...data.campaign import CampaignTable, find_files, load_campaign, load_settings
+from ...data.recorded import recorded
 from ...data.recording import Campaign
-from ...plausibility import require_plausible
+from ...plausibility import require_plausible, statements
 from ...reduction.dwell_means import reduce_to_dwells
 from .many_dwells import Reduced, Reduction
 from .tasks import Stretch, Task
@@ -27,27 +28,29 @@ def find_campaigns(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(folder.glob("*/campaign.toml"), key=parts))
 
 
-def common_settings(folder: Path, files: tuple[Path, ...]) -> tuple[Campaign, tuple[Path, ...]]:
-    """Place and model of all campaigns of a folder, and all files on which they depend.
+def common_settings(
+    folder: Path, files: tuple[Path, ...]
+) -> tuple[Campaign, dict[Path, tuple[Path, ...]]]:
+    """Place and model of all campaigns of a folder, and by campaign.toml the recordings that it names.
 
     Raises `ValueError` where two campaigns have different gravity or ask for different models, naming them.
     """
     first: tuple[Path, Campaign] | None = None
-    used: list[Path] = []
+    used: dict[Path, tuple[Path, ...]] = {}
     for file in files:
-        used.append(file)
+        used[file] = ()
         found = _settings(file)
         if found is None:
             continue
         campaign, table = found
-        used.extend(_recordings(file, table))
+        used[file] = tuple(_recordings(file, table))
         if first is None:
             first = file, campaign
         _check_same(first[0], first[1], file, campaign)
     if first is None:
         load_settings(files[0])  # raises with what is wrong
         raise ValueError(f"{folder}: none of {len(files)} campaign.toml can be read.")
-    return dataclasses.replace(first[1], path=folder), tuple(used)
+    return dataclasses.replace(first[1], path=folder), used
 
 
 def _settings(file: Path) -> tuple[Campaign, CampaignTable] | None:
@@ -112,8 +115,9 @@ def _reduced(name: str, one: Campaign | str) -> Reduced:
     if isinstance(one, str):
         return Reduced(name, None, one)
     try:
-        require_plausible(one)
-        return Reduced(name, reduce_to_dwells(one.recordings))
+        warnings = statements(require_plausible(one))
+        known = recorded(one.recordings, warnings)
+        return Reduced(name, reduce_to_dwells(one.recordings), recorded=known)
     except ValueError as error:
         assert one.path is not None  # read from a file
         return Reduced(name, None, _reason(error, one.path))

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
+from ...data.recorded import Recorded
 from ...reduction.dwells import Dwells
 from .stacked_dwells import shared_length, stack_dwells
 
@@ -21,6 +22,7 @@ class Reduced(eqx.Module):
     device: str = eqx.field(static=True)
     dwells: Dwells | None
     reason: str = eqx.field(static=True, default="")
+    recorded: Recorded | None = eqx.field(static=True, default=None)  # `None`: not kept
 
 
 class Stack(eqx.Module):
@@ -48,6 +50,8 @@ class Reduction(eqx.Module):
     devices: tuple[str, ...] = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)  # empty where there are dwells
     stacks: tuple[Stack, ...]
+    # By the devices' numbers, of those where it is kept.
+    recorded: dict[int, Recorded] = eqx.field(static=True, default_factory=dict)
 
     @classmethod
     def of(cls, reduced: Sequence[Reduced]) -> "Reduction":
@@ -65,7 +69,9 @@ class Reduction(eqx.Module):
             )
             for (length, _), mine in groups.items()
         )
-        return cls(tuple(r.device for r in reduced), tuple(r.reason for r in reduced), stacks)
+        known = {k: r.recorded for k, r in enumerate(reduced) if r.recorded is not None}
+        devices, reasons = (tuple(getattr(r, n) for r in reduced) for n in ("device", "reason"))
+        return cls(devices, reasons, stacks, known)
 
     def with_reduced(
         self, numbers: Int[np.ndarray, " some"], reduced: Sequence[Reduced]
@@ -78,7 +84,8 @@ class Reduction(eqx.Module):
         kept = [s.without(numbers) for s in self.stacks]
         moved = [Stack(numbers[s.members], s.counts, s.dwells) for s in again.stacks]
         stacks = tuple(s for s in (*kept, *moved) if len(s.members))
-        return Reduction(self.devices, tuple(reasons), stacks)
+        known = self.recorded | {int(numbers[k]): r for k, r in again.recorded.items()}
+        return Reduction(self.devices, tuple(reasons), stacks, known)
 
     def __iter__(self) -> Iterator[Reduced]:
         place = {int(k): (s, row) for s in self.stacks for row, k in enumerate(s.members)}

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Int
 from ...data.formats import ColumnMap, Layout
 from ...data.formats.columns import ProbeColumns, triad_factors, TriadColumns
 from ...data.formats.table import to_recordings
+from ...data.recorded import recorded
 from ...data.recording import Recording
 from ...physics.earth import EARTH_RATE
 from ...reduction.dwell_means import reduce_to_dwells
@@ -46,11 +47,13 @@ def recording_of(table: pl.DataFrame, columns: ColumnMap, name: str) -> Recordin
 def reduce_alone(table: pl.DataFrame, columns: ColumnMap, name: str) -> Reduced:
     """The dwells of one device, or in words why there are none."""
     try:
-        dwells = reduce_to_dwells([recording_of(table, columns, name)])
+        recording = recording_of(table, columns, name)
+        dwells = reduce_to_dwells([recording])
     except ValueError as error:
         return Reduced(name, None, " ".join(str(error).split()).rstrip("."))
     # Which rows a dwell has is of no use further on, and the other devices do not know it.
-    return Reduced(name, eqx.tree_at(lambda d: d.rows, dwells, None))
+    own = eqx.tree_at(lambda d: d.rows, dwells, None)
+    return Reduced(name, own, recorded=recorded([recording]))
 
 
 def with_plateaus(

@@ -12,15 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..calibrate.between_dwell_variance import num_judged
-from ..calibrate.results import TriadResult
 from ..data.recording import Rig
+from ..estimators import AbstractEstimator
+from ..physics.temperature import Curve
 from ..procedure.single_device import Problem
+from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import rig_covariance
+from .between_dwell_variance import num_judged
+from .results import TriadResult
 
 
 NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
-_SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
+SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
 
 
 class Part(NamedTuple):
@@ -31,42 +34,63 @@ class Part(NamedTuple):
     covariance: Float[np.ndarray, "unknowns unknowns"]  # row-major (size, parameters)
 
 
-def residual_degrees(result: TriadResult) -> int:
+class Fit(NamedTuple):
+    """A triad's least squares, as far as the parts of its covariance depend on it."""
+
+    estimator: AbstractEstimator  # with the scatter between dwells in its weights
+    curve: Curve
+    covariance: Float[np.ndarray, "unknowns unknowns"]
+    dwells: Dwells  # that have a misfit, the rig's errors in their covariances
+    num_rows: int  # of the misfit
+
+
+def fit_of(result: TriadResult) -> Fit:
+    """What `split` needs of a triad's result."""
+    solution = result.solution
+    covariance = np.asarray(solution.covariance)
+    rows = int(np.size(result.misfit))
+    return Fit(result.estimator, solution.curve, covariance, result.dwells, rows)
+
+
+def residual_degrees(fit: Fit) -> int:
     """Rows of the misfit less the unknowns that they determine."""
-    unknowns = result.solution.curve.basis.size * num_judged(result.estimator, result.dwells)
-    return max(int(np.size(result.misfit)) - unknowns, 0)
+    unknowns = fit.curve.basis.size * num_judged(fit.estimator, fit.dwells)
+    return max(fit.num_rows - unknowns, 0)
 
 
-def split(result: TriadResult, rig: Rig) -> tuple[Part, ...]:
+def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     """The parts of the fit's covariance; none where it is not that of the triad's own rows alone.
 
     That is so where both triads were fitted together, and where motions between rests count. The scatter between
     dwells is what the residuals show beyond the dwells' own noise; being a difference, it is known with
     ν (s² / (s² + σ²))² degrees of freedom, ν those of the residuals.
+
+    **Arguments:** `same` is by how much, relative, the parts' sum may differ from the fit's variances.
     """
-    if result.dwells.motion is not None:
+    if fit.dwells.motion is not None:
         return ()
-    problem = Problem(result.estimator, result.solution.curve.basis, result.dwells)
-    jacobian = problem.at(result.solution.curve.coefficients).jacobian
-    covariance = np.asarray(result.solution.covariance)
+    problem = Problem(fit.estimator, fit.curve.basis, fit.dwells)
+    jacobian = problem.at(fit.curve.coefficients).jacobian
+    covariance = fit.covariance
     again = covariance @ problem.normal(jacobian) @ covariance
-    if not np.allclose(np.diagonal(again), np.diagonal(covariance), rtol=_SAME, atol=0.0):
+    if not np.allclose(np.diagonal(again), np.diagonal(covariance), rtol=same, atol=0.0):
         return ()
-    shares = _shares(result, rig)
+    shares = _shares(fit, rig, jacobian.shape[1])
     parts = []
     for source, share in shares.items():
         root = _root(share)
         moved = np.einsum("nsr,nri->nsi", root, jacobian)
         own = covariance @ problem.normal(moved) @ covariance
-        parts.append(Part(source, _degrees(source, result, share), 0.5 * (own + own.T)))
+        parts.append(Part(source, _degrees(source, fit, share), 0.5 * (own + own.T)))
     return tuple(p for p in parts if np.any(np.diagonal(p.covariance) > 0.0))
 
 
-def _shares(result: TriadResult, rig: Rig) -> dict[str, Float[np.ndarray, "dwells rows rows"]]:
+def _shares(fit: Fit, rig: Rig, rows: int) -> dict[str, Float[np.ndarray, "dwells rows rows"]]:
     """Each source's covariance of a dwell's rows, whitened with all of them: together they are the identity."""
-    triad, dwells = result.estimator.triad, result.dwells
+    triad, dwells = fit.estimator.triad, fit.dwells
     given = np.asarray(getattr(dwells, f"{triad}_covariance"), float)
-    parts = {NOISE: given, SCATTER: np.broadcast_to(result.scatter**2 * np.eye(3), given.shape)}
+    variance = float(np.asarray(fit.estimator.scatter)) ** 2
+    parts = {NOISE: given, SCATTER: np.broadcast_to(variance * np.eye(3), given.shape)}
     reference = getattr(dwells, f"reference_{triad}")
     if reference is not None:
         u = np.asarray(reference, float)
@@ -74,7 +98,7 @@ def _shares(result: TriadResult, rig: Rig) -> dict[str, Float[np.ndarray, "dwell
         rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
         parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)
         parts[NOISE] = given - parts[POSITION] - parts[RATE]
-    if np.shape(result.misfit)[1] == 1:  # along the output only
+    if rows == 1:  # along the output only
         output = np.asarray(getattr(dwells, triad), float)
         unit = output / np.linalg.norm(output, axis=1, keepdims=True)
         parts = {
@@ -90,12 +114,10 @@ def _root(share: Float[np.ndarray, "dwells rows rows"]) -> Float[np.ndarray, "dw
     return np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
 
 
-def _degrees(
-    source: str, result: TriadResult, share: Float[np.ndarray, "dwells rows rows"]
-) -> float:
+def _degrees(source: str, fit: Fit, share: Float[np.ndarray, "dwells rows rows"]) -> float:
     if source == NOISE:
-        return max(float(np.sum(np.asarray(result.dwells.count) - 1.0)), 1.0)
+        return max(float(np.sum(np.asarray(fit.dwells.count) - 1.0)), 1.0)
     if source == SCATTER:
         part = float(np.mean(np.trace(share, axis1=1, axis2=2))) / share.shape[1]
-        return max(residual_degrees(result), 1) * part**2
+        return max(residual_degrees(fit), 1) * part**2
     return math.inf

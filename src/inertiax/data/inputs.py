@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from ..data.campaign import find_files
-from ..data.settings import read_table
+from .campaign import find_files
+from .settings import read_table
 
 
 class InputFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

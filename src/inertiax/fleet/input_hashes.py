@@ -1,0 +1,61 @@
+"""`inputs.json`: the files of a fleet run with their SHA-256, taken when the run begins.
+
+By campaign: of a folder of campaigns each `campaign.toml` with the recordings that it names, of a line in Parquet files
+the one `campaign.toml` with all of them. Files of other machines are not listed.
+"""
+
+import os
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import msgspec
+
+from ..data.inputs import hashed, InputFile
+from ..data.json_documents import decode, encode
+from ..storage.whole_files import write_atomically
+
+
+FILE, SCHEMA = "inputs.json", "inertiax.fleet-inputs/1"
+
+
+class FleetInputs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The document."""
+
+    schema: str  # inertiax.fleet-inputs/1
+    campaigns: dict[str, tuple[InputFile, ...]]  # by the path of the campaign.toml, itself first
+
+
+def write_inputs(files: Mapping[Path, Iterable[Path]], folder: Path) -> None:
+    """Hash every campaign's files, several at a time, and write `inputs.json`.
+
+    **Arguments:** `files` are the recordings by their `campaign.toml`. What cannot be read is left out: its device is
+    set aside with the reason.
+    """
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        found = [
+            (str(campaign.absolute()), pool.map(lambda f, c=campaign: _one(f, c.parent), (campaign, *own)))
+            for campaign, own in files.items()
+        ]  # fmt: skip
+        campaigns = {name: tuple(f for several in own for f in several) for name, own in found}
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / FILE
+    write_atomically(file, encode(FleetInputs(SCHEMA, campaigns), str(file), indent=1))
+
+
+def read_inputs(folder: Path) -> FleetInputs | None:
+    """The hashes of a run, `None` where it was begun by a version that kept none.
+
+    Raises `ValueError` where the file is damaged.
+    """
+    file = folder / FILE
+    if not file.is_file():
+        return None
+    return decode(file.read_bytes(), FleetInputs, str(file), "a fleet's inputs", SCHEMA)
+
+
+def _one(file: Path, home: Path) -> tuple[InputFile, ...]:
+    try:
+        return hashed([file], home)
+    except ValueError:
+        return ()
