@@ -163,6 +163,14 @@ def test_coverage_is_an_equal_area_projection():
     assert_readable(figure)
 
 
+def test_coverage_of_one_attitude_has_two_whole_discs():
+    with drawing():
+        figure = plots.coverage(np.tile([[0.5, 0.2, 9.8]], (100, 1)))
+        figure.draw_without_rendering()
+    assert all(ax.get_position().width > 0.4 for ax in figure.axes)
+    assert_readable(figure)
+
+
 def _recording(num: int) -> Recording:
     rng = np.random.default_rng(0)
     return Recording(time=0.01 * np.arange(num), accel=rng.normal(size=(num, 3)), name="a log")

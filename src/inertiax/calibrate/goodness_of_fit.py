@@ -117,6 +117,9 @@ def usual_size(name: str, limits: FitLimits = LIMITS) -> float:
     return limits.usual_size[name.partition("[")[0]]
 
 
+FAR_BELOW = 0.4  # χ² per degree of freedom: the rig was stated as worse than it is (convention)
+
+
 def misfit_words(unit: str, rms: float, noise_ratio: float, scatter: float) -> str:
     """A misfit in words, with the cause to look for where it is unusable."""
     grade = int(grade_misfit(unit, rms, noise_ratio))
@@ -124,7 +127,9 @@ def misfit_words(unit: str, rms: float, noise_ratio: float, scatter: float) -> s
     if np.isnan(noise_ratio):
         text += "; the noise itself is not known, so that the misfit sets the uncertainties"
     elif scatter == 0.0:
-        text += f", as the noise predicts (χ² per degree of freedom {noise_ratio**2:.2f})"
+        predicted = "below what noise and rig" if noise_ratio**2 < FAR_BELOW else "as the noise"
+        verb = "predict" if noise_ratio**2 < FAR_BELOW else "predicts"
+        text += f", {predicted} {verb} (χ² per degree of freedom {noise_ratio**2:.2f})"
     else:
         text += f", {noise_ratio:.{1 if noise_ratio < 100 else 0}f} times the noise"
         text += f"; the uncertainties include the {rms_text(unit, scatter)} that dwells differ by"

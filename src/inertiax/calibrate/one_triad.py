@@ -50,6 +50,45 @@ def estimate_triad(
     basis = polynomial_basis(degree, dwells)
     seen = require_observable(estimator, basis, dwells)
     progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
+    try:
+        settled = _settled(estimator, basis, dwells, method)
+    except ValueError as error:
+        if method != "gauss-newton":
+            raise
+        try:  # in smaller steps
+            settled = _settled(estimator, basis, dwells, "joint")
+        except ValueError:
+            raise error from None
+        choices.append(
+            f"{estimator.triad}: estimated by the joint fit, because the procedure's iteration did not converge"
+        )
+    estimator, solution, misfit, own_sigma, own_chi2 = settled
+    if method == "paper":
+        procedure = PaperIteration.plan(estimator, basis, dwells)
+        rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
+        warning = rate_warning(procedure, rate, dwells)
+        warnings.extend([] if warning is None else [warning])
+    scatter = float(estimator.scatter)
+    return TriadResult(
+        estimator=estimator,
+        solution=solution,
+        dwells=dwells[judged(dwells)],
+        misfit=misfit,
+        sigma=np.sqrt(np.square(own_sigma) + scatter**2),
+        observability=seen,
+        scatter=scatter,
+        chi2_per_dof=own_chi2,
+    )
+
+
+def _settled(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, method: str
+) -> tuple[AbstractEstimator, ThermalSolution, np.ndarray, np.ndarray, float]:
+    """The estimator with its scatter between dwells, solution, misfit with its standard deviation, and χ² per degree of
+    freedom before there was scatter.
+
+    Raises `ValueError` where the iteration does not converge.
+    """
     kept = judged(dwells)
     # Two passes settle the scatter between dwells: it changes the weights, hardly the answer.
     unknowns = basis.size * num_judged(estimator, dwells)
@@ -67,22 +106,7 @@ def estimate_triad(
         misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
     if not bool(solution.succeeded):
         raise ValueError(_failure(estimator, solution, dwells, method))
-    if method == "paper":
-        procedure = PaperIteration.plan(estimator, basis, dwells)
-        rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
-        warning = rate_warning(procedure, rate, dwells)
-        warnings.extend([] if warning is None else [warning])
-    scatter = float(estimator.scatter)
-    return TriadResult(
-        estimator=estimator,
-        solution=solution,
-        dwells=dwells[kept],
-        misfit=misfit,
-        sigma=np.sqrt(np.square(own_sigma) + scatter**2),
-        observability=seen,
-        scatter=scatter,
-        chi2_per_dof=own_chi2,
-    )
+    return estimator, solution, misfit, own_sigma, own_chi2
 
 
 def require_observable(

@@ -41,6 +41,7 @@ from ..reduction.segments import (
     Segments,
 )
 from .accelerometers import calibrate_accelerometers
+from .attitudes_over_temperature import one_attitude_over_temperature
 from .barometer import BarometerResult, calibrate_barometer
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
@@ -145,6 +146,8 @@ def calibrate_device(
         )
         dwells = with_refined_force(accel_result, dwells)
         warnings.extend(_of_the_mean(accel_result))
+        one = one_attitude_over_temperature(raw)
+        warnings.extend([] if one is None else [one])
     gyro_result, chosen = calibrate_gyros(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -138,14 +138,14 @@ def misfits(result: TriadResult) -> Figure:
     factor, unit = SHOWN_AS[result.misfit_unit]
     dwells = result.dwells
     # By order and not by the clock: hours of soaking between experiments would squeeze the dwells.
-    order = np.argsort(np.argsort(np.asarray(dwells.time)))
-    against = [(order, "dwell, in order of time")]
+    order = np.argsort(_in_order(dwells))
+    motions = dwells.motion is not None
+    against = [(order, f"{'motion' if motions else 'dwell'}, in order of time")]
     if np.ptp(np.asarray(dwells.temperature)) > 0.0:
         against.append((np.asarray(dwells.temperature), "temperature, °C"))
     position = np.asarray(dwells.position)
-    if not np.all(
-        np.diff(position[np.argsort(order)]) == 1
-    ):  # rests that were found are numbered by time
+    # Rests that were found are numbered by time.
+    if np.ptp(position) > 0 and not np.all(np.diff(position[np.argsort(order)]) == 1):
         against.append((position, "position"))
     figure, axes = new_figure(len(against), 1, height=0.5 + 1.85 * len(against), sharey=True)
     misfit, sigma = factor * np.asarray(result.misfit), factor * np.asarray(result.sigma)
@@ -176,6 +176,19 @@ def misfits(result: TriadResult) -> Figure:
     return figure
 
 
+def _in_order(dwells: Dwells) -> Int[np.ndarray, " dwell"]:
+    """Numbers of the dwells in order of time, recording after recording where their clocks overlap."""
+    time, rows = np.asarray(dwells.time), dwells.rows
+    if rows is None:
+        return np.argsort(time, kind="stable")
+    recording = np.asarray(rows)[:, 0]
+    first = [time[recording == k].min() for k in np.unique(recording)]
+    last = [time[recording == k].max() for k in np.unique(recording)]
+    order = np.argsort(first)
+    apart = np.all(np.array(first)[order][1:] >= np.array(last)[order][:-1])
+    return np.argsort(time, kind="stable") if apart else np.lexsort((time, recording))
+
+
 def _mark_experiments(ax: Axes, order: np.ndarray, experiment: np.ndarray) -> None:
     """A line where an experiment ends and the next begins."""
     edges = np.flatnonzero(np.diff(experiment[np.argsort(order)])) + 0.5
@@ -194,7 +207,10 @@ def coverage(directions: Float[np.ndarray, "dwells 3"]) -> Figure:
         radius = np.sqrt(1.0 - np.abs(rows[:, 2]))
         across = np.maximum(np.hypot(rows[:, 0], rows[:, 1]), 1e-12)
         x, y = radius * rows[:, 0] / across, radius * rows[:, 1] / across
-        ax.plot(x, y, "o", color=COLOURS[0], alpha=0.6, ms=5, mew=0, clip_on=False)
+        if len(
+            rows
+        ):  # an empty line that is not clipped reaches to nowhere, and the layout with it
+            ax.plot(x, y, "o", color=COLOURS[0], alpha=0.6, ms=5, mew=0, clip_on=False)
         ax.set_title(f"z {'up' if sign > 0 else 'down'}: {len(rows)} dwells", loc="center", pad=2)
     return figure
 
