@@ -11,9 +11,11 @@ from command_runs import run
 from exports_cases import triad
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.calibration.calibration import Calibration, read_calibration, write_calibration
+from inertiax.calibration.triad import TriadCalibration
+from inertiax.calibration.turn_on import turn_on
 from inertiax.calibration.warm_up import with_warm_up
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
-from inertiax.physics.temperature import Constant, CubicSpline, Polynomial
+from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
 
 G = 9.81
@@ -27,8 +29,8 @@ def bias(temperature):
     return np.array([0.1, -0.2, 0.15]) + shape
 
 
-def logs(seed):
-    """Eighteen poses of 4 s at 22 °C, and half an hour in one pose from −10 to 50 °C."""
+def logs(seed, turn_on=(0.0, 0.0, 0.0)):
+    """Eighteen poses of 4 s at 22 °C, and half an hour in one pose from −10 to 50 °C, `turn_on` (m/s²) off."""
     rng = np.random.default_rng(seed)
     up = rng.standard_normal((18, 3))
     up = np.repeat(up / np.linalg.norm(up, axis=1, keepdims=True), 200, axis=0)
@@ -42,7 +44,9 @@ def logs(seed):
     made = []
     for log in (hand, warm):
         accel = G * log["up"] @ (np.eye(3) + MATRIX).T + bias(log["temperature"])
-        accel += 0.01 * rng.standard_normal(accel.shape)
+        accel += 0.01 * rng.standard_normal(accel.shape) + (
+            0.0 if log is hand else np.array(turn_on)
+        )
         time = np.arange(len(accel)) * (0.02 if log is hand else 0.2)
         heat = log["temperature"][:, None] + 0.01 * rng.standard_normal((len(accel), 1))
         made.append(Recording(time=time, accel=accel, temperature=heat, position=log["position"]))
@@ -60,6 +64,97 @@ def both():
         return fixed.calibration, moving.calibration
 
 
+def test_what_a_power_cycle_changed_is_told_along_gravity(both):
+    """The change's part along gravity, through the inverse of the device's own matrix, within its stated sigma."""
+    shift = np.array([0.03, -0.02, 0.05])
+    pose = ModelChoice(accel_estimator="static", temperature_degree=3)
+    with jax.enable_x64(True):
+        (warm,) = calibrate(Campaign((logs(3, shift)[1],), Site(G), model=pose))
+    told = turn_on(both[0], warm.calibration, 22.0)
+    force = np.linalg.inv(np.eye(3) + MATRIX) @ shift + G * np.array([0.6, 0.0, 0.8])
+    change = np.linalg.norm(force) - G
+    found, sigma = told.gravity
+    assert abs(found - change) < 4.0 * sigma and sigma < 0.1 * change and told.seen
+    notes = with_warm_up(both[0], warm.calibration).notes
+    assert f"the force along gravity by {found:+.4f} m/s²" in notes[-1]
+    assert "turn-on bias" in notes[-1] and "counted as bias along gravity" in notes[-2]
+    same = turn_on(*both, 22.0)
+    assert not same.seen and same.sentence.endswith("no more than their noise")
+
+
+def test_its_sigma_is_that_of_drawn_parameters(both):
+    fixed, moving = both[0].accel, both[1].accel
+    stated = turn_on(*both, 22.0).gravity.sigma
+    rng = np.random.default_rng(8)
+    phi = moving.curve.basis.rows(np.array([22.0]))[0]
+    draws = []
+    mean = (
+        np.asarray(fixed.curve.coefficients).ravel(),
+        np.asarray(moving.curve.coefficients).ravel(),
+    )
+    for p, c in zip(
+        rng.multivariate_normal(mean[0], fixed.covariance, 4000),
+        rng.multivariate_normal(mean[1], moving.covariance, 4000),
+        strict=True,
+    ):
+        at = dict(zip(fixed.names, p, strict=True))
+        matrix = np.array(
+            [[at.get(f"accel.matrix[{i},{j}]", 0.0) for j in range(3)] for i in range(3)]
+        )
+        output = np.asarray(moving.mean_output) + phi @ c.reshape(len(phi), 3)
+        draws.append(np.linalg.norm(np.linalg.solve(np.eye(3) + matrix, output - p[:3])))
+    # 4000 draws tell a sigma to 1.1 %.
+    assert stated == pytest.approx(np.std(draws), rel=0.05)
+
+
+def test_gyros_of_two_logs_differ_by_their_biases_and_not_by_the_force():
+    """Δ = ν_w(T₀) − ν⁰ − D f / g in numbers of this test; the covariances add."""
+    names = tuple(f"gyro.bias[{i}]" for i in range(3))
+    d = tuple(f"gyro.g_sensitivity[{i},{j}]" for i in range(3) for j in range(3))
+    matrix = np.arange(9.0).reshape(3, 3) * 1e-4
+    first = np.concatenate([[0.01, -0.02, 0.03], matrix.ravel()])[None]
+    hand = TriadCalibration(Curve(Constant(), first), 4e-10 * np.eye(12), (*names, *d), "gravity")
+    warm = np.array([[0.011, -0.02, 0.028], [0.002, 0.0, 0.0]])
+    span = (-10.0, 50.0)
+    still = TriadCalibration(Curve(Polynomial(1, *span), warm), 9e-10 * np.eye(6), names, "static")
+    level = accel_of_one_pose(np.array([0.0, 0.0, G]), span)
+    told = turn_on(
+        Calibration(gravity=G, gyro=hand, accel=unit_accel()),
+        Calibration(gravity=G, gyro=still, accel=level, temperature_range=span),
+        35.0,
+    )
+    # At 35 °C the polynomial's variable is 0.5.
+    expected = np.array([0.012, -0.02, 0.028]) - [0.01, -0.02, 0.03] - matrix[:, 2]
+    np.testing.assert_allclose(told.gyro.value, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(told.gyro.sigma, np.sqrt(4e-10 + 9e-10 * 1.25), rtol=1e-6)
+    assert told.gravity.value == pytest.approx(0.0, abs=1e-6)
+
+
+def unit_accel():
+    names = tuple(f"accel.bias[{i}]" for i in range(3))
+    return TriadCalibration(
+        Curve(Constant(), np.zeros((1, 3))), 1e-8 * np.eye(3), names, "invariant"
+    )
+
+
+def accel_of_one_pose(mean, span):
+    names = tuple(f"accel.bias[{i}]" for i in range(3))
+    curve = Curve(Polynomial(1, *span), np.zeros((2, 3)))
+    return TriadCalibration(curve, 1e-8 * np.eye(6), names, "static", mean)
+
+
+def test_the_mean_output_is_in_the_file(both, tmp_path):
+    """Of 0.6 g, 0 and 0.8 g by the device's own matrix and its mean bias over the ramp."""
+    write_calibration(both[1], tmp_path / "warm.json")
+    again = read_calibration(tmp_path / "warm.json").accel.mean_output
+    truth = G * (np.eye(3) + MATRIX) @ [0.6, 0.0, 0.8] + bias(np.linspace(-10.0, 50.0, 9000)).mean(
+        0
+    )
+    # Rests weigh alike in the mean, whatever their length; they do not reach the ramp's ends.
+    np.testing.assert_allclose(again, truth, atol=0.01)
+    assert both[0].accel.mean_output is None
+
+
 def test_biases_of_a_made_up_device_are_told_over_temperature(both):
     found = with_warm_up(*both)
     at = np.array([-10.0, 0.0, 22.0, 40.0, 50.0])
@@ -73,7 +168,7 @@ def test_biases_of_a_made_up_device_are_told_over_temperature(both):
         values[:, 3:], np.tile(both[0].accel.over(at)[0][0, 3:], (5, 1)), rtol=1e-9
     )
     assert found.temperature_range == both[1].temperature_range
-    assert found.notes[-1].startswith(
+    assert found.notes[-2].startswith(
         "biases over temperature from a warm-up in one pose, joined at 22.0"
     )
 
@@ -143,7 +238,8 @@ def test_the_export_command_joins_them(both, capsys, monkeypatch, tmp_path):
         capsys, monkeypatch, "export", tmp_path / "hand.json", "--warm-up", tmp_path / "warm.json",
         "--to", "inertiax", "-o", out, "--json",
     )  # fmt: skip
-    assert status == 0 and json.loads(said)
+    assert status == 0
+    assert [n for n in json.loads(said)["notes"] if "no more than their noise" in n]
     expected, got = with_warm_up(*both), read_calibration(out)
     at = np.linspace(-10.0, 50.0, 7)
     np.testing.assert_allclose(

@@ -337,7 +337,10 @@ def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> Triad
     curve, covariance = result.solution.curve, np.asarray(result.solution.covariance)
     sigma = rig.temperature_uncertainty or 0.0
     covariance = covariance + probe_covariance(curve.coefficients, curve.basis, sigma)
-    return TriadCalibration(curve, covariance, result.estimator.names, estimator)
+    mean = None
+    if isinstance(result.estimator, StaticAccel) and _about_the_mean(result):
+        mean = np.asarray(result.estimator.nominal, float)
+    return TriadCalibration(curve, covariance, result.estimator.names, estimator, mean)
 
 
 def _temperature_range(

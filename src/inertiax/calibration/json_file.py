@@ -48,6 +48,13 @@ class _Triad(msgspec.Struct, forbid_unknown_fields=True):
     covariance: list[list[float]]  # of the coefficients row by row, SI
 
 
+class _Accelerometers(_Triad):
+    """The accelerometers, under `accel`."""
+
+    # In m/s², where one pose had no reference: the outputs that the biases count from.
+    mean_output: tuple[float, float, float] | msgspec.UnsetType = msgspec.UNSET
+
+
 class _Magnetometers(_Triad):
     """The magnetometers, under `mag`: parameters as of any triad, and the field that they rest on."""
 
@@ -79,7 +86,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     gravity_unit: str  # m/s^2
     temperature_range: tuple[float, float] | None  # that the data covered
     temperature_unit: str  # degC
-    accel: _Triad | None  # None: not calibrated
+    accel: _Accelerometers | None  # None: not calibrated
     gyro: _Triad | None  # None: not calibrated
     notes: list[str] = []  # what a user should know
     model: ModelEntry | msgspec.UnsetType = msgspec.UNSET  # as it was fitted
@@ -125,6 +132,23 @@ def _triad_to_json(triad: TriadCalibration) -> _Triad:
         basis=_basis_to_json(triad.curve.basis),
         coefficients=np.asarray(triad.curve.coefficients).tolist(),
         covariance=np.asarray(triad.covariance).tolist(),
+    )
+
+
+def _accel_to_json(accel: TriadCalibration) -> _Accelerometers:
+    mean = accel.mean_output
+    return _Accelerometers(
+        **msgspec.structs.asdict(_triad_to_json(accel)),
+        mean_output=msgspec.UNSET if mean is None else tuple(np.asarray(mean, float).tolist()),
+    )
+
+
+def _accel_from_json(accel: _Accelerometers, where: str) -> TriadCalibration:
+    found, mean = _triad_from_json(accel, where), accel.mean_output
+    if isinstance(mean, msgspec.UnsetType):
+        return found
+    return TriadCalibration(
+        found.curve, found.covariance, found.names, found.estimator, np.array(mean)
     )
 
 
@@ -240,7 +264,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         gravity_unit="m/s^2",
         temperature_range=_range(calibration),
         temperature_unit="degC",
-        accel=None if calibration.accel is None else _triad_to_json(calibration.accel),
+        accel=None if calibration.accel is None else _accel_to_json(calibration.accel),
         gyro=None if calibration.gyro is None else _triad_to_json(calibration.gyro),
         notes=list(calibration.notes),
         model=msgspec.UNSET if calibration.model is None else to_model_entry(calibration.model),
@@ -282,7 +306,7 @@ def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Ca
     ):
         if found != right:
             raise ValueError(f"{path}: {key} is {found!r}; it must be {right!r}.")
-    accel = None if content.accel is None else _triad_from_json(content.accel, f"{path}: accel")
+    accel = None if content.accel is None else _accel_from_json(content.accel, f"{path}: accel")
     gyro = None if content.gyro is None else _triad_from_json(content.gyro, f"{path}: gyro")
     return Calibration(
         gravity=content.gravity,

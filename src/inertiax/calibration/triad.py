@@ -59,6 +59,8 @@ class TriadCalibration(eqx.Module):
     covariance: Float[AnyArray, "*batch unknowns unknowns"]
     names: tuple[str, ...] = eqx.field(static=True)  # of the curve's columns
     estimator: str = eqx.field(static=True)  # how it was estimated: invariant, reference, ...
+    # m/s², the outputs that an accelerometer bias counts from; None: from a reference or from zero.
+    mean_output: Float[AnyArray, "*batch 3"] | None = None
 
     def __check_init__(self):
         for name in self.names:

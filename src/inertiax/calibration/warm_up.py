@@ -8,7 +8,8 @@ $$p(T) = p + b_w(T) - b_w(T_0),$$
 with the warm-up's biases $b_w$, of which only differences are told. In the basis of the warm-up, with $u$ the
 coefficients of the constant function one and $\phi$ the basis, the biases' coefficients are
 $u\,p + (I - u\,\phi(T_0)^T)\,c_w$, and their covariance follows; the two logs are independent. What a scale factor does
-with temperature is counted as bias where gravity or a rate lies along its axis.
+with temperature is counted as bias where gravity or a rate lies along its axis. The notes say so, and by how much
+the two logs differ at $T_0$ (`turn_on`): the constants stay the first log's.
 """
 
 from dataclasses import replace
@@ -19,6 +20,7 @@ from jaxtyping import Float
 from ..physics.temperature import AbstractBasis, Constant, Curve
 from .pytree import Calibration
 from .triad import TriadCalibration
+from .turn_on import turn_on
 
 
 WIDE = 10.0  # °C, beyond which a calibration by constants is not of one temperature
@@ -58,9 +60,11 @@ def with_warm_up(
         raise ValueError(
             f"the calibration was made at {at:.1f} °C, outside of the warm-up's {low:.1f} to {high:.1f} °C."
         )
+    between = turn_on(calibration, warm_up, at).sentence
     said = (
         f"biases over temperature from a warm-up in one pose, joined at {at:.1f} °C: what scale factors do with "
         "temperature is counted as bias along gravity",
+        *((between,) if between else ()),
     )
     return replace(
         calibration,

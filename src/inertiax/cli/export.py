@@ -119,11 +119,13 @@ def export(
             known = read_calibration(calibration)
         else:
             known = read_calibration_of(calibration.read_bytes(), source, **how)
+        joining: tuple[str, ...] = ()
         if warm_up is not None:
             from ..calibration.calibration import read_calibration
             from ..calibration.warm_up import with_warm_up
 
-            known = with_warm_up(known, read_calibration(warm_up), made_at)
+            joined = with_warm_up(known, read_calibration(warm_up), made_at)
+            joining, known = joined.notes[len(known.notes) :], joined
         stages("exporting")
         notes: tuple[str, ...] = ()
         if noise is not None:
@@ -132,7 +134,7 @@ def export(
             told = settings_from_noise(noise.read_bytes(), by_name(to), known.device, values)
             values, notes = {**told.values, **values}, told.notes
         result = write(known, to, **values)
-        result = result._replace(notes=(*notes, *result.notes))
+        result = result._replace(notes=(*joining, *notes, *result.notes))
         loss = measure_loss(known, result)
         place = output or _default(calibration, by_name(to).SUFFIX)
         with outputs.owned_results(place):
