@@ -79,7 +79,8 @@ def turn_on(calibration: Calibration, one_pose: Calibration, at: float) -> TurnO
         force = _force(calibration.accel, one_pose.accel, at)
         if force is not None:
             sigma = _along(force, calibration.accel, one_pose.accel, at)
-            gravity = Difference(np.linalg.norm(force) - np.asarray(calibration.gravity), sigma)
+            size = float(np.linalg.norm(force))
+            gravity = Difference(np.asarray(size - float(calibration.gravity)), sigma)
     if calibration.gyro is not None and one_pose.gyro is not None:
         (first, first_sigma), (second, second_sigma) = (
             _bias(t, at) for t in (calibration.gyro, one_pose.gyro)
@@ -123,7 +124,7 @@ def _along(
 ) -> np.ndarray:
     """1 sigma of the force's size: d|f| = uᵀ (E + Γ)⁻¹ (db_w − da⁰ − dΓ f), u = f / |f|."""
     row = np.linalg.solve(_matrix(fixed, at).T, force / np.linalg.norm(force))
-    variance = np.zeros(())
+    variance = 0.0
     for triad in (fixed, moving):
         slope = np.zeros(len(triad.names))
         for k, name in enumerate(triad.names):
@@ -132,5 +133,5 @@ def _along(
             slope[k] = row[i] * (1.0 if j is None else force[j])
         phi = triad.curve.basis.rows(np.array([at]))[0]
         full = np.kron(phi, slope)
-        variance += full @ np.asarray(triad.covariance) @ full
-    return np.sqrt(variance)
+        variance += float(full @ np.asarray(triad.covariance) @ full)
+    return np.asarray(np.sqrt(variance))
