@@ -1,15 +1,11 @@
 """The strapdown navigator against closed forms; its derivatives against finite differences."""
 
-import re
-from pathlib import Path
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hard_limit import run_limited
 from inertiax.calibration.calibration import Calibration, TriadCalibration
 from inertiax.navigation.strapdown import (
     coefficients_of,
@@ -279,22 +275,3 @@ def test_starting_state_is_a_pytree_of_four_arrays():
     state = State(jnp.eye(3), jnp.zeros(3), START)
     assert len(jax.tree.leaves(state)) == 4
     np.testing.assert_array_equal(state.place, START)
-
-
-TUTORIAL = Path(__file__).parents[1] / "docs" / "tutorials" / "navigation.md"
-
-
-# Compiling is most of the tutorial's time, and its runs are short.
-QUICK_COMPILE = """
-import os
-os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
-"""
-
-
-@pytest.mark.slow
-def test_tutorial_runs():
-    page = TUTORIAL.read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
-    assert len(blocks) >= 4
-    code = QUICK_COMPILE + "\n".join(blocks) + '\nprint("ok")'
-    assert "ok" in run_limited(code, seconds=600.0)

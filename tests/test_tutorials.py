@@ -20,9 +20,10 @@ BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', flags=re.MULTI
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 # Pages with commands, and pages whose Python runs.
 WALKED = ("hand-log", "chamber-table", "fleet")
-# Of the filter's and the twin's time most is compiling; a diagnosis would take longer for being compiled quickly.
+# Of the navigators' and the twin's time most is compiling; a diagnosis would take longer for being compiled quickly.
 SCRIPTS = {
     "own-model": {},
+    "navigation": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
     "navigation-filter": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
     "twin": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
 }
@@ -98,13 +99,14 @@ def test_walk(page, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("wide", [False, True], ids=["32 bits", "64 bits"])
 @pytest.mark.parametrize("page", SCRIPTS)
-def test_script(page, tmp_path):
+def test_script_in_both_precisions(page, wide, tmp_path):
     code = "\n".join(text for kind, title, text in _blocks(page) if kind == "python" and not title)
     ran = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,
-        env={**os.environ, **SCRIPTS[page]},
+        env={**os.environ, **SCRIPTS[page], "JAX_ENABLE_X64": str(int(wide))},
         capture_output=True,
         text=True,
         timeout=600,
@@ -125,6 +127,6 @@ def test_outputs_are_compared_by_words_and_numbers():
 
 
 def test_every_tutorial_is_tried():
-    # `navigation` by `test_navigation.py`, `concealed-effect` by `test_add_an_effect.py`.
+    # `concealed-effect` by `test_add_an_effect.py`.
     pages = {p.stem for p in (DOCS / "tutorials").glob("*.md")}
-    assert pages == {*WALKED, *SCRIPTS, "navigation", "concealed-effect"}
+    assert pages == {*WALKED, *SCRIPTS, "concealed-effect"}
