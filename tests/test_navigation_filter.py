@@ -280,3 +280,21 @@ def test_single_precision_agrees_to_a_hundredth_of_a_standard_deviation(resting,
     off = np.asarray(pair[0].position, float) - np.asarray(pair[1].position)
     assert np.abs(off / np.asarray(exact.sigma)[:, 6:]).max() < 2e-2
     np.testing.assert_allclose(track.sigma, exact.sigma, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_many_runs_in_one_track_have_a_covariance_each(biases, rested):
+    two = lambda tree: jax.tree.map(lambda x: np.stack([x, 4 * np.asarray(x)]), tree)
+    many = jax.tree.map(jnp.asarray, two(rested))
+    assert many.sigma.shape == (2, SEGMENTS, 9)
+    np.testing.assert_array_equal(many.covariance[0], rested.covariance)
+    np.testing.assert_array_equal(many.sigma[1], 2.0 * rested.sigma)
+    one = navigation.smooth(rested)
+    smoothed = jax.tree.map(jnp.asarray, two(one))
+    np.testing.assert_array_equal(smoothed.sigma[1], 2.0 * one.sigma)
+    with pytest.raises(ValueError, match=r"smooth\(track\)`: the track holds \(2,\) runs"):
+        navigation.smooth(many)
+    with pytest.raises(ValueError, match=r"observability.*the track holds \(2,\) runs"):
+        navigation.observability(biases, many)
+    with pytest.raises(ValueError, match=r"refined.*the state holds \(2,\) runs"):
+        navigation.refined(biases, many.last)

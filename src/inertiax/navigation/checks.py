@@ -66,6 +66,14 @@ def check_speed(call: str, velocity: AnyArray) -> None:
         )
 
 
+def check_one_run(call: str, times: AnyArray, cure: str) -> None:
+    """Raise `ValueError` where a track holds the times of several runs."""
+    if jnp.ndim(times) > 1:
+        raise ValueError(
+            f"`{call}`: the track holds {jnp.shape(times)[:-1]} runs, but this is for one; use {cure}."
+        )
+
+
 def check_data(call: str, data: Any) -> None:
     """Raise `ValueError` where shapes of an `ImuData` do not fit each other, or its step or temperature is
     implausible."""

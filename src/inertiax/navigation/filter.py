@@ -62,28 +62,30 @@ class Correction(eqx.Module):
 
 
 class Track(eqx.Module):
-    """A run of a filter: what it knew at each segment's end from the measurements so far."""
+    """A run of a filter: what it knew at each segment's end from the measurements so far.
+
+    Under `vmap` every field gains leading axes of runs.
+    """
 
     start: FilterState
-    time: Float[Array, " segments"]  # s from the start of the data
+    time: Float[Array, "*runs segments"]  # s from the start of the data
     estimate: Estimate
-    rows: Float[
-        Array, "segments d n"
-    ]  # covariance of the first d states, those that change, with all
+    # Covariance of the first d states, those that change, with all.
+    rows: Float[Array, "*runs segments d n"]
     transition: Transition
     corrections: tuple[Correction, ...]
-    log_likelihood: Float[Array, ""]  # of all measurements
+    log_likelihood: Float[Array, "*runs"]  # of all measurements
     last: FilterState
 
     @property
-    def covariance(self) -> Float[Array, "segments 9 9"]:
+    def covariance(self) -> Float[Array, "*runs segments 9 9"]:
         """Of tilts and heading (rad), velocity (m/s) and position (m), east, north, up."""
-        return self.rows[:, :NAVIGATION, :NAVIGATION]
+        return self.rows[..., :NAVIGATION, :NAVIGATION]
 
     @property
-    def sigma(self) -> Float[Array, "segments 9"]:
+    def sigma(self) -> Float[Array, "*runs segments 9"]:
         """Standard deviations of the same."""
-        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2))
+        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
 
 
 class Filter(eqx.Module):

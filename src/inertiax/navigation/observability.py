@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import check_one_run
 from .filter import Correction, Filter, Track
 from .filter_state import NAVIGATION
 from .segment import Transition
@@ -77,8 +78,11 @@ def observability(
 ) -> Observability:
     """The calibration states that a run shows and those that it cannot, from the filter's own linearisation.
 
-    Raises `ValueError` for a filter without calibration states.
+    Raises `ValueError` for a filter without calibration states and for several runs in one track.
     """
+    check_one_run(
+        "observability(filter_, track)", track.time, "`jax.tree.map(lambda x: x[k], track)`"
+    )
     states = filter_.model.states
     count, thresholds = len(states.names), thresholds or Thresholds()
     if not count:

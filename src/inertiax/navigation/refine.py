@@ -16,12 +16,12 @@ from .filter import Filter
 from .filter_state import FilterState
 
 
-def coefficient_covariance(filter_: Filter, state: FilterState) -> Float[Array, "states states"]:
+def coefficient_covariance(filter_: Filter, state: FilterState) -> Float[Array, "*runs states states"]:
     """Joint covariance of the estimated coefficients in SI, in the order of `filter_.names`."""
     scale = jnp.asarray(filter_.model.states.scale)
     count = scale.shape[0]
-    size = state.covariance.shape[0]
-    block = jnp.asarray(state.covariance)[size - count :, size - count :]
+    size = state.covariance.shape[-1]
+    block = jnp.asarray(state.covariance)[..., size - count :, size - count :]
     return block * (scale[:, None] * scale[None, :]).astype(block.dtype)
 
 
@@ -31,8 +31,14 @@ def refined(filter_: Filter, state: FilterState) -> Calibration:
     **Arguments:** `state` is the run's last, `track.last`. What the drift states hold is left out: it is noise of
     this run, and not the device's at the next one.
 
-    Raises `ValueError` for a filter with `thermal=False`, whose constants are not the calibration's coefficients.
+    Raises `ValueError` for the states of several runs, and for a filter with `thermal=False`, whose constants are
+    not the calibration's coefficients.
     """
+    if jnp.ndim(state.covariance) > 2:
+        raise ValueError(
+            f"`refined(filter_, state)`: the state holds {jnp.shape(state.covariance)[:-2]} runs, but this is for one; "
+            f"use `jax.tree.map(lambda x: x[k], state)`."
+        )
     states = filter_.model.states
     if not states.thermal:
         raise ValueError(

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .checks import check_one_run
 from .filter import Correction, Track
 from .filter_state import Estimate, NAVIGATION, retract
 from .segment import Transition
@@ -26,19 +27,28 @@ from .segment import Transition
 class Smoothed(eqx.Module):
     """Estimates at the segments' ends from all measurements; the calibration's are the same at every time."""
 
-    time: Float[Array, " segments"]  # s
+    time: Float[Array, "*runs segments"]  # s
     estimate: Estimate
-    covariance: Float[Array, "segments d d"]  # of attitude, velocity, position and drift states
+    # Of attitude, velocity, position and drift states.
+    covariance: Float[Array, "*runs segments d d"]
 
     @property
-    def sigma(self) -> Float[Array, "segments 9"]:
+    def sigma(self) -> Float[Array, "*runs segments 9"]:
         """Standard deviations of tilts and heading (rad), velocity (m/s) and position (m)."""
-        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=1, axis2=2))[:, :NAVIGATION]
+        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))[..., :NAVIGATION]
+
+
+def smooth(track: Track) -> Smoothed:
+    """Smooth a run: the fixed-interval estimates at the ends of its segments.
+
+    Raises `ValueError` for several runs in one track, which it is to be mapped over.
+    """
+    check_one_run("smooth(track)", track.time, "`jax.vmap(smooth)(track)`")
+    return _smooth(track)
 
 
 @eqx.filter_jit
-def smooth(track: Track) -> Smoothed:
-    """Smooth a run: the fixed-interval estimates at the ends of its segments."""
+def _smooth(track: Track) -> Smoothed:
     size, changing = track.rows.shape[2], track.rows.shape[1]
     dtype = track.rows.dtype
 
