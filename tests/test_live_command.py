@@ -290,6 +290,18 @@ def test_names_units_and_rates_of_the_campaign_hold(tmp_path):
     np.testing.assert_allclose(recording.accel, rows[3:, 1:4] * 9.80665, atol=1e-5)
 
 
+@pytest.mark.parametrize("target", ["accel.bias=1 ug", "gyro.bias=0.001 deg/h"])
+def test_after_every_rest_it_is_said_where_to_turn(tmp_path, target):
+    rows = session_rows(31, POSES[:4])
+    found, _ = followed(tmp_path, f"{HEADER}\n" + text(rows), target=target)
+    kinds = [e["event"] for e in found]
+    rests = [k for k, kind in enumerate(kinds) if kind == "rest"]
+    assert len(rests) == 5
+    for begin, end in zip(rests[:-1], rests[1:]):
+        assert [e["provisional"] for e in of(found[begin:end], "next")][0] is False
+    assert kinds.count("done") == 1
+
+
 def test_columns_that_are_not_there_are_one_line(tmp_path):
     with pytest.raises(ValueError, match="neither accel_x/y/z nor gyro_x/y/z") as caught:
         followed(tmp_path, "time,a,b,c\n" + "1,2,3,4\n" * 60)
@@ -340,6 +352,26 @@ def test_the_command_reads_standard_input_and_writes_what_the_batch_command_give
     assert again.returncode == 0
     batch = json.loads((tmp_path / "batch" / "calibration.json").read_text())
     assert mine["accel"] == batch["accel"] and mine["gyro"] == batch["gyro"]
+
+
+@pytest.mark.slow
+def test_the_command_ends_with_what_the_batch_command_says(tmp_path):
+    folder, out = campaign(tmp_path), tmp_path / "out"
+    process = started(folder, "-", "-o", out, stdin=subprocess.PIPE)
+    said, errors = process.communicate((f"{HEADER}\n" + text(session_rows(12))).encode(), 240)
+    assert process.returncode == 0, errors.decode()
+    lines = said.decode().splitlines()
+    done = next(k for k, line in enumerate(lines) if line.startswith("done: "))
+    assert lines[done + 1] == f"recorded: {out / 'recording-1.csv'}"
+    again = subprocess.run(
+        [sys.executable, "-m", "inertiax", "calibrate", out, "-o", tmp_path / "batch"],
+        env=ENVIRONMENT,
+        capture_output=True,
+        timeout=240,
+    )
+    batch = again.stdout.decode().splitlines()
+    assert any(line.startswith("is it good? ") for line in batch)
+    assert lines[done + 2 : -1] == batch[:-1] and str(out / "report.html") in lines[-1]
 
 
 @pytest.mark.slow

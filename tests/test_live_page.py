@@ -299,7 +299,7 @@ def folder(tmp_path):
 def test_without_the_library_one_line_says_what_to_install(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "tornado", None)
     code, shown = run([folder, "--page", "-o", tmp_path / "out"], capsys)
-    assert code == 1 and shown.count("\n") == 1 and "install inertiax[page]" in shown
+    assert code == 1 and shown.count("\n") == 1 and "pip install 'inertiax[page]'" in shown
     assert not (tmp_path / "out").exists()
 
 

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.live.accel_rows import accel_posterior, ByMagnitude, ByReference, RestMeans
 from inertiax.live.gyro_rows import integrated, planned_rows, Turn, turn_rows
-from inertiax.live.next_position import best_position, followed, hand_directions, in_words, Part
+from inertiax.live.next_position import best_position, followed, in_words, Part
 from inertiax.live.posterior import posterior_of, Rows
 from inertiax.live.rest_ledger import mean_covariances
+from inertiax.physics.directions import hand_directions, nearest_by_hand, up_in_words
 from inertiax.reduction.dwells import Dwells
 
 
@@ -135,19 +136,28 @@ def test_intervals_of_unknown_scatter_cover_as_they_say():
 @pytest.mark.parametrize(
     ("up", "words"),
     [
-        ([0, 0, 1], "turn the device so that +z points up"),
-        ([0, 1, 1], "turn the device so that +y and +z point up alike"),
-        ([-1, 0, 1], "turn the device so that −x and +z point up alike"),
-        ([1, -1, 1], "turn the device so that +x, −y and +z point up alike"),
+        ([0, 0, 1], "with +z up"),
+        ([0, 1, 1], "halfway between +y up and +z up"),
+        ([-1, 0, 1], "halfway between −x up and +z up"),
+        ([1, -1, 1], "midway between +x up, −y up and +z up"),
         (
             [0.5, 3**0.5 / 2, 0],
-            "turn the device so that +y points up, tilted towards +x by 30 deg",
+            "with +y up, tilted by 30° towards +x",
         ),
     ],
 )
 def test_a_direction_is_said_in_words(up, words):
     up = np.array(up, float)
-    assert in_words(up / np.linalg.norm(up)) == words
+    assert up_in_words(up / np.linalg.norm(up)) == words
+    assert in_words(up / np.linalg.norm(up)) == f"turn the device so that it rests {words}"
+
+
+def test_a_report_names_the_nearest_direction_that_a_hand_can_hold():
+    # 4° off the edge between +x and −z, and 8° off the face +y.
+    assert up_in_words(nearest_by_hand(np.array([0.75, 0.0, -0.66]))) == (
+        "halfway between +x up and −z up"
+    )
+    assert up_in_words(nearest_by_hand(np.array([0.0, 0.99, 0.14]))) == "with +y up"
 
 
 def test_the_next_position_is_the_one_that_tells_what_is_missing():

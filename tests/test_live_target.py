@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from inertiax.live.target import parse_target
+from inertiax.live.target import parse_target, USUAL, usual_target
 
 
 @pytest.mark.parametrize(
@@ -33,6 +33,16 @@ def test_what_is_not_named_has_no_limit_and_the_last_word_counts():
     assert target.limit("accel.matrix[0,0]") == pytest.approx(5e-5)
     assert target.limit("accel.matrix[1,1]") == pytest.approx(2e-4)
     assert target.asks_for("accel") and not target.asks_for("gyro")
+
+
+def test_where_nobody_asks_the_target_is_that_of_the_grade():
+    assert (
+        usual_target(None).usual_for == "consumer"
+        and parse_target("accel.bias=1 g").usual_for is None
+    )
+    for grade in USUAL:
+        found = usual_target(grade)
+        assert found.usual_for == grade and found.asks_for("accel") and not found.asks_for("gyro")
 
 
 @pytest.mark.parametrize(

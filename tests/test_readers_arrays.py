@@ -118,7 +118,7 @@ def test_missing_library_names_the_extra(tmp_path, monkeypatch):
         file["time"] = [0.0]
     monkeypatch.setitem(sys.modules, "h5py", None)
     message = refusal(read_recordings, tmp_path / "a.h5")
-    assert message == "a.h5: reading it needs the library h5py; install inertiax[hdf5]."
+    assert message == "a.h5: reading it needs the library h5py: pip install 'inertiax[hdf5]'."
 
 
 @pytest.mark.parametrize("compress", [False, True])

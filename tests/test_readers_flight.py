@@ -144,7 +144,7 @@ def test_bad_ulogs_are_refused_in_one_line(tmp_path, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "pyulog", None)
-    assert say() == "a.ulg: reading it needs the library pyulog; install inertiax[px4]."
+    assert say() == "a.ulg: reading it needs the library pyulog: pip install 'inertiax[px4]'."
 
 
 # Dataflash ---------------------------------------------------------------------------------------

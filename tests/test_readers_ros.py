@@ -105,5 +105,5 @@ def test_missing_library_names_the_extra(tmp_path, monkeypatch):
     bag(tmp_path / "a.bag", "ros1", made_up())
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
     assert refusal(read_recordings, tmp_path / "a.bag") == (
-        "a.bag: reading it needs the library rosbags; install inertiax[ros]."
+        "a.bag: reading it needs the library rosbags: pip install 'inertiax[ros]'."
     )

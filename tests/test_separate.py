@@ -395,7 +395,7 @@ def test_a_session_follows_its_steps_to_the_end():
     campaign = rest_once(0.0)
     session = Session(campaign, Target("", ()), 6.0, plan)
     (first,) = session.first_step()
-    assert first["statement"].startswith("step 1 of 3: turn the device so that +z points up")
+    assert first["statement"].startswith("step 1 of 3: turn the device so that it rests with +z up")
     rng, told, begin = np.random.default_rng(3), [], 0.0
     ups = [np.array(s.up) for s in plan.steps]
     for k, up in enumerate(ups):

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..physics.directions import nearest_by_hand, up_in_words
 from ..physics.temperature import Constant
 from ..procedure.single_device import linearise, Problem
 from ..reduction.dwells import Dwells
@@ -34,7 +35,7 @@ def orientations(
     wanted = _next_orientation(estimate)
     if wanted is None and not fine:
         wanted = emptiest
-    advice = None if wanted is None else f"{name}: a rest with {_in_axes(wanted)} up."
+    advice = None if wanted is None else f"{name}: a rest {up_in_words(nearest_by_hand(wanted))}."
     return Finding("orientations", FINE if fine else ATTENTION, text), advice
 
 
@@ -106,13 +107,6 @@ def _rest_jacobians(
     )
     vectors = np.repeat(problem.vectors(coefficients)[[middle]], len(forces), 0)
     return linearise(problem.estimator, vectors, rests).jacobian
-
-
-def _in_axes(direction: Float[np.ndarray, "3"]) -> str:
-    """A direction in words: the device's axes that point up, largest part first."""
-    order = np.argsort(-np.abs(direction))
-    kept = [k for k in order if abs(direction[k]) > 0.35]
-    return " and ".join(f"{'+' if direction[k] > 0 else '−'}{'xyz'[k]}" for k in kept)
 
 
 def rates(

@@ -1,6 +1,7 @@
 """Parameters as people read them: labels, customary units, and values with their uncertainty."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -46,9 +47,13 @@ def customary_units(triad: TriadCalibration) -> tuple[tuple[float, str], ...]:
     Gyro biases are in °/h, or in °/s where one of them is beyond 1000 °/h.
     """
     (first,), _ = triad.over(np.array([triad.curve.basis.nodes[0]]))
-    biases = [abs(v) for v, n in zip(first, triad.names, strict=True) if ".bias" in n]
-    coarse = bool(max(biases, default=0.0) * DEG_PER_HOUR > 1000.0)
-    return tuple(_customary_unit(name, coarse) for name in triad.names)
+    coarse = coarse_rates([float(v) for v, n in zip(first, triad.names) if ".bias" in n])
+    return tuple(customary_unit(name, coarse=coarse) for name in triad.names)
+
+
+def coarse_rates(biases: Sequence[float]) -> bool:
+    """Whether one of the gyros' biases (rad/s) is beyond 1000 °/h, so that all are shown in °/s."""
+    return max(map(abs, biases), default=0.0) * DEG_PER_HOUR > 1000.0
 
 
 # A magnetometer's soft iron is per cents, and its axes are known to tenths of a degree.
@@ -60,7 +65,8 @@ _MAGNETIC = {
 }
 
 
-def _customary_unit(name: str, coarse: bool) -> tuple[float, str]:
+def customary_unit(name: str, *, coarse: bool = False) -> tuple[float, str]:
+    """Factor from SI and unit in which a parameter is shown; a gyro's in °/s instead of °/h where `coarse`."""
     what = family(name)
     if name.startswith("mag"):
         return _MAGNETIC[what]

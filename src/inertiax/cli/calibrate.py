@@ -140,6 +140,18 @@ def write_results(
     return folders
 
 
+def tell_results(
+    results: "tuple[DeviceResult | DeviceFailure, ...]", folders: dict[str, str], output: Path
+) -> None:
+    """Table, choices and verdict of every device that was calibrated, and where its files are."""
+    from ..calibrate.pipeline import DeviceFailure
+    from ..report.text import print_result
+
+    for result in results:
+        if not isinstance(result, DeviceFailure):
+            print_result(result, output / folders[result.calibration.device])
+
+
 def command_line() -> str:
     """The command as typed, to stand in a report."""
     return shlex.join(["inertiax", *sys.argv[1:]])
@@ -162,11 +174,7 @@ def _tell(
 
         outputs.print_json(calibration_document(results, folders, output))
     elif not quiet:
-        from ..report.text import print_result
-
-        for result in results:
-            if not isinstance(result, DeviceFailure):
-                print_result(result, output / folders[result.calibration.device])
+        tell_results(results, folders, output)
     if not failed:
         return
     if len(results) == 1:

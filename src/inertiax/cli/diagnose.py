@@ -41,7 +41,8 @@ def diagnose(
         bool,
         typer.Option(
             "--explore",
-            help="Write explorer.html, too: residuals over any variable, to zoom and hover (needs inertiax[explore]).",
+            help="Write explorer.html, too: residuals over any variable, to zoom and hover; needs "
+            "pip install 'inertiax[explore]'.",
         ),
     ] = False,
     force: Force = False,

@@ -15,6 +15,7 @@ import typer
 
 from . import calibrate as calibrate_command, console, environment, outputs
 from .calibrate import CampaignPath, Force, Quiet
+from .live_lines import Words
 
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def live(
         typer.Option(
             metavar="LIMITS",
             help='What the errors are to stay below, such as "accel.bias=0.3 mg, accel.scale=200 ppm" (all of them '
-            "together with 95 %); by default what is usual for [device] grade.",
+            "together with 95 %); by default what is usual for [device] grade, of the accelerometers alone.",
         ),
     ] = None,
     separate: Annotated[
@@ -74,7 +75,8 @@ def live(
     page: Annotated[
         bool,
         typer.Option(
-            "--page", help="Show it on a web page, too, which only this machine can open."
+            "--page",
+            help="Show it on a web page, too, which only this machine can open; needs pip install 'inertiax[page]'.",
         ),
     ] = False,
     port: Annotated[
@@ -115,7 +117,7 @@ def live(
     with outputs.owned_results(folder), _opened(page, port) as shown:
         assert made.campaign.path is not None
         recorder = Recorder(folder, made.campaign.path)
-        tellers = [_Json() if as_json else _Words(quiet=quiet), _Bell()]
+        tellers = [_Json() if as_json else Words(quiet=quiet), _Bell()]
         tellers += [] if shown is None else [shown]
         with _ends_on_interrupt() as stopped:
             told = events(made, recorder, idle=idle, hold=hold, stopped=stopped, watch=shown)
@@ -159,17 +161,19 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(folder):
         from ..calibrate.pipeline import calibrate, DeviceFailure
         from ..data.campaign import load_campaign
+        from ..live.recorder import FILES
 
         stages("reading what was recorded")
         loaded = load_campaign(folder)
         results = calibrate(loaded, force=force, progress=stages)
-        calibrate_command.write_results(results, loaded, folder, stages)
+        folders = calibrate_command.write_results(results, loaded, folder, stages)
     failed = [r for r in results if isinstance(r, DeviceFailure)]
     if failed:
         console.warn(f"{folder}: recorded, but not calibrated: {failed[0].reason}")
         raise typer.Exit(1)
     if not quiet:
-        console.say(f"recorded and calibrated: {folder}")
+        console.say(f"recorded: {', '.join(str(p) for p in sorted(folder.glob(FILES)))}")
+        calibrate_command.tell_results(results, folders, folder)
 
 
 def _proposed(diagnosis: Path, *, quiet: bool) -> "Separation":
@@ -256,53 +260,6 @@ class _Json:
     def __call__(self, event: dict) -> None:
         outputs.print_document(self._encode(event).decode())
         sys.stdout.flush()
-
-
-class _Words:
-    """Events as lines of text."""
-
-    def __init__(self, *, quiet: bool):
-        self._quiet = quiet
-        self._last = ""
-
-    def __call__(self, event: dict) -> None:
-        made = getattr(self, f"_{event['event']}")(event)
-        if made and not self._quiet:
-            console.say(console.one_line(made))
-            sys.stdout.flush()
-        if event["event"] == "next":
-            self._last = event["statement"]
-
-    def _start(self, event: dict) -> str:
-        return f"target: {event['target']}. Lay the device down and leave it alone for {event['hold']:g} s."
-
-    def _rest(self, event: dict) -> str:
-        when = f"rest {event['number']}, {event['start']:.1f} to {event['end']:.1f} s"
-        if not event["accepted"]:
-            return f"{when}: refused: {event['why']}"
-        out = [f"{d['kind']} at {d['start']:.1f} s" for d in event["left_out"]]
-        return f"{when}: accepted" + (f", without {', '.join(out)}" if out else "")
-
-    def _problem(self, event: dict) -> str:
-        remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""
-        return f"{event['severity']}: {event['statement']}{remedy}"
-
-    def _progress(self, event: dict) -> str:
-        if event["worst"] is None:
-            return ""
-        worst = event["parameters"][event["worst"]]
-        unit = "" if worst["unit"] == "1" else f" {worst['unit']}"
-        return (
-            f"{event['ratio']:.2g} times the target; worst {event['worst']} = {worst['value']:.4g} "
-            f"± {worst['std']:.2g}{unit}"
-        )
-
-    def _next(self, event: dict) -> str:
-        said = f"next: {event['statement']} (gains {100 * event['gain']:.0f} %)"
-        return "" if event["statement"] == self._last and not event["provisional"] else said
-
-    def _done(self, event: dict) -> str:
-        return f"done: {event['reason']}; {event['rests']} rests in {event['seconds']:.0f} s"
 
 
 class _Bell:

@@ -63,5 +63,5 @@ def _serialized(exported: jax.export.Exported) -> bytes:
         return bytes(exported.serialize())
     except ImportError:
         raise ValueError(
-            "stablehlo: the package flatbuffers is missing; install inertiax[stablehlo]."
+            "stablehlo: the package flatbuffers is missing: pip install 'inertiax[stablehlo]'."
         ) from None

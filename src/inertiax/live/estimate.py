@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.recording import Campaign
+from ..physics.directions import hand_directions
 from .accel_rows import (
     accel_posterior,
     AccelModel,
@@ -17,7 +18,7 @@ from .accel_rows import (
     RestMeans,
 )
 from .gyro_rows import integrated, NAMES as TURNED, planned_rows, Turn, turn_rows, Turned
-from .next_position import best_position, followed, hand_directions, NextPosition, Part
+from .next_position import best_position, followed, NextPosition, Part
 from .posterior import Posterior, posterior_of, Rows
 from .rest_ledger import Rest
 from .target import CONFIDENCE, Target
@@ -100,7 +101,8 @@ class Estimate:
         }
 
     def next_position(self) -> NextPosition | None:
-        """Where to turn next; `None` where no direction of gravity helps."""
+        """Where to turn next: any position where directions of gravity tell nothing that is asked for; `None` where
+        there are no accelerometers."""
         up = hand_directions()
         around = followed(up)
         parts = []
@@ -117,8 +119,14 @@ class Estimate:
             variance = triad.own_variance + triad.posterior.scatter_variance
             parts.append(Part(triad.posterior.covariance, triad.limits, rows, variance))
         if not any(np.isfinite(p.limits).any() for p in parts):
-            return None
+            return None if self.now is None else _anywhere(self.now)
         return best_position(up, parts)
+
+
+def _anywhere(now: Float[np.ndarray, "3"]) -> NextPosition:
+    """Another rest, as the device lies now or otherwise."""
+    x, y, z = (float(c) for c in now)
+    return NextPosition((x, y, z), "lay the device down anew, in any position", 0.0)
 
 
 def unit_of(name: str) -> str:

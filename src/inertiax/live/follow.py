@@ -17,7 +17,7 @@ from .itinerary import Itinerary
 from .recorder import LEAP, Recorder
 from .row_sources import follow, Piece
 from .session import HOLD, Session
-from .target import parse_target, Target, USUAL
+from .target import parse_target, Target, usual_target
 from .text_rows import Chunk, TextRows
 
 
@@ -44,7 +44,7 @@ def plan(campaign: Path, log: Path | None, *, piped: bool, target: str | None) -
     settings, table = load_settings(campaign)
     file = settings.path
     assert file is not None
-    asked = parse_target(target if target is not None else USUAL[settings.grade or "consumer"])
+    asked = usual_target(settings.grade) if target is None else parse_target(target)
     said = table.recordings
     if said.gyro_files is not None:
         raise ValueError(

@@ -9,10 +9,11 @@ A rest adds its rows to the information (a step of rank k), averaged over how a 
 """
 
 import dataclasses
-import itertools
 
 import numpy as np
 from jaxtyping import Float
+
+from ..physics.directions import up_in_words
 
 
 POWER = 6.0
@@ -22,8 +23,6 @@ _NEARLY = 0.03  # of the gain: among directions this near the best, the easiest 
 # Of the fall of the logarithm of the volume, beside the gain: while two rests are needed to tell a parameter, the first
 # of them gains nothing, but shrinks the volume. With many rests it falls by a hundredth and does not count.
 _VOLUME = 0.02
-_TILT = np.radians(30.0)
-_AXES = ("x", "y", "z")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,20 +44,6 @@ class NextPosition:
     gain: float  # of the distance Φ, 0 to 1
     temperature: float | None = None  # °C that the chamber is to reach
     rate: float | None = None  # rad/s at which the table is to turn
-
-
-def hand_directions() -> Float[np.ndarray, "candidate 3"]:
-    """What a hand can do: six faces, twelve edges, eight corners up, and the faces tilted by 30°; easiest first."""
-    signs = (-1.0, 0.0, 1.0)
-    cube = [np.array(v) for v in itertools.product(signs, signs, signs) if any(v)]
-    cube.sort(key=lambda v: (np.count_nonzero(v), *(-v)))
-    tilted = []
-    for face in cube[:6]:
-        for towards in cube[:6]:
-            if face @ towards == 0.0:
-                tilted.append(np.cos(_TILT) * face + np.sin(_TILT) * towards)
-    made = np.array([v / np.linalg.norm(v) for v in [*cube, *tilted]])
-    return made + 0.0  # no negative zeros
 
 
 def followed(up: Float[np.ndarray, "candidate 3"]) -> Float[np.ndarray, "candidate around 3"]:
@@ -92,25 +77,7 @@ def best_position(candidates: Float[np.ndarray, "candidate 3"], parts: list[Part
 
 def in_words(up: Float[np.ndarray, "3"]) -> str:
     """How to hold the device so that this direction of the case points up."""
-    order = np.argsort(-np.abs(up), kind="stable")
-    order = sorted(order[np.abs(up[order]) > np.sin(np.radians(3.0))], key=lambda k: -abs(up[k]))
-    size = np.abs(up)
-    name = lambda k: f"{'+' if up[k] > 0 else '−'}{_AXES[k]}"
-    if len(order) == 1:
-        return f"turn the device so that {name(order[0])} points up"
-    alike = all(abs(size[k] - size[order[0]]) < 0.05 for k in order)
-    if alike and len(order) == 2:
-        first, second = sorted(order)
-        return f"turn the device so that {name(first)} and {name(second)} point up alike"
-    if alike:
-        x, y, z = sorted(order)
-        return f"turn the device so that {name(x)}, {name(y)} and {name(z)} point up alike"
-    tilts = [
-        f"{name(k)} by {np.degrees(np.arctan2(size[k], size[order[0]])):.0f} deg" for k in order[1:]
-    ]
-    return (
-        f"turn the device so that {name(order[0])} points up, tilted towards {' and '.join(tilts)}"
-    )
+    return f"turn the device so that it rests {up_in_words(up)}"
 
 
 def _powers(

@@ -49,7 +49,7 @@ _PAGE_POLICY = (
 def require_server() -> None:
     """Raises `ValueError`, one line, where the library that serves the page is not installed."""
     if importlib.util.find_spec("tornado") is None:
-        raise ValueError("--page: the package tornado is missing; install inertiax[page].")
+        raise ValueError("--page: the package tornado is missing: pip install 'inertiax[page]'.")
 
 
 class PageServer:

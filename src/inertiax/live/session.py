@@ -374,8 +374,14 @@ class Session:
 
     def start_event(self) -> Event:
         """What is asked for; the first event."""
-        limits = dict(self.target.limits)
-        return {"event": "start", "target": self.target.text, "limits": limits, "hold": self.hold}
+        target = self.target
+        return {
+            "event": "start",
+            "target": target.text,
+            "limits": dict(target.limits),
+            "usual_for": target.usual_for,
+            "hold": self.hold,
+        }
 
     def first_step(self) -> Iterator[Event]:
         """The first step of an itinerary, told before anything was recorded."""

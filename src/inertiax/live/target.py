@@ -45,7 +45,8 @@ _NAME = re.compile(
 )
 _AMOUNT = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\S+)")
 
-# Where nobody says what is wanted: a tenth of what such devices are off by, from data sheets (convention).
+# Where nobody says what is wanted: a tenth of what such devices are off by, from data sheets (convention). Nothing of
+# the gyros: their biases change from power-on to power-on, and their matrix needs turns that a slow log does not hold.
 USUAL = {
     "consumer": "accel.bias=2 mg, accel.scale=1000 ppm, accel.misalignment=1 mrad",
     "tactical": "accel.bias=0.2 mg, accel.scale=100 ppm, accel.misalignment=0.1 mrad",
@@ -59,6 +60,7 @@ class Target:
 
     text: str
     limits: tuple[tuple[str, float], ...]  # name of a group or a parameter, m/s², rad/s, 1 or rad
+    usual_for: str | None = None  # the grade whose usual target this is; `None`: the user's own
 
     def limit(self, parameter: str) -> float | None:
         """The limit of a parameter such as `accel.matrix[1,0]`, SI; the last one said that names it.
@@ -71,6 +73,12 @@ class Target:
     def asks_for(self, triad: str) -> bool:
         """Whether any parameter of "accel" or "gyro" is named."""
         return any(name.startswith(f"{triad}.") for name, _ in self.limits)
+
+
+def usual_target(grade: str | None) -> Target:
+    """What is asked for where nobody says it, by the campaign's `[device] grade`."""
+    grade = grade or "consumer"
+    return dataclasses.replace(parse_target(USUAL[grade]), usual_for=grade)
 
 
 def parse_target(text: str) -> Target:

@@ -12,5 +12,5 @@ def load(module: str, extra: str, path: Path) -> ModuleType:
     except ImportError:
         library = module.split(".")[0]
         raise ValueError(
-            f"{path.name}: reading it needs the library {library}; install inertiax[{extra}]."
+            f"{path.name}: reading it needs the library {library}: pip install 'inertiax[{extra}]'."
         ) from None

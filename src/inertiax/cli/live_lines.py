@@ -1,0 +1,86 @@
+"""Events of a live session as lines of text, with the names and units of `calibrate`'s table."""
+
+import sys
+
+from . import console
+
+
+_TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
+
+
+class Words:
+    """Called with each event; prints what a person should read of it."""
+
+    def __init__(self, *, quiet: bool):
+        self._quiet = quiet
+        self._last = ""
+
+    def __call__(self, event: dict) -> None:
+        """A line for an event, or none."""
+        made = getattr(self, f"_{event['event']}")(event)
+        if event["event"] == "next":
+            self._last = event["statement"]
+        if made and not self._quiet:
+            console.say(console.one_line(made))
+            sys.stdout.flush()
+
+    def _start(self, event: dict) -> str:
+        return f"target: {_asked(event)}. Lay the device down and leave it alone for {event['hold']:g} s."
+
+    def _rest(self, event: dict) -> str:
+        when = f"rest {event['number']}, {event['start']:.1f} to {event['end']:.1f} s"
+        if not event["accepted"]:
+            again = "" if self._last else "; lay the device down again and leave it alone"
+            return f"{when}: refused: {event['why']}{again}"
+        out = [f"{d['kind']} at {d['start']:.1f} s" for d in event["left_out"]]
+        return f"{when}: accepted" + (f", without {', '.join(out)}" if out else "")
+
+    def _problem(self, event: dict) -> str:
+        remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""
+        return f"{event['severity']}: {event['statement']}{remedy}"
+
+    def _progress(self, event: dict) -> str:
+        name = event["worst"]
+        if name is None:
+            return ""
+        return (
+            f"{times(event['ratio'])} times the target; worst: {_stated(name, event['parameters'])}"
+        )
+
+    def _next(self, event: dict) -> str:
+        known = event["statement"] == self._last and not event["provisional"]
+        gains = f" (gains {100 * event['gain']:.0f} %)" if event["gain"] > 0.0 else ""
+        return f"next: {'as before: ' if known else ''}{event['statement']}{gains}"
+
+    def _done(self, event: dict) -> str:
+        said = f"done: {event['reason']} after {event['seconds']:.0f} s and {event['rests']} rests"
+        return said if event["reason"] == "input ended" else f"{said}; what comes after is not read"
+
+
+def times(ratio: float) -> str:
+    """A ratio to two digits, without an exponent."""
+    return f"{float(f'{ratio:.2g}'):.15g}"
+
+
+def _asked(event: dict) -> str:
+    """The target, whose it is and how to set another one, and the triads of which it asks nothing."""
+    said, limits = event["target"], event["limits"]
+    if event["usual_for"] is not None:
+        said += (
+            f" (usual for grade {event['usual_for']}; others are set by --target, such as "
+            '"accel.bias=1 mg, gyro.bias=0.1 deg/s, gyro.scale=3000 ppm")'
+        )
+    free = [t for t in _TRIADS if limits and not any(n.startswith(f"{t}.") for n in limits)]
+    return said + "".join(f"; nothing is asked of the {_TRIADS[triad]}" for triad in free)
+
+
+def _stated(name: str, parameters: dict) -> str:
+    """A parameter in words: value, one sigma and limit in the unit of `calibrate`'s table."""
+    from ..calibration.quantities import coarse_rates, customary_unit, label, with_sigma
+
+    found = parameters[name]
+    biases = [p["value"] for n, p in parameters.items() if n.startswith("gyro.bias")]
+    factor, unit = customary_unit(name, coarse=coarse_rates(biases))
+    value, sigma = with_sigma(factor * found["value"], factor * found["std"])
+    said = f"{label(name)} of the {_TRIADS[name.partition('.')[0]]} = {value} ± {sigma} {unit}"
+    return said if found["limit"] is None else f"{said} (target {factor * found['limit']:.4g})"
