@@ -483,3 +483,57 @@ def test_magnetometers_that_were_hardly_turned_are_refused_in_a_line(tmp_path):
     log.write_text(text(dict(zip(("mx", "my", "mz"), still.T))))
     with pytest.raises(ValueError, match="mx, my, mz do not tell their unit, for the device"):
         draft_campaign(log, tmp_path)
+
+
+STATION = {
+    "g, deg/s": (1 / G, 1 / DEGREE, "g", "deg/s", ("ref_a{}_g", "ref_g{}_dps")),
+    "SI": (1.0, 1.0, "m/s^2", "rad/s", ("table_acc_{}", "cmd_gyro_{}")),
+    "mg, deg/h": (1000 / G, 3600 / DEGREE, "mg", "deg/h", ("ACC_REF_{}", "rate_ref_{}")),
+}
+
+
+@pytest.mark.parametrize("per_force, per_rate, force, rate, names", STATION.values(), ids=STATION)
+@pytest.mark.parametrize("moving", [0, -1])
+def test_a_station_s_references_and_its_label_for_moving(
+    tmp_path, per_force, per_rate, force, rate, names, moving
+):
+    rng = np.random.default_rng(21)
+    up = rng.standard_normal((12, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    ideal, turn, label = [], [], []
+    for number in range(1, 16):
+        spin = 0.7 * np.eye(3)[number % 3] if number > 12 else np.zeros(3)
+        at = G * (up[number - 1] if number <= 12 else np.array([0.0, 0.0, 1.0]))
+        for rows, told in ((20, 0.0), (80, 1.0)):
+            ideal += [told * at] * rows
+            turn += [told * spin] * rows
+            label += [number if told else moving] * rows
+    ideal, turn, label = np.array(ideal), np.array(turn), np.array(label)
+    accel = ideal * 1.004 + 0.02 + 0.01 * rng.standard_normal(ideal.shape)
+    gyro = turn * 0.997 + 1e-3 + 1e-4 * rng.standard_normal(turn.shape)
+    columns = {"time": np.arange(len(label)) / 50.0}
+    columns |= {f"a{a}": accel[:, k] * per_force for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}_{rate}": gyro[:, k] * per_rate for k, a in enumerate("xyz")}
+    columns |= {names[0].format(a): ideal[:, k] * per_force for k, a in enumerate("xyz")}
+    columns |= {names[1].format(a): turn[:, k] * per_rate for k, a in enumerate("xyz")}
+    content = text(columns | {"pose": label})
+    (tmp_path / "again.csv").write_text(content)
+    found, made = drafted(tmp_path, content, others=[tmp_path / "again.csv"])
+    assert made["recordings"]["files"] == ["log.csv", "again.csv"]
+    told = made["columns"]
+    assert told["reference_accel"] == {"names": [names[0].format(a) for a in "xyz"], "unit": force}
+    assert told["reference_gyro"] == {"names": [names[1].format(a) for a in "xyz"], "unit": rate}
+    assert told["position"] == ({"name": "pose", "moving": 0} if moving == 0 else "pose")
+    assert "gyro" not in found.untold and "[rig]: position_uncertainty" in found.text
+    first, second = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(first.reference_accel, ideal, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(second.reference_gyro, turn, rtol=1e-6, atol=1e-9)
+    assert np.all(first.position[label == moving] == -1)
+
+
+def test_logs_of_other_columns_are_no_campaign_together(tmp_path):
+    (tmp_path / "b.csv").write_text("t,ax,ay,az\n0,0,0,9.8\n0.01,0,0,9.8\n")
+    with pytest.raises(
+        ValueError, match=r"b.csv: has no column 'gx', 'gy', 'gz', which log.csv has"
+    ):
+        drafted(tmp_path, text(table(TIME, ACCEL, GYRO)), others=[tmp_path / "b.csv"])

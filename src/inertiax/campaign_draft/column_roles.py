@@ -24,10 +24,14 @@ _TIME = re.compile(
     r"time|stamp|^t$|^t[_ (\[]|^ts|second|^sec|^millis|^micros|^clock|utc", re.IGNORECASE
 )
 _TEMPERATURE = re.compile(r"temp|^tmp|°c|^t_?c$", re.IGNORECASE)
-_UNIT = re.compile(r"[\[(].*")
+_UNIT = re.compile(r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°)/(?:s|h).*", re.IGNORECASE)
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²
 _STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
+_REFERENCE = re.compile(
+    r"ref(?:erence)?|truth|true|ideal|setpoint|set|command|cmd|table|nominal", re.IGNORECASE
+)
+_RATE = re.compile(r"rate|^r[_ .]?x", re.IGNORECASE)
 _POSITION = re.compile(r"^(?:position|pose)(?:_?(?:id|number|index))?$", re.IGNORECASE)
 
 
@@ -41,6 +45,8 @@ class Roles(NamedTuple):
     position: str | None
     notes: tuple[str, ...]  # what was left aside
     mag: tuple[str, str, str] | None = None
+    reference_accel: tuple[str, str, str] | None = None  # under names of their own
+    reference_gyro: tuple[str, str, str] | None = None
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -85,11 +91,16 @@ def _by_name(log: RawLog) -> Roles:
     kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
     unnamed: list[tuple[str, str, str]] = []
     mags: list[tuple[str, str, str]] = []
+    references: dict[str, tuple[str, str, str]] = {}
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
         first = _UNIT.sub("", triad[0]).strip().split("/")[-1]
         if _MAG.search(first):
             mags.append(triad)
+        reference = _reference(log, triad, first)
+        if reference is not None:
+            references.setdefault(reference, triad)
+            continue
         if _NEITHER.search(first) and not (sole and _ACCEL.search(first)):
             continue
         if _GYRO.search(first) and not first.lower().startswith("gf"):
@@ -125,7 +136,23 @@ def _by_name(log: RawLog) -> Roles:
         position,
         tuple(notes),
         next((t for t in mags if all(n in log.numbers for n in t)), None),
+        references.get("reference_accel"),
+        references.get("reference_gyro"),
     )
+
+
+def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | None:
+    """Whether a triad is a table's reference under names of its own, and which."""
+    if not _REFERENCE.search(first) or any(n not in log.numbers for n in triad):
+        return None
+    if first.lower() in ("reference_accel_x", "reference_gyro_x"):
+        return None  # read as they are
+    rest = _REFERENCE.sub("", first, count=1).strip("_ .-")
+    if re.search(r"mag|bias|cov|quat|euler", rest, re.IGNORECASE):
+        return None
+    if _GYRO.search(rest) or _RATE.search(rest):
+        return "reference_gyro"
+    return "reference_accel" if _ACCEL.search(rest) else None
 
 
 def _best_time(log: RawLog, times: list[str]) -> str | None:

@@ -31,6 +31,11 @@ _WORDS = (
 )  # fmt: skip
 
 
+def said_unit(hint: str) -> str | None:
+    """The unit of rates that words of a file name; `None` where they name none."""
+    return next((u for u, words in _WORDS if words.search(hint)), None)
+
+
 def gyro_unit(
     values: Float[np.ndarray, "time 3"], turns: GravityTurns | None, hint: str
 ) -> TriadUnit:
@@ -39,7 +44,7 @@ def gyro_unit(
     **Arguments:** `hint` is what the file says in words of the columns.
     """
     counts, offset = whole(values), middle(values) or None
-    said = next((u for u, words in _WORDS if words.search(hint)), None)
+    said = said_unit(hint)
     if turns is not None:
         found = _by_turns(turns, counts, offset)
         if found is not None and said in (None, found.unit):

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,9 +17,11 @@ from .accel_unit import accel_unit, directions, sphere, TriadUnit
 from .clock import counted
 from .converters import middle, nearest, rounded, wraps
 from .gravity_turns import gravity_turns, GravityTurns
-from .gyro_unit import clock_and_unit, gyro_unit
+from .gyro_unit import clock_and_unit, gyro_unit, said_unit
 from .mag_unit import mag_unit
+from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
+from .references import force_unit, moving_labels, rate_unit
 from .resting import poses, Resting, resting
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table, toml_text
@@ -27,6 +30,7 @@ from .toml_text import CHECK, Line, Table, toml_text
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
 _STANDARD = 9.80665  # m/s²
+_PROMISE = "How well the table is known belongs under [rig]: position_uncertainty (arcsec), rate_uncertainty (ppm)."
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
@@ -45,26 +49,42 @@ def draft_campaign(
     gyro: Path | None = None,
     latitude: float | None = None,
     height: float = 0.0,
+    others: Sequence[Path] = (),
 ) -> Draft:
     """The `campaign.toml` that fits a log, for a file in `folder`.
 
-    **Arguments:** `gyro` is the gyros' log where the triads are logged apart; without it one of that name beside an
-    accelerometers' log is taken. `latitude` in deg, `height` in m.
+    **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
+    where the triads are logged apart; without it one of that name beside an accelerometers' log is taken. `latitude` in
+    deg, `height` in m.
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
     site = _site(latitude, height)
     chosen = format_of(log).NAME
+    paths = [_path(p, folder) for p in (log, *others)]
     if chosen not in _TABLES:
-        files = Line("files", [_path(log, folder)], f"{chosen} names its columns and units itself")
+        files = Line("files", paths, f"{chosen} names its columns and units itself")
         return _draft(log, (site, Table("recordings", (files,))))
     found = read_triads(log, gyro)
     _refuse_wrapped(log, found)
+    _require_alike(found.log, others)
     rests = _rests(found)
     found, turns = _with_clock(found, rests)
     columns, remarks = _columns(found, rests, turns)
     columns = Table("columns", columns, (*remarks, *found.roles.notes))
-    return _draft(log, (site, _recordings(found, folder), columns, _model(found, rests)))
+    return _draft(log, (site, _recordings(found, folder, paths), columns, _model(found, rests)))
+
+
+def _require_alike(log: RawLog, others: Sequence[Path]) -> None:
+    """Raises `ValueError` where a further recording lacks a column of the first one."""
+    for path in others:
+        names = (*(other := read_log(path)).stamps, *other.names)
+        missing = [n for n in (*log.stamps, *log.names) if n not in names]
+        if missing:
+            raise ValueError(
+                f"{path}: has no column {', '.join(map(repr, missing[:4]))}, which {log.path.name} has; give logs of "
+                "the same columns together, and the others a campaign of their own."
+            )
 
 
 def _refuse_wrapped(log: Path, found: RawTriads) -> None:
@@ -129,9 +149,9 @@ def _turns(found: RawTriads, rests: Resting) -> GravityTurns | None:
     return gravity_turns(found.seconds, found.gyro, up, rests.start, rests.stop)
 
 
-def _recordings(found: RawTriads, folder: Path) -> Table:
+def _recordings(found: RawTriads, folder: Path, paths: list[str]) -> Table:
     log, layout = found.log, found.log.layout
-    lines = [Line("files", [_path(log.path, folder)], _words(found))]
+    lines = [Line("files", paths, _words(found))]
     if found.gyro_log is not None:
         lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
     if _sections(found).is_file():
@@ -183,9 +203,13 @@ def _columns(
         unit = accel_unit(found.accel, rests)
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         remarks += _on_poses(found.accel, rests)
+    if found.roles.reference_accel is not None or found.roles.reference_gyro is not None:
+        remarks.append(_PROMISE)
     if found.gyro is not None:
         unit = gyro_unit(found.gyro, turns, found.gyro_words)
+        unit, rate = _with_reference_rate(found, unit)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
+        lines += rate
     if found.roles.mag is not None and named:
         mag = np.stack([found.log.numbers[n] for n in found.roles.mag], axis=1)
         told = mag_unit(mag)
@@ -204,8 +228,8 @@ def _columns(
             )
     if rests.single_rows:
         lines.append(Line("position", {"row_index": True}, "each row is the mean of one pose"))
-    elif found.roles.position not in (None, "position"):
-        lines.append(Line("position", found.roles.position))
+    else:
+        lines += _reference_force(found)
     if found.roles.temperature is not None:
         name = found.roles.temperature
         told = temperature_unit(found.log, name)
@@ -221,6 +245,45 @@ def _columns(
                 }
             lines.append(Line("temperature", value, told.why, told.certain))
     return tuple(lines), tuple(remarks)
+
+
+def _reference_force(found: RawTriads) -> list[Line]:
+    """The reference of the accelerometers and the positions' labels, where the file has them."""
+    log, position, names = found.log, found.roles.position, found.roles.reference_accel
+    force = None
+    lines: list[Line] = []
+    if names is not None:
+        force = np.stack([log.numbers[n] for n in names], axis=1)
+        told = force_unit(force)
+        if told.unit is not None:
+            value = {"names": list(names), "unit": told.unit}
+            lines.append(Line("reference_accel", value, told.why))
+    if position is None:
+        return lines
+    moving = [] if force is None else moving_labels(log, position, force)
+    if moving:
+        value = {"name": position, "moving": moving[0] if len(moving) == 1 else moving}
+        why = "the label with which reference_accel is zero: the table moves"
+        return [*lines, Line("position", value, why)]
+    return lines if position == "position" else [*lines, Line("position", position)]
+
+
+def _with_reference_rate(found: RawTriads, unit: TriadUnit) -> tuple[TriadUnit, list[Line]]:
+    """The gyros' unit, sure where the reference agrees with what the file says, and the reference."""
+    names = found.roles.reference_gyro
+    if names is None or found.roles.gyro is None:
+        return unit, []
+    log = found.log
+    reference, output = (
+        np.stack([log.numbers[n] for n in triad], axis=1) for triad in (names, found.roles.gyro)
+    )
+    told = rate_unit(reference, output - (unit.offset or 0.0), unit.factor)
+    if told.unit is None:
+        return unit, []
+    said = said_unit(" ".join(log.hint(n) for n in names))
+    if not unit.certain and said_unit(found.gyro_words) == unit.unit and said in (None, told.unit):
+        unit = unit._replace(why=f"as the file says; {told.why} (reference_gyro)", certain=True)
+    return unit, [Line("reference_gyro", {"names": list(names), "unit": told.unit}, told.why)]
 
 
 def _time(found: RawTriads) -> Line:

@@ -10,12 +10,13 @@ from .calibrate import AsJson, Quiet
 
 
 def init(
-    log: Annotated[
-        Path,
+    logs: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="LOG",
+            metavar="LOG...",
             exists=True,
-            help="A recording: delimited text of any form, Parquet, or another format that is read.",
+            help="A recording: delimited text of any form, Parquet, or another format that is read. Several "
+            "of the same columns are one campaign.",
         ),
     ],
     output: Annotated[
@@ -53,6 +54,7 @@ def init(
     Columns are told by their names or numbers, units by physics: what gravity reads at rest, and whether it turns as
     the gyros say. What the log does not tell is marked CHECK in the file, with the reason.
     """
+    log, *others = logs
     folder = output or log.absolute().parent
     file = outputs.require_folder(folder) / "campaign.toml"
     if file.exists() and not replace:
@@ -66,7 +68,9 @@ def init(
         from ..data.campaign import load_campaign
 
         stages(f"looking at {log.name}")
-        draft = draft_campaign(log, folder, gyro=gyro, latitude=latitude, height=height)
+        draft = draft_campaign(
+            log, folder, gyro=gyro, latitude=latitude, height=height, others=others
+        )
         with outputs.staged_folder(folder) as staging:
             (staging / file.name).write_text(draft.text, encoding="utf-8")
         stages("reading it back")
