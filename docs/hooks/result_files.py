@@ -25,6 +25,7 @@ FILES: dict[str, tuple[type, ...]] = {
         record.ConditionsRecord,
         record.TriadRecord,
         record.SourceRecord,
+        record.EffectRecord,
     ),
     "The block `model`": (ModelSpec, TriadSpec),
     "diagnosis.json": (

@@ -114,6 +114,11 @@ def parse_limit(name: str, amount: str, where: str) -> float:
     return _amount(_known_name(name, where), amount, where)
 
 
+def size_of_unit(name: str, unit: str) -> float:
+    """What a unit of `parse_limit` is in the SI unit of a family or a parameter."""
+    return _units(name)[unit]
+
+
 def kind_of(parameter: str) -> str:
     """ "bias", "scale" (diagonal of a matrix), "misalignment" (off it) or "g_sensitivity"."""
     found = _NAME.fullmatch(parameter)

@@ -4,20 +4,24 @@ import math
 from collections.abc import Sequence
 
 from ..calibration.quantities import customary_units, label, with_sigma
+from ..report.engineering import in_words, Shown, shown_parameter
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Key, Section, Table, Verdict
 from .calibrated_triads import calibrated_triads
+from .effect_results import EffectResult
 from .expanded_uncertainty import COVERAGE
 from .guard_band import RISK
 from .protocol import DISCLAIMER, Protocol
+from .requirements import Requirement
 from .results import Result
 
 
 _SIDE_BY_SIDE = 4  # temperatures in one table
+_UNNAMED = "not named: [device] serial of campaign.toml names it, or the column of [columns] device"
 _LINE = "_" * 24  # where people write
-_LEAST = (
-    1e-3  # of the combined uncertainty; less changes it by less than a millionth, and is not shown
-)
+# Of the combined uncertainty; less changes it by less than 13 millionths, and is not shown.
+_LEAST = 5e-3
+_LISTED = 12  # values outside a limit; protocol.json has all
 
 
 def title(protocol: Protocol) -> str:
@@ -29,7 +33,8 @@ def title(protocol: Protocol) -> str:
 def under(protocol: Protocol) -> str:
     """The line below the title."""
     return (
-        f"Written {_readable(protocol.created)}; calibrated {_readable(protocol.record.created)}."
+        f"Certificate {protocol.certificate}. Written {_readable(protocol.created)}; calibrated "
+        f"{_readable(protocol.record.created)}."
     )
 
 
@@ -80,7 +85,8 @@ def identity(protocol: Protocol) -> Section:
     station, item, record = protocol.station.station, protocol.station.device, protocol.record
     days = " to ".join(dict.fromkeys(d for d in (station.begin, station.end) if d))
     rows = [
-        ("device", protocol.calibration.device or "not named"),
+        ("certificate", protocol.certificate),
+        ("device", protocol.calibration.device or _UNNAMED),
         ("manufacturer, model", ", ".join(t for t in (item.manufacturer, item.model) if t)),
         ("station", ", ".join(t for t in (station.name, station.address, station.country) if t)),
         ("operator", station.operator),
@@ -106,13 +112,10 @@ def procedure(protocol: Protocol) -> Section:
                 f"{TRIAD_NAMES[name]}: estimator '{triad.estimator}' ({record.method}), {own.dwells} dwells{turns}; "
                 f"{own.degrees_of_freedom} degrees of freedom of the residuals."
             )
-    rows = [
-        ("reference g", f"{station.gravity:.6f} m/s²"),
-        ("  its uncertainty", _stated(protocol.station.station.gravity_uncertainty, 1.0, "m/s²")),
-        ("position", _stated(station.position_uncertainty, 180.0 / math.pi * 3600.0, "″")),
-        ("rate of the table", _stated(station.rate_uncertainty, 1e6, "ppm")),
-        ("temperature probe", _stated(station.temperature_uncertainty, 1.0, "°C")),
-    ]
+    rows = [("reference g", f"{station.gravity:.6f} m/s²", "")]
+    for (words, factor, unit), entry in zip(_STATEMENTS, protocol.in_budget, strict=True):
+        contained = "" if entry.stated is None else _CONTAINED[entry.contained]
+        rows.append((words, _stated(entry.stated, factor, unit), contained.format(entry.source)))
     recorded = "recordings: not kept"
     if conditions.recordings is not None:
         recorded = _counted(conditions.recordings, "recording")
@@ -125,8 +128,18 @@ def procedure(protocol: Protocol) -> Section:
     if conditions.temperature_range is not None:
         low, high = conditions.temperature_range
         recorded += f", {low:.2f} to {high:.2f} °C"
-    table = Table(("stated by the station, 1 sigma", ""), tuple(rows))
+    table = Table(("stated by the station, 1 sigma", "", "in the uncertainties"), tuple(rows))
     return Section("Procedure and conditions", lines=(f"{recorded}.", *triads), tables=(table,))
+
+
+# In the order of `in_budget`: words, factor from SI, unit.
+_STATEMENTS = (
+    ("  its uncertainty", 1.0, "m/s²"),
+    ("position", 180.0 / math.pi * 3600.0, "″"),
+    ("rate of the table", 1e6, "ppm"),
+    ("temperature probe", 1.0, "°C"),
+)
+_CONTAINED = {"yes": "as '{}'", "within fit": "within 'fit'", "no": "no"}
 
 
 def _counted(number: int, noun: str) -> str:
@@ -141,20 +154,83 @@ def requirements(protocol: Protocol) -> Section | None:
     """Limits and decisions; `None` where no requirements were given."""
     if not protocol.requirements:
         return None
-    rows = []
-    for r in protocol.requirements:
-        factor, unit = _unit_of(protocol, r.worst)
-        value, guard = with_sigma(factor * r.worst.value, factor * r.worst.expanded)
-        at = "" if r.worst.at is None else f"{r.worst.at:.1f}"
-        rows.append((r.name, r.text, f"{value} ± {guard} {unit}", r.worst.name, at, r.decision))
+    rows = tuple(
+        (r.name, r.text, _in_limits_unit(r, r.worst), label(r.worst.name), _at(r.worst), r.decision)
+        for r in protocol.requirements
+    )
     head = ("requirement", "limit", "nearest to the limit", "parameter", "at °C", "decision")
+    tables = [Table(head, rows, numeric=(2, 4))]
+    outside = [(r, o) for r in protocol.requirements for o in r.outside]
+    if outside:
+        more = len(outside) - _LISTED
+        others = dict.fromkeys(f"{r.name}: {label(o.result.name)}" for r, o in outside[_LISTED:])
+        caption = "Every stated value that does not pass" + (
+            f"; {more} more are in protocol.json ({', '.join(others)})" if more > 0 else ""
+        )
+        shown = tuple(
+            (r.name, label(o.result.name), _at(o.result), _in_limits_unit(r, o.result), o.decision)
+            for r, o in outside[:_LISTED]
+        )
+        head = ("requirement", "parameter", "at °C", "value", "decision")
+        tables.append(Table(head, shown, numeric=(2, 3), caption=caption))
     line = (
         f"A pass or a fail is wrong with a probability of at most {100 * RISK:g} % (guarded acceptance and rejection, "
         "JCGM 106). It holds over the whole calibrated range, of absolute values."
     )
-    return Section(
-        "Requirements", lines=(line,), tables=(Table(head, tuple(rows), numeric=(2, 4)),)
+    return Section("Requirements", lines=(line, *_beside(protocol)), tables=tuple(tables))
+
+
+def _in_limits_unit(requirement: Requirement, result: Result) -> str:
+    """A value in the unit in which its limit was written."""
+    factor, unit = requirement.shown_in
+    value, guard = with_sigma(factor * result.value, factor * result.expanded)
+    return f"{value} ± {guard} {unit}"
+
+
+def _at(result: Result) -> str:
+    return "" if result.at is None else f"{result.at:.1f}"
+
+
+def _beside(protocol: Protocol) -> list[str]:
+    """Which decisions do not contain which effects, a sentence for each triad with effects."""
+    said = []
+    for triad in dict.fromkeys(
+        r.name.partition(".")[0] for r in protocol.requirements if r.without
+    ):
+        names = [r.name for r in protocol.requirements if r.name.startswith(f"{triad}.")]
+        found = [
+            f"{e.effect} on {', '.join(e.channels)} ({value} ± {sigma} {unit}, {e.term})"
+            for e in protocol.effects
+            if e.term and e.channels[0].startswith(f"{triad}_")
+            for value, sigma, unit in (_effect_text(e),)
+        ]
+        said.append(
+            f"{', '.join(names)}: decided on the parameters alone. They do not contain what is fitted beside them: "
+            f"{'; '.join(found)}."
+        )
+    return said
+
+
+def effects(protocol: Protocol) -> Section | None:
+    """Named effects with their expanded uncertainties; `None` where none was fitted."""
+    if not protocol.effects:
+        return None
+    rows = tuple(
+        (e.effect, ", ".join(e.channels), e.term or in_words(e.parameter), *_effect_text(e))
+        for e in protocol.effects
     )
+    line = (
+        "What a diagnosis found and fitted beside the parameters; they hold without it, and a reading needs both. "
+        f"± is the expanded uncertainty of {100 * COVERAGE:g} %, its covariance taken as known."
+    )
+    head = ("effect", "channel", "term", "value", "±", "unit")
+    return Section("Named effects", lines=(line,), tables=(Table(head, rows, numeric=(3, 4)),))
+
+
+def _effect_text(effect: EffectResult) -> tuple[str, str, str]:
+    """Value, expanded uncertainty and unit as the report of a diagnosis shows them."""
+    shown = Shown(effect.value, effect.expanded, effect.unit)
+    return shown_parameter(effect.parameter, shown)
 
 
 def results(protocol: Protocol) -> list[Section]:
@@ -201,7 +277,8 @@ def budgets(protocol: Protocol) -> list[Section]:
         middle = temperatures[len(temperatures) // 2]
         shown = [r for r in own if r.at == middle]
         sources = list(dict.fromkeys(source for r in shown for source, _ in r.budget))
-        rows = tuple(_budget_row(protocol, r, sources) for r in shown)
+        decimals = _decimals(protocol, shown)
+        rows = tuple(_budget_row(protocol, r, sources, decimals) for r in shown)
         caption = "Standard uncertainties"
         caption += (
             ""
@@ -214,18 +291,23 @@ def budgets(protocol: Protocol) -> list[Section]:
     return made
 
 
-def _budget_row(protocol: Protocol, result: Result, sources: list[str]) -> tuple[str, ...]:
+def _decimals(protocol: Protocol, results: Sequence[Result]) -> dict[str, int]:
+    """By unit, as many as give three significant digits of the largest uncertainty in it."""
+    largest: dict[str, float] = {}
+    for result in results:
+        factor, unit = _unit_of(protocol, result)
+        largest[unit] = max(largest.get(unit, 0.0), factor * result.std)
+    return {u: max(2 - math.floor(math.log10(s)), 0) if s > 0.0 else 0 for u, s in largest.items()}
+
+
+def _budget_row(
+    protocol: Protocol, result: Result, sources: list[str], by_unit: dict[str, int]
+) -> tuple[str, ...]:
     factor, unit = _unit_of(protocol, result)
-    own = dict(result.budget)
+    own, total, decimals = dict(result.budget), factor * result.std, by_unit[unit]
     shown = (own.get(s, 0.0) for s in sources)
-    cells = (_short(factor * std) if std > _LEAST * result.std else "–" for std in shown)
-    return (label(result.name), *cells, _short(factor * result.std), unit)
-
-
-def _short(value: float) -> str:
-    """Two significant digits, without an exponent where none is needed."""
-    text = f"{value:.2g}"
-    return f"{float(text):.0f}" if "e+" in text and value < 1e6 else text
+    cells = (f"{factor * std:.{decimals}f}" if std > _LEAST * result.std else "–" for std in shown)
+    return (label(result.name), *cells, f"{total:.{decimals}f}", unit)
 
 
 def limits_of_knowledge(protocol: Protocol) -> list[Section]:

@@ -16,26 +16,18 @@ from ..report.judge import TRIAD_NAMES
 from ..storage.harmless_text import one_line
 from ..storage.whole_files import write_atomically
 from .calibrated_triads import calibrated_triads
+from .effect_results import EffectResult
 from .expanded_uncertainty import COVERAGE
 from .protocol import DISCLAIMER, Protocol
 from .requirements import Requirement
 from .results import Result
+from .si_units import in_si
 
 
 VERSION = "3.1.2"
 _DCC, _SI, _XSI = (
     "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance",
 )  # fmt: skip
-_UNITS = {
-    "m/s^2": r"\metre\second\tothe{-2}",
-    "rad/s": r"\radian\second\tothe{-1}",
-    # Per standard g in SI: the values are divided by g below.
-    "rad/s/g": r"\radian\second\metre\tothe{-1}",
-    "T": r"\tesla",
-    "T/A": r"\tesla\ampere\tothe{-1}",
-    "1": r"\one",
-    "degC": r"\degreecelsius",
-}
 _NOT_STATED = "not stated"
 
 
@@ -117,8 +109,7 @@ def _core(writer: _Writer, protocol: Protocol) -> None:
         writer.leaf("countryCodeISO3166_1", station.country or "ZZ")
         writer.leaf("usedLangCodeISO639_1", "en")
         writer.leaf("mandatoryLangCodeISO639_1", "en")
-        device = protocol.calibration.device or "device"
-        writer.leaf("uniqueIdentifier", station.order or f"inertiax {device} {protocol.created}")
+        writer.leaf("uniqueIdentifier", protocol.certificate)
         if station.order:
             with writer.inside("identifications"):
                 _identification(writer, "calibrationLaboratory", station.order, "order")
@@ -193,6 +184,8 @@ def _requirement(writer: _Writer, requirement: Requirement) -> None:
     with writer.inside("statement"):
         writer.leaf("norm", "JCGM 106:2012")
         said = f"{requirement.name} within {requirement.text}: {requirement.decision}"
+        if requirement.without:
+            said += f"; on the parameters alone, without {', '.join(requirement.without)}"
         writer.text("declaration", said)
         if requirement.decision != "undecided":
             writer.leaf("conformity", requirement.decision)
@@ -219,6 +212,9 @@ def _results(writer: _Writer, protocol: Protocol, name: str, own: list[Result]) 
         with writer.inside("results"):
             for at in dict.fromkeys(r.at for r in own):
                 _at_one_temperature(writer, protocol, at, [r for r in own if r.at == at])
+            beside = [e for e in protocol.effects if e.channels[0].startswith(f"{name}_")]
+            if beside:
+                _effects(writer, beside, protocol.record.station.gravity)
 
 
 def _condition(writer: _Writer, name: str, value: float, unit: str) -> None:
@@ -226,7 +222,17 @@ def _condition(writer: _Writer, name: str, value: float, unit: str) -> None:
         writer.text("name", name)
         with writer.inside("data"), writer.inside("quantity"), writer.inside("si:real"):
             writer.leaf("si:value", repr(float(value)))
-            writer.leaf("si:unit", _UNITS[unit])
+            writer.leaf("si:unit", in_si(unit, 1.0).text)
+
+
+def _effects(writer: _Writer, effects: list[EffectResult], gravity: float) -> None:
+    with writer.inside("result"):
+        writer.text("name", "Named effects, fitted beside the parameters")
+        with writer.inside("data"):
+            for e in effects:
+                what = ", ".join(t for t in (e.parameter, e.term) if t)
+                name = f"{e.effect} on {', '.join(e.channels)} ({what})"
+                _real(writer, name, e.value, e.unit, gravity, e.expanded, e.coverage_factor)
 
 
 def _at_one_temperature(
@@ -241,15 +247,33 @@ def _at_one_temperature(
 
 
 def _quantity(writer: _Writer, result: Result, gravity: float) -> None:
-    factor = 1.0 / gravity if result.unit == "rad/s/g" else 1.0
+    name = f"{label(result.name)} ({result.name})"
+    _real(
+        writer, name, result.value, result.unit, gravity, result.expanded, result.coverage_factor,
+        "Student t" if math.isfinite(result.degrees) else "normal",
+    )  # fmt: skip
+
+
+def _real(
+    writer: _Writer,
+    name: str,
+    value: float,
+    unit: str,
+    gravity: float,
+    expanded: float | None,
+    factor: float,
+    distribution: str = "normal",
+) -> None:
+    """A number with its expanded uncertainty, where that is known; both in `unit`."""
+    si = in_si(unit, gravity)
     with writer.inside("quantity"):
-        writer.text("name", f"{label(result.name)} ({result.name})")
+        writer.text("name", name)
         with writer.inside("si:real"):
-            writer.leaf("si:value", repr(factor * result.value))
-            writer.leaf("si:unit", _UNITS[result.unit])
-            with writer.inside("si:expandedUnc"):
-                writer.leaf("si:uncertainty", repr(factor * result.expanded))
-                writer.leaf("si:coverageFactor", f"{result.coverage_factor:.6f}")
-                writer.leaf("si:coverageProbability", f"{COVERAGE:g}")
-                known = math.isfinite(result.degrees)
-                writer.leaf("si:distribution", "Student t" if known else "normal")
+            writer.leaf("si:value", repr(si.factor * value))
+            writer.leaf("si:unit", si.text)
+            if expanded is not None:
+                with writer.inside("si:expandedUnc"):
+                    writer.leaf("si:uncertainty", repr(si.factor * expanded))
+                    writer.leaf("si:coverageFactor", f"{factor:.6f}")
+                    writer.leaf("si:coverageProbability", f"{COVERAGE:g}")
+                    writer.leaf("si:distribution", distribution)

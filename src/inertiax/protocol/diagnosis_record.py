@@ -10,7 +10,7 @@ from ..data.inputs import InputFile
 from ..data.recording import Campaign
 from ..diagnose.result import Diagnosis
 from .make_record import EFFECTS, KNOWN, record_of
-from .record import Record
+from .record import EffectRecord, Record
 
 
 def diagnosis_record(
@@ -37,4 +37,9 @@ def diagnosis_record(
         found.estimate, campaign, folder, command, inputs,
         calibration=calibration, beside=" and ".join(names) or EFFECTS,
     )  # fmt: skip
-    return msgspec.structs.replace(record, warnings=(*record.warnings, *said))
+    effects = tuple(
+        EffectRecord(effect.name, effect.channels, name, p.value, p.std, p.unit)
+        for effect in found.effects
+        for name, p in effect.parameters
+    )
+    return msgspec.structs.replace(record, warnings=(*record.warnings, *said), effects=effects)

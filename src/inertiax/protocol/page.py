@@ -11,7 +11,7 @@ from .protocol import Protocol
 
 def write_html(protocol: Protocol, folder: Path, command: str, figures: Sequence[Drawn]) -> None:
     """Write the page."""
-    needed = content.requirements(protocol)
+    needed, beside = content.requirements(protocol), content.effects(protocol)
     write_page(
         folder / "protocol.html",
         title=content.title(protocol),
@@ -22,6 +22,7 @@ def write_html(protocol: Protocol, folder: Path, command: str, figures: Sequence
             content.identity(protocol),
             *([] if needed is None else [needed]),
             *content.results(protocol),
+            *([] if beside is None else [beside]),
             *content.budgets(protocol),
             content.procedure(protocol),
             *content.limits_of_knowledge(protocol),

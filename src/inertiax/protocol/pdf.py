@@ -21,6 +21,7 @@ _FONT, _SIZE, _SMALL = "dejavu", 8.0, 6.6  # points
 _MARGIN = 15.0  # mm
 _FIGURE_HEIGHT = 80.0  # mm, at most
 _PAGES = 4  # figures that would take more are left to the page
+_LAST = 12.0  # mm for the lines below the figures
 _TO_SIGN = 1.5  # mm for each point of the letters' size, in rows that people write into
 _FILES = 12  # inputs that are listed; the JSON has all
 _INK, _SOFT, _LINE = (29, 35, 43), (85, 96, 110), (200, 205, 212)
@@ -58,23 +59,25 @@ def write_pdf(protocol: Protocol, folder: Path, command: str, figures: Sequence[
     sheet.set_creation_date(datetime.datetime.fromisoformat(protocol.created))
     sheet.add_page()
     _head(sheet, protocol)
-    needed = content.requirements(protocol)
+    needed, beside = content.requirements(protocol), content.effects(protocol)
     first = [content.identity(protocol), *([] if needed is None else [needed])]
     then = [
+        *([] if beside is None else [beside]),
+        *content.budgets(protocol),
         content.procedure(protocol),
         *content.limits_of_knowledge(protocol),
         content.inputs(protocol, _FILES),
     ]
-    for section in (*first, *content.results(protocol), *content.budgets(protocol), *then):
+    for section in (*first, *content.results(protocol), *then):
         _section(sheet, section)
     to_sign = content.signatures(protocol)
-    rows = sum(len(t.rows) + 1 for t in to_sign.tables)
     # All who sign do so on one page.
-    _section(sheet, to_sign, line=_TO_SIGN, room=12.0 + rows * (_TO_SIGN * _SMALL + 0.6))
+    room = 12.0 + sum(len(t.rows) + 1 for t in to_sign.tables) * (_TO_SIGN * _SMALL + 0.6)
     for drawn in figures:
-        if not _figure(sheet, drawn):
+        if not _figure(sheet, drawn, room + _LAST):
             _text(sheet, "Further figures are in protocol.html.", _SIZE, _INK)
             break
+    _section(sheet, to_sign, line=_TO_SIGN, room=room)
     _text(sheet, f"Written by: {command}", _SMALL, _SOFT)
     write_atomically(folder / "protocol.pdf", bytes(sheet.output()))
 
@@ -141,14 +144,14 @@ def _widths(sheet: _Sheet, head: Sequence[str], rows: Sequence[Sequence[str]]) -
     return tuple(min(width, most) for width in longest)
 
 
-def _figure(sheet: _Sheet, drawn: Drawn) -> bool:
-    """The figure, unless it would begin another page than the last that is wanted."""
+def _figure(sheet: _Sheet, drawn: Drawn, after: float) -> bool:
+    """The figure, unless it and the `after` mm that follow would begin another page than the last that is wanted."""
     with Image.open(drawn.png) as image:
         shape = image.width / image.height
     height = min(_FIGURE_HEIGHT, sheet.epw / shape)
+    if sheet.page_no() >= _PAGES and sheet.will_page_break(height + 10.0 + after):
+        return False
     if sheet.will_page_break(height + 10.0):
-        if sheet.page_no() >= _PAGES:
-            return False
         sheet.add_page()
     sheet.image(str(drawn.png), w=height * shape, h=height)
     _text(sheet, drawn.picture.caption, _SMALL, _SOFT)

@@ -8,6 +8,9 @@ from typing import Any
 import msgspec
 
 from ..calibration.calibration import Calibration
+from .certificate_number import certificate_number
+from .effect_results import effect_results, EffectResult
+from .in_budget import in_budget, InBudget, not_contained
 from .make_record import software, time_text
 from .measurement import Measurement
 from .not_known import not_known
@@ -35,18 +38,23 @@ class Protocol:
     software: dict[str, str]  # that wrote the protocol
     temperatures: tuple[float, ...]  # °C, of the results; empty where none was recorded
     results: tuple[Result, ...]
+    effects: tuple[EffectResult, ...]  # named ones, beside the parameters
     requirements: tuple[Requirement, ...]
     not_known: tuple[str, ...]
+    in_budget: tuple[InBudget, ...]  # what of the station's statements the uncertainties contain
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """What was measured or found but is not in the results."""
-        effects = [
-            f"{e.name} on {e.triad} {', '.join('xyz'[c] for c in e.channels)} is fitted beside the parameters; "
-            "calibration.json holds it, and the results are those of the parameters alone."
-            for e in self.calibration.effects
-        ]
-        return (*self.record.left_out, *effects)
+        return self.record.left_out
+
+    @property
+    def certificate(self) -> str:
+        """Its number, see `certificate_number`."""
+        stated = [_result(r) for r in self.results] + [_effect(e) for e in self.effects]
+        stated += [_requirement(r) for r in self.requirements]
+        device = self.calibration.device
+        return certificate_number(self.station, device, self.record, stated)
 
     @property
     def deviations(self) -> tuple[str, ...]:
@@ -59,6 +67,7 @@ class Protocol:
         return {
             "schema": SCHEMA,
             "device": self.calibration.device,
+            "certificate": self.certificate,
             "created": self.created,
             "calibrated": self.record.created,
             "statement": DISCLAIMER,
@@ -71,14 +80,9 @@ class Protocol:
             "rig": msgspec.to_builtins(self.record.station),
             "model": {} if model is None else model.document(),
             "results": [_result(r) for r in self.results],
-            "requirements": [
-                {
-                    "name": r.name, "limit": r.limit, "unit": r.unit, "decision": r.decision,
-                    "worst": {"name": r.worst.name, "at": r.worst.at, "value": r.worst.value,
-                              "expanded": r.worst.expanded},
-                }
-                for r in self.requirements
-            ],
+            "effects": [_effect(e) for e in self.effects],
+            "requirements": [_requirement(r) for r in self.requirements],
+            "in_budget": [i._asdict() for i in self.in_budget],
             "not_known": list(self.not_known),
             "left_out": list(self.left_out),
             "deviations": list(self.deviations),
@@ -102,10 +106,12 @@ def make_protocol(
     at = reference_temperatures(calibration, temperatures)
     uncertainty = station.station.gravity_uncertainty
     results = results_at(calibration, record, at, uncertainty)
+    effects = effect_results(calibration, record)
+    contained = in_budget(calibration, record, uncertainty, results)
     judged: tuple[Requirement, ...] = ()
     if limits:
         everywhere = results_at(calibration, record, range_grid(calibration, at), uncertainty)
-        judged = judge_requirements(limits, results, everywhere)
+        judged = judge_requirements(limits, results, everywhere, effects)
     return Protocol(
         calibration=calibration,
         record=record,
@@ -114,13 +120,36 @@ def make_protocol(
         software=software(),
         temperatures=at,
         results=results,
+        effects=effects,
         requirements=judged,
-        not_known=not_known(calibration, record, uncertainty),
+        not_known=(*not_known(calibration, record, uncertainty), *not_contained(contained)),
+        in_budget=contained,
     )
 
 
 def _given(table: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in table.items() if v not in ("", None)}
+
+
+def _effect(effect: EffectResult) -> dict[str, Any]:
+    return {
+        **effect._asdict(),
+        "expanded": effect.expanded,
+        "coverage_factor": effect.coverage_factor,
+    }
+
+
+def _requirement(r: Requirement) -> dict[str, Any]:
+    return {
+        "name": r.name, "limit": r.limit, "unit": r.unit, "decision": r.decision,
+        "worst": _value(r.worst),
+        "outside": [{**_value(o.result), "decision": o.decision} for o in r.outside],
+        "without_effects": list(r.without),
+    }  # fmt: skip
+
+
+def _value(result: Result) -> dict[str, Any]:
+    return {k: getattr(result, k) for k in ("name", "at", "value", "expanded")}
 
 
 def _result(result: Result) -> dict[str, Any]:

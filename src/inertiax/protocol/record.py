@@ -62,6 +62,17 @@ class ConditionsRecord(_Strict, frozen=True):
     temperature_range: tuple[float, float] | None  # °C
 
 
+class EffectRecord(_Strict, frozen=True):
+    """One number of a named effect, as the diagnosis states it."""
+
+    name: str  # of the catalogue
+    channels: tuple[str, ...]  # such as gyro_y
+    parameter: str  # coefficient, amplitude, or a setting such as time_constant
+    value: float  # in `unit`
+    std: float | None  # in `unit`; None: not determined
+    unit: str  # SI
+
+
 class Record(_Strict, frozen=True):
     """The document."""
 
@@ -82,6 +93,7 @@ class Record(_Strict, frozen=True):
     accel: TriadRecord | None  # None where not calibrated
     gyro: TriadRecord | None  # likewise
     mag: TriadRecord | None = None  # likewise
+    effects: tuple[EffectRecord, ...] = ()  # that a diagnosis fitted beside the parameters
 
 
 def write_record(record: Record, folder: Path) -> None:

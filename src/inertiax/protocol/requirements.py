@@ -14,8 +14,9 @@ from typing import NamedTuple
 import msgspec
 
 from ..calibration.quantities import si_unit
-from ..live.target import covers, parse_limit
-from .guard_band import allowance, decide, Decision
+from ..live.target import covers, parse_limit, size_of_unit
+from .effect_results import EffectResult
+from .guard_band import allowance, decide, Decision, RISK
 from .results import Result
 from .tables import read_tables
 
@@ -27,6 +28,19 @@ class Limit(NamedTuple):
     limit: float  # SI
     text: str  # as written
 
+    @property
+    def shown_in(self) -> tuple[float, str]:
+        """Factor from SI and the unit in which the limit was written."""
+        unit = self.text.split()[-1].lstrip("+-.0123456789")
+        return 1.0 / size_of_unit(self.name, unit), unit
+
+
+class Outside(NamedTuple):
+    """A value that keeps a requirement from passing."""
+
+    result: Result
+    decision: Decision  # on this value among the others: fail or undecided
+
 
 class Requirement(NamedTuple):
     """A limit with the decision on it."""
@@ -37,6 +51,9 @@ class Requirement(NamedTuple):
     text: str  # the limit as written
     decision: Decision
     worst: Result  # the value that comes nearest to the limit or is farthest beyond it, guard band included
+    shown_in: tuple[float, str] = (1.0, "")  # factor from SI and unit of the limit as written
+    outside: tuple[Outside, ...] = ()  # stated results that do not pass, the farthest out first
+    without: tuple[str, ...] = ()  # named effects on this triad, which the values do not contain
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,17 +78,22 @@ def read_requirements(path: Path) -> tuple[Limit, ...]:
 
 
 def judge_requirements(
-    limits: Sequence[Limit], stated: Sequence[Result], everywhere: Sequence[Result]
+    limits: Sequence[Limit],
+    stated: Sequence[Result],
+    everywhere: Sequence[Result],
+    effects: Sequence[EffectResult] = (),
 ) -> tuple[Requirement, ...]:
     """The decision on every limit.
 
     **Arguments:** `stated` are the results at the reference temperatures, `everywhere` those over the whole range. A
-    pass holds everywhere; a fail is found among those stated, see `guard_band`.
+    pass holds everywhere; a fail is found among those stated, see `guard_band`. `effects` are the named ones, which
+    no decision contains.
 
     Raises `ValueError` for a limit of parameters that the calibration does not have.
     """
     made = []
-    for name, limit, text in limits:
+    for one in limits:
+        name, limit, text = one
         shown = [r for r in stated if covers(name, r.name)]
         if not shown:
             fitted = ", ".join(dict.fromkeys(r.name for r in stated))
@@ -81,5 +103,24 @@ def judge_requirements(
         full = [r for r in everywhere if covers(name, r.name)]
         decision = decide([r.measured for r in full], [r.measured for r in shown], limit)
         worst = max(full, key=lambda r: abs(r.value) + allowance(r.measured))
-        made.append(Requirement(name, limit, si_unit(shown[0].name), text, decision, worst))
+        triad = name.partition(".")[0]
+        beside = [e.effect for e in effects if e.channels[0].startswith(f"{triad}_")]
+        made.append(
+            Requirement(
+                name, limit, si_unit(shown[0].name), text, decision, worst, one.shown_in,
+                _outside(shown, worst, limit), tuple(dict.fromkeys(beside)),
+            )
+        )  # fmt: skip
     return tuple(made)
+
+
+def _outside(shown: Sequence[Result], worst: Result, limit: float) -> tuple[Outside, ...]:
+    """The stated results that fail or are undecided; that of another temperature where only it is out."""
+    found = []
+    for r in shown:
+        beyond = abs(r.value) - allowance(r.measured, RISK / len(shown)) > limit
+        if beyond or abs(r.value) + allowance(r.measured) > limit:
+            found.append(Outside(r, "fail" if beyond else "undecided"))
+    if not found and abs(worst.value) + allowance(worst.measured) > limit:
+        return (Outside(worst, "undecided"),)
+    return tuple(sorted(found, key=lambda o: -abs(o.result.value)))

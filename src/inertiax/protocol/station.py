@@ -27,7 +27,8 @@ class StationTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     email: str = ""
     operator: str = ""
     customer: str = ""
-    order: str = ""  # number of the order or of the certificate
+    order: str = ""  # number of the order, which several certificates may have
+    certificate: str = ""  # number of this one certificate; made of order, serial number and results where not stated
     begin: str = ""  # first and last day of the measurement, YYYY-MM-DD
     end: str = ""
     gravity_uncertainty: float | None = None  # m/s², 1 sigma

@@ -1,7 +1,7 @@
 """Sizes of effects in the units that engineers use on data sheets."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from ..calibration.quantities import DEG_PER_HOUR, with_sigma
 
@@ -58,7 +58,15 @@ def in_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def shown_parameter(name: str, parameter: "Parameter") -> tuple[str, str, str]:
+class Shown(NamedTuple):
+    """A number with its uncertainty, in the catalogue's unit."""
+
+    value: float
+    std: float | None  # of any coverage; None: not determined
+    unit: str
+
+
+def shown_parameter(name: str, parameter: "Parameter | Shown") -> tuple[str, str, str]:
     """An effect's parameter as on a data sheet: value, uncertainty and unit."""
     factor, unit = customary(parameter.value, parameter.unit)
     if name.startswith("amplitude"):
