@@ -1,12 +1,21 @@
 """What `compensate` wrote is told from a recording: it is not fitted with the others and not compensated again."""
 
+import numpy as np
 import polars as pl
 import pytest
 
 from bad_inputs_cases import CSV, good_calibration, TABLE, TOML
+from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
 from inertiax.data.compensated import is_compensated, reads_compensated
+from inertiax.data.formats import ColumnMap, Layout
+from inertiax.data.formats.detect import read_recordings
+from inertiax.exports.compensated_recording import compensate_file
+from inertiax.exports.compensated_stream import write_compensated
+from inertiax.exports.extrapolation import extrapolated
+from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
 @pytest.fixture
@@ -91,3 +100,113 @@ def test_quotes_and_line_ends_of_other_systems_hide_nothing(tmp_path):
     assert is_compensated(file)
     TABLE.with_columns(extrapolated=pl.lit(False)).write_parquet(tmp_path / "a.pq")
     assert is_compensated(tmp_path / "a.pq")
+
+
+NAMES = tuple(f"accel.{p}" for p in ("bias[0]", "bias[1]", "bias[2]", "matrix[0,0]", "matrix[2,1]"))
+BIAS, MATRIX = np.array([0.1, -0.2, 0.3]), np.eye(3) + np.diag([0.02, 0.0, 0.0])
+MATRIX[2, 1] = -0.01
+RAW_TOML = """
+[site]
+gravity = 9.81
+[recordings]
+files = ["raw.csv"]
+[columns]
+time = { name = "millis", unit = "ms" }
+accel = { names = ["ax", "ay", "az"], unit = "g" }
+temperature = { name = "probe", unit = "K" }
+"""
+
+
+def made_calibration(basis=None, span=(20.0, 20.4)):
+    values = np.zeros((1 if basis is None else basis.size, 5))
+    values[0] = [*BIAS, 0.02, -0.01]
+    curve = Curve(basis or Constant(), values)
+    accel = TriadCalibration(curve, np.zeros((values.size, values.size)), NAMES, "invariant")
+    return Calibration(gravity=9.81, accel=accel, temperature_range=span)
+
+
+@pytest.fixture
+def other_units(tmp_path):
+    """A log in ms, g and K, what its own columns hold in SI, and the compensated file beside it."""
+    rng = np.random.default_rng(4)
+    count = 3000
+    force = 0.05 * rng.standard_normal((count, 3)) + [0.0, 0.0, 9.81]
+    outputs = force @ MATRIX.T + BIAS
+    columns = {"millis": 5000 + 10 * np.arange(count)}
+    columns |= {f"a{axis}": outputs[:, k] / 9.80665 for k, axis in enumerate("xyz")}
+    columns["probe"] = 273.15 + np.linspace(19.9, 20.5, count)
+    pl.DataFrame(columns).write_csv(tmp_path / "raw.csv")
+    (tmp_path / "campaign.toml").write_text(RAW_TOML)
+    done = write_compensated(
+        made_calibration(), tmp_path / "raw.csv", tmp_path / "done.csv", campaign=tmp_path
+    )
+    return tmp_path, force, done
+
+
+def test_a_compensated_file_is_read_without_its_campaign(other_units):
+    folder, force, done = other_units
+    (log,) = read_recordings(folder / "done.csv", ColumnMap(), Layout(), name="csv")
+    np.testing.assert_allclose(log.accel, force, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(log.time, 5.0 + 0.01 * np.arange(3000), rtol=1e-15)
+    np.testing.assert_allclose(log.temperature[:, 0], np.linspace(19.9, 20.5, 3000), atol=1e-12)
+    kept = pl.read_csv(folder / "done.csv").select("millis", "ax", "ay", "az", "probe")
+    assert kept.equals(pl.read_csv(folder / "raw.csv"))
+    assert done.units == {"accel": "m/s^2"}
+
+
+def test_init_takes_the_compensated_columns(other_units):
+    folder, force, _ = other_units
+    draft = draft_campaign(folder / "done.csv", folder, latitude=49.0)
+    assert "[columns]" not in draft.text and "[model]" not in draft.text
+    (folder / "campaign.toml").write_text(draft.text)
+    (log,) = load_campaign(folder).recordings
+    np.testing.assert_allclose(log.accel, force, rtol=0, atol=1e-12)
+
+
+def test_a_numeric_time_in_another_unit_is_replaced_and_stamps_in_words_are_not(tmp_path):
+    rows = pl.DataFrame({"time": [0, 10, 20], **{f"accel_{a}": [0.0, 0.1, 9.8] for a in "xyz"}})
+    rows.write_csv(tmp_path / "raw.csv")
+    text = '[recordings]\nfiles = ["raw.csv"]\n[columns]\ntime = { name = "time", unit = "ms" }\n'
+    (tmp_path / "campaign.toml").write_text(text)
+    made = compensate_file(made_calibration(), tmp_path / "raw.csv", campaign=tmp_path).table
+    np.testing.assert_allclose(made["time"], [0.0, 0.01, 0.02])
+    stamps = [f"2026-01-31T12:00:0{k}.5" for k in range(3)]
+    rows.with_columns(time=pl.Series(stamps)).write_csv(tmp_path / "raw.csv")
+    made = compensate_file(made_calibration(), tmp_path / "raw.csv").table
+    assert made["time"].to_list() == stamps
+
+
+def test_counted_rows_go_on_from_piece_to_piece(tmp_path):
+    rows = pl.DataFrame({f"accel_{a}": np.linspace(0.0, 9.0, 500) for a in "xyz"})
+    rows.write_parquet(tmp_path / "raw.parquet")
+    text = '[recordings]\nfiles = ["raw.parquet"]\n[columns]\ntime = { rate = 50 }\n'
+    (tmp_path / "campaign.toml").write_text(text)
+    write_compensated(
+        made_calibration(), tmp_path / "raw.parquet", tmp_path / "done.parquet",
+        campaign=tmp_path, rows=64,
+    )  # fmt: skip
+    found = pl.read_parquet(tmp_path / "done.parquet")["time"]
+    np.testing.assert_array_equal(found, np.arange(500) / 50.0)
+
+
+@pytest.mark.parametrize(
+    ("basis", "span", "inside", "outside"),
+    [
+        # Constants of 0.4 °C: with 0.6 °C more the range is 1 °C wide, from which on a curve is looked for.
+        (None, (20.0, 20.4), (19.41, 20.99), (19.39, 21.01)),
+        # 2 % of 50 °C.
+        (Polynomial(2, 0.0, 50.0), (0.0, 50.0), (-0.99, 50.99), (-1.01, 51.01)),
+        # 2 % of 0.4 °C: a curve over so little is no constant.
+        (Polynomial(1, 20.0, 20.4), (20.0, 20.4), (19.993, 20.407), (19.991, 20.409)),
+    ],
+)
+def test_a_sample_is_outside_by_more_than_the_margin(basis, span, inside, outside):
+    calibration = made_calibration(basis, span)
+    assert not extrapolated(calibration, np.array([*inside, np.mean(span)])).any()
+    assert extrapolated(calibration, np.array(outside)).all()
+
+
+def test_the_log_that_was_calibrated_is_not_outside_of_itself(other_units):
+    """The rests' means, 20.0 to 20.4 °C, are a little less than all samples, 19.9 to 20.5 °C."""
+    _, _, done = other_units
+    assert done.num_extrapolated == 0 and done.notes == ()

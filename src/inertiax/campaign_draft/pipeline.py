@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..data.compensated import has_column, reads_compensated
 from ..data.formats.detect import format_of
 from ..data.pose_rows import MOST_POSE_ROWS, turn_between_rows
 from ..physics.earth import gravity as normal_gravity
@@ -55,7 +56,7 @@ def draft_campaign(
 
     **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
     where the triads are logged apart; without it one of that name beside an accelerometers' log is taken. `latitude` in
-    deg, `height` in m.
+    deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken, which are canonical.
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
@@ -65,6 +66,9 @@ def draft_campaign(
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         return _draft(log, (site, Table("recordings", (files,))))
+    if reads_compensated(log, ()) and has_column(log, "time"):
+        why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
+        return _draft(log, (site, Table("recordings", (Line("files", paths, why),))))
     found = read_triads(log, gyro)
     _refuse_wrapped(log, found)
     _require_alike(found.log, others)

@@ -67,9 +67,9 @@ def compensate(
 ) -> None:
     """Compensate a recording: specific force in m/s², angular rate in rad/s, magnetic field in T.
 
-    The result is the recording's table with accel_x/y/z, gyro_x/y/z and mag_x/y/z compensated, every other
-    column kept (of CSV and Parquet; other formats give canonical columns), and a column `extrapolated`:
-    true where the temperature is outside what the calibration covered.
+    The result is the recording's table with accel_x/y/z, gyro_x/y/z and mag_x/y/z compensated, time in s and
+    temperature in °C, every other column kept (of CSV and Parquet; other formats give canonical columns), and a
+    column `extrapolated`: true where the temperature is outside what the calibration covered.
     """
     if output.suffix.lower() not in _SUFFIXES:
         raise typer.BadParameter(
@@ -107,8 +107,11 @@ def _tell(result: "Written", output: Path, *, as_json: bool, quiet: bool) -> Non
                 "output": str(output),
                 "rows": result.rows,
                 "extrapolated": result.num_extrapolated,
+                "units": result.units,
                 "notes": list(result.notes),
             }
         )
     elif not quiet:
-        console.say(f"{result.rows} rows compensated: {output}")
+        axes = {name: name if name == "pressure" else f"{name}_x/y/z" for name in result.units}
+        units = ", ".join(f"{axes[name]} in {unit}" for name, unit in result.units.items())
+        console.say(f"{result.rows} rows compensated: {output} ({units})")

@@ -15,18 +15,23 @@ _HEADER = 1 << 16  # bytes of a CSV's first line that are looked at
 
 def is_compensated(path: Path) -> bool:
     """Whether a CSV or Parquet file has the column that compensation adds; looks at its header alone."""
+    return has_column(path, COLUMN)
+
+
+def has_column(path: Path, column: str) -> bool:
+    """Whether a CSV or Parquet file has a column of that name; looks at its header alone."""
     try:
         if path.suffix.lower() in (".parquet", ".pq"):
             import pyarrow.parquet as pq
 
-            return COLUMN in pq.read_schema(path).names
+            return column in pq.read_schema(path).names
         if path.suffix.lower() != ".csv" or not path.is_file():
             return False
         with path.open("rb") as file:
             line = file.read(_HEADER).split(b"\n", 1)[0]
     except Exception:  # whatever is wrong with a file is said by its reader
         return False
-    return COLUMN.encode() in {name.strip(b' "\r') for name in line.split(b",")}
+    return column.encode() in {name.strip(b' "\r') for name in line.split(b",")}
 
 
 def reads_compensated(path: Path, named: Collection[str]) -> bool:

@@ -22,6 +22,7 @@ from ..data.recording import Recording
 from ..data.settings import read_toml
 from ..physics.temperature import Constant
 from .compensated_field import feels_current, further_columns
+from .extrapolation import extrapolated, margin
 from .text_columns import kinds_of, typed
 
 
@@ -57,6 +58,7 @@ class Compensated(NamedTuple):
     table: pl.DataFrame
     num_extrapolated: int
     notes: tuple[str, ...]
+    units: dict[str, str]  # of the columns that were made: `accel`, `gyro`, `mag`, `pressure`
 
 
 def compensate_file(
@@ -70,10 +72,11 @@ def compensate_file(
     """The table of a recording with its outputs compensated, equation (3), named effects included.
 
     Columns accel_x/y/z (m/s²), gyro_x/y/z (rad/s) and mag_x/y/z (T) hold the result, and `extrapolated` says
-    where the temperature is outside `calibration.temperature_range`. Of CSV and Parquet all other columns are
-    kept as they are; any other format that `formats` reads gives its canonical columns in SI, and a column
-    `recording` where the file holds several of the device. `gyro_file` holds the gyros where triads are
-    logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
+    where the temperature is outside `calibration.temperature_range` (by more than `extrapolation.margin`). `time`
+    (s) and `temperature` (°C) are as they were read, so that the result is a recording in canonical columns. Of CSV
+    and Parquet all other columns are kept as they are; any other format that `formats` reads gives its canonical
+    columns in SI, and a column `recording` where the file holds several of the device. `gyro_file` holds the gyros
+    where triads are logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
 
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
     says that it is of another device or was compensated before.
@@ -108,6 +111,7 @@ def compensate_file(
         pl.concat([p.table for p in parts]),
         sum(p.num_extrapolated for p in parts),
         tuple(dict.fromkeys((*notes, *(note for p in parts for note in p.notes)))),
+        {name: unit for p in parts for name, unit in p.units.items()},
     )
 
 
@@ -120,19 +124,41 @@ def _compensated_table(
     further = further_columns(calibration, recording)
     notes = notes_on(calibration, recording, Extent.of(recording, outside), name)
     notes += tuple(f"{name}: {line}" for line in left_out)
-    made = with_outputs(table, force, rate, further, outside)
-    return Compensated(made, int(outside.sum()), notes)
+    made = with_outputs(table, recording, force, rate, further, outside)
+    return Compensated(made, int(outside.sum()), notes, units_of(calibration, recording))
+
+
+def units_of(calibration: Calibration, recording: Recording) -> dict[str, str]:
+    """Units of the columns that compensation makes of a recording."""
+    made = {"accel": "m/s^2", "gyro": "rad/s"}
+    if calibration.mag is not None:
+        made["mag"] = "T"
+    if calibration.baro is not None and recording.temperature is not None:
+        made["pressure"] = "Pa"
+    return {name: unit for name, unit in made.items() if getattr(recording, name) is not None}
 
 
 def with_outputs(
     table: pl.DataFrame,
+    recording: Recording,
     force: Float[np.ndarray, "time 3"] | None,
     rate: Float[np.ndarray, "time 3"] | None,
     further: dict[str, np.ndarray],
     outside: Bool[np.ndarray, " time"],
 ) -> pl.DataFrame:
-    """The table with what compensation gave: m/s², rad/s, further columns, and where the temperature is outside."""
+    """The table with what compensation gave: m/s², rad/s, further columns, and where the temperature is outside; with
+    the time (s) and temperature (°C) that were read, where it has none of these names or has them in other units."""
     new = {COLUMN: outside, **further}
+    read = {"time": recording.time}
+    if recording.temperature is not None:
+        read["temperature"] = recording.temperature[:, 0]
+    for name, values in read.items():
+        if name not in table.columns:
+            new[name] = values
+        elif table[name].dtype.is_numeric() and not np.array_equal(
+            table[name].to_numpy(), values, equal_nan=True
+        ):
+            new[name] = values
     for triad, values in (("accel", force), ("gyro", rate)):
         if values is not None:
             new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
@@ -211,9 +237,10 @@ def by_parameters(
             np.pad(temperature[rows], pad[0]),
         )
         parts.append([np.asarray(x)[:length] for x in out])
-    force, rate, outside = (np.concatenate(x) for x in zip(*parts, strict=True))
-    if recording.temperature is None:
-        outside = np.zeros(count, bool)
+    force, rate = (np.concatenate(x) for x in zip(*parts, strict=True))
+    outside = np.zeros(count, bool)
+    if recording.temperature is not None:
+        outside = extrapolated(calibration, temperature)
     return (
         None if recording.accel is None else force,
         None if recording.gyro is None else rate,
@@ -227,11 +254,10 @@ def _compensate_chunk(
     accel: Float[np.ndarray | Array, "time 3"],
     gyro: Float[np.ndarray | Array, "time 3"],
     temperature: Float[np.ndarray | Array, " time"],
-) -> tuple[Array, Array, Array]:
-    force, rate = jax.vmap(calibration.without_effects())(
+) -> tuple[Array, Array]:
+    return jax.vmap(calibration.without_effects())(
         jnp.asarray(accel), jnp.asarray(gyro), jnp.asarray(temperature)
     )
-    return force, rate, jax.vmap(calibration.extrapolates)(jnp.asarray(temperature))
 
 
 def source_of(
@@ -361,7 +387,7 @@ def notes_on(
         low, high = calibration.temperature_range
         notes.append(
             f"{name}: {extent.outside} of {extent.rows} rows at {extent.lowest:.2f}…"
-            f"{extent.highest:.2f} °C are outside the calibrated {low:.2f}…{high:.2f} °C; see the column "
-            f"'extrapolated'"
+            f"{extent.highest:.2f} °C are outside the calibrated {low:.2f}…{high:.2f} °C by more than "
+            f"{margin(calibration):.2f} °C; see the column 'extrapolated'"
         )
     return tuple(notes)

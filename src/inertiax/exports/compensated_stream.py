@@ -7,6 +7,7 @@ what cannot be read in pieces, the whole table is made in memory, as `compensate
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ import polars as pl
 
 from ..calibration.calibration import Calibration
 from ..data.formats import ColumnMap, csv, Layout
+from ..data.formats.columns import TimeColumn
 from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
@@ -27,6 +29,7 @@ from .compensated_recording import (
     notes_on,
     require_fit,
     source_of,
+    units_of,
     with_outputs,
 )
 from .table_writer import full_disk_told, TableWriter
@@ -42,6 +45,7 @@ class Written(NamedTuple):
     rows: int
     num_extrapolated: int
     notes: tuple[str, ...]
+    units: dict[str, str]  # of the columns that were made: `accel`, `gyro`, `mag`, `pressure`
 
 
 def write_compensated(
@@ -76,7 +80,7 @@ def write_compensated(
         )
         with TableWriter(beside, output.suffix) as writer:
             writer.append(made.table)
-    return Written(made.table.height, made.num_extrapolated, made.notes)
+    return Written(made.table.height, made.num_extrapolated, made.notes, made.units)
 
 
 def _in_pieces(
@@ -92,6 +96,9 @@ def _in_pieces(
     with write() as writer:
         for table in tables():
             (recording,) = to_recordings(table, columns, Layout(), name=name)
+            if isinstance(columns.time, TimeColumn) and columns.time.rate is not None:
+                counted = (extent.rows + np.arange(recording.num_samples)) / columns.time.rate
+                recording = replace(recording, time=counted)
             _require_next(recording, last, columns)
             require_fit(calibration, recording, name, any_device=any_device)
             if feels_current(calibration) and _has_gaps(recording):
@@ -99,11 +106,12 @@ def _in_pieces(
             force, rate, outside = by_parameters(calibration, recording)
             further = further_columns(calibration, recording)
             extent |= Extent.of(recording, outside)
-            writer.append(with_outputs(table, force, rate, further, outside))
+            writer.append(with_outputs(table, recording, force, rate, further, outside))
             last = recording[-1:]
     if last is None:
         raise ValueError(f"{name}: no rows.")
-    return Written(extent.rows, extent.outside, notes_on(calibration, last, extent, name))
+    notes = notes_on(calibration, last, extent, name)
+    return Written(extent.rows, extent.outside, notes, units_of(calibration, last))
 
 
 def _require_next(recording: Recording, last: Recording | None, columns: ColumnMap) -> None:
