@@ -197,3 +197,13 @@ def test_people_sign_below_the_figures(tmp_path, monkeypatch):
     figure = pdf.Drawn(None, Path())
     pdf.write_pdf(_protocol(), tmp_path, "inertiax protocol", [figure])
     assert seen[-2:] == ["figure", "Signatures"]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"), [("12mg", "mg"), ("1.2e-2 g", "g"), (" 3 m/s^2 ", "m/s^2"), ("", "SI")]
+)
+def test_the_unit_of_a_limit_is_that_of_its_text(text, shown):
+    factor, unit = Limit("accel.bias", 0.1, text).shown_in
+    assert unit == shown
+    size = {"mg": 9.80665e-3, "g": 9.80665, "m/s^2": 1.0, "SI": 1.0}[shown]
+    assert factor == pytest.approx(1.0 / size)

@@ -114,9 +114,11 @@ def parse_limit(name: str, amount: str, where: str) -> float:
     return _amount(_known_name(name, where), amount, where)
 
 
-def size_of_unit(name: str, unit: str) -> float:
-    """What a unit of `parse_limit` is in the SI unit of a family or a parameter."""
-    return _units(name)[unit]
+def written_unit(name: str, amount: str) -> tuple[float, str] | None:
+    """The size, SI, and the name of the unit in which a limit of `parse_limit` is written; `None` where it is none."""
+    found = _AMOUNT.fullmatch(amount.strip())
+    size = None if found is None else _units(name).get(found[2])
+    return None if found is None or size is None else (size, found[2])
 
 
 def kind_of(parameter: str) -> str:

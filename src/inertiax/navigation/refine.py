@@ -16,7 +16,9 @@ from .filter import Filter
 from .filter_state import FilterState
 
 
-def coefficient_covariance(filter_: Filter, state: FilterState) -> Float[Array, "*runs states states"]:
+def coefficient_covariance(
+    filter_: Filter, state: FilterState
+) -> Float[Array, "*runs states states"]:
     """Joint covariance of the estimated coefficients in SI, in the order of `filter_.names`."""
     scale = jnp.asarray(filter_.model.states.scale)
     count = scale.shape[0]

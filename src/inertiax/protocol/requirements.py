@@ -14,7 +14,7 @@ from typing import NamedTuple
 import msgspec
 
 from ..calibration.quantities import si_unit
-from ..live.target import covers, parse_limit, size_of_unit
+from ..live.target import covers, parse_limit, written_unit
 from .effect_results import EffectResult
 from .guard_band import allowance, decide, Decision, RISK
 from .results import Result
@@ -30,9 +30,9 @@ class Limit(NamedTuple):
 
     @property
     def shown_in(self) -> tuple[float, str]:
-        """Factor from SI and the unit in which the limit was written."""
-        unit = self.text.split()[-1].lstrip("+-.0123456789")
-        return 1.0 / size_of_unit(self.name, unit), unit
+        """Factor from SI and the unit in which the limit was written; SI where it is no text of a file."""
+        found = written_unit(self.name, self.text)
+        return (1.0, "SI") if found is None else (1.0 / found[0], found[1])
 
 
 class Outside(NamedTuple):
