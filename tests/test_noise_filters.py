@@ -103,8 +103,10 @@ def drifting(seed, seconds, drift):
         (21, 1500, lambda t: 1e-3 * np.sin(2.0 * np.pi * t / 500.0)),
         # Up to 0.3 Hz it passes for a random walk, and N for 0.65 of what it is.
         (52, 750, lambda t: 2e-3 * N / 2.7e-4 * np.sin(2.0 * np.pi * t / 600.0)),
+        # Left out as a line it would leave 0.54 of N, and a random walk of what it leaks.
+        (3, 1500, lambda t: 3e-2 * N / 2.7e-4 * np.sin(2.0 * np.pi * t * 15.3 / 1500.0 + 1.0)),
     ],
-    ids=["warm-up", "three periods", "weak"],
+    ids=["warm-up", "three periods", "weak", "fifteen periods"],
 )
 def test_a_drift_as_slow_as_the_log_is_no_line_and_tells_no_slow_term(seed, seconds, drift):
     model = identify(drifting(seed, seconds, drift), rate=20.0)
@@ -113,11 +115,11 @@ def test_a_drift_as_slow_as_the_log_is_no_line_and_tells_no_slow_term(seed, seco
     assert all(not model.terms[k].shown and model.terms[k].upper == np.inf for k in "BKR")
 
 
-def test_what_goes_to_and_fro_eight_times_in_the_log_is_a_line():
-    swing = lambda t: 4e-4 * np.sin(2.0 * np.pi * t / 187.5)
-    assert (
-        "a line at 0.00533 Hz left out" in identify(drifting(22, 1500, swing), rate=20.0).statement
-    )
+def test_what_goes_to_and_fro_fifty_times_in_the_log_is_a_line_and_no_random_walk():
+    swing = lambda t: 1e-3 * np.sin(2.0 * np.pi * t / 30.0)
+    model = identify(drifting(22, 1500, swing), rate=20.0)
+    assert "a line at 0.0333 Hz left out" in model.statement
+    assert model.terms["K"].value is None and model.terms["K"].upper < np.inf
 
 
 @pytest.mark.slow

@@ -28,8 +28,9 @@ _LINE = 5.0  # standard deviations above the model at which a bin is a line
 _MOST_LINES = 0.15  # share of the bins
 _ROUNDS = 3  # of looking for lines
 _LINE_SKIRT = 3  # bins on either side that a line's leakage reaches where bins are single ordinates
-# Of a line in the log: the leakage of a slower one reaches the lowest ordinate, where it is as a drift is.
-_FEWEST_PERIODS = 2.0 + _LINE_SKIRT
+# Of a line in the log. What a slower one leaks passes for a random walk: so does a swing of 15 periods and 2.5 standard
+# deviations of a sample, while one of 50 periods and 8 does not (measured).
+_FEWEST_PERIODS = 32.0
 _ENOUGH = 0.03  # of the Nyquist frequency: a narrower band is taken only if no other beginning gives a wider one
 _OPENS = 2.0  # by how much a band must reach higher without its lowest ordinates for these to be left out
 _LOWEST = (0.0, 8.0, 16.0, 32.0, 64.0, 128.0)  # ordinates below which a band may begin, if it must
@@ -66,15 +67,13 @@ def find_band(spectrum: Spectrum, rounding: float) -> Band:
     nyquist = 0.5 * spectrum.rate
     failing: list[tuple[float, Band]] = []
     total = np.cumsum(spectrum.width)
-    begun = (_widest(spectrum, total > lowest, rounding, failing) for lowest in _LOWEST)
     passing: list[Band] = []
-    for band in begun:
+    for lowest in _LOWEST:
+        band = _widest(spectrum, total > lowest, rounding, failing)
         if band is None:
             continue
         if band.upper > _ENOUGH * nyquist:
-            # A drift may pass for a random walk in a narrow band; then the band without it reaches far higher.
-            without = next(begun, None) if band.upper < nyquist / _OPENS else None
-            return without if without is not None and without.upper > _OPENS * band.upper else band
+            return _opened(spectrum, band, lowest, rounding) or band
         passing.append(band)
     if passing:
         return max(passing, key=lambda band: float(spectrum.width[band.kept].sum()))
@@ -84,15 +83,27 @@ def find_band(spectrum: Spectrum, rounding: float) -> Band:
     return min(failing, key=lambda pair: pair[0])[1]
 
 
+def _opened(spectrum: Spectrum, narrow: Band, lowest: float, rounding: float) -> Band | None:
+    """A band without the lowest ordinates that reaches an octave higher than a `narrow` one, if there is one.
+
+    A drift may pass for a random walk in a narrow band; the band without it is wide.
+    """
+    total, least = np.cumsum(spectrum.width), _OPENS * narrow.upper
+    later = (_widest(spectrum, total > low, rounding, [], least) for low in _LOWEST if low > lowest)
+    return next((band for band in later if band is not None), None)
+
+
 def _widest(
     spectrum: Spectrum,
     begins: Bool[np.ndarray, " bin"],
     rounding: float,
     failing: list[tuple[float, Band]],
+    least: float = 0.0,
 ) -> Band | None:
-    """The widest band from a beginning on that passes; those that do not join `failing` with their misfit."""
+    """The widest band from a beginning up to `least` Hz or more that passes; those that do not join `failing` with
+    their misfit."""
     upper = float(spectrum.upper[-1])
-    while True:
+    while upper > least:
         kept = begins & (spectrum.upper <= upper * (1.0 + 1e-9))
         if kept.sum() < _FEWEST or spectrum.width[kept].sum() < _NARROWEST:
             return None
@@ -101,6 +112,7 @@ def _widest(
             return band
         failing.append((misfit, band))
         upper *= _HALF_OCTAVE
+    return None
 
 
 def _tried(
@@ -180,7 +192,7 @@ def _lines(
 ) -> Bool[np.ndarray, " bin"]:
     """Bins that stand out of the model, with their neighbours; `periods` of each bin's frequency are in the log.
 
-    What stands out from the lowest bin on, or has less than five periods, is a drift and no line.
+    What stands out from the lowest bin on, or has few periods, is a drift and no line.
     """
     above = problem.power / fit.model - 1.0
     out = np.flatnonzero(above > _LINE * np.sqrt(spread_of_means() / problem.width))
