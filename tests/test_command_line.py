@@ -73,6 +73,17 @@ def test_every_command_offers_json_and_quiet_and_says_what_it_does(command, caps
     assert len(out.splitlines()) > 10
 
 
+def test_the_catalogue_of_effects_is_printed_without_a_campaign(capsys, monkeypatch):
+    from inertiax.effects import CATALOGUE
+
+    status, out, _ = run(capsys, monkeypatch, "diagnose", "--list")
+    assert status == 0
+    names = [line.partition(":")[0] for line in out.splitlines() if not line.startswith(" ")]
+    assert names == [effect.name for effect in CATALOGUE]
+    for effect in CATALOGUE:
+        assert effect.equation in out and effect.needs in out and effect.separating in out
+
+
 def test_calibration_and_diagnosis_load_nothing_large_that_they_seldom_need():
     modules = "inertiax.calibrate.pipeline, inertiax.diagnose.pipeline, inertiax.report.calibration"
     said = subprocess.run(

@@ -9,6 +9,7 @@ import pytest
 
 from command_runs import run
 from exports_cases import triad
+from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.calibration.calibration import Calibration, read_calibration, write_calibration
 from inertiax.calibration.triad import TriadCalibration
@@ -80,6 +81,27 @@ def test_what_a_power_cycle_changed_is_told_along_gravity(both):
     assert "turn-on bias" in notes[-1] and "counted as bias along gravity" in notes[-2]
     same = turn_on(*both, 22.0)
     assert not same.seen and same.sentence.endswith("no more than their noise")
+
+
+@pytest.mark.parametrize("warms", [True, False])
+def test_of_a_warm_up_in_one_pose_the_next_step_is_named_once(warms):
+    """Gyros beside it as well; of a log of many poses nothing of the kind is said."""
+    hand, warm = logs(1)
+    log = warm if warms else hand
+    rng = np.random.default_rng(9)
+    log = replace(log, gyro=1e-3 * rng.standard_normal(log.accel.shape))
+    model = ModelChoice(
+        accel_estimator="static" if warms else "invariant",
+        gyro_estimator="static",
+        temperature_degree=1 if warms else 0,
+    )
+    with jax.enable_x64(True):
+        (found,) = calibrate(Campaign((log,), Site(G), model=model))
+        quality = judge(found)
+    named = [n for n in quality.next if "inertiax export HAND/calibration.json --warm-up" in n]
+    assert len(named) == warms
+    assert any("tilts by hand" in n for n in quality.next) is not warms
+    assert any("a log turned by hand gives it" in w for w in found.warnings) is warms
 
 
 def test_its_sigma_is_that_of_drawn_parameters(both):

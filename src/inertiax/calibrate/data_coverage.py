@@ -17,14 +17,21 @@ from .results import TriadResult
 
 Judged = tuple[Finding | None, str | None]
 
+# Of one pose over a range of temperatures, which tells changes of the biases alone.
+_JOIN = (
+    "A log turned by hand at one temperature, calibrated for itself; `inertiax export HAND/calibration.json --warm-up "
+    "THIS/calibration.json --to FORMAT` joins both."
+)
+
 
 def orientations(
     name: str, triad: TriadCalibration, estimate: TriadResult, calibration: Calibration
 ) -> Judged:
     """Whether the rests leave no large cone of orientations out, and the orientation to add."""
-    del calibration
-    if triad.estimator == "static" or not name.startswith("Acc"):
+    if not name.startswith("Acc"):
         return None, None
+    if triad.estimator == "static":
+        return None, _JOIN if _warms_in_one_pose(calibration) else None
     directions = _directions(estimate.dwells)
     angle, emptiest = empty_cone(directions)
     fine = angle <= LIMITS.empty_cone
@@ -37,6 +44,11 @@ def orientations(
         wanted = emptiest
     advice = None if wanted is None else f"{name}: a rest {up_in_words(nearest_by_hand(wanted))}."
     return Finding("orientations", FINE if fine else ATTENTION, text), advice
+
+
+def _warms_in_one_pose(calibration: Calibration) -> bool:
+    """Whether the accelerometers' biases count from their mean output, over a range of temperatures."""
+    return calibration.accel is not None and calibration.accel.mean_output is not None
 
 
 def _directions(dwells: Dwells) -> Float[np.ndarray, "dwell 3"]:
@@ -113,14 +125,13 @@ def rates(
     name: str, triad: TriadCalibration, estimate: TriadResult, calibration: Calibration
 ) -> Judged:
     """Whether the turns tell all axes of the gyros, and those to add."""
-    del calibration
     if not name.startswith("Gyro"):
         return None, None
     if triad.estimator == "static":
         text = f"{name}: bias only; scale factors and misalignments were not calibrated."
-        return Finding(
-            "rates", FINE, text
-        ), f"{name}: tilts by hand between rests, or a rate table."
+        tilts = f"{name}: tilts by hand between rests, or a rate table."
+        advice = _JOIN if _warms_in_one_pose(calibration) else tilts
+        return Finding("rates", FINE, text), advice
     if triad.estimator == "gravity":
         motion = estimate.dwells.motion
         count = 0 if motion is None else int(np.sum(np.asarray(motion.valid)))

@@ -311,12 +311,14 @@ def _of_the_mean(result: TriadResult) -> tuple[str, ...]:
     """What is to be said of numbers that count from the mean output."""
     if not _about_the_mean(result):
         return ()
-    told = "only changes from the mean output"
     if result.solution.curve.basis.size > 1:
-        told = "only how the bias changes with temperature; its constant is counted from the mean output"
+        return (
+            "accelerometers: without a reference one pose tells only how the bias changes with temperature, and its "
+            "constant is counted from the mean output; a log turned by hand gives it, or reference_accel_x/y/z",
+        )
     return (
-        f"accelerometers: without a reference 'static' tells {told}; record {FEWEST_DIRECTIONS} directions of gravity "
-        "or more, or give reference_accel_x/y/z",
+        "accelerometers: without a reference 'static' tells only changes from the mean output; record "
+        f"{FEWEST_DIRECTIONS} directions of gravity or more, or give reference_accel_x/y/z",
     )
 
 

@@ -56,7 +56,7 @@ def draft_campaign(
 
     **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
     where the triads are logged apart; without it one of that name beside an accelerometers' log is taken. `latitude` in
-    deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken, which are canonical.
+    deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken: canonical ones.
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
@@ -66,7 +66,7 @@ def draft_campaign(
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         return _draft(log, (site, Table("recordings", (files,))))
-    if reads_compensated(log, ()) and has_column(log, "time"):
+    if all(reads_compensated(p, ()) and has_column(p, "time") for p in (log, *others)):
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
         return _draft(log, (site, Table("recordings", (Line("files", paths, why),))))
     found = read_triads(log, gyro)

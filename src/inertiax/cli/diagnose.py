@@ -16,6 +16,21 @@ if TYPE_CHECKING:
     from ..diagnose import Diagnosis
 
 
+def _list(asked: bool | None) -> None:
+    """Print the catalogue of effects and end."""
+    if not asked:
+        return
+    environment.prepare()
+    from ..effects import CATALOGUE
+
+    for effect in CATALOGUE:
+        console.say(f"{effect.name}: {effect.title} ({', '.join(effect.triads)})")
+        console.say(f"  adds  {effect.equation}")
+        console.say(f"  seen with  {effect.needs}")
+        console.say(f"  told from its rivals by  {effect.separating}")
+    raise typer.Exit()
+
+
 def diagnose(
     campaign: CampaignPath,
     output: OutputFolder,
@@ -45,6 +60,15 @@ def diagnose(
             "pip install 'inertiax[explore]'.",
         ),
     ] = False,
+    show_list: Annotated[
+        bool | None,
+        typer.Option(
+            "--list",
+            callback=_list,
+            is_eager=True,
+            help="Show the effects that are looked for, and what each is seen with.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -54,6 +78,7 @@ def diagnose(
 
     With several devices each gets a folder. Exit status 1 if any could not be diagnosed.
     """
+    del show_list  # its callback ended the command
     outputs.require_campaign(campaign)
     outputs.require_folder(output)
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
