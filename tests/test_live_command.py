@@ -139,7 +139,10 @@ def test_events_are_those_of_the_contract(tmp_path):
         assert 0.0 <= event["gain"] <= 1.0 and event["temperature"] is None is event["rate"]
     last = of(found, "progress")[-1]
     assert last["ratio"] > 1.0 and last["worst"].startswith("accel.bias")
-    assert set(last["parameters"]["accel.bias[0]"]) == {"value", "std", "unit", "limit"}
+    assert set(last["parameters"]["accel.bias[0]"]) >= {"value", "std", "unit", "limit"}
+    assert (
+        last["parameters"]["accel.matrix[2,0]"]["label"] == "misalignment zx of the accelerometers"
+    )
     for axis in range(3):
         one = last["parameters"][f"accel.bias[{axis}]"]
         assert abs(one["value"] - BIAS[axis]) < 4 * one["std"] and one["unit"] == "m/s^2"
@@ -300,6 +303,11 @@ def test_after_every_rest_it_is_said_where_to_turn(tmp_path, target):
     for begin, end in zip(rests[:-1], rests[1:]):
         assert [e["provisional"] for e in of(found[begin:end], "next")][0] is False
     assert kinds.count("done") == 1
+    known = of(found, "progress")[-1]["parameters"]
+    shown = {n: (p["label"], round(p["factor"], 4), p["shown_unit"]) for n, p in known.items()}
+    assert shown["accel.matrix[2,0]"] == ("misalignment zx of the accelerometers", 1e6, "µrad")
+    # A bias of 0.02 rad/s is beyond 1000 °/h, so that all are in °/s.
+    assert shown["gyro.bias[2]"] == ("bias z of the gyros", 57.2958, "°/s")
 
 
 def test_columns_that_are_not_there_are_one_line(tmp_path):

@@ -359,10 +359,7 @@ for (let k = 0; k <= 90; k++) {
 }
 out.axis = live.times(known.attitude, [1, 0, 0]);  // about which it was turned
 out.top = live.seen([0, 0, 1], 77);
-out.bias = live.shown("accel.bias[1]", 9.80665e-3);
-out.scale = live.shown("gyro.matrix[2,2]", 1e-6);
-out.angle = live.shown("accel.matrix[2,0]", 1e-3);
-out.rate = live.shown("gyro.bias[0]", Math.PI / 180);
+out.stated = live.stated({ value: -1.26e-3, std: 1e-4, limit: 1e-3, factor: 1e6, shown_unit: "µrad" });
 out.share = [live.share({ std: 1, limit: 0.98 }), live.share({ std: 1, limit: 5 }), live.share({ std: 0, limit: 1 })];
 let told = live.begin();
 for (const event of [{ event: "start" }, { event: "rest", number: 1, accepted: true },
@@ -389,8 +386,7 @@ def test_the_geometry_and_the_state_of_the_script(tmp_path):
     # The top seen from 20 deg above: up by cos 20 (y counts downwards), nearer by sin 20, whatever the azimuth.
     ahead = np.radians(20.0)
     np.testing.assert_allclose(out["top"], [0.0, -np.cos(ahead), np.sin(ahead)], atol=1e-9)
-    for name, unit in [("bias", "mg"), ("scale", "ppm"), ("angle", "mrad"), ("rate", "deg/s")]:
-        assert out[name] == [pytest.approx(1.0), unit]
+    assert out["stated"] == "−1260 ± 196 µrad, limit 1000"
     assert out["share"] == [pytest.approx(0.5), 1, 1]
     assert out["told"] == [False, 1, True] and out["again"] == [0, 0, False]
 
@@ -398,6 +394,7 @@ def test_the_geometry_and_the_state_of_the_script(tmp_path):
 def played(server):
     """A session in few events."""
     limited = {"value": 0.02, "std": 0.01, "unit": "m/s^2", "limit": 0.01}
+    limited |= {"factor": 1.0, "shown_unit": "m/s²", "label": "bias x of the accelerometers"}
     server(START)
     server({"event": "problem", "kind": "clock", "severity": "warning", "statement": "<b>late</b>"})
     server(rest(1))

@@ -5,9 +5,6 @@ import sys
 from . import console
 
 
-_TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
-
-
 class Words:
     """Called with each event; prints what a person should read of it."""
 
@@ -40,12 +37,10 @@ class Words:
         return f"{event['severity']}: {event['statement']}{remedy}"
 
     def _progress(self, event: dict) -> str:
-        name = event["worst"]
-        if name is None:
+        if event["worst"] is None:
             return ""
-        return (
-            f"{times(event['ratio'])} times the target; worst: {_stated(name, event['parameters'])}"
-        )
+        worst = _stated(event["parameters"][event["worst"]])
+        return f"{times(event['ratio'])} times the target; worst: {worst}"
 
     def _next(self, event: dict) -> str:
         known = event["statement"] == self._last and not event["provisional"]
@@ -64,23 +59,23 @@ def times(ratio: float) -> str:
 
 def _asked(event: dict) -> str:
     """The target, whose it is and how to set another one, and the triads of which it asks nothing."""
+    from ..live.estimate import TRIADS
+
     said, limits = event["target"], event["limits"]
     if event["usual_for"] is not None:
         said += (
             f" (usual for grade {event['usual_for']}; others are set by --target, such as "
             '"accel.bias=1 mg, gyro.bias=0.1 deg/s, gyro.scale=3000 ppm")'
         )
-    free = [t for t in _TRIADS if limits and not any(n.startswith(f"{t}.") for n in limits)]
-    return said + "".join(f"; nothing is asked of the {_TRIADS[triad]}" for triad in free)
+    free = [t for t in TRIADS if limits and not any(n.startswith(f"{t}.") for n in limits)]
+    return said + "".join(f"; nothing is asked of the {TRIADS[triad]}" for triad in free)
 
 
-def _stated(name: str, parameters: dict) -> str:
+def _stated(found: dict) -> str:
     """A parameter in words: value, one sigma and limit in the unit of `calibrate`'s table."""
-    from ..calibration.quantities import coarse_rates, customary_unit, label, with_sigma
+    from ..calibration.quantities import with_sigma
 
-    found = parameters[name]
-    biases = [p["value"] for n, p in parameters.items() if n.startswith("gyro.bias")]
-    factor, unit = customary_unit(name, coarse=coarse_rates(biases))
+    factor, unit = found["factor"], found["shown_unit"]
     value, sigma = with_sigma(factor * found["value"], factor * found["std"])
-    said = f"{label(name)} of the {_TRIADS[name.partition('.')[0]]} = {value} ± {sigma} {unit}"
+    said = f"{found['label']} = {value} ± {sigma} {unit}"
     return said if found["limit"] is None else f"{said} (target {factor * found['limit']:.4g})"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..calibration.quantities import coarse_rates, customary_unit, label
 from ..data.recording import Campaign
 from ..physics.directions import hand_directions
 from .accel_rows import (
@@ -34,6 +35,7 @@ SAME_DIRECTION = np.radians(5.0)
 FEWEST_FREEDOM = 5
 LINEAR = 2e-3  # change of the gyros' matrix over which a turn by radians is linear to 1e-5 rad (its square)
 _MOST_STEPS = 6
+TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
 PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
 MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
 JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
@@ -88,17 +90,31 @@ class Estimate:
         return max(found)[1] if found else None
 
     def parameters(self) -> dict[str, dict[str, object]]:
-        """Value, standard deviation, unit and limit (`None`: nothing is asked) of each parameter."""
-        return {
-            name: {
-                "value": float(value),
-                "std": float(std),
-                "unit": unit_of(name),
-                "limit": float(limit) if np.isfinite(limit) else None,
-            }
+        """Value, standard deviation, unit and limit (`None`: nothing is asked) of each parameter.
+
+        `label` is its name in words, `factor` takes it to `shown_unit`, that of `calibrate`'s table.
+        """
+        known = [
+            (name, float(value), float(std), float(limit))
             for t in self.triads
             for name, value, std, limit in zip(t.names, t.posterior.mean, t.posterior.std, t.limits)
-        }
+        ]
+        coarse = coarse_rates(
+            [value for name, value, _, _ in known if name.startswith("gyro.bias")]
+        )
+        made: dict[str, dict[str, object]] = {}
+        for name, value, std, limit in known:
+            factor, shown = customary_unit(name, coarse=coarse)
+            made[name] = {
+                "value": value,
+                "std": std,
+                "unit": unit_of(name),
+                "limit": limit if np.isfinite(limit) else None,
+                "label": f"{label(name)} of the {TRIADS[name.partition('.')[0]]}",
+                "factor": factor,
+                "shown_unit": shown,
+            }
+        return made
 
     def next_position(self) -> NextPosition | None:
         """Where to turn next: any position where directions of gravity tell nothing that is asked for; `None` where

@@ -34,15 +34,13 @@ const Live = (() => {
     return [right, towards * Math.sin(e) - point[2] * Math.cos(e), towards * Math.cos(e) + point[2] * Math.sin(e)];
   }
 
-  // A parameter in units for people: [number, unit].
-  function shown(name, value) {
-    if (name.startsWith("accel.bias")) return [value / 9.80665e-3, "mg"];
-    if (name.startsWith("gyro.bias")) return [value * 180 / Math.PI, "deg/s"];
-    const place = /\[(\d),(\d)\]/.exec(name);
-    return place && place[1] === place[2] ? [value * 1e6, "ppm"] : [value * 1e3, "mrad"];
-  }
-
   const rounded = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(3)))).replace("-", "−");
+
+  // A parameter as people read it: value, 95 % of its error, and limit in the unit of the calibration's table.
+  function stated(p) {
+    const [value, error, limit] = [p.value, 1.96 * p.std, p.limit].map((x) => rounded(x * p.factor));
+    return `${value} ± ${error} ${p.shown_unit}, limit ${limit}`;
+  }
 
   // How much of the way to its limit a parameter is, by 1.96 standard deviations: 1 is there.
   const share = (p) => (p.std > 0 ? Math.min(1, p.limit / (1.96 * p.std)) : 1);
@@ -62,7 +60,7 @@ const Live = (() => {
   }
 
   const begin = () => ({ rests: {}, problems: [], attitude: SAME });
-  return { after, begin, cross, followed, rounded, scaled, seen, shown, share, times, unit, upright };
+  return { after, begin, cross, followed, rounded, scaled, seen, share, stated, times, unit, upright };
 })();
 
 if (typeof module !== "undefined") module.exports = Live;
@@ -156,7 +154,7 @@ if (typeof document !== "undefined") (() => {
     document.querySelector(".say").classList.toggle("done", Boolean(done));
     if (progress && progress.ratio !== null) {
       find("whole").textContent = progress.ratio <= 1 ? "all of them together are within the target"
-        : `${Live.rounded(progress.ratio)} times the target; worst: ${progress.worst}`;
+        : `${Live.rounded(progress.ratio)} times the target; worst: ${progress.parameters[progress.worst].label}`;
     }
     if (!ended) find("status").textContent = done ? "done" : state ? (state.moving ? "moving" : "resting") : "connected";
   }
@@ -164,16 +162,15 @@ if (typeof document !== "undefined") (() => {
   function bars() {
     if (!known.progress) return;
     const entries = Object.entries(known.progress.parameters).filter((e) => e[1].limit !== null);
-    find("bars").replaceChildren(...entries.map(([name, p]) => {
-      const [value, unit] = Live.shown(name, p.value), [std] = Live.shown(name, p.std), [limit] = Live.shown(name, p.limit);
+    find("bars").replaceChildren(...entries.map(([, p]) => {
       const made = document.createElement("li"), label = document.createElement("span"), amount = document.createElement("span");
       const bar = document.createElement("progress");
-      label.textContent = name;
+      label.textContent = p.label;
       amount.className = "value";
-      amount.textContent = `${Live.rounded(value)} ± ${Live.rounded(1.96 * std)} ${unit}, limit ${Live.rounded(limit)}`;
+      amount.textContent = Live.stated(p);
       bar.max = 1;
       bar.value = Live.share(p);
-      bar.setAttribute("aria-label", name);
+      bar.setAttribute("aria-label", p.label);
       if (bar.value >= 1) made.className = "there";
       made.append(label, amount, bar);
       return made;
