@@ -156,7 +156,7 @@ def test_population_file_is_read_back_and_strict(tmp_path):
     text = file.read_text()
     for old, new, message in (
         ("inertiax.population/1", "inertiax.population/9", "schema is 'inertiax.population/9'"),
-        ('"scatter"', '"scatters"', "unknown field `scatters`"),
+        ('"scatter"', '"scatters"', "unknown key 'scatters'"),
         ('"mean": [', '"mean": [1.0,', "'mean' must hold 2 finite numbers; it has 3"),
         ('"schema"', "schema", "not valid JSON"),
     ):

@@ -207,7 +207,7 @@ def test_the_certificate_validates_against_the_schema(made):
         ('"accel.bais" = "1 mg"', "'accel.bais' is no parameter; did you mean"),
         ('"accel.bias" = "1 ppm"', "unit 'ppm' does not belong to accel.bias"),
         ('"accel.bias" = "-1 mg"', "the limit must be a number above 0"),
-        ('"accel.bias" = 0.3', "Expected `str`, got `float`"),
+        ('"accel.bias" = 0.3', '"accel.bias" = 0.3: a limit is text with a unit'),
         ('"gyro.bias" = "1 deg/h"', 'requirement "gyro.bias": the calibration does not tell it'),
         ("", "[requirements] is empty"),
         ('"accel.bias" = ', "not valid TOML"),
@@ -231,7 +231,7 @@ def test_bad_requirements_are_refused_in_one_line(made, tmp_path, capsys, monkey
         ('[station]\nbegin = "31.1.2026"', "write a day such as 2026-01-31"),
         ('[station]\nbegin = "2026-02-01"\nend = "2026-01-01"', "begin is 2026-02-01, after end"),
         ("[station]\ngravity_uncertainty = 0.0", "must be above 0 and below 1"),
-        ('[station]\noperater = "A"', "unknown field `operater`"),
+        ('[station]\noperater = "A"', "[station] unknown key 'operater'; did you mean 'operator'?"),
     ],
 )
 def test_a_bad_station_is_refused_in_one_line(made, tmp_path, capsys, monkeypatch, table, said):

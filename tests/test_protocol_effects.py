@@ -1,7 +1,6 @@
 """Named effects, certificate numbers, and what a page shows of requirements: values beside hand calculations."""
 
 import json
-import math
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,100 +8,46 @@ import msgspec
 import numpy as np
 import pytest
 
-from inertiax.calibration.calibration import Calibration, TriadCalibration
-from inertiax.calibration.fitted_effects import FittedEffect
 from inertiax.effects import CATALOGUE
-from inertiax.physics.temperature import Constant, Curve
 from inertiax.protocol import content, pdf
 from inertiax.protocol.dcc import dcc
-from inertiax.protocol.measurement import Measurement
-from inertiax.protocol.protocol import make_protocol, Protocol
-from inertiax.protocol.record import (
-    ConditionsRecord,
-    EffectRecord,
-    Record,
-    SCHEMA,
-    StationRecord,
-    TriadRecord,
-)
+from inertiax.protocol.record import EffectRecord
 from inertiax.protocol.requirements import Limit
 from inertiax.protocol.si_units import in_si
-from inertiax.protocol.station import Station, StationTable
+from inertiax.protocol.station import StationTable
+from protocol_effect_cases import COEFFICIENT, effect, GRAVITY, protocol, RECORD, SIGMA
 
 
 DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
-GRAVITY = 9.8
-NAMES = tuple(
-    [f"gyro.bias[{i}]" for i in range(3)]
-    + [f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3)]
-)
-VALUES = np.array([2e-3, -1e-3, 5e-4, 4e-3, 1e-4, 0, 0, -7e-3, 0, 0, 0, 6e-3])
-SIGMAS = np.array([1e-5] * 3 + [3e-5] * 9)
-COEFFICIENT, SIGMA = 8.871e-4, 5.86e-6  # rad/s/g²
-ORDER = StationTable(order="2026-11")
-STATION = StationRecord(GRAVITY, None, 1e-4, None, 0.1)
-RECORD = Record(
-    SCHEMA, "2026-01-31T12:00:00Z", "inertiax diagnose", {"inertiax": "0"}, "0" * 64, (), STATION,
-    ConditionsRecord(1, 1000, 10.0, 1, (20.0, 20.0)), "gauss-newton", "good", (), (), (), (),
-    None, TriadRecord(40, 0, 1e-5, 0.0, "rad/s", 100, ()),
-)  # fmt: skip
-
-
-def _effect(name: str = "g2_sensitivity", **changes) -> FittedEffect:
-    said = {
-        "triad": "gyro", "channels": (1,), "settings": (("terms", "yy"),), "coefficients": np.array([COEFFICIENT]),
-        "covariance": np.array([[SIGMA**2]]), "unit": "rad/s/g^2",
-    } | changes  # fmt: skip
-    return FittedEffect(name, **said)
-
-
-def _protocol(
-    device: str = "SN7",
-    station: StationTable = ORDER,
-    effects: tuple[FittedEffect, ...] | None = None,
-    record: Record = RECORD,
-    limits: tuple[Limit, ...] = (
-        Limit("gyro.bias", math.radians(0.05), "0.05 deg/s"),
-        Limit("gyro.scale", 5e-3, "5000 ppm"),
-    ),
-) -> Protocol:
-    triad = TriadCalibration(
-        Curve(Constant(), VALUES[None]), np.diag(SIGMAS**2), NAMES, "reference"
-    )
-    calibration = Calibration(
-        gravity=GRAVITY, accel=None, gyro=triad, device=device, temperature_range=(20.0, 20.0),
-        effects=(_effect(),) if effects is None else effects,
-    )  # fmt: skip
-    return make_protocol(Measurement(calibration, record), Station(station), limits)
 
 
 def test_an_effect_is_a_result_in_the_reports_unit():
-    section = content.effects(_protocol())
+    section = content.effects(protocol())
     (row,) = section.tables[0].rows
     # 8.871e-4 rad/s is 182.98 °/h; 1.96 · 5.86e-6 rad/s is 2.37 °/h.
     assert row == ("g2_sensitivity", "gyro_y", "f^T A f: yy", "183.0", "2.4", "°/h/g²")
-    (entry,) = _protocol().document()["effects"]
+    (entry,) = protocol().document()["effects"]
     assert entry["expanded"] == pytest.approx(1.959964 * SIGMA)
     assert entry["term"] == "f^T A f: yy" and entry["unit"] == "rad/s/g^2"
-    assert _protocol().left_out == ()
-    assert content.effects(_protocol(effects=())) is None
+    assert protocol().left_out == ()
+    assert content.effects(protocol(effects=())) is None
 
 
 def test_a_setting_has_the_uncertainty_that_the_diagnosis_kept():
-    lag = _effect(
+    lag = effect(
         "thermal_lag", settings=(("time_constant", 310.0),), coefficients=np.array([1.0]),
         covariance=np.zeros((1, 1)), unit="1",
     )  # fmt: skip
     kept = EffectRecord("thermal_lag", ("gyro_x", "gyro_y"), "time_constant", 310.0, 12.0, "s")
     record = msgspec.structs.replace(RECORD, effects=(kept,))
-    first, second = _protocol(effects=(lag,), record=record).effects
+    first, second = protocol(effects=(lag,), record=record).effects
     assert (first.parameter, first.value, first.std, first.unit) == ("time_constant", 310.0, 12.0, "s")  # fmt: skip
     assert (second.parameter, second.expanded) == ("amplitude", None)
-    assert _protocol(effects=(lag,)).effects[0].std is None
+    assert protocol(effects=(lag,)).effects[0].std is None
 
 
 def test_an_effect_is_a_quantity_of_the_certificate():
-    root = ElementTree.fromstring(dcc(_protocol()))
+    root = ElementTree.fromstring(dcc(protocol()))
     found = [
         q for q in root.iter(f"{DCC}quantity")
         if "g2_sensitivity on gyro_y" in (q.findtext(f"{DCC}name/{DCC}content") or "")
@@ -116,26 +61,26 @@ def test_an_effect_is_a_quantity_of_the_certificate():
 
 
 def test_every_unit_of_the_catalogue_has_a_form_in_si():
-    for effect in CATALOGUE:
-        for unit in (*effect.units.values(), effect.nuisance_unit):
+    for known in CATALOGUE:
+        for unit in (*known.units.values(), known.nuisance_unit):
             for power in ("2", "3"):
                 assert in_si(unit.replace("^n", f"^{power}"), GRAVITY).factor > 0.0
     assert in_si("m/s^2/(degC/min)", GRAVITY).factor == 60.0
 
 
 def test_decisions_say_what_they_do_not_contain():
-    made = _protocol()
+    made = protocol()
     section = content.requirements(made)
     assert "gyro.bias, gyro.scale: decided on the parameters alone" in section.lines[1]
     assert "g2_sensitivity on gyro_y (183.0 ± 2.4 °/h/g², f^T A f: yy)" in section.lines[1]
     assert [r["without_effects"] for r in made.document()["requirements"]] == [
         ["g2_sensitivity"]
     ] * 2
-    assert len(content.requirements(_protocol(effects=())).lines) == 1
+    assert len(content.requirements(protocol(effects=())).lines) == 1
 
 
 def test_requirements_are_shown_in_their_own_unit_with_all_that_is_outside():
-    nearest, outside = content.requirements(_protocol()).tables
+    nearest, outside = content.requirements(protocol()).tables
     # 2e-3 rad/s is 0.11459 °/s; 1.98 · 1e-5 rad/s is 0.0011 °/s.
     assert nearest.rows[0][:4] == ("gyro.bias", "0.05 deg/s", "0.1146 ± 0.0011 deg/s", "bias x")
     assert [row[:2] for row in outside.rows] == [
@@ -148,7 +93,7 @@ def test_requirements_are_shown_in_their_own_unit_with_all_that_is_outside():
 
 
 def test_a_budget_has_the_same_decimals_in_a_unit():
-    (section,) = content.budgets(_protocol())
+    (section,) = content.budgets(protocol())
     for row in section.tables[0].rows:
         cells = [c for c in row[1:-1] if c != "–"]
         assert len({len(c.partition(".")[2]) for c in cells}) == 1
@@ -156,7 +101,7 @@ def test_a_budget_has_the_same_decimals_in_a_unit():
 
 
 def test_a_stated_source_that_no_result_contains_is_named():
-    made = _protocol()
+    made = protocol()
     rows = {str(r[0]).strip(): r[2] for r in content.procedure(made).tables[0].rows}
     assert rows["position"] == "within 'fit'"
     assert rows["temperature probe"] == "no" and rows["rate of the table"] == ""
@@ -164,22 +109,22 @@ def test_a_stated_source_that_no_result_contains_is_named():
 
 
 def test_no_two_certificates_have_one_number():
-    number = _protocol().certificate
+    number = protocol().certificate
     assert number.startswith("2026-11-SN7-")
-    assert _protocol().certificate == number
+    assert protocol().certificate == number
     later = msgspec.structs.replace(RECORD, created="2026-02-01T00:00:00Z")
-    assert _protocol(record=later).certificate == number
+    assert protocol(record=later).certificate == number
     others = [
-        _protocol("SN8"),
-        _protocol(effects=()),
-        _protocol(limits=()),
-        _protocol(station=StationTable(order="2026-12")),
-        _protocol(record=msgspec.structs.replace(RECORD, calibration_sha256="1" * 64)),
+        protocol("SN8"),
+        protocol(effects=()),
+        protocol(limits=()),
+        protocol(station=StationTable(order="2026-12")),
+        protocol(record=msgspec.structs.replace(RECORD, calibration_sha256="1" * 64)),
     ]
     assert len({number, *(p.certificate for p in others)}) == 6
-    assert _protocol("", StationTable()).certificate.startswith("inertiax-no-serial-")
-    assert _protocol("A B/1").certificate.startswith("2026-11-A_B_1-")
-    stated = _protocol(station=StationTable(order="2026-11", certificate="K 17/2026"))
+    assert protocol("", StationTable()).certificate.startswith("inertiax-no-serial-")
+    assert protocol("A B/1").certificate.startswith("2026-11-A_B_1-")
+    stated = protocol(station=StationTable(order="2026-11", certificate="K 17/2026"))
     assert stated.certificate == "K 17/2026"
     root = ElementTree.fromstring(dcc(stated))
     assert root.findtext(f".//{DCC}uniqueIdentifier") == "K 17/2026"
@@ -195,7 +140,7 @@ def test_people_sign_below_the_figures(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(pdf, "_figure", lambda *_: seen.append("figure") or True)
     figure = pdf.Drawn(None, Path())
-    pdf.write_pdf(_protocol(), tmp_path, "inertiax protocol", [figure])
+    pdf.write_pdf(protocol(), tmp_path, "inertiax protocol", [figure])
     assert seen[-2:] == ["figure", "Signatures"]
 
 

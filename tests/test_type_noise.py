@@ -178,7 +178,7 @@ def _damaged(content: dict, **changes) -> dict:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"extra": 1}, "unknown field `extra`"),
+        ({"extra": 1}, "unknown key 'extra'"),
         ({"schema": "inertiax.calibration/1"}, "not the noise of a type: schema is"),
         ({"chains": []}, "'chains' is empty"),
         ({"mean": [0.0]}, "accel_x needs 7 means, 7 scatters and 7 rows of 7"),

@@ -15,7 +15,7 @@ from .formats.detect import is_recording
 from .formats.long_logs import read_long
 from .model_columns import check_model_columns
 from .pairing import pair
-from .recording import Campaign, ModelChoice, Recording, Rig, Site
+from .recording import Campaign, ModelChoice, Recording, renamed, Rig, Site
 from .settings import CampaignTable, ModelTable, read_table, RecordingsTable, RigTable, SiteTable
 
 
@@ -36,6 +36,7 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
     try:
         recordings, notes = _read_all(table, file, read_long if in_parts else read_recordings)
         check_model_columns(_model(table.model), recordings)
+        recordings = _named(recordings, table.device.serial)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return Campaign(
@@ -47,6 +48,22 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         path=file,
         notes=notes,
     )
+
+
+def _named(recordings: tuple[Recording, ...], serial: str | None) -> tuple[Recording, ...]:
+    """Recordings that no column names, with the device's serial number.
+
+    Raises `ValueError` where a column names another device.
+    """
+    if serial is None:
+        return recordings
+    others = [r.device for r in recordings if r.device not in ("", serial)]
+    if others:
+        raise ValueError(
+            f"[device] serial = {serial!r}, but a column of the recordings names {short(others[0])!r}; leave serial "
+            "out, since the column names every device."
+        )
+    return tuple(renamed(r, serial) for r in recordings)
 
 
 def load_settings(path: Path | str) -> tuple[Campaign, CampaignTable]:

@@ -5,6 +5,7 @@ from typing import TypeVar
 import msgspec
 
 from ..storage.harmless_text import one_line
+from ..storage.validation_words import validation_words
 
 
 Document = TypeVar("Document")
@@ -39,7 +40,7 @@ def encode(document: msgspec.Struct, where: str, *, indent: int | None = None) -
         msgspec.json.decode(content, type=type(document))
     except msgspec.ValidationError as error:
         raise ValueError(
-            f"{where}: not written, for a number is not finite or out of range: {_one_line(error)}."
+            f"{where}: not written, for a number is not finite or out of range: {validation_words(error)}."
         ) from None
     return content if indent is None else msgspec.json.format(content, indent=indent) + b"\n"
 
@@ -48,7 +49,7 @@ def _decode(content: bytes, kind: type[Document], where: str, what: str) -> Docu
     try:
         return msgspec.json.decode(content, type=kind)
     except msgspec.ValidationError as error:
-        raise ValueError(f"{where}: not {what}: {_one_line(error)}.") from None
+        raise ValueError(f"{where}: not {what}: {validation_words(error)}.") from None
     # UnicodeDecodeError: msgspec checks text only where it decodes it; RecursionError: brackets in brackets.
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{where}: not valid JSON: {_one_line(error)}.") from None

@@ -3,6 +3,7 @@
 Host data (NumPy), large and never traced; dwell means made from it go to JAX.
 """
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -279,6 +280,13 @@ class ModelChoice(eqx.Module):
     misalignment: bool | None = eqx.field(static=True, default=None)  # of the gyros to them
     # Field | none; None: field where there are magnetometers.
     mag_estimator: str | None = eqx.field(static=True, default=None)
+
+
+def renamed(recording: Recording, device: str) -> Recording:
+    """The same recording of a device with another serial number; its columns are neither read nor checked again."""
+    own = copy.copy(recording)
+    object.__setattr__(own, "device", device)
+    return own
 
 
 class Campaign(eqx.Module):

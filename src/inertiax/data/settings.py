@@ -58,9 +58,10 @@ class RigTable(_Strict, frozen=True):
 
 
 class DeviceTable(_Strict, frozen=True):
-    """What kind of device."""
+    """What kind of device, and which."""
 
     grade: Literal["navigation", "tactical", "consumer"] | None = None
+    serial: str | None = None  # serial number, where no column of the recordings names the device
 
 
 class ModelTable(_Strict, frozen=True):
@@ -108,7 +109,7 @@ def read_table(file: Path) -> CampaignTable:
     raw = read_toml(file)
     if not raw:
         raise ValueError(f"{file}: the file is empty; [site] and [recordings] are needed.")
-    _check_keys(raw, CampaignTable, file, "")
+    check_keys(raw, CampaignTable, file)
     try:
         table = msgspec.convert(raw, CampaignTable)
     except msgspec.ValidationError as error:
@@ -117,8 +118,13 @@ def read_table(file: Path) -> CampaignTable:
     return table
 
 
-def _check_keys(raw: dict, table: type[msgspec.Struct], file: Path, where: str) -> None:
-    """Unknown keys, before msgspec finds them, so that the message can offer the right one."""
+def check_keys(raw: dict, table: type[msgspec.Struct], file: Path, where: str = "") -> None:
+    """Look for unknown and missing keys of a table before msgspec does, so that the message can offer the right ones.
+
+    **Arguments:** `where` are the tables around it, such as "[site] "; empty for a whole file.
+
+    Raises `ValueError`, one line that begins with the file and names table and key.
+    """
     fields = {f.name: f for f in msgspec.structs.fields(table)}
     for key, value in raw.items():
         if key not in fields:
@@ -129,10 +135,11 @@ def _check_keys(raw: dict, table: type[msgspec.Struct], file: Path, where: str) 
             )
         inner = _struct_of(fields[key].type)
         if inner is not None and isinstance(value, dict):
-            _check_keys(value, inner, file, f"{where}{key}: " if where else f"[{key}] ")
+            check_keys(value, inner, file, f"{where}{key}: " if where else f"[{key}] ")
     for name, field in fields.items():
         if field.required and name not in raw:
-            raise ValueError(f"{file}: {where or '['}{name}{_MISSING.get(name, '')}")
+            absent = _MISSING.get(name, " is missing." if where else "] is missing.")
+            raise ValueError(f"{file}: {where or '['}{name}{absent}")
 
 
 _MISSING = {
@@ -203,6 +210,11 @@ def _check_values(table: CampaignTable, file: Path) -> None:
         raise ValueError(
             f"{file}: [site] magnetic_field = {field:g} is no magnetic field of the Earth in T; it must be within "
             f"{LEAST_EARTH_FIELD:g} to {GREATEST_EARTH_FIELD:g} (48.6 uT is 48.6e-6)."
+        )
+    serial = table.device.serial
+    if serial is not None and not serial.strip():
+        raise ValueError(
+            f"{file}: [device] serial is empty; write the serial number, or leave it out."
         )
     for key, value in msgspec.structs.asdict(table.rig).items():
         if value is not None and not (math.isfinite(value) and value >= 0):

@@ -17,7 +17,7 @@ from .results import Result
 
 
 _SIDE_BY_SIDE = 4  # temperatures in one table
-_UNNAMED = "not named: [device] serial of campaign.toml names it, or the column of [columns] device"
+_UNNAMED = "not named; [device] serial in campaign.toml or in the station's file names it"
 _LINE = "_" * 24  # where people write
 # Of the combined uncertainty; less changes it by less than 13 millionths, and is not shown.
 _LEAST = 5e-3

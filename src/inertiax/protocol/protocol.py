@@ -100,9 +100,10 @@ def make_protocol(
     **Arguments:** `temperatures` in °C are those at which results are stated; both ends and the middle of the
     calibrated range where none are given.
 
-    Raises `ValueError` for a temperature outside that range and for a limit of what was not calibrated.
+    Raises `ValueError` for a temperature outside that range, for a limit of what was not calibrated, and where the
+    station names another device than the results do.
     """
-    calibration, record = measured.calibration, measured.record
+    calibration, record = _named(measured.calibration, station.device.serial), measured.record
     at = reference_temperatures(calibration, temperatures)
     uncertainty = station.station.gravity_uncertainty
     results = results_at(calibration, record, at, uncertainty)
@@ -125,6 +126,16 @@ def make_protocol(
         not_known=(*not_known(calibration, record, uncertainty), *not_contained(contained)),
         in_budget=contained,
     )
+
+
+def _named(calibration: Calibration, serial: str) -> Calibration:
+    """The calibration with the serial number that the station states, where it has none."""
+    if serial and calibration.device not in ("", serial):
+        raise ValueError(
+            f"the results are of device {calibration.device!r}, but the station's [device] serial is {serial!r}; leave "
+            "serial out."
+        )
+    return dataclasses.replace(calibration, device=serial or calibration.device)
 
 
 def _given(table: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ A requirement concerns the absolute value of every parameter that its name cover
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -57,7 +57,7 @@ class Requirement(NamedTuple):
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    requirements: dict[str, str]
+    requirements: dict[str, Any]
 
 
 def read_requirements(path: Path) -> tuple[Limit, ...]:
@@ -71,6 +71,11 @@ def read_requirements(path: Path) -> tuple[Limit, ...]:
         raise ValueError(
             f'{path}: [requirements] is empty; write lines such as "accel.bias" = "0.3 mg".'
         )
+    for name, amount in said.requirements.items():
+        if not isinstance(amount, str):
+            raise ValueError(
+                f'{path}: "{name}" = {amount}: a limit is text with a unit, such as "0.3 mg".'
+            )
     return tuple(
         Limit(name, parse_limit(name, amount.strip(), f'{path}: "{name}" = "{amount}"'), amount)
         for name, amount in said.requirements.items()

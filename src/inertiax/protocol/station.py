@@ -39,6 +39,7 @@ class DeviceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     manufacturer: str = ""
     model: str = ""
+    serial: str = ""  # serial number, where the recordings and their campaign.toml state none
 
 
 class Station(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

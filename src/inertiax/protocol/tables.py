@@ -6,7 +6,9 @@ from typing import TypeVar
 
 import msgspec
 
+from ..data.settings import check_keys
 from ..storage.harmless_text import one_line
+from ..storage.validation_words import validation_words
 
 
 Document = TypeVar("Document")
@@ -23,10 +25,13 @@ def read_tables(path: Path, kind: type[Document], tables: str) -> Document:
         raise ValueError(f"{path}: cannot be read ({error.strerror}).") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not valid TOML: {_said(error)}.") from None
+    check_keys(content, kind, path)
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise ValueError(f"{path}: {_said(error)}; the file has the tables {tables}.") from None
+        raise ValueError(
+            f"{path}: {validation_words(error)}; the file has the tables {tables}."
+        ) from None
 
 
 def _said(error: Exception) -> str:
