@@ -91,3 +91,27 @@ def test_without_bokeh_the_cure_is_said_in_a_line(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"pip install 'inertiax\[explore\]'"):
         write_explorer([made(10)], tmp_path / "explorer.html", title="Residuals")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_page_opens_on_what_was_found_over_what_drives_it(tmp_path):
+    def opening(rows):
+        write_explorer(rows, tmp_path / "explorer.html", title="")
+        layout, _, _ = read((tmp_path / "explorer.html").read_text())
+        return [t["opening"] for t in layout]
+
+    def with_(rows, **changes):
+        return Residuals(**{k: getattr(rows, k) for k in rows.__dataclass_fields__} | changes)
+
+    rows = made(3000)
+    force = rows.force[:, 1]
+    after = np.array(rows.after)
+    found = after + np.outer(5e-4 * force**2, [0.0, 1.0, 0.0])
+    position = np.arange(3000) // 50 % 7
+    (told,) = opening([with_(rows, before=found, position=position)])
+    assert (told["channel"], told["over"]) == ("gyro_y", "specific force y") and told["share"] > 0.5
+    # Nothing found, and one position that is off.
+    off = after + np.outer(4e-4 * (position == 3), [1.0, 0.0, 0.0])
+    (told,) = opening([with_(rows, before=off, after=off, position=position)])
+    assert (told["channel"], told["over"]) == ("gyro_x", "position")
+    (told,) = opening([with_(rows, before=after, after=after)])  # noise alone
+    assert (told["channel"], told["over"], told["share"]) == ("gyro_x", "temperature", 0.0)

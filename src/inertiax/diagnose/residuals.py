@@ -31,6 +31,7 @@ class Residuals(eqx.Module):
     before: Float[np.ndarray, "block row"]  # m/s², rad/s or rad, of the model as meant
     after: Float[np.ndarray, "block row"]  # with the effects in the fit
     loads: Float[np.ndarray, "block 3"] | None = None  # of the outputs on a single row, |accel|
+    position: Int[np.ndarray, " block"] | None = None  # −1 while it turns
 
     @property
     def name(self) -> str:
@@ -83,4 +84,5 @@ def residuals(prepared: Prepared, chosen: Sequence[Term]) -> Residuals:
         before=np.stack(columns[0], axis=1),
         after=np.stack(columns[1], axis=1),
         loads=None if len(system.chains) == 3 or prepared.motions else system.base.loads[0],
+        position=blocks.position,
     )

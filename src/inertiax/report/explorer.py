@@ -105,6 +105,7 @@ def _packed(tables: Sequence[Table]) -> tuple[bytes, list[dict]]:
         {
             "triad": t.name,
             "blocks": len(t.variables[0].values),
+            "opening": t.opening._asdict(),
             **{
                 key: [put(c) for c in getattr(t, key)] for key in ("variables", "before", "effects")
             },

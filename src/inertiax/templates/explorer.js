@@ -62,13 +62,14 @@ async function start() {
   function renew() {
     const t = layout.find((one) => one.triad === pick("triad").value);
     const names = t.variables.map((v) => v.name);
-    options(pick("channel"), t.before.map((b) => b.name));
-    options(pick("over"), names, pick("over").value || (names.includes("temperature") ? "temperature" : "time"));
+    options(pick("channel"), t.before.map((b) => b.name), t.opening.channel);
+    options(pick("over"), names, t.opening.over);
     options(pick("colour"), names);
     show();
   }
 
-  options(pick("triad"), layout.map((one) => one.triad));
+  const clearest = layout.reduce((a, b) => (b.opening.share > a.opening.share ? b : a));
+  options(pick("triad"), layout.map((one) => one.triad), clearest.triad);
   pick("triad").addEventListener("change", renew);
   for (const id of ["channel", "which", "over", "colour"]) pick(id).addEventListener("change", show);
   renew();
