@@ -218,7 +218,8 @@ def _check_question(
     """One question at a time, without options of the other; status 2 if not."""
     if audit == optimise:
         raise typer.BadParameter(
-            "say what to do: --audit PLAN, --optimise or --separate DIAGNOSIS.",
+            ("only one of them: " if audit else "say what to do: ")
+            + "--audit PLAN, --optimise or --separate DIAGNOSIS.",
             param_hint="'--audit' / '--optimise' / '--separate'",
         )
     if audit and plan is None:
