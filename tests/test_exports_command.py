@@ -32,7 +32,7 @@ def test_a_lossy_export_says_what_it_loses_and_how_much(capsys, monkeypatch, fil
     assert out.strip() == f"realsense: {written}" and written.is_file()
     assert "loses dependence on temperature: the parameters are those at 15 °C" in err
     assert "loses the gyros' g-sensitivity" in err
-    assert "differs from the calibration's by up to" in err and "m/s²" in err
+    assert "differ from the calibration's by up to" in err and "m/s²" in err
 
 
 def test_the_result_is_printed_as_json_and_settings_are_taken(capsys, monkeypatch, file, tmp_path):
