@@ -191,7 +191,7 @@ def _extrapolates() -> Any:
 @case(
     "Calibration.coefficients", "Calibration.covariance", "Calibration.block", "Block",
     "Block.indices", "Calibration.with_values", "Calibration.with_covariance", "Calibration.changed",
-    "Calibration.to_frame", "Calibration.triads", tolerance=SAME,
+    "Calibration.to_frame", "Calibration.triads", "Calibration.conditioned", tolerance=SAME,
 )  # fmt: skip
 def _coefficients() -> Any:
     device = made().device
@@ -203,6 +203,7 @@ def _coefficients() -> Any:
     return (
         device.coefficients, device.covariance, block.mean, block.covariance, np.asarray(block.indices),
         moved.coefficients, wider.covariance, table, doubled, [t.covariance for t in device.triads],
+        device.conditioned("*.misalignment").coefficients,
     )  # fmt: skip
 
 

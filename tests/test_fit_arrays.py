@@ -113,3 +113,137 @@ def test_derivatives_are_mapped_over_devices(found):
     whole = ix.derivatives(found, sources)
     mapped = jax.jit(jax.vmap(lambda f: ix.derivatives(f, sources)))(found)
     np.testing.assert_allclose(mapped.by_source[0], whole.by_source[0], rtol=1e-8, atol=1e-12)
+
+
+def test_sigma_by_dwell_is_that_of_its_three_axes():
+    accel = np.tile([0.0, 0.0, GRAVITY], (4, 5, 1))
+    each = 1e-3 * (1.0 + np.arange(20.0).reshape(4, 5))
+    whole = ix.Dwells.from_arrays(accel, sigma=np.repeat(each[..., None], 3, axis=-1))
+    for given, expected in (
+        (each, whole.accel_covariance),
+        (each[:, :1], np.broadcast_to(whole.accel_covariance[:, :1], (4, 5, 3, 3))),
+        (each[0], np.broadcast_to(whole.accel_covariance[0], (4, 5, 3, 3))),
+    ):
+        made = ix.Dwells.from_arrays(accel, sigma=given)
+        np.testing.assert_array_equal(made.accel_covariance, expected)
+    by_axis = ix.Dwells.from_arrays(accel[:, :3], sigma=[1e-3, 2e-3, 3e-3])
+    np.testing.assert_allclose(by_axis.accel_covariance[1, 2], np.diag([1e-6, 4e-6, 9e-6]))
+
+
+@pytest.fixture(scope="module")
+def thermal():
+    """References, temperatures and outputs of two devices: biases with a slope, scale factors without; noise."""
+    random = np.random.default_rng(9)
+    reference = random.normal(size=(2, 40, 3)) * GRAVITY
+    temperature = random.uniform(-10.0, 50.0, (2, 40))
+    bias = 0.1 + 1e-3 * (temperature - 20.0)
+    accel = reference @ (np.eye(3) + 5e-3 * random.normal(size=(3, 3))).T + bias[..., None]
+    return reference, temperature, accel + 1e-3 * random.normal(size=accel.shape)
+
+
+@pytest.fixture(scope="module")
+def sloped(thermal):
+    reference, temperature, accel = thermal
+    dwells = ix.Dwells.from_arrays(
+        accel, temperature=temperature, reference_accel=reference, sigma=1e-3
+    )
+    return ix.fit(dwells, accel=ix.ReferenceAccel(), degree=1)
+
+
+def _least_squares(sloped, thermal, k):
+    """Columns and solution of device k with slopes of the biases alone, by NumPy: names, values, covariance, χ²."""
+    reference, temperature, accel = (x[k] for x in thermal)
+    basis = sloped.calibration.accel.curve.basis
+    low, high = float(basis.low[k]), float(basis.high[k])
+    x = (2.0 * temperature - low - high) / (high - low)
+    columns = {}
+    for i in range(3):
+        unit = np.eye(3)[i]
+        columns[f"accel.bias[{i}].c0"] = np.broadcast_to(unit, accel.shape)
+        columns[f"accel.bias[{i}].c1"] = x[:, None] * unit
+        for j in range(3):
+            columns[f"accel.matrix[{i},{j}].c0"] = reference[:, j : j + 1] * unit
+    design = np.stack([c.ravel() for c in columns.values()], axis=1) / 1e-3
+    rows = (accel - reference).ravel() / 1e-3
+    values = np.linalg.lstsq(design, rows)[0]
+    return (
+        list(columns),
+        values,
+        np.linalg.inv(design.T @ design),
+        np.sum((rows - design @ values) ** 2),
+    )
+
+
+def test_conditioned_is_the_fit_without_the_blocks_columns(thermal, sloped):
+    fewer = sloped.calibration.conditioned("accel.matrix.c1")
+    for k in range(2):
+        names, values, covariance, chi2 = _least_squares(sloped, thermal, k)
+        place = [fewer.coefficient_names.index(n) for n in names]
+        # The covariance includes scatter where a fit in a hundred shows some by chance; these two do not.
+        assert sloped.accel.scatter[k] == 0.0
+        np.testing.assert_allclose(fewer.coefficients[k][place], values, rtol=1e-9, atol=1e-12)
+        own = fewer.covariance[k][np.ix_(place, place)]
+        np.testing.assert_allclose(own, covariance, rtol=1e-7, atol=1e-9 * covariance.max())
+        gone = [fewer.coefficient_names.index(f"accel.matrix[{i},{i}].c1") for i in range(3)]
+        assert not fewer.coefficients[k][gone].any() and not fewer.covariance[k][gone].any()
+        block = sloped.calibration.block("accel.matrix.c1")
+        more = block.mean[k] @ np.linalg.solve(block.covariance[k], block.mean[k])
+        assert sloped.chi2["accel"][k] + more == pytest.approx(chi2, rel=1e-6)
+        assert sloped.dof["accel"][k] == 120 - 24
+
+
+def test_conditioned_goes_through_jit_and_takes_values(sloped):
+    one = ix.unstack(sloped.calibration)[0]
+    block = one.block("accel.bias.c1")
+    known = one.conditioned(block, np.array([1e-3, 2e-3, 3e-3]))
+    np.testing.assert_array_equal(known.block(block.names).mean, [1e-3, 2e-3, 3e-3])
+    compiled = jax.jit(lambda c, v: c.conditioned("accel.bias.c1", v))(
+        one, np.array([1e-3, 2e-3, 3e-3])
+    )
+    np.testing.assert_allclose(compiled.coefficients, known.coefficients, rtol=1e-9, atol=1e-12)
+    # At their means nothing moves.
+    np.testing.assert_allclose(
+        one.conditioned(block, block.mean).coefficients, one.coefficients, rtol=1e-12
+    )
+
+
+def test_residuals_are_those_of_the_reference(thermal, sloped):
+    reference, temperature, accel = thermal
+    compute = jax.vmap(jax.vmap(lambda c, f, t: c.distort(f, np.zeros(3), t)[0], (None, 0, 0)))
+    left = accel - compute(sloped.calibration, reference, temperature)
+    np.testing.assert_allclose(sloped.residuals["accel"], left, atol=1e-10)
+    np.testing.assert_allclose(
+        sloped.chi2["accel"], np.sum((left / 1e-3) ** 2, axis=(1, 2)), rtol=1e-9
+    )
+
+
+def test_a_fit_is_shown_in_one_line():
+    accel = np.tile([0.0, 0.0, GRAVITY], (90, 12, 1))
+    fit = ix.fit(ix.Dwells.from_arrays(accel, sigma=1e-3), accel=ix.Invariant(gravity=GRAVITY))
+    assert repr(fit).startswith("Fit(90 devices, 0 succeeded; accel=Invariant; 90 × 'accel: ")
+    assert len(repr(fit)) < 400
+
+
+def test_a_block_is_shown_by_its_indices(sloped):
+    shown = repr(ix.unstack(sloped.calibration)[0].block("accel.bias.c1"))
+    assert shown.startswith("Block(indices=[12, 13, 14], names=[accel.bias[0].c1, ")
+
+
+def test_a_source_answers_to_its_functions_name(found):
+    table = ix.derivatives(found, ix.sources.gravity(1e-4))
+    np.testing.assert_array_equal(table.covariance("gravity"), table.covariance("reference g"))
+    with jax.enable_x64(False):
+        assert table.sigma.dtype == np.float64
+        assert table.covariance("gravity").dtype == np.float64
+    with pytest.raises(ValueError, match="there are 'reference g'"):
+        table.covariance("probe_noise")
+
+
+def test_every_source_has_its_functions_name():
+    made = {
+        "output_noise": ix.sources.output_noise(),
+        "table_angles": ix.sources.table_angles(1e-5, np.eye(3), np.eye(3)),
+    }
+    for function, name in ix.sources.NAMES.items():
+        source = made.get(function) or getattr(ix.sources, function)(1e-5)
+        assert source.name == name

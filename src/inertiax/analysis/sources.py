@@ -69,6 +69,20 @@ class Source(eqx.Module):
         check_from_zero(f"sources: {self.name} (size=...)", self.size, greatest, self.unit)
 
 
+# The name of the source that each function makes.
+NAMES = {
+    "output_noise": "output noise",
+    "repositioning": "re-positioning",
+    "day_to_day": "experiment-to-experiment bias",
+    "probe_noise": "probe, each dwell",
+    "probe_offset": "probe offset",
+    "timing": "timing of the probe",
+    "gravity": "reference g",
+    "table_angles": "table angles",
+    "positioning": "positioning",
+    "mounting": "mounting",
+    "table_rate": "table rate",
+}
 # Of an uncertainty, by its unit: beyond it the number is the quantity itself, or in another unit.
 _LARGEST = {"rad": 0.5, "m/s^2": 5.0, "rad/s": 5.0, "degC": 50.0}
 
@@ -96,7 +110,7 @@ def output_noise() -> Source:
             gyro=own(dwells.gyro_covariance, values[:, 3:]),
         )
 
-    return Source("output noise", "1", 1.0, "dwell", 6, effect)
+    return Source(NAMES["output_noise"], "1", 1.0, "dwell", 6, effect)
 
 
 def _roots(covariances: AnyArray) -> Float[Array, "dwells 3 3"]:
@@ -125,7 +139,7 @@ def repositioning(size: float, *, triad: str = "accel") -> Source:
         del scene, dwells
         return Disturbance(accel=values) if triad == "accel" else Disturbance(gyro=values)
 
-    return Source("re-positioning", _unit(triad), size, "dwell", 3, effect)
+    return Source(NAMES["repositioning"], _unit(triad), size, "dwell", 3, effect)
 
 
 def day_to_day(size: float, *, triad: str = "accel") -> Source:
@@ -135,7 +149,7 @@ def day_to_day(size: float, *, triad: str = "accel") -> Source:
         del scene, dwells
         return Disturbance(accel=values) if triad == "accel" else Disturbance(gyro=values)
 
-    return Source("experiment-to-experiment bias", _unit(triad), size, "experiment", 3, effect)
+    return Source(NAMES["day_to_day"], _unit(triad), size, "experiment", 3, effect)
 
 
 def _unit(triad: str) -> str:
@@ -144,12 +158,12 @@ def _unit(triad: str) -> str:
 
 def probe_noise(size: float) -> Source:
     """Error of the probe that differs from dwell to dwell, °C."""
-    return _probe("probe, each dwell", size, "dwell")
+    return _probe(NAMES["probe_noise"], size, "dwell")
 
 
 def probe_offset(size: float) -> Source:
     """Constant offset of the probe, °C."""
-    return _probe("probe offset", size, "campaign")
+    return _probe(NAMES["probe_offset"], size, "campaign")
 
 
 def _probe(name: str, size: float, per: str) -> Source:
@@ -167,7 +181,7 @@ def timing(size: float) -> Source:
         del dwells
         return Disturbance(temperature=-values[:, 0] * scene.heating)
 
-    return Source("timing of the probe", "s", size, "campaign", 1, effect)
+    return Source(NAMES["timing"], "s", size, "campaign", 1, effect)
 
 
 def gravity(size: float) -> Source:
@@ -179,7 +193,7 @@ def gravity(size: float) -> Source:
         magnitude = jnp.linalg.norm(jnp.asarray(scene.force), axis=1, keepdims=True)
         return Disturbance(force=jnp.asarray(scene.force) / magnitude * values)
 
-    return Source("reference g", "m/s^2", size, "campaign", 1, effect)
+    return Source(NAMES["gravity"], "m/s^2", size, "campaign", 1, effect)
 
 
 def table_angles(
@@ -199,17 +213,17 @@ def table_angles(
         about_outer = values[:, :1] * jnp.asarray(outer_axes)
         return _turned(rest * (about_outer + values[:, 1:] * jnp.asarray(inner_axes)), scene)
 
-    return Source("table angles", "rad", size, "dwell", 2, effect)
+    return Source(NAMES["table_angles"], "rad", size, "dwell", 2, effect)
 
 
 def positioning(size: float) -> Source:
     """Error of attitude at each positioning about every axis, rad, where no table is described."""
-    return Source("positioning", "rad", size, "dwell", 3, lambda v, s, d: _turned(v, s))
+    return Source(NAMES["positioning"], "rad", size, "dwell", 3, lambda v, s, d: _turned(v, s))
 
 
 def mounting(size: float) -> Source:
     """Constant rotation of the device on the table about every axis, rad."""
-    return Source("mounting", "rad", size, "campaign", 3, lambda v, s, d: _turned(v, s))
+    return Source(NAMES["mounting"], "rad", size, "campaign", 3, lambda v, s, d: _turned(v, s))
 
 
 def table_rate(size: float) -> Source:
@@ -220,7 +234,7 @@ def table_rate(size: float) -> Source:
         assert scene.rate is not None
         return Disturbance(rate=values * turning * jnp.asarray(scene.rate))
 
-    return Source("table rate", "1", size, "campaign", 1, effect)
+    return Source(NAMES["table_rate"], "1", size, "campaign", 1, effect)
 
 
 def table_axes(

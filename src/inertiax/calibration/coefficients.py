@@ -23,7 +23,8 @@ Triads = tuple[TriadCalibration, ...]
 class Block(eqx.Module):
     """Some of a calibration's coefficients, with their covariance."""
 
-    rows: tuple[int, ...] = eqx.field(static=True)  # places among all coefficients
+    # Places among all coefficients; `indices` is the same as an array.
+    rows: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)  # such as accel.bias[0].c1
     units: tuple[str, ...] = eqx.field(static=True)  # SI
     mean: Float[AnyArray, "*batch coefficients"]  # values of the coefficients, in `units`
@@ -37,6 +38,10 @@ class Block(eqx.Module):
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(self.names)
+        return f"Block(indices={list(self.rows)}, names=[{shown}], mean={np.shape(self.mean)})"
 
 
 def names(triads: Triads) -> tuple[str, ...]:
@@ -147,12 +152,7 @@ def replaced(
     flat, new = xp.asarray(flat), xp.asarray(new)
     lead = np.broadcast_shapes(flat.shape[:-1], new.shape[:-1])
     whole = xp.broadcast_to(flat, (*lead, flat.shape[-1]))
-    place = np.asarray(rows, int)
-    if xp is np:
-        whole = whole.copy()
-        whole[..., place] = new
-    else:
-        whole = whole.at[..., place].set(new.astype(whole.dtype))
+    whole = _put(whole, np.asarray(rows, int), new.astype(whole.dtype))
     parts, start = [], 0
     for triad in triads:
         shape = triad.curve.coefficients.shape[-2:]
@@ -160,6 +160,44 @@ def replaced(
         parts.append(whole[..., start:stop].reshape(*lead, *shape))
         start = stop
     return tuple(parts)
+
+
+def conditional(
+    mean: Float[AnyArray, "*batch n"],
+    spread: Float[AnyArray, "*batch n n"],
+    rows: Sequence[int],
+    given: Float[AnyArray, "*given k"],
+) -> tuple[Float[AnyArray, "*batch n"], Float[AnyArray, "*batch n n"]]:
+    """Mean and covariance of a Gaussian whose components `rows` are known to be `given`."""
+    xp = _library(mean, spread, given)
+    mean, spread = xp.asarray(mean), xp.asarray(spread)
+    known = np.asarray(rows, int)
+    across = spread[..., :, known]
+    inside = across[..., known, :]
+    # A correlation, whose directions without variance are left out: coefficients may be held exactly.
+    scale = _positive(xp.sqrt(xp.diagonal(inside, axis1=-2, axis2=-1)))
+    whole = scale[..., :, None] * scale[..., None, :]
+    cut = xp.asarray(1e3 * len(known) * xp.finfo(spread.dtype).eps, spread.dtype)
+    inverse = xp.linalg.pinv(inside / whole, rcond=cut, hermitian=True) / whole
+    gain = across @ inverse
+    given = xp.broadcast_to(xp.asarray(given, mean.dtype), mean[..., known].shape)
+    moved = mean + (gain @ (given - mean[..., known])[..., None])[..., 0]
+    left = spread - gain @ xp.swapaxes(across, -1, -2)
+    # What is known is so exactly, where rounding would leave some.
+    free = np.ones(mean.shape[-1])
+    free[known] = 0.0
+    free = xp.asarray(free, mean.dtype)
+    left = 0.5 * (left + xp.swapaxes(left, -1, -2)) * (free[:, None] * free[None, :])
+    return _put(moved, known, given), left
+
+
+def _put(whole: AnyArray, place: np.ndarray, new: AnyArray) -> AnyArray:
+    """A copy of vectors with other numbers at some places."""
+    if isinstance(whole, np.ndarray):
+        copy = whole.copy()
+        copy[..., place] = new
+        return copy
+    return whole.at[..., place].set(new)
 
 
 # The Gaussian -------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from .barometer import BarometerCalibration
 from .fitted_effects import EffectEntry, from_entry, to_entry
 from .magnetometers import MagnetometerCalibration
 from .pytree import Calibration
-from .triad import is_parameter, TriadCalibration, unit_of
+from .triad import is_parameter, refuse_stacked, TriadCalibration, unit_of
 
 
 SCHEMA = "inertiax.calibration/1"
@@ -245,8 +245,10 @@ def _matrix(rows: list[list[float]], shape: tuple[int, int], where: str) -> np.n
 def write_calibration(calibration: Calibration, path: Path) -> None:
     """Write `calibration.json`, beside its place and then renamed, so that it is never half there.
 
-    Raises `ValueError` where a number is not finite: a calibration that failed is not written.
+    Raises `ValueError` where a number is not finite: a calibration that failed is not written; and for stacked
+    devices.
     """
+    refuse_stacked(calibration.triads, "write_calibration(calibration, path)")
     # The dip of the field is not a number where no vertical was known.
     judged = calibration.changed(mag=None if calibration.mag is None else calibration.mag.triad)
     arrays = [x for x in jax.tree.leaves(judged) if eqx.is_array(x)]

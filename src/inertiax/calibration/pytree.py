@@ -27,8 +27,8 @@ from ..physics.error_model import (
     distort_gyro,
     GyroErrors,
 )
-from ..physics.leaves import as_leaf, is_traced
-from ..physics.shapes import check_one
+from ..physics.leaves import as_array, as_leaf, is_traced
+from ..physics.shapes import check_key, check_one
 from . import coefficients, drawn, representation
 from .barometer import BarometerCalibration
 from .coefficients import Block
@@ -36,7 +36,7 @@ from .effect_additions import additions, refuse_memory
 from .fitted_effects import FittedEffect
 from .labels import pair, register_labelled
 from .magnetometers import MagnetometerCalibration
-from .triad import TriadCalibration
+from .triad import MAPPED, refuse_stacked, TriadCalibration
 
 
 # Each round leaves the effects' slope of the error: an effect of a tenth of the input, which no usable sensor has,
@@ -128,8 +128,10 @@ class Calibration:
 
         `vmap` it over samples. For a device with one triad pass zeros for the other.
 
-        Raises `ValueError` for other shapes, and where a named effect depends on more than the sample.
+        Raises `ValueError` for other shapes, for stacked devices, and where a named effect depends on more than the
+        sample.
         """
+        refuse_stacked(self.triads, "calibration(accel, gyro, temperature)", MAPPED)
         accel, gyro = _one_sample("calibration", accel=accel, gyro=gyro)
         refuse_memory(self.effects, "calibration(accel, gyro, temperature)")
         force, rate = self._by_parameters(accel, gyro, temperature)
@@ -158,6 +160,7 @@ class Calibration:
 
         The other way of `calibration(...)`, with the same errors raised.
         """
+        refuse_stacked(self.triads, "calibration.distort(force, rate, temperature)", MAPPED)
         force, rate = _one_sample("calibration.distort", force=force, rate=rate)
         refuse_memory(self.effects, "calibration.distort(force, rate, temperature)")
         accel, gyro = self.distort_by_parameters(force, rate, temperature)
@@ -240,7 +243,7 @@ class Calibration:
         return whole._with(coefficients.replaced(self.triads, rows, values))
 
     def with_covariance(
-        self, covariance: Float[AnyArray, "coefficients coefficients"]
+        self, covariance: Float[AnyArray, "*batch coefficients coefficients"]
     ) -> "Calibration":
         """The calibration with another joint covariance of all coefficients, as a filter or a refinement finds it.
 
@@ -274,18 +277,50 @@ class Calibration:
     def samples(self, key: Array, n: int) -> Float[Array, "n coefficients"]:
         """Draws of all coefficients from their Gaussian; `with_values("*", samples)` are as many calibrations.
 
-        Raises `ValueError` for a number of draws below one.
+        Raises `ValueError` for what is no key, a number of draws below one, and stacked devices.
         """
-        if n < 1:
-            raise ValueError(f"`calibration.samples(key, n)`: n is {n}; it must be 1 or more.")
-        return coefficients.draws(key, self.coefficients, self.covariance, n)
+        call = "calibration.samples(key, n)"
+        refuse_stacked(self.triads, call, MAPPED)
+        check_key(call, key)
+        if not isinstance(n, int | np.integer) or n < 1:
+            raise ValueError(f"`{call}`: n is {n!r}; it must be 1 or more.")
+        return coefficients.draws(key, self.coefficients, self.covariance, int(n))
 
     def log_density(self, values: Float[AnyArray, " coefficients"]) -> Float[Array, ""]:
         """Logarithm of that Gaussian's density at a vector of all coefficients; for blackjax or numpyro.
 
-        Directions without variance do not count. Raises `ValueError` for another number of values.
+        Directions without variance do not count. Raises `ValueError` for another number of values and for stacked
+        devices.
         """
+        refuse_stacked(self.triads, "calibration.log_density(values)", MAPPED)
         return coefficients.log_density(values, self.coefficients, self.covariance)
+
+    def conditioned(
+        self,
+        block: Block | str | Sequence[str],
+        values: Float[AnyArray, "*batch coefficients"] | float = 0.0,
+    ) -> "Calibration":
+        """The calibration where a block's coefficients are known to be `values` (SI): the conditional Gaussian,
+
+            c ← c + C_cb C_bb⁻¹ (v − b),    C ← C_cc − C_cb C_bb⁻¹ C_bc
+
+        of the others c given b = v. Where the model is linear in its coefficients that is the fit without the block's;
+        elsewhere it is so to first order in their change. `calibration.conditioned("*.matrix.c1")` leaves biases linear
+        in temperature and makes scale factors and misalignments constant. What it adds to χ², (v − b)ᵀ C_bb⁻¹ (v − b),
+        has as many degrees of freedom as the block has coefficients, where v is right.
+
+        Works on stacked devices. Raises `ValueError` for a block that names nothing, or values of another shape.
+        """
+        rows = block.rows if isinstance(block, Block) else coefficients.matching(self.triads, block)
+        shape = jnp.shape(values)
+        if shape and shape[-1] != len(rows):
+            raise ValueError(
+                f"`calibration.conditioned(block, values)`: values have shape {shape}, but the block has {len(rows)} "
+                f"coefficients."
+            )
+        given = as_array(values) if shape else np.full(len(rows), values)
+        mean, spread = coefficients.conditional(self.coefficients, self.covariance, rows, given)
+        return self.with_values("*", mean).with_covariance(spread)
 
     # For people --------------------------------------------------------------------------------------
 

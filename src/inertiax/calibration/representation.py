@@ -11,7 +11,7 @@ from ..data.plausible_units import check_temperature
 from ..physics.leaves import is_traced
 from .fitted_effects import FittedEffect
 from .quantities import middle_temperature, quantities, Quantity, with_sigma
-from .triad import TriadCalibration, unit_of
+from .triad import refuse_stacked, TriadCalibration, unit_of
 
 
 @runtime_checkable
@@ -52,14 +52,9 @@ def line(calibration: Shown) -> str:
 
 def single(calibration: Shown, call: str) -> None:
     """Raise `ValueError` for stacked devices or traced values, which have no numbers to show."""
-    leaves = [t.curve.coefficients for t in calibration.triads]
-    if any(is_traced(x) for x in leaves):
+    if any(is_traced(t.curve.coefficients) for t in calibration.triads):
         raise ValueError(f"`calibration.{call}()`: its numbers are not known in traced code.")
-    shapes = [np.shape(x)[:-2] for x in leaves]
-    if any(shapes):
-        raise ValueError(
-            f"`calibration.{call}()`: {shapes[0]} devices are stacked; take one by `ix.unstack(calibration)[k]`."
-        )
+    refuse_stacked(calibration.triads, f"calibration.{call}()")
 
 
 def summary(calibration: Shown) -> str:

@@ -1,5 +1,7 @@
 """One triad's error parameters as curves over temperature."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -42,6 +44,20 @@ def unit_of(name: str) -> str:
     if name.startswith("mag"):
         return "T/A" if ".current" in name else "T"
     return "rad/s/g" if "g_sensitivity" in name else "rad/s"
+
+
+def refuse_stacked(
+    triads: "Sequence[TriadCalibration]",
+    call: str,
+    cure: str = "take one by `ix.unstack(calibration)[k]`",
+) -> None:
+    """Raise `ValueError` for stacked devices."""
+    shapes = [jnp.shape(t.curve.coefficients)[:-2] for t in triads]
+    if any(shapes):
+        raise ValueError(f"`{call}`: {shapes[0]} devices are stacked; {cure}.")
+
+
+MAPPED = "`jax.vmap` over them, or take one by `ix.unstack(calibration)[k]`"
 
 
 def _on_host(values: object) -> bool:
@@ -88,8 +104,10 @@ class TriadCalibration(eqx.Module):
     def parameters(self, temperature: Scalar | float) -> Float[Array, "21"]:
         """Bias (3), matrix (9) and g-sensitivity (9) at one temperature, °C; zero where not fitted.
 
-        Of magnetometers the field of a current (3) stands in the place of the g-sensitivity.
+        Of magnetometers the field of a current (3) stands in the place of the g-sensitivity. Raises `ValueError` for
+        stacked devices.
         """
+        refuse_stacked((self,), "triad.parameters(temperature)", MAPPED)
         values = self.curve(temperature)
         place = {slot(n): k for k, n in enumerate(self.names)}
         # Read, not written to their slots, so that each device's numbers stay where they are.
@@ -98,7 +116,11 @@ class TriadCalibration(eqx.Module):
         return jnp.where(fitted, taken, jnp.zeros_like(taken))
 
     def standard_deviations(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
-        """1-sigma of the named parameters at one temperature: √diag(φ C φᵀ)."""
+        """1-sigma of the named parameters at one temperature: √diag(φ C φᵀ).
+
+        Raises `ValueError` for stacked devices.
+        """
+        refuse_stacked((self,), "triad.standard_deviations(temperature)", MAPPED)
         phi = self.curve.basis(temperature)
         count = len(self.names)
         blocks = jnp.asarray(self.covariance).reshape(phi.size, count, phi.size, count)
@@ -107,7 +129,11 @@ class TriadCalibration(eqx.Module):
     def over(
         self, temperatures: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n parameters"], Float[np.ndarray, "n parameters"]]:
-        """The named parameters and their 1-sigma at many temperatures (°C), computed on the host."""
+        """The named parameters and their 1-sigma at many temperatures (°C), computed on the host.
+
+        Raises `ValueError` for stacked devices.
+        """
+        refuse_stacked((self,), "triad.over(temperatures)")
         phi = self.curve.basis.rows(np.asarray(temperatures, float))
         size, count = phi.shape[1], len(self.names)
         blocks = np.asarray(self.covariance).reshape(size, count, size, count)

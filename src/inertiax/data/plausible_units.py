@@ -55,10 +55,17 @@ def check_from_zero(call: str, value: Any, greatest: float, unit: str) -> None:
         return
     size = np.asarray(value, float)
     if not (np.all(size >= 0.0) and np.all(size <= greatest)):
-        worst = float(size.flat[np.argmax(np.abs(size))])
+        worst = farthest_outside(size, 0.0, greatest)
         raise ValueError(
             f"`{call}`: {worst:g}; it is in {unit}, from 0 to {greatest:g} (another unit?)."
         )
+
+
+def farthest_outside(values: Any, least: float, greatest: float) -> float:
+    """The number that is farthest from a range, with its sign; one that is no number comes first."""
+    flat = np.asarray(values, float).ravel()
+    away = np.maximum(least - flat, flat - greatest)
+    return float(flat[np.argmax(np.where(np.isnan(away), np.inf, away))])
 
 
 def check_force(call: str, name: str, values: Any, valid: Any) -> None:

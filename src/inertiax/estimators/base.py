@@ -142,3 +142,15 @@ def transform_covariance(
     m = jnp.eye(3, dtype=matrix.dtype) + matrix
     columns = jax.vmap(lambda c: solve3(m, c), in_axes=1, out_axes=1)
     return columns(columns(jnp.asarray(covariance)).T)
+
+
+def check_estimator(call: str, estimator: object) -> None:
+    """Raise `ValueError` for what is no estimator: the class without its arguments, or something else."""
+    if isinstance(estimator, AbstractEstimator):
+        return
+    if isinstance(estimator, type):
+        name = estimator.__name__
+        raise ValueError(f"`{call}`: {name} is a class; give it its arguments, `{name}(…)`.")
+    raise ValueError(
+        f"`{call}`: {type(estimator).__name__} is no estimator; give one such as `Invariant(gravity=9.81)`."
+    )

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray
 from ..analysis.error_budget import check_sources, source_derivatives
-from ..analysis.sources import Source
+from ..analysis.sources import NAMES, Source
 from ..calibration.calibration import Calibration
 from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
@@ -32,33 +32,46 @@ class Derivatives(eqx.Module):
     units: tuple[str, ...] = eqx.field(static=True)  # SI, of the coefficients
 
     @property
-    def sigma(self) -> Float[Array, "*devices sources coefficients"]:
+    def sigma(self) -> Float[AnyArray, "*devices sources coefficients"]:
         """1 sigma of every coefficient from each source."""
-        each = [jnp.sqrt(jnp.sum(jnp.square(jnp.asarray(d)), axis=-1)) for d in self.by_source]
-        return jnp.stack(each, axis=-2)
+        xp = np if all(isinstance(d, np.ndarray) for d in self.by_source) else jnp
+        each = [xp.sqrt(xp.sum(xp.square(d), axis=-1)) for d in self.by_source]
+        return xp.stack(each, axis=-2)
 
-    def covariance(self, source: str) -> Float[Array, "*devices coefficients coefficients"]:
-        """Covariance of the coefficients from one source. Raises `ValueError` for a name that is none."""
-        if source not in self.sources:
+    def covariance(self, source: str) -> Float[AnyArray, "*devices coefficients coefficients"]:
+        """Covariance of the coefficients from one source, by its name or that of the function that made it:
+        `"probe, each dwell"` or `"probe_noise"`.
+
+        Raises `ValueError` for another.
+        """
+        name = NAMES.get(source, source)
+        if name not in self.sources:
             raise ValueError(
-                f"`table.covariance({source!r})`: there are {', '.join(self.sources)}."
+                f"`table.covariance({source!r})`: there are {', '.join(map(repr, self.sources))}."
             )
-        d = jnp.asarray(self.by_source[self.sources.index(source)])
-        return d @ jnp.swapaxes(d, -1, -2)
+        d = self.by_source[self.sources.index(name)]
+        return d @ d.swapaxes(-1, -2)
 
 
-def derivatives(fit: Fit, sources: Sequence[Source]) -> Derivatives:
+def derivatives(fit: Fit, sources: Source | Sequence[Source]) -> Derivatives:
     """How the answer of `fit` moves with what went into it, to first order (`analysis.error_budget`).
 
-    **Arguments:** `sources` of `analysis.sources`, such as `gravity(1e-4)`, `positioning(1e-5)`, `output_noise()`.
-    A source that does not touch a triad has derivatives of zero there. Pure: `jax.vmap` it over a fit's devices,
-    or give the whole fit. Outside traced code in 64 bits whatever JAX is set to; inside, in JAX's precision, where
-    32 bits give about three digits.
+    **Arguments:** one or several `sources` of `analysis.sources`, such as `gravity(1e-4)`, `positioning(1e-5)`,
+    `output_noise()`. A source that does not touch a triad has derivatives of zero there. Pure: `jax.vmap` it over a
+    fit's devices, or give the whole fit. Outside traced code in 64 bits whatever JAX is set to; inside, in JAX's
+    precision, where 32 bits give about three digits.
 
     Raises `ValueError` for a source that touches nothing that the dwells hold, or no sources.
     """
+    sources = [sources] if isinstance(sources, Source) else list(sources)
     if not sources:
         raise ValueError("`derivatives(fit, sources)`: no sources; give at least one.")
+    for source in sources:
+        if not isinstance(source, Source):
+            raise ValueError(
+                f"`derivatives(fit, sources)`: {source!r} is no source; give those of `ix.sources`, such as "
+                f"`gravity(1e-4)`."
+            )
     if is_traced(fit.succeeded):
         return _derivatives(fit, tuple(sources))
     with jax.enable_x64(True):

@@ -1,16 +1,20 @@
 """Dwell means in arrays to calibrations, for one device or many at once."""
 
-from dataclasses import dataclass
+import operator
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.labels import register_labelled
 from ..calibration.stacking import unstack
 from ..estimators import AbstractEstimator, GravityRotation, Invariant
+from ..estimators.base import check_estimator
 from ..physics.leaves import is_traced
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
 from ..reduction.dwells import Dwells
@@ -27,14 +31,20 @@ LEAST_GRAVITY, GREATEST_GRAVITY = (
 # Condition of the coefficients' correlation, beyond which rounding decides: half the digits of 64 bits.
 LARGEST_CONDITION = 1e8
 HIGHEST_DEGREE = 6
+SHOWN = 3  # reasons in a line that shows a fit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """What `fit` found; arrays lead with the axes of the dwells' devices.
 
     `succeeded` implies that the dwells determine every coefficient, that the solve converged, and that no
     coefficient's standard deviation or misfit is beyond use; `reasons` says in a line why not.
+
+    `residuals`, `chi2` and `dof` have an entry for each triad that was fitted. χ² weighs with the dwells' own sigma
+    and is NaN where that was not given. Where it exceeds what one fit in a hundred has by chance, dwells differ by
+    more than their noise: `accel.scatter` and `gyro.scatter` are that further standard deviation (m/s², rad/s; zero
+    where the noise suffices), and the covariance includes it.
     """
 
     calibration: Calibration  # stacked where there are devices
@@ -43,11 +53,27 @@ class Fit:
     accel: AbstractEstimator | None  # with the scatter between dwells that was found
     gyro: AbstractEstimator | None  # with the scatter between dwells that was found
     reasons: tuple[str | None, ...] = ()  # of each device, devices flattened
+    # SI, a row a dwell for `Invariant` (of |a|), three for the others; zero where a dwell is not valid.
+    residuals: Mapping[str, Float[np.ndarray, "*devices dwells rows"]] = field(default_factory=dict)
+    chi2: Mapping[str, Float[np.ndarray, "*devices"]] = field(default_factory=dict)
+    dof: Mapping[str, Int[np.ndarray, "*devices"]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        count = len(self.reasons)
+        done = sum(r is None for r in self.reasons)
+        estimators = [
+            f"{k}={type(e).__name__}" for k, e in (("accel", self.accel), ("gyro", self.gyro)) if e
+        ]
+        parts = [f"{count} device{'s' * (count != 1)}, {done} succeeded", *estimators]
+        failed = Counter(r for r in self.reasons if r is not None)
+        parts += [f"{n} × {reason!r}" for reason, n in failed.most_common(SHOWN)]
+        parts += [f"{len(failed) - SHOWN} other reasons"] if len(failed) > SHOWN else []
+        return f"Fit({'; '.join(parts)})"
 
 
 register_labelled(
     Fit,
-    leaves=("calibration", "succeeded", "dwells", "accel", "gyro"),
+    leaves=("calibration", "succeeded", "dwells", "accel", "gyro", "residuals", "chi2", "dof"),
     structure=(),
     labels={"reasons": ()},
 )
@@ -64,8 +90,8 @@ def fit(
 
     **Arguments:** `accel` and `gyro` are estimators (`Invariant(gravity=9.81)`, `ReferenceAccel()`,
     `ReferenceGyro(gravity=9.81)`, `StaticGyro(gravity=9.81)`, …); where neither is given the accelerometers are
-    calibrated by `Invariant` with standard gravity. `degree` of the parameters' polynomial over temperature, 0 to 6.
-    Arithmetic is in 64 bits whatever JAX is set to.
+    calibrated by `Invariant` with standard gravity. `degree` of all parameters' polynomials over temperature, 0 to 6;
+    `Calibration.conditioned` takes slopes of some of them away again. Arithmetic is in 64 bits whatever JAX is set to.
 
     Raises `ValueError` for a triad or a temperature that the dwells lack, and in traced code: give `dwells` leading
     axes instead of `vmap`.
@@ -80,6 +106,7 @@ def fit(
     basis = _basis(flat, degree)
     with jax.enable_x64(True):
         triads, weights, seen = {}, {}, flat
+        residuals, chi2, dof = {}, {}, {}
         reasons: list[str | None] = [None] * len(flat.valid)
         for estimator in (e for e in (accel, gyro) if e is not None):
             found = fit_fleet(estimator, basis, seen)
@@ -87,6 +114,11 @@ def fit(
             reasons = [first or second for first, second in zip(reasons, said, strict=True)]
             triads[estimator.triad] = _triad(estimator, basis, found)
             weights[estimator.triad] = found.scatter.reshape(lead)
+            name, rows = estimator.triad, found.misfit.shape[2]
+            left = rows * found.valid.sum(axis=1) - found.parameters.shape[1]
+            residuals[name] = found.misfit.reshape(*lead, *found.misfit.shape[1:])
+            chi2[name] = (found.chi2_per_dof * left).reshape(lead)
+            dof[name] = left.reshape(lead)
             if estimator is accel and gyro is not None:
                 seen = with_force(estimator, basis, found, flat)
     stated = [getattr(e, "gravity", None) for e in (accel, gyro)]
@@ -106,6 +138,9 @@ def fit(
         repeated(accel),
         repeated(gyro),
         tuple(reasons),
+        residuals,
+        chi2,
+        dof,
     )
 
 
@@ -124,11 +159,11 @@ def _check(
         raise ValueError(
             "`fit(dwells)`: does not work in traced code; give the dwells leading axes, which it fits in one batch."
         )
-    if not 0 <= degree <= HIGHEST_DEGREE:
-        raise ValueError(f"`fit(degree={degree})`: must be from 0 to {HIGHEST_DEGREE}.")
+    _check_degree(degree)
     for triad, estimator in (("accel", accel), ("gyro", gyro)):
         if estimator is None:
             continue
+        check_estimator(f"fit({triad}=...)", estimator)
         if estimator.triad != triad or isinstance(estimator, GravityRotation):
             raise ValueError(
                 f"`fit({triad}=...)`: {type(estimator).__name__} is no estimator for it."
@@ -140,13 +175,38 @@ def _check(
             raise ValueError(
                 f"`fit({triad}={type(estimator).__name__}(...))`: the dwells have no {reference}."
             )
-        gravity = float(getattr(estimator, "gravity", STANDARD_GRAVITY))
+        stated = getattr(estimator, "gravity", STANDARD_GRAVITY)
+        if np.shape(stated) != ():
+            raise ValueError(
+                f"`fit({triad}=...)`: gravity has shape {np.shape(stated)}; it is one number, so fit each place's "
+                f"devices in a call of their own."
+            )
+        gravity = float(stated)
         if not LEAST_GRAVITY <= gravity <= GREATEST_GRAVITY:
             raise ValueError(
                 f"`fit({triad}=...)`: gravity is {gravity:g}; it is in m/s², about 9.8 (in g?)."
             )
-    if degree and not np.ptp(np.asarray(dwells.temperature)[np.asarray(dwells.valid)]) > 0.0:
+    if not degree:
+        return
+    probe = np.asarray(dwells.temperature)[np.asarray(dwells.valid)]
+    if not np.any(probe):
+        raise ValueError(
+            f"`fit(degree={degree})`: the dwells have no temperature; give `Dwells.from_arrays(temperature=...)`."
+        )
+    if not np.ptp(probe) > 0.0:
         raise ValueError(f"`fit(degree={degree})`: the dwells' temperature does not change.")
+
+
+def _check_degree(degree: object) -> None:
+    try:
+        whole = operator.index(degree)  # pyright: ignore[reportArgumentType]
+    except TypeError:
+        raise ValueError(
+            f"`fit(degree={degree!r})`: must be one whole number from 0 to {HIGHEST_DEGREE}, which all parameters "
+            f"share; `Calibration.conditioned` takes slopes of some away again."
+        ) from None
+    if not 0 <= whole <= HIGHEST_DEGREE:
+        raise ValueError(f"`fit(degree={degree})`: must be from 0 to {HIGHEST_DEGREE}.")
 
 
 def _basis(dwells: Dwells, degree: int) -> AbstractBasis:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._typing import AnyArray
-from ..data.plausible_units import check_temperature
+from ..data.plausible_units import check_temperature, farthest_outside
 from ..physics.leaves import is_traced
 
 
@@ -35,7 +35,7 @@ def check_place(call: str, place: AnyArray) -> None:
         raise ValueError(f"`{call}`: longitude is {worst:g}; it is in rad, within ±2π (degrees?).")
     if not (np.all(height >= LOWEST) and np.all(height <= HIGHEST)):
         raise ValueError(
-            f"`{call}`: height is {np.max(np.abs(height)):g}; it is in m above the ellipsoid."
+            f"`{call}`: height is {farthest_outside(height, LOWEST, HIGHEST):g}; it is in m above the ellipsoid."
         )
 
 

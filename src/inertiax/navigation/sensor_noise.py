@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._typing import AnyArray
+from ..data.plausible_units import farthest_outside
 from ..physics.leaves import is_traced
 from .counted_normals import normals
 
@@ -72,8 +73,8 @@ def triad_noise(triad: str, given: Any) -> TriadNoise:
             continue
         if not (np.all(np.asarray(value) >= 0.0) and np.all(np.asarray(value) <= GREATEST[triad])):
             raise ValueError(
-                f"`Twin(noise=...)`: {triad} {name} is {np.max(np.abs(value)):g}; it is in SI, from 0 to "
-                f"{GREATEST[triad]:g} (another unit?)."
+                f"`Twin(noise=...)`: {triad} {name} is {farthest_outside(value, 0.0, GREATEST[triad]):g}; it is in SI, "
+                f"from 0 to {GREATEST[triad]:g} (another unit?)."
             )
     for name in ("resolution", "full_scale"):
         value = getattr(made, name)

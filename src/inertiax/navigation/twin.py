@@ -18,6 +18,7 @@ from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.effect_additions import moment_of, on_channels, online_form
 from ..data.plausible_units import check_temperature
 from ..physics.leaves import is_traced
+from ..physics.shapes import check_key
 from ..physics.temperature import Constant, Curve, Polynomial
 from .sensor_noise import NoiseState, SensorNoise, triad_noise
 
@@ -98,8 +99,9 @@ class Twin(eqx.Module):
     ) -> "Twin":
         """A unit of a fleet: coefficients drawn from its population (`fleet`'s `population.json`).
 
-        `options` are those of `Twin`. `vmap` it over keys for many units.
+        `options` are those of `Twin`. `vmap` it over keys for many units. Raises `ValueError` for what is no key.
         """
+        check_key("Twin.draw(key, population)", key)
         keys = jax.random.split(key, 2)
         triads = {
             name: _drawn(k, getattr(population, name))
@@ -111,8 +113,9 @@ class Twin(eqx.Module):
     def init(self, key: PRNGKeyArray, temperature: Scalar | float) -> TwinState:
         """The state at power-on, in equilibrium at a temperature (°C).
 
-        Raises `ValueError` for several temperatures or one that is no °C.
+        Raises `ValueError` for what is no key, and for several temperatures or one that is no °C.
         """
+        check_key("twin.init(key, temperature)", key)
         if jnp.shape(temperature) != ():
             raise ValueError(
                 f"`twin.init(key, temperature)`: temperature has shape {jnp.shape(temperature)}; it is one number."

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
 
@@ -20,3 +21,15 @@ def check_ends(call: str, value: Any, inner: tuple[int, ...]) -> None:
     shape = getattr(value, "shape", None)
     if shape is not None and tuple(shape[-len(inner) :]) != inner:
         raise ValueError(f"`{call}`: shape {tuple(shape)}; it must end with {inner}.")
+
+
+def check_key(call: str, key: Any) -> None:
+    """Raise `ValueError` for what is no one key of `jax.random`, of the old kind (two words) or the new."""
+    kind = getattr(key, "dtype", None)
+    if kind is not None and jnp.issubdtype(kind, jax.dtypes.prng_key) and key.shape == ():
+        return
+    if kind == jnp.uint32 and key.ndim == 1:
+        return
+    raise ValueError(
+        f"`{call}`: key is {key if jnp.ndim(key) == 0 else 'an array'}; make one by `jax.random.PRNGKey(0)`."
+    )

@@ -28,6 +28,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator, ReferenceAccel, ReferenceGyro
+from ..estimators.base import check_estimator
 from ..numerics.least_squares import least_squares
 from ..numerics.linear_algebra import DenseNormal, spd_inverse
 from ..numerics.wide_arithmetic import in_64_bits
@@ -243,6 +244,7 @@ def _check(
     start: AnyArray | None,
 ) -> None:
     """Raise `ValueError` for dwells that the estimator cannot read, or a start that is none of the basis."""
+    check_estimator(call, estimator)
     shape = jnp.shape(dwells.valid)
     if len(shape) != 1:
         raise ValueError(

@@ -5,7 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from ..data.plausible_units import check_force, check_rate, check_ratio, check_temperature
+from ..data.plausible_units import (
+    check_force,
+    check_from_zero,
+    check_rate,
+    check_ratio,
+    check_temperature,
+)
 from ..physics.leaves import is_traced
 
 
@@ -99,7 +105,10 @@ def filled(values: Any, valid: Any) -> Any:
 
 
 def covariance(name: str, sigma: Any, outputs: Any) -> Any:
-    """Covariances of means (…, dwells, 3, 3) from 1 sigma of them, or from covariances themselves; zero: unknown."""
+    """Covariances of means (…, dwells, 3, 3) from 1 sigma of them, or from covariances themselves; zero: unknown.
+
+    One sigma a dwell is one for its three axes, where its shape is not also that of axes.
+    """
     if outputs is None:
         return None
     shape = outputs.shape
@@ -109,19 +118,26 @@ def covariance(name: str, sigma: Any, outputs: Any) -> Any:
     if given.ndim == len(shape) + 1:
         if given.shape[-2:] != (3, 3):
             raise ValueError(
-                f"`{CALL}(sigma=...)`: shape {given.shape}; covariances are (…, 3, 3)."
+                f"`{CALL}(sigma=...)`: shape {given.shape}; covariances are {(*shape, 3)}."
             )
         return fitted("sigma", given, (*shape, 3))
     if not is_traced(given):
-        greatest = GREATEST_SIGMA[name]
-        if not (np.all(given >= 0.0) and np.all(given <= greatest)):
-            unit = "m/s²" if name == "accel" else "rad/s"
-            raise ValueError(
-                f"`{CALL}(sigma=...)`: must be from 0 to {greatest:g} {unit} for {name}; got up to "
-                f"{np.max(np.abs(given)):g}."
-            )
-        given = fitted("sigma", given, shape)
+        unit = "m/s²" if name == "accel" else "rad/s"
+        check_from_zero(f"{CALL}(sigma=...)", given, GREATEST_SIGMA[name], f"{unit} for {name}")
+        given = _of_outputs(given, shape)
     return (given**2)[..., None] * np.eye(3)
+
+
+def _of_outputs(given: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    for each in (given, given[..., None]):
+        try:
+            return np.broadcast_to(each, shape)
+        except ValueError:
+            continue
+    raise ValueError(
+        f"`{CALL}(sigma=...)`: shape {given.shape} does not fit the outputs' {shape}; it is one number, (3,) by axis, "
+        f"{shape[:-1]} by dwell, {shape}, or covariances {(*shape, 3)}."
+    )
 
 
 def sigmas(sigma: Any, accel: Any, gyro: Any) -> tuple[Any, Any]:

@@ -91,9 +91,9 @@ class Dwells(eqx.Module):
 
         **Arguments:** outputs (m/s², rad/s) and references (…, dwells, 3); `temperature` in °C, `experiment`,
         `position` and `valid` (…, dwells). `position` is −1 at constant rate (by default where `reference_gyro`
-        says that the device turns). `sigma` is 1 sigma of a mean, broadcast to the outputs, or covariances
-        (…, dwells, 3, 3); a pair where there are both triads; absent: found from the residuals. Rows that
-        are not `valid` may hold anything.
+        says that the device turns). `sigma` is 1 sigma of a mean: one number, by axis (3,), by dwell (…, dwells) or by
+        output (…, dwells, 3), where (3,) is always by axis; or covariances (…, dwells, 3, 3). It is a pair where there
+        are both triads; absent: found from the residuals. Rows that are not `valid` may hold anything.
 
         Raises `ValueError`, one line that names the argument, for shapes that do not fit and for numbers that are
         implausible in these units.
