@@ -11,6 +11,8 @@ from .calibrate import AsJson, command_line, OutputFolder, Quiet
 
 if TYPE_CHECKING:
     from ..protocol.protocol import Protocol
+    from ..protocol.requirements import Limit
+    from ..protocol.station import Station
 
 
 def protocol(
@@ -57,6 +59,13 @@ def protocol(
         str | None,
         typer.Option(metavar="SERIAL", help="Which device, where RESULT holds several."),
     ] = None,
+    every: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="Decide the requirements for every device of RESULT: decisions.csv, .json and .html.",
+        ),
+    ] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -66,6 +75,8 @@ def protocol(
     status 0 whatever the decisions are.
     """
     outputs.require_folder(output)
+    if every:
+        _require_for_all(requirements, device, at, operator)
     if output.resolve() == result.resolve():
         raise typer.BadParameter(
             f"'{output}' is RESULT itself, whose figures a protocol would mix with; name another folder.",
@@ -83,6 +94,10 @@ def protocol(
 
         limits = () if requirements is None else read_requirements(requirements)
         said = Station() if station is None else read_station(station)
+        if every:
+            stages("deciding")
+            _decide_on_all(result, output, said, limits, as_json=as_json, quiet=quiet)
+            return
         said = said if operator is None else with_operator(said, operator)
         measured = load_measurement(result, device)
         made = make_protocol(measured, said, limits, temperatures)
@@ -90,6 +105,40 @@ def protocol(
         with outputs.staged_folder(output, replaces=FILES) as staging:
             write_protocol(made, staging, command_line())
     _tell(made, output, as_json=as_json, quiet=quiet)
+
+
+def _require_for_all(
+    requirements: Path | None, device: str | None, at: str | None, operator: str | None
+) -> None:
+    if requirements is None:
+        raise typer.BadParameter(
+            "decides requirements; give --requirements FILE.", param_hint="'--all'"
+        )
+    for name, value in (("--device", device), ("--at", at), ("--operator", operator)):
+        if value is not None:
+            raise typer.BadParameter(f"does not go with {name}.", param_hint="'--all'")
+
+
+def _decide_on_all(
+    result: Path,
+    output: Path,
+    station: "Station",
+    limits: "tuple[Limit, ...]",
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    from ..protocol.all_devices import counted, decide_on_all, document, FILES, write_decisions
+    from ..protocol.measurement import each_measurement
+
+    devices = decide_on_all(each_measurement(result), station, limits)
+    with outputs.staged_folder(output, replaces=FILES) as staging:
+        write_decisions(devices, limits, staging, command_line())
+    if as_json:
+        outputs.print_json(document(devices, limits))
+    elif not quiet:
+        console.say(counted(devices))
+        console.say(f"decisions in {output}, see {output / 'decisions.html'}")
 
 
 def _temperatures(text: str | None) -> tuple[float, ...] | None:

@@ -180,6 +180,12 @@ def requirements(protocol: Protocol) -> Section | None:
     return Section("Requirements", lines=(line, *_beside(protocol)), tables=tuple(tables))
 
 
+def nearest_value(requirement: Requirement) -> str:
+    """The value nearest to the limit, in the limit's unit, with the parameter that has it."""
+    worst = requirement.worst
+    return f"{_in_limits_unit(requirement, worst)}, {label(worst.name)}"
+
+
 def _in_limits_unit(requirement: Requirement, result: Result) -> str:
     """A value in the unit in which its limit was written."""
     factor, unit = requirement.shown_in

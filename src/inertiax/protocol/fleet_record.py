@@ -6,8 +6,10 @@ a file that was written to since is named.
 """
 
 import datetime
+from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import polars as pl
 
 from ..calibration.calibration import Calibration
@@ -17,7 +19,7 @@ from ..data.settings import read_table
 from ..fleet.covariance_by_source import parts_of
 from ..fleet.input_hashes import FleetInputs, read_inputs
 from ..fleet.reduce.tasks import Stretch
-from ..fleet.results import fleet_calibration
+from ..fleet.results import calibration_of, fleet_calibration
 from ..fleet.store import Manifest, read_manifest, read_parts
 from ..fleet.verdicts import device_findings, device_verdict
 from .make_record import software, source_record, time_text
@@ -34,31 +36,61 @@ def fleet_measurement(folder: Path, device: str | None) -> tuple[Calibration, Re
     """
     manifest = read_manifest(folder)
     if manifest is None or device is None:
-        raise ValueError(f"{folder}: holds a fleet; name one device with --device SERIAL.")
+        raise ValueError(
+            f"{folder}: holds a fleet; name one device with --device SERIAL, or decide on all of them with --all."
+        )
     calibration = fleet_calibration(folder, device)
     row = read_parts(folder).filter(pl.col("device") == device).collect().row(0, named=True)
-    position, rate, temperature = (x or None for x in manifest.rig)
     begun = (folder / "manifest.json").stat().st_mtime
     hashes = read_inputs(folder)
     if hashes is None:
         inputs, left_out = _hashed_late(manifest, device, begun)
     else:
         inputs, left_out = _hashed(hashes, manifest, device)
-    return calibration, Record(
+    record = _record(row, manifest, calibration, begun)
+    return calibration, msgspec.structs.replace(
+        record,
+        inputs=inputs,
+        left_out=left_out,
+        conditions=_conditions(row, manifest, calibration),
+    )
+
+
+def fleet_measurements(folder: Path) -> Iterator[tuple[str, tuple[Calibration, Record] | str]]:
+    """Every device of a run, or in words why it was set aside; records without inputs and conditions.
+
+    Raises `ValueError` where the folder holds no run.
+    """
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise ValueError(f"{folder}: holds no fleet.")
+    begun = (folder / "manifest.json").stat().st_mtime
+    for row in read_parts(folder).collect().iter_rows(named=True):
+        if row["reason"]:
+            yield row["device"], row["reason"]
+        else:
+            calibration = calibration_of(row, manifest)
+            yield row["device"], (calibration, _record(row, manifest, calibration, begun))
+
+
+def _record(row: dict, manifest: Manifest, calibration: Calibration, begun: float) -> Record:
+    """What the run keeps of a device itself."""
+    position, rate, temperature = (x or None for x in manifest.rig)
+    return Record(
         schema=SCHEMA,
         created=time_text(datetime.datetime.fromtimestamp(begun, datetime.UTC)),
         command="inertiax fleet",
         software=software(),
         calibration_sha256="",
-        inputs=inputs,
+        inputs=(),
         station=StationRecord(manifest.gravity, None, position, rate, temperature),
-        conditions=_conditions(row, manifest, calibration),
+        conditions=ConditionsRecord(None, None, None, None, calibration.temperature_range),
         method="least squares device by device" if manifest.one_by_one else "batched least squares",
         verdict=device_verdict(row, manifest),
         findings=tuple(f.text for f in device_findings(row, manifest)),
         choices=manifest.reasons,
         warnings=tuple(row.get("warnings") or ()),
-        left_out=left_out,
+        left_out=(),
         accel=_triad(row, calibration, "accel"),
         gyro=_triad(row, calibration, "gyro"),
     )

@@ -1,6 +1,7 @@
 """From a calibrated device to its record."""
 
 import datetime
+import functools
 import math
 import platform
 from collections.abc import Sequence
@@ -91,6 +92,7 @@ def time_text(moment: datetime.datetime) -> str:
     return f"{moment:%Y-%m-%dT%H:%M:%SZ}"
 
 
+@functools.cache
 def software() -> dict[str, str]:
     """Versions that a result depends on."""
     return {**{name: version(name) for name in _SOFTWARE}, "python": platform.python_version()}

@@ -1,6 +1,7 @@
 """A results folder read again: the calibration with the record of what it was made of."""
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..calibration.calibration import Calibration, read_calibration
@@ -37,14 +38,37 @@ def load_measurement(folder: Path, device: str | None = None) -> Measurement:
     return measured
 
 
-def _of_device(folder: Path, device: str | None) -> Path:
-    """The folder of one of several devices."""
+def each_measurement(folder: Path) -> Iterator[tuple[str, Measurement | str]]:
+    """All devices of a results folder by serial number; of one that a fleet has set aside the reason, in words.
+
+    Raises `ValueError` as `load_measurement` does.
+    """
+    if (folder / "manifest.json").is_file():
+        from .fleet_record import fleet_measurements
+
+        for device, found in fleet_measurements(folder):
+            yield device, found if isinstance(found, str) else Measurement(*found)
+        return
+    one = (folder / "calibration.json").is_file()
+    for home in [folder] if one else _homes(folder):
+        measured = load_measurement(home)
+        yield measured.calibration.device, measured
+
+
+def _homes(folder: Path) -> list[Path]:
+    """The folders of several devices. Raises `ValueError` where there is none."""
     homes = sorted(p.parent for p in folder.glob(f"*/{FILE}"))
     if not homes:
         raise ValueError(
             f"{folder}: holds no calibration.json and no fleet's manifest.json; RESULT is a folder that `inertiax "
             "calibrate`, `diagnose` or `fleet` wrote."
         )
+    return homes
+
+
+def _of_device(folder: Path, device: str | None) -> Path:
+    """The folder of one of several devices."""
+    homes = _homes(folder)
     own = {read_calibration(h / "calibration.json").device: h for h in homes}
     if device in own:
         return own[device]

@@ -89,6 +89,22 @@ class Protocol:
         }  # fmt: skip
 
 
+def decide_on(
+    measured: Measurement,
+    station: Station,
+    limits: tuple[Limit, ...],
+    temperatures: tuple[float, ...] | None = None,
+) -> tuple[Requirement, ...]:
+    """The decisions of a protocol alone; arguments and errors as of `make_protocol`."""
+    calibration, record = measured.calibration, measured.record
+    at = reference_temperatures(calibration, temperatures)
+    uncertainty = station.station.gravity_uncertainty
+    results = results_at(calibration, record, at, uncertainty)
+    effects = effect_results(calibration, record)
+    everywhere = results_at(calibration, record, range_grid(calibration, at), uncertainty)
+    return judge_requirements(limits, results, everywhere, effects)
+
+
 def make_protocol(
     measured: Measurement,
     station: Station,
@@ -109,10 +125,7 @@ def make_protocol(
     results = results_at(calibration, record, at, uncertainty)
     effects = effect_results(calibration, record)
     contained = in_budget(calibration, record, uncertainty, results)
-    judged: tuple[Requirement, ...] = ()
-    if limits:
-        everywhere = results_at(calibration, record, range_grid(calibration, at), uncertainty)
-        judged = judge_requirements(limits, results, everywhere, effects)
+    judged = decide_on(measured, station, limits, at) if limits else ()
     return Protocol(
         calibration=calibration,
         record=record,

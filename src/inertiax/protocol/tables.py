@@ -11,7 +11,7 @@ from ..storage.harmless_text import one_line
 from ..storage.validation_words import validation_words
 
 
-Document = TypeVar("Document")
+Document = TypeVar("Document", bound=msgspec.Struct)
 
 
 def read_tables(path: Path, kind: type[Document], tables: str) -> Document:
