@@ -24,7 +24,7 @@ from inertiax.diagnose.selection.forward import GATE
 from inertiax.diagnose.selection.multiple_testing import Count, Family
 from inertiax.diagnose.selection.score_test import whiten_system
 from inertiax.report.audit import audit_sections
-from inertiax.report.engineering import customary
+from inertiax.calibration.effect_units import customary
 
 
 G = 9.80665

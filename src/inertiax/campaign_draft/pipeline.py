@@ -54,16 +54,11 @@ def draft_campaign(
 ) -> Draft:
     """The `campaign.toml` that fits a log, for a file in `folder`.
 
-        **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
-        where the triads are logged apart; without it one of that name beside an accelerometers' log is taken. `latitude` in
-    <<<<<<< HEAD
-        deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken: canonical ones.
-    =======
-        deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken, which are
-        canonical.
-    >>>>>>> 44a0224 (The explorer opens on what was found over what drives it, and has positions)
+    **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
+    where the triads are logged apart; without it one of that name beside an accelerometers' log is taken. `latitude` in
+    deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken: canonical ones.
 
-        Raises `ValueError` in one line where the log cannot be read, or holds no triad.
+    Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
     site = _site(latitude, height)
     chosen = format_of(log).NAME

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
+from ..calibration.effect_units import in_words, Shown, shown_parameter
 from ..calibration.quantities import customary_units, label, with_sigma
-from ..report.engineering import in_words, Shown, shown_parameter
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Key, Section, Table, Verdict
 from .calibrated_triads import calibrated_triads

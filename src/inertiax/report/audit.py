@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
+from ..calibration.effect_units import customary
 from ..calibration.quantities import label
 from ..diagnose.plan.limits import Audit, Detectable, POWER
 from ..effects import CATALOGUE, Effect
-from .engineering import customary
 from .page import Section, Table
 
 

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+from ..calibration.effect_units import customary, in_words, shown_parameter
 from ..calibration.quantities import label, with_sigma
 from ..data.recording import Campaign
 from ..diagnose import Diagnosis
@@ -13,7 +14,6 @@ from ..effects import CATALOGUE
 from ..plots import diagnosis as plots, residuals as residual_plots
 from ..plots.style import drawing
 from .audit import audit_sections, sizes_section, three_digits
-from .engineering import customary, in_words, shown_parameter
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 
 

@@ -91,7 +91,7 @@ def print_demo(result: "DemoResult", folder: Path) -> None:
 
 def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
     """Verdict, what was left out with its evidence, and where the files are."""
-    from .engineering import shown_parameter
+    from ..calibration.effect_units import shown_parameter
 
     console = _console()
     if device:

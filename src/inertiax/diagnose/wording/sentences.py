@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 
+from ...calibration.effect_units import shown_parameter
 from ...effects import Effect
 from ..observations.model_rows import ModelForm
 from ..result import Explanation, Parameter, Where
 
 
-def _number(parameter: Parameter) -> str:
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+def _number(name: str, parameter: Parameter) -> str:
     if parameter.std is None and parameter.value == 0.0:
         return "not determined by this data"
+    value, std, unit = shown_parameter(name, parameter)
     if parameter.std is None:
-        return f"about {parameter.value:.3g}{unit} (not determined by this data)"
-    return f"{parameter.value:.3g} ± {parameter.std:.1g}{unit}"
+        return f"about {value} {unit} (not determined by this data)"
+    return f"{value} ± {std} {unit}"
 
 
 def sentence(
@@ -24,7 +25,7 @@ def sentence(
 ) -> str:
     """What the effect is, how large, and which rivals remain."""
     text = effect.sentence.format(channels=", ".join(channels)) + f" Model: {effect.equation}; "
-    text += ", ".join(f"{name} {_number(value)}" for name, value in values) + "."
+    text += ", ".join(f"{name} {_number(name, value)}" for name, value in values) + "."
     if len(odds) > 1:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in odds)
         text += f" This data cannot decide between: {shares}."

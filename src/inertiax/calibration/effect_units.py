@@ -1,13 +1,9 @@
 """Sizes of effects in the units that engineers use on data sheets."""
 
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple, Protocol, runtime_checkable
 
-from ..calibration.quantities import DEG_PER_HOUR, with_sigma
-
-
-if TYPE_CHECKING:
-    from ..diagnose.result import Parameter
+from .quantities import DEG_PER_HOUR, with_sigma
 
 
 _MICRO_G = 1e6 / 9.80665  # in a m/s²
@@ -58,6 +54,26 @@ def in_words(name: str) -> str:
     return name.replace("_", " ")
 
 
+@runtime_checkable
+class Estimated(Protocol):
+    """A number with its uncertainty, in the catalogue's unit."""
+
+    @property
+    def value(self) -> float:
+        """In that unit."""
+        ...
+
+    @property
+    def std(self) -> float | None:
+        """The same; `None`: not determined."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """As the catalogue writes it."""
+        ...
+
+
 class Shown(NamedTuple):
     """A number with its uncertainty, in the catalogue's unit."""
 
@@ -66,7 +82,7 @@ class Shown(NamedTuple):
     unit: str
 
 
-def shown_parameter(name: str, parameter: "Parameter | Shown") -> tuple[str, str, str]:
+def shown_parameter(name: str, parameter: Estimated) -> tuple[str, str, str]:
     """An effect's parameter as on a data sheet: value, uncertainty and unit."""
     factor, unit = customary(parameter.value, parameter.unit)
     if name.startswith("amplitude"):
