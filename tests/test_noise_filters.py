@@ -141,6 +141,16 @@ def test_white_noise_up_to_half_the_rate_is_that_of_unaveraged_samples():
     assert not identify(first_order(log, 20.0), rate=RATE).white_throughout
 
 
+def test_a_channel_that_vibrates_is_named_with_how_far_it_is_off():
+    gyro = np.stack([white(30 + k, 6000) for k in range(3)], axis=1)
+    time = np.arange(6000) / RATE
+    gyro[:, 1] += 5.0 * N * np.sin(2.0 * np.pi * 3.0 * time)
+    noted = noise_of(Recording(time=time, gyro=gyro, position=np.zeros(6000, int))).notes
+    (said,) = [n for n in noted if "χ² per degree of freedom" in n]
+    found = re.search(r"freedom: gyro_y \(([^)]+)\); look for vibration", said)
+    assert found is not None and float(found[1]) > 10.0
+
+
 # From a recording to other tools -----------------------------------------------------------------------
 
 

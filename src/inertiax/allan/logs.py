@@ -142,7 +142,7 @@ def _misfits(channels: list[ChannelNoise]) -> list[str]:
     unlike = [c for c in channels if c.model.chi2_per_dof > UNLIKE]
     if not unlike:
         return []
-    sizes = ", ".join(f"{c.channel} ({c.model.chi2_per_dof:.2g})" for c in unlike)
+    sizes = ", ".join(f"{c.channel} ({c.model.chi2_per_dof:.0f})" for c in unlike)
     return [
         f"the terms miss the spectrum by more than chance, χ² per degree of freedom: {sizes}; look for vibration"
     ]

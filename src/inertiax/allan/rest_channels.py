@@ -141,7 +141,7 @@ def _notes(log: Sequence[Recording], rest: RestChannels, *, compensated: bool) -
             left = (
                 ": the columns are compensated, so that what B, K and R show of it is what the calibration left"
                 if compensated
-                else ", which looks like random walk or ramp; compensate the log first"
+                else ", which looks like random walk or ramp; compensate the log first, and take what that wrote"
             )
             notes.append(f"the temperature moved by {moved:.1f} °C{left}")
     return notes
