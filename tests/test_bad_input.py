@@ -468,6 +468,7 @@ def test_paths_that_are_no_campaign_say_what_is_needed(tmp_path):
     with pytest.raises(ValueError, match="does not exist; a folder with campaign.toml"):
         load_campaign(tmp_path / "nowhere")
     with pytest.raises(
-        ValueError, match="not a campaign.toml; write one that names this recording"
+        ValueError,
+        match="not a campaign.toml; `inertiax init .* -o DIR` writes one that names this recording",
     ):
         load_campaign(tmp_path / "a.csv")

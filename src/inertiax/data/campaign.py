@@ -112,7 +112,8 @@ def _campaign_file(path: Path) -> Path:
         )
     if path.suffix.lower() != ".toml":
         raise ValueError(
-            f"{path}: not a campaign.toml; write one that names this recording under [recordings] files."
+            f"{path}: not a campaign.toml; `inertiax init {short(path.name)} -o DIR` writes one that names this "
+            "recording under [recordings] files."
         )
     return path
 
