@@ -6,18 +6,26 @@ from declared_fields import field_table
 
 from inertiax.calibration import json_file
 from inertiax.calibration.fitted_effects import EffectEntry
+from inertiax.data.inputs import InputFile
 from inertiax.diagnose import result
 from inertiax.diagnose.plan.limits import Detectable
 from inertiax.fleet.population.population import Outlier, Population, TriadPopulation
 from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.plausibility.finding import Finding
 from inertiax.protocol import record
-from inertiax.data.inputs import InputFile
 from inertiax.reduction.handling import Disturbance
 
 
 FILES: dict[str, tuple[type, ...]] = {
-    "calibration.json": (json_file._File, json_file._Triad, json_file._Basis, EffectEntry),
+    "calibration.json": (
+        json_file._File,
+        json_file._Triad,
+        json_file._Accelerometers,
+        json_file._Magnetometers,
+        json_file._Barometer,
+        json_file._Basis,
+        EffectEntry,
+    ),
     "record.json": (
         record.Record,
         InputFile,

@@ -36,7 +36,7 @@ class _Basis(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class _Triad(msgspec.Struct, forbid_unknown_fields=True):
-    """One triad, under `accel` or `gyro`."""
+    """One triad, under `gyro`; the others hold the same and more."""
 
     estimator: str  # a name of `[model]`
     names: list[str]  # of the parameters
@@ -51,7 +51,7 @@ class _Triad(msgspec.Struct, forbid_unknown_fields=True):
 class _Accelerometers(_Triad):
     """The accelerometers, under `accel`."""
 
-    # In m/s², where one pose had no reference: the outputs that the biases count from.
+    # m/s², where one pose had no reference: the outputs that the biases count from
     mean_output: tuple[float, float, float] | msgspec.UnsetType = msgspec.UNSET
 
 

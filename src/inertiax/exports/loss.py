@@ -43,14 +43,13 @@ class Loss(NamedTuple):
         """The same in one line."""
         thermal = self.high > self.low
         span = f"over {self.low:.1f} to {self.high:.1f} °C" if thermal else "at its temperature"
-        force = _stated(self.force, self.force_least, self.force_at, "m/s²")
-        rate = _stated(self.rate, self.rate_least, self.rate_at, "rad/s")
-        parts = [
-            f"{force} for specific forces up to {self.gravity:.2f} m/s²",
-            f"{rate} for rates up to {RATE:g} rad/s",
-        ]
-        if self.field is not None:
-            parts.append(self.field.part)
+        parts = []
+        if self.force > ROUNDING * self.gravity:
+            force = _stated(self.force, self.force_least, self.force_at, "m/s²")
+            parts.append(f"{force} for specific forces up to {self.gravity:.2f} m/s²")
+        if self.rate > ROUNDING * RATE:
+            rate = _stated(self.rate, self.rate_least, self.rate_at, "rad/s")
+            parts.append(f"{rate} for rates up to {RATE:g} rad/s")
         left = [
             f"{size:.2g} {unit} {without}"
             for size, unit, without, scale in (
@@ -60,10 +59,13 @@ class Loss(NamedTuple):
             if size > ROUNDING * scale
         ]
         said = f"; of this {' and '.join(left)}" if left else "; the biases lose nothing"
-        return (
-            f"{span} the tool's results differ from the calibration's by up to "
-            f"{', '.join(parts[:-1])} and {parts[-1]}{said}"
-        )
+        said = said if parts else ""
+        if self.field is not None and self.field.vector > ROUNDING * self.field.size:
+            parts.append(self.field.part)
+        if not parts:
+            return f"{span} the tool's results are the calibration's, but for rounding"
+        listed = " and ".join([", ".join(parts[:-1]), parts[-1]] if parts[1:] else parts)
+        return f"{span} the tool's results differ from the calibration's by up to {listed}{said}"
 
 
 class FieldLoss(NamedTuple):
@@ -81,7 +83,7 @@ class FieldLoss(NamedTuple):
         said = f"{1e6 * self.vector:.2g} µT for a field of {1e6 * self.size:.3g} µT"
         if self.magnitude > ROUNDING * self.size:
             return f"{said} ({1e6 * self.magnitude:.2g} µT of it in magnitude)"
-        return f"{said} (its magnitude is kept)" if self.vector > ROUNDING * self.size else said
+        return f"{said} (its magnitude is kept)"
 
 
 def _stated(size: float, least: float, at: float, unit: str) -> str:
