@@ -8,6 +8,7 @@ import scipy.stats
 from typer.testing import CliRunner
 
 from diagnose_data import still, sweep, tumble
+from inertiax.calibration.effect_units import customary
 from inertiax.cli.app import app
 from inertiax.diagnose import audit
 from inertiax.diagnose.noise.observation_series import NoiseFit
@@ -24,7 +25,6 @@ from inertiax.diagnose.selection.forward import GATE
 from inertiax.diagnose.selection.multiple_testing import Count, Family
 from inertiax.diagnose.selection.score_test import whiten_system
 from inertiax.report.audit import audit_sections
-from inertiax.calibration.effect_units import customary
 
 
 G = 9.80665
