@@ -7,6 +7,7 @@ import pytest
 
 from fleet_data import device_table, parameters
 from inertiax.data.formats import ColumnMap
+from inertiax.data.formats.columns import PositionColumn
 from inertiax.data.recording import Recording
 from inertiax.fleet.reduce.blocks import BLOCKS
 from inertiax.fleet.reduce.many_dwells import Reduced, Reduction
@@ -174,6 +175,22 @@ def test_plateaus_of_constant_rate_count(rests, exact):
     )
     _same_dwells(found.dwells, reduce_to_dwells([_as_recording(turning)]))
     np.testing.assert_array_equal(beside.dwells.position, [0, 1, 2])
+
+
+@pytest.mark.parametrize("numbered", [False, True])
+def test_a_station_s_own_label_for_moving_is_minus_one(numbered):
+    """And rates that are numbered as positions are plateaus."""
+    table = _rate_table(np.random.default_rng(9))
+    own = pl.when(pl.col("position") < 0).then(7).otherwise(pl.col("position"))
+    if numbered:
+        still = pl.max_horizontal(pl.col("^reference_gyro_.*$").abs()) > 0.999
+        own = pl.when(still).then(20 + pl.int_range(pl.len()) // 80).otherwise(own)
+    columns = ColumnMap(position=PositionColumn(name="position", moving=7))
+    rows = np.array([len(table)])
+    (found,) = reduce_table(table.with_columns(position=own), rows, ("one",), columns)
+    (plain,) = reduce_table(table, rows, ("one",), ColumnMap())
+    assert found.reason == plain.reason == ""
+    _same_dwells(found.dwells, plain.dwells)
 
 
 def test_exact_dwells_are_those_of_one_device_alone(tables):

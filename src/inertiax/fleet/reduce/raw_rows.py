@@ -37,7 +37,7 @@ from .columns import (
 from .implausible_devices import implausible_devices
 from .locations import scan
 from .many_dwells import Reduction, Stack
-from .single_devices import labels, recording_of, reduce_alone, with_plateaus
+from .single_devices import labels, recording_of, reduce_alone, with_moving_rows, with_plateaus
 from .stacked_dwells import shared_length
 from .tasks import Stretch, Task
 
@@ -109,6 +109,7 @@ def reduce_table(
     A device that turns at a constant rate, by its reference, is reduced alone as `inertiax calibrate` does, since its
     plateaus count; with `exact` so is every device, whose weights are then calibrate's own.
     """
+    table = with_moving_rows(table, columns)
     quick = _by_sums(table, rows, devices, columns)
     ends = np.cumsum(rows)
     turning = with_plateaus(table, ends, columns)

@@ -11,7 +11,7 @@ import polars as pl
 from jaxtyping import Bool, Int
 
 from ...data.formats import ColumnMap, Layout
-from ...data.formats.columns import ProbeColumns, triad_factors, TriadColumns
+from ...data.formats.columns import PositionColumn, ProbeColumns, triad_factors, TriadColumns
 from ...data.formats.table import to_recordings
 from ...data.recorded import recorded
 from ...data.recording import Recording
@@ -59,7 +59,7 @@ def reduce_alone(table: pl.DataFrame, columns: ColumnMap, name: str) -> Reduced:
 def with_plateaus(
     table: pl.DataFrame, ends: Int[np.ndarray, " device"], columns: ColumnMap
 ) -> Bool[np.ndarray, " device"]:
-    """Which devices turn at a constant rate by their reference, in rows of position -1.
+    """Which devices turn at a constant rate by their reference, whatever position those rows state.
 
     **Arguments:** `ends` holds one past each device's last row.
     """
@@ -67,16 +67,13 @@ def with_plateaus(
     names = triad_names(columns.reference_gyro, "reference_gyro")
     if names[0] not in table.columns:
         return found
-    moving = labels(table, position_name(columns)) < 0
-    if not moving.any():
-        return found
     offset, factor = triad_factors(
         columns.reference_gyro or TriadColumns(), "gyro", "[columns] reference_gyro"
     )
     stated = table.select(pl.col(names).cast(pl.Float64, strict=False)).to_numpy()
     rate = (stated - offset) * factor
     with np.errstate(invalid="ignore", over="ignore"):
-        turning = moving & (np.linalg.norm(rate, axis=1) > TURNING * EARTH_RATE)
+        turning = np.linalg.norm(rate, axis=1) > TURNING * EARTH_RATE
     starts = np.append(0, ends[:-1])
     many = np.add.reduceat(turning.astype(int), starts) >= FEWEST
     for k in np.flatnonzero(many):
@@ -87,6 +84,15 @@ def with_plateaus(
             continue  # said of the device with its reason
         found[k] = bool((~segments.resting).any())
     return found
+
+
+def with_moving_rows(table: pl.DataFrame, columns: ColumnMap) -> pl.DataFrame:
+    """The table with −1 for each label that the campaign says is that of a table that moves."""
+    said, name = columns.position, position_name(columns)
+    if not isinstance(said, PositionColumn) or not said.moving_labels:
+        return table
+    moving = pl.col(name).is_in(said.moving_labels)
+    return table.with_columns(pl.when(moving).then(-1).otherwise(pl.col(name)).alias(name))
 
 
 def labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
