@@ -531,6 +531,41 @@ def test_a_station_s_references_and_its_label_for_moving(
     assert np.all(first.position[label == moving] == -1)
 
 
+def test_positions_are_told_by_the_reference_where_their_name_is_not(tmp_path):
+    rng = np.random.default_rng(22)
+    label = np.repeat([999, 1, 999, 2, 999, 3, 999, 4], 60)
+    up = np.array([[0, 0, 1.0], [0, 1, 0], [1, 0, 0], [0, 0, -1], [0, -0.6, 0.8]])
+    force = G * up[np.where(label == 999, 0, label)]
+    told = np.where((label == 999)[:, None], "", np.round(force, 6).astype(str))
+    accel = force + 0.01 * rng.standard_normal(force.shape)
+    head = "t,counter,fx,fy,fz,T_imu,step,true_fx,true_fy,true_fz"
+    rows = [
+        ",".join(
+            [
+                f"{0.02 * k:.2f}",
+                str(k),
+                *(f"{v:.5f}" for v in accel[k]),
+                "21.5",
+                str(label[k]),
+                *told[k],
+            ]
+        )
+        for k in range(len(label))
+    ]
+    found, made = drafted(tmp_path, "\n".join([head, *rows]) + "\n")
+    assert made["columns"]["position"] == {"name": "step", "moving": 999}, found.text
+    assert made["columns"]["temperature"]["name"] == "T_imu"
+    (recording,) = load_campaign(tmp_path).recordings
+    assert np.all(recording.position[label == 999] == -1) and recording.position.max() == 4
+    (tmp_path / "campaign.toml").write_text(
+        "\n".join(x for x in found.text.splitlines() if not x.startswith("position"))
+    )
+    with pytest.raises(
+        ValueError, match=r"may be empty while the table moves: \[columns\] position"
+    ):
+        load_campaign(tmp_path)
+
+
 def test_logs_of_other_columns_are_no_campaign_together(tmp_path):
     (tmp_path / "b.csv").write_text("t,ax,ay,az\n0,0,0,9.8\n0.01,0,0,9.8\n")
     with pytest.raises(

@@ -23,7 +23,9 @@ _MAG = re.compile(
 _TIME = re.compile(
     r"time|stamp|^t$|^t[_ (\[]|^ts|second|^sec|^millis|^micros|^clock|utc", re.IGNORECASE
 )
-_TEMPERATURE = re.compile(r"temp|^tmp|°c|^t_?c$", re.IGNORECASE)
+_TEMPERATURE = re.compile(
+    r"temp|^tmp|°c|^t_?c$|^t_(?:imu|probe|sens|die|board|chip|case|degc)", re.IGNORECASE
+)
 _UNIT = re.compile(r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°)/(?:s|h).*", re.IGNORECASE)
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²

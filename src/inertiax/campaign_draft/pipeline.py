@@ -22,7 +22,7 @@ from .gyro_unit import clock_and_unit, gyro_unit, said_unit
 from .mag_unit import mag_unit
 from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
-from .references import force_unit, moving_labels, rate_unit
+from .references import force_unit, labels_of_positions, moving_labels, rate_unit
 from .resting import poses, Resting, resting
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table, toml_text
@@ -262,6 +262,8 @@ def _reference_force(found: RawTriads) -> list[Line]:
         if told.unit is not None:
             value = {"names": list(names), "unit": told.unit}
             lines.append(Line("reference_accel", value, told.why))
+        taken = {log.names[0], *names, *(found.roles.accel or ()), *(found.roles.gyro or ())}
+        position = position or labels_of_positions(log, force, taken)
     if position is None:
         return lines
     moving = [] if force is None else moving_labels(log, position, force)
@@ -285,6 +287,8 @@ def _with_reference_rate(found: RawTriads, unit: TriadUnit) -> tuple[TriadUnit, 
     if told.unit is None:
         return unit, []
     said = said_unit(" ".join(log.hint(n) for n in names))
+    if not unit.certain and told.unit == unit.unit and "; by magnitude" in unit.why:
+        unit = unit._replace(why=f"{told.why} (reference_gyro), and{unit.why.split(';')[-1]}")
     if not unit.certain and said_unit(found.gyro_words) == unit.unit and said in (None, told.unit):
         unit = unit._replace(why=f"as the file says; {told.why} (reference_gyro)", certain=True)
     return unit, [Line("reference_gyro", {"names": list(names), "unit": told.unit}, told.why)]

@@ -60,6 +60,22 @@ def _sizes(reference: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " told"]
     return size[np.isfinite(size) & (size > 0.0)]
 
 
+def labels_of_positions(
+    log: RawLog, force: Float[np.ndarray, "rows 3"], taken: set[str]
+) -> str | None:
+    """The column of whole numbers that has one label exactly where the reference tells no force; `None` without one."""
+    told = np.any(np.nan_to_num(force) != 0.0, axis=1)
+    if told.all() or not told.any():
+        return None
+    for name, values in log.numbers.items():
+        if name in taken or not np.all(values == np.round(values)):
+            continue
+        moving = np.unique(values[~told])
+        if len(moving) == 1 and moving[0] not in values[told] and np.ptp(values[told]) > 0:
+            return name
+    return None
+
+
 def moving_labels(log: RawLog, position: str, force: Float[np.ndarray, "rows 3"]) -> list[int]:
     """Labels with which the reference never tells a force: those of a table that moves."""
     labels = log.numbers[position]

@@ -212,8 +212,15 @@ def _triad(
     kind = "mag" if key == "mag" else "accel" if key.endswith("accel") else "gyro"
     offset, factor = triad_factors(column, kind, f"[columns] {key}")
     values = np.empty((table.height, 3), order="F")  # as a `Recording` has it
+    unlabelled = key.startswith("reference") and moving is None
     for axis, name in enumerate(names):
-        read = numbers(table, name, where, gaps=key == "mag", empty=moving)
+        try:
+            read = numbers(table, name, where, gaps=key == "mag", empty=moving)
+        except ValueError as error:
+            if not unlabelled or "no finite number" not in str(error):
+                raise
+            told = "a reference may be empty while the table moves: [columns] position names the column that is −1 there"
+            raise ValueError(f"{error} ({told}).") from None
         values[:, axis] = (read - offset[axis]) * factor[axis]
     if moving is not None:
         values[np.isnan(values).any(axis=1)] = 0.0
