@@ -185,7 +185,8 @@ def _words(found: RawTriads) -> str:
     between = _SPACES.get(layout.delimiter, repr(layout.delimiter))
     above = len(layout.preamble)
     settings = f", {above} line{'s' * (above > 1)} above the names" if above else ""
-    return f"{between} between {layout.width} fields{settings}"
+    fields = max(len(layout.names or ()), layout.width)  # the first rows may have empty ones
+    return f"{between} between {fields} fields{settings}"
 
 
 def _path(file: Path, folder: Path) -> str:

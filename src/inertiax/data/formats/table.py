@@ -219,7 +219,7 @@ def _triad(
         except ValueError as error:
             if not unlabelled or "no finite number" not in str(error):
                 raise
-            told = "a reference may be empty while the table moves: [columns] position names the column that is −1 there"
+            told = "a reference may be empty while the table moves: [columns] position names its column"
             raise ValueError(f"{error} ({told}).") from None
         values[:, axis] = (read - offset[axis]) * factor[axis]
     if moving is not None:
