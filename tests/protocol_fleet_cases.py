@@ -33,11 +33,11 @@ def write_line(folder: Path) -> Path:
         home.mkdir(parents=True)
         (home / "campaign.toml").write_text(_TOML)
         for part, degrees in enumerate((10.0, 30.0)):
-            _log(rng, degrees, CURVATURE * number).write_csv(home / f"log_{part}.csv")
+            _log(rng, degrees, number).write_csv(home / f"log_{part}.csv")
     return folder
 
 
-def _log(rng: np.random.Generator, degrees: float, curvature: float) -> pl.DataFrame:
+def _log(rng: np.random.Generator, degrees: float, device: int) -> pl.DataFrame:
     """Fourteen rests and twelve constant rates."""
     faces = np.concatenate([np.eye(3), -np.eye(3)])
     corners = np.array([[a, b, c] for a in (1, -1) for b in (1, -1) for c in (1, -1)]) / np.sqrt(3)
@@ -47,7 +47,8 @@ def _log(rng: np.random.Generator, degrees: float, curvature: float) -> pl.DataF
     position = np.concatenate([np.arange(14), np.full(12, -1)])
     every = lambda x: np.repeat(x, SAMPLES, axis=0)
     accel = every(GRAVITY * up * (1 + 1e-3) + 0.02)
-    gyro = every(rate * (1 + 3e-3) + 1e-3 + curvature * up[:, 1:2] ** 2)
+    bias = 1e-3 + 5e-3 * device  # rad/s: below and above 1000 °/h
+    gyro = every(rate * (1 + 3e-3) + bias + device * CURVATURE * up[:, 1:2] ** 2)
     columns: dict[str, np.ndarray] = {"time": 0.1 * np.arange(len(accel))}
     for name, values, noise in (
         ("accel", accel, NOISE), ("gyro", gyro, NOISE),

@@ -151,7 +151,7 @@ def _one_device(output: Path, device: str, *, as_json: bool) -> None:
     # The same names as in the report, so that two serial numbers never share a page.
     names = outputs.folder_names(tuple(dict.fromkeys((*page.paged, device))))
     known = (page.manifest, page.population, page.unlike)
-    shown = report_device(output, device, names[device], *known, command_line())
+    shown = report_device(output, device, names[device], *known, command_line(), page.units)
     console.say(f"wrote {shown}", aside=as_json)
     file = output / f"calibration-{names[device]}.json"
     write_calibration(fleet_calibration(output, device), file)
@@ -168,6 +168,7 @@ def _tell(
     quiet: bool,
 ) -> None:
     from ..fleet import read_line_file
+    from ..report.fleet import fit_sentence, too_few_to_explain
 
     line = (read_line_file(output) or ()) if explain else ()
     if as_json:
@@ -181,9 +182,13 @@ def _tell(
         )
         for reason, count in summary.reasons:
             console.say(f"  {count} × {reason}")
+        if summary.calibrated:
+            console.say(fit_sentence(dict(summary.fits)))
         if unlike:
             more = ", …" if len(unlike) > 5 else ""
             console.say(f"unlike the others: {len(unlike)} ({', '.join(unlike[:5])}{more})")
+        if explain and not line:
+            console.say(too_few_to_explain(summary.calibrated))
         for sentence in (s for found in line for s in found.sentences):
             console.say(f"  {sentence}")
         console.say(f"results in {output}, see {output / 'report.html'}")

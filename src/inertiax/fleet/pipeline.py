@@ -4,6 +4,7 @@ import functools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
@@ -37,6 +38,7 @@ from .rows import calibrate_reduced
 from .solve.batch import Precision
 from .solve.triad_model import TriadModel
 from .store import fingerprint, is_done, Manifest, read_manifest, SCHEMA, write_manifest, write_part
+from .verdicts import count_verdicts
 
 
 # Devices that compile ahead: as many as fill the smallest shape of the programs over temperature.
@@ -95,6 +97,8 @@ def run_fleet(
 def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -> FleetSummary:
     """What the parts say together, when all are done: summary, population, effects of the line."""
     summary = summarise(folder, before)
+    fits = tuple(count_verdicts(folder, manifest).items())
+    summary = replace(summary, fits=fits)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     _write_population(folder, manifest)
     if manifest.forms is not None:

@@ -22,6 +22,8 @@ class FleetSummary(eqx.Module):
     reasons: tuple[tuple[str, int], ...] = eqx.field(static=True)  # in words, most frequent first
     tasks_before: int = eqx.field(static=True)  # done by an earlier run
     model: ModelSpec | None = eqx.field(static=True, default=None)
+    # Devices by the verdict on their fit: good, usable, doubtful.
+    fits: tuple[tuple[str, int], ...] = eqx.field(static=True, default=())
 
     def as_dict(self) -> dict[str, object]:
         """For summary.json and `--json`."""
@@ -30,6 +32,7 @@ class FleetSummary(eqx.Module):
             "devices": self.devices,
             "calibrated": self.calibrated,
             "set_aside": self.set_aside,
+            "fits": dict(self.fits),
             "model": None if self.model is None else self.model.document(),
             "reasons": [{"reason": r, "devices": n} for r, n in self.reasons],
         }

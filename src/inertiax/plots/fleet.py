@@ -24,19 +24,22 @@ Units = tuple[tuple[float, str], ...]  # factor from SI and unit of each paramet
 def distributions(view: TriadView, units: Units) -> Figure:
     """A histogram of every parameter over the devices, at the reference temperature.
 
-    Lines: the line's mean (solid), one standard deviation between devices (dashed). Devices beyond the
-    axis are counted at its ends.
+    Lines: the line's mean (solid), one standard deviation between devices (dashed, where the line is known). Devices
+    beyond the axis are counted at its ends.
     """
     at = view.reference
     figure, axes = _panels(len(view.model.names), height=1.55)
     for k, (name, (factor, unit)) in enumerate(zip(view.model.names, units, strict=True)):
         ax, x = axes[k], factor * view.values[:, at, k]
         mean, spread = factor * view.mean[at, k], factor * view.spread[at, k]
-        low, high = _limits(x, mean, spread)
+        # No axis is finer than what each device is known to.
+        own = float(np.median(factor * view.sigmas[:, at, k]))
+        low, high = _limits(x, mean, max(spread, own) if math.isfinite(own) else spread)
         edges = np.linspace(low, high, _bins(len(x)) + 1).tolist()
         ax.hist(np.clip(x, low, high), edges, histtype="stepfilled", color=COLOURS[0])
-        for place, style in ((mean, "-"), (mean - spread, "--"), (mean + spread, "--")):
-            ax.axvline(place, color=COLOURS[1], ls=style, lw=1.0)
+        ax.axvline(mean, color=COLOURS[1], lw=1.0)
+        for place in () if view.line is None else (mean - spread, mean + spread):
+            ax.axvline(place, color=COLOURS[1], ls="--", lw=1.0)
         for outside, side in ((x < low, "left"), (x > high, "right")):
             _count_beyond(ax, int(outside.sum()), side)
         ax.set_xlim(low, high)

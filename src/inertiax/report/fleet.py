@@ -9,14 +9,16 @@ import polars as pl
 
 from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.quantities import label, rms_text, with_sigma
-from ..fleet.effects.population_effects import LineMismatch
+from ..fleet.effects.population_effects import FEWEST as FEWEST_EXPLAINED, LineMismatch
 from ..fleet.effects.score_statistics import Term
 from ..fleet.overview.explain import read_line_file
 from ..fleet.overview.recalibration import Drift, drift_between
 from ..fleet.overview.view import triad_view, TriadView, Unlike, unlike_devices
 from ..fleet.population.population import Population, read_population
+from ..fleet.population.unit_covariance import FEWEST
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
+from ..fleet.verdicts import count_verdicts
 from ..plots import fleet as plots
 from ..plots.style import drawing
 from .fleet_device import line_units, report_device, signed
@@ -42,6 +44,12 @@ class FleetPage(eqx.Module):
     unlike: dict[str, tuple[Unlike, ...]] = eqx.field(static=True)
     drifts: dict[str, Drift]
     line: tuple[LineMismatch, ...] = eqx.field(static=True)
+    fits: dict[str, int] = eqx.field(static=True)  # devices by the verdict on their fit
+
+    @property
+    def units(self) -> dict[str, plots.Units]:
+        """By triad, factor and unit in which all pages show each parameter."""
+        return {t: line_units(v.model, v.mean[v.reference]) for t, v in self.views.items()}
 
     @property
     def aside(self) -> pl.DataFrame:
@@ -91,7 +99,8 @@ def fleet_page(
             raise ValueError(f"{earlier} and {folder} have no calibrated device in common.")
     unlike = {triad: unlike_devices(view) for triad, view in views.items()}
     line = read_line_file(folder) or ()
-    return FleetPage(manifest, population, states, views, unlike, drifts, line)
+    fits = count_verdicts(folder, manifest)
+    return FleetPage(manifest, population, states, views, unlike, drifts, line, fits)
 
 
 def report_fleet(
@@ -114,8 +123,9 @@ def report_fleet(
     for device in page.paged:
         known = (page.manifest, page.population)
         report_device(
-            folder, device, files[device], *known, page.unlike, command, figures=device in drawn
-        )
+            folder, device, files[device], *known, page.unlike, command, page.units,
+            figures=device in drawn,
+        )  # fmt: skip
     write_page(
         folder / "report.html",
         title="Calibration of a fleet",
@@ -124,7 +134,7 @@ def report_fleet(
         keys=_keys(page),
         sections=[
             *_reasons_section(page),
-            *(_triad_section(triad, view, folder) for triad, view in page.views.items()),
+            *(_triad_section(t, v, page.units[t], folder) for t, v in page.views.items()),
             *_line_section(page),
             *_unlike_section(page, files),
             *_aside_section(page, files),
@@ -163,6 +173,7 @@ def _verdict(page: FleetPage) -> Verdict:
         lines.append(
             f"{subject} unlike the others. The calibration stands, but look before shipping."
         )
+    lines += [fit_sentence(page.fits)] if total > aside else []
     for triad, drift in page.drifts.items():
         lines.append(drift_sentence(triad, drift))
     good = total - aside
@@ -172,7 +183,18 @@ def _verdict(page: FleetPage) -> Verdict:
     if 2 * aside > total:
         return Verdict("bad", headline, tuple(lines))
     drifted = any(beyond_chance(drift) for drift in page.drifts.values())
-    return Verdict("attention" if aside or unlike or drifted else "good", headline, tuple(lines))
+    reserved = page.fits["good"] < good
+    calm = not (aside or unlike or drifted or reserved)
+    return Verdict("good" if calm else "attention", headline, tuple(lines))
+
+
+def fit_sentence(fits: dict[str, int]) -> str:
+    """How many devices' fits are good, by the rule of `calibrate`."""
+    words = {
+        "good": "good", "usable": "usable with a reservation", "doubtful": "not to be used yet"
+    }  # fmt: skip
+    said = ", ".join(f"{fits[v]} {words[v]}" for v in words if fits[v])
+    return f"Fit by the rule of `calibrate`: {said}."
 
 
 def _percent(part: int, whole: int) -> str:
@@ -188,6 +210,7 @@ def _keys(page: FleetPage) -> list[Key]:
         Key("Calibrated", f"{total - aside}", f"yield {_percent(total - aside, total)}"),
         Key("Set aside", f"{aside}", "see quarantine.parquet" if aside else ""),
         Key("Unlike the others", f"{len(page.unlike_names)}"),
+        Key("Good fits", f"{page.fits['good']}", "by the rule of `calibrate`"),
     ]
     for triad, view in page.views.items():
         low, middle, high = (
@@ -218,21 +241,22 @@ def _link(device: str, files: dict[str, str]) -> str | Link:
     return Link(device, f"devices/{files[device]}.html") if device in files else device
 
 
-def _triad_section(triad: str, view: TriadView, folder: Path) -> Section:
-    title = TRIAD_NAMES[triad]
-    units, where = line_units(view.model, view.mean[view.reference]), _where(view)
+def _triad_section(triad: str, view: TriadView, units: plots.Units, folder: Path) -> Section:
+    title, where = TRIAD_NAMES[triad], _where(view)
     figures = []
+    lines = "the line's mean and one standard deviation between devices (dashed)"
     caption = (
-        f"{title}: every parameter over {len(view.devices)} devices{where}; the line's mean and one standard "
-        "deviation between devices (dashed). Numbers with arrows: devices beyond the axis."
+        f"{title}: every parameter over {len(view.devices)} devices{where}; "
+        f"{lines if view.line is not None else 'their mean'}. Numbers with arrows: devices beyond the axis."
     )
     with drawing():
         figure = plots.distributions(view, units)
         figures.append(picture(figure, folder, f"fleet-{triad}", caption, caption))
     figures += _curve_pictures(triad, view, units, folder)
-    lines = _line_sentences(view)
     table = _parameter_table(view, units)
-    return Section(f"{title}: the line", lines=lines, tables=(table,), figures=tuple(figures))
+    return Section(
+        f"{title}: the line", lines=_line_sentences(view), tables=(table,), figures=tuple(figures)
+    )
 
 
 def _where(view: TriadView) -> str:
@@ -253,7 +277,9 @@ def _curve_pictures(triad: str, view: TriadView, units: plots.Units, folder: Pat
 
 def _line_sentences(view: TriadView) -> tuple[str, ...]:
     if view.line is None:
-        return ("Fewer than five devices: too few for the spread between devices.",)
+        return (
+            f"Fewer than {FEWEST} devices: too few for the spread between devices, and for population.json.",
+        )
     if view.informed:
         return (
             "Mean and spread are the prior's. Devices were drawn towards its mean where their own dwells "
@@ -268,12 +294,17 @@ def _line_sentences(view: TriadView) -> tuple[str, ...]:
 def _parameter_table(view: TriadView, units: plots.Units) -> Table:
     at, rows = view.reference, []
     for k, (name, (factor, unit)) in enumerate(zip(view.model.names, units, strict=True)):
-        values, spread = factor * view.values[:, at, k], factor * view.spread[at, k]
-        mean, shown = with_sigma(float(factor * view.mean[at, k]), float(spread))
+        values = factor * view.values[:, at, k]
         own = float(np.median(factor * view.sigmas[:, at, k]))
-        own_shown = with_sigma(own, own)[1]
-        ends = (with_sigma(float(v), float(spread))[0] for v in (values.min(), values.max()))
-        rows.append((label(name), unit, mean, shown, own_shown, *ends))
+        spread = 0.0 if view.line is None else float(factor * view.spread[at, k])
+        # Digits by what parts the devices, or by what each is known to where that is more.
+        digits = max(spread, own)
+        mean, least, greatest = (
+            with_sigma(float(v), digits)[0]
+            for v in (factor * view.mean[at, k], values.min(), values.max())
+        )
+        shown = "–" if view.line is None else _spread_text(spread, own)
+        rows.append((label(name), unit, mean, shown, with_sigma(own, own)[1], least, greatest))
     head = ("parameter", "unit", "mean", "spread", "own 1 sigma", "least", "greatest")
     return Table(
         head,
@@ -281,6 +312,12 @@ def _parameter_table(view: TriadView, units: plots.Units) -> Table:
         numeric=(2, 3, 4, 5, 6),
         caption=f"Spread: standard deviation between devices; own: of one device, median{_where(view)}.",
     )
+
+
+def _spread_text(spread: float, own: float) -> str:
+    """The spread; below a hundredth of the devices' own uncertainty, which no data show, that bound."""
+    least = 0.01 * own
+    return with_sigma(spread, spread)[1] if spread > least else f"< {least:.1g}"
 
 
 def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
@@ -308,7 +345,10 @@ def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
 def _line_section(page: FleetPage) -> list[Section]:
     """What the model leaves out, where the run was asked to tell."""
     if not page.line:
-        return []
+        if page.manifest.forms is None:
+            return []
+        good = page.states.height - page.aside.height
+        return [Section("What the model leaves out", (too_few_to_explain(good),))]
     rows = [
         (
             "the line",
@@ -333,15 +373,28 @@ def _line_section(page: FleetPage) -> list[Section]:
     return [Section("What the model leaves out", said, tables=tables)]
 
 
+def too_few_to_explain(calibrated: int) -> str:
+    """Why a run with `--explain` says nothing."""
+    return (
+        f"--explain compares devices, and needs {FEWEST_EXPLAINED} that are calibrated; here are {calibrated}. "
+        "`inertiax diagnose` explains single devices."
+    )
+
+
 def _term_cells(term: Term) -> tuple[str, str, str]:
     return term.name, term.channel, term.unit
+
+
+_POPULATION = (
+    "population.json: mean and spread of the line, the prior for devices of short programmes"
+)
 
 
 def _files_section(page: FleetPage) -> Section:
     items = [
         "parts/*.parquet: a row for each device with parameters, sigmas, covariance, misfit",
         "quarantine.parquet: the devices set aside, each with the reason",
-        "population.json: mean and spread of the line, the prior for devices of short programmes",
+        *([] if page.population is None else [_POPULATION]),
         f"devices/*.html: the first {PAGES} devices unlike the others and set aside; "
         "'inertiax fleet … --device SERIAL' writes any device's page and calibration",
     ]

@@ -1,6 +1,7 @@
 """The page of one device of a fleet: its parameters beside its line's."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..fleet.population.population import Population, TriadPopulation
 from ..fleet.results import calibration_of
 from ..fleet.solve.triad_model import basis_of, curve_covariance, TriadModel
 from ..fleet.store import Manifest, read_parts
+from ..fleet.verdicts import device_findings, device_verdict
 from ..physics.temperature import Curve
 from ..plots import fleet as plots
 from ..plots.style import drawing
@@ -32,13 +34,14 @@ def report_device(
     population: Population | None,
     unlike: dict[str, tuple[Unlike, ...]],
     command: str,
+    units: Mapping[str, plots.Units],
     *,
     figures: bool = True,
 ) -> Path:
     """Write `devices/NAME.html` of one device of a run, and return its path.
 
     **Arguments:** `name` is a harmless file name for the device; `unlike` are the run's devices unlike the
-    others; `figures` draws its curves over the line's.
+    others; `units` are the fleet's by triad; `figures` draws its curves over the line's.
 
     Raises `ValueError` for a device that the run does not hold.
     """
@@ -51,16 +54,19 @@ def report_device(
     for triad, calibration in solved.items():
         line = None if population is None else getattr(population, triad)
         informed = manifest.prior is not None and getattr(manifest.prior, triad) is not None
-        table, far = _table(calibration, line, getattr(manifest, triad), informed=informed)
+        model: TriadModel = getattr(manifest, triad)
+        # A run that set all devices aside has no units of the line.
+        shown_in = units.get(triad) or customary_units(calibration)
+        table, far = _table(calibration, line, model, shown_in, informed=informed)
         notable += far
-        pictures = _pictures(triad, calibration, line, home, name) if figures else ()
+        pictures = _pictures(triad, calibration, line, shown_in, home, name) if figures else ()
         sections.append(Section(TRIAD_NAMES[triad], tables=(table,), figures=pictures))
     file = home / f"{name}.html"
     write_page(
         file,
         title=f"Device {device}",
         under="One device of a fleet run, beside its line.",
-        verdict=_verdict(row["reason"], notable, bool(solved)),
+        verdict=_verdict(row, manifest, notable, bool(solved), population is not None),
         keys=_keys(row, solved),
         sections=sections,
         command=command,
@@ -95,18 +101,24 @@ def _solved(row: dict, manifest: Manifest) -> dict[str, TriadCalibration]:
     return {k: v for k, v in both.items() if v is not None}
 
 
-def _verdict(reason: str, notable: list[str], solved: bool) -> Verdict:
-    if reason:
-        lines = (f"{reason}.",)
+def _verdict(
+    row: dict, manifest: Manifest, notable: list[str], solved: bool, beside_line: bool
+) -> Verdict:
+    if row["reason"]:
+        lines = (f"{row['reason']}.",)
         shown = ("What was estimated is shown all the same; do not use it.",) if solved else ()
         return Verdict("bad", "Set aside.", lines + shown)
+    fit = device_verdict(row, manifest)
+    lines = tuple(f.text for f in device_findings(row, manifest))
+    lines += tuple(f"Warning: {w}." for w in row.get("warnings") or ())
+    tone = {"good": "good", "usable": "attention", "doubtful": "bad"}[fit]
     if notable:
-        return Verdict(
-            "attention",
-            "Calibrated, but unlike its line.",
-            (f"Farthest from the line's mean: {'; '.join(notable[:5])}.",),
-        )
-    return Verdict("good", "Calibrated, and like its line.")
+        far = f"Farthest from the line's mean: {'; '.join(notable[:5])}."
+        tone = "bad" if tone == "bad" else "attention"
+        return Verdict(tone, "Calibrated, but unlike its line.", (far, *lines))
+    like = ", and like its line" if beside_line else ""
+    reserved = {"good": "", "usable": ", with a reservation", "doubtful": ", but do not use it yet"}
+    return Verdict(tone, f"Calibrated{reserved[fit]}{like}.", lines)
 
 
 def _keys(row: dict, solved: dict[str, TriadCalibration]) -> list[Key]:
@@ -142,6 +154,7 @@ def _table(
     calibration: TriadCalibration,
     line: TriadPopulation | None,
     model: TriadModel,
+    units: plots.Units,
     *,
     informed: bool,
 ) -> tuple[Table, list[str]]:
@@ -149,7 +162,6 @@ def _table(
     at = reference_temperature(model)
     values = np.asarray(calibration.curve(at))
     sigmas = np.asarray(calibration.standard_deviations(at))
-    units = line_units(model, values)
     grid = np.array([at])
     mean = None if line is None else line.mean_curves(grid)[0]
     prior = None if line is None else curve_covariance(model, line.prior_covariance, grid)[0]
@@ -186,13 +198,12 @@ def _pictures(
     triad: str,
     calibration: TriadCalibration,
     line: TriadPopulation | None,
+    units: plots.Units,
     folder: Path,
     name: str,
 ) -> tuple[Picture, ...]:
     if line is None or not line.model.degree:
         return ()
-    at = reference_temperature(line.model)
-    units = line_units(line.model, np.asarray(calibration.curve(at)))
     caption = "This device (orange) over its line: mean, one and two standard deviations between devices (blue)."
     with drawing():
         figure = plots.line_curves(line, units, calibration)

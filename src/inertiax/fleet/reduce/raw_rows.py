@@ -257,7 +257,8 @@ def _reasons(blocks: Blocks, means: _Means, columns: ColumnMap) -> np.ndarray:
     )
     for k in np.flatnonzero(unsorted):
         reasons[k] = reasons[k] or (
-            "time does not increase from position to position; sort the rows by time"
+            "time does not increase from position to position; sort the rows by time, or, where the clock begins "
+            "anew in each file, give the device a folder with a campaign.toml"
         )
     return reasons
 

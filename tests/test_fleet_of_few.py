@@ -1,0 +1,128 @@
+"""The report of a line of two devices: what it does not know it does not show, and how good the fits are."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREAD
+from inertiax.cli.app import app
+from inertiax.cli.outputs import folder_names
+from inertiax.fleet.overview.view import triad_view
+from inertiax.fleet.store import read_manifest, read_parts
+from inertiax.fleet.verdicts import count_verdicts, device_verdict
+from inertiax.plots.fleet import distributions
+from inertiax.plots.style import drawing
+from inertiax.report.fleet import report_fleet
+from protocol_fleet_cases import write_line
+
+
+class _Rows(HTMLParser):
+    """The text of a page's cells, row by row."""
+
+    def __init__(self):
+        super().__init__()
+        self.rows: list[list[str]] = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_data(self, data):
+        if self.rows and self.rows[-1]:
+            self.rows[-1][-1] += data.strip()
+
+
+def _rows(page: Path) -> dict[str, list[str]]:
+    reader = _Rows()
+    reader.feed(page.read_text("utf-8"))
+    return {row[0]: row[1:] for row in reader.rows if row}
+
+
+@pytest.fixture
+def few(tmp_path) -> Path:
+    """Two devices, alike to ten digits; the second's misfit is five times its noise."""
+    folder = tmp_path / "run"
+    truth = _truth(2, 0)
+    truth[1] = truth[0] * (1 + 1e-10)
+    _write_results(folder, truth, _names(2))
+    (part,) = (folder / "parts").iterdir()
+    table = pl.read_parquet(part)
+    values = np.stack([truth[0], truth[1]]).tolist()
+    changed = table.with_columns(
+        accel_parameters=pl.Series(values), accel_chi2_per_dof=pl.Series([1.0, 25.0])
+    )
+    changed.write_parquet(part)
+    return folder
+
+
+def test_digits_are_those_of_the_devices_own_uncertainty(few):
+    report_fleet(few, "command", folder_names)
+    unit, mean, spread, own, least, greatest = _rows(few / "report.html")["bias x"]
+    assert unit == "m/s²" and spread == "–"
+    assert own == f"{OWN * SPREAD[0]:.5f}"  # 6e-4 m/s², two significant digits
+    assert len(mean.partition(".")[2]) == len(least.partition(".")[2]) == 5
+    assert least == greatest == mean
+
+
+def test_no_axis_is_finer_than_what_a_device_is_known_to(few):
+    view = triad_view(few, "accel", read_manifest(few), None)
+    with drawing():
+        figure = distributions(view, ((1.0, "SI"),) * len(NAMES))
+    for ax, spread in zip(figure.axes, SPREAD, strict=False):
+        low, high = ax.get_xlim()
+        assert high - low >= 2 * OWN * spread
+        assert len(ax.lines) == 1  # the mean; there is no spread to draw
+
+
+def test_the_verdict_on_the_fit_is_counted(few):
+    assert count_verdicts(few, read_manifest(few)) == {"good": 1, "usable": 1, "doubtful": 0}
+    rows = read_parts(few).collect().iter_rows(named=True)
+    assert [device_verdict(row, read_manifest(few)) for row in rows] == ["good", "usable"]
+    report_fleet(few, "command", folder_names)
+    text = (few / "report.html").read_text("utf-8")
+    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation." in text
+
+
+def test_files_that_are_not_there_are_not_listed(few):
+    report_fleet(few, "command", folder_names)
+    text = (few / "report.html").read_text("utf-8")
+    assert "too few for the spread between devices, and for population.json" in text
+    assert "population.json: mean and spread" not in text
+    assert not (few / "population.json").exists()
+
+
+@pytest.mark.slow
+def test_explain_says_how_many_devices_it_needs(tmp_path):
+    write_line(tmp_path / "line")
+    run = CliRunner().invoke(
+        app, ["fleet", str(tmp_path / "line"), "-o", str(tmp_path / "run"), "--explain"]
+    )
+    assert run.exit_code == 0, run.output
+    said = "--explain compares devices, and needs 8 that are calibrated; here are 2."
+    assert said in run.output
+    page = (tmp_path / "run" / "report.html").read_text("utf-8")
+    assert said in re.sub(r"<[^>]+>", "", page)
+    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation." in run.output
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
+    assert summary["fits"] == {"good": 1, "usable": 1, "doubtful": 0}
+    for device in ("U1", "U2"):
+        command = ["fleet", ".", "-o", str(tmp_path / "run"), "--device", device]
+        assert CliRunner().invoke(app, command).exit_code == 0
+    units = {
+        device: _rows(tmp_path / "run" / "devices" / f"{device}.html") for device in ("U1", "U2")
+    }
+    both = _rows(tmp_path / "run" / "report.html")
+    # 206 and 1237 °/h: alone the second would be shown in °/s.
+    assert both["bias x"][0] == "°/h"
+    for name in ("bias x", "misalignment xy"):
+        assert units["U1"][name][0] == units["U2"][name][0] == both[name][0]
+    text = (tmp_path / "run" / "devices" / "U2.html").read_text("utf-8")
+    assert "Calibrated, with a reservation." in text
