@@ -1,6 +1,7 @@
 """The protocol of a fleet's device beside that of the same device calibrated alone, and what the run keeps for it."""
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from inertiax.protocol.make_record import record_of
 from inertiax.protocol.record import Record, StationRecord, TriadRecord
 from inertiax.protocol.results import Result, results_at
 from inertiax.protocol.sources_at import contributions
+from inertiax.report.calibration import report_calibration
 from protocol_fleet_cases import DEVICES, RATE, SAMPLES, write_line
 
 
@@ -117,6 +119,14 @@ def test_recordings_and_inputs_are_those_that_were_read(home):
         assert (file.sha256, file.bytes) == (hashlib.sha256(content).hexdigest(), len(content))
     assert record.left_out == ()
     assert (record.gyro.dwells, record.gyro.turns) == (52, 24)
+
+
+@pytest.mark.slow
+def test_the_report_of_calibrate_says_what_its_sigmas_do_not_hold(home, alone, tmp_path):
+    campaign = load_campaign(home / "line" / "U1")
+    report_calibration(alone["U1"], tmp_path, "inertiax calibrate", campaign=campaign)
+    text = re.sub(r"<[^>]+>", "", (tmp_path / "report.html").read_text("utf-8"))
+    assert "± holds the table&#39;s 100 ppm as an error drawn anew for each rate." in text
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from inertiax.calibration.fitted_effects import EffectEntry
 from inertiax.data.inputs import InputFile
 from inertiax.diagnose import result
 from inertiax.diagnose.plan.limits import Detectable
+from inertiax.fleet.input_hashes import FleetInputs
 from inertiax.fleet.population.population import Outlier, Population, TriadPopulation
 from inertiax.model_selection.model_spec import ModelSpec, TriadSpec
 from inertiax.plausibility.finding import Finding
@@ -48,6 +49,7 @@ FILES: dict[str, tuple[type, ...]] = {
         Disturbance,
     ),
     "check --json": (Finding,),
+    "inputs.json": (FleetInputs, InputFile),
     "population.json": (Population, TriadPopulation, Outlier),
 }
 NOTES = {
@@ -60,6 +62,8 @@ NOTES = {
     "for the figures, `estimate` is for `record.json`, and neither is in the file.",
     "check --json": "Schema `inertiax.check/1`: `verdict` (plausible, doubtful, implausible) and `findings`. "
     "The [kinds](plausibility.md#what-is-looked-at) have a page.",
+    "inputs.json": "Schema `inertiax.fleet-inputs/1`, of `fleet`: what was read, for "
+    "[`protocol`](../protocol.md) of a device.",
     "population.json": "Schema `inertiax.population/1`, of `fleet`: the line, which `--prior` takes.",
 }
 
