@@ -17,7 +17,7 @@ import polars as pl
 from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray, Scalar, Vec3
-from ..data.plausible_units import check_gravity, check_temperature
+from ..data.plausible_units import check_gravity, check_sample, check_temperature
 from ..model_selection.model_spec import ModelSpec
 from ..physics.error_model import (
     AccelerometerErrors,
@@ -28,7 +28,7 @@ from ..physics.error_model import (
     GyroErrors,
 )
 from ..physics.leaves import as_array, as_leaf, is_traced
-from ..physics.shapes import check_key, check_one
+from ..physics.shapes import check_covariance, check_key, check_one
 from . import coefficients, drawn, representation
 from .barometer import BarometerCalibration
 from .coefficients import Block
@@ -128,11 +128,12 @@ class Calibration:
 
         `vmap` it over samples. For a device with one triad pass zeros for the other.
 
-        Raises `ValueError` for other shapes, for stacked devices, and where a named effect depends on more than the
-        sample.
+        Raises `ValueError` for other shapes and implausible units, for stacked devices, and where a named effect
+        depends on more than the sample.
         """
         refuse_stacked(self.triads, "calibration(accel, gyro, temperature)", MAPPED)
-        accel, gyro = _one_sample("calibration", accel=accel, gyro=gyro)
+        self._check_sample("calibration", temperature, accel=accel, gyro=gyro)
+        accel, gyro = jnp.asarray(accel), jnp.asarray(gyro)
         refuse_memory(self.effects, "calibration(accel, gyro, temperature)")
         force, rate = self._by_parameters(accel, gyro, temperature)
         if not self.effects:
@@ -161,7 +162,8 @@ class Calibration:
         The other way of `calibration(...)`, with the same errors raised.
         """
         refuse_stacked(self.triads, "calibration.distort(force, rate, temperature)", MAPPED)
-        force, rate = _one_sample("calibration.distort", force=force, rate=rate)
+        self._check_sample("calibration.distort", temperature, force=force, rate=rate)
+        force, rate = jnp.asarray(force), jnp.asarray(rate)
         refuse_memory(self.effects, "calibration.distort(force, rate, temperature)")
         accel, gyro = self.distort_by_parameters(force, rate, temperature)
         if not self.effects:
@@ -176,6 +178,14 @@ class Calibration:
         accel = distort_accel(self.accel_errors(temperature), force)
         gravity = jnp.asarray(self.gravity)
         return accel, distort_gyro(self.gyro_errors(temperature), rate, force, gravity)
+
+    def _check_sample(self, call: str, temperature: Scalar | float, **vectors: Vec3) -> None:
+        """Raise `ValueError` for what is no sample. Constant parameters alone do not look at the temperature."""
+        call = f"{call}({', '.join(vectors)}, temperature)"
+        check_one(call, **vectors)
+        looks = bool(self.effects) or any(t.curve.basis.size > 1 for t in self.triads)
+        force, rate = vectors.items()
+        check_sample(call, temperature if looks else np.nan, force=force, rate=rate)
 
     def extrapolates(self, temperature: Scalar | float) -> Bool[Array, ""]:
         """Whether a temperature (°C) is outside what the calibration data covered."""
@@ -247,7 +257,7 @@ class Calibration:
     ) -> "Calibration":
         """The calibration with another joint covariance of all coefficients, as a filter or a refinement finds it.
 
-        Raises `ValueError` for another shape.
+        Raises `ValueError` for another shape, and for numbers that are no covariance.
         """
         size = len(self.coefficient_names)
         if jnp.shape(covariance)[-2:] != (size, size):
@@ -255,6 +265,7 @@ class Calibration:
                 f"`calibration.with_covariance(covariance)`: shape {jnp.shape(covariance)}, but the calibration has "
                 f"{size} coefficients."
             )
+        check_covariance("calibration.with_covariance(covariance)", covariance)
         if len(self.triads) == 1:
             return self._with(None, (covariance,))
         first = len(coefficients.names(self.triads[:1]))
@@ -396,8 +407,3 @@ register_labelled(
 
 def _repeated(calibration: Calibration, lead: tuple[int, ...]) -> Calibration:
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (*lead, *jnp.shape(x))), calibration)
-
-
-def _one_sample(call: str, **vectors: Vec3) -> Sequence[Array]:
-    check_one(f"{call}({', '.join(vectors)}, temperature)", **vectors)
-    return [jnp.asarray(v) for v in vectors.values()]

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
 from ..physics.parameter_names import parse
+from ..physics.shapes import check_covariance
 from ..physics.temperature import Curve
 
 
@@ -67,7 +68,8 @@ def _on_host(values: object) -> bool:
 class TriadCalibration(eqx.Module):
     """One triad's error parameters as curves over temperature, with their covariance.
 
-    Raises `ValueError` for a name that is no parameter's, a variance below zero, or sizes that do not fit each other.
+    Raises `ValueError` for a name that is no parameter's, a matrix that is no covariance, or sizes that do not fit each
+    other.
     """
 
     curve: Curve  # parameters over temperature, SI
@@ -93,13 +95,8 @@ class TriadCalibration(eqx.Module):
                 f"`TriadCalibration(covariance=...)`: shape {jnp.shape(self.covariance)}, but the curve's "
                 f"{unknowns} coefficients need ({unknowns}, {unknowns})."
             )
-        variances = (
-            np.diagonal(self.covariance, axis1=-2, axis2=-1) if _on_host(self.covariance) else 0.0
-        )
-        if np.any(variances < 0.0):
-            raise ValueError(
-                f"`TriadCalibration(covariance=...)`: a variance is {np.min(variances):g}; none is below 0."
-            )
+        if _on_host(self.covariance):
+            check_covariance("TriadCalibration(covariance=...)", self.covariance)
 
     def parameters(self, temperature: Scalar | float) -> Float[Array, "21"]:
         """Bias (3), matrix (9) and g-sensitivity (9) at one temperature, °C; zero where not fitted.

@@ -4,16 +4,23 @@ from typing import Any
 
 import numpy as np
 
+from ..physics.celsius import not_celsius
 from ..physics.leaves import is_traced
 
 
-# What no sensor at a test place shows; outside of it the unit is another one.
-COLDEST, HOTTEST = -100.0, 200.0  # °C: cryogenic and down-hole sensors are within
 LEAST_FORCE, GREATEST_FORCE = (
     3.0,
     2000.0,
 )  # m/s², median magnitude: below is g, above mm/s² or counts
 GREATEST_RATE = 100.0  # rad/s, median magnitude: 5700 °/s, more than rate tables turn
+# Of one sample, which may be the peak of a shock or a spin: 1000 g, and 11 500 °/s.
+PEAK_FORCE, PEAK_RATE = 1e4, 200.0  # m/s², rad/s
+# m/s², median magnitude of rests without reference: 9.8 m/s² in mg, which no centrifuge without reference is.
+MILLI_G = (900.0, 1100.0)
+# m/s², median magnitude of a run: a device that mostly rests or flies level, in g.
+ONE_G = (0.9, 1.1)
+# Densities and instabilities in SI: ten times the noise of the worst sensors that are sold.
+GREATEST_NOISE = {"accel": 1.0, "gyro": 0.5}
 # Ratio of outputs to reference that a scale factor error does not make, but a unit.
 LEAST_RATIO, GREATEST_RATIO = 0.2, 5.0
 DEGREES = 57.3
@@ -28,13 +35,9 @@ def check_temperature(call: str, values: Any, valid: Any, name: str = "temperatu
     """Raise `ValueError` for temperatures that are no °C."""
     if values is None or is_traced(values) or is_traced(valid) or not np.any(valid):
         return
-    low, high = values[valid].min(), values[valid].max()
-    if low >= COLDEST and high <= HOTTEST:
-        return
-    guess = " (kelvin?)" if 200.0 < np.median(values[valid]) < 500.0 else ""
-    raise ValueError(
-        f"`{call}({name}=...)`: from {low:g} to {high:g}; it is in °C, from {COLDEST:g} to {HOTTEST:g}{guess}."
-    )
+    wrong = not_celsius(values[valid])
+    if wrong is not None:
+        raise ValueError(f"`{call}({name}=...)`: {wrong}.")
 
 
 def check_gravity(call: str, gravity: Any) -> None:
@@ -77,6 +80,50 @@ def check_force(call: str, name: str, values: Any, valid: Any) -> None:
     raise ValueError(
         f"`{call}({name}=...)`: median magnitude {size:g}; it is in m/s², about 9.8 at rest ({guess})."
     )
+
+
+def check_rest_force(call: str, name: str, values: Any, valid: Any) -> None:
+    """Raise `ValueError` for specific forces without reference that are those of rests in mg."""
+    size = _size(values, valid)
+    if size is not None and MILLI_G[0] < size < MILLI_G[1]:
+        raise ValueError(
+            f"`{call}({name}=...)`: median magnitude {size:g}; it is in m/s², about 9.8 at rest (in mg?)."
+        )
+
+
+def check_run(call: str, accel: Any, gyro: Any, temperature: Any) -> None:
+    """Raise `ValueError` for a run's outputs that are none in m/s², rad/s and °C; it may be a fall or a shot, and a
+    temperature that is no number passes."""
+    every = np.ones(np.shape(accel)[:-1], bool)
+    size = _size(accel, every)
+    if size is not None and (ONE_G[0] < size < ONE_G[1] or size > GREATEST_FORCE):
+        guess = "in g?" if size < GREATEST_FORCE else "in mm/s² or counts?"
+        raise ValueError(
+            f"`{call}(accel=...)`: median magnitude {size:g}; it is in m/s² ({guess})."
+        )
+    check_rate(call, "gyro", gyro, every)
+    if not is_traced(temperature):
+        check_temperature(call, np.asarray(temperature), np.isfinite(temperature))
+
+
+def check_sample(
+    call: str, temperature: Any, *, force: tuple[str, Any], rate: tuple[str, Any]
+) -> None:
+    """Raise `ValueError` for one sample that is none in m/s², rad/s and °C, each with its argument's name.
+
+    One sample may fall, so that 1 m/s² is no sign of g. What is no number passes: it stands where nothing was read.
+    """
+    for (name, vector), greatest, right in (
+        (force, PEAK_FORCE, "m/s² (mm/s² or counts?)"),
+        (rate, PEAK_RATE, "rad/s (deg/s?)"),
+    ):
+        if not is_traced(vector) and (size := float(np.linalg.norm(vector))) > greatest:
+            raise ValueError(f"`{call}`: {name} has magnitude {size:g}; it is in {right}.")
+    if is_traced(temperature) or not np.isfinite(temperature):
+        return
+    wrong = not_celsius(temperature)
+    if wrong is not None:
+        raise ValueError(f"`{call}`: temperature is {wrong}.")
 
 
 def check_rate(call: str, name: str, values: Any, valid: Any) -> None:

@@ -2,11 +2,12 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._typing import AnyArray
-from ..data.plausible_units import check_temperature, farthest_outside
+from ..data.plausible_units import check_run, farthest_outside
 from ..physics.leaves import is_traced
 
 
@@ -75,20 +76,27 @@ def check_one_run(call: str, times: AnyArray, cure: str) -> None:
 
 
 def check_data(call: str, data: Any) -> None:
-    """Raise `ValueError` where shapes of an `ImuData` do not fit each other, or its step or temperature is
-    implausible."""
+    """Raise `ValueError` where an `ImuData` holds more than one run."""
     rows = jnp.shape(data.temperature)
     if len(rows) != 1:
         raise ValueError(f"`{call}`: temperature has shape {rows}; it is (time,).")
+
+
+def check_samples(call: str, data: Any) -> None:
+    """Raise `ValueError` where shapes of an `ImuData` do not fit each other, or its numbers are implausible; runs may
+    lead."""
+    rows = jnp.shape(data.temperature)
     for name in ("accel", "gyro"):
         shape = jnp.shape(getattr(data, name))
         if shape != (*rows, 3):
             raise ValueError(
-                f"`{call}`: {name} has shape {shape}; beside {rows[0]} temperatures it must be ({rows[0]}, 3)."
+                f"`{call}({name}=...)`: shape {shape}; beside temperatures of shape {rows} it must be {(*rows, 3)}."
             )
-    if not is_traced(data.step) and not 0.0 < float(np.max(data.step)) <= LONGEST_STEP:
-        raise ValueError(
-            f"`{call}`: step is {float(np.max(data.step)):g}; it is in s, above 0 and up to {LONGEST_STEP:g}."
-        )
-    if not is_traced(data.temperature):
-        check_temperature(call.partition("(")[0], np.asarray(data.temperature), np.ones(rows, bool))
+    step = data.step
+    if isinstance(step, float | int | np.ndarray | np.generic | jax.Array) and not is_traced(step):
+        if not 0.0 < float(np.max(step)) <= LONGEST_STEP:
+            raise ValueError(
+                f"`{call}(step=...)`: {float(np.max(step)):g}; it is in s, above 0 and up to {LONGEST_STEP:g} (the "
+                f"sample rate, or ms?)."
+            )
+    check_run(call, data.accel, data.gyro, data.temperature)

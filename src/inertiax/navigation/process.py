@@ -20,12 +20,12 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray
 from ..allan.model import NoiseModel
-from ..data.plausible_units import check_from_zero
+from ..data.plausible_units import check_from_zero, GREATEST_NOISE
 
 
 # States of slow drift are in these units, of the order of what they hold: m/s², rad/s.
 _UNITS = np.array([1e-3] * 3 + [1e-5] * 3)
-LARGEST = 10.0  # of a term in SI: ten times the worst accelerometers that are sold
+LARGEST_TURN_ON = 10.0  # m/s² or rad/s: an accelerometer's range of 1 g, which no bias exceeds
 Density = float | Float[AnyArray, ""] | Float[AnyArray, "3"]
 
 
@@ -46,7 +46,8 @@ class TriadNoise(eqx.Module):
         for term in ("white", "flicker", "walk", "turn_on"):
             value = getattr(self, term)
             if isinstance(value, float | int | np.ndarray | np.generic):
-                check_from_zero(f"TriadNoise({term}=...)", value, LARGEST, "SI")
+                largest = LARGEST_TURN_ON if term == "turn_on" else max(GREATEST_NOISE.values())
+                check_from_zero(f"TriadNoise({term}=...)", value, largest, "SI")
 
     @staticmethod
     def from_models(models: Sequence[NoiseModel]) -> "TriadNoise":
@@ -66,7 +67,7 @@ class TriadNoise(eqx.Module):
 class ImuNoise(eqx.Module):
     """Noise of both triads; `flicker_times` (s) are the correlation times that make up the flicker.
 
-    Raises `ValueError` unless the times increase by one ratio.
+    Raises `ValueError` unless the times increase by one ratio, and for gyros' terms that are implausible in SI.
     """
 
     accel: TriadNoise
@@ -81,6 +82,11 @@ class ImuNoise(eqx.Module):
                 f"`ImuNoise(flicker_times=...)` needs 2 or more times in s that increase by one ratio, such as "
                 f"(10.0, 100.0, 1000.0); got {self.flicker_times}."
             )
+
+        for term in ("white", "flicker", "walk"):
+            value = getattr(self.gyro, term)
+            if isinstance(value, float | int | np.ndarray | np.generic):
+                check_from_zero(f"ImuNoise(gyro=...): {term}", value, GREATEST_NOISE["gyro"], "SI")
 
     def _has(self, *terms: str) -> bool:
         return any(getattr(t, k) is not None for t in (self.accel, self.gyro) for k in terms)

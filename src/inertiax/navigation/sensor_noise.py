@@ -22,15 +22,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._typing import AnyArray
-from ..data.plausible_units import farthest_outside
+from ..data.plausible_units import farthest_outside, GREATEST_NOISE
 from ..physics.leaves import is_traced
 from .counted_normals import normals
 
 
 RATIO = 6.0  # between time constants: the Allan variance is flat to 2 % (tested)
 SHORTEST, LONGEST = 1.0, 1e5  # of the time constants, in samples and in s
-# SI; ten times the noise of the worst sensors that are sold, so beyond it the unit is another one.
-GREATEST = {"accel": 1.0, "gyro": 0.5}
 
 
 class TriadNoise(eqx.Module):
@@ -71,10 +69,11 @@ def triad_noise(triad: str, given: Any) -> TriadNoise:
         value = getattr(made, name)
         if value is None or is_traced(value):
             continue
-        if not (np.all(np.asarray(value) >= 0.0) and np.all(np.asarray(value) <= GREATEST[triad])):
+        greatest = GREATEST_NOISE[triad]
+        if not (np.all(np.asarray(value) >= 0.0) and np.all(np.asarray(value) <= greatest)):
             raise ValueError(
-                f"`Twin(noise=...)`: {triad} {name} is {farthest_outside(value, 0.0, GREATEST[triad]):g}; it is in SI, "
-                f"from 0 to {GREATEST[triad]:g} (another unit?)."
+                f"`Twin(noise=...)`: {triad} {name} is {farthest_outside(value, 0.0, greatest):g}; it is in SI, from 0 "
+                f"to {greatest:g} (another unit?)."
             )
     for name in ("resolution", "full_scale"):
         value = getattr(made, name)

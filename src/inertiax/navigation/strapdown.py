@@ -27,7 +27,7 @@ from .._typing import AnyArray, Scalar, Vec3
 from ..calibration.calibration import Calibration
 from ..numerics.least_squares import gauss_newton, least_squares, Solution
 from ..physics import earth, rotation
-from .checks import check_place, check_rotation, check_speed
+from .checks import check_place, check_rotation, check_samples, check_speed
 
 
 class State(eqx.Module):
@@ -87,12 +87,20 @@ def place_of(
 
 
 class ImuData(eqx.Module):
-    """Outputs of a run at equal steps; each sample is the mean over its step."""
+    """Outputs of a run at equal steps; each sample is the mean over its step.
+
+    Raises `ValueError` for shapes that do not fit and for numbers that are implausible in these units.
+    """
 
     accel: Float[AnyArray, "time 3"]  # m/s²
     gyro: Float[AnyArray, "time 3"]  # rad/s
     temperature: Float[AnyArray, " time"]  # °C
     step: Scalar | float  # s
+
+    def __check_init__(self):
+        # Axes to map over and other things than arrays may stand in the place of each.
+        if all(hasattr(x, "shape") for x in (self.accel, self.gyro, self.temperature)):
+            check_samples("ImuData", self)
 
 
 # Last step of `refine`, in standard deviations, by the digits that numbers have. Rounding moves positions by 1e-9 m

@@ -28,6 +28,10 @@ STANDARD_GRAVITY = 9.80665  # m/s²
 REST_RATE = 0.01  # rad/s
 
 
+SLOWEST = 0.1  # Hz: the means of a log in a chamber, not samples; below it is the step
+LONGEST_DELAY = 1.0  # s: filter, bus and stamp of an IMU are a hundred times quicker
+
+
 class TwinState(eqx.Module):
     """What a twin remembers from sample to sample."""
 
@@ -68,10 +72,14 @@ class Twin(eqx.Module):
         *,
         delay: float = 0.0,
     ):
-        if not (np.isfinite(sample_rate) and sample_rate > 0.0):
-            raise ValueError(f"`Twin(sample_rate=...)`: must be above 0 Hz; got {sample_rate}.")
-        if not 0.0 <= delay <= 10.0:
-            raise ValueError(f"`Twin(delay=...)`: must be from 0 to 10 s; got {delay} (ms?).")
+        if not (np.isfinite(sample_rate) and sample_rate >= SLOWEST):
+            raise ValueError(
+                f"`Twin(sample_rate=...)`: must be {SLOWEST:g} Hz or more; got {sample_rate} (the step in s?)."
+            )
+        if not 0.0 <= delay <= LONGEST_DELAY:
+            raise ValueError(
+                f"`Twin(delay=...)`: must be from 0 to {LONGEST_DELAY:g} s; got {delay} (ms?)."
+            )
         for fitted in calibration.effects:
             online_form(fitted, "Twin(calibration)")
         if not isinstance(noise, SensorNoise):

@@ -4,6 +4,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+
+from .._typing import AnyArray
+from .leaves import is_traced
 
 
 def check_one(call: str, **vectors: Any) -> None:
@@ -33,3 +37,24 @@ def check_key(call: str, key: Any) -> None:
     raise ValueError(
         f"`{call}`: key is {key if jnp.ndim(key) == 0 else 'an array'}; make one by `jax.random.PRNGKey(0)`."
     )
+
+
+# Of a covariance's element in standard deviations: more is no rounding, in 32 bits either.
+ROUNDING = 1e-3
+
+
+def check_covariance(call: str, covariance: AnyArray) -> None:
+    """Raise `ValueError` for known matrices that are no covariances: a variance below zero, not symmetric, or a
+    correlation beyond one. What is no number passes: nothing was found there."""
+    if is_traced(covariance):
+        return
+    c = np.asarray(covariance)
+    variances = np.diagonal(c, axis1=-2, axis2=-1)
+    if np.any(variances < 0.0):
+        raise ValueError(f"`{call}`: a variance is {np.nanmin(variances):g}; none is below 0.")
+    sigma = np.sqrt(variances)
+    size = sigma[..., :, None] * sigma[..., None, :]
+    if np.any(np.abs(c - np.swapaxes(c, -1, -2)) > ROUNDING * size):
+        raise ValueError(f"`{call}`: the matrix is not symmetric.")
+    if np.any(np.abs(c) > (1.0 + ROUNDING) * size):
+        raise ValueError(f"`{call}`: an element is larger than its two standard deviations allow.")

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
+from .celsius import not_celsius
 from .leaves import as_array, as_leaf, is_traced
 
 
@@ -116,6 +117,9 @@ class Polynomial(AbstractBasis):
                 f"`Polynomial(low=..., high=...)` needs low < high in °C; "
                 f"got low={self.low}, high={self.high}."
             )
+        wrong = not_celsius(np.array([self.low, self.high]))
+        if wrong is not None:
+            raise ValueError(f"`Polynomial(low=..., high=...)`: {wrong}.")
 
     @property
     def size(self) -> int:
@@ -178,6 +182,9 @@ class CubicSpline(AbstractBasis):
                 f"`CubicSpline(knots=...)` needs at least 2 increasing temperatures in °C; "
                 f"got {tuple(knots.ravel().tolist())}."
             )
+        wrong = not_celsius(knots)
+        if wrong is not None:
+            raise ValueError(f"`CubicSpline(knots=...)`: {wrong}.")
 
     @property
     def size(self) -> int:

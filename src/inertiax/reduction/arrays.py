@@ -10,15 +10,17 @@ from ..data.plausible_units import (
     check_from_zero,
     check_rate,
     check_ratio,
+    check_rest_force,
     check_temperature,
 )
 from ..physics.leaves import is_traced
+from ..physics.shapes import check_covariance
 
 
 CALL = "Dwells.from_arrays"
 
-# 1 sigma of a mean, m/s² and rad/s, beyond which it is in another unit.
-GREATEST_SIGMA = {"accel": 10.0, "gyro": 10.0}
+# 1 sigma of a mean, m/s² and rad/s, beyond which it is in another unit: no calibration comes of such means.
+GREATEST_SIGMA = {"accel": 0.5, "gyro": 0.1}
 TURNING = 1e-3  # rad/s of the reference: more than the Earth turns
 
 
@@ -104,7 +106,7 @@ def filled(values: Any, valid: Any) -> Any:
     return np.take_along_axis(values, rows.reshape(*rows.shape, *extra), axis=valid.ndim - 1)
 
 
-def covariance(name: str, sigma: Any, outputs: Any) -> Any:
+def covariance(name: str, sigma: Any, outputs: Any, valid: Any) -> Any:
     """Covariances of means (…, dwells, 3, 3) from 1 sigma of them, or from covariances themselves; zero: unknown.
 
     One sigma a dwell is one for its three axes, where its shape is not also that of axes.
@@ -120,11 +122,18 @@ def covariance(name: str, sigma: Any, outputs: Any) -> Any:
             raise ValueError(
                 f"`{CALL}(sigma=...)`: shape {given.shape}; covariances are {(*shape, 3)}."
             )
-        return fitted("sigma", given, (*shape, 3))
+        made = fitted("sigma", given, (*shape, 3))
+        if not is_traced(made):
+            check_covariance(f"{CALL}(sigma=...)", made)
+        return made
     if not is_traced(given):
         unit = "m/s²" if name == "accel" else "rad/s"
         check_from_zero(f"{CALL}(sigma=...)", given, GREATEST_SIGMA[name], f"{unit} for {name}")
         given = _of_outputs(given, shape)
+        if not is_traced(valid) and np.any(given[valid] == 0.0):
+            raise ValueError(
+                f"`{CALL}(sigma=...)`: 0; it must be above 0 {unit} for {name}. Leave it out where it is not known."
+            )
     return (given**2)[..., None] * np.eye(3)
 
 
@@ -195,4 +204,6 @@ def _check_units(made: dict[str, Any], kept: Any) -> None:
         reference = made[f"reference_{name}"]
         check(CALL, f"reference_{name}", reference, kept)
         check_ratio(CALL, name, made[name], reference, kept, TURNING if name == "gyro" else 1.0)
+        if name == "accel" and reference is None:
+            check_rest_force(CALL, name, made[name], kept)
         check(CALL, name, made[name], kept)

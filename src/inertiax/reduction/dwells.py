@@ -111,8 +111,8 @@ class Dwells(eqx.Module):
             count=np.ones(shape),
             experiment=arrays.labels("experiment", experiment, shape, 0),
             position=arrays.labels("position", position, shape, poses),
-            accel_covariance=arrays.covariance("accel", own[0], made["accel"]),
-            gyro_covariance=arrays.covariance("gyro", own[1], made["gyro"]),
+            accel_covariance=arrays.covariance("accel", own[0], made["accel"], made["valid"]),
+            gyro_covariance=arrays.covariance("gyro", own[1], made["gyro"], made["valid"]),
             **made,
         )
 
