@@ -100,6 +100,7 @@ CASES = [
     ("c.with_covariance(np.triu(np.ones((3, 3))))", "the matrix is not symmetric"),
     ("c.with_covariance(2.0 * np.ones((3, 3)) - np.eye(3))", "larger than its two standard deviations allow"),
     ("warm(v, v, 293.15)", "temperature is 293.15; it is in °C, from -100 to 200 (kelvin?)"),
+    ("warm(v, v, 20.0 + t)", "takes one temperature but got shape (10,)"),
     ("warm.distort(v, v, 293.15)", "temperature is 293.15; it is in °C"),
     ("c(v, np.array([100.0, 20.0, 300.0]), 20.0)", "gyro has magnitude 316.86; it is in rad/s (deg/s?)"),
     ("c.distort(2e4 + v, v, 20.0)", "force has magnitude 34641; it is in m/s²"),

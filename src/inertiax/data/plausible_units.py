@@ -119,9 +119,9 @@ def check_sample(
     ):
         if not is_traced(vector) and (size := float(np.linalg.norm(vector))) > greatest:
             raise ValueError(f"`{call}`: {name} has magnitude {size:g}; it is in {right}.")
-    if is_traced(temperature) or not np.isfinite(temperature):
+    if is_traced(temperature) or np.ndim(temperature) or not np.isfinite(temperature):
         return
-    wrong = not_celsius(temperature)
+    wrong = not_celsius(np.asarray(temperature))
     if wrong is not None:
         raise ValueError(f"`{call}`: temperature is {wrong}.")
 
