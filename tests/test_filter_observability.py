@@ -136,3 +136,18 @@ def test_a_constant_temperature_hides_slopes_and_a_changing_one_shows_them():
     assert set(cold.parameters) == {*ACCEL, *GYRO}
     ramp = _seen(filter_, *_felt(), 50.0 * TIME / TIME[-1])
     assert ramp.unobservable == ()
+
+
+def test_states_that_are_known_exactly_are_not_shown_by_a_run():
+    names = tuple(f"accel.bias[{i}] of φ0" for i in range(3))
+    turned = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0]])  # the third has no prior variance
+    made = lambda share, hidden: navigation.Observability(
+        names, np.array([5.0, 9.0]), turned, share, np.ones(3), hidden
+    )
+    said = made(np.zeros(3), ()).statement()
+    assert (
+        said
+        == "The run's motion shows all 2 calibration states (1 without prior variance left out)."
+    )
+    said = made(np.array([0.5, 0.0, 0.0]), names[:1]).statement()
+    assert "combinations of 1 of 2 calibration states unobservable (1 without" in said

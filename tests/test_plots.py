@@ -132,6 +132,7 @@ def test_a_calibration_draws_both_triads():
         temperature_range=(-30.0, 50.0),
     )
     figure = calibration.plot()
+    assert figure.get_suptitle() == "bands and bars hold 95 %"
     assert [ax.get_title(loc="left") for ax in figure.axes if ax.get_visible()] == [
         "accel: bias", "accel: scale factor", "accel: misalignment", "gyro: bias",
     ]  # fmt: skip

@@ -97,15 +97,20 @@ def test_agrees_with_scipy_near_the_solution():
 def test_outcomes_are_data():
     args = _misra1a()
     start = jnp.array([240.0, 5.5e-4])
-    assert bool(least_squares(_decay, start, args).succeeded)
+    found = least_squares(_decay, start, args)
+    assert bool(found.succeeded) and found.outcome == "converged"
     out_of_steps = least_squares(_decay, jnp.array([500.0, 1e-4]), args, max_steps=2)
     assert not bool(out_of_steps.succeeded)
     assert bool(out_of_steps.result == optx.RESULTS.nonlinear_max_steps_reached)
+    assert "maximum number of steps" in out_of_steps.outcome
     bad = (args[0], args[1].at[3].set(jnp.nan))
     assert not bool(least_squares(_decay, start, bad).succeeded)
     # Two parameters that only appear as a sum: rank 1.
     singular = least_squares(lambda p, a: (p[0] + p[1]) * a[0] - a[1], jnp.ones(2), args)
     assert not bool(singular.succeeded)
+    many = jax.vmap(lambda p: least_squares(_decay, p, args))(jnp.stack([start, start]))
+    with pytest.raises(ValueError, match=r"solution.outcome`: it is of one known solve"):
+        many.outcome  # noqa: B018
 
 
 @pytest.mark.slow

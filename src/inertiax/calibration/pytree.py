@@ -339,7 +339,7 @@ class Calibration:
         return representation.line(self)
 
     def summary(self) -> str:
-        """The parameters in customary units at the middle of the temperature range, as text."""
+        """The parameters in customary units at the middle of the temperature range, with 1 sigma, as text."""
         return representation.summary(self)
 
     def _repr_html_(self) -> str:

@@ -58,9 +58,9 @@ def single(calibration: Shown, call: str) -> None:
 
 
 def summary(calibration: Shown) -> str:
-    """The parameters in customary units at the middle of the temperature range, as text."""
+    """The parameters in customary units at the middle of the temperature range, with 1 sigma, as text."""
     single(calibration, "summary")
-    lines = [_title(calibration)]
+    lines = [f"{_title(calibration)}, ± 1 sigma"]
     for quantity in _all(calibration):
         value, sigma = with_sigma(quantity.value, quantity.sigma)
         triad = quantity.name.partition(".")[0]

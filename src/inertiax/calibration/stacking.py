@@ -40,7 +40,11 @@ def stack(trees: Sequence[Tree]) -> Tree:
 
 
 def unstack(tree: Tree) -> list[Tree]:
-    """The devices of a stacked pytree, one by one. Raises `ValueError` where leaves differ in their first axis."""
+    """The devices of a stacked pytree, one by one.
+
+    Serial numbers and notes, which `stack` drops, are set by `one.changed(device="SN 12")`. Raises `ValueError` where
+    leaves differ in their first axis.
+    """
     lengths = {np.shape(x)[:1] for x in jax.tree.leaves(tree)}
     if len(lengths) != 1 or () in lengths:
         raise ValueError(

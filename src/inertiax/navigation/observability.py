@@ -63,13 +63,16 @@ class Observability(eqx.Module):
         return tuple(dict.fromkeys(n.split(" of ")[0] for n in self.unobservable))
 
     def statement(self) -> str:
-        """One sentence for a report."""
+        """One sentence for a report; states without prior variance are known, and not shown by a run."""
+        varying = int(np.any(self.directions != 0.0, axis=0).sum())
+        exact = len(self.names) - varying
+        known = f" ({exact} without prior variance left out)" if exact else ""
         if not self.unobservable:
-            return f"The run's motion shows all {len(self.names)} calibration states."
+            return f"The run's motion shows all {varying} calibration states{known}."
         count = int(np.sum(self.share > 0.0))
         return (
-            f"The run's motion leaves combinations of {count} of {len(self.names)} calibration states "
-            f"unobservable: {', '.join(self.parameters)}."
+            f"The run's motion leaves combinations of {count} of {varying} calibration states "
+            f"unobservable{known}: {', '.join(self.parameters)}."
         )
 
 

@@ -15,6 +15,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._typing import AnyArray
+from ..physics.leaves import is_traced
 from .linear_algebra import DenseNormal, spd_inverse
 
 
@@ -24,7 +25,7 @@ class Solution(eqx.Module):
     parameters: Float[AnyArray, "*batch parameters"]
     residuals: Float[AnyArray, "*batch rows"]  # whitened, at the solution
     covariance: Float[AnyArray, "*batch parameters parameters"]  # (JᵀJ)⁻¹; NaN where rank deficient
-    result: optx.RESULTS  # outcome as data; `optx.RESULTS[...]` gives its words
+    result: optx.RESULTS  # outcome as data; `outcome` in words
     num_steps: Int[AnyArray, " *batch"]
 
     @property
@@ -32,6 +33,24 @@ class Solution(eqx.Module):
         """Whether the convergence test was met with finite numbers and a full-rank Jacobian."""
         regular = jnp.all(jnp.isfinite(jnp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
         return (self.result == optx.RESULTS.successful) & regular
+
+    @property
+    def outcome(self) -> str:
+        """How one solve ended, in words. Raises `ValueError` for many or in traced code."""
+        return outcome("solution.outcome", self.result, self.succeeded)
+
+
+def outcome(call: str, result: optx.RESULTS, succeeded: AnyArray | bool) -> str:
+    """How a solve ended, in words."""
+    if is_traced(succeeded) or jnp.ndim(succeeded):
+        raise ValueError(
+            f"`{call}`: it is of one known solve; `solution.succeeded` tells many and works in traced code."
+        )
+    if succeeded:
+        return "converged"
+    if bool(result == optx.RESULTS.successful):
+        return "the data do not determine all parameters"
+    return " ".join(optx.RESULTS[result].split())
 
 
 def gauss_newton(*, tolerance: float = 1e-7) -> optx.AbstractLeastSquaresSolver:

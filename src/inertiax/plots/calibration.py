@@ -115,6 +115,7 @@ def both_triads(calibration: Calibration) -> Figure:
             ax.set_title(f"{triad.names[0].partition('.')[0]}: {title}")
         for ax in axes[len(panels) :]:
             ax.set_visible(False)
+        figure.suptitle("bands and bars hold 95 %", fontsize="small", x=0.01, ha="left")
     return figure
 
 

@@ -29,7 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator, ReferenceAccel, ReferenceGyro
 from ..estimators.base import check_estimator
-from ..numerics.least_squares import least_squares
+from ..numerics.least_squares import least_squares, outcome
 from ..numerics.linear_algebra import DenseNormal, spd_inverse
 from ..numerics.wide_arithmetic import in_64_bits
 from ..physics.temperature import AbstractBasis, Curve, interpolate
@@ -46,7 +46,7 @@ class ThermalSolution(eqx.Module):
         AnyArray, "unknowns unknowns"
     ]  # of coefficients, row-major (size, parameters)
     residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell is padding
-    result: optx.RESULTS  # outcome as data
+    result: optx.RESULTS  # outcome as data; `outcome` in words
     num_iterations: Int[AnyArray, " *batch"]
     history: Float[AnyArray, "*batch iterations size parameters"]  # NaN beyond `num_iterations`
     step_sizes: Float[AnyArray, "*batch iterations"]  # largest change, in standard deviations
@@ -58,6 +58,11 @@ class ThermalSolution(eqx.Module):
         xp = np if isinstance(self.covariance, np.ndarray) else jnp
         regular = xp.all(xp.isfinite(xp.diagonal(self.covariance, axis1=-2, axis2=-1)), axis=-1)
         return (self.result == optx.RESULTS.successful) & regular
+
+    @property
+    def outcome(self) -> str:
+        """How one solve ended, in words. Raises `ValueError` for many or in traced code."""
+        return outcome("solution.outcome", self.result, self.succeeded)
 
 
 def dwell_residuals(
