@@ -187,6 +187,7 @@ CASES = [
     ("nav.ImuNoise(nav.TriadNoise(1e-3), nav.TriadNoise(0.9))", "`ImuNoise(gyro=...): white`: 0.9; it is in SI"),
     ("nav.TriadNoise(1e-3, walk=-1e-5)", "`TriadNoise(walk=...)`: -1e-05"),
     ("nav.Filter(c, 'gyro.bias', noise=noise, frame=frame)", "`Filter(states='gyro.bias')` chooses none"),
+    ("nav.Filter(many, '*', noise=noise, frame=frame)", "`Filter(calibration)`: (2,) devices are stacked"),
     ("F.start(2.0 * np.eye(3), v, v, **sigmas)", "`Filter.start(attitude=...)`: it is not a rotation"),
     ("F.start(np.eye(3), v[:2], v, **sigmas)", "velocity has shape (2,)"),
     ("F.start(np.eye(3), v, v, **sigmas | {'attitude_sigma': 5.0})", "(attitude_sigma=...)`: 5; it is in rad"),

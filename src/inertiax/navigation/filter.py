@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray, Mat3, Vec3
 from ..calibration.calibration import Calibration
+from ..calibration.triad import MAPPED, refuse_stacked
 from ..data.plausible_units import check_from_zero
 from ..physics.shapes import check_one
 from .calibration_states import calibration_states, CalibrationStates
@@ -102,7 +103,7 @@ class Filter(eqx.Module):
     - `thermal`: false for one constant a parameter, whatever the temperature (filters of 15 and 21 states).
 
     The methods are pure: they go through `jit`, `vmap` and `grad`, in the precision of the data.
-    Raises `ValueError` for patterns that choose nothing, a calibration with effects, or fewer than two samples.
+    Raises `ValueError` for patterns that choose nothing, stacked devices, effects, or fewer than two samples.
 
     **Example:** see the page "Filter with calibration states".
     """
@@ -122,6 +123,7 @@ class Filter(eqx.Module):
     ):
         if samples < 2:
             raise ValueError(f"`Filter(samples=...)` must be 2 or more; got {samples}.")
+        refuse_stacked(calibration.triads, "Filter(calibration)", MAPPED)
         self.calibration = calibration
         chosen = calibration_states(calibration, states, thermal=thermal)
         self.model = FilterModel(chosen, noise, frame, jnp.asarray(calibration.gravity), samples)
