@@ -55,7 +55,9 @@ class Fit:
     reasons: tuple[str | None, ...] = ()  # of each device, devices flattened
     # SI, a row a dwell for `Invariant` (of |a|), three for the others; zero where a dwell is not valid.
     residuals: Mapping[str, Float[np.ndarray, "*devices dwells rows"]] = field(default_factory=dict)
+    # With the dwells' own sigma.
     chi2: Mapping[str, Float[np.ndarray, "*devices"]] = field(default_factory=dict)
+    # Rows less coefficients.
     dof: Mapping[str, Int[np.ndarray, "*devices"]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
