@@ -18,6 +18,7 @@ from .results import Result
 
 _SIDE_BY_SIDE = 4  # temperatures in one table
 _UNNAMED = "not named; [device] serial in campaign.toml or in the station's file names it"
+_JUDGED = "by the rule of `calibrate`, see Deviations where it is not good"
 _LINE = "_" * 24  # where people write
 # Of the combined uncertainty; less changes it by less than 13 millionths, and is not shown.
 _LEAST = 5e-3
@@ -76,7 +77,7 @@ def keys(protocol: Protocol) -> list[Key]:
     found = [Key("Device", protocol.calibration.device or "not named")]
     if known is not None:
         found.append(Key("Temperature range", f"{float(known[0]):.1f} … {float(known[1]):.1f} °C"))
-    found.append(Key("Fit", protocol.record.verdict, "as the calibration's report judges it"))
+    found.append(Key("Fit", protocol.record.verdict, _JUDGED))
     return found
 
 
@@ -94,7 +95,7 @@ def identity(protocol: Protocol) -> Section:
         ("measured", days),
         ("calibrated", f"{_readable(record.created)} with inertiax {record.software['inertiax']}"),
         ("command", record.command),
-        ("fit", f"{record.verdict}, as the calibration's report judges it"),
+        ("fit", f"{record.verdict}, {_JUDGED}"),
     ]
     shown = tuple((name, text or "not stated") for name, text in rows)
     return Section("Identity", tables=(Table(("", "stated"), shown),))
