@@ -218,6 +218,9 @@ ACCEPTED = [
     "nav.ImuData(0.0 * x, x, t, 0.01)",  # an orbit
     "nav.ImuData(100.0 * x, x, t, 0.01)",
     "nav.ImuData(0, 0, 0, None)",  # axes to map over
+    "jax.eval_shape(lambda d: d.accel, nav.ImuData(*(jax.ShapeDtypeStruct(q.shape, 'f4') for q in (x, x, t)), 0.01))",
+    "jax.jit(lambda q: nav.ImuData(q / 9.81, q, t, 0.01).accel)(x)",
+    "nav.ImuData(*(jax.numpy.asarray(q) for q in (x, x, t)), jax.numpy.asarray(0.01))",
     "nav.ImuData(np.stack([x, x]), np.stack([x, x]), np.stack([t, t]), 0.01)",
     "nav.ImuData(x, x, np.full(10, np.nan), 0.01)",
     "c.with_covariance(np.zeros((3, 3)))",

@@ -21,6 +21,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar, Vec3
@@ -98,8 +99,9 @@ class ImuData(eqx.Module):
     step: Scalar | float  # s
 
     def __check_init__(self):
-        # Axes to map over and other things than arrays may stand in the place of each.
-        if all(hasattr(x, "shape") for x in (self.accel, self.gyro, self.temperature)):
+        # Axes to map over, shapes and other things than arrays may stand in the place of each.
+        columns = (self.accel, self.gyro, self.temperature)
+        if all(isinstance(x, np.ndarray | jax.Array) for x in columns):
             check_samples("ImuData", self)
 
 
