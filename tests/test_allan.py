@@ -246,10 +246,11 @@ def test_of_compensated_columns_the_temperature_is_said_to_be_what_is_left(warmi
     assert not any("compensate the log" in n for n in left)
 
 
-def test_terms_that_a_drift_hides_are_said_once_with_the_reason(warmed):
-    (said,) = [n for n in warmed.notes if "drift as none of the terms does" in n]
+def test_terms_that_a_drift_hides_are_said_once_with_the_reason(warming):
+    drifting = noise_of(warming, compensated=True)  # and no temperature is blamed
+    (said,) = [n for n in drifting.notes if "drift as none of the terms does" in n]
     assert "accel_z" in said and "(R) are not told" in said
-    assert not any("does not determine random walk" in n and "accel_z" in n for n in warmed.notes)
+    assert not any("does not determine random walk" in n and "accel_z" in n for n in drifting.notes)
 
 
 def test_a_recording_without_a_rest_is_refused():
@@ -258,3 +259,33 @@ def test_a_recording_without_a_rest_is_refused():
     moving = Recording(time=time, gyro=gyro, position=np.full(1000, -1), name="moving")
     with pytest.raises(ValueError, match="moving: the longest rest has 0 samples"):
         noise_of(moving)
+
+
+def _warming(drift, *, seconds=1200.0, rate=20.0, walk=0.0, span=30.0):
+    rng = np.random.default_rng(8)
+    count = int(seconds * rate)
+    time = np.arange(count) / rate
+    probe = 20.0 + span * (1.0 - np.exp(-time / 400.0))
+    x = (probe - 35.0)[:, None] / 15.0
+    gyro = 1e-3 * rng.standard_normal((count, 3)) + drift * (x + 0.3 * x**2)
+    gyro += walk / np.sqrt(rate) * np.cumsum(rng.standard_normal((count, 3)), axis=0)
+    return Recording(time=time, gyro=gyro, temperature=probe[:, None], name="warm.csv")
+
+
+@pytest.mark.parametrize("drift", [3e-4, 3e-3, 3e-2])
+def test_a_drift_with_temperature_is_no_random_walk(drift):
+    found = noise_of(_warming(drift))
+    for channel in found.channels:
+        assert not any(channel.model.terms[term].shown for term in "BKR")
+        # N = 1e-3 / √20 by hand; its interval is 95 %, and three axes are asked.
+        assert channel.model.terms["N"].value == pytest.approx(1e-3 / np.sqrt(20.0), rel=0.05)
+    assert any("follow the temperature" in n for n in found.notes)
+
+
+def test_a_walk_at_a_steady_temperature_and_in_compensated_columns_keeps_its_value():
+    steady = noise_of(_warming(0.0, walk=3e-5, seconds=3600.0, span=0.5))
+    assert all(c.model.terms["K"].shown for c in steady.channels)
+    told = noise_of(_warming(0.0, walk=3e-5, seconds=3600.0), compensated=True)
+    assert all(c.model.terms["K"].shown for c in told.channels)
+    white = noise_of(_warming(0.0))
+    assert not [n for n in white.notes if "follow the temperature" in n]

@@ -210,3 +210,29 @@ def test_the_log_that_was_calibrated_is_not_outside_of_itself(other_units):
     """The rests' means, 20.0 to 20.4 °C, are a little less than all samples, 19.9 to 20.5 °C."""
     _, _, done = other_units
     assert done.num_extrapolated == 0 and done.notes == ()
+
+
+@pytest.mark.parametrize("pieces", [False, True])
+def test_raw_columns_of_the_compensated_names_are_told_where_one_file_then_mixes(tmp_path, pieces):
+    rng = np.random.default_rng(5)
+    values = 0.01 * rng.standard_normal((300, 3)) + [0.0, 0.0, 9.81]
+    same = {"time": 0.01 * np.arange(300)} | {
+        f"accel_{a}": values[:, k] for k, a in enumerate("xyz")
+    }
+    said = '[recordings]\nfiles = ["raw.csv"]\n'
+
+    def notes(columns, text):
+        pl.DataFrame(columns).write_csv(tmp_path / "raw.csv")
+        (tmp_path / "campaign.toml").write_text(text)
+        raw = tmp_path / "raw.csv"
+        if pieces:
+            return write_compensated(
+                made_calibration(), raw, tmp_path / "done.csv", campaign=tmp_path, size=2000
+            ).notes
+        return compensate_file(made_calibration(), raw, campaign=tmp_path).notes
+
+    assert not [n for n in notes(same, said) if "replaced" in n]  # canonical columns, as ever
+    in_g = {k: v / 9.80665 if k != "time" else v for k, v in same.items()}
+    unit = '[columns]\naccel = { names = ["accel_x", "accel_y", "accel_z"], unit = "g" }\n'
+    (told,) = [n for n in notes(in_g, said + unit) if "replaced" in n]
+    assert "accel_x/y/z" in told and "raw.csv" in told

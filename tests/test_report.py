@@ -117,7 +117,7 @@ def test_misfit_is_judged_against_the_noise():
     bad = device_result(scatter=3e-4, chi2_per_dof=9.0)
     unknown = device_result(chi2_per_dof=float("nan"))
     found = {f.topic: f for f in judge(good).findings}["misfit"]
-    assert found.fine and "as the noise predicts" in found.text
+    assert found.fine and "as noise and stated uncertainties predict" in found.text
     found = {f.topic: f for f in judge(bad).findings}["misfit"]
     assert not found.fine and "3.0 times the noise" in found.text
     found = {f.topic: f for f in judge(unknown).findings}["misfit"]

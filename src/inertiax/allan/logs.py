@@ -1,5 +1,6 @@
 """Noise of every channel of a recording at rest."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from .model import NoiseModel
 from .repeats import own_samples
 from .rest_channels import longest_rest, name_of
 from .stored_channel import blocks_of, is_constant, Log
+from .temperature_drift import follows_temperature, without_slow_terms
 
 
 _LONG = 1 << 18  # samples from which on long averaging times use means of neighbours
@@ -63,6 +65,10 @@ def noise_of(
     first, last = rest.span
     rate = float((rest.num_samples - 1) / (last - first))
     channels: list[ChannelNoise] = []
+    warm: list[str] = []  # channels that follow the temperature
+    warmed = None
+    if rest.has("temperature") and not compensated:
+        warmed = np.concatenate([t[:, 0] for t in rest.pieces("temperature")])
     for triad in ("accel", "gyro"):
         if not rest.has(triad):
             continue
@@ -85,10 +91,19 @@ def noise_of(
                 notes.append(f"{name} is constant: a dead channel, or filled-in values")
                 continue
             channels.append(_channel(name, triad, fresh, own_rate))
+            if warmed is not None and follows_temperature(fresh, warmed):
+                model = without_slow_terms(channels[-1].model)
+                channels[-1] = dataclasses.replace(channels[-1], model=model)
+                warm.append(name)
     if not channels:
         reason = "; ".join(notes) if notes else "every channel is constant"
         raise ValueError(f"{where or 'the recording'}: no channel tells noise: {reason}.")
-    notes += _remarks(channels)
+    if warm:
+        notes.append(
+            f"{', '.join(warm)} follow the temperature: bias instability (B), random walk (K) and ramp (R) are "
+            "not told of them: no value, and not exported; the compensated log tells them"
+        )
+    notes += [*_misfits(channels, warm), *_sampling(channels), *_untold(channels, warm)]
     return LogNoise(
         where,
         parts[0].device,
@@ -133,13 +148,9 @@ def _curve(log: Log, rate: float) -> Deviations:
     )
 
 
-def _remarks(channels: list[ChannelNoise]) -> list[str]:
-    return [*_misfits(channels), *_sampling(channels), *_untold(channels)]
-
-
-def _misfits(channels: list[ChannelNoise]) -> list[str]:
-    """Channels whose spectrum the terms miss, in part or as a whole, with by how much."""
-    unlike = [c for c in channels if c.model.chi2_per_dof > UNLIKE]
+def _misfits(channels: list[ChannelNoise], warm: Sequence[str]) -> list[str]:
+    """Channels whose spectrum the terms miss, in part or as a whole, with by how much; not by temperature."""
+    unlike = [c for c in channels if c.model.chi2_per_dof > UNLIKE and c.channel not in warm]
     if not unlike:
         return []
     sizes = ", ".join(f"{c.channel} ({c.model.chi2_per_dof:.0f})" for c in unlike)
@@ -163,9 +174,10 @@ def _sampling(channels: list[ChannelNoise]) -> list[str]:
     ]
 
 
-def _untold(channels: list[ChannelNoise]) -> list[str]:
+def _untold(channels: list[ChannelNoise], warm: Sequence[str]) -> list[str]:
     """Terms without a value: those that a drift hides, and those that the log does not show."""
-    drifting = [c for c in channels if c.model.band[0] > 0.0]
+    follow = [c for c in channels if c.channel in warm]
+    drifting = [c for c in channels if c.model.band[0] > 0.0 and c not in follow]
     remarks = []
     if drifting:
         names = ", ".join(c.channel for c in drifting)
@@ -175,7 +187,7 @@ def _untold(channels: list[ChannelNoise]) -> list[str]:
             f"walk (K) and ramp (R) are not told: no value, and not exported"
         )
     for term, what in (("N", "white noise"), ("B", "bias instability"), ("K", "random walk")):
-        hidden = drifting if term != "N" else []
+        hidden = [*drifting, *follow] if term != "N" else []
         untold = [c.channel for c in channels if not c.model.terms[term].shown and c not in hidden]
         if untold:
             remarks.append(

@@ -127,9 +127,8 @@ def misfit_words(unit: str, rms: float, noise_ratio: float, scatter: float) -> s
     if np.isnan(noise_ratio):
         text += "; the noise itself is not known, so that the misfit sets the uncertainties"
     elif scatter == 0.0:
-        predicted = "below what noise and rig" if noise_ratio**2 < FAR_BELOW else "as the noise"
-        verb = "predict" if noise_ratio**2 < FAR_BELOW else "predicts"
-        text += f", {predicted} {verb} (χ² per degree of freedom {noise_ratio**2:.2f})"
+        below = "far less than" if noise_ratio**2 < FAR_BELOW else "as"
+        text += f", {below} noise and stated uncertainties predict (χ² per degree of freedom {noise_ratio**2:.2f})"
     else:
         text += f", {noise_ratio:.{1 if noise_ratio < 100 else 0}f} times the noise"
         text += f"; the uncertainties include the {rms_text(unit, scatter)} that dwells differ by"

@@ -24,6 +24,7 @@ from .estimates.augmented_calibration import augmented_calibration, Beside
 from .estimates.calibration_chain import succeeding, taken_away
 from .estimates.cross_validation import held_out_rms, in_sample
 from .estimates.localisation import locate, tidy
+from .estimates.moved_parameters import moved_between
 from .estimates.parameters import moved
 from .estimates.separable import refined
 from .estimates.transients import (
@@ -105,7 +106,8 @@ def _calibrated(
     except ValueError as error:
         why = f"calibration.json is that of the plain model, since beside the named effects {error}"
         return replace(found, notes=(*found.notes, why)), plain
-    return replace(found, estimate=estimate), beside
+    pulled = moved_between(plain, beside)
+    return replace(found, estimate=estimate, parameters_moved=pulled), beside
 
 
 def diagnose(

@@ -76,7 +76,7 @@ class Moved(eqx.Module):
     name: str = eqx.field(static=True)  # such as accel.bias[1]
     before: float = eqx.field(static=True)  # SI
     after: float = eqx.field(static=True)  # SI
-    std: float = eqx.field(static=True)  # SI, of the difference's estimate
+    std: float = eqx.field(static=True)  # SI, of `after`
 
 
 class Diagnosis(eqx.Module):

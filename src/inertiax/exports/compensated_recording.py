@@ -1,5 +1,6 @@
 """A calibration applied to a recording file: the same table with compensated columns."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -124,8 +125,10 @@ def _compensated_table(
     further = further_columns(calibration, recording)
     notes = notes_on(calibration, recording, Extent.of(recording, outside), name)
     notes += tuple(f"{name}: {line}" for line in left_out)
+    units = units_of(calibration, recording)
+    notes += replaced_columns(table, recording, units, name)
     made = with_outputs(table, recording, force, rate, further, outside)
-    return Compensated(made, int(outside.sum()), notes, units_of(calibration, recording))
+    return Compensated(made, int(outside.sum()), notes, units)
 
 
 def units_of(calibration: Calibration, recording: Recording) -> dict[str, str]:
@@ -136,6 +139,30 @@ def units_of(calibration: Calibration, recording: Recording) -> dict[str, str]:
     if calibration.baro is not None and recording.temperature is not None:
         made["pressure"] = "Pa"
     return {name: unit for name, unit in made.items() if getattr(recording, name) is not None}
+
+
+def replaced_columns(
+    table: pl.DataFrame, recording: Recording, units: Mapping[str, str], name: str
+) -> tuple[str, ...]:
+    """In words, where raw columns give way to compensated ones of their name while others stay, or in other units."""
+    first = lambda triad: triad if triad == "pressure" else f"{triad}_x"
+    own = [triad for triad in units if first(triad) in table.columns]
+    if not own:
+        return ()
+
+    def rescaled(triad: str) -> bool:
+        values = getattr(recording, triad)
+        values = values if values.ndim == 1 else values[:, 0]
+        column = table[first(triad)].cast(pl.Float64, strict=False).to_numpy()
+        return not np.allclose(column, values, rtol=1e-12, atol=0.0, equal_nan=True)
+
+    if len(own) == len(units) and not any(map(rescaled, own)):
+        return ()
+    names = ", ".join(t if t == "pressure" else f"{t}_x/y/z" for t in own)
+    return (
+        f"{name}: its own columns {names} are replaced by the compensated ones, which have their names; rename the raw "
+        "ones before to keep both",
+    )
 
 
 def with_outputs(

@@ -27,6 +27,7 @@ from .compensated_recording import (
     compensate_file,
     Extent,
     notes_on,
+    replaced_columns,
     require_fit,
     source_of,
     units_of,
@@ -92,7 +93,7 @@ def _in_pieces(
     any_device: bool,
 ) -> Written:
     """The pieces, compensated and written. Raises `ValueError` for what the whole table alone can tell."""
-    extent, last = Extent(), None
+    extent, last, replaced = Extent(), None, ()
     with write() as writer:
         for table in tables():
             (recording,) = to_recordings(table, columns, Layout(), name=name)
@@ -105,12 +106,15 @@ def _in_pieces(
                 raise ValueError("a current that is held goes beyond a piece.")
             force, rate, outside = by_parameters(calibration, recording)
             further = further_columns(calibration, recording)
+            if last is None:
+                units = units_of(calibration, recording)
+                replaced = replaced_columns(table, recording, units, name)
             extent |= Extent.of(recording, outside)
             writer.append(with_outputs(table, recording, force, rate, further, outside))
             last = recording[-1:]
     if last is None:
         raise ValueError(f"{name}: no rows.")
-    notes = notes_on(calibration, last, extent, name)
+    notes = (*notes_on(calibration, last, extent, name), *replaced)
     return Written(extent.rows, extent.outside, notes, units_of(calibration, last))
 
 

@@ -40,6 +40,18 @@ def gain_on_left_out(gain: float, what: str) -> str:
     return f"{'lowers' if percent > 0 else 'raises'} {what} by {abs(percent)} %"
 
 
+def _channels(found: Explanation | Where) -> tuple[str, ...]:
+    return found.channels if isinstance(found, Explanation) else (found.channel,)
+
+
+def _models(forms: Sequence[ModelForm]) -> str:
+    return " and ".join(
+        f"the {f.estimator} model of the {'accelerometers' if f.triad == 'accel' else 'gyros'}"
+        + (f" (degree {f.degree} in temperature)" if f.degree else "")
+        for f in forms
+    )
+
+
 def summary(
     verdict: str,
     explanations: Sequence[Explanation],
@@ -48,11 +60,9 @@ def summary(
     forms: Sequence[ModelForm],
 ) -> str:
     """One paragraph."""
-    models = " and ".join(
-        f"the {f.estimator} model of the {'accelerometers' if f.triad == 'accel' else 'gyros'}"
-        + (f" (degree {f.degree} in temperature)" if f.degree else "")
-        for f in forms
-    )
+    pulled = {c.strip("|").partition("_")[0] for x in (*explanations, *where) for c in _channels(x)}
+    apart = [f for f in forms if f.triad in pulled]
+    models = _models(apart if verdict != "consistent" and apart else forms)
     if verdict == "consistent":
         return (
             f"The recordings agree with {models} within noise and the rig's stated uncertainty; no "
