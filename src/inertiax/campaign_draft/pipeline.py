@@ -76,6 +76,8 @@ def draft_campaign(
     found, turns = _with_clock(found, rests)
     columns, remarks = _columns(found, rests, turns)
     columns = Table("columns", columns, (*remarks, *found.roles.notes))
+    if latitude is None:
+        site = _site_of_reference(found) or site
     return _draft(log, (site, _recordings(found, folder, paths), columns, _model(found, rests)))
 
 
@@ -118,6 +120,18 @@ def _site(latitude: float | None, height: float) -> Table:
     value = round(float(normal_gravity(math.radians(latitude), height)), 5)
     why = f"normal gravity of WGS 84 at {height:g} m; a place differs from it by up to some 1e-3 m/s^2"
     return Table("site", (Line("gravity", value, why), Line("latitude", float(latitude))))
+
+
+def _site_of_reference(found: RawTriads) -> Table | None:
+    """Gravity as a table's reference has it."""
+    names = found.roles.reference_accel
+    if names is None:
+        return None
+    told = force_unit(np.stack([found.log.numbers[n] for n in names], axis=1))
+    if told.gravity is None:
+        return None
+    why = "the norm of reference_accel, in all of its rests"
+    return Table("site", (Line("gravity", told.gravity, why),))
 
 
 def _rests(found: RawTriads) -> Resting:
@@ -270,7 +284,7 @@ def _reference_force(found: RawTriads) -> list[Line]:
     moving = [] if force is None else moving_labels(log, position, force)
     if moving:
         value = {"name": position, "moving": moving[0] if len(moving) == 1 else moving}
-        why = "the label with which reference_accel is zero: the table moves"
+        why = "the label with which reference_accel is zero or empty: the table moves"
         return [*lines, Line("position", value, why)]
     return lines if position == "position" else [*lines, Line("position", position)]
 
@@ -289,7 +303,9 @@ def _with_reference_rate(found: RawTriads, unit: TriadUnit) -> tuple[TriadUnit, 
         return unit, []
     said = said_unit(" ".join(log.hint(n) for n in names))
     if not unit.certain and told.unit == unit.unit and "; by magnitude" in unit.why:
-        unit = unit._replace(why=f"{told.why} (reference_gyro), and{unit.why.split(';')[-1]}")
+        unit = unit._replace(
+            why=f"in the unit of reference_gyro, for {told.why}; which it is,{unit.why.split(';')[-1]}"
+        )
     if not unit.certain and said_unit(found.gyro_words) == unit.unit and said in (None, told.unit):
         unit = unit._replace(why=f"as the file says; {told.why} (reference_gyro)", certain=True)
     return unit, [Line("reference_gyro", {"names": list(names), "unit": told.unit}, told.why)]

@@ -11,6 +11,7 @@ from .raw_log import RawLog
 
 _STANDARD = 9.80665  # m/s²
 _NEAR = 0.05  # of gravity, and of the outputs: a table's reference is no farther from an IMU's raw reading
+_SAME = 1e-5  # of gravity: what digits of a reference leave
 _TURNING = 0.3  # of the fastest rate, from which rows tell the unit
 _MOST_LABELS = 3  # that a station writes while it moves
 
@@ -20,6 +21,7 @@ class ReferenceUnit(NamedTuple):
 
     unit: str | None
     why: str
+    gravity: float | None = None  # m/s², where one norm is that of all rows
 
 
 def force_unit(reference: Float[np.ndarray, "rows 3"]) -> ReferenceUnit:
@@ -30,7 +32,9 @@ def force_unit(reference: Float[np.ndarray, "rows 3"]) -> ReferenceUnit:
     norm = float(np.median(size))
     for unit in ("m/s^2", "g", "mg"):
         if abs(norm * ACCEL_UNITS[unit] / _STANDARD - 1.0) < _NEAR:
-            return ReferenceUnit(unit, f"its norm is {norm:.4g}")
+            same = np.quantile(np.abs(size / norm - 1.0), 0.99) < _SAME
+            gravity = round(norm * ACCEL_UNITS[unit], 6) if same else None
+            return ReferenceUnit(unit, f"its norm is {norm:.4g}", gravity)
     return ReferenceUnit(None, f"its norm is {norm:.4g}, gravity in no unit")
 
 
@@ -51,7 +55,7 @@ def rate_unit(
     for unit in ("rad/s", "deg/s", "deg/h"):
         times = ratio * factor / GYRO_UNITS[unit]
         if abs(times - 1.0) < _NEAR:
-            return ReferenceUnit(unit, f"the gyros are {times:.4g} times it while it turns")
+            return ReferenceUnit(unit, f"the gyros read {times:.4g} times its rate while it turns")
     return ReferenceUnit(None, f"the gyros are {ratio:.4g} times its numbers while it turns")
 
 

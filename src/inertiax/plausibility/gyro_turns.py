@@ -250,14 +250,20 @@ def _unexplained(
 ) -> list[Finding]:
     if given < limits.turn_disagrees:
         return []
+    # A table's references tell unit and axes, and its motions are no rows of a calibration.
+    on_table = all(
+        log.labelled and log.recording.reference_accel is not None and len(log.plateau_start) > 0
+        for log in logs
+    )
+    used = " They are not used, for references tell both triads." if on_table else ""
     return [
         finding(
             "axes",
-            "warning",
+            "note" if on_table else "warning",
             "gyro",
             f"{_names(logs)}: the integrated rates do not turn gravity as it turned in {motions.count} motions "
             f"between rests ({given:.2f} rad on average), and no exchange of axes or unit explains it: gyros "
-            "clipped in the motions, lost rows, or rests that are not at rest.",
+            f"clipped in the motions, lost rows, or rests that are not at rest.{used}",
             pairs=motions.count,
             as_given=given,
         )
