@@ -140,6 +140,7 @@ def test_the_sentence_says_which_coefficients_are_not_told():
         ("coefficient[2]", Parameter(2e-4, None, "rad/s/g")),
     )
     text = sentence(effect, ("gyro_x",), values, (("g_sensitivity", 1.0),))
-    assert "coefficient[0] 0.0004 ± 3e-05 rad/s/g" in text
+    # 4e-4 rad/s are 82.5 °/h.
+    assert "coefficient[0] 82.5 ± 6.2 °/h/g" in text
     assert "coefficient[1] not determined by this data" in text
-    assert "coefficient[2] about 0.0002 rad/s/g (not determined by this data)" in text
+    assert "coefficient[2] about 41.25 °/h/g (not determined by this data)" in text

@@ -299,7 +299,7 @@ def test_command_tells_hours_for_a_target(own_cache):
     "arguments, said",
     [
         ((), "say what to do"),
-        (("--audit", "--optimise"), "say what to do"),
+        (("--audit", "--optimise"), "only one of them"),
         (("--audit",), "needs a campaign or a scenario"),
         (("--audit", "no-such-plan"), "'no-such-plan' does not exist"),
         (("--audit", "paper-check", "--positions", "12"), "'--positions': means nothing with --audit"),

@@ -141,11 +141,11 @@ def test_drift_states_stay_stationary_and_walk_by_the_square_root_of_time():
 
 
 def test_terms_left_out_have_no_states():
-    assert ImuNoise(TriadNoise(1.0), TriadNoise(1.0)).count == 0
-    assert ImuNoise(TriadNoise(1.0, turn_on=1e-3), TriadNoise(1.0)).count == 6
+    assert ImuNoise(TriadNoise(0.1), TriadNoise(0.1)).count == 0
+    assert ImuNoise(TriadNoise(0.1, turn_on=1e-3), TriadNoise(0.1)).count == 6
     assert NOISE.count == 24
     with pytest.raises(ValueError, match="one ratio"):
-        ImuNoise(TriadNoise(1.0), TriadNoise(1.0), (10.0, 20.0, 100.0))
+        ImuNoise(TriadNoise(0.1), TriadNoise(0.1), (10.0, 20.0, 100.0))
 
 
 # States of the calibration ------------------------------------------------------------------------
