@@ -199,6 +199,13 @@ def test_rows_that_are_counted_go_on_from_part_to_part(tmp_path):
     np.testing.assert_array_equal(time, np.arange(POSES * (REST + TURN)) / RATE)
 
 
+def test_a_part_keeps_no_column(file):
+    first = in_parts(file)[0]
+    held = first.store.read("accel", first.first, first.stop)
+    assert first.accel is held  # as the store has it, until that lets it go
+    assert not any(isinstance(v, np.ndarray) and v.size > 1 for v in vars(first).values())
+
+
 def test_a_store_holds_few_columns_and_refuses_others():
     (whole,) = _recordings(300)
     store = ColumnStore()

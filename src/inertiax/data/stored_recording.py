@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from .recording import COLUMNS, Recording
 
@@ -97,6 +98,13 @@ class StoredRecording(Recording):
     (m/s²)² and (rad/s)².
     """
 
+    # Again without the conversion of `Recording`, which would keep what it converts; the store has them so already.
+    accel: Float[np.ndarray, "time 3"] | None = None
+    gyro: Float[np.ndarray, "time 3"] | None = None
+    temperature: Float[np.ndarray, "time probes"] | None = None
+    reference_accel: Float[np.ndarray, "time 3"] | None = None
+    reference_gyro: Float[np.ndarray, "time 3"] | None = None
+    mag: Float[np.ndarray, "time 3"] | None = None
     store: ColumnStore | None = eqx.field(static=True, default=None)
     first: int = eqx.field(static=True, default=0)
     stop: int = eqx.field(static=True, default=0)
