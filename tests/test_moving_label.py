@@ -119,6 +119,15 @@ def test_rates_that_are_numbered_like_positions_are_plateaus(tmp_path):
     assert (found[0].position < 0).sum() == 12 and found[0].resting.sum() == 18
 
 
+def test_a_dead_channel_of_a_table_ends_in_a_line(tmp_path):
+    _station(tmp_path / "a.csv", moving=-1)
+    table = pl.read_csv(tmp_path / "a.csv")
+    warm = 20.0 + 10.0 * (table["pose"] % 2)
+    table.with_columns(gyro_y=0.0, temperature=warm).write_csv(tmp_path / "a.csv")
+    (failure,) = calibrate(_campaign(tmp_path, '"pose"'), force=True)
+    assert "gyro: a channel has no scatter" in failure.reason and "inertiax check" in failure.reason
+
+
 def test_references_of_zero_do_not_change_the_size_of_the_force():
     from inertiax.diagnose.observations.signals import _as_stated
 

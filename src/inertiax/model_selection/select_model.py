@@ -319,6 +319,8 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     No degree is considered that the number of different temperatures cannot carry, or whose unknowns the dwells do not
     determine.
     **Returns** the degree and the reason in words.
+
+    Raises `ValueError` where a dwell has a channel without any scatter, whose weight would be infinite.
     """
     temperature = np.asarray(dwells.temperature)
     span = float(np.ptp(temperature))
@@ -327,6 +329,11 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     problem = Problem(estimator, Constant(), dwells)
     now = problem.at(problem.start())
     rows, parameters = now.residual.reshape(-1), now.jacobian
+    if not (np.isfinite(rows).all() and np.isfinite(parameters).all()):
+        raise ValueError(
+            f"{estimator.triad}: a channel has no scatter at all within a dwell, so that its weight would be infinite: "
+            "look for a dead or filled-in channel (`inertiax check`)."
+        )
     num_dwells, per_dwell, count = parameters.shape
     levels = temperature_levels(temperature)
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
