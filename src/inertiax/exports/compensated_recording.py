@@ -1,6 +1,5 @@
 """A calibration applied to a recording file: the same table with compensated columns."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -24,6 +23,7 @@ from ..data.settings import read_toml
 from ..physics.temperature import Constant
 from .compensated_field import feels_current, further_columns
 from .extrapolation import extrapolated, margin
+from .replaced_columns import replaced_columns
 from .text_columns import kinds_of, typed
 
 
@@ -139,30 +139,6 @@ def units_of(calibration: Calibration, recording: Recording) -> dict[str, str]:
     if calibration.baro is not None and recording.temperature is not None:
         made["pressure"] = "Pa"
     return {name: unit for name, unit in made.items() if getattr(recording, name) is not None}
-
-
-def replaced_columns(
-    table: pl.DataFrame, recording: Recording, units: Mapping[str, str], name: str
-) -> tuple[str, ...]:
-    """In words, where raw columns give way to compensated ones of their name while others stay, or in other units."""
-    first = lambda triad: triad if triad == "pressure" else f"{triad}_x"
-    own = [triad for triad in units if first(triad) in table.columns]
-    if not own:
-        return ()
-
-    def rescaled(triad: str) -> bool:
-        values = getattr(recording, triad)
-        values = values if values.ndim == 1 else values[:, 0]
-        column = table[first(triad)].cast(pl.Float64, strict=False).to_numpy()
-        return not np.allclose(column, values, rtol=1e-12, atol=0.0, equal_nan=True)
-
-    if len(own) == len(units) and not any(map(rescaled, own)):
-        return ()
-    names = ", ".join(t if t == "pressure" else f"{t}_x/y/z" for t in own)
-    return (
-        f"{name}: its own columns {names} are replaced by the compensated ones, which have their names; rename the raw "
-        "ones before to keep both",
-    )
 
 
 def with_outputs(
