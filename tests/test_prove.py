@@ -20,6 +20,7 @@ from inertiax.diagnose.estimates.cross_validation import (
 )
 from inertiax.diagnose.estimates.persistence import predicts
 from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.wording.explain import gain_of_channels
 from inertiax.diagnose.wording.sentences import gain_on_left_out
 
 
@@ -139,6 +140,30 @@ def test_an_effect_seen_everywhere_is_predicted_as_before():
         with_it = held_out_rms(prepared, [term])
         assert with_it == pytest.approx(np.sqrt(square / np.sum(w**2)), rel=1e-9)
         assert with_it < 0.7 * held_out_rms(prepared, [])
+
+
+@pytest.mark.slow
+def test_a_gain_is_that_of_the_channels_that_the_effect_touches():
+    """1 - rms with / rms without of gyro_x alone by SciPy; y and z, which would dilute it, are not counted."""
+    with jax.enable_x64(True):
+        (prepared,) = prepare(
+            sweep(seed=7, effect=lambda f, t: only(0, 2e-6 * (t > 2000.0)))
+        ).triads
+        jumps = [t for t in prepared.candidates if t.name == "bias_step" and t.chains == (0,)]
+        term = min(jumps, key=lambda t: abs(t.setting - 2000.0))
+        fold, system, rms = folds(prepared), prepared.system, []
+        y, w = system.base.observed[0], (system.chains[0].white + system.chains[0].rig) ** -0.5
+        for extra in ([], [term.columns[0]]):
+            x, square = np.concatenate([system.frames[0], *extra], axis=1), 0.0
+            for k in range(5):
+                known = fold != k
+                there = scipy.linalg.lstsq(x[known] * w[known, None], y[known] * w[known])[0]
+                square += np.sum((w * (y - x @ there))[~known] ** 2)
+            rms.append(np.sqrt(square))
+        gain = gain_of_channels(prepared, [term], "bias_step")
+        assert gain == pytest.approx(1.0 - rms[1] / rms[0], rel=1e-6) and gain > 0.05
+        assert held_out_rms(prepared, [term], [1, 2]) == held_out_rms(prepared, [], [1, 2])
+        assert gain > 2.0 * (1.0 - held_out_rms(prepared, [term]) / held_out_rms(prepared, []))
 
 
 @pytest.mark.slow

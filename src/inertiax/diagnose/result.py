@@ -43,7 +43,8 @@ class Evidence(eqx.Module):
 
     delta_bic: float = eqx.field(static=True)  # drop of the criterion, positive for the effect
     p_value: float = eqx.field(static=True)  # under noise alone
-    held_out_gain: float = eqx.field(static=True)  # 1 − rms with it / rms without, on left-out data
+    # 1 − rms with it / rms without, on left-out data of its channels.
+    held_out_gain: float = eqx.field(static=True)
 
 
 class Explanation(eqx.Module):

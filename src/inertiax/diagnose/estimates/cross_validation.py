@@ -132,13 +132,18 @@ def effect_columns(
     return np.concatenate([np.zeros((rows, 0)), *mine], axis=1)
 
 
-def held_out_rms(prepared: Prepared, chosen: Sequence[Term]) -> float:
+def held_out_rms(
+    prepared: Prepared, chosen: Sequence[Term], chains: Sequence[int] | None = None
+) -> float:
     """Root mean square of the rows of every fold predicted from the others, SI, each by one over its variance.
 
-    Beside fast turns, whose rows err ten times as much, what the others show would count for nothing.
+    Beside fast turns, whose rows err ten times as much, what the others show would count for nothing. Of all chains, or
+    of those that are named.
     """
-    squares = _held_out_squares(prepared, chosen)
-    weight = np.stack([1.0 / _variance(chain) for chain in prepared.system.chains])
+    some = range(len(prepared.system.chains)) if chains is None else chains
+    fold = folds(prepared)
+    squares = np.stack([_held_out_squares(prepared, chosen, c, fold) for c in some])
+    weight = np.stack([1.0 / _variance(prepared.system.chains[c]) for c in some])
     return float(np.sqrt((weight * squares).sum() / weight.sum())) if squares.size else 0.0
 
 
@@ -159,29 +164,33 @@ def gain_over_stretches(
     piece = _pieces(prepared)
     if len(np.unique(prepared.blocks.dwell)) < 2 * FOLDS:
         piece = piece * min(CHUNKS, len(piece)) // len(piece)
-    before = _held_out_squares(prepared, others, piece)
-    change = before - _held_out_squares(prepared, [*others, term], piece)
-    return np.bincount(piece, change.sum(axis=0))
+    fold, change = folds(prepared), np.zeros(len(piece))
+    for c in term.chains:  # those of others are predicted as before
+        change += _held_out_squares(prepared, others, c, fold, piece)
+        change -= _held_out_squares(prepared, [*others, term], c, fold, piece)
+    return np.bincount(piece, change)
 
 
 def _held_out_squares(
-    prepared: Prepared, chosen: Sequence[Term], piece: Int[np.ndarray, " row"] | None = None
-) -> Float[np.ndarray, "chain row"]:
-    """Squared errors of the rows of every fold predicted from the others, SI squared; with the number of the `piece`
-    of each row by the variance of such a prediction."""
-    fold, system = folds(prepared), prepared.system
-    squares = np.zeros((len(system.chains), len(fold)))
-    for c, chain in enumerate(system.chains):
-        y = system.base.observed[c]
-        effects, variance = effect_columns(chosen, c, len(y)), _variance(chain)
-        for k in range(FOLDS):
-            known = fold != k
-            left = y[~known] - predict_rest(system.frames[c], effects, y, variance, known)
-            squares[c, ~known] = left**2
-            if piece is not None:
-                weight = 1.0 / np.sqrt(variance)
-                columns = _predictors(system.frames[c], effects, weight, known)
-                squares[c, ~known] /= _reach_of_rows(columns, known, piece)[~known]
+    prepared: Prepared,
+    chosen: Sequence[Term],
+    chain: int,
+    fold: Int[np.ndarray, " row"],
+    piece: Int[np.ndarray, " row"] | None = None,
+) -> Float[np.ndarray, " row"]:
+    """Squared errors of a chain's rows of every fold predicted from the others, SI squared; with the number of the
+    `piece` of each row by the variance of such a prediction."""
+    system = prepared.system
+    y, frame = system.base.observed[chain], system.frames[chain]
+    effects, variance = effect_columns(chosen, chain, len(y)), _variance(system.chains[chain])
+    squares = np.zeros(len(fold))
+    for k in range(FOLDS):
+        known = fold != k
+        left = y[~known] - predict_rest(frame, effects, y, variance, known)
+        squares[~known] = left**2
+        if piece is not None:
+            columns = _predictors(frame, effects, 1.0 / np.sqrt(variance), known)
+            squares[~known] /= _reach_of_rows(columns, known, piece)[~known]
     return squares
 
 

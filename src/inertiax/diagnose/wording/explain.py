@@ -27,10 +27,8 @@ def explain(
     standard deviation, and `stated` is the noise that standard deviations are stated with."""
     made = []
     terms = [t for _, t, _ in tuned]
-    full = held_out_rms(prepared, terms)
     for k, (named, term, std) in enumerate(tuned):
         others = terms[:k] + terms[k + 1 :]
-        without = held_out_rms(prepared, others)
         candidate, effect = named.candidate, term.known
         members = (term.name, *(r.term.name for r in named.rivals))
         odds = tuple((n, float(w)) for n, w in zip(members, named.odds))
@@ -46,7 +44,7 @@ def explain(
                 alternatives=tuple(r.term.name for r in named.rivals),
                 odds=odds,
                 parameters=values,
-                evidence=Evidence(bic, named.p_value, 1.0 - full / without),
+                evidence=Evidence(bic, named.p_value, gain_of_channels(prepared, terms, term.name)),
                 statement=f"{said} It shows in the motions between rests."
                 if prepared.motions
                 else said,
@@ -56,6 +54,16 @@ def explain(
             )
         )
     return _merge(made)
+
+
+def gain_of_channels(prepared: Prepared, terms: Sequence[Term], name: str) -> float:
+    """1 - rms with the terms of a name / rms without them, on data left out, of the chains that they touch.
+
+    Beside chains whose rms they leave as it is they would seem to do less.
+    """
+    others = [t for t in terms if t.name != name]
+    chains = sorted({c for t in terms if t.name == name for c in t.chains})
+    return 1.0 - held_out_rms(prepared, terms, chains) / held_out_rms(prepared, others, chains)
 
 
 def experiment(effect: Effect, *, alone: bool) -> str:

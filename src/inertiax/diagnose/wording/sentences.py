@@ -72,7 +72,7 @@ def summary(
     if verdict == "missing-physics":
         parts = " ".join(e.statement for e in explanations)
         proof = "; ".join(
-            f"{e.name} {gain_on_left_out(e.evidence.held_out_gain, 'the rms')}"
+            f"{e.name} {gain_on_left_out(e.evidence.held_out_gain, 'the rms of ' + ', '.join(e.channels))}"
             for e in explanations
         )
         return f"The recordings do not agree with {models}. {parts} On data left out of the fit, {proof}."
