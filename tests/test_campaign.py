@@ -14,6 +14,7 @@ import pytest
 
 from inertiax.data.campaign import find_files, load_campaign
 from inertiax.data.recording import Recording
+from inertiax.data.recording_order import in_order
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rests import find_rests
@@ -206,9 +207,17 @@ def test_recordings_that_overlap_in_time_are_noted(tmp_path):
     c = load_campaign(_write(tmp_path, PLAIN.replace("a.csv", "*.csv"), a=rows, b=rows))
     (found,) = check_campaign(c).findings
     assert found.severity == "note" and found.statement == (
-        "a.csv and b.csv overlap in time, so their order is not known; drift over the campaign "
-        "cannot be judged."
+        "a.csv and b.csv overlap in time: recordings are taken one after the other as they are listed, and a drift "
+        "over the campaign is judged in that order."
     )
+
+
+@pytest.mark.parametrize(
+    ("starts", "order"), [((0.003, 0.0), (0, 1)), ((60.0, 0.0), (1, 0))], ids=["overlap", "apart"]
+)
+def test_recordings_stand_as_listed_where_clocks_overlap_and_by_time_elsewhere(starts, order):
+    listed = [Recording(time=start + np.arange(30.0), accel=np.ones((30, 3))) for start in starts]
+    assert [r.time[0] for r in in_order(listed)] == [starts[k] for k in order]
 
 
 # --- real recordings -----------------------------------------------------------------------------

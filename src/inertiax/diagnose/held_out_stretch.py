@@ -12,6 +12,7 @@ import numpy as np
 
 from ..calibrate.pipeline import calibrate_device
 from ..data.recording import Campaign
+from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect
 from .candidates.signatures import block_shapes, coarsen, in_other_form, Term
 from .estimates.cross_validation import effect_columns, predict_rest
@@ -87,7 +88,7 @@ def _without(campaign: Campaign, log: Log, blocks: Blocks, inside: np.ndarray) -
         mine = np.flatnonzero(inside & (log.recording[blocks.start] == number))
         kept[blocks.start[mine[0]] : blocks.stop[mine[-1]]] = False
     recordings = []
-    for number, recording in enumerate(sorted(campaign.recordings, key=lambda r: r.time[0])):
+    for number, recording in enumerate(in_order(campaign.recordings)):
         own = kept[log.recording == number]
         edges = np.flatnonzero(np.diff(np.r_[0, own.astype(int), 0]))
         recordings += [recording[a:b] for a, b in zip(edges[::2], edges[1::2])]

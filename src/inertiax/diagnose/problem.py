@@ -9,6 +9,7 @@ import numpy as np
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult
 from ..data.recording import Campaign
+from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..numerics.compilation_cache import make_room
 from ..reduction.rig_errors import rig_covariance
@@ -176,7 +177,7 @@ def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:
 
 def with_outputs(campaign: Campaign, log: Log) -> Campaign:
     """The campaign with the outputs of its log, whose rows are those of the recordings in order of time."""
-    recordings = sorted(campaign.recordings, key=lambda r: float(r.time[0]))
+    recordings = in_order(campaign.recordings)
     made = []
     for number, recording in enumerate(recordings):
         mine = log.recording == number

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..data.recording_order import clocks_overlap
 from ..reduction.host_stamps import host_stamps
 from . import remedies
 from .evidence import DeviceLogs, Log
@@ -134,8 +135,7 @@ def _restarts(log: Log, steps: np.ndarray) -> list[Finding]:
 
 
 def _overlaps(device: DeviceLogs) -> list[Finding]:
-    ordered = sorted(device.recordings, key=lambda r: r.time[0])
-    pairs = [(a, b) for a, b in zip(ordered, ordered[1:], strict=False) if b.time[0] < a.time[-1]]
+    pairs = clocks_overlap(sorted(device.recordings, key=lambda r: float(r.time[0])))
     if not pairs:
         return []
     before, after = pairs[0]
@@ -144,8 +144,8 @@ def _overlaps(device: DeviceLogs) -> list[Finding]:
             "clock",
             "note",
             "time",
-            f"{before.name} and {after.name} overlap in time, so their order is not known; drift over the "
-            "campaign cannot be judged.",
+            f"{before.name} and {after.name} overlap in time: recordings are taken one after the other as they are "
+            "listed, and a drift over the campaign is judged in that order.",
             overlaps=len(pairs),
         )
     ]

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ...data.recording import Campaign, Recording
+from ...data.recording_order import in_order
 from ...physics.earth import EARTH_RATE as EARTH_RATE
 from ...reduction.segments import joined, rests_are_searched, segment_all, Segments
 
@@ -119,7 +120,7 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
             f"`diagnose(campaign)`: one device at a time; found {list(campaign.devices)}, so take "
             "`campaign.of_device(...)`."
         )
-    recordings = sorted(campaign.recordings, key=lambda r: float(r.time[0]))
+    recordings = in_order(campaign.recordings)
     times, end = [], None
     for recording in recordings:
         shift = 0.0 if end is None or recording.time[0] > end else end + 60.0 - recording.time[0]
