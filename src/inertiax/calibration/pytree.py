@@ -36,6 +36,7 @@ from .effect_additions import additions, refuse_memory
 from .fitted_effects import FittedEffect
 from .labels import pair, register_labelled
 from .magnetometers import MagnetometerCalibration
+from .stacking import repeated
 from .triad import MAPPED, refuse_stacked, TriadCalibration
 
 
@@ -249,7 +250,7 @@ class Calibration:
         rows = block.rows if isinstance(block, Block) else coefficients.matching(self.triads, block)
         lead = jnp.shape(values)[:-1]
         before = jnp.shape(self.coefficients)[:-1]
-        whole = self if len(lead) <= len(before) else _repeated(self, lead)
+        whole = self if len(lead) <= len(before) else repeated(self, lead)
         return whole._with(coefficients.replaced(self.triads, rows, values))
 
     def with_covariance(
@@ -390,20 +391,7 @@ class Calibration:
 
 register_labelled(
     Calibration,
-    leaves=(
-        "gravity",
-        "accel",
-        "gyro",
-        "temperature_range",
-        "effects",
-        "cross_covariance",
-        "mag",
-        "baro",
-    ),
+    leaves=("gravity", "accel", "gyro", "temperature_range", "effects", "cross_covariance", "mag", "baro"),
     structure=(),
     labels={"device": "", "notes": (), "model": None},
-)
-
-
-def _repeated(calibration: Calibration, lead: tuple[int, ...]) -> Calibration:
-    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*lead, *jnp.shape(x))), calibration)
+)  # fmt: skip

@@ -54,6 +54,11 @@ def unstack(tree: Tree) -> list[Tree]:
     return [jax.tree.map(lambda x, k=k: x[k], tree) for k in range(count)]
 
 
+def repeated(tree: Tree, lead: tuple[int, ...]) -> Tree:
+    """The pytree with leading axes, along which its leaves are the same."""
+    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*lead, *jnp.shape(x))), tree)
+
+
 def _stacked(*leaves: Any) -> Any:
     return jnp.stack(leaves) if any(isinstance(x, jax.Array) for x in leaves) else np.stack(leaves)
 

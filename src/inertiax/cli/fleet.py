@@ -168,7 +168,8 @@ def _tell(
     quiet: bool,
 ) -> None:
     from ..fleet import read_line_file
-    from ..report.fleet import fit_sentence, too_few_to_explain
+    from ..report.fleet import fit_sentence
+    from ..report.fleet_mismatch import too_few_to_explain
 
     line = (read_line_file(output) or ()) if explain else ()
     if as_json:

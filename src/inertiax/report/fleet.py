@@ -9,8 +9,7 @@ import polars as pl
 
 from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.quantities import label, rms_text, with_sigma
-from ..fleet.effects.population_effects import FEWEST as FEWEST_EXPLAINED, LineMismatch
-from ..fleet.effects.score_statistics import Term
+from ..fleet.effects.population_effects import LineMismatch
 from ..fleet.overview.explain import read_line_file
 from ..fleet.overview.recalibration import Drift, drift_between
 from ..fleet.overview.view import triad_view, TriadView, Unlike, unlike_devices
@@ -21,14 +20,15 @@ from ..fleet.store import Manifest, read_manifest, read_parts
 from ..fleet.verdicts import count_verdicts
 from ..plots import fleet as plots
 from ..plots.style import drawing
+from . import fleet_mismatch
 from .fleet_device import line_units, report_device, signed
 from .fleet_drift import beyond_chance, drift_section, drift_sentence
+from .fleet_mismatch import LISTED
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 
 PAGES = 20  # of single devices, of each kind
 DRAWN = 5  # of them with figures, which take most of the time
-LISTED = 100  # devices in a table
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 FileNames = Callable[[tuple[str, ...]], dict[str, str]]
@@ -135,7 +135,7 @@ def report_fleet(
         sections=[
             *_reasons_section(page),
             *(_triad_section(t, v, page.units[t], folder) for t, v in page.views.items()),
-            *_line_section(page),
+            *_mismatch_section(page),
             *_unlike_section(page, files),
             *_aside_section(page, files),
             *(
@@ -342,47 +342,11 @@ def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
     return [Section("Devices unlike the others", lines=tuple(lines), tables=(table,))]
 
 
-def _line_section(page: FleetPage) -> list[Section]:
-    """What the model leaves out, where the run was asked to tell."""
-    if not page.line:
-        if page.manifest.forms is None:
-            return []
-        good = page.states.height - page.aside.height
-        return [Section("What the model leaves out", (too_few_to_explain(good),))]
-    rows = [
-        (
-            "the line",
-            *_term_cells(c.term),
-            f"{c.mean:.3g} ± {c.mean_sigma:.1g}",
-            f"{c.z:.1f}",
-            c.cause,
-        )
-        for found in page.line
-        for c in found.common
-    ]
-    rows += [
-        (s.device, *_term_cells(s.term), f"{s.amplitude:.3g} ± {s.sigma:.1g}", f"{s.z:.1f}", "")
-        for found in page.line
-        for s in found.single[:LISTED]
-    ]
-    tables = ()
-    if rows:
-        head = ("where", "effect", "channel", "unit", "size ± 1 sigma", "sigmas", "cause")
-        tables = (Table(head, tuple(rows)),)
-    said = tuple(s for found in page.line for s in found.sentences)
-    return [Section("What the model leaves out", said, tables=tables)]
-
-
-def too_few_to_explain(calibrated: int) -> str:
-    """Why a run with `--explain` says nothing."""
-    return (
-        f"--explain compares devices, and needs {FEWEST_EXPLAINED} that are calibrated; here are {calibrated}. "
-        "`inertiax diagnose` explains single devices."
-    )
-
-
-def _term_cells(term: Term) -> tuple[str, str, str]:
-    return term.name, term.channel, term.unit
+def _mismatch_section(page: FleetPage) -> list[Section]:
+    """Where the run was asked to tell."""
+    if not page.line and page.manifest.forms is None:
+        return []
+    return [fleet_mismatch.section(page.line, page.states.height - page.aside.height)]
 
 
 _POPULATION = (
