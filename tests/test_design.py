@@ -295,6 +295,36 @@ def test_command_tells_hours_for_a_target(own_cache):
     assert "D-optimal 9: not reachable" in hopeless.stdout
 
 
+def _hand_log(folder):
+    """60 rests of 20 s at 50 Hz, white noise of 0.01 m/s² a sample, each rest 5 mm/s² off."""
+    rng = np.random.default_rng(5)
+    folder.mkdir()
+    up = rng.standard_normal((60, 3))
+    force = 9.81 * up / np.linalg.norm(up, axis=1)[:, None] + 5e-3 * rng.standard_normal((60, 3))
+    accel = np.repeat(force, 1000, axis=0) + 0.01 * rng.standard_normal((60_000, 3))
+    rows = np.column_stack([np.arange(60_000) / 50.0, accel, np.repeat(np.arange(60), 1000)])
+    head = "time,accel_x,accel_y,accel_z,position"
+    np.savetxt(folder / "log.csv", rows, "%.6g", ",", header=head, comments="")
+    (folder / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["log.csv"]\n'
+    )
+    return str(folder)
+
+
+def test_a_campaign_shows_noise_and_scatter_for_the_plan_to_come(tmp_path, own_cache):
+    plan = _hand_log(tmp_path / "campaign")
+    answer = told(plan, "--optimise", "--positions", "9", "--target", "900", "--json", "-q")
+    assert answer.exit_code == 0, answer.output
+    shown = json.loads(answer.stdout)["shown"]
+    # By hand: 0.01 m/s² / √(50 Hz), and 5 mm/s² along gravity, known from 51 degrees of freedom to 10 %.
+    assert shown["density"] == pytest.approx(0.01 / np.sqrt(50.0), rel=0.1)
+    assert shown["repeatability"] == pytest.approx(5e-3, rel=0.4)
+    assert (shown["degree"], shown["experiments"]) == (0, 1)
+    # Less is taken from the campaign where an option says it.
+    again = told(plan, "--optimise", "--positions", "9", "--target", "900", "--repeatability", "0")
+    assert "scatter between rests" in again.stdout and "not reachable" not in again.stdout
+
+
 @pytest.mark.parametrize(
     "arguments, said",
     [
@@ -303,7 +333,7 @@ def test_command_tells_hours_for_a_target(own_cache):
         (("--audit",), "needs a campaign or a scenario"),
         (("--audit", "no-such-plan"), "'no-such-plan' does not exist"),
         (("--audit", "paper-check", "--positions", "12"), "'--positions': means nothing with --audit"),
-        (("paper-check", "--optimise"), "'PLAN': means nothing with --optimise"),
+        (("no-such-plan", "--optimise"), "'no-such-plan' does not exist"),
         (("--optimise", "--assumed-noise"), "'--assumed-noise': means nothing with --optimise"),
         (("--optimise", "--positions", "8"), "8 positions cannot determine 9 parameters"),
         (("--optimise", "--criterion", "Q"), "'Q' is none of D, A, I"),

@@ -22,8 +22,8 @@ STAGES = {
 estimates custom_model wording findings pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce solve effects population model_choice store input_hashes covariance_by_source rows one_by_one fit
 derivatives overview results verdicts cluster pipeline __init__""".split(),
-    "data": """moments frames plausible_units recording recording_order recorded stored_recording compensated formats pairing
-pose_rows model_columns settings json_documents campaign inputs""".split(),
+    "data": """moments frames plausible_units recording recording_order recorded stored_recording compensated formats
+pairing pose_rows model_columns settings json_documents campaign inputs""".split(),
 }
 
 

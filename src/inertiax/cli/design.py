@@ -16,10 +16,14 @@ from .calibrate import AsJson, Quiet
 
 if TYPE_CHECKING:
     from ..data.recording import Campaign
+    from ..design.shown_conditions import Conditions
 
 
 _JUDGE, _FIND = "Judge a plan (--audit)", "Find a plan (--optimise)"
 _PART = "Part what a diagnosis left together (--separate)"
+_USUAL = {
+    "experiments": 13, "degree": 6, "low": -55.0, "high": 60.0, "density": 8e-5, "repeatability": 0.0,
+}  # fmt: skip
 _CRITERIA = ("D", "A", "I")  # as in ..design, which needs JAX to import
 
 Reach = tuple[float, float]
@@ -82,7 +86,8 @@ def design(
         typer.Argument(
             metavar="PLAN",
             help="For --audit: campaign folder or campaign.toml, or a scenario of `inertiax simulate`: "
-            "file or name. For --separate: the campaign, where it is not where it was diagnosed.",
+            "file or name. For --optimise: a campaign that shows noise, scatter, degree and temperatures. "
+            "For --separate: the campaign, where it is not where it was diagnosed.",
         ),
     ] = None,
     audit: Annotated[
@@ -169,7 +174,8 @@ def design(
     `--audit PLAN` says which effects a plan shows from which size on, hides, or cannot tell apart.
 
     `--optimise` finds the positions and temperatures that determine the parameters best, and with
-    `--target` the hours that a precision takes.
+    `--target` the hours that a precision takes. With a campaign as PLAN, noise, scatter after re-positioning,
+    temperatures and degree are those that it shows, where no option says otherwise.
 
     `--separate DIAGNOSIS` finds the run of an hour at most that tells apart what a diagnosis could not.
     """
@@ -184,28 +190,28 @@ def design(
         _check_foreign("--separate", {**asked, **find, "--assumed-noise": judge["--assumed-noise"]})
         _separate(separate, plan, output, as_json=as_json, quiet=quiet)
         return
-    _check_question(
-        plan, audit=audit, optimise=optimise, foreign={**(find if audit else judge), "-o": output}
-    )
+    foreign = find if audit else {"--assumed-noise": judge["--assumed-noise"]}
+    _check_question(plan, audit=audit, optimise=optimise, foreign={**foreign, "-o": output})
     if audit:
         _audit(str(plan), assumed_noise=assumed_noise, as_json=as_json, quiet=quiet)
         return
+    shown = None if plan is None else _shown(plan, quiet=quiet)
+    given = {
+        "experiments": experiments, "degree": degree, "low": low, "high": high,
+        "density": density, "repeatability": repeatability,
+    }  # fmt: skip
+    usual = _USUAL if shown is None else {name: getattr(shown, name) for name in _USUAL}
     wanted = Wanted(
         positions=_or(positions, 18),
         criterion=_or(criterion, "D"),
         outer=_or(outer, (-180.0, 180.0)),
         inner=_or(inner, (-180.0, 180.0)),
         step=_or(step, 0.0),
-        experiments=_or(experiments, 13),
-        degree=_or(degree, 6),
-        low=_or(low, -55.0),
-        high=_or(high, 60.0),
         target=target,
-        density=_or(density, 8e-5),
-        repeatability=_or(repeatability, 0.0),
+        **{name: _or(value, usual[name]) for name, value in given.items()},
     )
     wanted.check()
-    _optimise(wanted, as_json=as_json, quiet=quiet)
+    _optimise(wanted, shown, as_json=as_json, quiet=quiet)
 
 
 def _or(value: Given | None, default: Given) -> Given:
@@ -269,7 +275,24 @@ def _separate(
         console.say("\n".join(line for one in found for line in lines(one)))
 
 
-def _optimise(wanted: Wanted, *, as_json: bool, quiet: bool) -> None:
+def _shown(plan: str, *, quiet: bool) -> "Conditions":
+    """What a campaign shows of the conditions of the plan to come."""
+    with console.Stages(quiet=quiet) as stages:
+        stages("starting")
+        environment.prepare()
+        from ..calibrate.pipeline import calibrate_device
+        from ..design.shown_conditions import shown_by
+
+        campaign = _campaign(plan, stages)
+        device = campaign.devices[0]
+        if len(campaign.devices) > 1:
+            console.warn(
+                f"the conditions of device '{device}' stand for those of the other devices"
+            )
+        return shown_by(calibrate_device(campaign.of_device(device), progress=stages))
+
+
+def _optimise(wanted: Wanted, shown: "Conditions | None", *, as_json: bool, quiet: bool) -> None:
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()
@@ -293,8 +316,10 @@ def _optimise(wanted: Wanted, *, as_json: bool, quiet: bool) -> None:
             high=wanted.high,
         )
     if as_json:
-        outputs.print_json(found.as_dict())
+        outputs.print_json(found.as_dict() | ({} if shown is None else {"shown": shown.as_dict()}))
     elif not quiet:
+        if shown is not None:
+            console.say(f"PLAN shows {shown.line()}")
         console.say("\n".join(found.lines()))
 
 

@@ -57,10 +57,13 @@ class Advice(eqx.Module):
             f"positions: {self.plain:.4f})",
             "outer and inner angle, degrees, in the order of short slews:",
             *(f"  {outer:8.2f} {inner:8.2f}" for outer, inner in angles),
-            "temperatures, °C, if the degree is beyond doubt (equal steps have an efficiency of "
-            f"{self.equal_steps:.2f}):",
-            "  " + ", ".join(f"{t:.1f}" for t in self.temperatures),
         ]
+        if len(self.temperatures) > 1:
+            made += [
+                "temperatures, °C, if the degree is beyond doubt (equal steps have an efficiency of "
+                f"{self.equal_steps:.2f}):",
+                "  " + ", ".join(f"{t:.1f}" for t in self.temperatures),
+            ]
         if self.target is not None:
             made.append(
                 f"for {1e6 * self.target:g} ppm at 95 % on every scale factor, all temperatures, "
