@@ -30,6 +30,7 @@ noise, frame = nav.ImuNoise(nav.TriadNoise(1e-3), nav.TriadNoise(1e-4)), nav.Lev
 F = nav.Filter(c, "accel.bias", noise=noise, frame=frame, samples=2)
 sigmas = {"attitude_sigma": 0.1, "velocity_sigma": 0.1, "position_sigma": 1.0}
 S = F.start(np.eye(3), v, v, **sigmas)
+degrees = np.array([51.566, 37.6, 150.0]) + 1e-4 * np.arange(5)[:, None]
 run = lambda *fixes, accel=x, temperature=20.0 + t, step=0.01: F.run(
     S, nav.ImuData(accel, 0 * x, temperature, step), fixes
 )
@@ -204,6 +205,13 @@ CASES = [
     ("run(nav.Position(np.zeros((5, 3)), np.ones(2)))", "`Position(sigma=...)` has shape (2,)"),
     ("run(nav.Attitude(np.zeros((5, 3)), 0.1))", "`Attitude(value=...)` has shape (5, 3)"),
     ("run(nav.Velocity(np.zeros((5, 3)), -1.0))", "`Velocity(sigma=...)` is -1"),
+    ("run(nav.Position(np.zeros((5, 3)), 0.0))", "`Position(sigma=...)` is 0; it must be above 0"),
+    ("run(nav.Position(np.zeros((5, 3)), [1.0, 1.0, 0.0]))", "`Position(sigma=...)` is 0; it must be above 0"),
+    ("run(nav.Position(degrees, 1.0))", "`Position(value=...)` stays at 51.566, which is the origin's latitude"),
+    ("run(nav.Position(degrees[:, [1, 0, 2]], 1.0))", "the origin's latitude in degrees; positions are metres"),
+    ("run(nav.Position(np.deg2rad(degrees), 1.0))", "which is the origin's latitude in radians"),
+    ("run(nav.Position(np.full((5, 3), [2.8e6, 2.2e6, 5.3e6]), 1.0))", "`Position(value=...)`: 5.3e+06 m"),
+    ("F.start(np.eye(3), v, v + 3e6, **sigmas)", "`Filter.start(position=...)`: 3e+06 m; positions are metres east"),
 ]  # fmt: skip
 
 # What a user may mean, however unusual it is.
@@ -226,6 +234,8 @@ ACCEPTED = [
     "c.with_covariance(np.zeros((3, 3)))",
     "c.with_covariance(np.full((3, 3), np.nan))",
     "ix.Twin(c, delay=0.5, sample_rate=1.0)",
+    "run(nav.Position(degrees + 3.0 * np.arange(5)[:, None], 1.0))",  # metres all the same
+    "run(nav.Position(np.full((5, 3), np.nan), np.zeros((5, 1)), np.zeros(5, bool)))",  # no fix
 ]
 
 RUN = """

@@ -12,6 +12,7 @@ from ..physics.leaves import is_traced
 
 
 LOWEST, HIGHEST = -12e3, 1e6  # m: the deepest trench, and space
+FARTHEST_FIX = 1e6  # m from the origin of a level frame; the Earth's centre is six times as far
 FASTEST = 12e3  # m/s, about what leaves the Earth
 FARTHEST = 1e8  # m: a position that is less known is not on Earth
 LONGEST_STEP = 10.0  # s: nothing turns evenly for longer
@@ -64,6 +65,17 @@ def check_speed(call: str, velocity: AnyArray) -> None:
     if not worst <= FASTEST:
         raise ValueError(
             f"`{call}`: {worst:g} m/s is faster than anything that stays near the Earth (mm/s?)."
+        )
+
+
+def check_near(call: str, positions: AnyArray) -> None:
+    """Raise `ValueError` where positions are none in a level frame."""
+    if is_traced(positions):
+        return
+    far = float(np.max(np.abs(np.asarray(positions, float)), initial=0.0))
+    if far > FARTHEST_FIX:
+        raise ValueError(
+            f"`{call}`: {far:.4g} m; positions are metres east, north and up of `LevelFrame`'s origin (Earth-centred?)."
         )
 
 

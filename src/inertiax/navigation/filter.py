@@ -26,13 +26,14 @@ from ..calibration.triad import MAPPED, refuse_stacked
 from ..data.plausible_units import check_from_zero
 from ..physics.shapes import check_one
 from .calibration_states import calibration_states, CalibrationStates
-from .checks import check_data, check_rotation, check_speed, FARTHEST, FASTEST
+from .checks import check_data, check_near, check_rotation, check_speed, FARTHEST, FASTEST
 from .filter_state import Estimate, FilterState, NAVIGATION, reset_jacobian, retract
 from .level_frame import LevelFrame
 from .process import ImuNoise, slow_noise
 from .se23 import ExtendedPose
 from .segment import advance, Samples, Transition
 from .strapdown import ImuData
+from .update_checks import check_update
 from .updates import AbstractUpdate, innovation, Rows, rows_of
 
 
@@ -154,6 +155,7 @@ class Filter(eqx.Module):
         check_rotation("Filter.start(attitude=...)", attitude)
         check_one("Filter.start(...)", velocity=velocity, position=position)
         check_speed("Filter.start(velocity=...)", velocity)
+        check_near("Filter.start(position=...)", position)
         check_from_zero("Filter.start(attitude_sigma=...)", attitude_sigma, np.pi, "rad")
         check_from_zero("Filter.start(velocity_sigma=...)", velocity_sigma, FASTEST, "m/s")
         check_from_zero("Filter.start(position_sigma=...)", position_sigma, FARTHEST, "m")
@@ -171,9 +173,12 @@ class Filter(eqx.Module):
         **Arguments:** `data` are a whole number of segments; `updates` have one row a segment and act in
         their order.
 
-        Raises `ValueError` where sizes do not fit or coordinates are too far for the precision.
+        Raises `ValueError` where sizes do not fit, coordinates are too far for the precision, a standard deviation is
+        not above zero, or positions are no metres in the frame.
         """
         check_data("Filter.run(data=...)", data)
+        for update in updates:
+            check_update(update, self.model.frame)
         return run(self.model, start, data, tuple(updates))
 
     def ends(self, data: ImuData) -> Float[np.ndarray, " segments"]:

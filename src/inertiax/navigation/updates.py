@@ -22,9 +22,9 @@ from .filter_state import Estimate, NAVIGATION, retract
 class AbstractUpdate(eqx.Module):
     """One kind of measurement, with a row per segment.
 
-    `sigma` is one number, one a component, or one row a segment; where `valid` is false there is no measurement, and
-    the value may be anything, NaN too. Where `gate` is given, a row whose normalised innovation squared is above
-    it is left out (for three components 16.3 leaves out one in a thousand good ones).
+    `sigma` is above zero: one number, one a component, or one row a segment. Where `valid` is false there is no
+    measurement, and the value may be anything, NaN too. Where `gate` is given, a row whose normalised innovation
+    squared is above it is left out (for three components 16.3 leaves out one in a thousand good ones).
     """
 
     value: eqx.AbstractVar[AnyArray]
@@ -56,8 +56,8 @@ class Rows(eqx.Module):
 
 
 def rows_of(update: AbstractUpdate, segments: int, like: Array) -> Rows:
-    """An update's rows in the precision of `like`. Raises `ValueError` for another number of rows, other
-    components, or a negative sigma."""
+    """An update's rows in the precision of `like`. Raises `ValueError` for another number of rows or other
+    components."""
     value = jnp.asarray(update.value, like.dtype)
     name = type(update).__name__
     if value.shape[0] != segments:
@@ -72,8 +72,6 @@ def rows_of(update: AbstractUpdate, segments: int, like: Array) -> Rows:
             f"`{name}(value=...)` has shape {value.shape}; it must be ({segments}, "
             f"{', '.join(map(str, update.neutral.shape))})."
         )
-    if isinstance(update.sigma, float | int) and not update.sigma >= 0.0:
-        raise ValueError(f"`{name}(sigma=...)` is {update.sigma:g}; it must be from 0.")
     if update.valid is not None and jnp.shape(update.valid) != (segments,):
         raise ValueError(
             f"`{name}(valid=...)` has shape {jnp.shape(update.valid)}; it must be ({segments},)."
