@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..reduction.mean_noise import quantisation_step
 from .band import Band, corner_of, find_band, misfit
-from .likelihood import covariance, Fit, maximum_likelihood, model_of, Problem, variances
+from .likelihood import covariance, Fit, maximum_likelihood, model_of, Problem, variance
 from .limits import terms_of
 from .model import NoiseModel, NoiseTerm, TERMS
 from .ramp import plain_slope, ramp_term, slope
@@ -126,7 +126,7 @@ def _matters(change: float, spectrum: Spectrum, samples: int) -> bool:
 def _ramp(log: Log, rate: float, problem: Problem, fit: Fit, names: tuple[str, ...]) -> NoiseTerm:
     squares = _every(names, fit.squares)
     found, shares = slope(log, rate, squares)
-    spread, _ = variances(problem, fit)
+    spread = [variance(problem, fit, own)[0] for own in range(len(names))]
     free = np.flatnonzero(fit.squares > 0)
     of_free = np.array([RANDOM.index(names[k]) for k in free], int)  # there may be none
     both = np.zeros((len(RANDOM), len(RANDOM)))

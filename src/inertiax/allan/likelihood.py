@@ -13,7 +13,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import toeplitz
 from scipy.optimize import nnls
 from scipy.sparse import csr_array
@@ -44,8 +44,8 @@ class Problem(NamedTuple):
         """Number of coefficients of the filter."""
         return self.powers.shape[1]
 
-    def with_terms(self, kept: Bool[np.ndarray, " term"]) -> "Problem":
-        """The same with these terms only."""
+    def with_terms(self, kept: Bool[np.ndarray, " term"] | Int[np.ndarray, " kept"]) -> "Problem":
+        """The same with these terms only: a mask, or their indices."""
         return self._replace(expected=self.expected[:, kept])
 
     def with_order(self, order: int) -> "Problem":
@@ -176,21 +176,14 @@ def jacobian(
 # Uncertainty -----------------------------------------------------------------------------------------
 
 
-def variances(
-    problem: Problem, fit: Fit
-) -> tuple[Float[np.ndarray, " term"], Float[np.ndarray, " term"]]:
-    """Variances of the squares: the diagonals of H⁻¹ J H⁻¹ and of H⁻¹.
+def variance(problem: Problem, fit: Fit, own: int) -> tuple[float, float]:
+    """Variance of one square: the diagonal elements of H⁻¹ J H⁻¹ and of H⁻¹.
 
     J is the covariance of the score: ordinates within a taper's width correlate. Terms that were found
     to be zero are left out for the others' uncertainty; their own is that of being let free.
     """
-    num = len(fit.squares)
-    right, naive = np.empty(num), np.empty(num)
-    free = np.flatnonzero(fit.squares > 0)
-    for own in range(num):
-        used = np.union1d(free, [own])
-        both = covariance(problem, fit, used)
-        right[own], naive[own] = (c[used == own, used == own][0] for c in both)
+    used = np.union1d(np.flatnonzero(fit.squares > 0), [own])
+    right, naive = (float(c[used == own, used == own][0]) for c in covariance(problem, fit, used))
     return right, naive
 
 

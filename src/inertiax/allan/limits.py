@@ -4,13 +4,15 @@ A term that the log does not show has no value, only an upper limit: it could be
 """
 
 from collections.abc import Callable
-from typing import cast
+from functools import cache
+from typing import cast, NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 from scipy.optimize import brentq
 from scipy.special import chdtri
 
-from .likelihood import deviance, Fit, maximum_likelihood, Problem, variances
+from .likelihood import deviance, Fit, maximum_likelihood, Problem, variance
 from .model import NoiseTerm
 
 
@@ -21,6 +23,23 @@ _DOUBLINGS = 60
 _NEAR = 3e-3  # of a standard deviation, to which a limit is found
 
 
+class _Profile(NamedTuple):
+    """The least deviance of a problem as a function of one term's square."""
+
+    problem: Problem
+    fit: Fit  # the likeliest model
+    which: int
+    variance: float  # of the square
+    dulling: float  # by how much the ordinates' correlation dulls the likelihood
+
+    def excess(self, candidate: float) -> float:
+        """How far the deviance lies above its least, in undulled units."""
+        if candidate == self.fit.squares[self.which]:
+            return 0.0
+        held = maximum_likelihood(self.problem, start=self.fit, held=(self.which, candidate))
+        return (deviance(self.problem, held.model) - self.fit.deviance) / self.dulling
+
+
 def terms_of(
     problem: Problem, fit: Fit, names: tuple[str, ...], widening: float = 1.0
 ) -> dict[str, NoiseTerm]:
@@ -28,50 +47,74 @@ def terms_of(
 
     A term that is absent is still estimated as zero or more, never less, and what it takes is missing
     in the others: limits from a fit with all terms alone would be too low. So they are joined with those of a
-    fit without the terms that do not show. `widening` multiplies the variances where the model fails.
+    fit without the terms that the log can do without. `widening` multiplies the variances where the model fails.
     """
-    every = _limited(problem, fit, widening)
-    shown = np.array([term.shown for term in every])
-    if shown.any() and not shown.all():
-        fewer = problem.with_terms(shown)
-        part = Fit(fit.squares[shown], fit.filter, fit.model, fit.deviance)
-        alone = _limited(fewer, maximum_likelihood(fewer, start=part), widening)
-        for k, other in zip(np.flatnonzero(shown), alone, strict=True):
-            lower, upper = min(every[k].lower, other.lower), max(every[k].upper, other.upper)
-            every[k] = NoiseTerm(other.value, other.std, lower, upper)
-    return dict(zip(names, every, strict=True))
+
+    @cache
+    def profiles(terms: tuple[int, ...]) -> dict[int, _Profile]:
+        """Of the fit with these terms alone."""
+        return dict(zip(terms, _profiles(problem, fit, np.array(terms), widening), strict=True))
+
+    @cache
+    def rise(terms: tuple[int, ...], without: int) -> float:
+        """Of the deviance, where one more is left out."""
+        return profiles(terms)[without].excess(0.0)
+
+    every = tuple(range(len(names)))
+    found = {}
+    for which, name in enumerate(names):
+        term = _term(profiles(every)[which])
+        needed = _needed(every, which, rise)
+        if needed != every:
+            other = _term(profiles(needed)[which])
+            lower, upper = min(term.lower, other.lower), max(term.upper, other.upper)
+            best = other if term.shown and other.shown else term
+            term = NoiseTerm(best.value, best.std, lower, upper)
+        found[name] = term
+    return found
 
 
-def _limited(problem: Problem, fit: Fit, widening: float) -> list[NoiseTerm]:
-    right, naive = variances(problem, fit)
-    return [
-        _term(problem, fit, k, float(right[k]) * widening, float(naive[k]))
-        for k in range(len(fit.squares))
-    ]
+def _needed(
+    terms: tuple[int, ...], which: int, rise: Callable[[tuple[int, ...], int], float]
+) -> tuple[int, ...]:
+    """The terms that the log needs beside a given one, which stays; the weakest of the others is dropped first.
 
-
-def _term(problem: Problem, fit: Fit, which: int, variance: float, naive: float) -> NoiseTerm:
-    """A coefficient with the limits at which the profile of the likelihood falls by its 95 % point.
-
-    `variance / naive` is by how much the ordinates' correlation dulls the likelihood.
+    One by one, since a log may need one of two terms without telling which: without both it is not described.
     """
-    square, std = float(fit.squares[which]), float(np.sqrt(variance))
-    dulling = variance / naive
+    while len(terms) > 1:
+        rises = {term: rise(terms, term) for term in terms if term != which}
+        weakest = min(rises, key=rises.__getitem__)
+        if rises[weakest] > SHOWN:
+            break
+        terms = tuple(term for term in terms if term != weakest)
+    return terms
 
-    def excess(candidate: float) -> float:
-        """How far the deviance lies above its least, in undulled units."""
-        held = maximum_likelihood(problem, start=fit, held=(which, candidate))
-        return (deviance(problem, held.model) - fit.deviance) / dulling
 
-    at_zero = excess(0.0) if square > 0.0 else 0.0
-    beyond = lambda candidate: excess(candidate) - LIMIT
-    far = square + np.sqrt(LIMIT) * std
-    if at_zero <= SHOWN:
-        return NoiseTerm(None, None, 0.0, float(np.sqrt(_upper(beyond, square, far))))
+def _profiles(
+    problem: Problem, fit: Fit, terms: Int[np.ndarray, " term"], widening: float
+) -> list[_Profile]:
+    """The terms' profiles where the problem has no others."""
+    if len(terms) < len(fit.squares):
+        problem = problem.with_terms(terms)
+        start = Fit(fit.squares[terms], fit.filter, fit.model, fit.deviance)
+        fit = maximum_likelihood(problem, start=start)
+    made = []
+    for which in range(len(terms)):
+        right, naive = variance(problem, fit, which)
+        made.append(_Profile(problem, fit, which, right * widening, right * widening / naive))
+    return made
+
+
+def _term(profile: _Profile) -> NoiseTerm:
+    """A coefficient with the limits at which the profile of the likelihood falls by its 95 % point."""
+    square, std = float(profile.fit.squares[profile.which]), float(np.sqrt(profile.variance))
+    beyond = lambda candidate: profile.excess(candidate) - LIMIT
+    upper = float(np.sqrt(_upper(beyond, square, square + np.sqrt(LIMIT) * std)))
+    if profile.excess(0.0) <= SHOWN:
+        return NoiseTerm(None, None, 0.0, upper)
     lower = cast(float, brentq(beyond, 0.0, square, xtol=_NEAR * std))
     value = float(np.sqrt(square))
-    upper = _upper(beyond, square, far)
-    return NoiseTerm(value, std / (2.0 * value), float(np.sqrt(lower)), float(np.sqrt(upper)))
+    return NoiseTerm(value, std / (2.0 * value), float(np.sqrt(lower)), upper)
 
 
 def _upper(beyond: Callable[[float], float], inside: float, outside: float) -> float:
