@@ -1,15 +1,18 @@
 """Is a twin's noise that of the device? Allan deviations of twins and of held-out logs of real devices at rest.
 
-    INERTIAX_RECORDINGS=… python benchmarks/twin_devices.py
+    INERTIAX_RECORDINGS=… python benchmarks/twin_devices.py [FOLDER]
 
-The noise of each channel is identified on the first half of a log (`allan.identify`) and given to a twin; the twin's
-log, as long as the second half, is compared with the second half. At each averaging time the two Allan variances
-agree where their ratio is inside the 95 % limits of F with both logs' equivalent degrees of freedom.
+The noise of each channel is identified on the first half of a log (`allan.identify`) and given to twins, the sensor's
+low-pass filter with it; the twins' logs, as long as the second half, are compared with the second half. At each
+averaging time the two Allan variances agree where their ratio is inside the 95 % limits of F with both logs'
+equivalent degrees of freedom. Shares are means over five twins.
 
 Devices: an MPU-6050 of tomisuarez2/ImuCalibration (449 s at rest), another of sunsided/sensor-fusion (10 min), an
-Xsens MTi of imu_tk (its first 45 s). Counts become SI by the data sheets' nominal scales.
+Xsens MTi of imu_tk (its first 45 s). Counts become SI by the data sheets' nominal scales. `FOLDER` holds further logs
+in any format that `inertiax` reads, with a `campaign.toml` where columns or units need one; their longest rest counts.
 """
 
+import argparse
 import os
 from pathlib import Path
 
@@ -20,13 +23,15 @@ import numpy as np
 import scipy.stats
 
 import inertiax as ix
-from inertiax.allan import identify
+from inertiax.allan import identify, logs_of, name_of
 from inertiax.allan.confidence import degrees_of_freedom
 from inertiax.allan.deviations import deviations
 from inertiax.allan.model import NoiseModel
+from inertiax.allan.rest_channels import longest_rest
 
 
 RATE = 100.0
+TWINS = 5  # to a device
 G = 9.80665
 Channels = dict[str, tuple[np.ndarray, np.ndarray]]  # accelerometers and gyros, SI
 
@@ -56,66 +61,73 @@ def _mpu(accel: np.ndarray, gyro: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return accel * (G / 16384.0), np.deg2rad(gyro / 131.0)
 
 
-def twin_log(models: dict[str, list], size: int) -> tuple[np.ndarray, np.ndarray]:
-    """A twin at rest with the noise models of its channels."""
-    noise = {}
-    for triad, three in models.items():
-        value = lambda name, three=three: np.array([m.terms[name].value or 0.0 for m in three])
-        noise[triad] = {name: value(name) for name in "NBKQ"}
-        if all(m.rounding > 0.0 for m in three):
-            noise[triad]["resolution"] = np.array([m.rounding for m in three])
+def twin_logs(models: dict[str, list[NoiseModel]], size: int, rate: float) -> np.ndarray:
+    """Accelerometers and gyros of twins at rest with the noise models of their channels: twin, time, channel."""
+    # Off the grid of the read-out, where rounding is as good as random.
+    force, turn = jnp.array([0.1234, -0.2345, 9.8]), jnp.array([0.0123, -0.0234, 0.0345])
+    twin = ix.Twin(ix.Calibration(G), models, sample_rate=rate)
 
     @jax.jit
-    def run(key: jax.Array) -> tuple[jax.Array, ...]:
-        twin = ix.Twin(ix.Calibration(G), noise, sample_rate=RATE)
-        # Off the grid of the read-out, where rounding is as good as random.
-        force, rate = jnp.array([0.1234, -0.2345, 9.8]), jnp.array([0.0123, -0.0234, 0.0345])
-        return jax.lax.scan(
-            lambda state, _: twin.step(state, force, rate, 20.0),
-            twin.init(key, 20.0),
-            None,
-            length=size,
-        )[1]
+    def run(key: jax.Array) -> jax.Array:
+        step = lambda state, _: twin.step(state, force, turn, 20.0)
+        return jnp.concatenate(
+            jax.lax.scan(step, twin.init(key, 20.0), None, length=size)[1], axis=1
+        )
 
-    accel, gyro = run(jax.random.PRNGKey(1))
-    return np.asarray(accel), np.asarray(gyro)
+    return np.stack([np.asarray(run(jax.random.PRNGKey(k))) for k in range(TWINS)])
 
 
-def agreement(held: np.ndarray, twin: np.ndarray, model: NoiseModel) -> tuple[int, int]:
-    """Averaging times at which the two agree, and how many there are."""
-    ours, theirs = (deviations(x, rate=RATE) for x in (twin, held))
-    exponents = model.exponents(ours.tau)
+def agreement(
+    held: np.ndarray, twins: np.ndarray, model: NoiseModel, rate: float
+) -> tuple[float, int]:
+    """Averaging times at which a log and a twin's agree, mean over the twins, and how many there are."""
+    theirs = deviations(held, rate=rate)
+    exponents = model.exponents(theirs.tau)
     freedom = np.array(
         [
-            degrees_of_freedom(ours.kind, len(held), int(m), int(a))
-            for m, a in zip(ours.factor, exponents)
+            degrees_of_freedom(theirs.kind, len(held), int(m), int(a))
+            for m, a in zip(theirs.factor, exponents)
         ]
     )
-    ratio = (theirs.deviation / ours.deviation) ** 2
     low, high = (scipy.stats.f.ppf(p, freedom, freedom) for p in (0.025, 0.975))
-    return int(np.sum((ratio >= low) & (ratio <= high))), len(ratio)
+    ratios = [(theirs.deviation / deviations(x, rate=rate).deviation) ** 2 for x in twins]
+    return float(np.mean([np.sum((r >= low) & (r <= high)) for r in ratios])), len(theirs.tau)
+
+
+def share(device: str, log: np.ndarray, rate: float) -> None:
+    """Print the share of averaging times at which twins and the second half of a log agree; six channels."""
+    half = len(log) // 2
+    triads = {"accel": log[:half, :3], "gyro": log[:half, 3:]}
+    models = {
+        name: [identify(x, rate=rate, triad=name) for x in three.T]
+        for name, three in triads.items()
+    }
+    made, counts, said = twin_logs(models, half, rate), np.zeros(2), []
+    every = [model for three in models.values() for model in three]
+    for channel, model in enumerate(every):
+        one = agreement(log[-half:, channel], made[:, :, channel], model, rate)
+        counts += one
+        said.append(f"{model.triad}.{'xyz'[channel % 3]} {one[0]:.1f}/{one[1]}")
+    print(
+        f"{device}, {len(log) / rate:.0f} s: {counts[0] / counts[1]:.3f} ({', '.join(said)})",
+        flush=True,
+    )
 
 
 def main() -> None:
-    """Print each device's share of averaging times at which twin and held-out log agree."""
-    home = Path(os.environ["INERTIAX_RECORDINGS"])
-    for device, triads in logs(home).items():
-        half = len(triads[0]) // 2
-        models = {
-            name: [identify(x, rate=RATE, triad=name) for x in log[:half].T]
-            for name, log in zip(("accel", "gyro"), triads)
-        }
-        made = twin_log(models, half)
-        counts, said = np.zeros(2, int), []
-        for (name, three), log, twin in zip(models.items(), triads, made):
-            for axis, model in enumerate(three):
-                one = agreement(log[-half:, axis], twin[:, axis], model)
-                counts += one
-                said.append(f"{name}.{'xyz'[axis]} {one[0]}/{one[1]}")
-        print(
-            f"{device}: {counts[0]}/{counts[1]} = {counts[0] / counts[1]:.3f} ({', '.join(said)})",
-            flush=True,
-        )
+    """Print each device's share of averaging times at which twins and held-out log agree."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path, help="further logs at rest")
+    folder = parser.parse_args().folder
+    if "INERTIAX_RECORDINGS" in os.environ:
+        for device, triads in logs(Path(os.environ["INERTIAX_RECORDINGS"])).items():
+            share(device, np.concatenate(triads, axis=1), RATE)
+    for parts in logs_of(ix.load_campaign(folder).recordings) if folder else ():
+        rest, _ = longest_rest(parts)
+        columns = [rest.channel(triad, axis) for triad in ("accel", "gyro") for axis in range(3)]
+        first, last = rest.span
+        rate = (rest.num_samples - 1) / (last - first)
+        share(name_of(parts), np.stack([c[:] for c in columns], axis=1), rate)
 
 
 if __name__ == "__main__":

@@ -124,6 +124,8 @@ CASES = [
     ("ix.Twin(c).step(ix.Twin(c).init(jax.random.PRNGKey(0), 20.0), x, v, 20.0)", "force has shape (10, 3)"),
     ("ix.Twin(c, {'imu': {}})", "'imu' is neither 'accel' nor 'gyro'"),
     ("ix.Twin(c, {'accel': {'N': np.ones(2)}})", "accel N has shape (2,)"),
+    ("ix.Twin(c, {'accel': {'filter': [-1.5]}})", "accel filter [-1.5] is not stable"),
+    ("ix.Twin(c, {'accel': {'filter': 0.5}})", "accel filter has shape (); it is (order,) or (3, order)"),
     ("ix.Twin(c, {'accel': {'resolution': -1.0}})", "accel resolution is -1"),
     ("ix.Twin(c, {'gyro': {'full_scale': 0.0}})", "gyro full_scale is 0"),
     ("ix.Twin(c).init(key, 300.0)", "`twin.init(temperature=...)`: from 300"),

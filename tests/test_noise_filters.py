@@ -11,10 +11,11 @@ from pathlib import Path
 import allantools
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt, welch
+from scipy.signal import butter, freqz, sosfilt, sosfreqz, welch
 
 from inertiax.allan import identify, logs, noise_of, read_triad_noise, spectrum, triad_noise
 from inertiax.allan.process_noise import correlation_time
+from inertiax.allan.sensor_filter import recursion_of
 from inertiax.data.recording import Recording
 from inertiax.exports import by_name
 from inertiax.exports.noise import settings_from_noise
@@ -48,6 +49,42 @@ def test_behind_a_low_pass_n_is_that_below_the_corner(log, corner):
     assert [k for k, term in model.terms.items() if term.shown] == ["N"]
     assert model.corner == pytest.approx(corner, rel=0.12)
     assert "behind a low-pass filter of" in model.statement and model.statement.startswith("N from")
+
+
+@pytest.mark.parametrize("poles", [(0.6,), (0.5 + 0.3j, 0.5 - 0.3j), (0.7, -0.2, 0.1)])
+def test_a_filters_recursion_follows_from_its_attenuation(poles):
+    # SciPy's response of known poles, at as many frequencies as the polynomial has coefficients.
+    wanted = np.real(np.poly(poles))
+    upper = 60.0
+    frequency = np.linspace(0.3, 1.0, len(poles)) * upper
+    response = freqz([wanted.sum()], wanted, frequency, fs=RATE)[1]
+    x = (np.sin(np.pi * frequency / RATE) / np.sin(np.pi * upper / RATE)) ** 2
+    powers = x[:, None] ** np.arange(1, len(poles) + 1)
+    attenuation = np.linalg.solve(powers, 1.0 / np.abs(response) ** 2 - 1.0)
+    np.testing.assert_allclose(recursion_of(attenuation, upper, RATE), wanted[1:], atol=1e-9)
+
+
+def test_no_filter_is_made_of_an_attenuation_that_is_none():
+    assert recursion_of(np.array([-0.9]), 50.0, RATE) == ()
+
+
+@pytest.mark.parametrize(
+    "log, sections",
+    [
+        (first_order(white(0), 40.0), butter(1, 0.4, output="sos")),
+        (second_order(white(1), 20.0), butter(2, 0.2, output="sos")),
+    ],
+    ids=["first order", "second order"],
+)
+def test_the_recursion_attenuates_as_the_logs_filter(log, sections):
+    model = identify(log, rate=RATE)
+    frequency = np.linspace(0.0, min(model.band[1], 45.0), 50)
+    real = np.abs(sosfreqz(sections, frequency, fs=RATE)[1])
+    recursion = np.array([1.0, *model.recursion])
+    found = np.abs(freqz([recursion.sum()], recursion, frequency, fs=RATE)[1])
+    # An amplitude is told to some percent by 22 000 samples.
+    np.testing.assert_allclose(found, real, atol=0.04)
+    assert not identify(white(4), rate=RATE).recursion
 
 
 def test_a_random_walk_shows_beside_a_filter():

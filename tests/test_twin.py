@@ -4,7 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from inertiax.allan import identify
 from inertiax.calibration.calibration import Calibration, TriadCalibration
 from inertiax.calibration.fitted_effects import FittedEffect
 from inertiax.effects import CATALOGUE, Signal
@@ -132,6 +134,39 @@ def test_white_walk_ramp_and_angle_noise_have_their_densities(getkey):
     # Each sample is the difference of two angles over the step: √2 Q f.
     assert drawn[:, 2].std() == pytest.approx(np.sqrt(2.0) * 1e-4 * 50.0, rel=0.03)
     np.testing.assert_allclose(drawn[-1, 3:], 1e-3 * 19_999 / 50.0, rtol=1e-12)
+
+
+def _rest(noise, rate=100.0, samples=500):
+    """Accelerometers at rest, less the specific force."""
+    twin = Twin(Calibration(gravity=GRAVITY), noise, sample_rate=rate)
+    still = jnp.zeros(3)
+    start = twin.init(jax.random.PRNGKey(3), 20.0)
+    step = lambda state, _: twin.step(state, still, still, 20.0)
+    return np.asarray(jax.jit(lambda: jax.lax.scan(step, start, None, length=samples)[1][0])())
+
+
+def test_white_noise_goes_through_the_sensors_filter_as_scipys():
+    a = np.array([[-0.5, 0.1], [0.2, 0.0], [0.0, 0.0]])
+    plain = _rest({"accel": {"N": 1e-3}})
+    filtered = _rest({"accel": {"N": 1e-3, "filter": a}, "gyro": {"N": 1e-3}})
+    want = [lfilter([1.0 + r.sum()], [1.0, *r], x) for r, x in zip(a, plain.T)]
+    np.testing.assert_allclose(filtered, np.transpose(want), atol=1e-12)
+    slow = {"N": 0.0, "K": 1e-3, "B": 1e-3}
+    unfiltered = _rest({"accel": slow})
+    np.testing.assert_array_equal(_rest({"accel": slow | {"filter": a}}), unfiltered)
+
+
+def test_a_twin_of_a_logs_models_has_its_noise_and_filter():
+    log = lfilter([0.5], [1.0, -0.5], 0.01 * np.random.default_rng(1).normal(size=20_000))
+    model = identify(log, rate=100.0, triad="accel")
+    assert len(model.recursion) and not model.terms["K"].shown
+    own = _rest({"accel": [model] * 3}, samples=20_000)
+    again = identify(own[:, 0], rate=100.0, triad="accel")
+    assert again.terms["N"].lower < model.terms["N"].value < again.terms["N"].upper
+    assert own.std() == pytest.approx(log.std(), rel=0.02)
+    # At another rate the coefficients say nothing.
+    twin = Twin(Calibration(gravity=GRAVITY), {"accel": [model] * 3}, sample_rate=200.0)
+    assert twin.noise.accel.filter is None
 
 
 def test_read_out_clips_rounds_and_delays():

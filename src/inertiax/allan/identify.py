@@ -19,6 +19,7 @@ from .limits import terms_of
 from .model import NoiseModel, NoiseTerm, TERMS
 from .ramp import plain_slope, ramp_term, slope
 from .repeats import own_samples
+from .sensor_filter import recursion_of
 from .spectrum import Spectrum, spectrum_of
 from .statement import band_statement
 from .stored_channel import Log
@@ -99,6 +100,7 @@ def identify_samples(log: Log, *, rate: float, triad: str) -> NoiseModel:
         chi2_per_dof=_misfit_with_lines(spectrum, band, fit, rounding),
         band=(band.lower, band.upper),
         corner=corner_of(band, fit, rate) if band.seen else None,
+        recursion=recursion_of(fit.filter, band.upper, rate) if band.seen else (),
         rounding=step,
         statement=band_statement(spectrum, band, fit),
     )

@@ -108,6 +108,8 @@ class NoiseModel(eqx.Module):
     corner: float | None = (
         None  # Hz, where the sensor's filter has halved the power; None: not in the band
     )
+    # a₁, a₂, … of the sensor's filter at `rate`, y_k = (1 + Σ a) u_k − Σ a_j y_{k−j}; empty: the log shows none
+    recursion: tuple[float, ...] = ()
     rounding: float = 0.0  # the step that values are rounded to, in their unit; 0: none seen
     statement: str = eqx.field(
         static=True, default=""

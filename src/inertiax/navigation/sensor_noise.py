@@ -6,13 +6,16 @@
     ramp     R t
     Q        (θ_k − θ_{k−1}) f                   θ white with standard deviation Q
 
+The white noise goes through the sensor's low-pass filter, if there is one: y_k = (1 + Σ a) u_k − Σ a_j y_{k−j}. Flicker
+and walk, which are slow, pass it as they are.
+
 Sums of Gauss-Markov processes have the spectrum s²/(2 f ln r) where their time constants lie, which is flicker noise's
 B²/(2π f) for s² = B² ln r/π.
 
 **Reference:** IEEE Std 952-2020, annex C; Keshner, *1/f noise*, Proc. IEEE 70 (1982).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -28,25 +31,29 @@ from .counted_normals import normals
 
 
 RATIO = 6.0  # between time constants: the Allan variance is flat to 2 % (tested)
+SAME_RATE = 0.01  # relative: a filter's coefficients hold at one sample rate
 SHORTEST, LONGEST = 1.0, 1e5  # of the time constants, in samples and in s
 
 
 class TriadNoise(eqx.Module):
-    """One triad's noise and read-out in SI, each a number or one per axis; `None`: none of it."""
+    """One triad's noise and read-out in SI, each a number or one per axis but the filter; `None`: none of it."""
 
     N: Any = None  # m/s²/√Hz or rad/s/√Hz
     B: Any = None  # m/s² or rad/s
     K: Any = None  # m/s²/√s or rad/s/√s
     R: Any = None  # m/s³ or rad/s²
     Q: Any = None  # m/s or rad
+    filter: Any = None  # a₁, a₂, … at the sample rate, (order,) or (3, order)
     resolution: Any = None  # least step of the output
     full_scale: Any = None  # greatest output
 
 
-def triad_noise(triad: str, given: Any) -> TriadNoise:
+def triad_noise(triad: str, given: Any, sample_rate: float) -> TriadNoise:
     """`TriadNoise` of a mapping, of three channels' `allan.model.NoiseModel`, or as it is.
 
-    Raises `ValueError` for names that are none, or sizes that are implausible in SI.
+    Of models, terms that their logs do not determine are zero, filters count at the rate of their logs alone, and the
+    read-out's steps count where all three axes have them.
+    Raises `ValueError` for names that are none, sizes that are implausible in SI, or a filter that is not stable.
     """
     if given is None or isinstance(given, TriadNoise):
         made = given or TriadNoise()
@@ -64,7 +71,15 @@ def triad_noise(triad: str, given: Any) -> TriadNoise:
             raise ValueError(
                 f"`Twin(noise=...)`: {triad} needs the noise models of its three axes."
             )
-        made = TriadNoise(**{k: np.array([m.terms[k].value for m in models]) for k in "NBKRQ"})
+        terms = {k: np.array([m.terms[k].known for m in models]) for k in "NBKRQ"}
+        steps = np.array([m.rounding for m in models])
+        made = TriadNoise(
+            **terms,
+            filter=_filters(models, sample_rate),
+            resolution=steps if np.all(steps > 0.0) else None,
+        )
+    if made.filter is not None and not is_traced(made.filter):
+        _check_stable(triad, np.asarray(made.filter, float))
     for name in "NBKRQ":
         value = getattr(made, name)
         if value is None or is_traced(value):
@@ -86,11 +101,30 @@ def triad_noise(triad: str, given: Any) -> TriadNoise:
     return made
 
 
+def _filters(models: Sequence[Any], sample_rate: float) -> Float[np.ndarray, "3 order"] | None:
+    """The filters of three models; `None` where there are none or the rate is another."""
+    order = max(len(m.recursion) for m in models)
+    if not order or any(abs(m.rate / sample_rate - 1.0) > SAME_RATE for m in models):
+        return None
+    return np.array([(*m.recursion, *np.zeros(order - len(m.recursion))) for m in models])
+
+
+def _check_stable(triad: str, recursion: Float[np.ndarray, "..."]) -> None:
+    for row in np.atleast_2d(recursion):
+        if not np.all(np.abs(np.roots([1.0, *row])) < 1.0):
+            raise ValueError(
+                f"`Twin(noise=...)`: {triad} filter {row.tolist()} is not stable: 1 + a1 / z + a2 / z^2 + ... has a "
+                f"root outside the unit circle."
+            )
+
+
 def _axes(triad: str, name: str, value: Any) -> AnyArray:
     array = value if isinstance(value, jax.Array) else np.asarray(value, float)
-    if array.shape not in ((), (3,)):
+    filter_ = name == "filter" and array.ndim in (1, 2) and array.shape[:-1] in ((), (3,))
+    if not filter_ and (name == "filter" or array.shape not in ((), (3,))):
+        right = "(order,) or (3, order)" if name == "filter" else "() or (3,)"
         raise ValueError(
-            f"`Twin(noise=...)`: {triad} {name} has shape {array.shape}; it is () or (3,)."
+            f"`Twin(noise=...)`: {triad} {name} has shape {array.shape}; it is {right}."
         )
     return array
 
@@ -102,6 +136,7 @@ class NoiseState(eqx.Module):
     walk: Float[Array, "6"]
     markov: Float[Array, "processes 6"]
     last: Float[Array, "6"]  # θ of the sample before
+    white: Float[Array, "order 6"]  # behind the sensor's filter, the newest first
     # Normal numbers of the next sample, a vector for each term. Kept from step to step they are made once, where a
     # compiler would make them anew for each of the processes that read them.
     drawn: tuple[Float[Array, "6"], ...]
@@ -123,6 +158,19 @@ class SensorNoise(eqx.Module):
         return jnp.concatenate([full(x) for x in pair])
 
     @property
+    def recursion(self) -> Float[Array, "order 6"]:
+        """Coefficients a of the channels' filters; of order 0 where there is none."""
+        pair = [np.zeros(0) if t.filter is None else t.filter for t in (self.accel, self.gyro)]
+        order = max(jnp.shape(x)[-1] for x in pair)
+        padded = [
+            jnp.pad(
+                jnp.broadcast_to(x, (3, jnp.shape(x)[-1])), ((0, 0), (0, order - jnp.shape(x)[-1]))
+            )
+            for x in pair
+        ]
+        return jnp.concatenate(padded).T
+
+    @property
     def time_constants(self) -> np.ndarray:
         """Of the Gauss-Markov processes, s."""
         first = SHORTEST / self.sample_rate
@@ -130,16 +178,18 @@ class SensorNoise(eqx.Module):
         return first * RATIO ** np.arange(count)
 
     def begin(self, key: PRNGKeyArray) -> NoiseState:
-        """Flicker in equilibrium, the walk at zero."""
+        """Flicker in equilibrium, the walk and the filter at zero."""
         key, first, second = jax.random.split(key, 3)
         count = 0 if self.term("B") is None else len(self.time_constants)
         zero, kind = jnp.zeros((), jnp.int32), jnp.result_type(float)
         markov = jnp.zeros((0, 6))
         if count:
-            markov = jnp.stack(normals(first, zero, count, 6)).astype(kind) * self._flicker_sigma()
+            drawn = jnp.stack(normals(first, zero, count, 6)).astype(kind)
+            markov = drawn * self._flicker_sigma()[None]
         last = normals(second, zero, 1, 6)[0].astype(kind)
         drawn = self._draw(key, zero, bool(count))
-        return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")), drawn)
+        white = jnp.zeros(self.recursion.shape)
+        return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")), white, drawn)
 
     def _draw(
         self, key: PRNGKeyArray, count: Int[Array, ""], flicker: bool
@@ -169,8 +219,14 @@ class SensorNoise(eqx.Module):
             return state, total
         own = dict(zip(names, draws))
         rate, walk, last, markov = self.sample_rate, state.walk, state.last, state.markov
+        white = state.white
         if "N" in own:
-            total = total + own["N"] * _or_zero(self.term("N")) * np.sqrt(rate)
+            fresh = own["N"] * _or_zero(self.term("N")) * np.sqrt(rate)
+            if len(white):
+                recursion = self.recursion.astype(fresh.dtype)
+                fresh = (1.0 + recursion.sum(axis=0)) * fresh - (recursion * white).sum(axis=0)
+                white = jnp.concatenate([fresh[None], white[:-1]])
+            total = total + fresh
         if "K" in own:
             walk = walk + own["K"] * _or_zero(self.term("K")) / np.sqrt(rate)
             total = total + walk
@@ -183,7 +239,7 @@ class SensorNoise(eqx.Module):
             markov = self._flicker(markov, first, other, count)
             total = total + markov.sum(axis=0)
         drawn = self._draw(state.key, count + 1, bool(len(markov)))
-        return NoiseState(state.key, walk, markov, last, drawn), total
+        return NoiseState(state.key, walk, markov, last, white, drawn), total
 
     def _flicker(
         self,
@@ -202,7 +258,7 @@ class SensorNoise(eqx.Module):
         column = lambda values: jnp.asarray(values, first.dtype)[:, None]
         decay, drive = column(np.exp(-ratio)), column(np.sqrt(-np.expm1(-2.0 * ratio)))
         zeros = 31 - jax.lax.clz(count & -count)  # at the end of the count's binary digits
-        number = jnp.arange(last + 1)
+        number = jnp.arange(last + 1, dtype=zeros.dtype)
         # All are computed and two kept: for many devices a choice is far quicker than picking and putting back.
         renewed = (number == 0) | (number == jnp.clip(zeros + 1, 1, last))
         drawn = jnp.where((number == 0)[:, None], first[None], other[None])

@@ -53,8 +53,9 @@ class Twin(eqx.Module):
     """A device that follows a calibration exactly, its named effects included.
 
     **Arguments:** `noise` is a mapping such as `{"accel": {"N": 1e-3, "B": 2e-4}, "gyro": {"N": 1e-4}}` in SI with the
-    coefficients N, B, K, R, Q of IEEE Std 952, `resolution` and `full_scale` (a number or one per axis), or the three
-    axes' `allan.model.NoiseModel` of a triad; `sample_rate` in Hz; `delay` of the outputs in s.
+    coefficients N, B, K, R, Q of IEEE Std 952, `resolution` and `full_scale` (a number or one per axis), and `filter`,
+    the low-pass that white noise goes through (see `sensor_noise`), or the three axes' `allan.model.NoiseModel`
+    of a triad; `sample_rate` in Hz; `delay` of the outputs in s.
 
     Raises `ValueError` for an effect that force, rate and temperature do not tell, and for implausible numbers.
     """
@@ -89,7 +90,7 @@ class Twin(eqx.Module):
                 raise ValueError(
                     f"`Twin(noise=...)`: {unknown[0]!r} is neither 'accel' nor 'gyro'."
                 )
-            accel, gyro = (triad_noise(t, given.get(t)) for t in ("accel", "gyro"))
+            accel, gyro = (triad_noise(t, given.get(t), sample_rate) for t in ("accel", "gyro"))
             noise = SensorNoise(accel, gyro, float(sample_rate))
         self.calibration = calibration
         self.noise = noise
