@@ -11,7 +11,8 @@ constants. Its calibration is taken as unknown: biases to 5 °/s and 0.2 m/s², 
 Fixes are the reference's positions once a second, none for 5 s in each 15 s. The heading of the reference's frame is
 unknown, so that the Earth's rate is left in the biases. Compared at the ends of the outages: position, tilt and heading
 against the reference, for filters with all coefficients, with biases alone, with the calibration that the first one
-found in the end and trusts, and with none.
+found in the end and trusts, and with none. Then again with all coefficients and the accelerometers' white noise that
+makes the fixes likeliest: on a quadrotor the outputs hold more than the sensor's own, and the fixes tell how much.
 
 Measured: see `docs/benchmarks/navigation-filter.md`.
 
@@ -19,10 +20,13 @@ Measured: see `docs/benchmarks/navigation-filter.md`.
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import scipy.optimize
 from scipy.spatial.transform import Rotation
 
 import inertiax as ix
@@ -80,14 +84,24 @@ def calibration() -> ix.Calibration:
     )
 
 
-def make(states: object, device: ix.Calibration) -> nav.Filter:
-    """A filter of some of the coefficients."""
+def make(
+    states: str | tuple[str, ...], device: ix.Calibration, white: jax.Array | float = ACCEL_WHITE
+) -> nav.Filter:
+    """A filter of some of the coefficients, with an accelerometers' noise density."""
     noise = nav.ImuNoise(
-        nav.TriadNoise(white=ACCEL_WHITE, walk=ACCEL_WALK),
+        nav.TriadNoise(white=white, walk=ACCEL_WALK),
         nav.TriadNoise(white=GYRO_WHITE, walk=GYRO_WALK),
     )
     frame = nav.LevelFrame(np.deg2rad(47.4), 460.0)  # Zürich
     return nav.Filter(device, states, noise=noise, frame=frame, samples=RATE)
+
+
+def likeliest_white(run: Callable[[jax.Array], nav.Track]) -> float:
+    """The accelerometers' white noise density at which a run's fixes are likeliest, m/s²/√Hz."""
+    price = jax.jit(jax.value_and_grad(lambda log: -run(jnp.exp(log)).log_likelihood))
+    both = lambda log: tuple(float(x) for x in price(jnp.asarray(log[0])))
+    start, bounds = [np.log(ACCEL_WHITE)], [tuple(np.log([0.1, 100.0]) + np.log(ACCEL_WHITE))]
+    return float(np.exp(scipy.optimize.minimize(both, start, jac=True, bounds=bounds).x[0]))
 
 
 def main() -> None:
@@ -105,29 +119,40 @@ def main() -> None:
     fixes = [nav.Position(place[1:], FIX, ~out)]
     print(f"{segments} s, {len(last)} outages of {OUTAGE} s")
     device = calibration()
-    full = None
-    for name in ("all coefficients", "biases", "calibration of the run, trusted", "none"):
-        if name.startswith("calibration"):
-            used, states = nav.refined(make("*", device), full.last), ()
-        else:
-            used, states = device, {"all coefficients": "*", "biases": "*.bias", "none": ()}[name]
-        filter_ = make(states, used)
+
+    def run(filter_: nav.Filter) -> nav.Track:
         start = filter_.start(
             attitude[0], np.zeros(3), place[0],
             attitude_sigma=np.deg2rad(1.0), velocity_sigma=0.05, position_sigma=FIX,
         )  # fmt: skip
-        track = filter_.run(start, data, fixes)
-        full = track if full is None else full
+        return filter_.run(start, data, fixes)
+
+    def tell(name: str, track: nav.Track) -> None:
         pose = jax.tree.map(np.asarray, track.estimate.navigation)
-        off = np.linalg.norm((place[1:] - pose.position)[last], axis=1)
+        error = (place[1:] - pose.position)[last]
+        off = np.linalg.norm(error, axis=1)
         turn = Rotation.from_matrix(attitude[1:] @ np.swapaxes(pose.attitude, 1, 2)).as_rotvec()
-        sigma = np.sqrt(np.sum(np.asarray(track.sigma)[last, 6:] ** 2, axis=1))
+        spread = np.asarray(track.covariance)[last, 6:, 6:]
+        sigma = np.sqrt(np.trace(spread, axis1=1, axis2=2))
+        nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(spread), error) / 3.0
+        nis = np.asarray(track.corrections[0].nis)[~out] / 3.0
         tilt, heading = np.rad2deg(np.hypot(*turn[last, :2].T)), np.rad2deg(np.abs(turn[last, 2]))
         rms = lambda x: float(np.sqrt(np.mean(x**2)))
         print(
-            f"{name:32} position {rms(off):6.3f} m (largest {off.max():.3f}, predicted {rms(sigma):.3f}), tilt "
-            f"{rms(tilt):.2f}°, heading {rms(heading):.2f}°, log likelihood {float(track.log_likelihood):.0f}"
+            f"{name:32} position {rms(off):6.3f} m (largest {off.max():.3f}, predicted {rms(sigma):.3f}, NEES/3 "
+            f"{nees.mean():.2f}), tilt {rms(tilt):.2f}°, heading {rms(heading):.2f}°, fixes' NIS/3 {nis.mean():.2f}, "
+            f"log likelihood {float(track.log_likelihood):.0f}"
         )
+
+    full = run(make("*", device))
+    tell("all coefficients", full)
+    tell("biases", run(make("*.bias", device)))
+    tell(
+        "calibration of the run, trusted", run(make((), nav.refined(make("*", device), full.last)))
+    )
+    tell("none", run(make((), device)))
+    white = likeliest_white(lambda density: run(make("*", device, density)))
+    tell(f"all, white noise {white:.4f}", run(make("*", device, white)))
     shown = nav.observability(make("*", device), full)
     print(shown.statement())
     for kind in ("accel", "gyro"):

@@ -142,8 +142,22 @@ def test_noise_terms_come_back_with_right_intervals(absent):
     if not absent:
         assert abs(mean["N"] / truth["N"] - 1.0) < 0.01, mean
         assert abs(mean["K"] / truth["K"] - 1.0) < 0.1, mean
-        # 11 minutes tell flicker from white noise and walk in two logs of five, and `known` is zero in the others.
+        # 11 minutes tell flicker from white noise and walk in two logs of five; in most of the others the walk stands
+        # for both.
         assert 0.4 * truth["B"] < mean["B"] < 1.1 * truth["B"], mean
+
+
+def test_a_log_that_needs_flicker_or_walk_has_one_of_them_at_least():
+    # Three minutes of a walk show slow noise, but not whether it is walk or flicker.
+    rng = np.random.default_rng(5)
+    walk = 3e-4 * np.cumsum(rng.normal(size=16_384)) / 10.0
+    model = identify(0.01 * rng.normal(size=16_384) + walk, rate=100.0)
+    flicker, walked = model.terms["B"], model.terms["K"]
+    assert not flicker.shown and not walked.shown
+    assert flicker.known == 0.0 and walked.known == pytest.approx(3e-4, rel=0.2)
+    assert walked.lower < 3e-4 < walked.upper
+    # So the Allan deviation at half a minute is the walk's, √(N²/τ + K² τ/3), not that of white noise, 1.8e-4.
+    assert float(model.deviation(np.array([30.0]))[0]) == pytest.approx(9.7e-4, rel=0.2)
 
 
 def test_white_noise_is_told_in_both_conventions():

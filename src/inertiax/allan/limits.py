@@ -3,6 +3,7 @@
 A term that the log does not show has no value, only an upper limit: it could be there, and it could be zero.
 """
 
+import dataclasses
 from collections.abc import Callable
 from functools import cache
 from typing import cast, NamedTuple
@@ -31,6 +32,11 @@ class _Profile(NamedTuple):
     which: int
     variance: float  # of the square
     dulling: float  # by how much the ordinates' correlation dulls the likelihood
+
+    @property
+    def coefficient(self) -> float:
+        """Of the likeliest model."""
+        return float(np.sqrt(self.fit.squares[self.which]))
 
     def excess(self, candidate: float) -> float:
         """How far the deviance lies above its least, in undulled units."""
@@ -61,6 +67,7 @@ def terms_of(
         return profiles(terms)[without].excess(0.0)
 
     every = tuple(range(len(names)))
+    fewest = profiles(_needed(every, None, rise))
     found = {}
     for which, name in enumerate(names):
         term = _term(profiles(every)[which])
@@ -70,14 +77,15 @@ def terms_of(
             lower, upper = min(term.lower, other.lower), max(term.upper, other.upper)
             best = other if term.shown and other.shown else term
             term = NoiseTerm(best.value, best.std, lower, upper)
-        found[name] = term
+        least = fewest[which].coefficient if which in fewest else 0.0
+        found[name] = dataclasses.replace(term, least=least)
     return found
 
 
 def _needed(
-    terms: tuple[int, ...], which: int, rise: Callable[[tuple[int, ...], int], float]
+    terms: tuple[int, ...], which: int | None, rise: Callable[[tuple[int, ...], int], float]
 ) -> tuple[int, ...]:
-    """The terms that the log needs beside a given one, which stays; the weakest of the others is dropped first.
+    """The terms that the log needs, beside a given one, which stays; the weakest of the others is dropped first.
 
     One by one, since a log may need one of two terms without telling which: without both it is not described.
     """
@@ -113,7 +121,7 @@ def _term(profile: _Profile) -> NoiseTerm:
     if profile.excess(0.0) <= SHOWN:
         return NoiseTerm(None, None, 0.0, upper)
     lower = cast(float, brentq(beyond, 0.0, square, xtol=_NEAR * std))
-    value = float(np.sqrt(square))
+    value = profile.coefficient
     return NoiseTerm(value, std / (2.0 * value), float(np.sqrt(lower)), upper)
 
 

@@ -77,13 +77,15 @@ class NoiseTerm(eqx.Module):
     """One coefficient with its 95 % interval; it has a value only where the log determines it.
 
     Where it does not, `value` and `std` are `None`, `lower` is zero, and `upper` is what the log proves: infinity
-    where it proves nothing.
+    where it proves nothing. A log may need one of two terms without telling which: then neither has a value, and one
+    has a `least` above zero.
     """
 
     value: float | None  # SI, see `SI_UNITS`
     std: float | None  # of the value
     lower: float
     upper: float
+    least: float = 0.0  # in the model with the fewest terms that describes the log
 
     @property
     def shown(self) -> bool:
@@ -92,8 +94,8 @@ class NoiseTerm(eqx.Module):
 
     @property
     def known(self) -> float:
-        """The value, zero where there is none: the least noise that explains the log."""
-        return 0.0 if self.value is None else self.value
+        """The value, `least` where there is none: the fewest terms that describe the log."""
+        return self.least if self.value is None else self.value
 
 
 class NoiseModel(eqx.Module):

@@ -27,7 +27,7 @@ _PEAK_TIME, _PEAK = 1.8926, 0.6174
 
 
 class TriadNoise(eqx.Module):
-    """Noise of three axes; a term that the log does not determine is zero, and `determined` says so.
+    """Noise of three axes; a term that the log can do without is zero, and `determined` says which the log tells.
 
     For a filter, which should not trust its sensor too much, `cautious` puts the 95 % limits there.
     """
@@ -125,6 +125,7 @@ class _Value(msgspec.Struct):
 class _Term(msgspec.Struct):
     value: float | None
     upper_95: float | None
+    least: float = 0.0
 
 
 class _Channel(msgspec.Struct):
@@ -171,7 +172,7 @@ def read_triad_noise(path: Path, triad: str, *, device: str | None = None) -> Tr
 def _of_document(log: _Log, axes: list[_Channel]) -> TriadNoise:
     order = ("N", "B", "K", "R", "Q")
     terms = [[axis.terms.get(name, _Term(None, None)) for axis in axes] for name in order]
-    known = [np.array([t.value or 0.0 for t in row]) for row in terms]
+    known = [np.array([t.value or t.least for t in row]) for row in terms]
     limit = lambda value: np.inf if value is None else value
     duration = log.duration.value or 0.0
     return TriadNoise(

@@ -63,7 +63,8 @@ def _channel(found: ChannelNoise) -> dict[str, object]:
 
 
 def _term(found: ChannelNoise, name: str) -> dict[str, object]:
-    """A term; `value` is null where the log does not determine it, `upper_95` where it does not even limit it."""
+    """A term; `value` is null where the log does not determine it, `upper_95` where it does not even limit it; `least`
+    is what describes the log with the fewest terms."""
     term, triad = found.model.terms[name], found.model.triad
     unit, factor = USUAL_UNITS[triad][name]
     return {
@@ -71,6 +72,7 @@ def _term(found: ChannelNoise, name: str) -> dict[str, object]:
         "shown": term.shown,
         "value": term.value,
         "lower_95": term.lower,
+        "least": term.known,
         "upper_95": term.upper if math.isfinite(term.upper) else None,
         "unit": SI_UNITS[triad][name],
         "usual": {"value": None if term.value is None else factor * term.value, "unit": unit},
