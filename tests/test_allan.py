@@ -150,8 +150,8 @@ def test_noise_terms_come_back_with_right_intervals(absent):
 def test_a_log_that_needs_flicker_or_walk_has_one_of_them_at_least():
     # Three minutes of a walk show slow noise, but not whether it is walk or flicker.
     rng = np.random.default_rng(5)
-    walk = 3e-4 * np.cumsum(rng.normal(size=16_384)) / 10.0
-    model = identify(0.01 * rng.normal(size=16_384) + walk, rate=100.0)
+    white = 0.01 * rng.normal(size=16_384)
+    model = identify(white + 3e-4 * np.cumsum(rng.normal(size=16_384)) / 10.0, rate=100.0)
     flicker, walked = model.terms["B"], model.terms["K"]
     assert not flicker.shown and not walked.shown
     assert flicker.known == 0.0 and walked.known == pytest.approx(3e-4, rel=0.2)
