@@ -10,6 +10,11 @@ equivalent degrees of freedom. Shares are means over five twins.
 Devices: an MPU-6050 of tomisuarez2/ImuCalibration (449 s at rest), another of sunsided/sensor-fusion (10 min), an
 Xsens MTi of imu_tk (its first 45 s). Counts become SI by the data sheets' nominal scales. `FOLDER` holds further logs
 in any format that `inertiax` reads, with a `campaign.toml` where columns or units need one; their longest rest counts.
+
+Two were measured so. A phone of ohad1765/Navigation_project_IMU_calibration: six rests of five minutes on its faces at
+100 Hz, `Recordings_for_6_turns_method/imu_rec_*.mat` (MATLAB timetables: acceleration, orientation, angular velocity,
+each as stamps in ms and three columns). And an IG-500N of milkytipo/Allan-variance: 2.44 h at rest in 36 572 rows, of
+which columns 4 to 6 are m/s² and 7 to 9 deg/s, without the first 12 000 rows, in which it warms up by 8 °C.
 """
 
 import argparse
@@ -41,24 +46,21 @@ def logs(home: Path) -> Channels:
     counts = np.loadtxt(
         home / "tomisuarez-mpu6050" / "example_data_tinit_calc.csv", delimiter=",", skiprows=5
     )
-    found = {"MPU-6050 (tomisuarez)": _mpu(counts[:, :3], counts[:, 3:])}
+    # Full scales of 2 g and 250 °/s in 16 bits.
+    force, rate = counts[:, :3] * (G / 16384.0), np.deg2rad(counts[:, 3:] / 131.0)
+    found = {"MPU-6050 (tomisuarez)": (force, rate)}
     still = home / "sunsided-mpu6050" / "unmoved-with-x-pointing-forward-10min"
     with (
         h5py.File(still / "mpu6050_accelerometer.mat") as accel,
         h5py.File(still / "mpu6050_gyroscope.mat") as gyro,
     ):
         rows = [np.asarray(f[next(iter(f))])[1:] for f in (accel, gyro)]
-    found["MPU-6050 (sunsided)"] = _mpu(*(r.T for r in rows))
+    found["MPU-6050 (sunsided)"] = rows[0].T * G, np.deg2rad(rows[1].T)
     xsens = [
         np.loadtxt(home / "imu_tk-xsens" / f"xsens_{k}.mat")[200:4700, 1:] for k in ("acc", "gyro")
     ]
     found["Xsens MTi"] = xsens[0] / 415.0, xsens[1] / 4778.0
     return found
-
-
-def _mpu(accel: np.ndarray, gyro: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Full scales of 2 g and 250 °/s in 16 bits."""
-    return accel * (G / 16384.0), np.deg2rad(gyro / 131.0)
 
 
 def twin_logs(models: dict[str, list[NoiseModel]], size: int, rate: float) -> np.ndarray:

@@ -157,7 +157,7 @@ def _judged(
         return {}
     white = terms["N"]
     if white.value is not None and white.std is not None and white.std > LOOSEST * white.value:
-        terms["N"] = NoiseTerm(None, None, 0.0, white.upper)
+        terms["N"] = NoiseTerm(None, None, 0.0, white.upper, white.least)
     # What happens below the band is not described, so that it tells nothing of the slow terms.
     return {k: v for k, v in terms.items() if band.lower == 0.0 or k in ("Q", "N")}
 
