@@ -152,7 +152,15 @@ def _misfit(name: str, estimate: TriadResult) -> Finding:
     ratio = math.sqrt(estimate.chi2_per_dof)  # NaN stays NaN
     unit, rms = estimate.misfit_unit, estimate.rms
     words = misfit_words(unit, rms, ratio, estimate.scatter)
-    return Finding("misfit", int(grade_misfit(unit, rms, ratio)), f"{name}: {words}.")
+    grade = int(grade_misfit(unit, rms, ratio))
+    if estimate.follows and grade != UNUSABLE:
+        what = "rests differ" if unit == "rad" else words.partition(";")[0]
+        words = (
+            f"{what}, and most of it follows {estimate.follows}, so that it does not average out and parameters may be "
+            "off by more than is stated. 'inertiax diagnose' says what it is and allows for it"
+        )
+        grade = ATTENTION
+    return Finding("misfit", grade, f"{name}: {words}.")
 
 
 def _outliers(name: str, estimate: TriadResult) -> list[Finding]:

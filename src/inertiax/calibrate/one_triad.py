@@ -20,6 +20,7 @@ from .between_dwell_variance import (
     with_provisional_scatter,
     with_scatter,
 )
+from .misfit_pattern import misfit_pattern
 from .observability import judge_normal, Observability
 from .results import TriadResult
 
@@ -78,6 +79,7 @@ def estimate_triad(
         observability=seen,
         scatter=scatter,
         chi2_per_dof=own_chi2,
+        follows=misfit_pattern(estimator, basis, np.asarray(solution.curve.coefficients), dwells),
     )
 
 

@@ -29,6 +29,7 @@ class TriadResult(eqx.Module):
     observability: Observability
     scatter: float = eqx.field(static=True)  # found between dwells, in `misfit_unit`
     chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
+    follows: str = eqx.field(static=True, default="")  # what the misfit follows, if anything
 
     @property
     def rms(self) -> float:

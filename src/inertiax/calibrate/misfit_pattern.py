@@ -1,0 +1,121 @@
+"""Whether what is left of a fit follows something that a sensor's error follows: then it does not average out.
+
+Scatter between dwells is taken into the uncertainties as if it were drawn anew for each dwell. Where it follows the
+running time, the force or its square it is the same wherever that is the same, and a bias may be ten of the stated
+sigmas off while everything else looks well. `diagnose` tells what it is; here is asked only whether it is there.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+from jaxtyping import Float
+
+from ..estimators import AbstractEstimator, Invariant, ReferenceAccel, ReferenceGyro
+from ..physics.temperature import AbstractBasis
+from ..procedure.single_device import Problem
+from ..reduction.dwells import Dwells
+
+
+# Chance of a false word where scatter was found and is white. Real scatter is not quite, and is most of what is looked
+# at here; a word costs no more than a diagnosis. Convention.
+RARE = 1e-3
+# Part of the scatter that must be explained by it: else it is not what the uncertainties are made of. Convention.
+MOST = 0.5
+# rad/s: slower references show no scale factor, and so nothing that goes with the square of the rate. Convention.
+SLOW = 0.1
+
+_FORCE = "the specific force"
+
+
+def misfit_pattern(
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    coefficients: Float[np.ndarray, "size parameter"],
+    dwells: Dwells,
+) -> str:
+    r"""What the scatter between dwells follows, in words; empty where it follows nothing that is looked for.
+
+    For each driver d (the running time, the square of the input) a bias of each axis in proportion to it is tried:
+    columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns. Said is the
+    driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
+    dwells' noise. Of gyros that are calibrated by gravity's rotation the means at rest are tried against the specific
+    force, where no g-sensitivity is estimated.
+
+    **Arguments:** the estimator with the scatter between dwells that was found, and the curve that was fitted. Nothing
+    is looked for without scatter, nor in a static fit, which has no input. An ordinary F test; no source.
+    """
+    if dwells.motion is not None:
+        return _of_rests(estimator, basis, dwells)
+    if not float(estimator.scatter) > 0.0 or not isinstance(
+        estimator, (Invariant, ReferenceAccel, ReferenceGyro)
+    ):
+        return ""
+    problem = Problem(estimator, basis, dwells)
+    model, residual = problem.rows(coefficients)
+    now = problem.at(coefficients)
+    beyond = 1.0 - np.square(now.sigma).sum() / max(np.square(now.misfit).sum(), 1e-300)
+    found = [
+        (*_f_test(model, residual, columns), name)
+        for name, columns in _trials(estimator, problem, now.jacobian)
+    ]
+    chance, share, name = min(found, default=(1.0, 0.0, ""))
+    return name if chance < RARE and share > MOST * beyond else ""
+
+
+def _f_test(
+    model: Float[np.ndarray, "row unknown"],
+    residual: Float[np.ndarray, " row"],
+    columns: Float[np.ndarray, "row column"],
+) -> tuple[float, float]:
+    """Chance that as much of the whitened residual is explained by noise, and the part of its square."""
+    frame = _span(model)
+    residual = residual - frame @ (frame.T @ residual)
+    own = _span(columns - frame @ (frame.T @ columns))
+    size, dof = own.shape[1], len(residual) - frame.shape[1] - own.shape[1]
+    if size == 0 or dof < size:
+        return 1.0, 0.0
+    drop, total = float(np.square(own.T @ residual).sum()), float(residual @ residual)
+    ratio = (drop / size) / max((total - drop) / dof, 1e-300)
+    return float(scipy.stats.f.sf(ratio, size, dof)), drop / max(total, 1e-300)
+
+
+def _trials(
+    estimator: AbstractEstimator,
+    problem: Problem,
+    jacobian: Float[np.ndarray, "dwell row parameter"],
+) -> Iterator[tuple[str, Float[np.ndarray, "row axis"]]]:
+    """What may be followed, in words, with whitened columns of a bias in proportion to it."""
+    places = [estimator.names.index(f"{estimator.triad}.bias[{i}]") for i in range(3)]
+    scaled = lambda driver: (jacobian[:, :, places] * driver[:, None, :]).reshape(-1, 3)
+    dwells, many = problem.dwells, problem.num_dwells
+    time = np.asarray(dwells.time)[:many]
+    yield "the running time", scaled((time - time.mean())[:, None] / (np.ptp(time) + 1e-300))
+    if estimator.triad == "accel":
+        yield "the square of the force", scaled(np.square(np.asarray(dwells.accel)[:many]))
+        return
+    rate = np.asarray(dwells.reference_gyro)[:many]
+    if np.abs(rate).max() > SLOW:
+        yield "the square of the rate", scaled(np.square(rate))
+
+
+def _of_rests(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> str:
+    """The same of the gyros' means at rest, whose covariance holds their scatter already."""
+    if any("g_sensitivity" in name for name in estimator.names) or dwells.accel is None:
+        return ""
+    phi = basis.rows(np.asarray(dwells.temperature))
+    force = np.asarray(dwells.accel) / 9.8
+    weight = 1.0 / np.sqrt(np.diagonal(np.asarray(dwells.gyro_covariance), axis1=1, axis2=2))
+    found = [
+        _f_test(phi * w[:, None], y * w, force * w[:, None])
+        for y, w in zip(np.asarray(dwells.gyro).T, weight.T)
+    ]
+    chance, share = min(found)
+    return _FORCE if chance < RARE / 3.0 and share > MOST else ""
+
+
+def _span(columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row direction"]:
+    """Orthonormal basis of what the columns span, each counted in its own unit."""
+    size = np.linalg.norm(columns, axis=0)
+    return scipy.linalg.orth(columns[:, size > 0.0] / size[size > 0.0], rcond=1e-9)

@@ -1,0 +1,76 @@
+"""Scatter that follows something is said; white scatter and the noise of dwells are not."""
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from inertiax.calibrate.misfit_pattern import misfit_pattern
+from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.single_device import iterate_one
+from inertiax.reduction.dwells import Dwells
+from inertiax.reduction.motions import Motions
+
+
+G = 9.81
+NOISE, SCATTER = 1e-4, 5e-4  # m/s²
+
+
+def poses(count=36):
+    """Directions spread over the sphere, each of a Fibonacci lattice."""
+    k = np.arange(count) + 0.5
+    z, angle = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z**2)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def said(estimator, effect, seed=0, scatter=SCATTER):
+    """What is said of an ideal triad's means with noise, scatter and an effect, m/s²."""
+    rng = np.random.default_rng(seed)
+    up = rng.permutation(poses())
+    means = G * up + effect(up, np.linspace(0.0, 1.0, len(up)))
+    means = means + NOISE * rng.standard_normal(means.shape)
+    if isinstance(estimator, Invariant):
+        means = means + scatter * rng.standard_normal(len(up))[:, None] * up
+    else:
+        means = means + scatter * rng.standard_normal(means.shape)
+    with jax.enable_x64(True):
+        dwells = Dwells.from_arrays(means, reference_accel=G * up, sigma=NOISE)
+        fitted = iterate_one(estimator, Constant(), dwells)
+        return misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
+
+
+ESTIMATORS = [Invariant(gravity=G, scatter=SCATTER), ReferenceAccel(scatter=SCATTER)]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=["invariant", "reference"])
+def test_what_follows_the_square_of_the_force_or_the_time_is_said(estimator):
+    second_order = lambda up, time: 2e-3 * up**2  # K2 of 21 µg/g² on each axis
+    drift = lambda up, time: 4e-3 * time[:, None] * [1.0, -1.0, 0.0]
+    assert said(estimator, second_order, scatter=1e-4) == "the square of the force"
+    assert said(estimator, drift, scatter=1e-4) == "the running time"
+    # Half as large as white scatter beside it, it is not what the uncertainties are made of.
+    assert said(estimator, lambda up, time: 0.1 * second_order(up, time)) == ""
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=["invariant", "reference"])
+def test_white_scatter_follows_nothing(estimator):
+    # A chance of 2 · 10⁻³ each by the F test: more than two of 100 are rarer than 2 · 10⁻³ themselves.
+    assert sum(said(estimator, lambda up, time: 0.0, seed) != "" for seed in range(100)) <= 2
+
+
+@pytest.mark.parametrize("size, word", [(2e-3, "the specific force"), (0.0, "")])
+def test_gyros_means_at_rest_that_follow_the_force_are_said(size, word):
+    rng = np.random.default_rng(4)
+    up = rng.permutation(poses(20))
+    gyro = 0.01 + size * up @ rng.standard_normal((3, 3)) + 1e-4 * rng.standard_normal(up.shape)
+    with jax.enable_x64(True):
+        dwells = Dwells.from_arrays(G * up, gyro, sigma=(NOISE, max(size, 1e-4)))
+        still = Motions(
+            gyro=np.zeros((20, 4, 3)), step=np.zeros((20, 3)), start_force=G * up,
+            start_covariance=np.zeros((20, 3, 3)), noise=np.zeros(20), valid=np.ones(20, bool),
+        )  # fmt: skip
+        dwells = eqx.tree_at(lambda d: d.motion, dwells, still, is_leaf=lambda x: x is None)
+        estimator = GravityRotation(gravity=G)
+        assert misfit_pattern(estimator, Constant(), np.zeros((1, 12)), dwells) == word
