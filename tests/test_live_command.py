@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Recording
 from inertiax.live.follow import events, plan
 from inertiax.live.recorder import Recorder
+from inertiax.live.session import Session
+from inertiax.reduction.rests import find_rests
 from inertiax.reduction.segments import segment_all
 
 
@@ -149,6 +152,37 @@ def test_events_are_those_of_the_contract(tmp_path):
     assert found[-1]["reason"] == "input ended" and found[-1]["rests"] == 12
     (batch,) = segment_all(load_campaign(folder).recordings)
     assert batch.num_segments == 12
+
+
+def in_pieces(folder, rows, size):
+    """Events of a session that is fed `size` rows at a time."""
+    made = plan(folder, None, piped=True, target="accel.bias=1 ug")
+    session = Session(made.campaign, made.target)
+    lines = [HEADER.encode(), *text(rows).encode().split()]
+    for k in range(0, len(lines), size):
+        chunk = made.rows.read(lines[k : k + size], last=k + size >= len(lines))
+        made.rows.take_header()
+        if chunk is not None:
+            yield from session.feed(chunk.rows, chunk.time)
+    yield from session.end()
+
+
+@pytest.mark.parametrize("seconds", [5.0, 20.0])
+def test_a_device_that_moves_in_the_first_rows_has_the_rests_of_the_batch(tmp_path, seconds):
+    person = Person(5)
+    rows = [person.turn((0, 0, -1), 2.0), person.rest(seconds)]
+    for up in POSES[1:4]:
+        rows += [person.turn(up), person.rest(seconds)]
+    rows = np.concatenate(rows)
+    folder = campaign(tmp_path)
+    one, other = (of(in_pieces(folder, rows, size), "rest") for size in (30, 500))
+    assert one == other  # how fast rows come changes nothing
+    batch = find_rests(Recording(rows[:, 0], accel=rows[:, 1:4], gyro=rows[:, 4:]), window=1.0)
+    assert len(one) == len(batch.start) == 4 and all(e["accepted"] for e in one)
+    for event, first, last in zip(one, batch.start, batch.stop):
+        assert abs(event["start"] - rows[first, 0]) < 0.3  # a rest was said before later ones came
+        assert abs(event["end"] - rows[last - 1, 0]) < 0.3
+        assert event["end"] - event["start"] > seconds - 1.3
 
 
 @pytest.mark.slow

@@ -231,7 +231,9 @@ def test_files_are_a_scenario_a_checklist_and_json(tmp_path):
     assert content["schema"] == "inertiax.separation/1"
     assert content["sets"][0] == json.loads(json.dumps(document(found)))
     checklist = (tmp_path / "checklist.md").read_text()
-    assert "- [ ] leave the device alone for 50 min" in checklist and "to 1 against" in checklist
+    assert (
+        "- [ ] leave the device alone for 50 min with " in checklist and "to 1 against" in checklist
+    )
 
 
 @pytest.mark.slow
@@ -379,11 +381,30 @@ def test_steps_of_a_chamber_and_of_power_cycles_are_said_with_them():
     named = {r.name: itinerary(r) for r in menu(BENCH, 2)}
     heated = named["there and back: the first temperature again"]
     assert len(heated.steps) == 30 and heated.steps[0].temperature == pytest.approx(19.0)
-    assert heated.steps[6].statement.startswith("heat from 19 to 31 °C in 6 min; turn the device")
+    assert heated.steps[6].statement.startswith(
+        "heat from 19 to 31 °C in 6 min (2.1 °C/min); turn the device"
+    )
     assert heated.steps[6].temperature == pytest.approx(31.0)
     cycles = named["power cycles at one temperature"]
     assert [s.afresh for s in cycles.steps] == [False, True, True, True]
-    assert cycles.steps[1].statement.startswith("power off, wait 5 min, power on; turn the device")
+    off = "power off, wait 5 min, power on and record at once"
+    assert cycles.steps[1].statement.startswith(f"{off}; turn the device")
+    (run_,) = [r for r in menu(BENCH, 2) if r.name == "power cycles at one temperature"]
+    alone = "leave the device alone for 8 min with +z up"
+    assert run_.checklist() == (alone, off, alone, off, alone, off, alone)
+    assert run_.minutes == pytest.approx(4 * 8 + 3 * 5, abs=0.1)  # the title's is that of the steps
+
+
+def test_a_rest_that_does_no_step_says_why():
+    plan = faces([2, 1, 1], afresh=(2,))
+    assert plan.missed(rests((2, 48.0, 1))) is None
+    assert plan.missed(rests((0, 48.0, 1))).startswith("does not count for step 1: 9")  # 91°
+    assert plan.missed(rests((2, 48.0, 1), (1, 30.0, 1))) == (
+        "does not count for step 2: shorter than 40 s"
+    )
+    before = rests((2, 48.0, 1), (1, 48.0, 1), (1, 48.0, 1))
+    assert "no time without power" in plan.missed(before)
+    assert plan.missed(rests((2, 48.0, 1), (1, 48.0, 1), (1, 48.0, 2))) is None
 
 
 def test_a_session_follows_its_steps_to_the_end():

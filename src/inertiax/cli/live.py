@@ -178,14 +178,14 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
 
 def _proposed(diagnosis: Path, *, quiet: bool) -> "Separation":
     """The run that parts a diagnosis' set, its odds told on standard error."""
-    from ..diagnose.wording.separation import lines
+    from ..diagnose.wording.separation import summary
     from ..live.separation import proposed
 
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         found = proposed(diagnosis, stages)
     if not quiet:
-        console.say("\n".join(lines(found)), aside=True)
+        console.say("\n".join(summary(found)), aside=True)
     return found
 
 
@@ -195,7 +195,8 @@ def _followed(made: "Plan", run: "Separation") -> "tuple[Plan, float]":
     from ..live.target import Target
 
     steps = itinerary(run.best.run)
-    text = f"to tell {' from '.join(run.names.names)}"
+    *others, last = run.names.names
+    text = f"{run.best.run.name}, to tell {', '.join(others)} and {last} apart"
     return replace(made, target=Target(text, ()), itinerary=steps), steps.steps[0].seconds
 
 

@@ -30,7 +30,8 @@ class Words:
             again = "" if self._last else "; lay the device down again and leave it alone"
             return f"{when}: refused: {event['why']}{again}"
         out = [f"{d['kind']} at {d['start']:.1f} s" for d in event["left_out"]]
-        return f"{when}: accepted" + (f", without {', '.join(out)}" if out else "")
+        but = f", but it {event['uncounted']}" if event.get("uncounted") else ""
+        return f"{when}: accepted" + (f", without {', '.join(out)}" if out else "") + but
 
     def _problem(self, event: dict) -> str:
         remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""

@@ -6,6 +6,7 @@ from .estimate import Estimate
 from .next_position import NextPosition
 from .rest_ledger import Rest
 from .row_store import RowStore
+from .target import Target
 
 
 Event = dict[str, object]
@@ -13,8 +14,27 @@ STATE = 0.1  # s of rows whose mean is the device now
 NOISE = 1.0  # s of rows at rest that tell the noise of a sample
 
 
-def rest_event(rest: Rest, store: RowStore) -> Event:
-    """A rest with its verdict; the mean is that of all of it where nothing of it is used."""
+def start_event(target: Target, hold: float) -> Event:
+    """What is asked for."""
+    return {
+        "event": "start",
+        "target": target.text,
+        "limits": dict(target.limits),
+        "usual_for": target.usual_for,
+        "hold": hold,
+    }
+
+
+def done_event(reason: str, rests: int, seconds: float) -> Event:
+    """The end."""
+    return {"event": "done", "reason": reason, "rests": rests, "seconds": seconds}
+
+
+def rest_event(rest: Rest, store: RowStore, uncounted: str | None = None) -> Event:
+    """A rest with its verdict; the mean is that of all of it where nothing of it is used.
+
+    **Arguments:** `uncounted` is why it does no step of a run, in words.
+    """
     accel = rest.accel
     if accel is None:
         recording = store.recording(rest.start, rest.stop, means=True)
@@ -27,6 +47,7 @@ def rest_event(rest: Rest, store: RowStore) -> Event:
         "mean_accel": None if accel is None else [float(x) for x in accel],
         "accepted": rest.accepted,
         "why": rest.why,
+        "uncounted": uncounted,
         "left_out": [
             {"kind": d.kind, "start": d.start, "end": d.end}
             for d in rest.disturbances

@@ -24,12 +24,21 @@ class Step:
     temperature: float | None = None  # °C that the chamber is to reach meanwhile
     afresh: bool = False  # after a power cycle: in another recording than the step before
 
-    def takes(self, rest: Rest) -> bool:
-        """Whether a rest is in this step's direction; where accelerometers are not recorded, any is."""
+    def off(self, rest: Rest) -> float:
+        """How far a rest is from this step's direction, rad; where accelerometers are not recorded, any is on it."""
         if rest.accel is None:
-            return True
+            return 0.0
         force = rest.accel / np.linalg.norm(rest.accel)
-        return bool(force @ np.array(self.up) > np.cos(NEAR))
+        return float(np.arccos(np.clip(force @ np.array(self.up), -1.0, 1.0)))
+
+    def takes(self, rest: Rest) -> bool:
+        """Whether a rest is in this step's direction."""
+        return bool(self.off(rest) < NEAR)
+
+    @property
+    def enough(self) -> float:
+        """Seconds of rest from which the step counts."""
+        return min(PART * self.seconds, LONG)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,11 +60,27 @@ class Itinerary:
             while place < len(self.steps):
                 step = self.steps[place]
                 same = not step.afresh or (first and rest.part != part)
-                if not same or not step.takes(rest) or left < min(PART * step.seconds, LONG):
+                if not same or not step.takes(rest) or left < step.enough:
                     break
                 place, part, first = place + 1, rest.part, False
                 left -= step.seconds
         return place
+
+    def missed(self, rests: Sequence[Rest]) -> str | None:
+        """Why the last rest does not count for the step that it was made for, in words; `None` where it counts, or no
+        step is left."""
+        if not rests:
+            return None
+        place, rest = self.done(rests[:-1]), rests[-1]
+        if place == len(self.steps) or self.done(rests) > place:
+            return None
+        step = self.steps[place]
+        said = f"does not count for step {place + 1}"
+        if not step.takes(rest):
+            return f"{said}: {np.degrees(step.off(rest)):.0f}° off its direction"
+        if rest.time[1] - rest.time[0] < step.enough:
+            return f"{said}: shorter than {step.enough:.0f} s"
+        return f"{said}: the log shows no time without power before it"
 
     def finished(self, rests: Sequence[Rest]) -> bool:
         """Whether nothing is left to be done; turns are not seen, so that a run with some ends with its input."""

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ..data.recording import Recording
 from ..reduction.handling import Disturbance, NOUNS, undisturbed
-from ..reduction.rests import find_rests, usual_step
+from ..reduction.rests import find_rests, Rests, usual_step
 from ..reduction.segments import segment
 
 
@@ -40,6 +40,10 @@ class Rest:
         both = min(self.stop, stop) - max(self.start, start)
         return 2 * both > min(self.stop - self.start, stop - start)
 
+    def is_like(self, start: int, stop: int, slack: int) -> bool:
+        """Whether it is the rest with these ends, give or take `slack` rows at each."""
+        return abs(self.start - start) <= slack and abs(self.stop - stop) <= slack
+
     def take(self, judged: "Judged") -> None:
         """Take over what was judged of it."""
         self.accepted, self.why = judged.why is None, judged.why
@@ -54,16 +58,18 @@ def labelled(recording: Recording) -> bool:
     return recording.position is not None or recording.reference_gyro is not None
 
 
-def found_rests(recording: Recording) -> tuple[list[tuple[int, int, int]], float | None]:
-    """Rests as (start, stop, position) before anything is said of disturbances, and the finder's threshold."""
+def found_rests(recording: Recording) -> tuple[list[tuple[int, int, int]], Rests | None]:
+    """Rests as (start, stop, position) before anything is said of disturbances, and the finder's answer; `None` where
+    positions say when it rests."""
     if labelled(recording):
         found = segment(recording, window=WINDOW, handling=False)
         kept = np.flatnonzero(found.resting)
         rows = zip(found.start[kept], found.stop[kept], found.position[kept])
-        return [(int(a), int(b), int(p)) for a, b, p in rows], None
+        finder = None if recording.position is not None else find_rests(recording, window=WINDOW)
+        return [(int(a), int(b), int(p)) for a, b, p in rows], finder
     rests = find_rests(recording, window=WINDOW)
     ends = [(int(a), int(b), k) for k, (a, b) in enumerate(zip(rests.start, rests.stop))]
-    return ends, rests.threshold
+    return ends, rests
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,6 +81,34 @@ class Judged:
     why: str | None  # `None`: accepted
     disturbances: tuple[Disturbance, ...]
     means: "Means | None"
+
+
+def matched(
+    before: list[Rest], judged: list[tuple[Judged, Rest]], slack: int
+) -> tuple[list[Rest], list[Rest]]:
+    """Rests whose verdict or ends changed, and those that are new.
+
+    **Arguments:** `judged` holds each rest as it is judged now, and what it would be as a new one; an end that moves by
+    `slack` rows or fewer is no change.
+    """
+    changed, added, left = [], [], list(before)
+    for one, fresh in judged:
+        match = next((r for r in left if r.overlaps(one.start, one.stop)), None)
+        if match is None:
+            fresh.take(one)
+            added.append(fresh)
+            continue
+        left.remove(match)
+        was, alike = match.accepted, match.is_like(one.start, one.stop, slack)
+        match.start, match.stop, match.time = fresh.start, fresh.stop, fresh.time
+        match.take(one)
+        if match.accepted != was or not alike:
+            changed.append(match)
+    for rest in left:  # the longer recording shows no such rest
+        if rest.accepted:
+            rest.accepted, rest.why = False, "motion, by what the longer recording shows"
+            changed.append(rest)
+    return changed, added
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

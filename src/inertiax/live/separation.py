@@ -12,7 +12,6 @@ from ..diagnose.plan.run_menu import Run
 from ..diagnose.plan.separate import separate, Separation, together
 from ..diagnose.result import Diagnosis
 from ..diagnose.wording.separation import read_sets
-from ..simulate.programme import programme_from_angles
 from .itinerary import Itinerary, Step
 from .next_position import in_words
 
@@ -32,45 +31,17 @@ def proposed(diagnosis: Path, progress: Callable[[str], None]) -> Separation:
 
 
 def itinerary(run: Run) -> Itinerary:
-    """Steps of a run: each position in words, with what the chamber does meanwhile."""
-    plan = run.plan
-    poses = np.array(plan.positions, float)
-    directions = programme_from_angles(run.name, poses).directions() + 0.0
-    changes = (
-        plan.change if isinstance(plan.change, tuple) else (plan.change,) * len(plan.temperatures)
-    )
+    """Steps of a run: each position in words, with what the chamber or the power is to do."""
+    seconds = run.plan.dwell_time
     steps: list[Step] = []
-    for k, (start, change) in enumerate(zip(plan.temperatures, changes)):
-        for n, up in enumerate(directions):
-            x, y, z = (float(c) for c in np.round(up, 6))
-            words = [in_words(up), f"leave it alone for {plan.dwell_time:.0f} s"]
-            if n == 0 and any(changes):
-                words.insert(
-                    0, _chamber(start, change, len(poses) * (plan.dwell_time + plan.slew_time))
-                )
-            afresh = bool(n == 0 and k and plan.soak_time)
-            if afresh:
-                words.insert(0, f"power off, wait {plan.soak_time / 60.0:.0f} min, power on")
-            aim = start + change if any(changes) else None
-            steps.append(Step((x, y, z), "; ".join(words), plan.dwell_time, aim, afresh))
-    rates = plan.turn_rate if isinstance(plan.turn_rate, tuple) else (plan.turn_rate,)
-    turns = tuple(
-        (
-            f"turn the table once each way about x, y and z at {rate:g} deg/s",
-            float(np.radians(rate)),
-        )
-        for rate in rates
-        if rate
-    )
+    for stage in run.stages():
+        for n, up in enumerate(stage.ups):
+            words = [in_words(np.array(up)), f"leave it alone for {seconds:.0f} s"]
+            before = [x for x in (stage.power, stage.chamber) if x] if n == 0 else []
+            afresh = stage.afresh and n == 0
+            steps.append(Step(up, "; ".join(before + words), seconds, stage.aim, afresh))
+    turns = tuple((words, float(np.radians(rate))) for words, rate in run.turns())
     return Itinerary(tuple(steps), turns)
-
-
-def _chamber(start: float, change: float, seconds: float) -> str:
-    minutes = seconds / 60.0
-    if not change:
-        return f"hold {start:.0f} °C for {minutes:.0f} min"
-    way = "heat" if change > 0.0 else "cool"
-    return f"{way} from {start:.0f} to {start + change:.0f} °C in {minutes:.0f} min"
 
 
 def diagnosed_together(

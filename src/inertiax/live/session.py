@@ -6,33 +6,36 @@ is usual.
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import numpy as np
 from jaxtyping import Float
 
 from ..data.recording import Campaign, Recording
 from ..plausibility import check_campaign
+from ..reduction.rests import Rests, STILL
 from .estimate import Estimate, estimate
 from .events import (
+    done_event,
     Event,
     next_event,
     problem_event,
     progress_event,
     rest_event,
+    start_event,
     state_event,
 )
 from .gyro_rows import Turn
 from .itinerary import Itinerary
 from .next_position import NextPosition
-from .rest_ledger import found_rests, judge, Judged, labelled, RECENT, Rest, WINDOW
-from .row_detector import MotionDetector
+from .rest_ledger import found_rests, judge, labelled, matched, RECENT, Rest, WINDOW
 from .row_store import RowStore
 from .target import Target
 from .turns import turns_between
 
 
 LOOK = 0.1  # s of rows between two looks at the newest ones
+FIRST = 4.0  # s of rows before which no rest is said: what is quiet is not known yet
 RETRY = 0.5  # s of motion after which the rests are asked for again
 HOLD = 4.0  # s that a rest lasts when the next position is told, unless asked otherwise
 CHECKED = (1, 2, 4, 7, 12, 20, 40)  # rests after which the plausibility is looked at
@@ -65,7 +68,7 @@ class Session:
 
     def _begin(self) -> None:
         self._stores.append(RowStore(f"recording-{len(self._stores) + 1}"))
-        self._detector = MotionDetector()
+        self._finder: Rests | None = None  # the finder's last answer
         self._looked = 0  # thinned rows that were looked at
         self._moved: int | None = None  # last row of a window in which the device moved
         self._asked: float | None = None  # when rests were last asked for, s
@@ -147,42 +150,72 @@ class Session:
         window = self.store.recording(row - width, row)
         if self._checked == 0 and row * step > 3.0 * WINDOW:
             yield from self._check(row)
-        moves = self._moves(window)
-        now = float(window.time[-1])
-        if moves:
-            began = self._moved is None or self._moved < row - 2 * max(round(LOOK / step), 1)
-            self._moved, self._held = row, 0.0
-            if began or self._asked is None or now - self._asked >= RETRY:
-                self._asked = now
-                yield from self._ended(row)
+        if self._finder is None and window.position is None:
+            if row < 2 * width:  # too short for the finder
+                return
+            self._search(row)
+        if self._moves(window) and (yield from self._moved_on(row, step, window)):
             return
-        rested = (row - (self._moved or 0)) * step - WINDOW * (self._moved is not None)
         later = self._held + self.hold if self.itinerary is not None else 2.0 * self._held
         due = self.hold if self._held == 0.0 else later
+        if self._rested(row, step) < due:
+            return
+        found = self._search(row)
+        self._moved_before(found, width)
+        rested = self._rested(row, step)
         if rested >= due:
             self._held = rested
-            yield from self._resting(row)
+            yield from self._resting(row, found)
+
+    def _moved_on(self, row: int, step: float, window: Recording) -> Generator[Event, None, bool]:
+        """The newest window moves, by what was usual when the finder was last asked: it is asked again, and the rests
+        that ended are told. Whether it moves indeed."""
+        now = float(window.time[-1])
+        began = self._moved is None or self._moved < row - 2 * max(round(LOOK / step), 1)
+        due = began or self._asked is None or now - self._asked >= RETRY
+        if due and row * step >= FIRST:
+            self._asked = now
+            found = self._search(row)
+            if not self._moves(window):
+                self._moved_before(found, window.num_samples)
+                return False
+            self._moved, self._held = row, 0.0
+            yield from self._ended(row, found)
+        self._moved, self._held = row, 0.0
+        return True
+
+    def _moved_before(self, found: list[tuple[int, int, int]], width: int) -> None:
+        """The present rest begins where the finder says: before, the device moved, which a session that begins with
+        motion could not know."""
+        if found and found[-1][0] > 0:
+            self._moved = max(self._moved or 0, found[-1][0] + width // 2)
+
+    def _rested(self, row: int, step: float) -> float:
+        """How long the device has rested up to `row`, s; a rest that the finder finds is a window shorter."""
+        return (row - (self._moved or 0)) * step - WINDOW * (self._moved is not None)
 
     def _moves(self, window: Recording) -> bool:
+        """Whether the device moved within the newest window, as the finder judged it when it was last asked."""
         if window.position is not None:
             return bool(window.position[-1] < 0 or window.position[-1] != window.position[-2])
-        return self._detector.moves(window)
+        if self._finder is None or self._finder.levels is None:
+            return False
+        return self._finder.levels.motion_of(window) > (self._finder.threshold or STILL)
 
     def _search(self, row: int) -> list[tuple[int, int, int]]:
         """Rests among the rows so far."""
         first = max(row - LONGEST, 0)
-        found, threshold = found_rests(self.store.recording(first, row))
-        if threshold is not None:
-            self._detector.threshold = threshold
+        found, finder = found_rests(self.store.recording(first, row))
+        self._finder = finder or self._finder
         return [(first + a, first + b, label) for a, b, label in found]
 
-    def _ended(self, row: int) -> Iterator[Event]:
+    def _ended(self, row: int, found: list[tuple[int, int, int]]) -> Iterator[Event]:
         """Rests that ended before `row`."""
-        ended = [r for r in self._search(row) if r[1] <= row and self._is_over(r, row)]
+        ended = [r for r in found if r[1] <= row and self._is_over(r, row)]
         fresh = [r for r in ended if not self._known(r)]
         if not fresh:
             return
-        if self._affordable(fresh):
+        if self._affordable(fresh) or any(self._overlapping(r) for r in fresh):
             yield from self._refresh(row, ended=True)
         else:
             yield from self._rests(self._judged(fresh, row))
@@ -197,9 +230,18 @@ class Session:
             return rest[1] < row
         return self._moved is not None and rest[1] <= self._moved
 
-    def _known(self, rest: tuple[int, int, int]) -> bool:
+    def _overlapping(self, rest: tuple[int, int, int]) -> list[Rest]:
         part = len(self._stores)
-        return any(r.part == part and r.overlaps(rest[0], rest[1]) for r in self.rests)
+        return [r for r in self.rests if r.part == part and r.overlaps(rest[0], rest[1])]
+
+    def _known(self, rest: tuple[int, int, int]) -> bool:
+        """Whether a rest was said with these ends."""
+        slack = self._slack()
+        return any(r.is_like(rest[0], rest[1], slack) for r in self._overlapping(rest))
+
+    def _slack(self) -> int:
+        """Rows by which an end may move without a rest's being another one: a window."""
+        return round(WINDOW / self._usual_step())
 
     def _judged(self, fresh: list[tuple[int, int, int]], row: int) -> list[Rest]:
         """Further rests, judged by those shortly before."""
@@ -228,12 +270,14 @@ class Session:
         for rest in added:
             rest.number = len(self.rests) + 1
             self.rests.append(rest)
-            yield rest_event(rest, self._stores[rest.part - 1])
+            missed = None
+            if self.itinerary is not None and rest.accepted:
+                missed = self.itinerary.missed(self.accepted)
+            yield rest_event(rest, self._stores[rest.part - 1], missed)
 
-    def _resting(self, row: int) -> Iterator[Event]:
+    def _resting(self, row: int, found: list[tuple[int, int, int]]) -> Iterator[Event]:
         """The device still rests: where to turn next, or that this rest was the last one needed."""
-        found = self._search(row)
-        if not found or self._known(found[-1]) or found[-1][1] <= (self._moved or 0):
+        if not found or self._overlapping(found[-1]) or found[-1][1] <= (self._moved or 0):
             return
         (rest,) = self._judged([found[-1]], row)
         if not rest.accepted:
@@ -326,7 +370,10 @@ class Session:
             return
         averaged = self.store.recording(0, row, means=True)
         judged = judge(self.store.recording(0, row), averaged, found)
-        changed, added = self._matched(judged, max(row - LONGEST, 0))
+        fresh = [(one, self._made(one.start, one.stop)) for one in judged]
+        first, part = max(row - LONGEST, 0), len(self._stores)
+        before = [r for r in self.rests if r.part == part and r.start >= first]
+        changed, added = matched(before, fresh, self._slack())
         for rest in changed:
             yield rest_event(rest, self._stores[rest.part - 1])
         yield from self._rests(added)
@@ -334,29 +381,6 @@ class Session:
             yield from self._answer()
         elif self.accepted:
             self.estimate = self._estimated(self.accepted)
-
-    def _matched(self, judged: list[Judged], first: int) -> tuple[list[Rest], list[Rest]]:
-        """Rests whose verdict changed, and those that are new. Rests before the row `first` stay as they are."""
-        part, changed, added = len(self._stores), [], []
-        left = [r for r in self.rests if r.part == part and r.start >= first]
-        for one in judged:
-            match = next((r for r in left if r.overlaps(one.start, one.stop)), None)
-            fresh = self._made(one.start, one.stop)
-            if match is None:
-                fresh.take(one)
-                added.append(fresh)
-                continue
-            left.remove(match)
-            was = match.accepted
-            match.start, match.stop, match.time = fresh.start, fresh.stop, fresh.time
-            match.take(one)
-            if match.accepted != was:
-                changed.append(match)
-        for rest in left:  # the longer recording shows no such rest
-            if rest.accepted:
-                rest.accepted, rest.why = False, "motion, by what the longer recording shows"
-                changed.append(rest)
-        return changed, added
 
     def _check(self, row: int) -> Iterator[Event]:
         """What cannot be right, told once each."""
@@ -374,14 +398,7 @@ class Session:
 
     def start_event(self) -> Event:
         """What is asked for; the first event."""
-        target = self.target
-        return {
-            "event": "start",
-            "target": target.text,
-            "limits": dict(target.limits),
-            "usual_for": target.usual_for,
-            "hold": self.hold,
-        }
+        return start_event(self.target, self.hold)
 
     def first_step(self) -> Iterator[Event]:
         """The first step of an itinerary, told before anything was recorded."""
@@ -390,9 +407,4 @@ class Session:
 
     def _done(self, reason: str) -> Event:
         self.finished = True
-        return {
-            "event": "done",
-            "reason": reason,
-            "rests": len(self.accepted),
-            "seconds": self._seconds,
-        }
+        return done_event(reason, len(self.accepted), self._seconds)

@@ -4,6 +4,8 @@ A rest is where accelerometers and gyros move little, compared with the quietest
 recording; how little is read off the data too.
 """
 
+from typing import TypeAlias
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
@@ -22,6 +24,36 @@ TURNED_SLOWLY = "it is turned slowly all along"
 _TURNED = 0.17  # of gravity, a tilt of 10°: more than any rest creeps or a bias wanders
 _CENTRE = 10_000  # samples, whose median is near enough to all to lose no digits in sums of squares
 _SCAN = np.geomspace(2.0, 1000.0, 64)
+STILL = 16.0  # times the quietest level: a factor of 4 in standard deviation is no motion to tell from noise
+
+Spread: TypeAlias = Float[np.ndarray, " window"]  # one number a window
+
+
+class QuietLevels(eqx.Module):
+    """What a recording's quietest windows read: the unit in which motion is told."""
+
+    accel: float | None  # (m/s²)², variance within a window, summed over axes
+    gyro: float | None  # (rad/s)²
+    rate: Float[np.ndarray, "3"] | None  # rad/s, the gyros at rest, at the end of the recording
+
+    def motion(self, accel: Spread | None, gyro: Spread | None, off: Spread | float) -> Spread:
+        """Motion of windows, in multiples of the quietest: the greater one of both triads.
+
+        **Arguments:** variances within each window, (m/s²)² and (rad/s)², and the square of the mean rate off the rate
+        at rest, (rad/s)².
+        """
+        both = [] if accel is None or self.accel is None else [accel / self.accel]
+        if gyro is not None and self.gyro is not None:
+            both.append((gyro + off) / self.gyro)
+        return np.max(both, axis=0)
+
+    def motion_of(self, window: Recording) -> float:
+        """Motion of one window of rows, as `find_rests` judges it."""
+        spread = lambda x: None if x is None else x.var(axis=0).sum(keepdims=True)
+        off = 0.0
+        if window.gyro is not None and self.rate is not None:
+            off = float(np.square(window.gyro.mean(axis=0) - self.rate).sum())
+        return float(self.motion(spread(window.accel), spread(window.gyro), off)[0])
 
 
 class Rests(eqx.Module):
@@ -31,6 +63,7 @@ class Rests(eqx.Module):
     stop: Int[np.ndarray, " rest"]
     threshold: float | None = eqx.field(static=True, default=None)  # times the quietest level
     statement: str = eqx.field(static=True, default="")
+    levels: QuietLevels | None = None  # `None` where no window was judged
 
 
 def usual_step(recording: Recording) -> float:
@@ -63,20 +96,20 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
     if recording.num_samples < 2 * width:
         whole = np.array([0]), np.array([recording.num_samples])
         return Rests(*whole, statement="one rest: too short to search for motion")
-    motion = _motion(recording, width)
+    motion, levels = _motion(recording, width)
     pauses = np.append(np.diff(recording.time) > PAUSE * step, False)
     if isinstance(recording, StoredRecording) and motion.min() > _LOUD:
         nothing = np.zeros(0, np.int64)
-        return Rests(nothing, nothing, statement="no rest: it moves all along")
+        return Rests(nothing, nothing, statement="no rest: it moves all along", levels=levels)
     # A thousandth of the log, and in a long one no more than a turn between two rests takes.
     rarest = min(1e-3, 2.0 * width / len(motion))
     highest = float(np.quantile(motion, 1.0 - rarest))
-    if highest <= 16.0:  # a factor of 4 in standard deviation: no motion to tell from noise
+    if highest <= STILL:
         if _turned_slowly(recording, width):
             nothing = np.zeros(0, np.int64)
-            return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}")
+            return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}", levels=levels)
         start, stop = _runs(np.ones(len(motion), bool), pauses, width)
-        return Rests(start, stop, statement="one rest: no motion found")
+        return Rests(start, stop, statement="one rest: no motion found", levels=levels)
     scan = _SCAN[_SCAN <= max(highest, 4.0)]
     counts = [len(_runs(motion <= m, pauses, width)[0]) for m in scan]
     threshold, low, high = _stable(scan, np.array(counts))
@@ -87,7 +120,7 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
         f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
-    return Rests(edges[:, 0], edges[:, 1], threshold=threshold, statement=statement)
+    return Rests(edges[:, 0], edges[:, 1], threshold, statement, levels)
 
 
 def _turned_slowly(recording: Recording, width: int) -> bool:
@@ -101,7 +134,7 @@ def _turned_slowly(recording: Recording, width: int) -> bool:
     return bool(moved > _TURNED * np.median(np.linalg.norm(means, axis=1)) and moved > 10.0 * noise)
 
 
-def _motion(recording: Recording, width: int) -> Float[np.ndarray, " time"]:
+def _motion(recording: Recording, width: int) -> tuple[Float[np.ndarray, " time"], QuietLevels]:
     """How much moves around each sample, in multiples of the quietest windows; 1 at best.
 
     For the accelerometers the variance within the window, summed over axes. For the gyros the
@@ -110,24 +143,25 @@ def _motion(recording: Recording, width: int) -> Float[np.ndarray, " time"]:
     sensitivity) is no motion; nor is one that drifts over minutes (`_rate_at_rest`). The greater
     of the two decides.
     """
-    accel = gyro = None
+    accel = gyro = at_rest = level = least_gyro = None
+    off: Float[np.ndarray, " time"] | float = 0.0
     parted = isinstance(recording, StoredRecording)
     least = recording.quietest if parted else (np.inf, np.inf)
     if recording.accel is not None:
-        _, spread = _window_moments(recording.accel, width)
-        level = _level(spread, least[0])
+        _, accel = _window_moments(recording.accel, width)
+        level = _level(accel, least[0])
         # Noise below a converter's step leaves rests without any scatter, and only motion varies.
-        if np.quantile(spread, 0.3) <= 1e-12 * spread.max():
+        if np.quantile(accel, 0.3) <= 1e-12 * accel.max():
             level = min(level, _CONSTANT**2)
-        accel = spread / level
     if recording.gyro is not None:
-        mean, spread = _window_moments(recording.gyro, width)
-        judge = spread if accel is None else accel
+        mean, gyro = _window_moments(recording.gyro, width)
+        judge = gyro if accel is None else accel / level
         quiet = judge <= max(np.quantile(judge, 0.3), 4.0 * _quietest(judge))
-        turning = spread + ((mean - _rate_at_rest(recording.time, mean, quiet)) ** 2).sum(axis=1)
-        gyro = turning / max(_level(spread, least[1]), _RESTING_RATE**2)
-    both = [m for m in (accel, gyro) if m is not None]
-    return np.max(both, axis=0)
+        at_rest = _rate_at_rest(recording.time, mean, quiet)
+        off = ((mean - at_rest) ** 2).sum(axis=1)
+        least_gyro = max(_level(gyro, least[1]), _RESTING_RATE**2)
+    levels = QuietLevels(level, least_gyro, None if at_rest is None else np.array(at_rest[-1]))
+    return levels.motion(accel, gyro, off), levels
 
 
 def _rate_at_rest(

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._typing import AnyArray
-from ...simulate.programme import PROGRAMME_6, PROGRAMME_8, PROGRAMME_18
+from ...physics.directions import up_in_words
+from ...simulate.programme import PROGRAMME_6, PROGRAMME_8, PROGRAMME_18, programme_from_angles
 from ...simulate.scenario import PlanTable
 from ..observations.blocks import Log
 
@@ -49,53 +50,92 @@ class Run:
     @property
     def seconds(self) -> float:
         """How long it takes, pauses included."""
-        said = self.plan
-        positions = said.positions or ()
-        rates = said.turn_rate if isinstance(said.turn_rate, tuple) else (said.turn_rate,)
-        turning = sum(REVOLVED + 6 * 360.0 / r for r in rates if r)
-        one = len(positions) * (said.dwell_time + said.slew_time) - said.slew_time + turning
-        count = len(said.temperatures)
-        return count * one + (count - 1) * said.soak_time
+        turning = sum(REVOLVED + 6 * 360.0 / rate for _, rate in self.turns())
+        count = len(self.plan.temperatures)
+        return count * (self._resting + turning) + (count - 1) * self.plan.soak_time
 
     @property
     def minutes(self) -> float:
         """The same in minutes."""
         return self.seconds / 60.0
 
+    @property
+    def _resting(self) -> float:
+        """How long one experiment's positions take, s."""
+        said = self.plan
+        return len(said.positions or ()) * (said.dwell_time + said.slew_time) - said.slew_time
+
+    def stages(self) -> "tuple[Stage, ...]":
+        """Its experiments in words, in their order."""
+        said = self.plan
+        changes = said.change
+        if not isinstance(changes, tuple):
+            changes = (changes,) * len(said.temperatures)
+        directions = programme_from_angles(self.name, np.array(said.positions, float)).directions()
+        ups = tuple((float(x), float(y), float(z)) for x, y, z in np.round(directions, 6) + 0.0)
+        made = []
+        for k, (start, change) in enumerate(zip(said.temperatures, changes, strict=True)):
+            afresh = bool(k and said.soak_time)
+            power = (
+                f"power off, wait {said.soak_time / 60.0:.0f} min, power on and record at once"
+                if afresh
+                else ""
+            )
+            chamber = _chamber(start, change, self._resting / 60.0) if any(changes) else ""
+            aim = start + change if any(changes) else None
+            made.append(Stage(power, chamber, ups, aim))
+        return tuple(made)
+
+    def turns(self) -> tuple[tuple[str, float], ...]:
+        """Turns of a rate table that come last: in words, and their rate, deg/s."""
+        said = self.plan.turn_rate
+        rates = said if isinstance(said, tuple) else (said,)
+        words = "turn the table once each way about x, y and z at"
+        return tuple((f"{words} {rate:g} deg/s", rate) for rate in rates if rate)
+
     def checklist(self) -> tuple[str, ...]:
-        """What to do, step by step, in words."""
+        """What to do, step by step, in words; the same stages as `inertiax live --separate` tells."""
         said, steps = self.plan, []
-        changes = said.change if isinstance(said.change, tuple) else (said.change,)
-        minutes = (self.seconds - (len(changes) - 1) * said.soak_time) / 60.0 / len(changes)
         poses = said.positions or ()
-        heated = any(changes)
-        for k, (start, change) in enumerate(zip(said.temperatures, changes)):
-            if k and said.soak_time:
-                steps.append(
-                    f"power off, wait {said.soak_time / 60.0:.0f} min, power on and record at once"
-                )
-            where = f"; go on through the positions {_listed(poses)}" if len(poses) > 1 else ""
-            if heated and change:
-                way = "heat" if change > 0.0 else "cool"
-                steps.append(
-                    f"{way} from {start:.0f} to {start + change:.0f} °C in {minutes:.0f} min "
-                    f"({abs(change) / minutes:.1f} °C/min){where}"
-                )
-            elif heated:
-                steps.append(f"hold {start:.0f} °C for {minutes:.0f} min{where}")
+        for stage in self.stages():
+            if stage.power:
+                steps.append(stage.power)
+            if stage.chamber:
+                where = f"; go on through the positions {_listed(poses)}" if len(poses) > 1 else ""
+                steps.append(stage.chamber + where)
             elif len(poses) == 1:
-                steps.append(f"leave the device alone for {said.dwell_time / 60.0:.0f} min")
+                up = up_in_words(np.array(stage.ups[0]))
+                steps.append(f"leave the device alone for {said.dwell_time / 60.0:.0f} min {up}")
             else:
                 steps.append(
                     f"rest {said.dwell_time:.0f} s in each of the positions {_listed(poses)}"
                 )
-        rates = said.turn_rate if isinstance(said.turn_rate, tuple) else (said.turn_rate,)
-        steps += [
-            f"turn the table once each way about x, y and z at {rate:g} deg/s"
-            for rate in rates
-            if rate
-        ]
-        return tuple(steps)
+        return (*steps, *(words for words, _ in self.turns()))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One experiment of a run."""
+
+    power: str  # what is done with the power before, in words; "" where nothing is
+    chamber: str  # what the chamber does meanwhile; "" where there is none
+    ups: tuple[tuple[float, float, float], ...]  # direction of the specific force at each position
+    aim: float | None  # °C that the chamber reaches
+
+    @property
+    def afresh(self) -> bool:
+        """Whether the power was off before."""
+        return self.power != ""
+
+
+def _chamber(start: float, change: float, minutes: float) -> str:
+    if not change:
+        return f"hold {start:.0f} °C for {minutes:.0f} min"
+    way = "heat" if change > 0.0 else "cool"
+    return (
+        f"{way} from {start:.0f} to {start + change:.0f} °C in {minutes:.0f} min "
+        f"({abs(change) / minutes:.1f} °C/min)"
+    )
 
 
 def _listed(poses: Angles) -> str:

@@ -89,6 +89,20 @@ def odds(log_bayes_factor: float) -> float:
     return float(min(np.exp(min(log_bayes_factor, 50.0)), MOST_ODDS))
 
 
+def summary(found: Separation) -> tuple[str, ...]:
+    """What to do and what to expect, without the odds of each pair."""
+    said = lines(found)
+    first = 1 + len(found.best.run.checklist())
+    values = [odds(value) for _, _, value in found.best.pairs]
+    least, most = min(values), max(values)
+    over = "more than " if most >= MOST_ODDS else ""
+    expected = (
+        f"  expected odds of the {len(values)} pairs of names: {least:.3g} to {over}{most:.3g} to 1; "
+        "`inertiax design --separate` says each"
+    )
+    return (*said[:first], expected, *said[first + len(values) :])
+
+
 def lines(found: Separation) -> tuple[str, ...]:
     """What to do, why, and what to expect."""
     best = found.best
