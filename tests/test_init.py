@@ -447,7 +447,8 @@ def test_a_device_that_never_rested_has_the_unit_of_its_samples(tmp_path):
     found = tomllib.loads(draft_campaign(log, tmp_path).text)
     assert found["columns"]["accel"] == {"names": ["ax", "ay", "az"], "unit": "g"}
     assert "accel_estimator" not in found.get("model", {})  # it is no log of one pose
-    tumbled = Recording(time=t, accel=G * force)
+    about_one_axis = np.stack([np.sin(pitch), np.cos(pitch), np.zeros_like(t)], axis=1)
+    tumbled = Recording(time=t, accel=G * about_one_axis)
     with pytest.raises(ValueError, match="turned slowly all along, it never lies still"):
         reduce_to_dwells([tumbled])
     seen = check_campaign(Campaign((tumbled,), Site(gravity=G)))

@@ -84,6 +84,9 @@ def judge(result: DeviceResult) -> Quality:
         own = _magnetometers(result.mag)
         triads.append(_triad_verdict("Magnetometers", own))
         findings += own
+    held = result.calibration
+    if held.accel is None and held.gyro is None and held.mag is None and held.baro is None:
+        findings.append(Finding("empty", UNUSABLE, _EMPTY))
     said = [w for w in result.warnings if w not in forced]
     findings += [Finding("warning", ATTENTION, w[0].upper() + w[1:]) for w in said]
     # The sort is stable: of like grade, the first that was looked at.
@@ -96,6 +99,10 @@ def judge(result: DeviceResult) -> Quality:
 
 
 _GOOD = "the uncertainties hold what the model leaves, and the data cover what the model needs."
+_EMPTY = (
+    "The calibration holds no parameter, for one pose at one temperature tells none; rest in six orientations or more, "
+    "or give reference_accel_x/y/z. What the outputs do in time 'inertiax diagnose' tells all the same."
+)
 # Of the worst finding's grade.
 VERDICTS = {FINE: "good", ATTENTION: "usable", UNUSABLE: "doubtful"}
 _WORDS = {FINE: "Good", ATTENTION: "Usable, with a reservation", UNUSABLE: "Do not use it yet"}

@@ -23,11 +23,11 @@ from ..model_selection.select_model import (
     build_estimators,
     choose_model,
     ChosenModel,
-    FEWEST_DIRECTIONS,
     fixed_model,
     settle_accel,
 )
 from ..numerics.blas_threads import one_blas_thread
+from ..physics.directions import FEWEST_DIRECTIONS
 from ..plausibility import Finding, require_plausible, statements
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
@@ -137,7 +137,7 @@ def calibrate_device(
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
     choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
-    warnings = [*campaign.notes, *statements(found_odd)]
+    warnings = [*campaign.notes, *statements(found_odd), *_of_turning(campaign, segments)]
     warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells
     if chosen.accel_estimator is not None:
@@ -305,6 +305,16 @@ def _about_the_mean(result: TriadResult | None) -> bool:
     if result is None or not isinstance(result.estimator, StaticAccel):
         return False
     return result.dwells.reference_accel is None
+
+
+def _of_turning(campaign: Campaign, segments: Sequence[Segments]) -> list[str]:
+    """What is to be said of recordings that turn slowly all along."""
+    return [
+        f"{recording.name}: {part.statement}. A force that turning about a point beside it adds all along is not in "
+        "that: let it lie for seconds in each of nine orientations."
+        for recording, part in zip(campaign.recordings, segments, strict=True)
+        if part.turning is not None
+    ]
 
 
 def _of_the_mean(result: TriadResult) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ _WORDS = (
     ("ms", re.compile(r"milli|[\[(_ .]ms\b|ms$")),
     ("s", re.compile(r"second|\(s\)|\[s\]|_s$|\bs$|sec$")),
 )  # fmt: skip
+_ANEW = 1.5  # usual steps to mean ones: the stamps' span is that of one of several runs
 UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
 
 
@@ -108,6 +109,10 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     )
     if bad:
         text = f"{bad} stamps of {name} repeat or go back, so rows are counted at their mean rate"
+        usual = float(np.nanmedian(steps))
+        if usual * rate > _ANEW:
+            rate = 1.0 / usual
+            text = f"{name} begins anew {int((steps < 0).sum())} times, so rows are counted at its usual step"
         return _counted(usual_rate(rate), len(seconds), text, True)
     bunched = host_stamps(seconds)
     if bunched is not None and bunched.rate is not None:

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .converters import G, whole
+from .mag_unit import mag_unit
 from .raw_log import RawLog
 
 
@@ -20,6 +22,7 @@ _NEITHER = re.compile(
 _MAG = re.compile(
     r"^(?!.*(?:cov|bias|ref|cal))(?:.*mag|.*compass|m[_ .]?x$|b[_ .]?x$)", re.IGNORECASE
 )
+_WITHOUT_GRAVITY = re.compile(r"linear.?acc|user.?acc|free.?acc|without g", re.IGNORECASE)
 _TIME = re.compile(
     r"time|stamp|^t$|^t[_ (\[]|^ts|second|^sec|^millis|^micros|^clock|utc", re.IGNORECASE
 )
@@ -29,7 +32,10 @@ _TEMPERATURE = re.compile(
 _UNIT = re.compile(r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°)/(?:s|h).*", re.IGNORECASE)
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²
+_NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
 _STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
+_EPOCH = (0.9e9, 2.5e9)  # s since 1970: 1998 to 2049
+_MOST_LABELS = 32
 _REFERENCE = re.compile(
     r"ref(?:erence)?|truth|true|ideal|setpoint|set|command|cmd|table|nominal", re.IGNORECASE
 )
@@ -49,6 +55,7 @@ class Roles(NamedTuple):
     mag: tuple[str, str, str] | None = None
     reference_accel: tuple[str, str, str] | None = None  # under names of their own
     reference_gyro: tuple[str, str, str] | None = None
+    mag_by: str | None = None  # why a triad without a name is taken for magnetometers
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -57,17 +64,53 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
     **Arguments:** `only` is "accel" or "gyro" for a file of that triad alone.
     Raises `ValueError` where no triad is found.
     """
-    named = log.has_header and log.format != "imu_tk"
+    named = log.has_header and log.format != "imu_tk" and not _is_one_array(log.names)
     roles = _by_name(log) if named else _by_numbers(log, only)
+    if only is None:
+        roles = _as_magnetometers(log, roles)
     if only is not None:
         first = getattr(roles, only) or roles.accel or roles.gyro
         roles = roles._replace(accel=None, gyro=None)._replace(**{only: first})
     if roles.accel is None and roles.gyro is None and roles.mag is None:
         raise ValueError(
             f"{log.path.name}: no three columns x, y, z of accelerometers, gyros or magnetometers among "
-            f"{list(log.names)[:16]}; write campaign.toml by hand, with their names under [columns]."
+            f"{list(log.names)[:16]}; {_cure(log.names)}."
         )
     return roles
+
+
+def _cure(names: tuple[str, ...]) -> str:
+    if any(_WITHOUT_GRAVITY.search(n) for n in names):
+        return (
+            "an acceleration without gravity tells nothing of accelerometers, since an app has taken away what gravity "
+            "would show; record them with gravity (phyphox: Acceleration (with g))"
+        )
+    return "write campaign.toml by hand, with their names under [columns]"
+
+
+def _is_one_array(names: tuple[str, ...]) -> bool:
+    """Whether the columns are those of one array, as a MATLAB or HDF5 file holds it: numbered from 0, without names."""
+    first = names[0].removesuffix("_0")
+    return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
+
+
+def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
+    """A triad alone whose name says nothing, as magnetometers where its numbers are a field and no gravity.
+
+    Whole numbers may be counts of either.
+    """
+    triad = roles.accel
+    if triad is None or roles.gyro is not None or any(_ACCEL.search(log.hint(n)) for n in triad):
+        return roles
+    outputs = np.stack([log.numbers[n] for n in triad], axis=1)
+    outputs = outputs[np.isfinite(outputs).all(axis=1)]
+    unit = None if whole(outputs) else mag_unit(outputs)
+    if unit is None or any(_UNIT.search(log.hint(n)) for n in triad):
+        return roles
+    size = float(np.median(np.linalg.norm(outputs, axis=1)))
+    if any(abs(size / gravity - 1.0) < _NEAR_ONE_G for gravity in (1.0, G, 1000.0)):
+        return roles
+    return roles._replace(accel=None, mag=triad, mag_by="no gravity in any unit")
 
 
 def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
@@ -173,17 +216,26 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     time = next(iter(log.stamps), None)
     if time is None and _is_clock(log.numbers[names[0]]):
         time = names.pop(0)
-    while names and _is_counter(log.numbers[names[0]]):
-        names.pop(0)
+    aside: list[str] = []
+    while names and _is_no_output(log, names):
+        aside.append(names.pop(0))
     threes = [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names) - 2, 3)]
     notes = (
         "columns without names were told by their numbers: compare them with the logger's manual",
+        *(
+            f"{n}: whole numbers, left aside; where they number devices, call it 'device'"
+            for n in aside
+        ),
     )
     if not threes:
         return Roles(time, None, None, None, None, notes)
     if only is not None or len(threes) == 1:
         key = only or "accel"
         return Roles(time, None, None, None, None, notes)._replace(**{key: threes[0]})
+    further = next((k for k, t in enumerate(threes) if _is_specific_force(log, t)), 0)
+    if further > 1:  # behind angles and fields; rates come next, if they are there at all
+        gyro = threes[further + 1] if further + 1 < len(threes) else threes[further - 1]
+        return Roles(time, threes[further], gyro, None, None, notes)
     first, second = threes[:2]
     if _unsteadiness(log, second) < _unsteadiness(log, first):
         first, second = second, first
@@ -200,13 +252,32 @@ def _is_counter(values: Float[np.ndarray, " rows"]) -> bool:
     return len(values) > 1 and bool(np.all(np.diff(values) == 1.0))
 
 
+def _is_no_output(log: RawLog, names: list[str]) -> bool:
+    """Whether the first column counts rows, holds whole seconds since 1970, or a few labels before numbers that are
+    not whole."""
+    first = log.numbers[names[0]]
+    if _is_counter(first):
+        return True
+    told = first[np.isfinite(first)]
+    if not np.all(told == np.round(told)):
+        return False
+    if len(told) and _EPOCH[0] < told.min() and told.max() < _EPOCH[1]:
+        return True
+    others = [log.numbers[n] for n in names[1:]]
+    return (
+        bool(others)
+        and len(np.unique(told)) <= _MOST_LABELS
+        and not any(np.array_equal(x, np.round(x)) for x in others)
+    )
+
+
 def _is_specific_force(log: RawLog, triad: tuple[str, str, str]) -> bool:
     """Whether three columns have gravity's norm, m/s², nearly throughout."""
     if any(n not in log.numbers for n in triad):
         return False
     norm = np.linalg.norm([log.numbers[n] for n in triad], axis=0)
     return (
-        abs(float(np.nanmedian(norm)) - 9.8) < _NEAR_GRAVITY and _unsteadiness(log, triad) < _STEADY
+        abs(float(np.nanmedian(norm)) - G) < _NEAR_GRAVITY and _unsteadiness(log, triad) < _STEADY
     )
 
 

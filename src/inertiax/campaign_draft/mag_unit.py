@@ -1,5 +1,7 @@
 """The unit of magnetometers: turned, they move by 20 to 70 µT."""
 
+import re
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,6 +11,15 @@ from .accel_unit import sphere
 
 
 _UNITS = ("uT", "gauss", "mgauss", "nT", "T")
+_WORDS = (
+    ("mgauss", re.compile(r"milli_?gauss|mgauss|[\[(_ .]mg\b")),
+    ("gauss", re.compile(r"gauss|[\[(_ .]gs?\b")),
+    ("nT", re.compile(r"nano_?tesla|[\[(_ .]nt\b")),
+    ("uT", re.compile(r"micro_?tesla|[\[(_ .][uµμ]t\b")),
+)
+_IRON = (
+    5.0  # times the Earth's field, or a part of it: what magnets of the device itself make of it
+)
 _LEAST_ROWS = 10
 _TURNED = 0.5  # of the magnitude without its middle, from 5 to 95 %: a device that was turned all ways is steadier
 _ENOUGH = 500  # rows that tell a sphere
@@ -31,6 +42,15 @@ def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:
         if LEAST_EARTH_FIELD / _NEAR < size * MAG_UNITS[u] < _NEAR * GREATEST_EARTH_FIELD
     ]
     return fits[0] if len(fits) == 1 else None
+
+
+def said_field_unit(hint: str, outputs: Float[np.ndarray, "time 3"]) -> str | None:
+    """The unit that words of a file name, where the outputs read a field of the Earth's size in it; else `None`."""
+    unit = next((u for u, words in _WORDS if words.search(hint)), None)
+    size = float(np.nanmedian(np.linalg.norm(outputs, axis=1)))
+    if unit is None or not _IRON > size * MAG_UNITS[unit] / GREATEST_EARTH_FIELD:
+        return None
+    return unit if size * MAG_UNITS[unit] > LEAST_EARTH_FIELD / _IRON else None
 
 
 def _center(read: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "3"]:

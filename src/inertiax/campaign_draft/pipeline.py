@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats.detect import format_of
-from ..data.pose_rows import MOST_POSE_ROWS, turn_between_rows
+from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import accel_unit, directions, sphere, TriadUnit
@@ -19,7 +19,7 @@ from .clock import counted
 from .converters import middle, nearest, rounded, wraps
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit, said_unit
-from .mag_unit import mag_unit
+from .mag_unit import mag_unit, said_field_unit
 from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
 from .references import force_unit, labels_of_positions, moving_labels, rate_unit
@@ -30,6 +30,7 @@ from .toml_text import CHECK, Line, Table, toml_text
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
+_ENOUGH = 1000  # samples tell where the middle of the outputs is
 _STANDARD = 9.80665  # m/s²
 _PROMISE = "How well the table is known belongs under [rig]: position_uncertainty (arcsec), rate_uncertainty (ppm)."
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
@@ -136,10 +137,13 @@ def _site_of_reference(found: RawTriads) -> Table | None:
 
 def _rests(found: RawTriads) -> Resting:
     accel = found.accel
-    single = False
-    if accel is not None and len(accel) <= MOST_POSE_ROWS:
-        single = turn_between_rows(accel - sphere(accel, middle(accel)).center) is not None
-    return resting(found.seconds, accel, single_rows=single and found.roles.position is None)
+    if accel is None:
+        return resting(found.seconds, None, single_rows=False)
+    centre = sphere(accel[:: -(-len(accel) // _ENOUGH)], middle(accel)).center
+    single = found.roles.position is None and turn_between_rows(accel - centre) is not None
+    return resting(
+        found.seconds, accel, single_rows=single, centre=centre if found.gyro is None else None
+    )
 
 
 def _with_clock(found: RawTriads, rests: Resting) -> tuple[RawTriads, GravityTurns | None]:
@@ -229,22 +233,10 @@ def _columns(
         unit, rate = _with_reference_rate(found, unit)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
-    if found.roles.mag is not None and named:
-        mag = np.stack([found.log.numbers[n] for n in found.roles.mag], axis=1)
-        told = mag_unit(mag)
-        if told is not None:
-            value = {"names": list(found.roles.mag), "unit": told}
-            why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
-            lines.append(Line("mag", value, why))
-        elif found.accel is None and found.gyro is None:
-            raise ValueError(
-                f"{found.log.path}: {', '.join(found.roles.mag)} do not tell their unit, for the device was not turned "
-                "in all directions; turn it so, away from steel, or write campaign.toml by hand."
-            )
-        else:
-            remarks.append(
-                f"{CHECK} mag: {', '.join(found.roles.mag)} do not tell their unit; they are left out"
-            )
+    if found.roles.mag is not None:
+        told, remark = _magnetometers(found, named)
+        lines += told
+        remarks += remark
     if rests.single_rows:
         lines.append(Line("position", {"row_index": True}, "each row is the mean of one pose"))
     else:
@@ -264,6 +256,32 @@ def _columns(
                 }
             lines.append(Line("temperature", value, told.why, told.certain))
     return tuple(lines), tuple(remarks)
+
+
+def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]]:
+    """The magnetometers' line, or a remark that they are left out.
+
+    Raises `ValueError` where there is nothing else in the log.
+    """
+    log, names = found.log, found.roles.mag
+    assert names is not None
+    outputs = np.stack([log.numbers[n] for n in names], axis=1)
+    told = mag_unit(outputs)
+    why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
+    if told is None:
+        told = said_field_unit(" ".join(log.hint(n) for n in names), outputs)
+        why = "as the file says"
+    if told is not None:
+        value: dict[str, object] = {"names": list(names)} if named else {}
+        certain = found.roles.mag_by is None
+        why = why if certain else f"{found.roles.mag_by}; {why}"
+        return [Line("mag", {**value, "unit": told}, why, certain)], []
+    if found.accel is None and found.gyro is None:
+        raise ValueError(
+            f"{log.path}: {', '.join(names)} do not tell their unit, for the device was not turned in all "
+            "directions; turn it so, away from steel, or write campaign.toml by hand."
+        )
+    return [], [f"{CHECK} mag: {', '.join(names)} do not tell their unit; they are left out"]
 
 
 def _reference_force(found: RawTriads) -> list[Line]:
@@ -363,7 +381,12 @@ def _on_poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> list[str]:
             "No rest was found: accelerometers need rests of seconds in 9 orientations or more.",
         ]
     count = _poses(accel, rests)
-    if count < _POSES_OF_A_CALIBRATION:
+    if rests.slowly:
+        said.append(
+            f"The device never lies still for long: {rests.num_rests} stretches in which it hardly turns stand for "
+            "rests."
+        )
+    elif count < _POSES_OF_A_CALIBRATION:
         said.append(
             f"{count} pose{'s' * (count > 1)}: bias, scale and misalignments of the accelerometers need 9 or more."
         )

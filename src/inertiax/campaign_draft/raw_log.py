@@ -70,10 +70,15 @@ def read_log(path: Path) -> RawLog:
     if chosen not in (csv, imu_tk):
         raise ValueError(f"{path.name}: {chosen.NAME} names its columns and units itself.")
     layout = find_layout(csv.text_of(path), path.name)
-    names = layout.names or tuple(f"column_{k + 1}" for k in range(layout.width))
+    names = layout.names or unnamed(layout.width)
     if chosen is imu_tk and layout.names is None:
         names = ("time", "x", "y", "z")[: layout.width]
     return _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+
+
+def unnamed(width: int) -> tuple[str, ...]:
+    """What the columns of a text without a header line are called, in the file's order."""
+    return tuple(f"column_{k + 1}" for k in range(width))
 
 
 def _from_table(

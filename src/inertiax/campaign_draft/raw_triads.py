@@ -10,7 +10,7 @@ from ..data.pairing import pair
 from ..data.recording import Recording
 from .clock import Clock, clock_of
 from .column_roles import Roles, roles_of
-from .raw_log import RawLog, read_log
+from .raw_log import RawLog, read_log, unnamed
 
 
 class RawTriads(NamedTuple):
@@ -70,9 +70,10 @@ def given_names(log: RawLog, roles: Roles) -> tuple[str, ...] | None:
     if log.has_header or log.format == "imu_tk":
         return None
     new = {} if roles.time is None else {roles.time: "time"}
-    for key, triad in (("accel", roles.accel), ("gyro", roles.gyro)):
+    for key, triad in (("accel", roles.accel), ("gyro", roles.gyro), ("mag", roles.mag)):
         new |= {} if triad is None else {n: f"{key}_{a}" for n, a in zip(triad, "xyz", strict=True)}
-    return tuple(new.get(n, n) for n in (*log.stamps, *log.names))
+    assert log.layout is not None  # only a text has no names of its own
+    return tuple(new.get(n, n) for n in unnamed(log.layout.width))
 
 
 def _absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:

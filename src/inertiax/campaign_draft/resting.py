@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..data.recording import Recording
+from ..physics.directions import num_directions
 from ..reduction.rests import find_rests
+from ..reduction.segments import segment, Segments
 
 
 _DIFFERENT = np.deg2rad(10.0)  # directions that are two poses
@@ -20,6 +22,7 @@ class Resting(NamedTuple):
     accel: Float[np.ndarray, "rest 3"] | None
     single_rows: bool  # each row is the mean of one pose
     turned: bool = False  # no rest was found: all rows stand for one
+    slowly: bool = False  # turned all along, slowly enough that stretches stand for rests
 
     @property
     def num_rests(self) -> int:
@@ -32,26 +35,31 @@ def resting(
     accel: Float[np.ndarray, "time 3"] | None,
     *,
     single_rows: bool,
+    centre: Float[np.ndarray, "3"] | None = None,
 ) -> Resting:
-    """Rests by the accelerometers, whose unit does not matter for that; the whole log where there are none."""
+    """Rests by the accelerometers, whose unit does not matter for that; the whole log where there are none.
+
+    **Arguments:** with the `centre` of the accelerometers' outputs, stretches stand for rests where the device turned
+    slowly all along.
+    """
     rows = np.arange(len(time))
     if accel is None:
         return Resting(np.array([0]), np.array([len(time)]), None, False)
     if single_rows:
         return Resting(rows, rows + 1, accel, True)
-    found = find_rests(Recording(time=time, accel=accel), window=1.0)
+    if centre is None:
+        found = find_rests(Recording(time=time, accel=accel), window=1.0)
+    else:
+        found = segment(Recording(time=time, accel=accel - centre), handling=False)
     start, stop = np.asarray(found.start), np.asarray(found.stop)
     turned = not len(start)
     if turned:
         start, stop = np.array([0]), np.array([len(time)])
     means = np.array([accel[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)])
-    return Resting(start, stop, means, False, turned)
+    slowly = isinstance(found, Segments) and found.turning is not None
+    return Resting(start, stop, means, False, turned, slowly)
 
 
 def poses(up: Float[np.ndarray, "rest 3"]) -> int:
     """How many directions among unit vectors are more than 10° from each other."""
-    kept: list[np.ndarray] = []
-    for direction in up:
-        if all(direction @ other < np.cos(_DIFFERENT) for other in kept):
-            kept.append(direction)
-    return len(kept)
+    return num_directions(up, _DIFFERENT)

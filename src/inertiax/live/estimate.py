@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..calibration.quantities import coarse_rates, customary_unit, label
 from ..data.recording import Campaign
-from ..physics.directions import hand_directions
+from ..physics.directions import FEWEST_DIRECTIONS, hand_directions, num_directions
 from .accel_rows import (
     accel_posterior,
     AccelModel,
@@ -28,8 +28,6 @@ from .target import CONFIDENCE, Target
 # A misalignment that the rests tell no better than this is left out by the batch estimate (see
 # `calibrate.pipeline.MISALIGNED`), which must not happen after the target is said to be reached.
 MISALIGNED = 0.02  # rad
-FEWEST_DIRECTIONS = 6  # of gravity, that the batch estimate asks for
-SAME_DIRECTION = np.radians(5.0)
 # Degrees of freedom that the batch estimate is left with: its standard deviations do not widen for want of them, and
 # Student's 95 % are 2.6 standard deviations with 5 and 4.3 with 2.
 FEWEST_FREEDOM = 5
@@ -276,7 +274,7 @@ def _integrated(turn: Turn, matrix: Float[np.ndarray, "3 3"]) -> Turned:
 
 def _determined(model: AccelModel, rows: Rows, means: RestMeans, found: Posterior) -> bool:
     """Whether rests alone, without priors, tell all parameters well enough for the batch estimate to keep them."""
-    if isinstance(model, ByMagnitude) and _directions(means.accel) < FEWEST_DIRECTIONS:
+    if isinstance(model, ByMagnitude) and num_directions(means.accel) < FEWEST_DIRECTIONS:
         return False
     if len(rows.value) < len(model.names) + FEWEST_FREEDOM:
         return False
@@ -289,12 +287,3 @@ def _determined(model: AccelModel, rows: Rows, means: RestMeans, found: Posterio
     std = np.sqrt(np.diagonal(np.linalg.inv(information)))
     angles = [s for s, n in zip(std, model.names) if ".matrix[" in n and n[-4] != n[-2]]
     return bool(max(angles) <= MISALIGNED)
-
-
-def _directions(outputs: Float[np.ndarray, "rest 3"]) -> int:
-    """How many directions there are that are apart from each other."""
-    kept: list[np.ndarray] = []
-    for unit in outputs / np.linalg.norm(outputs, axis=1, keepdims=True):
-        if all(unit @ other < np.cos(SAME_DIRECTION) for other in kept):
-            kept.append(unit)
-    return len(kept)

@@ -12,6 +12,7 @@ from ..data.formats.columns import nearest
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..numerics.further_columns import log_odds
+from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
 from ..procedure.rank import has_full_rank
 from ..procedure.single_device import Problem
@@ -24,10 +25,6 @@ HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than
 
 NOT_CALIBRATED = "none"  # in `[model]`, of a triad that is left as it is
 
-# Rests that are nearer to each other than this tell hardly more than one of them (convention: the tilt of a hand
-# that means to hold still), and an invariant fit of biases and scale factors has six unknowns.
-SAME_DIRECTION = np.radians(5.0)
-FEWEST_DIRECTIONS = 6
 LEAST_SPAN = (
     1.0  # °C; over less, parameters are constants, and one pose tells nothing of an accelerometer
 )
@@ -264,13 +261,7 @@ def _with_accel(
 
 def directions(dwells: Dwells) -> int:
     """How many directions of gravity the rests show, each further than 5 degrees from all others."""
-    outputs = np.asarray(dwells.accel)[np.asarray(dwells.position) >= 0]
-    kept: list[np.ndarray] = []
-    for force in outputs:
-        unit = force / np.linalg.norm(force)
-        if all(unit @ other < np.cos(SAME_DIRECTION) for other in kept):
-            kept.append(unit)
-    return len(kept)
+    return num_directions(np.asarray(dwells.accel)[np.asarray(dwells.position) >= 0])
 
 
 def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:

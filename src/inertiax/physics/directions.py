@@ -14,6 +14,24 @@ _TILT = np.radians(30.0)
 _NONE = np.sin(np.radians(3.0))  # a component that is not said
 _ALIKE = 0.05  # difference of components up to which axes point up alike
 
+# Rests that are nearer to each other than this tell hardly more than one of them (convention: the tilt of a hand
+# that means to hold still), and an invariant fit of biases and scale factors has six unknowns.
+SAME_DIRECTION = np.radians(5.0)
+FEWEST_DIRECTIONS = 6
+
+
+def num_directions(
+    outputs: Float[np.ndarray, "rest 3"], apart: float = SAME_DIRECTION, most: int | None = None
+) -> int:
+    """How many of the directions are further than `apart` (rad) from all others; counting ends at `most`."""
+    kept = np.zeros((0, 3))
+    for unit in outputs / np.maximum(np.linalg.norm(outputs, axis=1, keepdims=True), 1e-300):
+        if np.all(kept @ unit < np.cos(apart)):
+            kept = np.vstack([kept, unit])
+        if len(kept) == most:
+            break
+    return len(kept)
+
 
 def hand_directions() -> Float[np.ndarray, "candidate 3"]:
     """What a hand can do: six faces, twelve edges, eight corners up, and the faces tilted by 30°; easiest first."""

@@ -37,6 +37,7 @@ class Log:
     plateau_start: Int[np.ndarray, " plateau"]
     plateau_stop: Int[np.ndarray, " plateau"]
     step: float  # s, the usual time from sample to sample
+    turning: bool = False  # slowly all along: the rests are stretches of that
     known: dict[tuple[str, str], Means] = dataclasses.field(default_factory=dict)  # asked before
 
     @property
@@ -150,4 +151,5 @@ def look_at_one(recording: Recording, found: Segments | None = None) -> Log:
         found.start[plateaus],
         found.stop[plateaus],
         usual_step(recording),
+        found.turning is not None,
     )

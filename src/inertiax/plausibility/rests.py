@@ -40,6 +40,8 @@ def check_rests(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """Every rest of every recording."""
     found: list[Finding] = []
     for log in device.logs:
+        if log.turning:
+            continue
         rests = [r for k in range(log.num_rests) if (r := _look(log, k, limits)) is not None]
         if not rests:
             continue

@@ -115,6 +115,7 @@ class _Blocks(eqx.Module):
     position: Int[np.ndarray, " block"]
     experiment: Int[np.ndarray, " block"]
     used: Bool[np.ndarray, " time"]
+    turning: float | None  # m/s², see `Segments`
 
     @property
     def counts(self) -> Int[np.ndarray, " block"]:
@@ -147,7 +148,7 @@ def _blocks(
     filled = total[stop] > total[start]  # a piece may be disturbed from end to end
     start, stop, owner = start[filled], stop[filled], owner[filled]
     where = segments.position[owner]
-    return _Blocks(start, stop, owner, where, experiment[start], segments.used)
+    return _Blocks(start, stop, owner, where, experiment[start], segments.used, segments.turning)
 
 
 def _pieces_by_temperature(
@@ -195,13 +196,26 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         position=position,
         valid=np.ones(len(counts), bool),
         accel=mean("accel"),
-        accel_covariance=_covariances(found, "accel", position >= 0, counts * step),
+        accel_covariance=_with_turning(
+            parts, _covariances(found, "accel", position >= 0, counts * step)
+        ),
         gyro=mean("gyro"),
         gyro_covariance=_covariances(found, "gyro", position >= 0, counts * step),
         reference_accel=mean("reference_accel"),
         reference_gyro=mean("reference_gyro"),
         rows=_ranges(parts),
     )
+
+
+def _with_turning(
+    parts: list[_Blocks], covariance: Float[np.ndarray, "dwell 3 3"] | None
+) -> Float[np.ndarray, "dwell 3 3"] | None:
+    """Where a device turns slowly all along, the scatter about the ellipsoid says what each stretch is worth."""
+    if covariance is None or all(p.turning is None for p in parts):
+        return covariance
+    own = [np.full(len(p.start), np.nan if p.turning is None else p.turning) for p in parts]
+    sigma = np.concatenate(own)[:, None, None]
+    return np.where(np.isnan(sigma), covariance, sigma**2 * np.eye(3))
 
 
 def _ranges(parts: list[_Blocks]) -> Int[np.ndarray, "dwell 4"]:

@@ -11,11 +11,14 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..data.recording import Recording
+from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
+from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.earth import EARTH_RATE
 from .handling import Disturbance, undisturbed
 from .plateaus import plateaus, steady_steps, TURNING, without_ramps
-from .rests import find_rests, PAUSE, usual_step
+from .rests import find_rests, PAUSE, Rests, usual_step
+from .slow_turn import slow_turn
 
 
 class Segments(eqx.Module):
@@ -28,6 +31,8 @@ class Segments(eqx.Module):
     disturbances: tuple[Disturbance, ...] = ()  # what was left out, and why
     threshold: float | None = eqx.field(static=True, default=None)  # times the quietest level
     statement: str = eqx.field(static=True, default="")  # how they were found, for a report
+    # m/s², 1 sigma of each mean: the device turned slowly all along, and stretches of that stand for rests.
+    turning: float | None = eqx.field(static=True, default=None)
 
     @property
     def num_segments(self) -> int:
@@ -74,7 +79,12 @@ def segment(recording: Recording, *, window: float = 1.0, handling: bool = True)
 
 
 def without_disturbances(recording: Recording, found: Segments) -> Segments:
-    """The segments of a recording without the rows in which a rest was disturbed (`handling.undisturbed`)."""
+    """The segments of a recording without the rows in which a rest was disturbed (`handling.undisturbed`).
+
+    Stretches of a slow turn stay as they are: what a hand adds there is in their scatter.
+    """
+    if found.turning is not None:
+        return found
     rests = np.flatnonzero(found.resting)
     kept = undisturbed(recording, found.start[rests], found.stop[rests], found.position[rests])
     start, stop = found.start.copy(), found.stop.copy()
@@ -152,9 +162,35 @@ def _found(recording: Recording, window: float) -> Segments:
         runs = np.cumsum(np.diff(still, prepend=still[0]))
         return _planned(recording, np.where(still, runs // 2, -1), "the reference rates say")
     found = find_rests(recording, window=window)
+    turn = _slow_turn(recording, found)
+    if turn is not None:
+        return turn
     labels = np.arange(len(found.start))
     used = _inside(found.start, found.stop, recording.num_samples)
     return Segments(found.start, found.stop, labels, used, (), found.threshold, found.statement)
+
+
+def _slow_turn(recording: Recording, found: Rests) -> Segments | None:
+    """Stretches of accelerometers alone that turn slowly all along, where their rests show too few directions."""
+    accel = recording.accel
+    if accel is None or recording.gyro is not None or isinstance(recording, StoredRecording):
+        return None
+    rests = [accel[a:b].mean(axis=0) for a, b in zip(found.start, found.stop, strict=True)]
+    if rests and num_directions(np.array(rests)) >= FEWEST_DIRECTIONS:
+        return None
+    turn = slow_turn(accel)
+    if turn is None:
+        return None
+    number = len(turn.start)
+    rows = int(turn.stop[0] - turn.start[0])
+    statement = (
+        f"it never lies still for long, so {number} stretches of {rows} row{'s' * (rows > 1)}, in which it hardly "
+        f"turns, stand for rests; each is known to {turn.sigma:.2g} m/s² (1 sigma) by its distance from their ellipsoid"
+    )
+    used = _inside(turn.start, turn.stop, recording.num_samples)
+    return Segments(
+        turn.start, turn.stop, np.arange(number), used, statement=statement, turning=turn.sigma
+    )
 
 
 def _inside(

@@ -5,6 +5,7 @@ Where the names stand, which lines come before them and what separates fields is
 separated by commas.
 """
 
+import re
 from pathlib import Path
 from typing import NoReturn
 
@@ -19,6 +20,7 @@ from .text_layout import fields, find_layout, TextLayout
 
 NAME = "csv"
 SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv")
+_CHECKSUM = re.compile(rb"\*[0-9A-Fa-f]{2}$", re.MULTILINE)
 KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
 
 
@@ -66,8 +68,10 @@ def text_of(path: Path) -> bytes:
 
 
 def with_line_feeds(text: bytes) -> bytes:
-    """Text with line feeds at its lines' ends, whatever stands there."""
-    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
+    """Text with line feeds at its lines' ends, whatever stands there; the checksums of NMEA sentences are left out."""
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return _CHECKSUM.sub(b"", text) if text.startswith(b"$") else text
 
 
 def column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) -> tuple[str, ...]:

@@ -61,7 +61,11 @@ def _tables(path: Path) -> dict[int, pl.DataFrame]:
     """Time, accel, gyro and perhaps temperature, in SI, of each IMU."""
     content = path.read_bytes()
     if not content.startswith(MAGIC):
-        raise ValueError(f"{path.name}: not a dataflash log: it does not begin with its header.")
+        text = not any(b < 9 for b in content[:4096])
+        cure = "; it looks like text: rename it to .txt" if text else ""
+        raise ValueError(
+            f"{path.name}: not a dataflash log: it does not begin with its header{cure}."
+        )
     try:
         found = messages(content, (*_NAMES, *_COMPASSES, *_BAROMETERS, _BATTERY))
     except ValueError as error:

@@ -117,6 +117,8 @@ def detect(path: Path) -> ModuleType:
         return by_suffix[0]
     if _is_text(head):
         return csv
+    if head.startswith(_PACKED):
+        raise ValueError(f"{path.name}: it is packed; unpack it first and give the file inside.")
     known = ", ".join(dict.fromkeys(s for m in FORMATS for s in m.SUFFIXES))
     raise ValueError(
         f"{path.name}: suffix '{path.suffix}' is not known and the content is "
@@ -130,6 +132,7 @@ def _is_text(head: bytes) -> bool:
     return bool(text.strip()) and not (_CONTROLS & set(text))
 
 
+_PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
 _CONTROLS = frozenset(range(32)) - set(b"\t\n\r\f\x1b")
 
 

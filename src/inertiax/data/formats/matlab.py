@@ -14,7 +14,7 @@ from ..recording import Recording
 from .arrays import choose_group, longest_columns, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .hdf5 import MAGIC, read_arrays
-from .matlab5 import Content, parse
+from .matlab5 import Content, objects, parse
 from .table import to_recordings
 
 
@@ -46,12 +46,31 @@ def _arrays(path: Path, group: str | None) -> dict[str, np.ndarray]:
 
 
 def _version_5(path: Path, group: str | None) -> dict[str, np.ndarray]:
-    content = parse(path.read_bytes(), path.name)
+    stored = path.read_bytes()
+    content = parse(stored, path.name)
+    if not content and (held := objects(stored)):
+        raise ValueError(f"{path.name}: {_of_objects(held)}")
     if group is not None:
         choose_group([k for k, v in content.items() if isinstance(v, dict)], group, path.name)
         inside = content[group]
         return _flat(inside, "") if isinstance(inside, dict) else {}
     return _flat(content, "")
+
+
+def _of_objects(held: dict[str, str]) -> str:
+    """What is to be done with a file of MATLAB objects, such as those that MATLAB Mobile records."""
+    text = (
+        f"it holds MATLAB objects alone ({', '.join(f'{n}: {c}' for n, c in list(held.items())[:6])}), which MATLAB "
+        "alone can read"
+    )
+    if "timetable" not in held.values():
+        return f"{text}; there save their numbers as arrays."
+    first = "Acceleration" if "Acceleration" in held else next(iter(held))
+    return (
+        f"{text}. There write each as text: T = timetable2table({first}); T.Timestamp = posixtime(T.Timestamp); "
+        "writetable(T, 'accelerometer.csv'), and AngularVelocity likewise as gyroscope.csv beside it; then run "
+        "`inertiax init accelerometer.csv`."
+    )
 
 
 def _flat(content: Content, prefix: str) -> dict[str, np.ndarray]:

@@ -21,7 +21,7 @@ Content: TypeAlias = "dict[str, np.ndarray | Content]"
 
 _HEADER = 128
 _DEEPEST = 16  # structs in structs
-_MATRIX, _COMPRESSED, _STRUCT = 14, 15, 2
+_MATRIX, _COMPRESSED, _STRUCT, _OBJECT = 14, 15, 2, 17
 _COMPLEX = 0x0800
 # NumPy's type of each numeric element, and of each class of arrays.
 _TYPES = {
@@ -62,9 +62,24 @@ def parse(content: bytes, where: str) -> Content:
         for element in _elements(memoryview(content)[_HEADER:], order, room):
             if element.kind == _MATRIX:
                 found |= _array(element.data, order, 0)
+        found.pop("", None)  # where MATLAB keeps the values of its objects
         return found
     except _Damaged as error:
         raise ValueError(f"{where}: the MATLAB file is damaged or cut off: {error}.") from None
+
+
+def objects(content: bytes) -> dict[str, str]:
+    """The class of each MATLAB object in a file that `parse` read, by the object's name."""
+    order = "<" if content[126:_HEADER] == b"IM" else ">"
+    found: dict[str, str] = {}
+    for element in _elements(memoryview(content)[_HEADER:], order, limit(len(content))):
+        flags, data = _numbers(element.data, order)
+        if element.kind == _MATRIX and len(flags) and int(flags[0]) & 0xFF == _OBJECT:
+            name, data = _next(data, order)
+            _, data = _next(data, order)
+            of, _ = _next(data, order)
+            found[bytes(name.data).decode("latin-1")] = bytes(of.data).decode("latin-1")
+    return found
 
 
 def _elements(data: memoryview, order: str, room: int) -> Iterator[_Element]:
@@ -114,6 +129,10 @@ def _array(data: memoryview, order: str, depth: int) -> Content:
     dims, data = _numbers(data, order)
     name, data = _next(data, order)
     kind = int(flags[0]) & 0xFF if len(flags) else 0
+    if (
+        kind == _OBJECT
+    ):  # its name is where others have their dimensions, and its values are elsewhere
+        return {}
     text = bytes(name.data).decode("latin-1")
     shape = tuple(int(d) for d in dims)
     if not 2 <= len(shape) <= 8 or min(shape) < 0:
