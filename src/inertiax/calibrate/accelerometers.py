@@ -10,6 +10,7 @@ from ..physics.temperature import Constant
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import with_provisional_scatter
+from .goodness_of_fit import LIMITS
 from .one_triad import (
     estimate_triad,
     Progress,
@@ -19,9 +20,9 @@ from .one_triad import (
 from .results import TriadResult
 
 
-# Usual size of a misalignment, rad (from MEMS data sheets): rests that tell it no better than that tell
-# nothing of it, and it only bends the other parameters.
-MISALIGNED = 0.02
+# rad: rests that tell a misalignment no better than its usual size tell nothing of it, and it only bends the other
+# parameters.
+MISALIGNED = LIMITS.usual_size["accel.matrix"]
 
 
 def calibrate_accelerometers(

@@ -77,6 +77,12 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit
     return TriadUnit("count", scale, "count per g", offset, G / scale, text, fitted)
 
 
+def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:
+    """Whether the outputs are no counts and their norm goes from little to much: an acceleration without gravity."""
+    low, size, high = np.quantile(np.linalg.norm(values, axis=1), [0.05, 0.5, 0.95])
+    return not whole(values) and bool(high - low > size)
+
+
 def sphere(means: Float[np.ndarray, "rest 3"], offset: float) -> Sphere:
     """The sphere through the means; about `offset` where fewer than six poses tell no centre."""
     start = means - offset

@@ -43,6 +43,12 @@ _RATE = re.compile(r"rate|^r[_ .]?x", re.IGNORECASE)
 _POSITION = re.compile(r"^(?:position|pose)(?:_?(?:id|number|index))?$", re.IGNORECASE)
 
 
+WITH_GRAVITY = (
+    "an acceleration from which an app has taken gravity tells nothing of accelerometers; take the one with gravity "
+    "(Sensor Logger: TotalAcceleration; phyphox: Acceleration (with g))"
+)
+
+
 class Roles(NamedTuple):
     """Columns by their meaning; `None` where the file has none."""
 
@@ -81,10 +87,7 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
 
 def _cure(names: tuple[str, ...]) -> str:
     if any(_WITHOUT_GRAVITY.search(n) for n in names):
-        return (
-            "an acceleration without gravity tells nothing of accelerometers, since an app has taken away what gravity "
-            "would show; record them with gravity (phyphox: Acceleration (with g))"
-        )
+        return WITH_GRAVITY
     return "write campaign.toml by hand, with their names under [columns]"
 
 
@@ -219,6 +222,9 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     aside: list[str] = []
     while names and _is_no_output(log, names):
         aside.append(names.pop(0))
+    marks = [n for n in names if _is_mark(log.numbers[n])]
+    if not any(_are_whole(log.numbers[n]) for n in names if n not in marks):
+        names = [n for n in names if n not in marks]
     threes = [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names) - 2, 3)]
     notes = (
         "columns without names were told by their numbers: compare them with the logger's manual",
@@ -259,16 +265,25 @@ def _is_no_output(log: RawLog, names: list[str]) -> bool:
     if _is_counter(first):
         return True
     told = first[np.isfinite(first)]
-    if not np.all(told == np.round(told)):
+    if not _are_whole(told):
         return False
     if len(told) and _EPOCH[0] < told.min() and told.max() < _EPOCH[1]:
         return True
     others = [log.numbers[n] for n in names[1:]]
-    return (
-        bool(others)
-        and len(np.unique(told)) <= _MOST_LABELS
-        and not any(np.array_equal(x, np.round(x)) for x in others)
-    )
+    few = bool(others) and len(np.unique(told)) <= _MOST_LABELS
+    return few and not any(_are_whole(x) for x in others)
+
+
+def _is_mark(values: Float[np.ndarray, " rows"]) -> bool:
+    """Whether a column is one whole number but zero throughout: what kind of sensor follows, as phone apps write it."""
+    told = values[np.isfinite(values)]
+    return len(told) > 0 and told[0] != 0.0 and _are_whole(told) and bool(np.all(told == told[0]))
+
+
+def _are_whole(values: Float[np.ndarray, " rows"]) -> bool:
+    """Whether all numbers are whole, empty fields aside."""
+    told = values[np.isfinite(values)]
+    return bool(np.all(told == np.round(told)))
 
 
 def _is_specific_force(log: RawLog, triad: tuple[str, str, str]) -> bool:

@@ -11,11 +11,13 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats.detect import format_of
+from ..data.plausible_units import field_unit_guess
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.host_stamps import USUAL_RATES
-from .accel_unit import accel_unit, directions, sphere, TriadUnit
+from .accel_unit import accel_unit, directions, lacks_gravity, sphere, TriadUnit
 from .clock import counted
+from .column_roles import WITH_GRAVITY
 from .converters import middle, nearest, rounded, wraps
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit, said_unit
@@ -224,6 +226,10 @@ def _columns(
     named = found.log.has_header and found.log.format != "imu_tk"
     if found.accel is not None:
         unit = accel_unit(found.accel, rests)
+        if not unit.certain and lacks_gravity(found.accel):
+            raise ValueError(
+                f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
+            )
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         remarks += _on_poses(found.accel, rests)
     if found.roles.reference_accel is not None or found.roles.reference_gyro is not None:
@@ -271,10 +277,14 @@ def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]
     if told is None:
         told = said_field_unit(" ".join(log.hint(n) for n in names), outputs)
         why = "as the file says"
+    guessed = told is None and names == ("mag_x", "mag_y", "mag_z")
+    if guessed:  # which would be read, in T, without a line of their own
+        told = field_unit_guess(float(np.nanmedian(np.linalg.norm(outputs, axis=1))))
+        why = "the device was not turned in all directions; likely by the size of a field"
     if told is not None:
         value: dict[str, object] = {"names": list(names)} if named else {}
-        certain = found.roles.mag_by is None
-        why = why if certain else f"{found.roles.mag_by}; {why}"
+        certain = found.roles.mag_by is None and not guessed
+        why = why if found.roles.mag_by is None else f"{found.roles.mag_by}; {why}"
         return [Line("mag", {**value, "unit": told}, why, certain)], []
     if found.accel is None and found.gyro is None:
         raise ValueError(

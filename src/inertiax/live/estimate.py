@@ -26,8 +26,8 @@ from .target import CONFIDENCE, Target
 
 
 # A misalignment that the rests tell no better than this is left out by the batch estimate (see
-# `calibrate.pipeline.MISALIGNED`), which must not happen after the target is said to be reached.
-MISALIGNED = 0.02  # rad
+# `calibrate.accelerometers.MISALIGNED`), which must not happen after the target is said to be reached.
+MISALIGNED = 0.01  # rad
 # Degrees of freedom that the batch estimate is left with: its standard deviations do not widen for want of them, and
 # Student's 95 % are 2.6 standard deviations with 5 and 4.3 with 2.
 FEWEST_FREEDOM = 5

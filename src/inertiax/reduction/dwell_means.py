@@ -61,7 +61,7 @@ def reduce_to_dwells(
     ]
     if not any(len(p.start) for p in parts):
         slowly = any(f.statement.endswith(TURNED_SLOWLY) for f in found)
-        why = " (turned slowly all along, it never lies still)" if slowly else ""
+        why = " (it moves all along and never lies still)" if slowly else ""
         raise ValueError(
             f"{', '.join(r.name or 'recording' for r in recordings)}: no rest and no plateau of "
             f"constant rate{why}; let it lie for seconds in each orientation, or give a column 'position' of 0 or more "

@@ -121,7 +121,12 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
             f"{where}: {len(names)} column names {shown(names)} but {table.width} columns of data{elsewhere}."
         )
     table.columns = list(names)
-    table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # blank lines
+    blank = pl.all_horizontal(
+        pl.nth(0).str.strip_chars().fill_null("") == "", pl.nth(*range(1, table.width)).is_null()
+    )
+    table = (
+        table.filter(~blank) if table.width > 1 else table.drop_nulls()
+    )  # lines of nothing but blanks
     if not table.height:
         raise ValueError(
             f"{where}: no rows of data, only separators; at least one sample is needed."
