@@ -448,7 +448,8 @@ def test_a_device_that_never_rested_has_the_unit_of_its_samples(tmp_path):
     assert found["columns"]["accel"] == {"names": ["ax", "ay", "az"], "unit": "g"}
     assert "accel_estimator" not in found.get("model", {})  # it is no log of one pose
     about_one_axis = np.stack([np.sin(pitch), np.cos(pitch), np.zeros_like(t)], axis=1)
-    tumbled = Recording(time=t, accel=G * about_one_axis)
+    tilted = Rotation.from_euler("xyz", [0.3, 0.5, 0.0]).apply(about_one_axis)
+    tumbled = Recording(time=t, accel=G * tilted)
     with pytest.raises(ValueError, match="it moves all along and never lies still"):
         reduce_to_dwells([tumbled])
     seen = check_campaign(Campaign((tumbled,), Site(gravity=G)))

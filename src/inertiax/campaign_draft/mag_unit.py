@@ -1,12 +1,13 @@
 """The unit of magnetometers: turned, they move by 20 to 70 µT."""
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..data.formats.columns import MAG_UNITS
-from ..data.plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
+from ..data.plausible_units import field_unit_guess, GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 from .accel_unit import sphere
 
 
@@ -24,6 +25,38 @@ _LEAST_ROWS = 10
 _TURNED = 0.5  # of the magnitude without its middle, from 5 to 95 %: a device that was turned all ways is steadier
 _ENOUGH = 500  # rows that tell a sphere
 _NEAR = 1.5  # by how much soft iron changes what the outputs move by
+
+
+class FieldUnit(NamedTuple):
+    """A unit of magnetometers, and what it rests on."""
+
+    unit: str
+    why: str
+    certain: bool
+
+
+def field_unit(
+    outputs: Float[np.ndarray, "time 3"], names: tuple[str, str, str], hint: str
+) -> FieldUnit | None:
+    """The unit of magnetometers: by what they move by, else as the file says.
+
+    Where neither tells it, canonical columns get the likely one, for without a line of their own they would be read in
+    tesla; others get none.
+
+    **Arguments:** `hint` is what the file says in words of the columns.
+    """
+    told = mag_unit(outputs)
+    if told is not None:
+        why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
+        return FieldUnit(told, why, True)
+    told = said_field_unit(hint, outputs)
+    if told is not None:
+        return FieldUnit(told, "as the file says", True)
+    if names != ("mag_x", "mag_y", "mag_z"):
+        return None
+    likely = field_unit_guess(float(np.nanmedian(np.linalg.norm(outputs, axis=1))))
+    why = "the device was not turned in all directions; likely by the size of a field"
+    return FieldUnit(likely, why, False)
 
 
 def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:

@@ -11,7 +11,6 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats.detect import format_of
-from ..data.plausible_units import field_unit_guess
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.host_stamps import USUAL_RATES
@@ -21,7 +20,7 @@ from .column_roles import WITH_GRAVITY
 from .converters import middle, nearest, rounded, wraps
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit, said_unit
-from .mag_unit import mag_unit, said_field_unit
+from .mag_unit import field_unit
 from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
 from .references import force_unit, labels_of_positions, moving_labels, rate_unit
@@ -272,20 +271,12 @@ def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]
     log, names = found.log, found.roles.mag
     assert names is not None
     outputs = np.stack([log.numbers[n] for n in names], axis=1)
-    told = mag_unit(outputs)
-    why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
-    if told is None:
-        told = said_field_unit(" ".join(log.hint(n) for n in names), outputs)
-        why = "as the file says"
-    guessed = told is None and names == ("mag_x", "mag_y", "mag_z")
-    if guessed:  # which would be read, in T, without a line of their own
-        told = field_unit_guess(float(np.nanmedian(np.linalg.norm(outputs, axis=1))))
-        why = "the device was not turned in all directions; likely by the size of a field"
+    told = field_unit(outputs, names, " ".join(log.hint(n) for n in names))
     if told is not None:
         value: dict[str, object] = {"names": list(names)} if named else {}
-        certain = found.roles.mag_by is None and not guessed
-        why = why if found.roles.mag_by is None else f"{found.roles.mag_by}; {why}"
-        return [Line("mag", {**value, "unit": told}, why, certain)], []
+        by = found.roles.mag_by
+        why = told.why if by is None else f"{by}; {told.why}"
+        return [Line("mag", {**value, "unit": told.unit}, why, told.certain and by is None)], []
     if found.accel is None and found.gyro is None:
         raise ValueError(
             f"{log.path}: {', '.join(names)} do not tell their unit, for the device was not turned in all "

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
@@ -19,6 +19,11 @@ from .handling import Disturbance, undisturbed
 from .plateaus import plateaus, steady_steps, TURNING, without_ramps
 from .rests import find_rests, PAUSE, Rests, usual_step
 from .slow_turn import slow_turn
+
+
+_LYING = np.radians(
+    3.0
+)  # from a rest's first half to its second; a hand that holds still creeps by 1°
 
 
 class Segments(eqx.Module):
@@ -171,12 +176,11 @@ def _found(recording: Recording, window: float) -> Segments:
 
 
 def _slow_turn(recording: Recording, found: Rests) -> Segments | None:
-    """Stretches of accelerometers alone that turn slowly all along, where their rests show too few directions."""
+    """Stretches of accelerometers alone that turn slowly all along, where they do not lie in enough directions."""
     accel = recording.accel
     if accel is None or recording.gyro is not None or isinstance(recording, StoredRecording):
         return None
-    rests = [accel[a:b].mean(axis=0) for a, b in zip(found.start, found.stop, strict=True)]
-    if rests and num_directions(np.array(rests)) >= FEWEST_DIRECTIONS:
+    if _lies(accel, found):
         return None
     turn = slow_turn(accel)
     if turn is None:
@@ -191,6 +195,18 @@ def _slow_turn(recording: Recording, found: Rests) -> Segments | None:
     return Segments(
         turn.start, turn.stop, np.arange(number), used, statement=statement, turning=turn.sigma
     )
+
+
+def _lies(accel: Float[np.ndarray, "time 3"], found: Rests) -> bool:
+    """Whether rests that were found show directions enough, and are rests: most of them do not turn."""
+    middle = (found.start + found.stop) // 2
+    ranges = zip(found.start, middle, found.stop, strict=True)
+    halves = np.array([(accel[a:m].mean(axis=0), accel[m:b].mean(axis=0)) for a, m, b in ranges])
+    if num_directions(halves.reshape(-1, 2, 3).mean(axis=1)) < FEWEST_DIRECTIONS:
+        return False
+    first, second = halves[:, 0], halves[:, 1]
+    across = np.linalg.norm(np.cross(first, second), axis=1)
+    return bool(np.median(np.arctan2(across, np.sum(first * second, axis=1))) < _LYING)
 
 
 def _inside(
