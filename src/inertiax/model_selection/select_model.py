@@ -214,7 +214,7 @@ def settle_accel(
 
     Where the choice was left open, one pose tells how the accelerometers' outputs change, with temperature and in time
     ('static'), and from two to five directions of gravity without a reference they are not calibrated at all if there
-    are gyros to calibrate.
+    are gyros or magnetometers to calibrate.
     """
     if chosen.fixed or campaign.model.accel_estimator is not None:
         return chosen, None
@@ -230,7 +230,10 @@ def settle_accel(
     if found == 1 and chosen.gyro_estimator is not None:
         reason = "accelerometers: 'static' because all rests are in one pose, which tells how outputs change in time"
         return _with_accel(campaign, chosen, "static", reason), None
-    if found >= FEWEST_DIRECTIONS or chosen.gyro_estimator is None:
+    others = chosen.gyro_estimator is not None or any(
+        r.mag is not None for r in campaign.recordings
+    )
+    if found >= FEWEST_DIRECTIONS or not others:
         return chosen, None
     warning = (
         f"accelerometers are not calibrated: the rests show {found} directions of gravity and 'invariant' needs "

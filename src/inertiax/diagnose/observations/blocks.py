@@ -133,6 +133,12 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
     ]
     probe = _column(recordings, "temperature")
     segments = segment_all(recordings, handling=handling)
+    for recording, part in zip(recordings, segments):
+        if part.turning is not None:
+            raise ValueError(
+                f"{recording.name}: it never lies still for long, and what turns it looks like physics of the sensor; "
+                "a diagnosis needs rests of seconds in each orientation (`inertiax calibrate` does without)."
+            )
     return Log(
         time=time - time[0],
         clock=np.concatenate([r.time for r in recordings]),
