@@ -365,9 +365,7 @@ OTHER_FILES = {
     "a spreadsheet": (
         "a.xlsx",
         b"PK\3\4\0\0",
-        "a.xlsx: suffix '.xlsx' is not known and the content is binary; one of .csv, .tsv, .txt, "
-        ".log, .dat, .gcsv, .parquet, .pq, .mat, .h5, .hdf5, .hdf, .ulg, .ulog, .bin, .bag, .mcap, .db3 is "
-        "needed.",
+        "a.xlsx: it is a spreadsheet; save its sheet as CSV and give that.",
     ),
     "imu_tk text with a column missing": (
         "a.mat",

@@ -144,6 +144,15 @@ def test_what_is_no_slow_turn_through_all_orientations(outputs):
     assert slow_turn(outputs + 0.02 * rng.standard_normal(outputs.shape)) is None
 
 
+def test_stretches_at_the_end_of_the_range_are_left_out():
+    outputs, _, _ = tumbled(6)
+    limited = np.minimum(outputs, [np.inf, np.quantile(outputs[:, 1], 0.93), np.inf])
+    found = slow_turn(limited)
+    assert found is not None
+    at_end = limited[:, 1] == limited[:, 1].max()
+    assert not any(at_end[a:b].any() for a, b in zip(found.start, found.stop))
+
+
 def test_a_log_that_rests_keeps_its_rests():
     """Twelve poses of four seconds with slow turns between them."""
     keys = Rotation.random(12, random_state=4)

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from .._typing import Mask
 from ..physics.directions import num_directions
+from .clipping import clipped_rows
 
 
 _LENGTHS = (64, 32, 16, 8, 4, 2)  # rows
@@ -55,7 +56,8 @@ def slow_turn(accel: Float[np.ndarray, "time 3"]) -> Stretches | None:
     length = _length(accel)
     start = np.arange(len(accel) // length) * length
     parts = accel[: len(start) * length].reshape(-1, length, 3)
-    kept = _steady(parts, _centre(accel))
+    clipped = clipped_rows(accel)[: parts.shape[0] * length].reshape(-1, length).any(axis=1)
+    kept = _steady(parts, _centre(accel)) & ~clipped
     means = parts.mean(axis=1)
     if kept.sum() < max(_FEWEST, _LEAST_KEPT * len(start)):
         return None

@@ -117,6 +117,8 @@ def detect(path: Path) -> ModuleType:
         return by_suffix[0]
     if _is_text(head):
         return csv
+    if path.suffix.lower() in _SPREADSHEETS:
+        raise ValueError(f"{path.name}: it is a spreadsheet; save its sheet as CSV and give that.")
     if head.startswith(_PACKED):
         raise ValueError(f"{path.name}: it is packed; unpack it first and give the file inside.")
     known = ", ".join(dict.fromkeys(s for m in FORMATS for s in m.SUFFIXES))
@@ -132,6 +134,7 @@ def _is_text(head: bytes) -> bool:
     return bool(text.strip()) and not (_CONTROLS & set(text))
 
 
+_SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 _PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
 _CONTROLS = frozenset(range(32)) - set(b"\t\n\r\f\x1b")
 
