@@ -25,7 +25,7 @@ from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
 from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import Dwells, known_force
 from .sources import Scene, Source
 
 
@@ -39,12 +39,9 @@ def make_scene(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Sc
 
 
 def _felt_force(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Array | None:
-    if dwells.reference_accel is not None:
-        return jnp.asarray(dwells.reference_accel)
-    if dwells.accel is None:
-        return None
-    if estimator.triad != "accel":
-        return jnp.asarray(dwells.accel)
+    if estimator.triad != "accel" or dwells.reference_accel is not None or dwells.accel is None:
+        force = known_force(dwells)
+        return None if force is None else jnp.asarray(force)
 
     def one(temperature: Array, output: Array) -> Array:
         return compensate_accel(_errors(estimator, curve(temperature)), output)

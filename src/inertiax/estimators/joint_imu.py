@@ -30,7 +30,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Mat3, Scalar, Vec3
 from ..physics.composition import compose_imu
 from ..physics.error_model import AccelerometerErrors, compensate_accel, GyroErrors
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import Dwells, is_told
 from .base import AbstractEstimator
 from .gravity_rotation import GravityRotation
 from .invariant import Invariant
@@ -158,10 +158,10 @@ class JointImu(AbstractEstimator[ImuErrors]):
         return vector[:accel], own @ vector[accel : accel + own.shape[1]]
 
     def _has_accel_rows(self, dwell: Dwells) -> Array:
-        """An accelerometer estimator without a reference uses rests only."""
-        return jnp.asarray(isinstance(self.accel, ReferenceAccel)) | (
-            jnp.asarray(dwell.position) >= 0
-        )
+        """Where there is a reference, or, for an estimator without one, at rest."""
+        if isinstance(self.accel, ReferenceAccel):
+            return is_told(jnp.asarray(dwell.reference_accel))
+        return jnp.asarray(dwell.position) >= 0
 
     def _without_size_effect(self, vector: AnyArray, dwell: Dwells) -> Dwells:
         if not self.lever_arms:

@@ -15,7 +15,7 @@ from ..physics.error_model import (
     compensate_gyro,
     GyroErrors,
 )
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import Dwells, known_force
 from .base import AbstractEstimator, transform_covariance
 
 
@@ -68,8 +68,5 @@ class GyroEstimator(AbstractEstimator[GyroErrors], abc.ABC):
 def dwell_force(dwell: Dwells) -> Float[Array, "3"]:
     """Specific force of a dwell, m/s²: the reference where there is one, else the accelerometers'
     (compensated) outputs, else zero."""
-    if dwell.reference_accel is not None:
-        return jnp.asarray(dwell.reference_accel)
-    if dwell.accel is not None:
-        return jnp.asarray(dwell.accel)
-    return jnp.zeros(3, jnp.asarray(dwell.gyro).dtype)
+    force = known_force(dwell)
+    return jnp.zeros(3, jnp.asarray(dwell.gyro).dtype) if force is None else jnp.asarray(force)

@@ -16,7 +16,7 @@ from ..model_selection.select_model import (
     choose_model,
     ChosenModel,
 )
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import accel_rows, Dwells
 from .population.population import Population, TriadPopulation
 from .reduce.many_dwells import Reduction
 from .reduce.tasks import Task
@@ -179,7 +179,9 @@ def _estimators(chosen: ChosenModel, gravity: float, dwells: Dwells) -> list[Abs
 
 
 def _for(estimator: AbstractEstimator, chosen: ChosenModel, dwells: Dwells) -> Dwells:
-    """The columns that an estimator of dwells at rest uses."""
+    """The columns and dwells that an estimator uses."""
+    if estimator.triad == "accel" and estimator.by_reference:
+        return dwells[np.flatnonzero(accel_rows(dwells, by_reference=True))]
     if chosen.g_sensitivity and estimator.triad == "gyro" and dwells.accel is None:
         return eqx.tree_at(
             lambda d: (d.accel, d.accel_covariance),

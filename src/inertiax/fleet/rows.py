@@ -16,7 +16,7 @@ from ..estimators import AbstractEstimator, Invariant
 from ..model_selection.select_model import build_estimators, ChosenModel
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import AbstractBasis, Curve
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import accel_rows, Dwells
 from ..reduction.rig_errors import with_rig_errors
 from .covariance_by_source import source_columns, SUFFIXES
 from .effects.score_statistics import FleetScores, score
@@ -76,7 +76,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
     reasons: list[str] = [""] * len(stack.members)
     for estimator, model in estimators_of(manifest, together):
         triad, basis = estimator.triad, basis_of(model)
-        mine = _rows_for(model, together)
+        mine = _rows_for(triad, model, together)
         fit, found = _solved(estimator, basis, mine, manifest)
         scores = _scored(estimator, basis, mine, fit, manifest)
         if observe is not None and scores is not None:
@@ -104,12 +104,13 @@ def _with_probe_error(fit: FleetFit, basis: AbstractBasis, sigma: float) -> Flee
     return eqx.tree_at(lambda f: f.covariance, fit, wider)
 
 
-def _rows_for(model: TriadModel, dwells: Dwells) -> Dwells:
+def _rows_for(triad: str, model: TriadModel, dwells: Dwells) -> Dwells:
     """Only rests where the estimator has no reference for the motion."""
-    if model.estimator == "reference":
+    by_reference = model.estimator == "reference"
+    if by_reference and triad == "gyro":
         return dwells
-    rests = np.asarray(dwells.valid) & (np.asarray(dwells.position) >= 0)
-    return eqx.tree_at(lambda d: d.valid, dwells, rests)
+    usable = accel_rows(dwells, by_reference)
+    return eqx.tree_at(lambda d: d.valid, dwells, np.asarray(dwells.valid) & usable)
 
 
 def _solved(

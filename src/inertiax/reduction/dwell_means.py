@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
-from .dwells import Dwells
+from .dwells import Dwells, is_told
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
@@ -236,8 +236,11 @@ def _covariances(
     scatter = scatter_of(found, triad)
     if scatter is None:
         return None
-    covariance = covariances_of_means(scatter, resting)
-    ideal = joined_means(found, f"reference_{triad}")
+    ideal, pool = joined_means(found, f"reference_{triad}"), resting.astype(int)
+    if triad == "accel" and ideal is not None:
+        # Without its reference the force that turns in the case would pass for noise of the other plateaus.
+        pool = np.where(is_told(ideal), pool, 2)
+    covariance = covariances_of_means(scatter, pool)
     if triad == "accel" or ideal is None:
         return covariance
     spread = np.concatenate([f.spread for f in found if f.spread is not None])

@@ -50,7 +50,8 @@ class Dwells(eqx.Module):
     accel_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, (m/s²)²
     gyro: Float[AnyArray, "*dwell 3"] | None = None  # rad/s
     gyro_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, (rad/s)²
-    reference_accel: Float[AnyArray, "*dwell 3"] | None = None  # m/s²
+    # m/s²; exactly zero, which nothing on the ground feels, where the plan tells none.
+    reference_accel: Float[AnyArray, "*dwell 3"] | None = None
     reference_gyro: Float[AnyArray, "*dwell 3"] | None = None  # rad/s
     motion: Motions | None = None  # the motion that led to each dwell, where an estimator needs it
     rows: Int[AnyArray, "*dwell 4"] | None = (
@@ -124,6 +125,31 @@ class Dwells(eqx.Module):
     def __getitem__(self, rows: slice | int | np.ndarray) -> "Dwells":
         """The same columns, only those dwells."""
         return jax.tree.map(lambda x: x[rows], self)
+
+
+def is_told(reference_accel: Float[AnyArray, "*dwell 3"]) -> Bool[AnyArray, " *dwell"]:
+    """Where the plan tells a specific force: a reference of exactly zero is none.
+
+    A station that writes nothing while its table turns leaves zeros, and no device on the ground feels none.
+    """
+    library = np if isinstance(reference_accel, np.ndarray) else jnp
+    return library.any(library.asarray(reference_accel) != 0.0, axis=-1)
+
+
+def accel_rows(dwells: Dwells, by_reference: bool) -> Bool[np.ndarray, " *dwell"]:
+    """The dwells that tell the accelerometers something: with a reference those that have one, else the rests."""
+    if by_reference:
+        return np.asarray(is_told(np.asarray(dwells.reference_accel)))
+    return np.asarray(dwells.position) >= 0
+
+
+def known_force(dwells: Dwells) -> Float[AnyArray, "*dwell 3"] | None:
+    """Specific force of each dwell, m/s²: the reference where there is one, else the (compensated) outputs."""
+    stated, felt = dwells.reference_accel, dwells.accel
+    if stated is None or felt is None:
+        return felt if stated is None else stated
+    library = np if isinstance(stated, np.ndarray) and isinstance(felt, np.ndarray) else jnp
+    return library.where(is_told(stated)[..., None], stated, felt)
 
 
 def with_harmless_padding(dwells: Dwells) -> Dwells:

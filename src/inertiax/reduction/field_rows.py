@@ -181,7 +181,7 @@ def _at_rest(dwells: Dwells, found: list[_Rests]) -> Dwells:
         accel=None if dwells.accel is None else np.asarray(dwells.accel)[own],
         accel_covariance=None if dwells.accel is None else np.asarray(dwells.accel_covariance)[own],
         mag=mean,
-        mag_covariance=covariances_of_means(scatter, np.ones(len(own), bool)),
+        mag_covariance=covariances_of_means(scatter, np.zeros(len(own), int)),
     )
     if any(c is None for c in currents):
         return rest

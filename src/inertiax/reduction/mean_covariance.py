@@ -30,9 +30,9 @@ class Scatter(eqx.Module):
 
 
 def covariances_of_means(
-    scatter: Scatter, pool: Bool[np.ndarray, " dwell"]
+    scatter: Scatter, pool: Int[np.ndarray, " dwell"]
 ) -> Float[np.ndarray, "dwell 3 3"]:
-    """Covariance of each dwell's mean, unit²; rests (`pool` true) and plateaus are pooled apart.
+    """Covariance of each dwell's mean, unit²; dwells of one number in `pool` are pooled, as rests are, and plateaus.
 
     For channel c of dwell k with n samples
 
@@ -47,9 +47,9 @@ def covariances_of_means(
     from its residuals.
     """
     result = np.zeros((len(scatter.counts), 3, 3))
-    for group in (pool, ~pool):
-        if group.any():
-            result[group] = _pooled(_select(scatter, group))
+    for number in np.unique(pool):
+        group = pool == number
+        result[group] = _pooled(_select(scatter, group))
     return result
 
 

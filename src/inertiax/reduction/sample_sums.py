@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
+from .dwells import is_told
 from .mean_covariance import Scatter
 from .mean_noise import converter_steps
 
@@ -91,6 +92,9 @@ def reduced(
 
     given = [c for c in columns if getattr(recording, c) is not None]
     means = {c: mean(getattr(recording, c)[rows]) for c in given}
+    if "reference_accel" in given:  # what a part of a dwell lacks, its mean does not tell
+        lacking = mean((~is_told(getattr(recording, "reference_accel")[rows])).astype(float)) > 0.0
+        means["reference_accel"][lacking] = 0.0
     lines = {t: _line(made, t, rows, starts) if t in given else None for t in _TRIADS}
     spread = None
     if recording.gyro is not None and {"gyro", "reference_gyro"} <= set(given):

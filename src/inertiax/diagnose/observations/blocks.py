@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from ...data.recording import Campaign, Recording
 from ...data.recording_order import in_order
 from ...physics.earth import EARTH_RATE as EARTH_RATE
+from ...reduction.dwells import is_told
 from ...reduction.segments import joined, rests_are_searched, segment_all, Segments
 
 
@@ -218,6 +219,9 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
 
     position = log.segments.position[dwell]
     moving = position < 0
+    stated = mean(log.reference_accel)
+    if stated is not None:
+        stated[block_mean((~is_told(log.reference_accel)).astype(float), start, stop) > 0.0] = 0.0
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
     return Blocks(
         start=start,
@@ -231,7 +235,7 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         temperature=mean(log.temperature),
         accel=mean(log.accel),
         gyro=gyro,
-        reference_accel=mean(log.reference_accel),
+        reference_accel=stated,
         reference_gyro=mean(log.reference_gyro),
         accel_white=_white(log.accel, log.reference_accel, start, stop, moving),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, moving),
@@ -268,9 +272,12 @@ def _white(
         * (count / np.maximum(count - 1, 1))[:, None]
     )
     pooled = np.empty_like(scatter)
-    for group in (moving, ~moving):
-        if group.any():
-            weight = (count[group] - 1)[:, None]
-            pooled[group] = (scatter[group] * weight).sum(axis=0) / max(weight.sum(), 1)
+    # Without its reference a force that turns in the case would pass for noise of the other plateaus.
+    told = True if reference is None else block_mean(is_told(reference).astype(float), start, stop) > 0.0
+    kind = moving + 2 * (moving & ~told)
+    for number in np.unique(kind):
+        group = kind == number
+        weight = (count[group] - 1)[:, None]
+        pooled[group] = (scatter[group] * weight).sum(axis=0) / max(weight.sum(), 1)
     floor = 1e-30 + 1e-12 * pooled.max()
     return np.maximum(pooled, floor) / count[:, None]

@@ -18,7 +18,7 @@ from ...estimators import AbstractEstimator, ESTIMATORS, GravityRotation, size_e
 from ...physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
 from ...physics.temperature import Polynomial
 from ...procedure.single_device import linearise
-from ...reduction.dwells import Dwells
+from ...reduction.dwells import Dwells, is_told
 from .blocks import Blocks, Log
 
 
@@ -141,9 +141,11 @@ def _of_rests(estimator: AbstractEstimator) -> AbstractEstimator:
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
     """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests."""
-    if form.by_reference:
-        return np.ones(blocks.num_blocks, bool)
-    return ~blocks.moving
+    if not form.by_reference:
+        return ~blocks.moving
+    if form.triad == "accel" and blocks.reference_accel is not None:
+        return is_told(blocks.reference_accel)
+    return np.ones(blocks.num_blocks, bool)
 
 
 @jax.jit

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...reduction.dwells import Dwells
+from ...reduction.dwells import Dwells, known_force
 from .layout import Layout
 
 
@@ -67,7 +67,7 @@ class AbstractHostForm(abc.ABC):
 
     def force(self, dwells: Dwells) -> Float[np.ndarray, "dwell 3"]:
         """Specific force of each dwell, m/s²: the reference's, else the (compensated) outputs', else zero."""
-        known = dwells.accel if dwells.reference_accel is None else dwells.reference_accel
+        known = known_force(dwells)
         return np.zeros((dwells.num_dwells, 3)) if known is None else np.asarray(known)
 
     def weighed(

@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 from ...effects import CATALOGUE, Effect, Signal, Variant
 from ...estimators import AbstractEstimator
 from ...physics.temperature import AbstractBasis
-from ...reduction.dwells import Dwells
+from ...reduction.dwells import Dwells, known_force
 from ..solve.batch import FleetFit
 
 
@@ -266,7 +266,7 @@ def _signal(
 
 def _force(dwells: Dwells) -> np.ndarray | None:
     """Specific force in units of its median size."""
-    felt = dwells.accel if dwells.reference_accel is None else dwells.reference_accel
+    felt = known_force(dwells)
     if felt is None:
         return None
     size = float(np.median(np.linalg.norm(np.asarray(felt), axis=-1)))
