@@ -40,7 +40,7 @@ def make_scene(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Sc
 
 def _felt_force(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Array | None:
     if estimator.triad != "accel" or dwells.reference_accel is not None or dwells.accel is None:
-        force = known_force(dwells)
+        force = known_force(dwells.reference_accel, dwells.accel)
         return None if force is None else jnp.asarray(force)
 
     def one(temperature: Array, output: Array) -> Array:

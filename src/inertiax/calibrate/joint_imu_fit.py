@@ -226,6 +226,7 @@ def _fit(
     start = np.where(free, problem.start(), 0.0)
     coefficients, steps, converged = problem.solve(start, free=free)
     now = problem.at(coefficients)
+    now = now._replace(misfit=problem.judged_misfit(now))
     seen = _seen_by(estimator, problem.vectors(coefficients)[: dwells.num_dwells], dwells)
     parts = _split(estimator, now, jax.tree.map(np.asarray, seen), free)
     normal = problem.normal(now.jacobian)

@@ -196,8 +196,9 @@ def _misfits(
     kept: Bool[np.ndarray, " dwell"],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Misfit and its standard deviation by the dwells' own noise, of the dwells that are judged."""
-    now = Problem(estimator, solution.curve.basis, dwells).at(solution.curve.coefficients)
-    return now.misfit[kept], now.sigma[kept]
+    problem = Problem(estimator, solution.curve.basis, dwells)
+    now = problem.at(solution.curve.coefficients)
+    return problem.judged_misfit(now)[kept], now.sigma[kept]
 
 
 def _failure(

@@ -4,6 +4,9 @@ The weighted least squares has the whitened Jacobian J and the covariance P = (J
 dwell's covariance is a sum Σ = Σ₁ + Σ₂ + …, whitened by L Lᵀ = Σ, each part passes into the coefficients by
 
     P_s = P (Σ_dwells Jᵀ L⁻¹ Σ_s L⁻ᵀ J) P,     Σ_s P_s = P.
+
+Where dwells share errors of their positioning (`procedure.shared_errors`), the whitened rows have the covariance
+V = E + U Uᵀ; P is (JᵀV⁻¹J)⁻¹, V⁻¹J stands in the place of J, and P JᵀV⁻¹U UᵀV⁻¹J P joins the rig's positions.
 """
 
 import math
@@ -76,11 +79,16 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     if not np.allclose(np.diagonal(again), np.diagonal(covariance), rtol=same, atol=0.0):
         return ()
     shares = _shares(fit, rig, jacobian.shape[1])
-    parts = []
+    # V⁻¹J, where dwells share errors; else V is the identity.
+    design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
+    by_dwell, parts = design.reshape(*jacobian.shape[:2], -1), []
     for source, share in shares.items():
-        root = _root(share)
-        moved = np.einsum("nsr,nri->nsi", root, jacobian)
-        own = covariance @ problem.normal(moved) @ covariance
+        moved = np.einsum("nsr,nru->nsu", _root(share), by_dwell).reshape(-1, len(covariance))
+        inner = moved.T @ moved
+        if source == POSITION and problem.shared is not None:
+            together = problem.shared.signatures.T @ design
+            inner = inner + together.T @ together
+        own = covariance @ inner @ covariance
         parts.append(Part(source, _degrees(source, fit, share), 0.5 * (own + own.T)))
     return tuple(p for p in parts if np.any(np.diagonal(p.covariance) > 0.0))
 
@@ -94,7 +102,9 @@ def _shares(fit: Fit, rig: Rig, rows: int) -> dict[str, Float[np.ndarray, "dwell
     reference = getattr(dwells, f"reference_{triad}")
     if reference is not None:
         u = np.asarray(reference, float)
-        position = rig_covariance(u, rig.position_uncertainty or 0.0)
+        angle = rig.position_uncertainty or 0.0
+        alone = 1.0 if dwells.shared_angle is None else np.asarray(dwells.shared_angle) == 0.0
+        position = rig_covariance(u, angle * np.broadcast_to(alone, len(u)))
         rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
         parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)
         parts[NOISE] = given - parts[POSITION] - parts[RATE]

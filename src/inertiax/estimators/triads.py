@@ -68,5 +68,5 @@ class GyroEstimator(AbstractEstimator[GyroErrors], abc.ABC):
 def dwell_force(dwell: Dwells) -> Float[Array, "3"]:
     """Specific force of a dwell, m/s²: the reference where there is one, else the accelerometers'
     (compensated) outputs, else zero."""
-    force = known_force(dwell)
+    force = known_force(dwell.reference_accel, dwell.accel)
     return jnp.zeros(3, jnp.asarray(dwell.gyro).dtype) if force is None else jnp.asarray(force)

@@ -322,7 +322,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         return 0, f"the temperature moves by only {span:.2f} °C, so the parameters are constants"
     problem = Problem(estimator, Constant(), dwells)
     now = problem.at(problem.start())
-    rows, parameters = now.residual.reshape(-1), now.jacobian
+    rows, parameters = problem.decorrelated(now.residual.reshape(-1)), now.jacobian
     if not (np.isfinite(rows).all() and np.isfinite(parameters).all()):
         raise ValueError(
             f"{estimator.triad}: a channel has no scatter at all within a dwell, so that its weight would be infinite: "
@@ -338,6 +338,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
             break
         phi = np.polynomial.chebyshev.chebvander(x, degree)
         design = np.einsum("na,nri->nrai", phi, parameters).reshape(-1, unknowns)
+        design = problem.decorrelated(design)
         if degree and not has_full_rank(design.T @ design, estimator.names, degree + 1):
             break
         solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)

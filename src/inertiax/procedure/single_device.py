@@ -24,6 +24,7 @@ from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import Dwells
 from .rank import has_full_rank
+from .shared_errors import shared_errors
 from .thermal_iterations import GaussNewtonIteration, ThermalSolution
 
 
@@ -37,6 +38,7 @@ class Problem:
         self.dwells = _prepared(estimator, dwells)
         self.phi = basis.rows(np.asarray(self.dwells.temperature))
         self.at_nodes = basis.at_nodes
+        self.shared = shared_errors(estimator, jax.tree.map(np.asarray, dwells))
 
     def vectors(self, coefficients: AnyArray) -> Float[np.ndarray, "dwell parameter"]:
         """Each dwell's parameters, θ(T) = φ(T) C."""
@@ -112,7 +114,10 @@ class Problem:
         return _compensate(self.estimator, vectors, self.dwells)
 
     def normal(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
-        """JᵀJ with respect to the coefficients, row-major (size, parameters)."""
+        """JᵀJ with respect to the coefficients, row-major (size, parameters); JᵀV⁻¹J where dwells share errors."""
+        if self.shared is not None:
+            design = self.decorrelated(self.design(jacobian))
+            return design.T @ design
         phi, unknowns = self.phi[: self.num_dwells], self.basis.size * jacobian.shape[2]
         products = np.einsum("nri,nrj->nij", jacobian, jacobian)
         return np.einsum("na,nb,nij->aibj", phi, phi, products, optimize=True).reshape(
@@ -122,10 +127,31 @@ class Problem:
     def rows(
         self, coefficients: AnyArray, dwells: Dwells | None = None
     ) -> tuple[Float[np.ndarray, "row unknown"], Float[np.ndarray, " row"]]:
-        """The residual's Jacobian with respect to the coefficients, row-major (size, parameters), and the residual."""
+        """The residual's Jacobian with respect to the coefficients, row-major (size, parameters), and the residual,
+        of unit covariance where dwells share errors, too."""
         now = self.at(coefficients, dwells)
-        full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], now.jacobian)
-        return full.reshape(now.residual.size, -1), now.residual.reshape(-1)
+        design, residual = self.design(now.jacobian), now.residual.reshape(-1)
+        return self.decorrelated(design), self.decorrelated(residual)
+
+    def design(
+        self, jacobian: Float[np.ndarray, "dwell row parameter"]
+    ) -> Float[np.ndarray, "row unknown"]:
+        """The dwells' Jacobians by their own parameters as those by the coefficients, row-major (size, parameters)."""
+        full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], jacobian)
+        return full.reshape(jacobian.shape[0] * jacobian.shape[1], -1)
+
+    def decorrelated(self, rows: Float[np.ndarray, "row ..."]) -> Float[np.ndarray, "row ..."]:
+        """Whitened rows without what the dwells share, of unit covariance."""
+        if self.shared is None:
+            return rows
+        by_dwell = rows.reshape(self.num_dwells, len(rows) // self.num_dwells, -1)
+        return np.asarray(self.shared.decorrelated(by_dwell)).reshape(rows.shape)
+
+    def judged_misfit(self, now: LinearisedDwells) -> Float[np.ndarray, "dwell misfit"]:
+        """The misfit in SI as the dwells' own noise makes it: without what several dwells share."""
+        if self.shared is None:
+            return now.misfit
+        return np.asarray(self.shared.of_misfit(now.misfit, now.residual))
 
 
 def iterate_one(

@@ -60,6 +60,10 @@ class Dwells(eqx.Module):
     mag: Float[AnyArray, "*dwell 3"] | None = None  # T
     mag_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, T²
     current: Float[AnyArray, " *dwell"] | None = None  # A, mean
+    # Number of the positioning whose error several plateaus share, −1 where it is a dwell's own; and its 1 sigma, rad,
+    # which is then not in the covariances; 0 where it is. `None` where none is shared (`rig_errors`).
+    positioning: Int[AnyArray, " *dwell"] | None = None
+    shared_angle: Float[AnyArray, " *dwell"] | None = None
 
     def __check_init__(self):
         shape = jnp.shape(self.time)
@@ -143,9 +147,10 @@ def accel_rows(dwells: Dwells, by_reference: bool) -> Bool[np.ndarray, " *dwell"
     return np.asarray(dwells.position) >= 0
 
 
-def known_force(dwells: Dwells) -> Float[AnyArray, "*dwell 3"] | None:
-    """Specific force of each dwell, m/s²: the reference where there is one, else the (compensated) outputs."""
-    stated, felt = dwells.reference_accel, dwells.accel
+def known_force(
+    stated: Float[AnyArray, "*dwell 3"] | None, felt: Float[AnyArray, "*dwell 3"] | None
+) -> Float[AnyArray, "*dwell 3"] | None:
+    """Specific force, m/s²: the reference where there is one, else the (compensated) outputs."""
     if stated is None or felt is None:
         return felt if stated is None else stated
     library = np if isinstance(stated, np.ndarray) and isinstance(felt, np.ndarray) else jnp

@@ -4,18 +4,27 @@ A positioning that is off by small independent angles of standard deviation α t
 rate that is off by the part ρ scales it:
 
     C = α² (|u|² E − u uᵀ) + ρ² u uᵀ
+
+Plateaus of one positioning (`positionings`) share its angles ε, so that two of them err together:
+
+    δ_k = ε × u_k = −[u_k]× ε,     cov(δ_j, δ_k) = α² [u_j]× [u_k]×ᵀ
 """
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._typing import AnyArray
 from ..data.recording import Rig
-from .dwells import Dwells
+from .dwells import Dwells, known_force
+from .positionings import shared_positionings
 
 
 def rig_covariance(
-    reference: Float[np.ndarray, "*dwell 3"], angle: float, rate: float = 0.0
+    reference: Float[np.ndarray, "*dwell 3"],
+    angle: float | Float[np.ndarray, " *dwell"],
+    rate: float = 0.0,
 ) -> Float[np.ndarray, "*dwell 3 3"]:
     """Covariance of the reference, in its unit squared.
 
@@ -24,17 +33,48 @@ def rig_covariance(
     """
     outer = reference[..., :, None] * reference[..., None, :]
     square = np.sum(np.square(reference), axis=-1)[..., None, None]
-    return angle**2 * (square * np.eye(3) - outer) + rate**2 * outer
+    turned = np.square(angle)[..., None, None] if np.ndim(angle) else np.square(angle)
+    return turned * (square * np.eye(3) - outer) + rate**2 * outer
+
+
+def turned_by(reference: Float[AnyArray, "*dwell 3"]) -> Float[AnyArray, "*dwell 3 3"]:
+    """−[u]×: what small angles of the case's position, rad, add to the reference; column k is e_k × u."""
+    library = np if isinstance(reference, np.ndarray) else jnp
+    x, y, z = (reference[..., k] for k in range(3))
+    zero = library.zeros_like(x)
+    rows = [[zero, z, -y], [-z, zero, x], [y, -x, zero]]
+    return library.stack([library.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
-    """The dwells with the errors of their reference in the covariances of their means; any leading axes."""
+    """The dwells with the errors of their reference in the covariances of their means; any leading axes.
+
+    Plateaus that share their positioning say so in `positioning` and have its standard deviation in `shared_angle`:
+    the covariance of their own mean is without it.
+    """
     angle, rate = rig.position_uncertainty or 0.0, rig.rate_uncertainty or 0.0
+    own_angle: float | np.ndarray = angle
+    if angle and dwells.reference_gyro is not None:
+        force = known_force(dwells.reference_accel, dwells.accel)
+        numbers = shared_positionings(
+            np.asarray(dwells.position),
+            np.asarray(dwells.reference_gyro),
+            None if force is None else np.asarray(force),
+            np.asarray(dwells.valid),
+        )
+        if np.any(numbers >= 0):
+            own_angle = np.where(numbers >= 0, 0.0, angle)
+            dwells = eqx.tree_at(
+                lambda d: (d.positioning, d.shared_angle),
+                dwells,
+                (numbers, angle - own_angle),
+                is_leaf=lambda x: x is None,
+            )
     for triad, part in (("accel", 0.0), ("gyro", rate)):
         reference = getattr(dwells, f"reference_{triad}")
         own = getattr(dwells, f"{triad}_covariance")
         if reference is None or own is None or not (angle or part):
             continue
-        wider = np.asarray(own) + rig_covariance(np.asarray(reference), angle, part)
+        wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
     return dwells

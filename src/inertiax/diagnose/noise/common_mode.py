@@ -5,19 +5,15 @@ A positioning error is a small rotation of the case, and a rate error scales the
 $$\\delta_d = x \\times \\varepsilon_d + \\rho_d\\, x, \\qquad
 \\varepsilon_d \\sim N(0, \\sigma_\\varepsilon^2 I), \\quad \\rho_d \\sim N(0, \\sigma_\\rho^2),$$
 
-with the reading $x$ of an ideal triad in dwell $d$. Where $x$ lies along an axis the channels' errors are independent
+with the reading $x$ of an ideal triad in dwell $d$; plateaus of one positioning have one $\\varepsilon$. Where $x$ lies along an axis the channels' errors are independent
 of each other; between the axes they are not, and what two channels say of $\\varepsilon_d$ tells the third one's
-error. With the whitened signatures $U$ of the shared errors the whitened rows have covariance $I + U U^T$, whose
-inverse root is
-
-$$S = I - F F^T, \\qquad F = U W \\,\\mathrm{diag}\\Big(\\frac{1 - (1 + \\lambda)^{-1/2}}{\\lambda}\\Big)^{1/2}, \\qquad
-U^T U = W \\,\\mathrm{diag}(\\lambda)\\, W^T.$$
+error. `numerics.common_errors` has the inverse root of such a covariance.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .state_space import Chain
 
@@ -40,44 +36,63 @@ class SharedErrors:
         return self.columns[0].shape[1]
 
 
-def root(whitened: Float[np.ndarray, "row error"]) -> Float[np.ndarray, "row error"]:
-    """`F` of the module's formula: rows `a` with covariance `I + U Uᵀ` become white as `a − F (Fᵀ a)`."""
-    value, vector = np.linalg.eigh(whitened.T @ whitened)
-    value = np.maximum(value, 0.0)
-    small = value < 1e-8  # the limit of the factor is one half
-    factor = np.where(small, 0.5, (1.0 - 1.0 / np.sqrt(1.0 + value)) / np.where(small, 1.0, value))
-    return whitened @ (vector * np.sqrt(factor))
-
-
 def signatures(
     reading: Float[np.ndarray, "block 3"],
-    dwell: np.ndarray,
+    dwell: Int[np.ndarray, " block"],
     white: Float[np.ndarray, "block 3"],
     angle: float,
     rate: float,
-) -> tuple[Float[np.ndarray, "block 3 error"], np.ndarray]:
-    """Errors of one standard deviation in the dwells where channels share them, and which blocks those are.
+    positioning: Int[np.ndarray, " block"] | None = None,
+) -> tuple[Float[np.ndarray, "block 3 error"], Float[np.ndarray, "block 3"]]:
+    """Errors of one standard deviation that channels share in a dwell, or dwells in a positioning.
 
-    **Arguments:** `reading` of an ideal triad, m/s² or rad/s; `dwell` numbers each block's positioning; `white` is
-    the variance of each block's mean; `angle` rad and `rate` (relative) are the rig's standard deviations.
+    **Arguments:** `reading` of an ideal triad, m/s² or rad/s; `dwell` numbers each block's rest or plateau; `white` is
+    the variance of each block's mean; `angle` rad and `rate` (relative) are the rig's standard deviations;
+    `positioning` numbers those that several dwells share, −1 elsewhere.
+
+    **Returns** the errors, and of the rig's variance at each block the part that stays each channel's own, NaN where
+    all of it does.
     """
-    made, shared = [], np.zeros(len(dwell), bool)
-    for number in np.unique(dwell):
-        rows = np.flatnonzero(dwell == number)
-        mean = reading[rows].mean(axis=0)
-        square = mean @ mean
-        both = np.outer(mean, mean)
-        covariance = angle**2 * (square * np.eye(3) - both) + rate**2 * both
-        off = np.abs(covariance - np.diag(np.diag(covariance))).max()
-        level = (white[rows].mean(axis=0) / len(rows)).max()
-        if off <= SHARED * (np.diag(covariance).max() + level):
-            continue
-        shared[rows] = True
-        across = np.linalg.svd(mean[None])[2][1:]  # two directions that the reading does not lie in
-        errors = [angle * np.cross(reading[rows], e) for e in across]
-        errors += [rate * reading[rows]] if rate > 0.0 else []
+    number = np.full(len(dwell), -1) if positioning is None else positioning
+    made: list[np.ndarray] = []
+    own = np.full(reading.shape, np.nan)
+
+    def add(rows: np.ndarray, errors: list[np.ndarray]) -> None:
         for error in errors:
             column = np.zeros_like(reading)
             column[rows] = error
             made.append(column)
-    return np.stack(made, axis=-1) if made else np.zeros((*reading.shape, 0)), shared
+
+    for group in np.unique(number[number >= 0]):
+        rows = np.flatnonzero(number == group)
+        add(rows, _turns(reading[rows], angle))
+        for plateau in np.unique(dwell[rows]):
+            mine = rows[dwell[rows] == plateau]
+            both = rate**2 * np.outer(*2 * [reading[mine].mean(axis=0)])
+            shared = rate > 0.0 and _couples(both, white[mine])
+            own[mine] = 0.0 if shared else np.square(rate * reading[mine])
+            add(mine, [rate * reading[mine]] if shared else [])
+    for plateau in np.unique(dwell[number < 0]):
+        rows = np.flatnonzero(dwell == plateau)
+        mean = reading[rows].mean(axis=0)
+        both = np.outer(mean, mean)
+        covariance = angle**2 * (mean @ mean * np.eye(3) - both) + rate**2 * both
+        if not _couples(covariance, white[rows]):
+            continue
+        own[rows] = 0.0
+        add(rows, _turns(reading[rows], angle))
+        add(rows, [rate * reading[rows]] if rate > 0.0 else [])
+    return np.stack(made, axis=-1) if made else np.zeros((*reading.shape, 0)), own
+
+
+def _couples(covariance: Float[np.ndarray, "3 3"], white: Float[np.ndarray, "block 3"]) -> bool:
+    """Whether what two channels share in a dwell counts beside the variance of its blocks' mean."""
+    off = np.abs(covariance - np.diag(np.diag(covariance))).max()
+    level = (white.mean(axis=0) / len(white)).max()
+    return bool(off > SHARED * (np.diag(covariance).max() + level))
+
+
+def _turns(reading: Float[np.ndarray, "block 3"], angle: float) -> list[Float[np.ndarray, "block 3"]]:
+    """What the two angles across the readings' common axis do to them."""
+    across = np.linalg.svd(reading, full_matrices=True)[2][1:]
+    return [angle * np.cross(reading, e) for e in across]

@@ -6,6 +6,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ...reduction.dwells import known_force
+from ...reduction.positionings import shared_positionings
 from ..candidates.columns import lengthen, span
 from ..observations.blocks import Blocks
 from ..observations.model_rows import Baseline
@@ -62,17 +64,41 @@ def make(
 
 
 def share(system: System, blocks: Blocks, reading: np.ndarray, angle: float, rate: float) -> System:
-    """The system with the rig's errors shared between the chains, where there are such and not too many."""
+    """The system with the rig's errors shared between the chains, and between plateaus of one positioning, where there
+    are such and not too many."""
     white = np.stack([chain.white for chain in system.chains], axis=1)
-    errors, here = signatures(reading, blocks.dwell, white, angle, rate)
+    positioning = _positionings(blocks)
+    errors, own = signatures(reading, blocks.dwell, white, angle, rate, positioning)
+    if errors.shape[2] > MOST and positioning is not None:  # those of positionings count most
+        several = positioning >= 0
+        there = signatures(
+            reading[several], blocks.dwell[several], white[several], angle, rate, positioning[several]
+        )
+        errors, own = np.zeros((len(several), 3, there[0].shape[2])), np.full(own.shape, np.nan)
+        errors[several], own[several] = there
     if not 0 < errors.shape[2] <= MOST:
         return system
-    free = [eqx.tree_at(lambda c: c.rig, c, np.where(here, 0.0, c.rig)) for c in system.chains]
+    free = [
+        eqx.tree_at(lambda c: c.rig, chain, np.where(np.isnan(own[:, k]), chain.rig, own[:, k]))
+        for k, chain in enumerate(system.chains)
+    ]
     longer = tuple(jax.tree.map(lengthen, chain) for chain in free)
     columns = tuple(errors[:, c] for c in range(3))
     return eqx.tree_at(
         lambda s: s.shared, system, SharedErrors(columns, longer), is_leaf=lambda x: x is None
     )
+
+
+def _positionings(blocks: Blocks) -> np.ndarray | None:
+    """Number of the positioning that the block's plateau shares with others, −1 elsewhere; `None` without plateaus."""
+    if blocks.reference_gyro is None:
+        return None
+    force = known_force(blocks.reference_accel, blocks.accel)
+    number = shared_positionings(blocks.position, blocks.reference_gyro, force)
+    for group in np.unique(number[number >= 0]):
+        if len(np.unique(blocks.dwell[number == group])) == 1:
+            number[number == group] = -1
+    return number
 
 
 class NoiseFit(eqx.Module):

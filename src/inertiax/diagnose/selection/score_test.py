@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from ...numerics.common_errors import root
 from ..candidates.columns import span, unit
 from ..candidates.signatures import Term
-from ..noise.common_mode import root
 from ..noise.common_mode_fit import coupled_theta, RIG
 from ..noise.grouped_filter import whiten
 from ..noise.observation_series import NoiseFit, System

@@ -67,7 +67,7 @@ class AbstractHostForm(abc.ABC):
 
     def force(self, dwells: Dwells) -> Float[np.ndarray, "dwell 3"]:
         """Specific force of each dwell, m/s²: the reference's, else the (compensated) outputs', else zero."""
-        known = known_force(dwells)
+        known = known_force(dwells.reference_accel, dwells.accel)
         return np.zeros((dwells.num_dwells, 3)) if known is None else np.asarray(known)
 
     def weighed(

@@ -25,6 +25,7 @@ from jaxtyping import Array, Float
 from ...effects import CATALOGUE, Effect, Signal, Variant
 from ...estimators import AbstractEstimator
 from ...physics.temperature import AbstractBasis
+from ...procedure.shared_errors import shared_errors
 from ...reduction.dwells import Dwells, known_force
 from ..solve.batch import FleetFit
 
@@ -120,7 +121,8 @@ def _scores(
     total = np.sqrt(np.square(fit.own_sigma) + np.square(fit.scatter)[:, None, None])
     weight = np.where(fit.valid[:, :, None], 1.0 / total, 0.0).reshape(len(total), -1)
     jacobian, signature = (np.asarray(x) * weight[:, :, None] for x in rows)
-    residual = fit.misfit.reshape(len(total), -1) * weight
+    residual = fit.misfit.reshape(len(total), -1) * weight  # without what dwells share, as the fit has it
+    jacobian, signature = _decorrelated(estimator, dwells, fit, (jacobian, signature))
     along = np.matmul(fit.covariance, np.matmul(np.swapaxes(jacobian, 1, 2), signature))
     left = signature - np.matmul(jacobian, along)
     square = np.einsum("dnt,dnt->dt", signature, left)
@@ -133,6 +135,29 @@ def _scores(
     products = np.matmul(np.swapaxes(signature[usable], 1, 2), left[usable])
     overlap = (products * scale[usable, :, None] * scale[usable, None, :]).sum(axis=0)
     return amplitude, sigma, overlap / max(int(usable.sum()), 1)
+
+
+def _decorrelated(
+    estimator: AbstractEstimator,
+    dwells: Dwells,
+    fit: FleetFit,
+    rows: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened rows, `(devices, rows, columns)`, without the errors that dwells of one positioning share."""
+    if dwells.positioning is None:
+        return rows
+    made = tuple(np.array(x) for x in rows)
+    for k in range(len(fit.valid)):
+        device = jax.tree.map(lambda x, k=k: np.asarray(x)[k], dwells)
+        device = eqx.tree_at(lambda d: d.valid, device, fit.valid[k])
+        scatter = np.asarray(float(fit.scatter[k]))
+        shared = shared_errors(eqx.tree_at(lambda e: e.scatter, estimator, scatter), device)
+        if shared is None:
+            return rows
+        for x in made:
+            by_dwell = x[k].reshape(device.num_dwells, -1, x.shape[2])
+            x[k] = np.asarray(shared.decorrelated(by_dwell)).reshape(x[k].shape)
+    return made[0], made[1]
 
 
 def choose_forms(
@@ -266,7 +291,7 @@ def _signal(
 
 def _force(dwells: Dwells) -> np.ndarray | None:
     """Specific force in units of its median size."""
-    felt = known_force(dwells)
+    felt = known_force(dwells.reference_accel, dwells.accel)
     if felt is None:
         return None
     size = float(np.median(np.linalg.norm(np.asarray(felt), axis=-1)))

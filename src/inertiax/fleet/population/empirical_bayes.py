@@ -22,6 +22,7 @@ from ..._typing import AnyArray
 from ...estimators import AbstractEstimator, NOMINAL_SIGMA
 from ...numerics.least_squares import least_squares
 from ...physics.temperature import AbstractBasis
+from ...procedure.shared_errors import shared_errors
 from ...reduction.dwells import Dwells
 from ..solve.batch import FleetFit
 from .population import TriadPopulation
@@ -167,6 +168,7 @@ def _one(
 ) -> _Solved:
     phi = jax.vmap(basis)(device.temperature)
     weighted = eqx.tree_at(lambda e: e.scatter, estimator, scatter)
+    shared = shared_errors(weighted, device)
 
     def vectors(z: AnyArray) -> Array:
         return phi @ (mean + lower @ z).reshape(basis.size, -1)
@@ -175,10 +177,15 @@ def _one(
         del args
         rows = jax.vmap(weighted.residual)(vectors(z), device)
         kept = jnp.where(device.valid[:, None], rows, jnp.zeros_like(rows))
+        if shared is not None:
+            kept = shared.decorrelated(kept[..., None])[..., 0]
         return jnp.concatenate([kept.reshape(-1), z])
 
     found = least_squares(residual, jnp.zeros_like(mean))
     misfit, own = jax.vmap(estimator.misfit)(vectors(found.parameters), device)
+    if shared is not None:
+        rows = jax.vmap(weighted.residual)(vectors(found.parameters), device)
+        misfit = shared.of_misfit(misfit, jnp.where(device.valid[:, None], rows, 0.0))
     return _Solved(
         parameters=mean + lower @ found.parameters,
         covariance=lower @ found.covariance @ lower.T,

@@ -2,7 +2,8 @@
 
 Second form of `procedure.thermal_iterations.joint_fit` for them, held to it to 1e-6 sigma by `tests/test_fleet.py`.
 One Gauss-Newton step from anywhere is the answer. The normal matrix is a sum of Kronecker products of the
-basis and the dwells' parameter Jacobians, as in `thermal`; the formulas are the estimators' own.
+basis and the dwells' parameter Jacobians, as in `thermal`; the formulas are the estimators' own. Dwells that share an
+error of their positioning have it taken from their rows first (`procedure.shared_errors`).
 """
 
 import equinox as eqx
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float
 from ...estimators import AbstractEstimator
 from ...numerics.lane_cholesky import inverse_blocks
 from ...physics.temperature import AbstractBasis
+from ...procedure.shared_errors import shared_errors, SharedErrors
 from ...reduction.dwells import Dwells
 from .invariant import BatchFit
 
@@ -56,18 +58,32 @@ def fit_linear(
         jnp.swapaxes(pairs, 1, 2), products.reshape(*phi.shape[:2], parameters * parameters)
     ).reshape(-1, size, size, parameters, parameters)
     normal = jnp.swapaxes(sums, 2, 3).reshape(-1, size * parameters, size * parameters)
+    shared = _shared(estimator, dwells, scatter)
+    if shared is not None:
+        design = (phi[:, :, None, :, None] * jacobian[:, :, :, None, :]).reshape(
+            *jacobian.shape[:3], size * parameters
+        )
+        design = jax.vmap(SharedErrors.decorrelated)(shared, design)
+        normal = jnp.einsum("bnru,bnrv->buv", design, design)
     covariance = inverse_blocks(normal, parameters)
 
     def step(residual: Array) -> Array:
+        if shared is not None:
+            white = jax.vmap(SharedErrors.decorrelated)(shared, residual[..., None])[..., 0]
+            gradient = jnp.einsum("bnru,bnr->bu", design, white)[:, None, :]
+            return -jnp.matmul(gradient, covariance).reshape(start.shape)
         of_row = jnp.einsum("bnri,bnr->bni", jacobian, residual)
         gradient = jnp.matmul(jnp.swapaxes(phi, 1, 2), of_row).reshape(-1, 1, size * parameters)
         return -jnp.matmul(gradient, covariance).reshape(start.shape)
 
     c = start + step(residual)
-    second = step(rows(c)[0])
+    left = rows(c)[0]
+    second = step(left)
     scale = jnp.sqrt(jnp.diagonal(normal, axis1=1, axis2=2)).reshape(start.shape)
     c = c + second
     misfit = jax.vmap(jax.vmap(lambda v, d: estimator.misfit(v, d)[0]))(jnp.matmul(phi, c), dwells)
+    if shared is not None:
+        misfit = jax.vmap(SharedErrors.of_misfit)(shared, misfit, left)
     return BatchFit(
         parameters=c.reshape(-1, size * parameters),
         covariance=covariance,
@@ -75,3 +91,16 @@ def fit_linear(
         converged=jnp.max(jnp.abs(second) * scale, axis=(1, 2)) < tolerance,
         num_steps=jnp.full(len(kept), 2, jnp.int32),
     )
+
+
+def _shared(
+    estimator: AbstractEstimator, dwells: Dwells, scatter: Float[Array, " batch"]
+) -> SharedErrors | None:
+    """What dwells of one positioning share, device by device; `None` where nothing is."""
+    if dwells.positioning is None:
+        return None
+
+    def one(device: Dwells, extra: Array) -> SharedErrors | None:
+        return shared_errors(eqx.tree_at(lambda e: e.scatter, estimator, extra), device)
+
+    return jax.vmap(one)(dwells, scatter)
