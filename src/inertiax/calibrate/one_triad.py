@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Int
@@ -185,8 +186,19 @@ def _solve(
     if method == "joint":
         return joint_fit_one(estimator, basis, dwells)
     if method == "paper":
-        return iterate(PaperIteration.plan(estimator, basis, dwells), dwells)
+        solution = iterate(PaperIteration.plan(estimator, basis, dwells), dwells)
+        return _with_shared_errors(solution, Problem(estimator, basis, dwells))
     return iterate_one(estimator, basis, dwells)
+
+
+def _with_shared_errors(solution: ThermalSolution, problem: Problem) -> ThermalSolution:
+    """The paper's procedure weighs dwells one by one: what they share passes into its covariance P as P JᵀUUᵀJ P."""
+    if problem.shared is None:
+        return solution
+    own = np.asarray(solution.covariance)
+    jacobian = problem.at(solution.curve.coefficients).jacobian
+    moved = own @ problem.design(jacobian).T @ problem.shared.signatures
+    return eqx.tree_at(lambda s: s.covariance, solution, own + moved @ moved.T)
 
 
 def _misfits(

@@ -329,16 +329,15 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
             "look for a dead or filled-in channel (`inertiax check`)."
         )
     num_dwells, per_dwell, count = parameters.shape
-    levels = temperature_levels(temperature)
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
     best, least, highest = 0, 0.0, -1
-    for degree in range(min(HIGHEST_DEGREE, levels - 1) + 1):
+    for degree in range(min(HIGHEST_DEGREE, temperature_levels(temperature) - 1) + 1):
         unknowns = (degree + 1) * count
         if num_dwells * per_dwell < unknowns + 3:
             break
         phi = np.polynomial.chebyshev.chebvander(x, degree)
-        design = np.einsum("na,nri->nrai", phi, parameters).reshape(-1, unknowns)
-        design = problem.decorrelated(design)
+        design = np.einsum("na,nri->nrai", phi, parameters)
+        design = problem.decorrelated(design.reshape(-1, unknowns))
         if degree and not has_full_rank(design.T @ design, estimator.names, degree + 1):
             break
         solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)

@@ -14,7 +14,9 @@ from jaxtyping import Float
 from .._typing import AnyArray
 
 
-def inverse_root(gram: Float[AnyArray, "*batch error error"]) -> Float[AnyArray, "*batch error error"]:
+def inverse_root(
+    gram: Float[AnyArray, "*batch error error"],
+) -> Float[AnyArray, "*batch error error"]:
     """X of F = U X, from Uᵀ U; any leading axes. NumPy for NumPy, JAX for JAX."""
     xp = np if isinstance(gram, np.ndarray) else jnp
     value, vector = xp.linalg.eigh(gram)

@@ -37,7 +37,9 @@ class SharedErrors(eqx.Module):
         blocks = library.einsum("nrk,ng->nrgk", self.whitened, self.each)
         return blocks.reshape(blocks.shape[0] * blocks.shape[1], -1)
 
-    def decorrelated(self, rows: Float[AnyArray, "dwell row column"]) -> Float[AnyArray, "dwell row column"]:
+    def decorrelated(
+        self, rows: Float[AnyArray, "dwell row column"]
+    ) -> Float[AnyArray, "dwell row column"]:
         """S times whitened rows, which then have unit covariance."""
         return rows - self._times(self.whitened, rows)
 
@@ -70,7 +72,7 @@ def shared_errors(estimator: AbstractEstimator, dwells: Dwells) -> SharedErrors 
     library = np if isinstance(number, np.ndarray) else jnp
     # Several dwells share a positioning, so that there are half as many at most.
     most = int(number.max(initial=-1)) + 1 if library is np else len(number) // 2
-    each = (library.asarray(number)[:, None] == library.arange(most)).astype(float)
+    each = (library.asarray(number)[:, None] == library.arange(most)[None]).astype(float)
     found = [_of_triad(part, dwells, library) for part in parts]
     whitened, misfit = (library.concatenate(x, axis=1) for x in zip(*found, strict=True))
     squares = library.einsum("nrk,nrl->nkl", whitened, whitened)
@@ -93,5 +95,7 @@ def _of_triad(estimator: AbstractEstimator, dwells: Dwells, library) -> tuple[An
     angle = library.where(counted, library.asarray(dwells.shared_angle), 0.0)
     turned = angle[:, None, None] * turned_by(reference)
     scatter = library.square(library.asarray(estimator.scatter))
-    total = library.asarray(getattr(dwells, f"{triad}_covariance")) + scatter * library.eye(3)
+    total = (
+        library.asarray(getattr(dwells, f"{triad}_covariance")) + (scatter * library.eye(3))[None]
+    )
     return library.linalg.inv(library.linalg.cholesky(total)) @ turned, turned

@@ -135,7 +135,7 @@ class Problem:
 
     def design(
         self, jacobian: Float[np.ndarray, "dwell row parameter"]
-    ) -> Float[np.ndarray, "row unknown"]:
+    ) -> Float[np.ndarray, "rows unknown"]:
         """The dwells' Jacobians by their own parameters as those by the coefficients, row-major (size, parameters)."""
         full = np.einsum("na,nri->nrai", self.phi[: self.num_dwells], jacobian)
         return full.reshape(jacobian.shape[0] * jacobian.shape[1], -1)

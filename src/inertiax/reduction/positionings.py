@@ -65,7 +65,9 @@ def _parallel(
 ) -> Bool[np.ndarray, " device"]:
     """Whether the slower of two rates lies along the axis of the faster, in either sense."""
     sizes = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
-    across = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(np.maximum(*sizes), 1e-300)
+    across = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(
+        np.maximum(*sizes), 1e-300
+    )
     return across <= ACROSS * np.minimum(*sizes) + EARTHS * EARTH_RATE
 
 

@@ -92,8 +92,11 @@ def reduced(
 
     given = [c for c in columns if getattr(recording, c) is not None]
     means = {c: mean(getattr(recording, c)[rows]) for c in given}
-    if "reference_accel" in given:  # what a part of a dwell lacks, its mean does not tell
-        lacking = mean((~is_told(getattr(recording, "reference_accel")[rows])).astype(float)) > 0.0
+    stated = recording.reference_accel
+    if (
+        stated is not None and "reference_accel" in given
+    ):  # what a part of a dwell lacks, its mean does not tell
+        lacking = mean((~is_told(stated[rows])).astype(float)) > 0.0
         means["reference_accel"][lacking] = 0.0
     lines = {t: _line(made, t, rows, starts) if t in given else None for t in _TRIADS}
     spread = None

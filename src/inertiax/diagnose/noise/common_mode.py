@@ -5,7 +5,8 @@ A positioning error is a small rotation of the case, and a rate error scales the
 $$\\delta_d = x \\times \\varepsilon_d + \\rho_d\\, x, \\qquad
 \\varepsilon_d \\sim N(0, \\sigma_\\varepsilon^2 I), \\quad \\rho_d \\sim N(0, \\sigma_\\rho^2),$$
 
-with the reading $x$ of an ideal triad in dwell $d$; plateaus of one positioning have one $\\varepsilon$. Where $x$ lies along an axis the channels' errors are independent
+with the reading $x$ of an ideal triad in dwell $d$; plateaus of one positioning have one
+$\\varepsilon$. Where $x$ lies along an axis the channels' errors are independent
 of each other; between the axes they are not, and what two channels say of $\\varepsilon_d$ tells the third one's
 error. `numerics.common_errors` has the inverse root of such a covariance.
 """
@@ -92,7 +93,9 @@ def _couples(covariance: Float[np.ndarray, "3 3"], white: Float[np.ndarray, "blo
     return bool(off > SHARED * (np.diag(covariance).max() + level))
 
 
-def _turns(reading: Float[np.ndarray, "block 3"], angle: float) -> list[Float[np.ndarray, "block 3"]]:
+def _turns(
+    reading: Float[np.ndarray, "block 3"], angle: float
+) -> list[Float[np.ndarray, "block 3"]]:
     """What the two angles across the readings' common axis do to them."""
     across = np.linalg.svd(reading, full_matrices=True)[2][1:]
     return [angle * np.cross(reading, e) for e in across]

@@ -72,7 +72,12 @@ def share(system: System, blocks: Blocks, reading: np.ndarray, angle: float, rat
     if errors.shape[2] > MOST and positioning is not None:  # those of positionings count most
         several = positioning >= 0
         there = signatures(
-            reading[several], blocks.dwell[several], white[several], angle, rate, positioning[several]
+            reading[several],
+            blocks.dwell[several],
+            white[several],
+            angle,
+            rate,
+            positioning[several],
         )
         errors, own = np.zeros((len(several), 3, there[0].shape[2])), np.full(own.shape, np.nan)
         errors[several], own[several] = there

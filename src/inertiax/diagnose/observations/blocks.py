@@ -273,7 +273,11 @@ def _white(
     )
     pooled = np.empty_like(scatter)
     # Without its reference a force that turns in the case would pass for noise of the other plateaus.
-    told = True if reference is None else block_mean(is_told(reference).astype(float), start, stop) > 0.0
+    told = (
+        True
+        if reference is None
+        else block_mean(is_told(reference).astype(float), start, stop) > 0.0
+    )
     kind = moving + 2 * (moving & ~told)
     for number in np.unique(kind):
         group = kind == number
