@@ -75,7 +75,10 @@ def main(devices: int = 400) -> None:
     """Print the table."""
     print("| the table's error is drawn | as calibrated | with angles of each plateau's own |")
     print("|---|---|---|")
-    for for_an_axis, said in ((True, "once for an axis and temperature"), (False, "anew for each plateau")):
+    for for_an_axis, said in (
+        (True, "once for an axis and temperature"),
+        (False, "anew for each plateau"),
+    ):
         rng = np.random.default_rng(1)
         made = [drawn(rng, for_an_axis=for_an_axis) for _ in range(devices)]
         shared = line([deviations(with_rig_errors(d, RIG)) for d in made])

@@ -160,7 +160,7 @@ class JointImu(AbstractEstimator[ImuErrors]):
     def _has_accel_rows(self, dwell: Dwells) -> Array:
         """Where there is a reference, or, for an estimator without one, at rest."""
         if isinstance(self.accel, ReferenceAccel):
-            return is_told(jnp.asarray(dwell.reference_accel))
+            return jnp.asarray(is_told(jnp.asarray(dwell.reference_accel)))
         return jnp.asarray(dwell.position) >= 0
 
     def _without_size_effect(self, vector: AnyArray, dwell: Dwells) -> Dwells:

@@ -96,7 +96,7 @@ def reduced(
     if (
         stated is not None and "reference_accel" in given
     ):  # what a part of a dwell lacks, its mean does not tell
-        lacking = mean((~is_told(stated[rows])).astype(float)) > 0.0
+        lacking = mean(np.asarray(~is_told(stated[rows]), float)) > 0.0
         means["reference_accel"][lacking] = 0.0
     lines = {t: _line(made, t, rows, starts) if t in given else None for t in _TRIADS}
     spread = None

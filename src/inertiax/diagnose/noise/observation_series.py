@@ -99,7 +99,9 @@ def _positionings(blocks: Blocks) -> np.ndarray | None:
     if blocks.reference_gyro is None:
         return None
     force = known_force(blocks.reference_accel, blocks.accel)
-    number = shared_positionings(blocks.position, blocks.reference_gyro, force)
+    number = shared_positionings(
+        blocks.position, blocks.reference_gyro, None if force is None else np.asarray(force)
+    )
     for group in np.unique(number[number >= 0]):
         if len(np.unique(blocks.dwell[number == group])) == 1:
             number[number == group] = -1

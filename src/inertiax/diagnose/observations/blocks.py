@@ -220,8 +220,9 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
     position = log.segments.position[dwell]
     moving = position < 0
     stated = mean(log.reference_accel)
-    if stated is not None:
-        stated[block_mean((~is_told(log.reference_accel)).astype(float), start, stop) > 0.0] = 0.0
+    if stated is not None and log.reference_accel is not None:
+        lacking = np.asarray(~is_told(log.reference_accel), float)
+        stated[block_mean(lacking, start, stop) > 0.0] = 0.0
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
     return Blocks(
         start=start,
@@ -276,7 +277,7 @@ def _white(
     told = (
         True
         if reference is None
-        else block_mean(is_told(reference).astype(float), start, stop) > 0.0
+        else block_mean(np.asarray(is_told(reference), float), start, stop) > 0.0
     )
     kind = moving + 2 * (moving & ~told)
     for number in np.unique(kind):

@@ -144,7 +144,7 @@ def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
     if not form.by_reference:
         return ~blocks.moving
     if form.triad == "accel" and blocks.reference_accel is not None:
-        return is_told(blocks.reference_accel)
+        return np.asarray(is_told(blocks.reference_accel))
     return np.ones(blocks.num_blocks, bool)
 
 

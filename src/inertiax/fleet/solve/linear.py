@@ -58,7 +58,7 @@ def fit_linear(
         jnp.swapaxes(pairs, 1, 2), products.reshape(*phi.shape[:2], parameters * parameters)
     ).reshape(-1, size, size, parameters, parameters)
     normal = jnp.swapaxes(sums, 2, 3).reshape(-1, size * parameters, size * parameters)
-    shared = _shared(estimator, dwells, scatter)
+    shared, design = _shared(estimator, dwells, scatter), None
     if shared is not None:
         design = (phi[:, :, None, :, None] * jacobian[:, :, :, None, :]).reshape(
             *jacobian.shape[:3], size * parameters
@@ -68,7 +68,7 @@ def fit_linear(
     covariance = inverse_blocks(normal, parameters)
 
     def step(residual: Array) -> Array:
-        if shared is not None:
+        if shared is not None and design is not None:
             white = jax.vmap(SharedErrors.decorrelated)(shared, residual[..., None])[..., 0]
             gradient = jnp.einsum("bnru,bnr->bu", design, white)[:, None, :]
             return -jnp.matmul(gradient, covariance).reshape(start.shape)
