@@ -60,9 +60,9 @@ class Dwells(eqx.Module):
     mag: Float[AnyArray, "*dwell 3"] | None = None  # T
     mag_covariance: Float[AnyArray, "*dwell 3 3"] | None = None  # of the mean, T²
     current: Float[AnyArray, " *dwell"] | None = None  # A, mean
-    # Number of the positioning whose error several plateaus share, −1 where it is a dwell's own; and its 1 sigma, rad,
-    # which is then not in the covariances; 0 where it is. `None` where none is shared (`rig_errors`).
+    # Number of the positioning whose error several plateaus share, −1 where it is a dwell's own.
     positioning: Int[AnyArray, " *dwell"] | None = None
+    # rad, 1 sigma of the error that is shared, and so not in the covariances; 0 where none is.
     shared_angle: Float[AnyArray, " *dwell"] | None = None
 
     def __check_init__(self):

@@ -274,11 +274,9 @@ def _white(
     )
     pooled = np.empty_like(scatter)
     # Without its reference a force that turns in the case would pass for noise of the other plateaus.
-    told = (
-        True
-        if reference is None
-        else block_mean(np.asarray(is_told(reference), float), start, stop) > 0.0
-    )
+    told = np.ones(len(count), bool)
+    if reference is not None:
+        told = block_mean(np.asarray(is_told(reference), float), start, stop) > 0.0
     kind = moving + 2 * (moving & ~told)
     for number in np.unique(kind):
         group = kind == number
