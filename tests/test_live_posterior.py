@@ -4,14 +4,15 @@ import jax
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.live.accel_rows import accel_posterior, ByMagnitude, ByReference, RestMeans
 from inertiax.live.gyro_rows import integrated, planned_rows, Turn, turn_rows
-from inertiax.live.next_position import best_position, followed, in_words, Part
+from inertiax.live.next_position import best_position, followed, in_words, Part, planned_shares
 from inertiax.live.posterior import posterior_of, Rows
 from inertiax.live.rest_ledger import mean_covariances
 from inertiax.physics.directions import hand_directions, nearest_by_hand, up_in_words
@@ -183,6 +184,37 @@ def test_the_next_position_is_the_one_that_tells_what_is_missing():
     np.testing.assert_allclose(
         chosen.gain, 1 - np.mean(after) / distance(found.covariance), rtol=1e-4
     )
+
+
+def test_the_plan_of_the_rests_that_are_needed_is_the_best_by_a_general_optimiser():
+    """Nothing known but a wide prior: shares of the 50 directions, against SciPy's over the same simplex."""
+    up = hand_directions()
+    around = followed(up)
+    model = ByMagnitude(GRAVITY)
+    rows = model.tried(np.zeros(9), around.reshape(-1, 3)).reshape(len(up), -1, 1, 9)
+    limits = np.array([0.005] * 3 + [6e-4, np.inf, 6e-4, np.inf, np.inf, 6e-4])
+    prior, variance = np.diag([2.0**2] * 3 + [0.1**2] * 6), 3e-3**2
+    share = planned_shares([Part(prior, limits, rows, variance)])
+    np.testing.assert_allclose(share.sum(), 1.0)
+    adds = np.einsum("caki,cakj->cij", rows, rows) / rows.shape[1] / variance
+    asked = np.isfinite(limits)
+
+    def ratios(weights, rests):
+        left = np.linalg.inv(np.linalg.inv(prior) + rests * np.tensordot(weights, adds, 1))
+        return np.sqrt(np.diag(left))[asked] / limits[asked]
+
+    # The rests that are needed: the worst of six parameters at the quantile that holds all of them with 95 %.
+    aim = 1.0 / norm.ppf(0.5 + 0.5 * 0.95 ** (1.0 / 6.0))
+    counts = np.arange(1, 200)
+    rests = counts[[ratios(share, n).max() < aim for n in counts]][0]
+    distance = lambda weights: np.sum(ratios(weights, rests) ** 6) ** (1.0 / 6.0)
+    softmax = lambda x: np.exp(x - x.max()) / np.exp(x - x.max()).sum()
+    best = minimize(lambda x: distance(softmax(x)), np.zeros(len(up)), method="L-BFGS-B").fun
+    assert distance(share) < 1.01 * best
+    assert distance(np.full(len(up), 1.0 / len(up))) > 1.1 * best  # all directions alike are worse
+    # Faces tell biases and scale factors best; the rest of the matrix needs a few of the others.
+    assert share[:6].sum() > 0.6
+    np.testing.assert_allclose(share[:6], share[0], rtol=0.05)
 
 
 def test_directions_are_followed_ten_degrees_off():

@@ -1,28 +1,38 @@
-"""Where to turn next: the direction of gravity that brings the parameters nearest to their targets, in words.
+"""Where to turn next: the direction of gravity that brings the parameters soonest to their targets, in words.
 
 What is far from its target counts: with standard deviations s_i and limits t_i the distance is
 
     Φ = (Σ (s_i / t_i)^p)^(1/p),   p = 6,
 
 nearly the worst ratio, but smooth, so that a direction that helps one of several bad parameters is worth something.
-A rest adds its rows to the information (a step of rank k), averaged over how a person follows: about 10° off.
+What lowers Φ most in one rest is not what reaches the target in the fewest, so the n rests that are still needed are
+planned together: the share w_c of each direction is what brings Φ lowest after all of them,
+
+    Λ = Λ₀ + n Σ_c w_c M_c,   M_c = mean of J_cᵀ J_c / v over how a person follows, about 10° off,
+
+by the multiplicative algorithm w_c ← w_c d_c^½ / Σ w d^½ of the gain d_c = tr(M_c Λ⁻¹ G Λ⁻¹), G the derivative of Φ^p
+by the variances. The direction of the greatest share comes next. The plan is made anew after every rest.
+
+**Reference:** Silvey, Titterington and Torsney, "An algorithm for optimal designs on a finite design space",
+Communications in Statistics A 7 (1978) 1379.
 """
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri
 
 from ..physics.directions import up_in_words
+from .target import CONFIDENCE
 
 
 POWER = 6.0
 FOLLOWED = np.radians(10.0)  # how far off a hand is from what it was told (convention)
 _AROUND = 6  # directions on that circle
-_NEARLY = 0.03  # of the gain: among directions this near the best, the easiest to hold is told
-# Of the fall of the logarithm of the volume, beside the gain: while two rests are needed to tell a parameter, the first
-# of them gains nothing, but shrinks the volume. With many rests it falls by a hundredth and does not count.
-_VOLUME = 0.02
+_NEARLY = 0.03  # of the share: among directions this near the best, the easiest to hold is told
+MOST_AHEAD = 500.0  # rests that are planned together
+_ROUNDS, _STEPS = 3, 30  # of the plan: how many rests, and the shares for so many
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -58,21 +68,20 @@ def followed(up: Float[np.ndarray, "candidate 3"]) -> Float[np.ndarray, "candida
 
 
 def best_position(candidates: Float[np.ndarray, "candidate 3"], parts: list[Part]) -> NextPosition:
-    """The candidate of the greatest expected gain; among those nearly as good the first, which is the easiest.
+    """The candidate of the greatest share in the plan; among those nearly as good the first, which is the easiest.
 
     Raises `ValueError` where no part asks for anything.
     """
     if not any(np.isfinite(p.limits).any() for p in parts):
         raise ValueError("`best_position(parts)`: no parameter has a limit.")
-    before = sum(_powers(np.diagonal(p.covariance), p.limits) for p in parts)
-    after = sum(_powers(_variances(p), p.limits) for p in parts)
-    distance = np.mean(np.power(after, 1.0 / POWER), axis=1) / np.power(before, 1.0 / POWER)
-    gain = 1.0 - distance
-    score = gain + _VOLUME * sum(_shrinkage(p) for p in parts if np.isfinite(p.limits).any())
-    good = np.flatnonzero(score >= (1.0 - _NEARLY) * score.max())
+    share = planned_shares(parts)
+    good = np.flatnonzero(share >= (1.0 - _NEARLY) * share.max())
     best = int(good[0])
+    before = sum(_powers(np.diagonal(p.covariance), p.limits) for p in parts)
+    after = sum(_powers(_variances(p, best), p.limits) for p in parts)
+    distance = np.mean(np.power(after, 1.0 / POWER)) / np.power(before, 1.0 / POWER)
     x, y, z = (float(c) for c in np.round(candidates[best], 6))
-    return NextPosition((x, y, z), in_words(candidates[best]), float(np.clip(gain[best], 0.0, 1.0)))
+    return NextPosition((x, y, z), in_words(candidates[best]), float(np.clip(1.0 - distance, 0, 1)))
 
 
 def in_words(up: Float[np.ndarray, "3"]) -> str:
@@ -89,16 +98,74 @@ def _powers(
     return np.asarray((ratio**POWER).sum(axis=-1))
 
 
-def _shrinkage(part: Part) -> Float[np.ndarray, " candidate"]:
-    """By how much the logarithm of the confidence ellipsoid's volume falls: ½ log det(E + J C Jᵀ / v), averaged."""
-    inner = part.rows @ part.covariance @ np.swapaxes(part.rows, -1, -2) / part.variance
-    return 0.5 * np.linalg.slogdet(inner + np.eye(inner.shape[-1]))[1].mean(axis=1)
-
-
-def _variances(part: Part) -> Float[np.ndarray, "candidate around parameter"]:
-    """Variances after the rows of each candidate: diag(C − C Jᵀ (v E + J C Jᵀ)⁻¹ J C)."""
-    spread = part.rows @ part.covariance  # J C
-    inner = spread @ np.swapaxes(part.rows, -1, -2)
-    inner = inner + part.variance * np.eye(part.rows.shape[-2])
+def _variances(part: Part, one: int) -> Float[np.ndarray, "around parameter"]:
+    """Variances after the rows of one candidate: diag(C − C Jᵀ (v E + J C Jᵀ)⁻¹ J C)."""
+    rows = part.rows[one]
+    spread = rows @ part.covariance  # J C
+    inner = spread @ np.swapaxes(rows, -1, -2)
+    inner = inner + part.variance * np.eye(rows.shape[-2])
     solved = np.linalg.solve(inner, spread)
     return np.diagonal(part.covariance) - np.sum(spread * solved, axis=-2)
+
+
+# --- the rests that are still needed, planned together --------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Scaled:
+    """A part in units in which a limit of what is asked, and a prior deviation of the rest, is 1."""
+
+    information: Float[np.ndarray, "parameter parameter"]
+    adds: Float[np.ndarray, "candidate parameter parameter"]  # information of a rest
+    asked: Float[np.ndarray, " parameter"]  # 1 where a limit is asked, else 0
+
+
+def _scaled(part: Part, width: float) -> _Scaled:
+    asked = np.isfinite(part.limits)
+    unit = np.where(asked, part.limits / width, np.sqrt(np.diagonal(part.covariance)))
+    rows = part.rows * unit / np.sqrt(part.variance)
+    adds = np.einsum("caki,cakj->cij", rows, rows) / rows.shape[1]
+    return _Scaled(np.linalg.inv(part.covariance / np.outer(unit, unit)), adds, asked.astype(float))
+
+
+def planned_shares(parts: list[Part]) -> Float[np.ndarray, " candidate"]:
+    """Share of each candidate in the rests that are still needed until the target is reached; they sum to 1."""
+    asked = sum(int(np.isfinite(p.limits).sum()) for p in parts)
+    # Standard deviations below limit / width hold all errors within the limits with the confidence asked for.
+    width = float(ndtri(0.5 + 0.5 * CONFIDENCE ** (1.0 / asked)))
+    scaled = [_scaled(p, width) for p in parts if np.isfinite(p.limits).any()]
+    count = len(scaled[0].adds)
+    share = np.full(count, 1.0 / count)
+    for _ in range(_ROUNDS):
+        needed = _needed(scaled, share)
+        for _ in range(_STEPS):
+            share = share * np.sqrt(_gain(scaled, share, needed))
+            share /= share.sum()
+    return share
+
+
+def _after(one: _Scaled, share: Float[np.ndarray, " candidate"], rests: float):
+    """Covariance after further rests."""
+    return np.linalg.inv(one.information + rests * np.tensordot(share, one.adds, 1))
+
+
+def _gain(
+    scaled: list[_Scaled], share: Float[np.ndarray, " candidate"], rests: float
+) -> Float[np.ndarray, " candidate"]:
+    """How fast Σ (s / t)^p falls with the share of each candidate, but for a factor."""
+    gain = np.zeros(len(share))
+    for one in scaled:
+        covariance = _after(one, share, rests)
+        slope = np.diagonal(covariance) ** (0.5 * POWER - 1.0) * one.asked
+        gain += np.einsum("cij,ij->c", one.adds, (covariance * slope) @ covariance)
+    return gain
+
+
+def _needed(scaled: list[_Scaled], share: Float[np.ndarray, " candidate"]) -> float:
+    """Rests of these shares after which the worst standard deviation is what its limit asks for, 1 to `MOST_AHEAD`."""
+    low, high = 1.0, MOST_AHEAD
+    for _ in range(12):
+        middle = np.sqrt(low * high)
+        worst = max(np.max(np.diagonal(_after(o, share, middle)) * o.asked) for o in scaled)
+        low, high = (low, middle) if worst <= 1.0 else (middle, high)
+    return float(high)
