@@ -9,12 +9,15 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
+from inertiax.data.recording import Campaign, Rig, Site
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.live.accel_rows import accel_posterior, ByMagnitude, ByReference, RestMeans
+from inertiax.live.estimate import estimate
 from inertiax.live.gyro_rows import integrated, planned_rows, Turn, turn_rows
 from inertiax.live.next_position import best_position, followed, in_words, Part, planned_shares
 from inertiax.live.posterior import posterior_of, Rows
-from inertiax.live.rest_ledger import mean_covariances
+from inertiax.live.rest_ledger import mean_covariances, Rest
+from inertiax.live.target import parse_target
 from inertiax.physics.directions import hand_directions, nearest_by_hand, up_in_words
 from inertiax.reduction.dwells import Dwells
 
@@ -172,7 +175,8 @@ def test_the_next_position_is_the_one_that_tells_what_is_missing():
     around = followed(up)
     rows = model.tried(found.mean, around.reshape(-1, 3)).reshape(len(up), -1, 1, 9)
     limits = np.array([0.02] * 3 + [1e-3, np.inf, 1e-3, np.inf, np.inf, 1e-3])
-    chosen = best_position(up, [Part(found.covariance, limits, rows, 1e-6)])
+    parts = [Part(found.covariance, limits, rows, 1e-6)]
+    chosen = best_position(up, parts, planned_shares(parts))
     assert abs(chosen.up[2]) > 0.85 and 0.0 < chosen.gain <= 1.0
     # The gain by brute force: information with the rows of one direction added, averaged over the circle.
     k = int(np.argmin(np.linalg.norm(up - chosen.up, axis=1)))
@@ -215,6 +219,27 @@ def test_the_plan_of_the_rests_that_are_needed_is_the_best_by_a_general_optimise
     # Faces tell biases and scale factors best; the rest of the matrix needs a few of the others.
     assert share[:6].sum() > 0.6
     np.testing.assert_allclose(share[:6], share[0], rtol=0.05)
+
+
+def test_positions_that_are_followed_exactly_reach_a_target_that_does_not_ask_for_misalignments():
+    """Faces alone would tell biases and scale factors, but the batch estimate has the whole matrix."""
+    rng, sigma = np.random.default_rng(9), 2e-4
+    campaign = Campaign((), Site(GRAVITY), Rig(), grade="tactical")
+    target = parse_target("accel.bias=40 ug, accel.scale=60 ppm")
+    matrix = np.eye(3)
+    matrix[np.tril_indices(3)] += 0.1 * VECTOR[3:]
+    rests, found, up = [], None, np.array([0.0, 0.0, 1.0])
+    while found is None or not found.reached:
+        assert len(rests) < 40
+        mean = GRAVITY * matrix @ up + 0.1 * VECTOR[:3] + sigma * rng.standard_normal(3)
+        covariance = sigma**2 * np.eye(3)
+        made = Rest(len(rests) + 1, 1, 0, 1, (0.0, 1.0), accel=mean, accel_covariance=covariance)
+        rests.append(made)
+        found = estimate(rests, campaign, target, found)
+        told = found.next_position()
+        up = np.array(told.up) / np.linalg.norm(told.up)
+    # 14 leave the batch estimate its five degrees of freedom.
+    assert 14 <= len(rests) <= 25
 
 
 def test_directions_are_followed_ten_degrees_off():

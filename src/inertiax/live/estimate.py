@@ -19,7 +19,15 @@ from .accel_rows import (
     RestMeans,
 )
 from .gyro_rows import integrated, NAMES as TURNED, planned_rows, Turn, turn_rows, Turned
-from .next_position import best_position, followed, NextPosition, Part
+from .next_position import (
+    best_position,
+    FOLLOWED,
+    followed,
+    MOST_AHEAD,
+    NextPosition,
+    Part,
+    planned_shares,
+)
 from .posterior import Posterior, posterior_of, Rows
 from .rest_ledger import Rest
 from .target import CONFIDENCE, Target
@@ -119,22 +127,51 @@ class Estimate:
         there are no accelerometers."""
         up = hand_directions()
         around = followed(up)
-        parts = []
+        parts, planned, ahead = [], [], MOST_AHEAD
         for triad in self.triads:
-            if self.model is None:
+            made = self._rows(triad, around.reshape(-1, 3))
+            exact = self._rows(triad, up)
+            if self.model is None or made is None or exact is None:
                 continue
-            if triad.names == self.model.names:
-                rows = self.model.tried(triad.posterior.mean, around.reshape(-1, 3))
-            elif triad.names == TURNED and self.now is not None:
-                rows = planned_rows(self.now, around.reshape(-1, 3))
-            else:
-                continue
-            rows = rows.reshape(*around.shape[:2], *rows.shape[1:])
             variance = triad.own_variance + triad.posterior.scatter_variance
+            rows = made.reshape(*around.shape[:2], *made.shape[1:])
             parts.append(Part(triad.posterior.covariance, triad.limits, rows, variance))
+            limits = _planned_limits(triad, self.model.gravity)
+            planned.append(Part(triad.posterior.covariance, limits, exact[:, None], variance))
+            if self.model is not None and triad.names == self.model.names:
+                # Before the first rest at which a session may stop nobody knows the noise, hence how many are needed.
+                first = (len(triad.names) + FEWEST_FREEDOM) / exact.shape[1] - self.rests
+                ahead = first if first >= 1.0 else MOST_AHEAD
         if not any(np.isfinite(p.limits).any() for p in parts):
             return None if self.now is None else _anywhere(self.now)
-        return best_position(up, parts)
+        return best_position(up, parts, planned_shares(planned, ahead))
+
+    def _rows(
+        self, triad: Triad, up: Float[np.ndarray, "candidate 3"]
+    ) -> Float[np.ndarray, "candidate row parameter"] | None:
+        """Rows that a rest in each direction would add; `None` where directions tell nothing."""
+        if self.model is None:
+            return None
+        if triad.names == self.model.names:
+            return self.model.tried(triad.posterior.mean, up)
+        if triad.names == TURNED and self.now is not None:
+            return planned_rows(self.now, up)
+        return None
+
+
+def _planned_limits(triad: Triad, gravity: float) -> Float[np.ndarray, " parameter"]:
+    """Limits that the plan is made for, with those of elements of the matrix that nobody asked for.
+
+    Such an element ε of the matrix is felt as ε sin α in a position that is off by α, and in no position that is held
+    exactly: the plan wants it known as well as what is asked for is, at the angle by which a person is off.
+    """
+    asked = np.isfinite(triad.limits)
+    if not asked.any():
+        return triad.limits
+    matrix = np.array([".matrix" in name for name in triad.names])
+    least = np.min(triad.limits[asked] / np.where(matrix[asked], 1.0, gravity))
+    beside = min(least / np.sin(FOLLOWED), MISALIGNED)
+    return np.where(matrix & ~asked, beside, triad.limits)
 
 
 def _anywhere(now: Float[np.ndarray, "3"]) -> NextPosition:

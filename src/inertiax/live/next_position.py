@@ -67,14 +67,17 @@ def followed(up: Float[np.ndarray, "candidate 3"]) -> Float[np.ndarray, "candida
     return np.cos(FOLLOWED) * up[:, None] + np.sin(FOLLOWED) * across
 
 
-def best_position(candidates: Float[np.ndarray, "candidate 3"], parts: list[Part]) -> NextPosition:
+def best_position(
+    candidates: Float[np.ndarray, "candidate 3"],
+    parts: list[Part],
+    share: Float[np.ndarray, " candidate"],
+) -> NextPosition:
     """The candidate of the greatest share in the plan; among those nearly as good the first, which is the easiest.
 
-    Raises `ValueError` where no part asks for anything.
+    `share` is that of `planned_shares`. Raises `ValueError` where no part asks for anything.
     """
     if not any(np.isfinite(p.limits).any() for p in parts):
         raise ValueError("`best_position(parts)`: no parameter has a limit.")
-    share = planned_shares(parts)
     good = np.flatnonzero(share >= (1.0 - _NEARLY) * share.max())
     best = int(good[0])
     before = sum(_powers(np.diagonal(p.covariance), p.limits) for p in parts)
@@ -128,8 +131,9 @@ def _scaled(part: Part, width: float) -> _Scaled:
     return _Scaled(np.linalg.inv(part.covariance / np.outer(unit, unit)), adds, asked.astype(float))
 
 
-def planned_shares(parts: list[Part]) -> Float[np.ndarray, " candidate"]:
-    """Share of each candidate in the rests that are still needed until the target is reached; they sum to 1."""
+def planned_shares(parts: list[Part], ahead: float = MOST_AHEAD) -> Float[np.ndarray, " candidate"]:
+    """Share of each candidate in the rests that are still needed until the target is reached, or in the next `ahead`
+    where that is fewer; they sum to 1."""
     asked = sum(int(np.isfinite(p.limits).sum()) for p in parts)
     # Standard deviations below limit / width hold all errors within the limits with the confidence asked for.
     width = float(ndtri(0.5 + 0.5 * CONFIDENCE ** (1.0 / asked)))
@@ -137,7 +141,7 @@ def planned_shares(parts: list[Part]) -> Float[np.ndarray, " candidate"]:
     count = len(scaled[0].adds)
     share = np.full(count, 1.0 / count)
     for _ in range(_ROUNDS):
-        needed = _needed(scaled, share)
+        needed = min(_needed(scaled, share), ahead)
         for _ in range(_STEPS):
             share = share * np.sqrt(_gain(scaled, share, needed))
             share /= share.sum()
