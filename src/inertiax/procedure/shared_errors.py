@@ -72,6 +72,8 @@ def shared_errors(estimator: AbstractEstimator, dwells: Dwells) -> SharedErrors 
     library = np if isinstance(number, np.ndarray) else jnp
     # Several dwells share a positioning, so that there are half as many at most.
     most = int(number.max(initial=-1)) + 1 if library is np else len(number) // 2
+    if most == 0:  # the dwells at hand are not of them
+        return None
     each = (library.asarray(number)[:, None] == library.arange(most)[None]).astype(float)
     found = [_of_triad(part, dwells, library) for part in parts]
     whitened, misfit = (library.concatenate(x, axis=1) for x in zip(*found, strict=True))
