@@ -8,6 +8,7 @@ import jax
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
+from ..calibrate.results import DeviceResult
 from ..calibration.calibration import Calibration, read_calibration, write_calibration
 from ..data.campaign import load_campaign
 from ..data.recording import Campaign, Recording, Site
@@ -46,6 +47,7 @@ from .selection.score_test import whiten_system
 from .selection.verdict import Answer, Named
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
+from .wording.scatter import scatter_sentence
 from .wording.sentences import summary
 
 
@@ -92,6 +94,8 @@ def _calibrated(
     nothing is left unexplained, else as it was before."""
     plain = problem.plain.calibration
     found = replace(found, estimate=problem.plain)
+    if found.verdict == "consistent":
+        return _with_scatter(found, problem.plain), plain
     if found.verdict != "missing-physics":
         return found, plain
     log = problem.log
@@ -107,7 +111,15 @@ def _calibrated(
         why = f"calibration.json is that of the plain model, since beside the named effects {error}"
         return replace(found, notes=(*found.notes, why)), plain
     pulled = moved_between(plain, beside)
-    return replace(found, estimate=estimate, parameters_moved=pulled), beside
+    found = replace(found, estimate=estimate, parameters_moved=pulled)
+    return _with_scatter(found, estimate), beside
+
+
+def _with_scatter(found: Diagnosis, result: DeviceResult) -> Diagnosis:
+    """The diagnosis with what dwells still differ by, where that is far more than their noise."""
+    return replace(
+        found, summary=" ".join(s for s in (found.summary, scatter_sentence(result)) if s)
+    )
 
 
 def diagnose(

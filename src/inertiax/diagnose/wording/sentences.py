@@ -65,9 +65,9 @@ def summary(
     models = _models(apart if verdict != "consistent" and apart else forms)
     if verdict == "consistent":
         return (
-            f"The recordings agree with {models} within noise and the rig's stated uncertainty; no "
-            "catalogued effect and no structured remainder stands out. The list of detectable sizes says "
-            "what this campaign could not have missed."
+            f"The recordings agree with {models} within noise, the dwells' scatter and the rig's stated "
+            "uncertainty; no catalogued effect and no structured remainder stands out. The list of detectable "
+            "sizes says what this campaign could not have missed."
         )
     if verdict == "missing-physics":
         parts = " ".join(e.statement for e in explanations)
