@@ -7,6 +7,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..calibrate.between_dwell_variance import with_provisional_scatter
+from ..calibrate.one_triad import estimate_triad, rows_for, with_refined_force
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator
 from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
@@ -16,7 +18,8 @@ from ..model_selection.select_model import (
     choose_model,
     ChosenModel,
 )
-from ..reduction.dwells import accel_rows, Dwells
+from ..reduction.dwells import Dwells
+from ..reduction.rig_errors import with_rig_errors
 from .population.population import Population, TriadPopulation
 from .reduce.many_dwells import Reduction
 from .reduce.tasks import Task
@@ -55,6 +58,7 @@ def choose_line_model(
     temperatures = np.concatenate([np.asarray(d.temperature) for d in trial])
     low, high = float(np.floor(temperatures.min())), float(np.ceil(temperatures.max()))
     models: dict[str, TriadModel | None] = {"accel": None, "gyro": None}
+    seen = [with_rig_errors(d, campaign.rig) for d in trial]
     with jax.enable_x64(True):
         for estimator in _estimators(chosen, campaign.site.gravity, trial[0]):
             known = None if prior is None else getattr(prior, estimator.triad)
@@ -68,14 +72,15 @@ def choose_line_model(
                 else campaign.model.temperature_degree
             )
             if degree is None:
-                picked = [choose_degree(estimator, _for(estimator, chosen, d))[0] for d in trial]
-                degree = max(picked)
+                degree = max(_degree(estimator, chosen, d) for d in seen)
                 reasons.append(
                     f"{estimator.triad}: temperature degree {degree}, the highest that BIC chose for "
                     f"{len(trial)} devices"
                 )
             name = getattr(chosen, f"{estimator.triad}_estimator")
             models[estimator.triad] = TriadModel(name, estimator.names, degree, low, high)
+            if chosen.g_sensitivity and estimator.triad == "accel":
+                seen = [_with_force(estimator, chosen, d) for d in seen]
     specs = [_spec(models[triad]) for triad in ("accel", "gyro")]
     spec = describe(campaign.model, *specs)
     return LineModel(models["accel"], models["gyro"], chosen.g_sensitivity, tuple(reasons), spec)
@@ -178,15 +183,25 @@ def _estimators(chosen: ChosenModel, gravity: float, dwells: Dwells) -> list[Abs
     return [e for e in build_estimators(chosen, gravity, dwells, robust=None) if e is not None]
 
 
-def _for(estimator: AbstractEstimator, chosen: ChosenModel, dwells: Dwells) -> Dwells:
-    """The columns and dwells that an estimator uses."""
-    if estimator.triad == "accel" and estimator.by_reference:
-        return dwells[np.flatnonzero(accel_rows(dwells, by_reference=True))]
-    if chosen.g_sensitivity and estimator.triad == "gyro" and dwells.accel is None:
-        return eqx.tree_at(
+def _degree(estimator: AbstractEstimator, chosen: ChosenModel, dwells: Dwells) -> int:
+    """The degree over temperature that `calibrate` takes for this device: of the same rows with the same weights."""
+    triad = estimator.triad
+    if chosen.g_sensitivity and triad == "gyro" and dwells.accel is None:
+        dwells = eqx.tree_at(
             lambda d: (d.accel, d.accel_covariance),
             dwells,
             (dwells.reference_accel, np.zeros((dwells.num_dwells, 3, 3))),
             is_leaf=lambda x: x is None,
         )
-    return dwells
+    used = rows_for(triad, chosen, dwells)
+    return choose_degree(with_provisional_scatter(estimator, used), used)[0]
+
+
+def _with_force(estimator: AbstractEstimator, chosen: ChosenModel, dwells: Dwells) -> Dwells:
+    """Dwells with the outputs of calibrated accelerometers, for the gyros' D term; as they are where none converge."""
+    used = rows_for("accel", chosen, dwells)
+    try:
+        found = estimate_triad(estimator, used, chosen, "gauss-newton", lambda _: None, [], [])
+    except ValueError:
+        return dwells
+    return with_refined_force(found, dwells)
