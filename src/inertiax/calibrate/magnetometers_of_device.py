@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float
 from ..calibration.magnetometers import MagnetometerCalibration
 from ..calibration.probe_error import probe_covariance
 from ..calibration.triad import TriadCalibration
-from ..data.recording import Campaign, Rig
+from ..data.recording import Campaign, NOT_CALIBRATED, Rig
 from ..estimators.magnetic_field import VERTICAL
-from ..model_selection.select_model import ChosenModel, NOT_CALIBRATED, require_known
+from ..model_selection.select_model import ChosenModel, require_known
 from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
 from ..reduction.field_rows import field_rows

@@ -265,6 +265,9 @@ class Rig(eqx.Module):
         )
 
 
+NOT_CALIBRATED = "none"  # as an estimator, of a triad that is left as it is
+
+
 class ModelChoice(eqx.Module):
     """The model that the user means to fit; `None` lets the tool choose and say so."""
 

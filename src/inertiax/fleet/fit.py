@@ -112,7 +112,7 @@ def fit(
         reasons: list[str | None] = [None] * len(flat.valid)
         for estimator in (e for e in (accel, gyro) if e is not None):
             found = fit_fleet(estimator, basis, seen)
-            said = _reasons(estimator, basis, found)
+            said = _reasons(estimator, basis, found, flat.temperature)
             reasons = [first or second for first, second in zip(reasons, said, strict=True)]
             triads[estimator.triad] = _triad(estimator, basis, found)
             weights[estimator.triad] = found.scatter.reshape(lead)
@@ -219,10 +219,10 @@ def _basis(dwells: Dwells, degree: int) -> AbstractBasis:
 
 
 def _reasons(
-    estimator: AbstractEstimator, basis: AbstractBasis, found: FleetFit
+    estimator: AbstractEstimator, basis: AbstractBasis, found: FleetFit, temperature: np.ndarray
 ) -> list[str | None]:
     """`judge`, and dwells whose normal matrix is singular but for rounding."""
-    reasons = list(judge(estimator, basis, found))
+    reasons = list(judge(estimator, basis, found, temperature))
     usable = np.flatnonzero(np.isfinite(found.covariance).all(axis=(1, 2)))
     spread = found.covariance[usable]
     scale = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))

@@ -129,10 +129,10 @@ def _solved(
             precision="float32" if single else "float64",
             refined=manifest.exact,
         )
-        return fit, judge(estimator, basis, fit)
+        return fit, judge(estimator, basis, fit, dwells.temperature)
     found = fit_informed(estimator, basis, dwells, prior)
     reasons = zip(
-        judge(estimator, basis, found.fit, alone=False),
+        judge(estimator, basis, found.fit, dwells.temperature, alone=False),
         judge_informed(estimator.triad, found, prior),
         strict=True,
     )

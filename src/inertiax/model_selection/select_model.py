@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..data.formats.columns import nearest
-from ..data.recording import Campaign, Recording
+from ..data.recording import Campaign, NOT_CALIBRATED, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..numerics.further_columns import log_odds
 from ..physics.directions import FEWEST_DIRECTIONS, num_directions
@@ -22,8 +22,6 @@ from .model_spec import ModelSpec
 
 
 HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
-
-NOT_CALIBRATED = "none"  # in `[model]`, of a triad that is left as it is
 
 LEAST_SPAN = (
     1.0  # °C; over less, parameters are constants, and one pose tells nothing of an accelerometer
@@ -356,15 +354,20 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
 
 
 def temperature_levels(temperature: np.ndarray) -> int:
-    """How many temperatures there are at least 1/12 of the whole span apart, which is what a
-    polynomial of degree 6 can tell apart near its middle."""
+    """How many temperatures there are apart, see `separate_temperatures`."""
+    return len(separate_temperatures(temperature))
+
+
+def separate_temperatures(temperature: np.ndarray) -> list[float]:
+    """The lowest of each group of temperatures at least 1/12 of the whole span apart, which is what a
+    polynomial of degree 6 can tell apart near its middle; °C."""
     ordered = np.sort(temperature)
     apart = (ordered[-1] - ordered[0]) / (2 * HIGHEST_DEGREE)
-    count, last = 1, ordered[0]
+    kept = [float(ordered[0])]
     for value in ordered:
-        if value - last >= apart:
-            count, last = count + 1, value
-    return count
+        if value - kept[-1] >= apart and value > kept[-1]:
+            kept.append(float(value))
+    return kept
 
 
 def build_estimators(

@@ -16,9 +16,9 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
+from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
-from .samples import triads
 from .thresholds import Thresholds
 
 

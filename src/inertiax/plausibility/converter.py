@@ -5,9 +5,10 @@ from jaxtyping import Float
 
 from ..data.formats.columns import AXES
 from ..reduction.mean_noise import converter_steps
+from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
-from .samples import triads, UNITS
+from .samples import UNITS
 from .thresholds import Thresholds
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.formats.columns import ColumnMap
 from ..data.moments import moment
-from ..data.recording import Campaign, Recording, Site
+from ..data.recording import Campaign, NOT_CALIBRATED, Recording, Site
 from ..data.settings import read_table
 from ..reduction.rests import usual_step
 from ..reduction.segments import segment, segment_each, Segments
@@ -98,6 +98,7 @@ class DeviceLogs:
     site: Site
     columns: ColumnMap
     device: str = ""
+    left_alone: frozenset[str] = frozenset()  # triads that [model] does not calibrate
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -133,7 +134,9 @@ def look_at(
     file = campaign.path if campaign.path is not None and campaign.path.is_file() else None
     columns = ColumnMap() if file is None else read_table(file).columns
     logs = tuple(look_at_one(r, s) for r, s in zip(recordings, as_recorded, strict=True))
-    return DeviceLogs(logs, campaign.site, columns, device)
+    asked = {"accel": campaign.model.accel_estimator, "gyro": campaign.model.gyro_estimator}
+    left_alone = frozenset(triad for triad, name in asked.items() if name == NOT_CALIBRATED)
+    return DeviceLogs(logs, campaign.site, columns, device, left_alone)
 
 
 def look_at_one(recording: Recording, found: Segments | None = None) -> Log:

@@ -7,18 +7,20 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from . import remedies
+from .dead_channels import is_dead
 from .evidence import DeviceLogs, Log
+from .exchanged_axes import taken_by_reference
 from .finding import Finding, finding
 from .thresholds import Thresholds
 from .turns import (
     complexity,
+    describe,
     DETERMINANTS,
     IDENTITY,
     misfit_as_given,
     misfits,
     Motions,
     motions_of,
-    order_and_signs,
     PERMUTATIONS,
 )
 
@@ -49,6 +51,8 @@ class _Best:
 
 def check_gyro_turns(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """Each recording with enough motions alone, the others together."""
+    if is_dead(device, "accel", limits) or is_dead(device, "gyro", limits):
+        return []
     groups: list[tuple[tuple[Log, ...], Motions]] = []
     left: list[Log] = []
     for log in device.logs:
@@ -60,7 +64,18 @@ def check_gyro_turns(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     together = motions_of(tuple(left), limits.least_tilt) if left else None
     if together is not None and together.count >= limits.fewest_motions:
         groups.append((tuple(left), together))
-    return [f for logs, motions in groups for f in _judge(device, logs, motions, limits)]
+    if not groups:
+        return []
+    # Axes that references tell are judged by them; here they are as those say.
+    force, rate = (taken_by_reference(device, triad, limits) for triad in ("accel", "gyro"))
+    told = bool(np.any(force != np.eye(3)) or np.any(rate != np.eye(3)))
+    found: list[Finding] = []
+    for logs, motions in groups:
+        right = Motions(motions.angle @ rate.T, motions.before @ force.T, motions.after @ force.T)
+        for one in _judge(device, logs, right, limits):
+            # A line for the same key would undo the references'.
+            found.append(dataclasses.replace(one, remedy=None) if told else one)
+    return found
 
 
 def _judge(
@@ -162,6 +177,8 @@ def _axes(
         readings += [("accel", p.T), ("accel", -p.T)]
     triad, change = min(readings, key=lambda r: complexity(r[1]))
     words = [f"{t} {describe(c)}" for t, c in sorted(readings, key=lambda r: complexity(r[1]))]
+    if np.array_equal(p, -np.eye(3)):
+        words.append("two axes of both triads are exchanged, which makes their frame left-handed")
     also = f" (as well explained by: {'; '.join(words[1:])})" if len(words) > 1 else ""
     remedy = remedies.exchanged(triad, device.columns, change)
     if best.factor != 1.0 and triad == "gyro":
@@ -180,21 +197,6 @@ def _axes(
             matrix=[float(v) for v in change.ravel()],
         )
     ]
-
-
-def describe(p: Float[np.ndarray, "3 3"]) -> str:
-    """A signed permutation in words: "x and y are exchanged", "z is mirrored", …"""
-    order, signs = order_and_signs(p)
-    moved = [k for k in range(3) if order[k] != k]
-    negated = ["xyz"[order[k]] for k in range(3) if signs[k] < 0]
-    parts = []
-    if len(moved) == 2:
-        parts.append(f"{'xyz'[moved[0]]} and {'xyz'[moved[1]]} are exchanged")
-    elif moved:
-        parts.append(f"x, y, z are taken from {', '.join('xyz'[k] for k in order)}")
-    if negated:
-        parts.append(f"{' and '.join(negated)} {'is' if len(negated) == 1 else 'are'} mirrored")
-    return " and ".join(parts) if parts else "nothing is changed"
 
 
 def _small_factor(

@@ -12,6 +12,7 @@ from .accel_unit import check_accel_unit
 from .band_limit import check_band_limit
 from .clock import check_clock
 from .converter import check_converter
+from .dead_channels import check_dead_channels
 from .evidence import DeviceLogs, look_at
 from .finding import Finding, Plausibility
 from .gravity import check_gravity
@@ -22,10 +23,9 @@ from .moving_label import check_moving_label
 from .no_rest import check_no_rest
 from .pose_rows import check_pose_rows
 from .positions import check_positions
-from .reference import check_accel_reference, check_gyro_reference
+from .reference import check_references
 from .rests import check_rests
 from .samples import (
-    check_constant_channels,
     check_dropouts,
     check_repeated_samples,
     check_saturation,
@@ -41,14 +41,13 @@ Check = Callable[[DeviceLogs, Thresholds], list[Finding]]
 # In the order in which they are told; errors come first all the same.
 CHECKS: tuple[Check, ...] = (
     check_moving_label,
-    check_constant_channels,
+    check_dead_channels,
     check_pose_rows,
     check_accel_unit,
     check_mag_unit,
     check_gyro_rest,
     check_gyro_turns,
-    check_gyro_reference,
-    check_accel_reference,
+    check_references,
     check_gravity,
     check_clock,
     check_temperature,

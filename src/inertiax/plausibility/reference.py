@@ -1,175 +1,121 @@
 """Outputs against the reference columns: unit, signs and axes, single rests, the reference's gravity, remounting."""
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import AXES
 from . import remedies
-from .evidence import DeviceLogs, Log
+from .dead_channels import is_dead
+from .evidence import DeviceLogs
+from .exchanged_axes import exchange_by_reference, left, ReferenceExchange, ReferenceRows
 from .finding import Finding, finding
-from .gyro_turns import describe
 from .thresholds import Thresholds
-from .turns import complexity, IDENTITY, PERMUTATIONS
+from .turns import describe, IDENTITY
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Rows:
-    """Means of a triad beside those of its reference, over all recordings."""
+def check_references(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """Accelerometers at rest and gyros at constant rates against their references.
 
-    log: tuple[Log, ...]  # of each row
-    start: np.ndarray
-    output: Float[np.ndarray, "row 3"]
-    ideal: Float[np.ndarray, "row 3"]
-    group: np.ndarray  # runs (experiments) in their recordings
-
-    def __getitem__(self, rows: np.ndarray) -> "_Rows":
-        logs = tuple(self.log[int(k)] for k in np.arange(len(self.log))[rows])
-        return _Rows(logs, self.start[rows], self.output[rows], self.ideal[rows], self.group[rows])
-
-
-def check_accel_reference(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
-    """Accelerometers at rest against reference_accel."""
-    rows = _gather(device, "accel")
-    if rows is None:
-        return []
-    gravity = device.site.gravity
-    found = _gravity(device, rows, limits)
-    ratio = np.median(np.linalg.norm(rows.output, axis=1)) / gravity
-    if not 1 / limits.accel_ratio_error < ratio < limits.accel_ratio_error:
-        return found  # the unit is told of already
-    best, cost = _best_exchange(rows, gravity, limits)
-    if best is None:
-        return [*found, *_disagrees(rows, cost, limits)]
-    if best != IDENTITY:
-        return [*found, _axes("accel", device, rows, best, cost)]
-    single = _single_rests(rows, gravity, limits)
-    return [*found, *single, *([] if single else _remounted(rows, limits))]
-
-
-def check_gyro_reference(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
-    """Gyros at constant rates against reference_gyro: unit and axes."""
-    rows = _gather(device, "gyro")
-    if rows is None:
-        return []
-    size = np.linalg.norm(rows.ideal, axis=1)
-    rows = rows[size > 0.3 * size.max()]
-    if size.max() < 1e-2:  # Earth's rate tells no unit
-        return []
-    ratio = float(
-        np.median(np.linalg.norm(rows.output, axis=1) / np.linalg.norm(rows.ideal, axis=1))
+    Both triads with the same axes exchanged are one finding with one remedy: the device's axes are named otherwise.
+    """
+    dead = [t for t in ("accel", "gyro") if is_dead(device, t, limits)]
+    accel, gyro = (
+        None if t in dead else exchange_by_reference(device, t, limits) for t in ("accel", "gyro")
     )
-    found = []
-    if not 1 / limits.accel_ratio_error < ratio < limits.accel_ratio_error:
-        remedy, unit = remedies.rescaled("gyro", device.columns, 1.0 / max(ratio, 1e-300))
-        said = "check the units of gyro and reference_gyro" if unit is None else f"likely {unit}"
-        text = (
-            f"{rows.log[0].name}: gyro reads {ratio:.4g} times reference_gyro while turning; {said} (or "
-            "reference_gyro's unit is wrong)."
-        )
-        numbers = {"ratio": ratio, "plateaus": len(rows.log)}
-        found.append(finding("gyro_unit", "error", "gyro", text, remedy=remedy, **numbers))
-        rows = dataclasses.replace(rows, output=rows.output / max(ratio, 1e-300))
-    size = float(np.median(np.linalg.norm(rows.ideal, axis=1)))
-    best, cost = _best_exchange(rows, size, limits)
-    if len(rows.log) >= 2 and best is not None and best != IDENTITY:
-        found.append(_axes("gyro", device, rows, best, cost))
+    found: list[Finding] = []
+    if gyro is not None:
+        found += _gyro_unit(device, gyro, limits)
+    if accel is not None:
+        found += _gravity(device, accel.rows, limits)
+    exchanged = {
+        triad: e
+        for triad, e in (("gyro", gyro), ("accel", accel))
+        if e is not None and e.told and e.best not in (None, IDENTITY)
+    }
+    if len(exchanged) == 2 and exchanged["accel"].best == exchanged["gyro"].best:
+        found.append(_axes_of_both(device, exchanged["accel"], exchanged["gyro"]))
+    else:
+        found += [_axes(triad, device, e) for triad, e in exchanged.items()]
+    if accel is not None and accel.told and "accel" not in exchanged:
+        found += _accel_rests(device, accel, limits)
     return found
 
 
-def _gather(device: DeviceLogs, triad: str) -> _Rows | None:
-    logs: list[Log] = []
-    parts: list[tuple[np.ndarray, ...]] = []
-    for number, log in enumerate(device.logs):
-        over = log.over_rests if triad == "accel" else log.over_plateaus
-        start = log.start if triad == "accel" else log.plateau_start
-        output, ideal = over(triad), over(f"reference_{triad}")
-        if output is None or ideal is None or not len(start):
-            continue
-        # Where the reference changes within, it says nothing of the mean.
-        size = np.maximum(np.linalg.norm(ideal.mean, axis=1), 1e-12)
-        steady = np.linalg.norm(ideal.std, axis=1) < 0.02 * size
-        if triad == "accel":
-            steady &= np.any(ideal.mean, axis=1)  # `check_moving_label` has seen the others
-        runs = log.recording.experiment
-        group = np.zeros(len(start)) if runs is None else runs[start].astype(float)
-        logs += [log] * int(steady.sum())
-        parts.append(
-            (
-                start[steady],
-                output.mean[steady],
-                ideal.mean[steady],
-                group[steady] + 1e6 * number,
-            )
-        )
-    if not logs:
-        return None
-    return _Rows(tuple(logs), *(np.concatenate(p) for p in zip(*parts, strict=True)))
+def _accel_rests(device: DeviceLogs, accel: ReferenceExchange, limits: Thresholds) -> list[Finding]:
+    if accel.best is None:
+        return _disagrees(accel)
+    single = _single_rests(accel.rows, device.site.gravity, limits)
+    return [*single, *([] if single else _remounted(accel.rows, limits))]
 
 
-def _left(
-    rows: _Rows, p: Float[np.ndarray, "3 3"]
-) -> tuple[Float[np.ndarray, "row 3"], Float[np.ndarray, " row"]]:
-    """What P times the reference leaves of the output, without the median as bias where attitudes vary; its size."""
-    left = rows.output - rows.ideal @ p.T
-    return left, np.linalg.norm(left, axis=1)
+def _gyro_unit(device: DeviceLogs, gyro: ReferenceExchange, limits: Thresholds) -> list[Finding]:
+    ratio, rows = gyro.ratio, gyro.rows
+    if 1 / limits.accel_ratio_error < ratio < limits.accel_ratio_error:
+        return []
+    remedy, unit = remedies.rescaled("gyro", device.columns, 1.0 / max(ratio, 1e-300))
+    said = "check the units of gyro and reference_gyro" if unit is None else f"likely {unit}"
+    text = (
+        f"{rows.log[0].name}: gyro reads {ratio:.4g} times reference_gyro while turning; {said} (or "
+        "reference_gyro's unit is wrong)."
+    )
+    numbers = {"ratio": ratio, "plateaus": len(rows.log)}
+    return [finding("gyro_unit", "error", "gyro", text, remedy=remedy, **numbers)]
 
 
-def _best_exchange(
-    rows: _Rows, size: float, limits: Thresholds
-) -> tuple[int | None, tuple[float, float]]:
-    """The exchange that explains the outputs; `None` where none does. Costs as given and best, relative."""
-    costs = np.array([np.median(_left(rows, p)[1]) for p in PERMUTATIONS]) / size
-    given = float(costs[IDENTITY])
-    if given < limits.reference_disagrees:
-        return IDENTITY, (given, given)
-    least = float(costs.min())
-    if least > limits.reference_agrees:
-        return None, (given, least)
-    near = [k for k in range(48) if costs[k] <= least + 0.05]
-    best = min(near, key=lambda k: (complexity(PERMUTATIONS[k]), costs[k]))
-    return best, (given, float(costs[best]))
-
-
-def _axes(
-    triad: str, device: DeviceLogs, rows: _Rows, best: int, cost: tuple[float, float]
-) -> Finding:
-    p = PERMUTATIONS[best].T  # what the outputs have to be taken by
+def _axes(triad: str, device: DeviceLogs, found: ReferenceExchange) -> Finding:
+    p = found.taken
     return finding(
         "axes",
         "error",
         triad,
-        f"{rows.log[0].name}: {triad} differs from reference_{triad} by {cost[0]:.2f} of its size, and by "
-        f"{cost[1]:.2f} when {triad} {describe(p)} (or the reference's axes are wrong).",
+        f"{found.rows.log[0].name}: {triad} differs from reference_{triad} by {found.given:.2f} of its size, and by "
+        f"{found.misfit:.2f} when {triad} {describe(p)} (or the reference's axes are wrong).",
         remedy=remedies.exchanged(triad, device.columns, p),
-        rows=len(rows.log),
-        as_given=cost[0],
-        misfit=cost[1],
+        rows=len(found.rows.log),
+        as_given=found.given,
+        misfit=found.misfit,
         matrix=[float(v) for v in p.ravel()],
     )
 
 
-def _disagrees(rows: _Rows, cost: tuple[float, float], limits: Thresholds) -> list[Finding]:
-    del limits
+def _axes_of_both(device: DeviceLogs, accel: ReferenceExchange, gyro: ReferenceExchange) -> Finding:
+    p = accel.taken
+    lines = [remedies.exchanged(t, device.columns, p) for t in ("accel", "gyro")]
+    return finding(
+        "axes",
+        "error",
+        "accel, gyro",
+        f"{accel.rows.log[0].name}: accel and gyro differ from their references by {accel.given:.2f} and "
+        f"{gyro.given:.2f} of their size, and by {accel.misfit:.2f} and {gyro.misfit:.2f} when in both "
+        f"{describe(p)} (or the axes of both references are wrong).",
+        remedy="\n".join([lines[0], lines[1].removeprefix("[columns]\n")]),
+        rows=len(accel.rows.log) + len(gyro.rows.log),
+        as_given=max(accel.given, gyro.given),
+        misfit=max(accel.misfit, gyro.misfit),
+        matrix=[float(v) for v in p.ravel()],
+    )
+
+
+def _disagrees(accel: ReferenceExchange) -> list[Finding]:
+    rows = accel.rows
     return [
         finding(
             "reference",
             "error",
             "reference_accel",
             f"{rows.log[0].name}: at half of the {len(rows.log)} rests accel differs from reference_accel by "
-            f"{cost[0]:.2f} of gravity or more, and no exchange of axes explains it: the reference columns do not "
+            f"{accel.given:.2f} of gravity or more, and no exchange of axes explains it: the reference columns do not "
             "belong to these rests.",
             rests=len(rows.log),
-            as_given=cost[0],
-            misfit=cost[1],
+            as_given=accel.given,
+            misfit=accel.misfit,
         )
     ]
 
 
-def _single_rests(rows: _Rows, gravity: float, limits: Thresholds) -> list[Finding]:
+def _single_rests(rows: ReferenceRows, gravity: float, limits: Thresholds) -> list[Finding]:
     """Rests whose reference is another one's, or of the wrong sign."""
-    left, size = _left(rows, np.eye(3))
+    off, size = left(rows, np.eye(3))
     far = size > limits.reference_disagrees * gravity
     if not far.any():
         return []
@@ -184,8 +130,8 @@ def _single_rests(rows: _Rows, gravity: float, limits: Thresholds) -> list[Findi
         return [finding("positions", "error", "reference_accel", text, rests=int(far.sum()))]
     mirrored = [
         axis for axis in range(3)
-        if np.all(np.abs(left[far] + 2 * np.eye(3)[axis] * rows.ideal[far])[:, axis] < 0.15 * gravity)
-        and np.all(np.abs(np.delete(left[far], axis, axis=1)) < 0.15 * gravity)
+        if np.all(np.abs(off[far] + 2 * np.eye(3)[axis] * rows.ideal[far])[:, axis] < 0.15 * gravity)
+        and np.all(np.abs(np.delete(off[far], axis, axis=1)) < 0.15 * gravity)
     ]  # fmt: skip
     k = int(np.argmax(size))
     sign = f": the sign of reference_accel_{AXES[mirrored[0]]} is wrong" if mirrored else ""
@@ -206,7 +152,7 @@ def _single_rests(rows: _Rows, gravity: float, limits: Thresholds) -> list[Findi
 
 
 def _exchanged_rests(
-    rows: _Rows, far: Bool[np.ndarray, " row"], gravity: float, limits: Thresholds
+    rows: ReferenceRows, far: Bool[np.ndarray, " row"], gravity: float, limits: Thresholds
 ) -> tuple[int, int] | None:
     index = np.flatnonzero(far)
     near = limits.reference_agrees * gravity
@@ -218,7 +164,7 @@ def _exchanged_rests(
     return None
 
 
-def _place(rows: _Rows, k: int) -> str:
+def _place(rows: ReferenceRows, k: int) -> str:
     recording = rows.log[k].recording
     row = int(rows.start[k])
     position = "" if recording.position is None else f", position {recording.position[row]}"
@@ -227,7 +173,7 @@ def _place(rows: _Rows, k: int) -> str:
     return f"{name}{rows.log[k].moment(recording.time[row])}{position}"
 
 
-def _gravity(device: DeviceLogs, rows: _Rows, limits: Thresholds) -> list[Finding]:
+def _gravity(device: DeviceLogs, rows: ReferenceRows, limits: Thresholds) -> list[Finding]:
     """The reference's norm against [site] gravity, where all rests have one norm."""
     size = np.linalg.norm(rows.ideal, axis=1)
     gravity, usual = device.site.gravity, float(np.median(size))
@@ -249,7 +195,7 @@ def _gravity(device: DeviceLogs, rows: _Rows, limits: Thresholds) -> list[Findin
     ]
 
 
-def _remounted(rows: _Rows, limits: Thresholds) -> list[Finding]:
+def _remounted(rows: ReferenceRows, limits: Thresholds) -> list[Finding]:
     """Runs between which the device turned in its mount: the rotation of each run against the others."""
     runs = [np.flatnonzero(rows.group == g) for g in np.unique(rows.group)]
     runs = [r for r in runs if len(r) >= 4]
@@ -289,7 +235,7 @@ def _remounted(rows: _Rows, limits: Thresholds) -> list[Finding]:
 
 
 def _line_fit(
-    rows: _Rows,
+    rows: ReferenceRows,
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"] | None]:
     """output = bias + matrix · ideal over all rests."""
     design = np.concatenate([np.ones((len(rows.log), 1)), rows.ideal], axis=1)

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..reduction.mean_noise import converter_steps
+from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
-from .samples import triads
 from .thresholds import Thresholds
 
 

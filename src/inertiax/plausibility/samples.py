@@ -1,10 +1,11 @@
-"""Samples that no sensor gives: held, dropped to zero, clipped, wrapped round, of a channel that never changes."""
+"""Samples that no sensor gives: held, dropped to zero, clipped, wrapped round."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import AXES
 from ..reduction.clipping import holds_extreme
+from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
@@ -13,48 +14,6 @@ from .thresholds import Thresholds
 UNITS = {"accel": "m/s²", "gyro": "rad/s"}
 _FEWEST_ROWS = 100
 _MOST_STRETCHES = 1 << 21  # that are compared with each other, about
-
-
-def triads(log: Log) -> list[tuple[str, Float[np.ndarray, "time 3"]]]:
-    """The triads that were recorded, by name."""
-    pairs = (("accel", log.recording.accel), ("gyro", log.recording.gyro))
-    return [(name, values) for name, values in pairs if values is not None]
-
-
-def check_constant_channels(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
-    """A channel that never changes; a whole triad that never does is certain to be dead."""
-    del limits
-    found = []
-    for log in device.logs:
-        if log.recording.num_samples < _FEWEST_ROWS:
-            continue
-        noisy = any(np.all(np.ptp(v, axis=0) > 0) for _, v in triads(log))
-        for name, values in triads(log):
-            still = np.ptp(values, axis=0) == 0
-            if still.all():
-                told = ", ".join(f"{v:.6g}" for v in values[0])
-                found.append(
-                    finding(
-                        "constant_channel",
-                        "error" if noisy else "warning",
-                        name,
-                        f"{log.name}: {name}_x, _y and _z never change ({told}): nothing was measured. Leave the "
-                        "columns out.",
-                        axes=3,
-                    )
-                )
-                continue
-            for k in np.flatnonzero(still):
-                found.append(
-                    finding(
-                        "constant_channel",
-                        "warning",
-                        f"{name}_{AXES[k]}",
-                        f"{log.name}: {name}_{AXES[k]} never changes ({values[0, k]:.6g}); the channel looks dead.",
-                        value=float(values[0, k]),
-                    )
-                )
-    return found
 
 
 def check_dropouts(device: DeviceLogs, limits: Thresholds) -> list[Finding]:

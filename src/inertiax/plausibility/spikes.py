@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
-from .samples import triads
 from .thresholds import Thresholds
 
 

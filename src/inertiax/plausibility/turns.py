@@ -126,3 +126,18 @@ def order_and_signs(
     """Which old axis each new one is, and its sign."""
     order = np.argmax(np.abs(p), axis=1)
     return order, p[np.arange(3), order]
+
+
+def describe(p: Float[np.ndarray, "3 3"]) -> str:
+    """A signed permutation in words: "x and y are exchanged", "z is mirrored", …"""
+    order, signs = order_and_signs(p)
+    moved = [k for k in range(3) if order[k] != k]
+    negated = ["xyz"[order[k]] for k in range(3) if signs[k] < 0]
+    parts = []
+    if len(moved) == 2:
+        parts.append(f"{'xyz'[moved[0]]} and {'xyz'[moved[1]]} are exchanged")
+    elif moved:
+        parts.append(f"x, y, z are taken from {', '.join('xyz'[k] for k in order)}")
+    if negated:
+        parts.append(f"{' and '.join(negated)} {'is' if len(negated) == 1 else 'are'} mirrored")
+    return " and ".join(parts) if parts else "nothing is changed"

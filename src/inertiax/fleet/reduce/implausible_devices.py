@@ -44,23 +44,31 @@ def _triads(dwells: Dwells, mine: slice) -> str:
         ratio = float(np.median(accel)) / _GRAVITY
         if not 1 / DEFAULT.accel_ratio_error < ratio < DEFAULT.accel_ratio_error:
             return f"accel has a norm of {ratio:.3g} times gravity at rest: look at its unit"
-    if dwells.gyro is None:
+    if dwells.gyro is not None:
+        gyro = np.asarray(dwells.gyro)[mine]
+        still = float(np.median(np.linalg.norm(gyro, axis=1)))
+        if still > DEFAULT.resting_rate:
+            return f"gyro has a norm of {still:.3g} rad/s at rest: raw counts, or another unit"
+    return _dead(dwells, mine, "accel") or _dead(dwells, mine, "gyro")
+
+
+def _dead(dwells: Dwells, mine: slice, triad: str) -> str:
+    """In words which channel has one value in all samples of all rests, beside channels that live."""
+    values, covariance = getattr(dwells, triad), getattr(dwells, f"{triad}_covariance")
+    if values is None or covariance is None:
         return ""
-    gyro = np.asarray(dwells.gyro)[mine]
-    still = float(np.median(np.linalg.norm(gyro, axis=1)))
-    if still > DEFAULT.resting_rate:
-        return f"gyro has a norm of {still:.3g} rad/s at rest: raw counts, or another unit"
-    covariance = dwells.gyro_covariance
-    if (
-        len(gyro) > 1
-        and not np.ptp(gyro, axis=0).any()
-        and covariance is not None
-        and not np.asarray(covariance)[mine].any()
-        and dwells.accel is not None
-        and np.ptp(np.asarray(dwells.accel)[mine], axis=0).any()
-    ):
-        return f"gyro_x, _y and _z never change ({gyro[0, 0]:.4g}): nothing was measured"
-    return ""
+    own, noise = np.asarray(values)[mine], np.asarray(covariance)[mine]
+    still = (np.ptp(own, axis=0) == 0) & ~np.diagonal(noise, axis1=1, axis2=2).any(axis=0)
+    others = [x for x in (dwells.accel, dwells.gyro) if x is not None]
+    lives = any(np.all(np.ptp(np.asarray(x)[mine], axis=0) > 0) for x in others)
+    if len(own) < 2 or not still.any() or not (lives or not still.all()):
+        return ""
+    if still.all():
+        return f"{triad}_x, _y and _z never change ({own[0, 0]:.4g}): nothing was measured"
+    (axis, *_) = np.flatnonzero(still)
+    noisy = np.diagonal(noise, axis1=1, axis2=2)[:, ~still].all()
+    told = f"{triad}_{'xyz'[axis]} never changes ({own[0, axis]:.4g}): the channel is dead"
+    return told if noisy else ""
 
 
 def _copies(first: Int[np.ndarray, " device"], dwells: Dwells, reasons: list[str]) -> None:

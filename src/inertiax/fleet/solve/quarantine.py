@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from ..._typing import AnyArray
 from ...calibrate.goodness_of_fit import (
     grade_misfit,
     grade_parameters,
@@ -11,6 +12,7 @@ from ...calibrate.goodness_of_fit import (
     usual_size,
 )
 from ...estimators import AbstractEstimator
+from ...model_selection.select_model import separate_temperatures
 from ...physics.temperature import AbstractBasis
 from ..reduce.blocks import means_of_runs
 from .batch import FleetFit
@@ -20,11 +22,17 @@ _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 
 def judge(
-    estimator: AbstractEstimator, basis: AbstractBasis, fit: FleetFit, *, alone: bool = True
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    fit: FleetFit,
+    temperature: Float[AnyArray, "devices dwells"],
+    *,
+    alone: bool = True,
 ) -> tuple[str | None, ...]:
     """For each device `None`, or the reason why its estimate cannot be used.
 
-    `alone`: the device's own rows must determine all unknowns, for want of a prior.
+    **Arguments:** `temperature` of the dwells, °C; `alone`: the device's own rows must determine all unknowns, for want
+    of a prior.
     """
     sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
     worst = sigma.reshape(len(sigma), basis.size, -1).max(axis=1)
@@ -37,8 +45,28 @@ def judge(
         good &= rows >= basis.size * estimator.num_parameters
     reasons: list[str | None] = [None] * len(good)
     for k in np.flatnonzero(~good):
-        reasons[k] = _reason(estimator, basis, fit, worst[k], float(rms[k]), int(k), alone)
+        mine = np.asarray(temperature)[k][fit.valid[k]]
+        few = _too_few_temperatures(estimator.triad, basis, mine) if alone else None
+        said = _reason(estimator, basis, fit, worst[k], float(rms[k]), int(k), alone)
+        reasons[k] = said if few is None or rows[k] < basis.size * estimator.num_parameters else few
     return tuple(reasons)
+
+
+def _too_few_temperatures(
+    triad: str, basis: AbstractBasis, temperature: Float[np.ndarray, " dwells"]
+) -> str | None:
+    """In words that a device's temperatures do not determine polynomials of the basis' degree; `None` where they do."""
+    if basis.size == 1 or not len(temperature):
+        return None
+    levels = separate_temperatures(temperature)
+    if len(levels) >= basis.size:
+        return None
+    shown = ", ".join(f"{t:.4g}" for t in levels)
+    noun = "temperature" + ("s" if len(levels) > 1 else "")
+    return (
+        f"{triad}: {len(levels)} {noun} ({shown} °C) cannot determine polynomials of degree {basis.size - 1}, which "
+        f"need {basis.size} that lie apart; record the missing ones, or take a lower degree"
+    )
 
 
 def rms_misfit(fit: FleetFit) -> Float[np.ndarray, " devices"]:
