@@ -247,3 +247,17 @@ def test_every_source_has_its_functions_name():
     for function, name in ix.sources.NAMES.items():
         source = made.get(function) or getattr(ix.sources, function)(1e-5)
         assert source.name == name
+
+
+def test_four_temperatures_are_said_not_to_determine_degree_four(made):
+    accel = made[0][:2]
+    accel = np.concatenate([accel] * 4, axis=1) + 1e-4 * np.random.default_rng(2).normal(
+        size=(2, 4 * DWELLS, 3)
+    )
+    temperature = np.repeat([-30.0, -5.0, 45.0, 70.0], DWELLS)[None].repeat(2, axis=0)
+    dwells = ix.Dwells.from_arrays(accel, temperature=temperature, sigma=1e-4)
+    fit = ix.fit(dwells, accel=ix.Invariant(gravity=GRAVITY), degree=4)
+    assert not fit.succeeded.any()
+    words = "4 temperatures (-30, -5, 45, 70 °C) cannot determine polynomials of degree 4"
+    assert all(r is not None and words in r and "unit" not in r for r in fit.reasons)
+    assert ix.fit(dwells, accel=ix.Invariant(gravity=GRAVITY), degree=3).succeeded.all()

@@ -38,7 +38,7 @@ def run(capfd, *arguments: object) -> tuple[int, str, str]:
 @pytest.mark.slow
 def test_a_fleet_of_which_nothing_was_calibrated_fails_and_says_why(tmp_path, capfd, monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-    aside = lambda estimator, basis, fit, alone=True: (
+    aside = lambda estimator, basis, fit, temperature, alone=True: (
         ("accel: 12 of 20 dwells disagree",) * len(fit.parameters)
     )
     monkeypatch.setattr("inertiax.fleet.rows.judge", aside)

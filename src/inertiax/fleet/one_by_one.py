@@ -8,6 +8,7 @@ each of its devices has alone, for a second a device where a batch takes a milli
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import jax
 import numpy as np
 import polars as pl
 from msgspec import structs
@@ -25,6 +26,7 @@ from ..model_selection.model_spec import ModelSpec, TriadSpec
 from ..model_selection.select_model import choose_model, directions, settle_accel
 from ..physics.temperature import AbstractBasis
 from ..reduction.dwells import Dwells
+from .copies import MARK, marks_of
 from .covariance_by_source import row_of, SUFFIXES
 from .model_choice import columns_of, LineModel, TRIALS
 from .reduce.campaign_folders import campaigns_of
@@ -172,6 +174,7 @@ def _row(result: DeviceResult, manifest: Manifest) -> Columns:
         "dwells": np.array([max(len(np.asarray(r.dwells.time)) for r in triads)]),
         "temperature_low": np.array([low]),
         "temperature_high": np.array([high]),
+        MARK: marks_of(jax.tree.map(lambda x: np.asarray(x)[None], triads[0].dwells)),
     }
     for triad in ("accel", "gyro"):
         model: TriadModel | None = getattr(manifest, triad)

@@ -17,6 +17,7 @@ from ..data.recording import Campaign, Rig, Site
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
+from .copies import set_copies_aside
 from .input_hashes import write_inputs
 from .model_choice import choose_line_model, first_dwells, Reader
 from .one_by_one import beyond_batches, calibrate_one_by_one, Devices, devices_of, line_model
@@ -95,7 +96,8 @@ def run_fleet(
 
 
 def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -> FleetSummary:
-    """What the parts say together, when all are done: summary, population, effects of the line."""
+    """What the parts say together, when all are done: copies, summary, population, effects of the line."""
+    set_copies_aside(folder)
     summary = summarise(folder, before)
     fits = tuple(count_verdicts(folder, manifest).items())
     summary = replace(summary, fits=fits)

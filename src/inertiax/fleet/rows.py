@@ -18,6 +18,7 @@ from ..physics.error_model import compensate_accel
 from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import accel_rows, Dwells
 from ..reduction.rig_errors import with_rig_errors
+from .copies import MARK, marks_of
 from .covariance_by_source import source_columns, SUFFIXES
 from .effects.score_statistics import FleetScores, score
 from .population.empirical_bayes import fit_informed, judge_informed
@@ -45,6 +46,7 @@ def calibrate_reduced(
         if not lacking:
             columns = _columns(stack, manifest, observe)
         columns |= {"device": [reduced.devices[k] for k in stack.members], "number": stack.members}
+        columns |= {MARK: marks_of(stack.dwells)}
         if manifest.documented:
             columns |= recorded_columns([reduced.recorded.get(int(k)) for k in stack.members])
         tables.append(table_of(columns, len(stack.members), empty))
@@ -212,6 +214,7 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
         "dwells": pl.Int64(),
         "temperature_low": pl.Float64(),
         "temperature_high": pl.Float64(),
+        MARK: pl.String(),
     }
     if manifest.documented:
         schema |= {"recordings": pl.Int64(), "samples": pl.Int64(), "seconds": pl.Float64()}

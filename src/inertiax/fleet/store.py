@@ -112,16 +112,17 @@ def write_table(table: pl.DataFrame, file: Path) -> None:
 
 def read_parts(folder: Path | str) -> pl.LazyFrame:
     """All devices stored so far. Raises `ValueError` where there is no run or nothing is done."""
-    return pl.scan_parquet(_part_files(Path(folder)))
+    return pl.scan_parquet(part_files(Path(folder)))
 
 
 def each_part(folder: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
     """Part by part, the devices that were not set aside; raises as `read_parts` does."""
-    for file in _part_files(folder):
+    for file in part_files(folder):
         yield pl.scan_parquet(file).filter(pl.col("reason") == "").select(columns).collect()
 
 
-def _part_files(folder: Path) -> list[Path]:
+def part_files(folder: Path) -> list[Path]:
+    """The parts stored so far, in the order of their tasks; raises as `read_parts` does."""
     if not (folder / "manifest.json").exists():
         raise ValueError(f"{folder}: no manifest.json; it is not the output of a fleet run.")
     files = sorted((folder / "parts").glob("part-*.parquet"))

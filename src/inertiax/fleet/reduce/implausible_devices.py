@@ -1,4 +1,4 @@
-"""Devices of a fleet whose means cannot be right: unit, dead gyros, temperature, another device's samples.
+"""Devices of a fleet whose means cannot be right: unit, dead channels, temperature.
 
 The cheap part of `plausibility`, on means over dwells, for thousands of devices at once.
 """
@@ -24,7 +24,6 @@ def implausible_devices(
     for k, (start, count) in enumerate(zip(first.tolist(), counts.tolist(), strict=True)):
         mine = slice(start, start + count)
         reasons[k] = _temperature(np.asarray(dwells.temperature)[mine]) or _triads(dwells, mine)
-    _copies(first, dwells, reasons)
     return reasons
 
 
@@ -69,19 +68,3 @@ def _dead(dwells: Dwells, mine: slice, triad: str) -> str:
     noisy = np.diagonal(noise, axis1=1, axis2=2)[:, ~still].all()
     told = f"{triad}_{'xyz'[axis]} never changes ({own[0, axis]:.4g}): the channel is dead"
     return told if noisy else ""
-
-
-def _copies(first: Int[np.ndarray, " device"], dwells: Dwells, reasons: list[str]) -> None:
-    """Devices whose first rest has the mean and the scatter of another's, to the last digit."""
-    if dwells.accel is None or dwells.accel_covariance is None:
-        return
-    start = np.asarray(first)
-    means = np.asarray(dwells.accel)[start]
-    noise = np.diagonal(np.asarray(dwells.accel_covariance)[start], axis1=1, axis2=2)
-    noisy = np.all(noise > 0, axis=1)  # without noise, two devices may well be alike
-    rows = np.concatenate([means, noise], axis=1)
-    _, group, sizes = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
-    for k in np.flatnonzero(noisy & (sizes[group.ravel()] > 1)):
-        reasons[k] = reasons[k] or (
-            "its samples are those of another device, to the last digit: a recording was copied"
-        )
