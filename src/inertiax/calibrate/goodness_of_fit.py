@@ -30,6 +30,9 @@ class FitLimits:
     # Misfit over noise from which, beyond `gross_misfit`, the data contradict each other. Exchanged positions, a
     # duplicated block or two devices in one campaign leave 150 to 600; missing physics of the practice campaigns 8.
     gross_ratio: float = 100.0
+    # Misfit over noise from which no requirement is decided: what is left is then no scatter that an uncertainty could
+    # stand for. Missing physics of the practice campaigns leaves 8. Convention.
+    undecided_ratio: float = 10.0
     # Twice what unmodelled effects of consumer sensors leave at rest: 0.2 mg/°C over 30 °C without a temperature
     # model have 1.7 mg rms; 0.1 °/s of g-sensitivity; half a degree of gravity's direction after a turn by hand.
     gross_misfit: Mapping[str, float] = field(
@@ -115,6 +118,21 @@ def grade_parameters(
 def usual_size(name: str, limits: FitLimits = LIMITS) -> float:
     """The usual size of a parameter, SI, by its name, e.g. `accel.bias[0]`."""
     return limits.usual_size[name.partition("[")[0]]
+
+
+def undecidable(unit: str, rms: float, noise_ratio: float) -> str | None:
+    """In words why no requirement can be decided on parameters of such a misfit; `None` where it can.
+
+    **Arguments:** as of `grade_misfit`, of one triad.
+    """
+    if int(grade_misfit(unit, rms, noise_ratio)) == UNUSABLE:
+        return f"{rms_text(unit, rms)} rms is left, which no sound calibration leaves"
+    if noise_ratio > LIMITS.undecided_ratio:
+        return (
+            f"{rms_text(unit, rms)} rms is left, {noise_ratio:.3g} times the noise, so that the model is wrong by more "
+            "than its uncertainties can stand for; 'inertiax diagnose' looks for what it leaves out"
+        )
+    return None
 
 
 FAR_BELOW = 0.4  # χ² per degree of freedom: the rig was stated as worse than it is (convention)

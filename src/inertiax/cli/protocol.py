@@ -156,9 +156,11 @@ def _tell(made: "Protocol", output: Path, *, as_json: bool, quiet: bool) -> None
     if as_json:
         outputs.print_json(made.document())
     elif not quiet:
-        from ..protocol.content import verdict
+        from ..protocol.content import not_decided, verdict
 
         console.say(verdict(made).headline)
         for r in made.requirements:
             console.say(f"  {r.name} within {r.text}: {r.decision}")
+        for sentence in not_decided(made):
+            console.say(sentence)
         console.say(f"protocol in {output}, see {output / 'protocol.pdf'}")

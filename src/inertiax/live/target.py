@@ -30,6 +30,8 @@ _RATIO = {"ppm": 1e-6, "%": 1e-2, "1": 1.0}
 _ANGLE = {
     "rad": 1.0,
     "mrad": 1e-3,
+    "urad": 1e-6,
+    "µrad": 1e-6,
     "deg": _DEGREE,
     "arcmin": _DEGREE / 60.0,
     "arcsec": _DEGREE / 3600.0,

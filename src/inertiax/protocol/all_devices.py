@@ -86,7 +86,7 @@ def document(devices: Sequence[DeviceDecisions], limits: Sequence[Limit]) -> dic
                 "device": d.device, "fit": d.fit, "decision": d.decision, "reason": d.reason,
                 "requirements": [
                     {"name": r.name, "decision": r.decision, "parameter": r.worst.name, "at": r.worst.at,
-                     "value": r.worst.value, "expanded": r.worst.expanded, "unit": r.unit}
+                     "value": r.worst.value, "expanded": r.worst.expanded, "unit": r.unit, "reason": r.reason}
                     for r in d.requirements
                 ],
             }
@@ -112,7 +112,8 @@ def _table(devices: Sequence[DeviceDecisions], limits: Sequence[Limit]) -> str:
             nearest, expanded = factor * r.worst.value, factor * r.worst.expanded
             cells += [r.decision, f"{nearest:.6g}", f"{expanded:.2g}"]
         cells += [""] * (len(heads) - len(cells))
-        writer.writerow([d.device, d.fit, d.decision, *cells, d.reason])
+        why = "; ".join(dict.fromkeys(r.reason for r in d.requirements if r.reason))
+        writer.writerow([d.device, d.fit, d.decision, *cells, d.reason or why])
     return text.getvalue()
 
 
@@ -128,7 +129,10 @@ def _page(
         title=f"Requirements of {len(devices)} devices",
         under="The same decisions as in each device's protocol.",
         verdict=Verdict(tone, counted(devices), (DISCLAIMER,)),
-        keys=[Key("Devices", str(len(devices))), Key("Fit", said, "by the rule of `calibrate`")],
+        keys=[
+            Key("Devices", str(len(devices))),
+            Key("Fit", said, "by the rule of inertiax calibrate"),
+        ],
         sections=[_by_requirement(devices, limits), _by_device(devices, limits)],
         command=command,
     )

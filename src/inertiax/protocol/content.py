@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from ..calibration.effect_units import in_words, Shown, shown_parameter
 from ..calibration.quantities import customary_units, label, with_sigma
+from ..exports.extrapolation import margin
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Key, Section, Table, Verdict
 from .calibrated_triads import calibrated_triads
@@ -18,7 +19,7 @@ from .results import Result
 
 _SIDE_BY_SIDE = 4  # temperatures in one table
 _UNNAMED = "not named; [device] serial in campaign.toml or in the station's file names it"
-_JUDGED = "by the rule of `calibrate`, see Deviations where it is not good"
+_JUDGED = "by the rule of inertiax calibrate, see Deviations where it is not good"
 _LINE = "_" * 24  # where people write
 # Of the combined uncertainty; less changes it by less than 13 millionths, and is not shown.
 _LEAST = 5e-3
@@ -178,7 +179,17 @@ def requirements(protocol: Protocol) -> Section | None:
         f"A pass or a fail is wrong with a probability of at most {100 * RISK:g} % (guarded acceptance and rejection, "
         "JCGM 106). It holds over the whole calibrated range, of absolute values."
     )
-    return Section("Requirements", lines=(line, *_beside(protocol)), tables=tuple(tables))
+    lines = (line, *not_decided(protocol), *_beside(protocol))
+    return Section("Requirements", lines=lines, tables=tuple(tables))
+
+
+def not_decided(protocol: Protocol) -> list[str]:
+    """Which requirements are not decided whatever the values are, a sentence for each reason."""
+    reasons = dict.fromkeys(r.reason for r in protocol.requirements if r.reason)
+    return [
+        f"{', '.join(r.name for r in protocol.requirements if r.reason == why)}: not decided, because {why}."
+        for why in reasons
+    ]
 
 
 def nearest_value(requirement: Requirement) -> str:
@@ -256,8 +267,24 @@ def results(protocol: Protocol) -> list[Section]:
                 f"± is the expanded uncertainty of {100 * COVERAGE:g} %: k standard uncertainties, k of Student's t "
                 "with ν effective degrees of freedom; shown are the fewest of the row."
             )
-            made.append(Section(f"{TRIAD_NAMES[name]}: results", lines=(line,), tables=tables))
+            lines = (line, *_just_outside(protocol))
+            made.append(Section(f"{TRIAD_NAMES[name]}: results", lines=lines, tables=tables))
     return made
+
+
+def _just_outside(protocol: Protocol) -> tuple[str, ...]:
+    """Which temperatures lie a little outside the calibrated range."""
+    known = protocol.calibration.temperature_range
+    if known is None:
+        return ()
+    low, high = float(known[0]), float(known[1])
+    out = [f"{t:.2f}" for t in protocol.temperatures if not low <= t <= high]
+    if not out:
+        return ()
+    return (
+        f"At {', '.join(out)} °C the curves go on beyond the calibrated {low:.2f} to {high:.2f} °C, by at most "
+        f"{margin(protocol.calibration):.2g} °C, as compensation does too.",
+    )
 
 
 def _values(protocol: Protocol, own: list[Result], at: Sequence[float | None]) -> Table:

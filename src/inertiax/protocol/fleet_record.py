@@ -6,12 +6,14 @@ a file that was written to since is named.
 """
 
 import datetime
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import polars as pl
 
+from ..calibrate.goodness_of_fit import undecidable
 from ..calibration.calibration import Calibration
 from ..data.campaign import find_files
 from ..data.inputs import hashed, InputFile
@@ -168,12 +170,14 @@ def _triad(row: dict, calibration: Calibration, name: str) -> TriadRecord | None
         dwells = row["dwells"]
         rows = dwells * (1 if triad.estimator == "invariant" else 3)
         degrees = rows - triad.curve.basis.size * len(triad.names)
+    unit = "m/s^2" if name == "accel" else "rad/s"
     return TriadRecord(
         dwells=dwells,
         turns=row.get(f"{name}_turns"),
         rms=row[f"{name}_rms"],
         scatter=row[f"{name}_scatter"],
-        unit="m/s^2" if name == "accel" else "rad/s",
+        unit=unit,
         degrees_of_freedom=max(degrees or 0, 1),
         sources=tuple(source_record(part) for part in parts_of(row, name)),
+        undecidable=undecidable(unit, row[f"{name}_rms"], math.sqrt(row[f"{name}_chi2_per_dof"])),
     )

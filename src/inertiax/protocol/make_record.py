@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibrate.fit_quality import judge
+from ..calibrate.fit_quality import judge, Quality, TRIAD_NAMES
+from ..calibrate.goodness_of_fit import undecidable
 from ..calibrate.results import DeviceResult, MagnetometerResult, TriadResult
 from ..calibrate.split_covariance import fit_of, Part, residual_degrees, split
 from ..calibration.calibration import Calibration, TriadCalibration
@@ -81,8 +82,10 @@ def record_of(
         choices=tuple(result.choices),
         warnings=tuple(result.warnings),
         left_out=() if handling is None else (handling,),
-        accel=_triad(result.accel, campaign, result.calibration.accel, written.accel, beside),
-        gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro, beside),
+        accel=_triad(
+            result.accel, campaign, result.calibration.accel, written.accel, beside, quality
+        ),
+        gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro, beside, quality),
         mag=None if result.mag is None or written.mag is None else _magnetometers(result.mag),
     )
 
@@ -120,6 +123,7 @@ def _triad(
     fitted: TriadCalibration | None,
     written: TriadCalibration | None,
     beside: str,
+    quality: Quality,
 ) -> TriadRecord | None:
     if result is None or fitted is None or written is None:
         return None
@@ -135,7 +139,19 @@ def _triad(
         unit=result.misfit_unit,
         degrees_of_freedom=residual_degrees(fit),
         sources=tuple(source_record(p) for p in parts),
+        undecidable=_undecidable(result, quality),
     )
+
+
+def _undecidable(result: TriadResult, quality: Quality) -> str | None:
+    """Why no requirement on a triad is decided: its misfit, or another sign of a mistake."""
+    ratio = math.sqrt(result.chi2_per_dof)  # NaN stays NaN
+    name = TRIAD_NAMES[result.estimator.triad]
+    own = next((t for t in quality.triads if t.name == name), None)
+    found = undecidable(result.misfit_unit, result.rms, ratio)
+    if found is None and own is not None and own.verdict == "doubtful":
+        return own.text.removeprefix(f"{name}: ").rstrip(".")
+    return found
 
 
 def _magnetometers(result: MagnetometerResult) -> TriadRecord:

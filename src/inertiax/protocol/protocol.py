@@ -102,7 +102,20 @@ def decide_on(
     results = results_at(calibration, record, at, uncertainty)
     effects = effect_results(calibration, record)
     everywhere = results_at(calibration, record, range_grid(calibration, at), uncertainty)
-    return judge_requirements(limits, results, everywhere, effects)
+    return judge_requirements(limits, results, everywhere, effects, _undecidable(record))
+
+
+def _undecidable(record: Record) -> dict[str, str]:
+    """By triad, why nothing is decided on it: of the triad itself, or of the whole fit."""
+    found = {
+        triad: own.undecidable
+        for triad in ("accel", "gyro")
+        if (own := getattr(record, triad)) is not None and own.undecidable
+    }
+    if record.verdict != "doubtful" or found:
+        return found
+    why = (*record.findings, *record.warnings, "the fit is doubtful")[0].rstrip(".")
+    return dict.fromkeys(("accel", "gyro", "mag"), f"the calibration is not to be used: {why}")
 
 
 def make_protocol(
@@ -168,7 +181,7 @@ def _requirement(r: Requirement) -> dict[str, Any]:
         "name": r.name, "limit": r.limit, "unit": r.unit, "decision": r.decision,
         "worst": _value(r.worst),
         "outside": [{**_value(o.result), "decision": o.decision} for o in r.outside],
-        "without_effects": list(r.without),
+        "without_effects": list(r.without), "reason": r.reason,
     }  # fmt: skip
 
 

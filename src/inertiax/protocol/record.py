@@ -40,6 +40,7 @@ class TriadRecord(_Strict, frozen=True):
     unit: str  # of `rms` and `scatter`: m/s^2, rad/s or rad
     degrees_of_freedom: int  # of the residuals
     sources: tuple[SourceRecord, ...]  # none where the fit's covariance is not split
+    undecidable: str | None = None  # in words why no requirement on the triad is decided
 
 
 class StationRecord(_Strict, frozen=True):

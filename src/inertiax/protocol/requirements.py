@@ -7,8 +7,9 @@
 A requirement concerns the absolute value of every parameter that its name covers, over the whole calibrated range.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import msgspec
@@ -54,6 +55,7 @@ class Requirement(NamedTuple):
     shown_in: tuple[float, str] = (1.0, "")  # factor from SI and unit of the limit as written
     outside: tuple[Outside, ...] = ()  # stated results that do not pass, the farthest out first
     without: tuple[str, ...] = ()  # named effects on this triad, which the values do not contain
+    reason: str = ""  # why it is not decided, whatever the values are
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -87,12 +89,14 @@ def judge_requirements(
     stated: Sequence[Result],
     everywhere: Sequence[Result],
     effects: Sequence[EffectResult] = (),
+    undecidable: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Requirement, ...]:
     """The decision on every limit.
 
     **Arguments:** `stated` are the results at the reference temperatures, `everywhere` those over the whole range. A
     pass holds everywhere; a fail is found among those stated, see `guard_band`. `effects` are the named ones, which
-    no decision contains.
+    no decision contains. `undecidable` says by triad why nothing is decided on it: an uncertainty that does not hold
+    decides nothing.
 
     Raises `ValueError` for a limit of parameters that the calibration does not have.
     """
@@ -109,11 +113,13 @@ def judge_requirements(
         decision = decide([r.measured for r in full], [r.measured for r in shown], limit)
         worst = max(full, key=lambda r: abs(r.value) + allowance(r.measured))
         triad = name.partition(".")[0]
+        reason = undecidable.get(triad, "")
+        decision = "undecided" if reason else decision
         beside = [e.effect for e in effects if e.channels[0].startswith(f"{triad}_")]
         made.append(
             Requirement(
                 name, limit, si_unit(shown[0].name), text, decision, worst, one.shown_in,
-                _outside(shown, worst, limit), tuple(dict.fromkeys(beside)),
+                () if reason else _outside(shown, worst, limit), tuple(dict.fromkeys(beside)), reason,
             )
         )  # fmt: skip
     return tuple(made)

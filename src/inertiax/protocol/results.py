@@ -7,6 +7,7 @@ import numpy as np
 
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import si_unit
+from ..exports.extrapolation import margin
 from ..physics.temperature import Constant
 from .calibrated_triads import calibrated_triads
 from .expanded_uncertainty import coverage_factor, effective_degrees
@@ -42,8 +43,9 @@ def reference_temperatures(
 ) -> tuple[float, ...]:
     """°C: those asked for, else both ends and the middle of the calibrated range, or its middle for constants.
 
-    None where no temperature was recorded. Raises `ValueError` for a temperature outside the calibrated range, where
-    a polynomial has no uncertainty that could be stated.
+    None where no temperature was recorded. A little outside the calibrated range counts as inside, by the rule of
+    compensation (`exports.extrapolation`). Raises `ValueError` farther out, where a polynomial has no uncertainty that
+    could be stated.
     """
     known = calibration.temperature_range
     if known is None:
@@ -54,11 +56,12 @@ def reference_temperatures(
         return ()
     low, high = float(known[0]), float(known[1])
     if asked:
+        beyond = margin(calibration)
         for t in asked:
-            if not low <= t <= high:
+            if not low - beyond <= t <= high + beyond:
                 raise ValueError(
-                    f"--at {t:g}: outside the calibrated range, {low:.2f} to {high:.2f} °C; the calibration says "
-                    "nothing there."
+                    f"--at {t:g}: outside the calibrated range, {low:.2f} to {high:.2f} °C, by more than {beyond:.2g} "
+                    "°C; the calibration says nothing there."
                 )
         return asked
     middle = 0.5 * (low + high)
