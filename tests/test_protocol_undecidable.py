@@ -73,6 +73,8 @@ def test_results_go_on_outside_the_range_by_two_percent_and_the_page_says_so(
 ):
     made = protocol(sound, tmp_path, "--at=-0.7,20")  # of 0 to 40 °C
     assert made["results"][0]["at"] == -0.7
-    assert "the curves go on beyond the calibrated" in (tmp_path / "p" / "protocol.html").read_text()
+    assert (
+        "the curves go on beyond the calibrated" in (tmp_path / "p" / "protocol.html").read_text()
+    )
     assert run("protocol", sound, "-o", tmp_path / "q", "--at=-0.9,20") == 1
     assert "by more than 0.8 °C" in capfd.readouterr().err
