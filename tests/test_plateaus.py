@@ -39,7 +39,10 @@ def _double():
 # --- without a reference force --------------------------------------------------------------------
 
 
-def turntable(reference_at_rates, rig=Rig()):
+PERFECT = Rig()
+
+
+def turntable(reference_at_rates, rig=PERFECT):
     """Six faces, then a staircase about each axis, 10 Hz; the axis of rotation is horizontal."""
     rng = np.random.default_rng(4)
     faces, rates = np.concatenate([np.eye(3), -np.eye(3)]) * G, np.kron(np.eye(3), [[1.0], [-1.0]])

@@ -38,11 +38,23 @@ def calibrate_accelerometers(
     """The accelerometers' estimate, and the model without misalignments where the rests do not determine them."""
     used = rows_for("accel", chosen, dwells)
 
-    def estimate(model: ChosenModel, said: list[str]) -> TriadResult:
+    def estimate(model: ChosenModel, said: list[str], mine: Dwells | None = None) -> TriadResult:
         accel, _ = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
         assert accel is not None
-        return estimate_triad(accel, used, model, method, progress, said, warnings)
+        own = used if mine is None else mine
+        return estimate_triad(accel, own, model, method, progress, said, warnings)
 
+    rests = np.flatnonzero(np.asarray(used.position) >= 0)
+    if chosen.lever_arms and 0 < len(rests) < used.num_dwells:
+        # Lever arms come with the gyros; until then they would bend the curve, and the choice of its degree, at rates.
+        said_at_rest: list[str] = []
+        try:
+            found = estimate(chosen, said_at_rest, used[rests])
+        except ValueError:
+            pass  # rests alone do not determine it
+        else:
+            choices.extend(said_at_rest)
+            return found, chosen
     if chosen.fixed or chosen.accel_estimator != "invariant":
         return estimate(chosen, choices), chosen
     said: list[str] = []

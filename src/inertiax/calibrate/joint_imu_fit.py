@@ -20,6 +20,7 @@ from ..estimators.host_forms import LinearisedDwells
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.alignment import Alignment, inter_triad
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
+from ..procedure.rank import TOLERANCE
 from ..procedure.single_device import Problem
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import accel_rows, Dwells
@@ -87,7 +88,11 @@ class Together(eqx.Module):
             sigmas = np.sqrt(np.diagonal(covariance)).reshape(3, 3)
             for k, axis in enumerate("xyz"):
                 shown = _with_sigmas(1e3 * arms[k], 1e3 * sigmas[k])
-                lines.append(f"accelerometer {axis}: lever arm {shown} mm along x, y, z")
+                unseen = ", ".join(np.array(list("xyz"))[arms[k] == 0.0])
+                said = f"; no plateau shows that along {unseen}, held at zero ± the others' size"
+                lines.append(
+                    f"accelerometer {axis}: lever arm {shown} mm along x, y, z{said if unseen else ''}"
+                )
         return tuple(lines)
 
     def effects(self, greatest_force: float) -> tuple[FittedEffect, ...]:
@@ -133,14 +138,16 @@ def fit_together(
     basis = _basis(max(degrees), dwells, bounds)
     free = _free(estimator, basis, degrees)
     estimator = _with_provisional(estimator, dwells)
-    seen = _observable(Problem(estimator, basis, dwells), free)
+    problem = Problem(estimator, basis, dwells)
+    free = _without_unseen_arms(problem, free)
+    seen = _observable(problem, free)
     fit = _fit(estimator, basis, dwells, free)
     for _ in range(_MOST_PASSES - 1):
         settled = _with_scatter(fit)
         if settled is None:
             break
         fit = _fit(settled, basis, dwells, free)
-    covariance = _covariance(fit, free)
+    covariance = _with_unseen_arms(fit, free, _covariance(fit, free))
     return Together(
         fit.estimator,
         Curve(basis, jnp.asarray(fit.coefficients)),
@@ -173,6 +180,39 @@ def _free(
         0 if "lever_arm" in name else degrees[name.startswith("gyro")] for name in estimator.names
     ]
     return np.arange(basis.size)[:, None] <= np.array(highest)[None, :]
+
+
+def _without_unseen_arms(
+    problem: Problem, free: Bool[np.ndarray, "size parameter"]
+) -> Bool[np.ndarray, "size parameter"]:
+    """The unknowns without lever arms that no dwell shows, by the rule of `procedure.rank`.
+
+    A plateau about a case axis shows accelerometer i's arm along i alone: [ω × (ω × R_i)]_i = ω_i (ω·R_i) − ω² R_ii.
+    """
+    arms = np.array(["lever_arm" in name for name in problem.estimator.names])
+    if not arms.any():
+        return free
+    jacobian = problem.at(np.zeros(free.shape)).jacobian
+    size = np.linalg.norm(jacobian.reshape(-1, len(arms)), axis=0)
+    return free & ~(arms & (size < TOLERANCE * size[arms].max()))
+
+
+def _with_unseen_arms(
+    fit: "_Fit",
+    free: Bool[np.ndarray, "size parameter"],
+    covariance: Float[np.ndarray, "unknowns unknowns"],
+) -> Float[np.ndarray, "unknowns unknowns"]:
+    """The covariance with that of lever arms that are held at zero, unseen: they are as long as the others."""
+    arms = np.array(["lever_arm" in name for name in fit.estimator.names])
+    unseen, seen = arms & ~free[0], arms & free[0]
+    if not unseen.any():
+        return covariance
+    values = fit.coefficients[0, seen]
+    square = float(np.mean(np.square(values) + np.diagonal(covariance)[: len(arms)][seen]))
+    covariance = covariance.copy()
+    own = np.flatnonzero(unseen)
+    covariance[own, own] = square
+    return covariance
 
 
 def _observable(problem: Problem, free: Bool[np.ndarray, "size parameter"]) -> Observability:

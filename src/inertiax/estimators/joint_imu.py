@@ -13,8 +13,8 @@ rate has no angular acceleration.
 **Gauge.** That of the accelerometers' estimator. In it Θ holds the gyros' rotation, which with `Invariant` is the
 *inter-triad misalignment* (`alignment.inter_triad`); with `misalignment` False it is held at zero: Θ is symmetric.
 Lever arms need the reference of both triads on plateaus about axes that lie in no case plane: turning about
-a case axis tells an arm along the others only. Rests tell none, and hand motion none without the
-hand's own acceleration.
+a case axis tells, of each other accelerometer, the arm along its own sensitive axis only.
+Rests tell none, and hand motion none without the hand's own acceleration.
 
 **Reference:** IEEE Std 1293-2018, size effect.
 """
