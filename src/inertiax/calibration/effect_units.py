@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from ..effects import CATALOGUE
 from .quantities import DEG_PER_HOUR, with_sigma
 
 
@@ -25,12 +26,18 @@ CUSTOMARY = {
     "rad/s/V": (DEG_PER_HOUR, "°/h/V"),
     "rad/s/(degC/min)": (DEG_PER_HOUR, "°/h/(°C/min)"),
     "rad/s/(rad/s)^2": (DEG_PER_HOUR / _DEG**2, "(°/h)/(°/s)²"),
+    "rad/s/(rad/s)^3": (DEG_PER_HOUR / _DEG**3, "(°/h)/(°/s)³"),
+    "m/s^2/(degC/min/s)": (_MICRO_G, "µg/(°C/min/s)"),
+    "rad/s/(degC/min/s)": (DEG_PER_HOUR, "°/h/(°C/min/s)"),
+    "1/s": (3.6e9, "ppm/h"),
+    "1/(degC/min)": (1e6, "ppm/(°C/min)"),
     "(rad/s)/(rad/s)": (1e6, "ppm"),
     "rad": (3600.0 * _DEG, "arcsec"),
     "m": (1e3, "mm"),
     "1": (1e6, "ppm"),
     "Hz": (1e3, "mHz"),
 }
+_OF_THE_STATION = {effect.name for effect in CATALOGUE if effect.common}
 _COARSER = {"µg": (1e-3, "mg"), "°/h": (1.0 / 3600.0, "°/s"), "ppm": (1e-4, "%")}
 
 
@@ -82,9 +89,14 @@ class Shown(NamedTuple):
     unit: str
 
 
-def shown_parameter(name: str, parameter: Estimated) -> tuple[str, str, str]:
-    """An effect's parameter as on a data sheet: value, uncertainty and unit."""
+def shown_parameter(effect: str, name: str, parameter: Estimated) -> tuple[str, str, str]:
+    """An effect's parameter as on a data sheet: value, uncertainty and unit.
+
+    Angles of the station are in arcsec, as the rig's; a sensor's misalignments in µrad, as its calibration's.
+    """
     factor, unit = customary(parameter.value, parameter.unit)
+    if parameter.unit == "rad" and effect not in _OF_THE_STATION:
+        factor, unit = 1e6, "µrad"
     if name.startswith("amplitude"):
         factor, unit = 1.0, "of what theory says"
     value, std = factor * parameter.value, parameter.std

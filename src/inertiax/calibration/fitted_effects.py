@@ -30,7 +30,8 @@ class FittedEffect(eqx.Module):
     settings: tuple[tuple[str, float | int | str], ...] = eqx.field(converter=Settings)
     coefficients: Float[AnyArray, " column"]  # in `unit`
     covariance: Float[AnyArray, "column column"]  # in `unit` squared
-    unit: str = eqx.field(static=True)  # SI, of the coefficients
+    # SI, of the coefficients; of the first, where a form mixes units (`Effect.unit`).
+    unit: str = eqx.field(static=True)
     clock: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # s, start and end
     temperature: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # °C
     greatest_input: float = eqx.field(converter=as_leaf, default=0.0)  # g or rad/s
@@ -121,13 +122,15 @@ def from_entry(
     triad, channels = _channels(entry.channels, where)
     if triad not in effect.triads:
         raise ValueError(f"{where}: is one of {' and '.join(effect.triads)}, not of {triad}.")
-    if entry.unit != effect.units[triad]:
-        raise ValueError(f"{where}: unit is {entry.unit!r}; it must be {effect.units[triad]!r}.")
     expected = list(inspect.signature(effect.shape).parameters)[1:]
     if set(entry.settings) != set(expected):
         raise ValueError(
             f"{where}: settings are {sorted(entry.settings)} but must be {sorted(expected)}."
         )
+    unit = effect.unit(triad, entry.settings)
+    # Files written before forms had units of their own name that of the form on the bias; the numbers are the same.
+    if entry.unit not in (unit, effect.units[triad]):
+        raise ValueError(f"{where}: unit is {entry.unit!r}; it must be {unit!r}.")
     count = len(entry.coefficients)
     if (
         count == 0
@@ -140,7 +143,7 @@ def from_entry(
     extent = entry.fitted_on
     return FittedEffect(
         entry.name, triad, channels, tuple(sorted(entry.settings.items())),
-        np.asarray(entry.coefficients, float), np.asarray(entry.covariance, float), entry.unit,
+        np.asarray(entry.coefficients, float), np.asarray(entry.covariance, float), unit,
         extent.clock, extent.temperature, extent.greatest_input, extent.degree, extent.scale,
     )  # fmt: skip
 

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from .._typing import AnyArray
 from . import arrays as xp
 from .effect import Effect, Variant
+from .form_units import per_input, Settings
 from .signal import Signal
 
 
@@ -30,6 +31,12 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     return tuple(Variant(k, {"terms": k}) for k in forms)
 
 
+def _unit(unit: str, triad: str, settings: Settings, column: int) -> str:
+    """A product of two rates, or the magnitude of one."""
+    term = str(settings["terms"]).split()[column]
+    return per_input(triad) if term.startswith("|") else unit
+
+
 EFFECT = Effect(
     name="cross_axis_rate",
     title="cross-axis rate sensitivity",
@@ -43,6 +50,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    unit_of_form=_unit,
     in_numpy=True,
     variants=variants,
     needs="rates about two axes",

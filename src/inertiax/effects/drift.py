@@ -8,6 +8,7 @@ from jaxtyping import Float
 from .._typing import AnyArray
 from . import arrays as xp
 from .effect import Effect, fixed, inputs, inputs_at
+from .form_units import by_what_it_acts_on
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -54,6 +55,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    unit_of_form=by_what_it_acts_on,
     in_numpy=True,
     variants=fixed(("bias", {"on": "bias"}), ("scale", {"on": "scale"})),
     needs="running time not tied to temperature or position",

@@ -12,6 +12,7 @@ from scipy.linalg import get_blas_funcs
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
+from .form_units import UnitOfForm
 from .moment import Online, without_memory
 from .signal import Signal
 
@@ -44,7 +45,8 @@ class Effect(eqx.Module):
     name: str = eqx.field(static=True)
     title: str = eqx.field(static=True)  # the standards' term
     equation: str = eqx.field(static=True)
-    units: Mapping[str, str] = eqx.field(static=True)  # of a coefficient, by triad
+    # Of a coefficient by triad, in the form that acts on the bias where there are several: see `unit`.
+    units: Mapping[str, str] = eqx.field(static=True)
     # By triad and grade: smallest and largest usual coefficient, SI.
     prior: Mapping[str, Mapping[str, tuple[float | int, float | int]]] = eqx.field(static=True)
     shape: Callable[..., Float[AnyArray, "time channels columns"]] = eqx.field(static=True)
@@ -76,6 +78,8 @@ class Effect(eqx.Module):
     # Of the outputs of one stream as a whole: measured and taken out before the rest is looked for.
     stream_delay: bool = eqx.field(static=True, default=False)
     lost: str = eqx.field(static=True, default="")  # why it cannot be compensated, if so
+    # Units of forms whose coefficients are in others than `units`.
+    unit_of_form: UnitOfForm | None = eqx.field(static=True, default=None)
     online: Online | None = eqx.field(
         static=True, default=None
     )  # where it depends on what went before
@@ -89,6 +93,12 @@ class Effect(eqx.Module):
     def sample_by_sample(self) -> Online | None:
         """The effect in real time; `None` where it depends on what a sensor's inputs do not tell."""
         return without_memory(self.shape) if self.instant else self.online
+
+    def unit(self, triad: str, settings: Mapping[str, float | int | str], column: int = 0) -> str:
+        """Unit of a form's coefficient, SI: a change of the scale factor has none, one of the bias the outputs'."""
+        unit = self.units[triad]
+        made = self.unit_of_form
+        return unit if made is None else made(unit, triad, settings, column)
 
     def usual(self, triad: str, grade: str | None) -> tuple[float | int, float | int] | None:
         """Usual range of a coefficient's size for a grade; all grades together where none is given."""

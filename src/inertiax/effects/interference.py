@@ -44,7 +44,7 @@ def _follow(
 EFFECT = Effect(
     name="interference",
     title="sinusoidal noise (IEEE 952)",
-    equation="A sin(2 pi f t + phi)",
+    equation="a sin(2 pi f t) + b cos(2 pi f t)",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
         "accel": {

@@ -58,7 +58,7 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
 EFFECT = Effect(
     name="magnetic",
     title="magnetic sensitivity (IEEE 952)",
-    equation="M B, B fixed to the room",
+    equation="c b; b of unit size, along a field fixed to the room",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
         "accel": {

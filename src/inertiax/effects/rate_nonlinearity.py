@@ -5,6 +5,7 @@ from jaxtyping import Float
 from .._typing import AnyArray
 from . import arrays as xp
 from .effect import Effect, fixed
+from .form_units import Settings
 from .signal import Signal
 
 
@@ -12,6 +13,12 @@ def shape(signal: Signal, *, power: int) -> Float[AnyArray, "time channels colum
     """ω|ω| or ω³ with ω in rad/s."""
     w = xp.asarray(signal.input)
     return (w * xp.abs(w) ** (power - 1))[:, :, None]
+
+
+def _unit(unit: str, triad: str, settings: Settings, column: int) -> str:
+    """With the power of the form."""
+    del triad, column
+    return unit.replace("^n", f"^{settings['power']}")
 
 
 EFFECT = Effect(
@@ -27,6 +34,7 @@ EFFECT = Effect(
         }
     },
     shape=shape,
+    unit_of_form=_unit,
     in_numpy=True,
     variants=fixed(("quadratic", {"power": 2}), ("cubic", {"power": 3})),
     needs="three or more rates of each sign",

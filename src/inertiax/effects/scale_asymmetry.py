@@ -15,8 +15,8 @@ def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
 
 EFFECT = Effect(
     name="scale_asymmetry",
-    title="K1', scale-factor asymmetry (IEEE 1293, 952)",
-    equation="(K1'/2) |f|; (K'/2) |w|",
+    title="scale-factor asymmetry, half of K1' or K' (IEEE 1293, 952)",
+    equation="c |f| or c |w|; c = (K+ - K-)/2, half the difference of the two signs",
     units={"accel": "m/s^2/g", "gyro": "(rad/s)/(rad/s)"},
     prior={
         "accel": {

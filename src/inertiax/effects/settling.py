@@ -9,6 +9,7 @@ from jaxtyping import Float
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .form_units import per_input, Settings
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -70,10 +71,16 @@ def _follow(
     return state, (decay * xp.norm(own))[None, None]
 
 
+def _unit(unit: str, triad: str, settings: Settings, column: int) -> str:
+    """In proportion to a change of the input: per input."""
+    del column
+    return unit if settings["size"] == "equal" else per_input(triad)
+
+
 EFFECT = Effect(
     name="settling",
     title="settling after re-positioning (creep, eddy currents, fluid)",
-    equation="c df exp(-t_s / tau), t_s since the move",
+    equation="c s exp(-t_s / tau); t_s since the move, s = 1 or the change of the input",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
         "accel": {
@@ -88,6 +95,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    unit_of_form=_unit,
     in_numpy=True,
     variants=variants,
     needs="several blocks within each rest",

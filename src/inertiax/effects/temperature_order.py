@@ -5,6 +5,7 @@ from jaxtyping import Float
 from .._typing import AnyArray
 from . import arrays as xp
 from .effect import chebyshev, DEG_PER_HOUR, Effect, inputs, MICRO_G, Variant
+from .form_units import by_what_it_acts_on
 from .signal import Signal
 
 
@@ -52,6 +53,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    unit_of_form=by_what_it_acts_on,
     in_numpy=True,
     variants=variants,
     needs="temperatures spread over more levels than the degree",

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, lag, lag_step, MICRO_G, Variant
+from .form_units import by_what_it_acts_on, Settings
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -61,6 +62,12 @@ def _follow(
     return state, xp.stack([rate, (rate - slow) / 60.0])[None, :]
 
 
+def _unit(unit: str, triad: str, settings: Settings, column: int) -> str:
+    """The second column of `gradient` is the rate's own rate, (°C/min)/s."""
+    unit = by_what_it_acts_on(unit, triad, settings, column)
+    return unit.replace("(degC/min)", "(degC/min/s)") if column else unit
+
+
 EFFECT = Effect(
     name="temperature_rate",
     title="temperature-rate sensitivity D_Tdot (IEEE 952), Shupe effect",
@@ -79,6 +86,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    unit_of_form=_unit,
     in_numpy=True,
     variants=variants,
     needs="ramps of temperature of different rates and signs",

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, MICRO_G, play, Variant
+from .form_units import by_what_it_acts_on
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -98,7 +99,7 @@ def _follow(
 EFFECT = Effect(
     name="thermal_hysteresis",
     title="thermal hysteresis",
-    equation="h L(T, branch); L of the play operator or s (1 - ((T - T_m)/A)^2)",
+    equation="h L(T, branch); L of the play operator, within -1 and 1, or s (1 - ((T - T_m)/A)^2)",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
         "accel": {
@@ -113,6 +114,7 @@ EFFECT = Effect(
         },
     },
     shape=shape,
+    unit_of_form=by_what_it_acts_on,
     in_numpy=True,
     variants=variants,
     needs="heating and cooling branches with soaks on both",

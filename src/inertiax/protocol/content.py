@@ -248,7 +248,7 @@ def effects(protocol: Protocol) -> Section | None:
 def _effect_text(effect: EffectResult) -> tuple[str, str, str]:
     """Value, expanded uncertainty and unit as the report of a diagnosis shows them."""
     shown = Shown(effect.value, effect.expanded, effect.unit)
-    return shown_parameter(effect.parameter, shown)
+    return shown_parameter(effect.effect, effect.parameter, shown)
 
 
 def results(protocol: Protocol) -> list[Section]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..calibration.calibration import Calibration
 from ..calibration.fitted_effects import FittedEffect, known_effect
+from ..effects.form_units import acts_on
 from .expanded_uncertainty import coverage_factor
 from .record import Record
 
@@ -53,11 +54,11 @@ def _of_effect(fitted: FittedEffect, record: Record) -> list[EffectResult]:
     values = np.asarray(fitted.coefficients, float)
     stds = np.sqrt(np.maximum(np.diagonal(np.asarray(fitted.covariance, float)), 0.0))
     label = "amplitude" if known.unit_amplitude else "coefficient"
-    unit = fitted.unit.replace("^n", f"^{settings.get('power', 'n')}")
     for k, (value, std) in enumerate(zip(values.tolist(), stds.tolist(), strict=True)):
         name = label if len(values) == 1 else f"{label}[{k}]"
         term = _term(known.equation, settings, known.nuisance, k, len(values))
         told = std if math.isfinite(std) and std > 0.0 else None
+        unit = known.unit(fitted.triad, settings, k)
         made.append(EffectResult(fitted.name, channels, term, name, value, told, unit))
     return made
 
@@ -69,6 +70,9 @@ def _term(
     said = []
     for name, value in settings.items():
         if name == nuisance:
+            continue
+        if name == "on":
+            said.append(f"on {acts_on(settings)}")
             continue
         columns = str(value).split() if isinstance(value, str) else []
         if len(columns) == count:

@@ -83,7 +83,9 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
             f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
             f"it {gain_on_left_out(evidence.held_out_gain, 'the misfit')}.",
         ]
-        rows = tuple((name, *shown_parameter(name, p)) for name, p in effect.parameters)
+        rows = tuple(
+            (name, *shown_parameter(effect.name, name, p)) for name, p in effect.parameters
+        )
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]
         if len(effect.odds) > 1:
             odds = tuple((name, f"{100 * share:.1f}") for name, share in effect.odds)

@@ -355,7 +355,7 @@ def fitted_effects(
             FittedEffect(
                 term.name, term.triad, term.channels, tuple(sorted(term.variant.settings.items())),
                 values, covariance,
-                term.known.units[term.triad],
+                term.known.unit(term.triad, term.variant.settings),
                 (float(clock[0]), float(clock[-1])) if one_clock else None, temperature,
                 float(np.abs(np.asarray(signal.input)).max()),
                 prepared.form.degree, (prepared.form.low, prepared.form.high),

@@ -185,11 +185,11 @@ def parameters(
             covariance = covariance + nuisance_std**2 * np.outer(slope, slope)
         values, covariance = held_to_common_size(values, covariance)
         spread = np.sqrt(np.diag(covariance))
-        unit = effect.units[term.triad]
         label = "amplitude" if effect.unit_amplitude else "coefficient"
         for k, (value, std) in enumerate(zip(values, spread)):
             name = label if len(values) == 1 else f"{label}[{k}]"
             told = float(std) if found[0].told[k] else None
+            unit = effect.unit(term.triad, term.variant.settings, k)
             made.append((name, Parameter(float(value), told, unit)))
     return tuple(made)
 

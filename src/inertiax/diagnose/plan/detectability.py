@@ -165,15 +165,24 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
         if effect.unit_amplitude and effect.nuisance:
             size, unit = smallest_setting(members), effect.nuisance_unit
         else:
-            size, unit = (
-                min(z * sigma(s) for s, z in members),
-                effect.units[one.prepared.form.triad],
-            )
+            size, unit = smallest_coefficient(members)
             usual = effect.usual(one.prepared.form.triad, None)
             size = np.inf if usual and size > BEYOND * usual[1] else size
         if np.isfinite(size):
             made.append(Detectable(name, channels, float(size), unit))
     return made
+
+
+def smallest_coefficient(members: Sequence[tuple[Score, float]]) -> tuple[float, str]:
+    """The smallest coefficient that is detected, and its unit: of the forms in the effect's own unit, if it has any.
+
+    A change of the bias and one of the scale factor are numbers of two kinds, of which none is the smaller.
+    """
+    known = members[0][0].term
+    units = [s.term.known.unit(s.term.triad, s.term.variant.settings) for s, _ in members]
+    own = known.known.units[known.triad]
+    unit = own if own in units else units[0]
+    return min(z * sigma(s) for (s, z), u in zip(members, units, strict=True) if u == unit), unit
 
 
 def sigma(score: Score) -> float:

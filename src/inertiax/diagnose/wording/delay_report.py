@@ -50,7 +50,7 @@ def explain_delay(delay: Delay) -> Explanation:
     bic = (freedom + 1.0) * np.log1p(t**2 / freedom) - np.log(freedom + 1.0)
     p_value, gain = float(delay.p_value[best]), float(delay.gain[best])
     odds = ((NAME, 1.0),)
-    said = sentence(EFFECT, names, values, odds) + " It shows in the ramps between plateaus."
+    said = sentence(EFFECT, {}, names, values, odds) + " It shows in the ramps between plateaus."
     return Explanation(
         NAME, names, "", (), odds, values, Evidence(float(bic), p_value, gain), said,
         EFFECT.separating,

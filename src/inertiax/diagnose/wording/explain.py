@@ -35,7 +35,7 @@ def explain(
         rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
         bic = delta_bic(candidate.ratio, candidate.score.size, effect, rows)
         values = parameters(prepared, stated, term, others, std)
-        said = sentence(effect, term.channel_names, values, odds)
+        said = sentence(effect, term.variant.settings, term.channel_names, values, odds)
         made.append(
             Explanation(
                 name=term.name,

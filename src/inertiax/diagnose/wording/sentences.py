@@ -4,14 +4,15 @@ from collections.abc import Sequence
 
 from ...calibration.effect_units import shown_parameter
 from ...effects import Effect
+from ...effects.form_units import acts_on, Settings
 from ..observations.model_rows import ModelForm
 from ..result import Explanation, Parameter, Where
 
 
-def _number(name: str, parameter: Parameter) -> str:
+def _number(effect: Effect, name: str, parameter: Parameter) -> str:
     if parameter.std is None and parameter.value == 0.0:
         return "not determined by this data"
-    value, std, unit = shown_parameter(name, parameter)
+    value, std, unit = shown_parameter(effect.name, name, parameter)
     if parameter.std is None:
         return f"about {value} {unit} (not determined by this data)"
     return f"{value} ± {std} {unit}"
@@ -19,13 +20,18 @@ def _number(name: str, parameter: Parameter) -> str:
 
 def sentence(
     effect: Effect,
+    settings: Settings,
     channels: Sequence[str],
     values: Sequence[tuple[str, Parameter]],
     odds: Sequence[tuple[str, float]],
 ) -> str:
     """What the effect is, how large, and which rivals remain."""
-    text = effect.sentence.format(channels=", ".join(channels)) + f" Model: {effect.equation}; "
-    text += ", ".join(f"{name} {_number(name, value)}" for name, value in values) + "."
+    on = acts_on(settings)
+    acts = "" if on is None else f" It acts on {on}."
+    text = (
+        effect.sentence.format(channels=", ".join(channels)) + f"{acts} Model: {effect.equation}; "
+    )
+    text += ", ".join(f"{name} {_number(effect, name, value)}" for name, value in values) + "."
     if len(odds) > 1:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in odds)
         text += f" This data cannot decide between: {shares}."

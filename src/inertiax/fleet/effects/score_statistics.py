@@ -194,7 +194,8 @@ def terms_of(forms: Sequence[Form], triad: str) -> tuple[Term, ...]:
         for channel in channels:
             for k in range(form.columns):
                 label = form.label + (f" [{k}]" if form.columns > 1 else "")
-                made.append(Term(effect.name, channel, label, effect.units[triad], effect.common))
+                unit = effect.unit(triad, form.settings, k)
+                made.append(Term(effect.name, channel, label, unit, effect.common))
     return tuple(made)
 
 
