@@ -17,7 +17,7 @@ from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.diagnose.problem import prepare, retuned
 from inertiax.diagnose.result import Parameter
 from inertiax.diagnose.selection.score_test import _columns_seen, _score
-from inertiax.diagnose.wording.sentences import sentence
+from inertiax.diagnose.wording.sentences import Said, sentence
 from inertiax.effects import CATALOGUE, Variant
 
 
@@ -139,7 +139,7 @@ def test_the_sentence_says_which_coefficients_are_not_told():
         ("coefficient[1]", Parameter(0.0, None, "rad/s/g")),
         ("coefficient[2]", Parameter(2e-4, None, "rad/s/g")),
     )
-    text = sentence(effect, {"axes": "xyz"}, ("gyro_x",), values, (("g_sensitivity", 1.0),))
+    text = sentence(effect, {"axes": "xyz"}, [Said(("gyro_x",), values, (("g_sensitivity", 1.0),))])
     # 4e-4 rad/s are 82.5 °/h.
     assert "coefficient[0] 82.5 ± 6.2 °/h/g" in text
     assert "coefficient[1] not determined by this data" in text

@@ -10,7 +10,7 @@ from every_form import every_form, signal
 from inertiax.calibration.effect_units import shown_parameter
 from inertiax.calibration.fitted_effects import from_entry, to_entry
 from inertiax.diagnose.result import Parameter
-from inertiax.diagnose.wording.sentences import sentence
+from inertiax.diagnose.wording.sentences import Said, sentence
 from inertiax.effects import CATALOGUE
 from inertiax.protocol import content
 from inertiax.protocol.dcc import dcc
@@ -24,6 +24,7 @@ HOMOGENEOUS = """temperature_order temperature_dependence temperature_rate therm
 bias_step second_order third_order odd_quadratic scale_asymmetry cross_coupling rate_nonlinearity cross_axis_rate
 table_misalignment pier_tilt gravity_error rate_scale_error supply interference""".split()
 CASES = [c for c in every_form() if c[0].name in HOMOGENEOUS]
+RAD = np.pi / 180.0  # in a degree
 MISALIGNED = (("on", "misalignment"), ("terms", 1))
 
 
@@ -70,7 +71,8 @@ def test_what_a_form_acts_on_is_said_and_its_coefficient_is_in_its_own_unit():
     ):
         settings = {"on": on, "terms": 1}
         values = (("coefficient", Parameter(value, std, known.unit(triad, settings))),)
-        said[on] = sentence(known, settings, (f"{triad}_z",), values, (("temperature_order", 1.0),))
+        member = Said((f"{triad}_z",), values, (("temperature_order", 1.0),))
+        said[on] = sentence(known, settings, [member])
     # 2.2188e-4 of the scale factor are 221.9 ppm, as an acceleration they are 22.63 µg (9.80665e-6 m/s²).
     assert "acts on the scale factor" in said["scale"]
     assert "coefficient 221.9 ± 6.1 ppm" in said["scale"]
@@ -85,13 +87,13 @@ def test_what_a_form_acts_on_is_said_and_its_coefficient_is_in_its_own_unit():
         # Hand values: 1e-9 of the scale factor in a second is 3.6 ppm in an hour; 1 °/h is 4.8481368e-6 rad/s.
         ("drift", {"on": "scale"}, "accel", 1e-9, "1/s", ("3.600", "ppm/h")),
         ("drift", {"on": "bias"}, "gyro", 4.8481368e-6 / 3600, "rad/s/s", ("1.000", "(°/h)/h")),
-        ("temperature_rate", {"on": "scale", "time_constant": 0.0}, "gyro", 2e-5, "1/(degC/min)", ("20.00", "ppm/(°C/min)")),
+        ("temperature_rate", {"on": "scale"}, "gyro", 2e-5, "1/(degC/min)", ("20.00", "ppm/(°C/min)")),
         ("thermal_hysteresis", {"on": "scale", "loop": "play", "radius": 0.1}, "accel", 5e-5, "1", ("50.00", "ppm")),
         ("temperature_dependence", {"on": "misalignment", "terms": 1}, "accel", 3e-5, "rad", ("30.00", "µrad")),
         ("settling", {"size": "signed", "time_constant": 4.0}, "accel", 9.80665e-5, "m/s^2/g", ("10.00", "µg/g")),
         ("settling", {"size": "distance", "time_constant": 4.0}, "gyro", 1e-5, "(rad/s)/(rad/s)", ("10.00", "ppm")),
         # 1 (°/h)/(°/s)³ is 4.8481368e-6 rad/s over (π/180)³ (rad/s)³.
-        ("rate_nonlinearity", {"power": 3}, "gyro", 4.8481368e-6 * (180 / np.pi) ** 3, "rad/s/(rad/s)^3", ("1.000", "(°/h)/(°/s)³")),
+        ("rate_nonlinearity", {"power": 3}, "gyro", 4.8481368e-6 / RAD**3, "rad/s/(rad/s)^3", ("1.0", "(°/h)/(°/s)³")),
         ("cross_axis_rate", {"terms": "|p|"}, "gyro", 2e-5, "(rad/s)/(rad/s)", ("20.00", "ppm")),
         # 10 arcsec are 48.481368 µrad; the pier is the station's.
         ("pier_tilt", {"course": "linear"}, "accel", 48.481368e-6, "rad", ("10.00", "arcsec")),

@@ -1,7 +1,8 @@
 """What the rows of each triad say: named effects, short disturbances, and single rests that are left out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -55,20 +56,31 @@ class Finding:
         return delay if delay is not None and delay.found else None
 
 
-def find_all(triads: Sequence[Prepared], grade: str | None, progress: Progress) -> list[Finding]:
+def find_all(
+    triads: Sequence[Prepared],
+    grade: str | None,
+    progress: Progress,
+    kept: Mapping[str, Finding] = MappingProxyType({}),
+) -> list[Finding]:
     """Every triad's finding; what one remembers of temperature is looked for on the next.
 
     A hand that disturbs a rest holds both triads: what one finds beside rests that the other left out, it is asked
-    again without them.
+    again without them. `kept` are findings of triads that are known already.
     """
     made: list[Finding] = []
     for prepared in triads:
         hint = made[-1].answer.remembered if made else None
-        made.append(find(prepared, grade, progress, hint))
+        known = kept.get(prepared.form.triad)
+        made.append(find(prepared, grade, progress, hint) if known is None else known)
     for k, (prepared, found) in enumerate(zip(triads, made, strict=True)):
         others = [d for j, other in enumerate(made) if j != k for d in other.left_out]
         touched = single_rests.within(prepared, others)
-        if found.verdict == "consistent" or prepared.only is None or not single_rests.few(touched):
+        if (
+            prepared.form.triad in kept
+            or found.verdict == "consistent"
+            or prepared.only is None
+            or not single_rests.few(touched)
+        ):
             continue
         progress(
             f"{prepared.form.triad}: again without the rests that stand out in the other triad"

@@ -1,8 +1,9 @@
 """The whole diagnosis of a campaign: gate, locate, name, check, quantify, prove, say."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import jax
 from jaxtyping import Array, Float
@@ -24,6 +25,7 @@ from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import augmented_calibration, Beside
 from .estimates.calibration_chain import succeeding, taken_away
 from .estimates.cross_validation import held_out_rms, in_sample
+from .estimates.degree_beside import chosen_again
 from .estimates.localisation import locate, tidy
 from .estimates.moved_parameters import moved_between
 from .estimates.parameters import moved
@@ -74,17 +76,38 @@ def diagnose_campaign(
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
         problem = prepare(seen, effects, noise=noise)
         progress("calibration, blocks and signatures made")
-        findings = find_all(problem.triads, campaign.grade, progress)
-        motions = prepared_motions(problem, effects)
-        if motions is not None:
-            progress("gyro: motions between rests")
-            findings.append(find_in_motions(motions, campaign.grade, progress))
+        findings = _find(problem, effects, campaign.grade, progress)
+        again = chosen_again(problem, findings)
+        if again is not None:
+            progress(" ".join(again.sentences))
+            problem = again.told(prepare(seen, effects, noise=noise, model=again.model()))
+            kept = again.kept(findings)
+            findings = _find(problem, effects, campaign.grade, progress, kept)
         found, named = conclude_findings(findings, effects, progress)
+        if again is not None:
+            said = " ".join((found.summary, *again.sentences))
+            found = replace(found, summary=said, notes=(*found.notes, *again.sentences))
         if noise is not None:
             found = replace(found, noise=(noise.origin(), *found.noise))
         found = with_findings(replace(found, model=problem.plain.model), found_odd)
         found, second = _calibrated(problem, found, findings, named)
         return found, second if calibration is None else succeeding(calibration, second)
+
+
+def _find(
+    problem: Problem,
+    effects: Sequence[Effect],
+    grade: str | None,
+    progress: Progress,
+    kept: Mapping[str, Finding] = MappingProxyType({}),
+) -> list[Finding]:
+    """What the rows of each triad say, those of the gyros' motions between rests included."""
+    findings = find_all(problem.triads, grade, progress, kept)
+    motions = prepared_motions(problem, effects)
+    if motions is not None:
+        progress("gyro: motions between rests")
+        findings.append(find_in_motions(motions, grade, progress))
+    return findings
 
 
 def _calibrated(
@@ -103,7 +126,7 @@ def _calibrated(
     forms = {f.prepared.form.triad: f.prepared.form for f in findings}
     further = [e for d in delays for e in stored(d, log, forms[d.triad])]
     notes = [
-        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.statement}" for e in found.effects
+        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.in_short}" for e in found.effects
     ]
     try:
         beside, estimate = augmented_calibration(problem, named, further, notes)

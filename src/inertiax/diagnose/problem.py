@@ -11,6 +11,7 @@ from ..calibrate.results import DeviceResult
 from ..data.recording import Campaign
 from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
+from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
 from ..reduction.rig_errors import rig_covariance
 from .candidates.bumps import between
@@ -95,17 +96,21 @@ def probe_error(
 
 
 def prepare(
-    campaign: Campaign, catalogue: Sequence[Effect] = CATALOGUE, noise: TypeNoise | None = None
+    campaign: Campaign,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    noise: TypeNoise | None = None,
+    model: ModelSpec | None = None,
 ) -> Problem:
     """Calibrate, cut the recordings into blocks, and make each triad's rows and all candidates.
 
-    The model that is judged is the one that the calibration fitted. `noise` is what other units tell of the variances.
+    The model that is judged is `model`, else the one that the calibration chooses. `noise` is what other units tell of
+    the variances.
     Raises `ValueError` where the campaign cannot be calibrated or the noise is of another station or other rows.
     """
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
-    log, plain = join(campaign), calibrate_device(campaign, checked=True)
+    log, plain = join(campaign), calibrate_device(campaign, checked=True, model=model)
     fitted = plain
     delays: dict[str, Delay] = {}
     if any(e.stream_delay for e in catalogue):

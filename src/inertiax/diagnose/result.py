@@ -61,6 +61,8 @@ class Explanation(eqx.Module):
     statement: str = eqx.field(static=True)  # what it does, in words
     # What would decide between the alternatives.
     separating_experiment: str = eqx.field(static=True)
+    # The statement without sizes where they are many; of texts that stand beside a table of them.
+    in_short: str = eqx.field(static=True, default="")
 
 
 class Quality(eqx.Module):
@@ -167,6 +169,7 @@ def _fields(module: eqx.Module) -> dict:
 
 def _explanation(effect: Explanation) -> dict:
     made = _fields(effect)
+    del made["in_short"]
     made["parameters"] = {name: _fields(value) for name, value in effect.parameters}
     made["odds"] = dict(effect.odds)
     made["evidence"] = _fields(effect.evidence)

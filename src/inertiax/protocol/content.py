@@ -216,15 +216,16 @@ def _beside(protocol: Protocol) -> list[str]:
         r.name.partition(".")[0] for r in protocol.requirements if r.without
     ):
         names = [r.name for r in protocol.requirements if r.name.startswith(f"{triad}.")]
-        found = [
-            f"{e.effect} on {', '.join(e.channels)} ({value} ± {sigma} {unit}, {e.term})"
-            for e in protocol.effects
-            if e.term and e.channels[0].startswith(f"{triad}_")
-            for value, sigma, unit in (_effect_text(e),)
-        ]
+        channels: dict[str, list[str]] = {}
+        for e in protocol.effects:
+            if e.term and e.channels[0].startswith(f"{triad}_"):
+                channels.setdefault(e.effect, []).extend(e.channels)
+        found = "; ".join(
+            f"{name} on {', '.join(dict.fromkeys(on))}" for name, on in channels.items()
+        )
         said.append(
-            f"{', '.join(names)}: decided on the parameters alone. They do not contain what is fitted beside them: "
-            f"{'; '.join(found)}."
+            f"{', '.join(names)}: decided on the parameters alone. They do not contain what is fitted beside them "
+            f"and stated under Named effects: {found}."
         )
     return said
 

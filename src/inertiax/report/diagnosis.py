@@ -79,7 +79,7 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
     for number, effect in enumerate(found.effects, start=1):
         evidence = effect.evidence
         lines = [
-            effect.statement,
+            effect.in_short or effect.statement,  # the table below has the sizes
             f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
             f"it {gain_on_left_out(evidence.held_out_gain, 'the misfit')}.",
         ]

@@ -48,11 +48,12 @@ def augmented_calibration(
     """
     log = problem.log
     for one in named:
-        log = _without(log, one)
+        log = without_effects(log, one)
     campaign = with_outputs(problem.campaign, log)
     estimate = calibrate_device(
         campaign, model=problem.plain.model, checked=True, segments=problem.plain.segments
     )
+    estimate = replace(estimate, choices=problem.plain.choices)  # of a given model it has none
     found = estimate.calibration
     for one in named:
         triad = one.prepared.form.triad
@@ -69,7 +70,7 @@ def augmented_calibration(
     return named_beside, estimate
 
 
-def _without(log: Log, one: Beside) -> Log:
+def without_effects(log: Log, one: Beside) -> Log:
     """The log with the outputs that the triad would have had without its named effects."""
     triad = one.prepared.form.triad
     added = np.zeros((len(log.time), 3))

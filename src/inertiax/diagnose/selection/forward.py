@@ -9,7 +9,7 @@ from ..noise.observation_series import NoiseFit, System
 from ..noise.pooled_channels import alike
 from ..noise.reml import fit_noise
 from .candidate_screening import carried, FAINT, first_of_both, is_open, leaders, quiet_bank, rank
-from .constraints import among, explained_beside, full, MOST_EFFECTS, twice
+from .constraints import among, causes, explained_beside, full, MOST_EFFECTS, twice
 from .evidence import Bank, bank, Candidate, judge, shortlist
 from .multiple_testing import Family, Key
 from .pairs import best_pair
@@ -82,7 +82,7 @@ class Asked:
     ) -> Found:
         """Take effects one after the other beside those given, until none passes."""
         noise = fuller.leader if chosen else None
-        while len(chosen) < 2 * MOST_EFFECTS and ranked:
+        while causes([c.key for c in chosen]) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
             ranked = [c for c in ranked if is_open(c) or not full(chosen, c)]
             ranked = [c for c in ranked if not twice(chosen, c)]

@@ -13,7 +13,7 @@ from ..observations.delay_ramps import Delay, LEVEL
 from ..observations.model_rows import ModelForm
 from ..plan.limits import Audit, Detectable, POWER
 from ..result import Evidence, Explanation, Parameter, Where
-from .sentences import sentence
+from .sentences import Said, sentence
 
 
 NAME = EFFECT.name
@@ -50,7 +50,8 @@ def explain_delay(delay: Delay) -> Explanation:
     bic = (freedom + 1.0) * np.log1p(t**2 / freedom) - np.log(freedom + 1.0)
     p_value, gain = float(delay.p_value[best]), float(delay.gain[best])
     odds = ((NAME, 1.0),)
-    said = sentence(EFFECT, {}, names, values, odds) + " It shows in the ramps between plateaus."
+    said = sentence(EFFECT, {}, [Said(names, values, odds)])
+    said += " It shows in the ramps between plateaus."
     return Explanation(
         NAME, names, "", (), odds, values, Evidence(float(bic), p_value, gain), said,
         EFFECT.separating,

@@ -1,10 +1,13 @@
 """What is said of each named effect: size, odds, gain on data left out, and the sentence."""
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ...effects import Effect
+from ...effects.form_units import acts_on
 from ..candidates.signatures import Term
 from ..estimates.cross_validation import held_out_rms
 from ..estimates.parameters import parameters
@@ -14,7 +17,10 @@ from ..problem_of_motions import PARTED_BY
 from ..result import Evidence, Explanation, Parameter
 from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named
-from .sentences import sentence
+from .sentences import Said, sentence
+
+
+IN_SHORT = 3  # numbers that a summary says of an effect; more are in the list of its parameters
 
 
 def explain(
@@ -25,7 +31,7 @@ def explain(
 ) -> list[Explanation]:
     """One entry for each named effect of a triad; `tuned` holds each with its refined term and the setting's
     standard deviation, and `stated` is the noise that standard deviations are stated with."""
-    made = []
+    made: dict[str, list[_Entry]] = {}
     terms = [t for _, t, _ in tuned]
     for k, (named, term, std) in enumerate(tuned):
         others = terms[:k] + terms[k + 1 :]
@@ -35,25 +41,67 @@ def explain(
         rows = prepared.system.num_rows / len(prepared.system.chains) * len(term.chains)
         bic = delta_bic(candidate.ratio, candidate.score.size, effect, rows)
         values = parameters(prepared, stated, term, others, std)
-        said = sentence(effect, term.variant.settings, term.channel_names, values, odds)
-        made.append(
-            Explanation(
-                name=term.name,
-                channels=term.channel_names,
-                form=term.variant.label,
-                alternatives=tuple(r.term.name for r in named.rivals),
-                odds=odds,
-                parameters=values,
-                evidence=Evidence(bic, named.p_value, gain_of_channels(prepared, terms, term.name)),
-                statement=f"{said} It shows in the motions between rests."
-                if prepared.motions
-                else said,
-                separating_experiment=(
-                    PARTED_BY if prepared.motions else experiment(effect, alone=not named.rivals)
-                ),
-            )
+        gain = gain_of_channels(prepared, terms, term.name)
+        entry = _Entry(
+            term,
+            Said(term.channel_names, values, odds),
+            Evidence(bic, named.p_value, gain),
+            tuple(r.term.name for r in named.rivals),
         )
-    return _merge(made)
+        made.setdefault(term.name, []).append(entry)
+    return [_together(prepared, entries) for entries in made.values()]
+
+
+class _Entry(NamedTuple):
+    """One named term with what is said of it."""
+
+    term: Term
+    said: Said
+    evidence: Evidence
+    rivals: tuple[str, ...]
+
+
+def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
+    """One entry for an effect on all its channels; the evidence and the alternatives are those of the clearest."""
+    lead = max(entries, key=lambda e: e.evidence.delta_bic)
+    effect, alone = lead.term.known, not lead.rivals
+    where = " It shows in the motions between rests." if prepared.motions else ""
+    return Explanation(
+        name=lead.term.name,
+        channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
+        form=lead.term.variant.label,
+        alternatives=lead.rivals,
+        odds=tuple(lead.said.odds),
+        parameters=_parameters(entries),
+        evidence=lead.evidence,
+        statement=_sentences(effect, entries, math.inf) + where,
+        separating_experiment=PARTED_BY if prepared.motions else experiment(effect, alone=alone),
+        in_short=_sentences(effect, entries, IN_SHORT) + where,
+    )
+
+
+def _sentences(effect: Effect, entries: list[_Entry], most: float | int) -> str:
+    """A sentence for each thing that the effect acts on."""
+    groups: dict[str | None, list[_Entry]] = {}
+    for e in entries:
+        groups.setdefault(acts_on(e.term.variant.settings), []).append(e)
+    return " ".join(
+        sentence(effect, g[0].term.variant.settings, [e.said for e in g], most=most)
+        for g in groups.values()
+    )
+
+
+def _parameters(entries: list[_Entry]) -> tuple[tuple[str, Parameter], ...]:
+    """All numbers by name, with the channels where there are several entries."""
+    if len(entries) == 1:
+        return tuple(entries[0].said.values)
+    values: dict[str, Parameter] = {}
+    for e in entries:
+        for name, value in e.said.values:
+            label = f"{name} ({', '.join(e.said.channels)})"
+            again = sum(key.startswith(label) for key in values)
+            values[label if not again else f"{label}, {again + 1}"] = value
+    return tuple(values.items())
 
 
 def gain_of_channels(prepared: Prepared, terms: Sequence[Term], name: str) -> float:
@@ -84,40 +132,6 @@ def delta_bic(ratio: float, size: int, effect: Effect, rows: float) -> float:
     """
     fitted = size + (effect.nuisance != "" and not effect.unit_amplitude)
     return float(ratio - fitted * np.log(rows))
-
-
-def _merge(explanations: list[Explanation]) -> list[Explanation]:
-    """One entry for an effect found on several channels in one form."""
-    groups: dict[str, list[Explanation]] = {}
-    for e in explanations:
-        groups.setdefault(e.name, []).append(e)
-    made = []
-    for members in groups.values():
-        lead = max(members, key=lambda e: e.evidence.delta_bic)
-        if len(members) == 1:
-            made.append(lead)
-            continue
-        channels = tuple(dict.fromkeys(c for e in members for c in e.channels))
-        values: dict[str, Parameter] = {}
-        for e in members:
-            for name, value in e.parameters:
-                label = f"{name} ({', '.join(e.channels)})"
-                again = sum(key.startswith(label) for key in values)
-                values[label if not again else f"{label}, {again + 1}"] = value
-        made.append(
-            Explanation(
-                name=lead.name,
-                channels=channels,
-                form=lead.form,
-                alternatives=lead.alternatives,
-                odds=lead.odds,
-                parameters=tuple(values.items()),
-                evidence=lead.evidence,
-                statement=" ".join(e.statement for e in members),
-                separating_experiment=lead.separating_experiment,
-            )
-        )
-    return made
 
 
 def formula(candidate: Candidate) -> str:

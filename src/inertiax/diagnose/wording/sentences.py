@@ -1,6 +1,8 @@
 """A diagnosis in words that a test engineer understands."""
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from ...calibration.effect_units import shown_parameter
 from ...effects import Effect
@@ -18,23 +20,42 @@ def _number(effect: Effect, name: str, parameter: Parameter) -> str:
     return f"{value} ± {std} {unit}"
 
 
+class Said(NamedTuple):
+    """What is told of an effect on some channels in one form."""
+
+    channels: tuple[str, ...]
+    values: Sequence[tuple[str, Parameter]]
+    odds: Sequence[tuple[str, float]]  # of this name and of those that the data do not exclude
+
+
 def sentence(
-    effect: Effect,
-    settings: Settings,
-    channels: Sequence[str],
-    values: Sequence[tuple[str, Parameter]],
-    odds: Sequence[tuple[str, float]],
+    effect: Effect, settings: Settings, members: Sequence[Said], *, most: float | int = math.inf
 ) -> str:
-    """What the effect is, how large, and which rivals remain."""
+    """What the effect is, on what it acts, how large, and which rivals remain.
+
+    **Arguments:** `members` are all channels that have it in a form with these `settings`; of more than `most` numbers
+    none is said.
+    """
+    channels = list(dict.fromkeys(c for m in members for c in m.channels))
     on = acts_on(settings)
     acts = "" if on is None else f" It acts on {on}."
-    text = (
-        effect.sentence.format(channels=", ".join(channels)) + f"{acts} Model: {effect.equation}; "
-    )
-    text += ", ".join(f"{name} {_number(effect, name, value)}" for name, value in values) + "."
-    if len(odds) > 1:
-        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in odds)
-        text += f" This data cannot decide between: {shares}."
+    text = effect.sentence.format(channels=", ".join(channels))
+    text += f"{acts} Model: {effect.equation}"
+    apart = len(members) > 1
+    if sum(len(m.values) for m in members) <= most:
+        sizes = []
+        for m in members:
+            numbers = ", ".join(
+                f"{name} {_number(effect, name, value)}" for name, value in m.values
+            )
+            sizes.append(f"{', '.join(m.channels)}: {numbers}" if apart else numbers)
+        text += "; " + "; ".join(sizes)
+    text += "."
+    for m in members:
+        if len(m.odds) > 1:
+            shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in m.odds)
+            where = f"On {', '.join(m.channels)} this" if apart else "This"
+            text += f" {where} data cannot decide between: {shares}."
     return text
 
 
@@ -76,7 +97,7 @@ def summary(
             "sizes says what this campaign could not have missed."
         )
     if verdict == "missing-physics":
-        parts = " ".join(e.statement for e in explanations)
+        parts = " ".join(e.in_short or e.statement for e in explanations)
         proof = "; ".join(
             f"{e.name} {gain_on_left_out(e.evidence.held_out_gain, 'the rms of ' + ', '.join(e.channels))}"
             for e in explanations

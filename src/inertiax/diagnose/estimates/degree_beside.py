@@ -1,0 +1,111 @@
+"""The degree over temperature, chosen again beside what a diagnosis named.
+
+An effect that the model lacks, such as lever arms of a centimetre on a rate table, is scatter to the criterion that
+chose the degree, and curvature that is small beside it is not chosen. On outputs without the effect it is. A degree
+that came out too high costs some variance and is kept; one too low leaves a bias that no uncertainty contains.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import msgspec
+
+from ...calibrate.pipeline import calibrate_device
+from ...model_selection.model_spec import ModelSpec
+from ..findings import Finding
+from ..problem import Problem, with_outputs
+from .applied_effects import fitted_effects
+from .augmented_calibration import Beside, without_effects
+
+
+BY_POLYNOMIAL = (
+    "temperature"  # driver of what a higher degree explains itself, and which stays in the outputs
+)
+
+
+@dataclass(frozen=True)
+class Again:
+    """A model with a higher degree for some triads, and the words for it."""
+
+    problem: Problem  # whose model it replaces
+    degrees: dict[str, int]  # by triad
+    sentences: tuple[str, ...]  # for the summary
+    choices: tuple[str, ...]  # for the notes of a calibration
+
+    def model(self) -> ModelSpec:
+        """The model of the problem with these degrees."""
+        changes = {
+            triad: msgspec.structs.replace(
+                getattr(self.problem.plain.model, triad), temperature_degree=degree
+            )
+            for triad, degree in self.degrees.items()
+        }
+        return msgspec.structs.replace(self.problem.plain.model, **changes)
+
+    def told(self, problem: Problem) -> Problem:
+        """A problem of this model, with the choices of the first one's calibration and the new ones."""
+        old = tuple(f"{triad}: temperature degree" for triad in self.degrees)
+        kept = (c for c in self.problem.plain.choices if not c.startswith(old))
+        choices = (*kept, *self.choices)
+        plain = replace(problem.plain, choices=choices)
+        plain = eqx.tree_at(
+            lambda p: p.calibration, plain, replace(plain.calibration, notes=choices)
+        )
+        return replace(problem, plain=plain)
+
+    def kept(self, findings: Sequence[Finding]) -> dict[str, Finding]:
+        """Findings that do not depend on the degrees that changed: of another triad, by its own reference."""
+        return {
+            f.prepared.form.triad: f
+            for f in findings
+            if f.prepared.form.triad not in self.degrees
+            and f.prepared.form.by_reference
+            and not f.prepared.motions
+        }
+
+
+def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
+    """The higher degrees that BIC chooses on outputs without what was named; `None` where they stay.
+
+    Only of triads whose degree the tool chose, and on which something was named that is no function of temperature.
+    Where outputs without the effects cannot be calibrated, the degrees stay as well.
+    """
+    before, log = problem.plain.model, problem.log
+    chosen_by, names = dict(before.chosen_by), dict[str, str]()
+    for finding in findings:
+        prepared, triad = finding.prepared, finding.prepared.form.triad
+        open_to = chosen_by.get(f"{triad}.temperature_degree") == "tool"
+        if not open_to or finding.verdict != "missing-physics" or prepared.motions:
+            continue
+        terms = [n.candidate.term for n in finding.answer.named]
+        pairs = fitted_effects(prepared, finding.answer.noise, terms)
+        pairs = [(t, s) for t, s in pairs if t.known.driver != BY_POLYNOMIAL]
+        if pairs:
+            taken = Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs))
+            log = without_effects(log, taken)
+            names[triad] = ", ".join(dict.fromkeys(t.name for t, _ in pairs))
+    if not names:
+        return None
+    try:
+        found = calibrate_device(
+            with_outputs(problem.campaign, log), checked=True, segments=problem.plain.segments
+        )
+    except ValueError:
+        return None
+    degrees, sentences, choices = {}, [], []
+    for triad, beside in names.items():
+        old, new = getattr(before, triad), getattr(found.model, triad)
+        if new is None or new.temperature_degree <= old.temperature_degree:
+            continue
+        degrees[triad] = new.temperature_degree
+        change = f"{new.temperature_degree} instead of {old.temperature_degree}"
+        whose = "accelerometers" if triad == "accel" else "gyros"
+        sentences.append(
+            f"The temperature degree of the {whose} was chosen again beside {beside}: {change}."
+        )
+        choices.append(
+            f"{triad}: temperature degree {new.temperature_degree} by BIC beside {beside}, "
+            f"{old.temperature_degree} without"
+        )
+    return Again(problem, degrees, tuple(sentences), tuple(choices)) if degrees else None
