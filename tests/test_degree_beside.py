@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
-from inertiax.diagnose.estimates.degree_beside import chosen_again
+from inertiax.diagnose.degree_beside import chosen_again
 from inertiax.diagnose.findings import find_all
 from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.diagnose.problem import prepare

@@ -20,12 +20,12 @@ from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
+from .degree_beside import chosen_again
 from .estimates.allan_check import allan_checks
 from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import augmented_calibration, Beside
 from .estimates.calibration_chain import succeeding, taken_away
 from .estimates.cross_validation import held_out_rms, in_sample
-from .estimates.degree_beside import chosen_again
 from .estimates.localisation import locate, tidy
 from .estimates.moved_parameters import moved_between
 from .estimates.parameters import moved

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import equinox as eqx
 import msgspec
 
-from ...calibrate.pipeline import calibrate_device
-from ...model_selection.model_spec import ModelSpec
-from ..findings import Finding
-from ..problem import Problem, with_outputs
-from .applied_effects import fitted_effects
-from .augmented_calibration import Beside, without_effects
+from ..calibrate.pipeline import calibrate_device
+from ..model_selection.model_spec import ModelSpec
+from .estimates.applied_effects import fitted_effects
+from .estimates.augmented_calibration import Beside, without_effects
+from .findings import Finding
+from .problem import Problem, with_outputs
 
 
 BY_POLYNOMIAL = (
