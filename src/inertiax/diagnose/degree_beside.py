@@ -19,9 +19,9 @@ from .findings import Finding
 from .problem import Problem, with_outputs
 
 
-BY_POLYNOMIAL = (
-    "temperature"  # driver of what a higher degree explains itself, and which stays in the outputs
-)
+# Drivers begin so of what a higher degree may explain instead, such as a loop that stands for curvature: it stays in
+# the outputs.
+BY_TEMPERATURE = "temperature"
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Again:
 def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
     """The higher degrees that BIC chooses on outputs without what was named; `None` where they stay.
 
-    Only of triads whose degree the tool chose, and on which something was named that is no function of temperature.
+    Only of triads whose degree the tool chose, and on which something was named that temperature does not drive.
     Where outputs without the effects cannot be calibrated, the degrees stay as well.
     """
     before, log = problem.plain.model, problem.log
@@ -80,7 +80,7 @@ def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
             continue
         terms = [n.candidate.term for n in finding.answer.named]
         pairs = fitted_effects(prepared, finding.answer.noise, terms)
-        pairs = [(t, s) for t, s in pairs if t.known.driver != BY_POLYNOMIAL]
+        pairs = [(t, s) for t, s in pairs if not t.known.driver.startswith(BY_TEMPERATURE)]
         if pairs:
             taken = Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs))
             log = without_effects(log, taken)
