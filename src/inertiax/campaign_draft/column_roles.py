@@ -47,6 +47,7 @@ WITH_GRAVITY = (
     "an acceleration from which an app has taken gravity tells nothing of accelerometers; take the one with gravity "
     "(Sensor Logger: TotalAcceleration; phyphox: Acceleration (with g))"
 )
+_LISTED = 40  # names in an error
 
 
 class Roles(NamedTuple):
@@ -78,9 +79,10 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
         first = getattr(roles, only) or roles.accel or roles.gyro
         roles = roles._replace(accel=None, gyro=None)._replace(**{only: first})
     if roles.accel is None and roles.gyro is None and roles.mag is None:
+        more = f" and {len(log.names) - _LISTED} more" if len(log.names) > _LISTED else ""
         raise ValueError(
             f"{log.path.name}: no three columns x, y, z of accelerometers, gyros or magnetometers among "
-            f"{list(log.names)[:16]}; {_cure(log.names)}."
+            f"{list(log.names)[:_LISTED]}{more}; {_cure(log.names)}."
         )
     return roles
 

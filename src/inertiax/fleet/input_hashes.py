@@ -32,15 +32,40 @@ def write_inputs(files: Mapping[Path, Iterable[Path]], folder: Path) -> None:
     **Arguments:** `files` are the recordings by their `campaign.toml`. What cannot be read is left out: its device is
     set aside with the reason.
     """
+    inputs = FleetInputs(SCHEMA, _hashes(files))
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / FILE
+    write_atomically(file, encode(inputs, str(file), indent=1))
+
+
+def changes_since(files: Mapping[Path, Iterable[Path]], folder: Path) -> tuple[str, ...] | None:
+    """What differs from the files of the run in a folder by content, in words; `None` where the run kept no hashes.
+
+    **Arguments:** `files` as of `write_inputs`.
+    """
+    known = read_inputs(folder)
+    if known is None:
+        return None
+    before, now = (
+        {(c, f.file): f.sha256 for c, own in campaigns.items() for f in own}
+        for campaigns in (known.campaigns, _hashes(files))
+    )
+    said = []
+    for key in sorted({*before, *now}):
+        if before.get(key) == now.get(key):
+            continue
+        what = "changed" if key in before and key in now else "new" if key in now else "gone"
+        said.append(f"{Path(key[0]).parent.name}/{key[1]} ({what})")
+    return tuple(said)
+
+
+def _hashes(files: Mapping[Path, Iterable[Path]]) -> dict[str, tuple[InputFile, ...]]:
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         found = [
             (str(campaign.absolute()), pool.map(lambda f, c=campaign: _one(f, c.parent), (campaign, *own)))
             for campaign, own in files.items()
         ]  # fmt: skip
-        campaigns = {name: tuple(f for several in own for f in several) for name, own in found}
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / FILE
-    write_atomically(file, encode(FleetInputs(SCHEMA, campaigns), str(file), indent=1))
+        return {name: tuple(f for several in own for f in several) for name, own in found}
 
 
 def read_inputs(folder: Path) -> FleetInputs | None:

@@ -18,7 +18,7 @@ from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
 from .copies import set_copies_aside
-from .input_hashes import write_inputs
+from .input_hashes import changes_since, write_inputs
 from .model_choice import choose_line_model, first_dwells, Reader
 from .one_by_one import beyond_batches, calibrate_one_by_one, Devices, devices_of, line_model
 from .overview.explain import choose_line_forms, write_line
@@ -48,6 +48,7 @@ AHEAD = 16
 # milliseconds a device. Beyond, the covariance of a mean comes from sums over blocks, and estimates move by some
 # hundredths of a sigma.
 EXACT_ROWS = 4_000_000
+_NAMED = 5  # changed files in an error
 
 Report = Callable[[int, int], None]  # tasks done, tasks in all
 
@@ -218,13 +219,13 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
                 "Parquet, or from a folder that has a sub-folder with campaign.toml for each."
             )
         mark = fingerprint([local_state(file), *(s.state for s in sources)])
-        known = _known(folder, mark, asked)
+        local = [Path(s.address) for s in sources if not is_address(s.address)]
+        known = _known(folder, mark, asked, {file: local}, whole=len(local) == len(sources))
         if known is not None:
             return known, columns
         tasks = wherever_read(split([s.address for s in sources], columns))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    local = [Path(s.address) for s in sources if not is_address(s.address)]
     exact = sum(t.rows for t in tasks) <= EXACT_ROWS
     reader = _reader(False, columns, exact)
     found = _settled(
@@ -247,7 +248,7 @@ def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _A
     mark = fingerprint(
         [f"{f.parent.name}/{local_state(f)}" for c, own in used.items() for f in (c, *own)]
     )
-    known = _known(folder, mark, asked)
+    known = _known(folder, mark, asked, used, whole=True)
     if known is not None:
         return known
     tasks = wherever_read(split_campaigns(files))
@@ -317,15 +318,27 @@ def _require_single(accel: TriadModel | None, prior: Population | None) -> None:
         raise ValueError("precision 'float32' does not go with a prior; leave one of them out.")
 
 
-def _known(folder: Path, mark: str, asked: _Asked) -> Manifest | None:
-    """The plan of the run that goes on in a folder."""
+def _known(
+    folder: Path, mark: str, asked: _Asked, files: Mapping[Path, Iterable[Path]], *, whole: bool
+) -> Manifest | None:
+    """The plan of the run that goes on in a folder.
+
+    **Arguments:** `files` by campaign.toml; `whole`: these are all that the run reads, none lies elsewhere.
+    """
     known, prior = read_manifest(folder), asked.prior
     if known is None:
         return None
     if known.inputs != mark:
-        raise ValueError(
-            f"{folder} holds a run over other files or settings; choose another output folder."
-        )
+        changed = changes_since(files, folder)
+        if changed or changed is None or not whole:
+            more = f" and {len(changed or ()) - _NAMED} more" if len(changed or ()) > _NAMED else ""
+            which = f": {', '.join(changed[:_NAMED])}{more}" if changed else ""
+            raise ValueError(
+                f"{folder} holds a run over other files or settings{which}; choose another output folder."
+            )
+        # Written to without a change of content.
+        known = msgspec.structs.replace(known, inputs=mark)
+        write_manifest(known, folder)
     if known.prior != prior:
         had = "without a prior" if known.prior is None else "with another prior"
         had = "with a prior" if prior is None else had
