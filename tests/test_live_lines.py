@@ -17,7 +17,8 @@ REST = {"event": "rest", "number": 1, "start": 0.0, "end": 4.0, "why": None, "le
 
 
 def progress(**worst):
-    return {"event": "progress", "worst": "it", "ratio": 268.4, "parameters": {"it": worst}}
+    known = {"worst": "it", "ratio": 268.4, "lacking": None, "parameters": {"it": worst}}
+    return {"event": "progress"} | known
 
 
 @pytest.fixture
@@ -69,7 +70,35 @@ def test_the_start_says_whose_target_it_is_and_what_is_not_asked(said):
     assert "; nothing is asked of the gyros. Lay the device down" in usual
     limits = {"accel.bias": 1.0, "gyro.bias": 1.0}
     (own,) = said(START | {"usual_for": None, "limits": limits})
-    assert own == "target: accel.bias=2 mg. Lay the device down and leave it alone for 4 s."
+    assert (
+        own
+        == "target: accel.bias=2 mg. Lay the device down and leave it alone until the bell, 6 s."
+    )
+    (run,) = said(START | {"usual_for": None, "limits": {}, "target": "a long rest"})
+    assert run == "run: a long rest. There is no target: the steps below are the whole of it."
+
+
+def test_an_error_says_to_go_on_and_is_said_again_at_the_end(said):
+    wrong = {
+        "kind": "accel_unit",
+        "severity": "error",
+        "statement": "1 g reads 9.8",
+        "remedy": None,
+    }
+    done = {"event": "done", "reason": "target reached", "rests": 15, "seconds": 116.2}
+    first, last = said({"event": "problem"} | wrong, done)
+    assert "Go on: rows are kept as they came" in first and last.endswith("mended: 1 g reads 9.8")
+
+
+def test_a_rest_that_does_no_step_and_a_target_that_is_not_checked_are_said(said):
+    rest = REST | {"accepted": True, "uncounted": "does not count for step 1: 90° off"}
+    assert said(rest) == [
+        "rest 1, 0.0 to 4.0 s: accepted, but it does not count for step 1: 90° off"
+    ]
+    shown = {"label": "bias x", "factor": 1.0, "shown_unit": "m/s²", "value": 0.1, "std": 0.01}
+    met = progress(**shown | {"limit": 0.1}) | {"ratio": 0.1, "lacking": "5 further rests check it"}
+    (line,) = said(met)
+    assert line.startswith("0.1 times the target, but 5 further rests check it; worst: bias x = ")
 
 
 @pytest.mark.parametrize("reason", ["target reached", "nothing more to gain"])

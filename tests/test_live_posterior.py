@@ -18,6 +18,7 @@ from inertiax.live.next_position import best_position, followed, in_words, Part,
 from inertiax.live.posterior import posterior_of, Rows
 from inertiax.live.rest_ledger import mean_covariances, Rest
 from inertiax.live.target import parse_target
+from inertiax.live.warming import away_from_mean, followed_slopes
 from inertiax.physics.directions import hand_directions, nearest_by_hand, up_in_words
 from inertiax.reduction.dwells import Dwells
 
@@ -310,3 +311,49 @@ def test_rows_of_a_planned_turn_are_those_of_the_turn():
         turn = Turn(rate, 1.0 / 400, now, one, 0.0)
         made = turn_rows([integrated(turn, np.zeros((3, 3)))], now[None], one[None], np.ones(1))
         np.testing.assert_allclose(rows, made.jacobian, atol=5e-3)
+
+
+def warming_rests(slopes):
+    """Rests of a device that warms up by 7 °C, by NumPy alone."""
+    rng = np.random.default_rng(8)
+    up = rng.standard_normal((24, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    temperature = 31.0 - 7.0 * np.exp(-np.arange(24) / 6.0)
+    away = temperature - temperature.mean()
+    bias, matrix = np.array([0.3, -0.2, 0.1]), np.diag([1.002, 0.997, 1.004])
+    accel = GRAVITY * up @ matrix.T + bias + away[:, None] * slopes
+    accel += 5e-4 * rng.standard_normal(accel.shape)
+    return RestMeans(accel, np.tile(2.5e-7 * np.eye(3), (24, 1, 1))), list(temperature)
+
+
+def test_slopes_over_temperature_are_those_of_least_squares():
+    true = np.array([4e-3, -3e-3, 5e-3])
+    means, temperature = warming_rests(true)
+    away = away_from_mean(temperature)
+    model = ByMagnitude(GRAVITY)
+    constant = accel_posterior(model, means, "consumer")
+    both = accel_posterior(model, means, "consumer", constant, away)
+
+    def residual(v):
+        lower = np.eye(3)
+        lower[np.tril_indices(3)] += v[3:9]
+        force = (means.accel - v[:3] - away[:, None] * v[9:]) @ np.linalg.inv(lower).T
+        return np.linalg.norm(force, axis=1) - GRAVITY
+
+    expected = least_squares(residual, np.zeros(12), xtol=1e-14, ftol=1e-14).x
+    assert np.all(
+        np.abs(both.mean - expected) < 0.1 * both.std
+    )  # priors are 20 to 1000 times as wide
+    slopes = followed_slopes(constant, both)
+    assert slopes is not None and np.all(np.abs(slopes - true) < 4.0 * both.std[9:])
+    assert np.all(both.first(9).std < 0.5 * constant.std)  # what drifts is no scatter any more
+    np.testing.assert_allclose(both.first(9).mean, both.mean[:9], rtol=1e-12)
+
+
+def test_a_device_that_does_not_follow_the_temperature_has_no_slopes():
+    means, temperature = warming_rests(np.zeros(3))
+    away = away_from_mean(temperature)
+    constant = accel_posterior(ByMagnitude(GRAVITY), means, "consumer")
+    both = accel_posterior(ByMagnitude(GRAVITY), means, "consumer", constant, away)
+    assert followed_slopes(constant, both) is None
+    assert away_from_mean([20.0, 20.2, None]) is None and away_from_mean([20.0, 20.3]) is None

@@ -23,6 +23,9 @@ from .results import TriadResult
 # rad: rests that tell a misalignment no better than its usual size tell nothing of it, and it only bends the other
 # parameters.
 MISALIGNED = LIMITS.usual_size["accel.matrix"]
+UNKNOWNS = 9  # of the invariant model
+FACES = 6  # rests with which biases and scale factors alone are usually meant
+_BETWEEN = "add positions between the axes"
 
 
 def calibrate_accelerometers(
@@ -63,16 +66,16 @@ def calibrate_accelerometers(
         try:
             found = estimate(chosen, said)
         except ValueError:
-            why = "so badly that the estimation with them does not converge"
+            why = f"so badly that the estimation with them does not converge; {_BETWEEN}"
         else:
             known = _known_misalignments(found)
             if known <= MISALIGNED:
                 choices.extend(said)
                 return found, chosen
-            why = f"no better than {1e3 * known:.2g} mrad"
+            why = f"no better than {1e3 * known:.2g} mrad; {_BETWEEN}"
     reason = (
         "accelerometers: biases and scale factors only, because the positions determine the misalignments "
-        f"{why or 'not at all'}; add positions between the axes"
+        f"{why or _too_few(used)}"
     )
     smaller = dataclasses.replace(chosen, accel_misalignments=False)
     try:
@@ -85,6 +88,14 @@ def calibrate_accelerometers(
         warnings.append(reason)
     choices.extend(said)
     return found, smaller
+
+
+def _too_few(dwells: Dwells) -> str:
+    """Why rests determine no misalignment, and what to do."""
+    count = dwells.num_dwells
+    if FACES < count < UNKNOWNS:
+        return f"not at all: {count} rests for {UNKNOWNS} unknowns; add rests"
+    return f"not at all; {_BETWEEN}"
 
 
 def _misalignments(

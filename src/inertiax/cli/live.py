@@ -173,6 +173,10 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
         raise typer.Exit(1)
     if not quiet:
         console.say(f"recorded: {', '.join(str(p) for p in sorted(folder.glob(FILES)))}")
+        console.say(
+            "±: below it holds the noise as estimated; while recording it was wider by what few rests leave unknown "
+            "of the noise."
+        )
         calibrate_command.tell_results(results, folders, folder)
 
 

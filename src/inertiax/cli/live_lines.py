@@ -5,12 +5,16 @@ import sys
 from . import console
 
 
+ENDS = 2.0  # s of a rest, a window of the finder, that do not count: the bell comes so much later
+
+
 class Words:
     """Called with each event; prints what a person should read of it."""
 
     def __init__(self, *, quiet: bool):
         self._quiet = quiet
         self._last = ""
+        self._errors: list[str] = []
 
     def __call__(self, event: dict) -> None:
         """A line for an event, or none."""
@@ -22,7 +26,12 @@ class Words:
             sys.stdout.flush()
 
     def _start(self, event: dict) -> str:
-        return f"target: {_asked(event)}. Lay the device down and leave it alone for {event['hold']:g} s."
+        if not event["limits"]:
+            return (
+                f"run: {event['target']}. There is no target: the steps below are the whole of it."
+            )
+        bell = event["hold"] + ENDS
+        return f"target: {_asked(event)}. Lay the device down and leave it alone until the bell, {bell:g} s."
 
     def _rest(self, event: dict) -> str:
         when = f"rest {event['number']}, {event['start']:.1f} to {event['end']:.1f} s"
@@ -35,13 +44,18 @@ class Words:
 
     def _problem(self, event: dict) -> str:
         remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""
-        return f"{event['severity']}: {event['statement']}{remedy}"
+        on = ""
+        if event["severity"] == "error":
+            self._errors.append(event["statement"])
+            on = " Go on: rows are kept as they came, so mend campaign.toml afterwards."
+        return f"{event['severity']}: {event['statement']}{remedy}{on}"
 
     def _progress(self, event: dict) -> str:
         if event["worst"] is None:
             return ""
         worst = _stated(event["parameters"][event["worst"]])
-        return f"{times(event['ratio'])} times the target; worst: {worst}"
+        but = f", but {event['lacking']}" if event["ratio"] <= 1.0 and event["lacking"] else ""
+        return f"{times(event['ratio'])} times the target{but}; worst: {worst}"
 
     def _next(self, event: dict) -> str:
         known = event["statement"] == self._last and not event["provisional"]
@@ -50,7 +64,8 @@ class Words:
 
     def _done(self, event: dict) -> str:
         said = f"done: {event['reason']} after {event['seconds']:.0f} s and {event['rests']} rests"
-        return said if event["reason"] == "input ended" else f"{said}; what comes after is not read"
+        said += "" if event["reason"] == "input ended" else "; what comes after is not read"
+        return said + "".join(f"; still to be mended: {error}" for error in self._errors)
 
 
 def times(ratio: float) -> str:

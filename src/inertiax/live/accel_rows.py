@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .posterior import Posterior, posterior_of, Rows
+from .warming import slope_std, with_slopes
 
 
 _LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
@@ -104,22 +105,51 @@ class ByReference:
 AccelModel: TypeAlias = ByMagnitude | ByReference  # what one rest tells of the accelerometers
 
 
+def accel_rows(
+    model: AccelModel,
+    vector: Float[np.ndarray, " parameter"],
+    rests: RestMeans,
+    away: Float[np.ndarray, " rest"] | None = None,
+) -> Rows:
+    """Rows of all rests; with `away` (see `accel_posterior`) those of outputs a' − s (T − T̄), s the slopes."""
+    if away is None:
+        return model.rows(vector, rests)
+    slopes = vector[len(model.names) :]
+    outputs = rests.accel - away[:, None] * slopes
+    return with_slopes(
+        model.rows(
+            vector[: len(model.names)], RestMeans(outputs, rests.covariance, rests.reference)
+        ),
+        away,
+        slopes,
+    )
+
+
 def accel_posterior(
-    model: AccelModel, rests: RestMeans, grade: str | None, start: Posterior | None = None
+    model: AccelModel,
+    rests: RestMeans,
+    grade: str | None,
+    start: Posterior | None = None,
+    away: Float[np.ndarray, " rest"] | None = None,
 ) -> Posterior:
     """The posterior of the accelerometers' parameters, linearised where it ends up (Gauss-Newton steps).
 
     **Arguments:** `grade` of the device chooses the priors ("consumer" where it is not known), whose means are zero.
-    `start` is the posterior before.
+    `start` is the posterior before. `away` is how far each rest was from the mean temperature, °C: with it the biases'
+    slopes, m/s² per °C, stand behind the parameters.
     """
     std = prior_std(model, grade)
+    if away is not None:
+        std = np.append(std, slope_std(std[:3]))
     zero = np.zeros(len(std))
-    vector = zero if start is None else start.mean
-    found = posterior_of(model.rows(vector, rests), zero, std)
+    vector = zero.copy()
+    if start is not None:
+        vector[: len(start.mean)] = start.mean
+    found = posterior_of(accel_rows(model, vector, rests, away), zero, std)
     for _ in range(_MOST_STEPS):
         moved = found.mean - vector
         vector = found.mean
-        found = posterior_of(model.rows(vector, rests), zero, std)
+        found = posterior_of(accel_rows(model, vector, rests, away), zero, std)
         if np.all(np.abs(moved) < 1e-3 * found.std):
             break
     return found

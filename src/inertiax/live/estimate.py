@@ -11,6 +11,7 @@ from ..data.recording import Campaign
 from ..physics.directions import FEWEST_DIRECTIONS, hand_directions, num_directions
 from .accel_rows import (
     accel_posterior,
+    accel_rows,
     AccelModel,
     ByMagnitude,
     ByReference,
@@ -31,6 +32,7 @@ from .next_position import (
 from .posterior import Posterior, posterior_of, Rows
 from .rest_ledger import Rest
 from .target import CONFIDENCE, Target
+from .warming import away_from_mean, followed_slopes, slope_std, with_slopes
 
 
 # A misalignment that the rests tell no better than this is left out by the batch estimate (see
@@ -55,6 +57,7 @@ class Triad:
     posterior: Posterior
     limits: Float[np.ndarray, " parameter"]  # ∞ where nothing is asked
     own_variance: float  # of a row, by the noise within a rest
+    slopes: Float[np.ndarray, "3"] | None = None  # of the biases, per °C, where they follow it
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,8 +67,13 @@ class Estimate:
     triads: tuple[Triad, ...]
     model: AccelModel | None
     rests: int  # that are used
-    determined: bool  # the batch estimate will have all parameters
+    lacking: str | None  # what the batch estimate lacks for all parameters, in words
     now: Float[np.ndarray, "3"] | None = None  # direction of the last rest, by the outputs
+
+    @property
+    def determined(self) -> bool:
+        """Whether the batch estimate will have all parameters."""
+        return self.lacking is None
 
     @property
     def ratio(self) -> float:
@@ -200,25 +208,30 @@ def estimate(
     between rests that follow each other. Raises `ValueError` for a target that these columns cannot tell.
     """
     model = accel_model(rests, campaign)
-    triads, determined = [], True
+    triads, lacking = [], None
+    away = away_from_mean([r.temperature for r in rests])
     if model is not None:
         start = None
         if before is not None and before.model is not None:
             start = next(t.posterior for t in before.triads if t.names == before.model.names)
         means = _rest_means(rests)
-        found = accel_posterior(model, means, campaign.grade, start)
-        rows = model.rows(found.mean, means)
-        triads.append(_triad(model.names, found, target, rows))
-        determined = _determined(model, rows, means, found)
+        found, slopes = accel_posterior(model, means, campaign.grade, start), None
+        if away is not None:
+            both = accel_posterior(model, means, campaign.grade, start, away)
+            slopes = followed_slopes(found, both)
+            found = found if slopes is None else both
+        rows = accel_rows(model, found.mean, means, None if slopes is None else away)
+        triads.append(_triad(model.names, found.first(len(model.names)), target, rows, slopes))
+        lacking = _lacking(model, rows, means, found)
     if rests and rests[0].gyro is not None:
-        triads.append(_gyro_biases(rests, target))
+        triads.append(_gyro_biases(rests, target, away))
         if model is not None and campaign.model.gyro_estimator in (None, "gravity"):
             triads.append(_gyro_matrix(turns, triads[0], target, campaign, before))
     if rests:
         _require_known(target, triads)
     last = rests[-1].accel if rests and model is not None else None
     now = None if last is None else last / np.linalg.norm(last)
-    return Estimate(tuple(triads), model, len(rests), determined, now)
+    return Estimate(tuple(triads), model, len(rests), lacking, now)
 
 
 def accel_model(rests: list[Rest], campaign: Campaign) -> AccelModel | None:
@@ -247,9 +260,15 @@ def _require_known(target: Target, triads: list[Triad]) -> None:
             )
 
 
-def _triad(names: tuple[str, ...], found: Posterior, target: Target, rows: Rows) -> Triad:
+def _triad(
+    names: tuple[str, ...],
+    found: Posterior,
+    target: Target,
+    rows: Rows,
+    slopes: Float[np.ndarray, "3"] | None = None,
+) -> Triad:
     usual = float(np.median(rows.variance)) if len(rows.variance) else 0.0
-    return Triad(names, found, limits_of(names, target), usual)
+    return Triad(names, found, limits_of(names, target), usual, slopes)
 
 
 def _rest_means(rests: list[Rest]) -> RestMeans:
@@ -260,15 +279,23 @@ def _rest_means(rests: list[Rest]) -> RestMeans:
     return RestMeans(accel, covariance, reference)
 
 
-def _gyro_biases(rests: list[Rest], target: Target) -> Triad:
+def _gyro_biases(
+    rests: list[Rest], target: Target, away: Float[np.ndarray, " rest"] | None
+) -> Triad:
     """Biases of the gyros: what they read at rest, with a scatter from rest to rest that all axes share."""
     names = tuple(f"gyro.bias[{i}]" for i in range(3))
     value = np.array([r.gyro for r in rests]).reshape(-1)
     covariance = np.array([r.gyro_covariance for r in rests])
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(-1)
     rows = Rows(np.tile(np.eye(3), (len(rests), 1)), value, variance)
-    found = posterior_of(rows, np.zeros(3), np.full(3, PRIOR_RATE))
-    return _triad(names, found, target, rows)
+    std = np.full(3, PRIOR_RATE)
+    found, slopes = posterior_of(rows, np.zeros(3), std), None
+    if away is not None:
+        sloped = with_slopes(rows, away, np.zeros(3))
+        both = posterior_of(sloped, np.zeros(6), np.append(std, slope_std(std)))
+        slopes = followed_slopes(found, both)
+        found = found if slopes is None else both.first(3)
+    return _triad(names, found, target, rows, slopes)
 
 
 def _gyro_matrix(
@@ -309,18 +336,28 @@ def _integrated(turn: Turn, matrix: Float[np.ndarray, "3 3"]) -> Turned:
     return kept[-1]
 
 
-def _determined(model: AccelModel, rows: Rows, means: RestMeans, found: Posterior) -> bool:
-    """Whether rests alone, without priors, tell all parameters well enough for the batch estimate to keep them."""
+def _lacking(model: AccelModel, rows: Rows, means: RestMeans, found: Posterior) -> str | None:
+    """What rests alone, without priors, lack to tell all parameters well enough for the batch estimate to keep them.
+
+    `None` where they lack nothing.
+    """
+    unknowns = rows.jacobian.shape[1]
+    missing = unknowns + FEWEST_FREEDOM - len(rows.value)
+    if missing > 0:
+        further = -(-missing // (len(rows.value) // len(means.accel)))
+        return (
+            f"{further} further rest{'s check' if further > 1 else ' checks'} the noise ({unknowns} unknowns and "
+            f"{FEWEST_FREEDOM} to spare)"
+        )
     if isinstance(model, ByMagnitude) and num_directions(means.accel) < FEWEST_DIRECTIONS:
-        return False
-    if len(rows.value) < len(model.names) + FEWEST_FREEDOM:
-        return False
+        return f"the rests need {FEWEST_DIRECTIONS} directions that are apart"
+    untold = "the rests do not yet tell the misalignments"
     weight = 1.0 / (np.maximum(rows.variance, 1e-14) + found.scatter_variance)
     information = (rows.jacobian * weight[:, None]).T @ rows.jacobian
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     values = np.linalg.eigvalsh(information * np.outer(scale, scale))
     if values[0] < 1e-10 * values[-1]:
-        return False
+        return untold
     std = np.sqrt(np.diagonal(np.linalg.inv(information)))
     angles = [s for s, n in zip(std, model.names) if ".matrix[" in n and n[-4] != n[-2]]
-    return bool(max(angles) <= MISALIGNED)
+    return untold if max(angles) > MISALIGNED else None

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .estimate import Estimate
+from ..calibration.quantities import customary_unit
+from .estimate import Estimate, Triad, TRIADS
 from .next_position import NextPosition
 from .rest_ledger import Rest
 from .row_store import RowStore
@@ -73,8 +74,26 @@ def progress_event(found: Estimate) -> Event:
         "event": "progress",
         "worst": found.worst,
         "ratio": found.ratio,
+        "lacking": found.lacking,
         "parameters": found.parameters(),
     }
+
+
+def warming_event(triad: Triad, rests: list[Rest]) -> Event:
+    """The biases of a triad follow the temperature: how much, and what to do."""
+    assert triad.slopes is not None
+    name = triad.names[0]
+    factor, unit = customary_unit(name, coarse=True)
+    worst = int(np.argmax(np.abs(triad.slopes)))
+    seen = [r.temperature for r in rests if r.temperature is not None]
+    place, reach = TRIADS[name.partition(".")[0]], f"{min(seen):.1f} to {max(seen):.1f} °C so far"
+    return problem_event(
+        "temperature",
+        "warning",
+        f"biases of the {place} follow the temperature ({reach}), {'xyz'[worst]} by "
+        f"{factor * triad.slopes[worst]:.2g} {unit} per °C. They are said at the rests' mean; this needs more rests "
+        "than one temperature does: let the device warm up before a session.",
+    )
 
 
 def next_event(position: NextPosition, *, provisional: bool = False) -> Event:

@@ -50,6 +50,12 @@ class Posterior:
     scatter: Float[np.ndarray, " tau"]  # τ
     means: Float[np.ndarray, "tau parameter"]
     covariances: Float[np.ndarray, "tau parameter parameter"]
+    evidence: float = 0.0  # log p(z), but for a term that all models of the same rows share
+
+    def first(self, count: int) -> "Posterior":
+        """The posterior of the first parameters, whatever the others are."""
+        inside = self.covariances[:, :count, :count]
+        return dataclasses.replace(self, means=self.means[:, :count], covariances=inside)
 
     @property
     def mean(self) -> Float[np.ndarray, " parameter"]:
@@ -131,9 +137,11 @@ def posterior_of(
         - 0.5 * log_det
     )
     weight = np.exp(log_weight - log_weight.max())
+    evidence = float(log_weight.max() + np.log(weight.sum()))
     weight /= weight.sum()
     kept = weight > 1e-6
-    return Posterior(weight[kept] / weight[kept].sum(), tau[kept], means[kept], covariance[kept])
+    share = weight[kept] / weight[kept].sum()
+    return Posterior(share, tau[kept], means[kept], covariance[kept], evidence)
 
 
 def _cell_widths(tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:

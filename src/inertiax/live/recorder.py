@@ -28,11 +28,18 @@ class Recorder:
         self._part = 0
         self._file: int | None = None
         self._aside: int | None = None
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / "campaign.toml", campaign_text(campaign).encode())
+        self._campaign: bytes | None = campaign_text(campaign).encode()  # `None`: written
+
+    def _make_folder(self) -> None:
+        """The folder is there from the first line on: where none comes, nothing is left that blocks another run."""
+        if self._campaign is not None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(self.folder / "campaign.toml", self._campaign)
+            self._campaign = None
 
     def begin(self, header: list[bytes]) -> None:
         """A new recording, under the lines that stand above the data of each."""
+        self._make_folder()
         self._header = header
         self._part += 1
         if self._file is not None:
@@ -53,6 +60,7 @@ class Recorder:
         """Lines that are no rows, or rows out of time."""
         if not lines:
             return
+        self._make_folder()
         if self._aside is None:
             self._aside = _open(self.folder / LEFT_OUT)
         _write(self._aside, lines)

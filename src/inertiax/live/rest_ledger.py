@@ -34,6 +34,7 @@ class Rest:
     reference: Float[np.ndarray, "3"] | None = None
     gyro: Float[np.ndarray, "3"] | None = None  # rad/s
     gyro_covariance: Float[np.ndarray, "3 3"] | None = None
+    temperature: float | None = None  # °C, mean of the first probe
 
     def overlaps(self, start: int, stop: int) -> bool:
         """Whether other ends mean the same rest: half of the shorter one is in both."""
@@ -49,7 +50,7 @@ class Rest:
         self.accepted, self.why = judged.why is None, judged.why
         self.disturbances = judged.disturbances
         found = judged.means
-        for key in ("accel", "accel_covariance", "reference", "gyro", "gyro_covariance"):
+        for key in (f.name for f in dataclasses.fields(Means)):
             setattr(self, key, None if found is None else getattr(found, key))
 
 
@@ -120,6 +121,7 @@ class Means:
     reference: Float[np.ndarray, "3"] | None
     gyro: Float[np.ndarray, "3"] | None
     gyro_covariance: Float[np.ndarray, "3 3"] | None
+    temperature: float | None
 
 
 def judge(
@@ -170,8 +172,10 @@ def _means(recording: Recording, rests: list[Int[np.ndarray, " _"]]) -> list[Mea
 
     known = recording.reference_accel
     references = [None if known is None else known[rows].mean(axis=0) for rows in rests]
-    both = zip(of(recording.accel), references, of(recording.gyro))
-    return [Means(a, va, r, g, vg) for (a, va), r, (g, vg) in both]
+    probes = recording.temperature
+    warm = [None if probes is None else float(probes[rows, 0].mean()) for rows in rests]
+    both = zip(of(recording.accel), references, of(recording.gyro), warm)
+    return [Means(a, va, r, g, vg, t) for (a, va), r, (g, vg), t in both]
 
 
 def mean_covariances(

@@ -24,6 +24,7 @@ from .events import (
     rest_event,
     start_event,
     state_event,
+    warming_event,
 )
 from .gyro_rows import Turn
 from .itinerary import Itinerary
@@ -308,6 +309,11 @@ class Session:
         self.estimate = self._estimated(self.accepted)
         if not self.accepted:
             return
+        for triad in self.estimate.triads:
+            key = "temperature", triad.names[0]
+            if triad.slopes is not None and key not in self._told:
+                self._told.add(key)
+                yield warming_event(triad, self.accepted)
         yield progress_event(self.estimate)
         position = self._position(self.accepted, self.estimate)
         if position is not None and not provisional:

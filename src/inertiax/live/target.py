@@ -104,6 +104,11 @@ def parse_target(text: str) -> Target:
                 f'target "{entry}": a session follows accelerometers and gyros alone; magnetometers are calibrated '
                 "from its recording."
             )
+        if name.startswith("gyro.g_sensitivity"):
+            raise ValueError(
+                f'target "{entry}": rests alone do not tell it while they are recorded; it is for the requirements of '
+                "`inertiax protocol`."
+            )
         limits.append((name, limit))
     return Target(text.strip(), tuple(limits))
 
