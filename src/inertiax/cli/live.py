@@ -172,11 +172,9 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
         console.warn(f"{folder}: recorded, but not calibrated: {failed[0].reason}")
         raise typer.Exit(1)
     if not quiet:
-        console.say(f"recorded: {', '.join(str(p) for p in sorted(folder.glob(FILES)))}")
-        console.say(
-            "±: below it holds the noise as estimated; while recording it was wider by what few rests leave unknown "
-            "of the noise."
-        )
+        files = ", ".join(str(p) for p in sorted(folder.glob(FILES)))
+        # A session's ± hold what few rests leave unknown of the noise, those of the table do not.
+        console.say(f"recorded: {files} (its ± below are narrower: they take the noise as known)")
         calibrate_command.tell_results(results, folders, folder)
 
 
