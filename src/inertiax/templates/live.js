@@ -34,7 +34,7 @@ const Live = (() => {
     return [right, towards * Math.sin(e) - point[2] * Math.cos(e), towards * Math.cos(e) + point[2] * Math.sin(e)];
   }
 
-  const rounded = (x) => (Math.abs(x) >= 1e21 ? x.toExponential(2) : String(Number(x.toPrecision(3)))).replace("-", "−");
+  const rounded = (x) => String(Number(x.toPrecision(3))).replace("-", "−");
 
   // A parameter as people read it: value, 95 % of its error, and limit in the unit of the calibration's table.
   function stated(p) {
