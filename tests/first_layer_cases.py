@@ -85,7 +85,7 @@ def made() -> SimpleNamespace:
     turned = 1.002 * rate + 1e-3 + 1e-6 * random.normal(size=(24, 3))
     dwells = ix.Dwells.from_arrays(
         outputs, turned, temperature=probe, experiment=np.tile([0, 1, 2], 8), sigma=(1e-4, 1e-6),
-        reference_accel=up, reference_gyro=rate,
+        reference_accel=up, reference_gyro=rate, position=np.arange(24),
     )  # fmt: skip
     sample = (np.array([0.3, -9.7, 0.8]), np.array([0.1, -0.2, 0.05]), np.float64(33.0))
     return SimpleNamespace(device=device, dwells=dwells, sample=sample, up=up, rate=rate)
@@ -313,7 +313,7 @@ _ESTIMATORS = {
     "StaticAccel": lambda: ix.StaticAccel(nominal=np.array([0.0, 0.0, GRAVITY])),
     "StaticGyro": lambda: ix.StaticGyro(gravity=GRAVITY),
 }
-_METHODS = ("compensate", "compose", "misfit", "pack", "residual", "start", "unpack")
+_METHODS = ("compensate", "compose", "misfit", "pack", "residual", "start", "unpack", "usable")
 
 
 def _estimator(estimator: Any) -> Any:
@@ -327,10 +327,11 @@ def _estimator(estimator: Any) -> Any:
     again = estimator.pack(estimator.unpack(vector))
     size = GRAVITY if estimator.triad == "accel" else 1.0
     residual = np.asarray(estimator.residual(vector, dwell), float) * np.asarray(sigma, float)
+    used = estimator.usable(made().dwells).valid
     beside = lambda x: np.append(np.asarray(x, float), size)  # rounding is that of the outputs
     return (
         kept, estimator.compose(vector, 0.1 * vector), beside(misfit), beside(residual), sigma, again,
-        beside(estimator.start(made().dwells)),
+        beside(estimator.start(made().dwells)), used,
     )  # fmt: skip
 
 

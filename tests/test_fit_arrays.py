@@ -1,10 +1,12 @@
 """`ix.fit` on arrays of many devices, and `ix.derivatives` of what it found."""
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 import inertiax as ix
+from inertiax.calibrate.goodness_of_fit import grade_matrix, matrix_mistakes, UNUSABLE
 from inertiax.fleet.solve.batch import fit_fleet
 from inertiax.physics.temperature import Constant
 
@@ -33,7 +35,10 @@ def made():
 @pytest.fixture(scope="module")
 def found(made):
     accel, gyro, rate, _ = made
-    dwells = ix.Dwells.from_arrays(accel, gyro, reference_gyro=rate, sigma=(1e-4, 1e-5))
+    # A table that turns so slowly that its accelerometers are as good as at rest.
+    dwells = ix.Dwells.from_arrays(
+        accel, gyro, reference_gyro=rate, sigma=(1e-4, 1e-5), position=np.arange(DWELLS)
+    )
     estimators = {"accel": ix.Invariant(gravity=GRAVITY), "gyro": ix.ReferenceGyro(gravity=GRAVITY)}
     return ix.fit(dwells, **estimators)
 
@@ -261,3 +266,46 @@ def test_four_temperatures_are_said_not_to_determine_degree_four(made):
     words = "4 temperatures (-30, -5, 45, 70 °C) cannot determine polynomials of degree 4"
     assert all(r is not None and words in r and "unit" not in r for r in fit.reasons)
     assert ix.fit(dwells, accel=ix.Invariant(gravity=GRAVITY), degree=3).succeeded.all()
+
+
+def test_a_matrix_that_no_sensor_has_does_not_succeed(made):
+    # Past the checks of units: the reference is put in after them.
+    accel, gyro, rate, _ = made
+    dwells = ix.Dwells.from_arrays(gyro=gyro[:4], reference_gyro=rate[:4], sigma=1e-5)
+    scale = np.array([1.0, 1.05, 57.29578, 1.0])[:, None, None]
+    swapped = rate[:4].copy()
+    swapped[3] = swapped[3][:, [1, 0, 2]]
+    wrong = eqx.tree_at(lambda d: d.reference_gyro, dwells, scale * swapped)
+    fit = ix.fit(wrong, gyro=ix.ReferenceGyro(gravity=GRAVITY))
+    assert fit.succeeded.tolist() == [True, True, False, False]
+    # 1.01/57.3, and the first axis reads what the second turned by.
+    assert "axis x reads 0.0176 times the truth; look at unit and range" in fit.reasons[2]
+    assert "axis x reads much of axis y; are axes swapped or turned?" in fit.reasons[3]
+
+
+@pytest.mark.parametrize(
+    ("matrix", "topics"),
+    [
+        (np.zeros((3, 3)), []),
+        (np.diag([0.09, -0.09, 0.0]), []),
+        (np.diag([0.11, 0.0, -0.11]), ["unit", "unit"]),
+        (np.diag([0.0, -2.01, 0.0]), ["sign"]),
+        (np.array([[0.0, 0.29, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), []),
+        (np.array([[0.0, 0.31, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), ["frame"]),
+        (
+            np.array([[-1.01, 1.0, 0.0], [1.0, -0.99, 0.0], [0.0, 0.0, 0.0]]),
+            ["frame", "unit", "unit"],
+        ),
+    ],
+)
+def test_mistakes_are_those_beyond_the_limits(matrix, topics):
+    names = (
+        *(f"accel.bias[{i}]" for i in range(3)),
+        *(f"accel.matrix[{i},{j}]" for i in range(3) for j in range(3)),
+    )
+    values = np.concatenate([np.full(3, 5.0), matrix.ravel()])
+    assert [t for t, _ in matrix_mistakes(names, values)] == topics
+    assert (grade_matrix(names, np.stack([values, np.zeros(12)])) == UNUSABLE).tolist() == [
+        bool(topics),
+        False,
+    ]

@@ -18,6 +18,11 @@ w = r.normal(size=(2, 24, 3))
 t = np.arange(10) * 0.01
 D, R = ix.Dwells.from_arrays, ix.Recording.from_arrays
 x = np.full((10, 3), 5.66)
+log = ix.Recording(t, x, temperature=20.0 + t)
+still = ix.Recording(np.arange(500) * 0.01, np.tile([0.0, 0.0, 9.81], (500, 1)), temperature=np.full(500, 20.0))
+frame = {"time": t, **{f"gyro_{k}": np.full(10, 0.5) for k in "xyz"}}
+rests = w * np.where(np.arange(24) < 18, 7e-5, 1.0)[:, None]  # most rows see the Earth alone
+mostly = rests + 2e-3  # biased by 30 times as much
 names = ("accel.bias[0]", "accel.bias[1]", "accel.bias[2]")
 triad = ix.TriadCalibration(ix.Curve(ix.Constant(), np.zeros((1, 3))), np.eye(3), names, "static")
 c = ix.Calibration(gravity=9.81, accel=triad)
@@ -26,8 +31,9 @@ curve = ix.Curve(ix.Polynomial(1, 0.0, 40.0), np.zeros((2, 3)))
 warm = ix.Calibration(gravity=9.81, accel=ix.TriadCalibration(curve, np.eye(6), names, "static"))
 v = np.zeros(3)
 nav, key = ix.navigation, jax.random.PRNGKey(0)
-noise, frame = nav.ImuNoise(nav.TriadNoise(1e-3), nav.TriadNoise(1e-4)), nav.LevelFrame(0.9)
-F = nav.Filter(c, "accel.bias", noise=noise, frame=frame, samples=2)
+assert_ = lambda so: so or 1 / 0
+noise, level = nav.ImuNoise(nav.TriadNoise(1e-3), nav.TriadNoise(1e-4)), nav.LevelFrame(0.9)
+F = nav.Filter(c, "accel.bias", noise=noise, frame=level, samples=2)
 sigmas = {"attitude_sigma": 0.1, "velocity_sigma": 0.1, "position_sigma": 1.0}
 S = F.start(np.eye(3), v, v, **sigmas)
 degrees = np.array([51.566, 37.6, 150.0]) + 1e-4 * np.arange(5)[:, None]
@@ -48,6 +54,8 @@ CASES = [
     ("D(gyro=w * 5730)", "(gyro=...)`: median magnitude"),
     ("D(gyro=w * 57.3, reference_gyro=w)", "(gyro=...)`: 57.3 times its counterpart"),
     ("D(gyro=w, reference_gyro=w * 57.3)", "(reference_gyro=...)`: 57.3 times its counterpart"),
+    ("D(gyro=mostly, reference_gyro=rests * 57.3)", "(reference_gyro=...)`: 57.3 times its counterpart"),
+    ("D(gyro=mostly * 57.3, reference_gyro=rests)", "(gyro=...)`: 57.3 times its counterpart"),
     ("D(a, reference_accel=a / 9.81)", "(reference_accel=...)`: median magnitude"),
     ("D(a, w[:1])", "(gyro=...)`: shape (1, 24, 3)"),
     ("D(a, temperature=293.0)", "(temperature=...)`: from 293"),
@@ -67,6 +75,14 @@ CASES = [
     ("D(a, position=np.zeros((3, 3)))", "(position=...)`: shape (3, 3)"),
     ("D(a, valid=2)", "(valid=...)`: must hold true and false"),
     ("ix.fit(D(a), accel=ix.Invariant(gravity=1.0))", "(accel=...)`: gravity is 1"),
+    ("ix.fit(a)", "`fit(dwells)`: ndarray is no Dwells; make them by `Dwells.from_arrays(accel, gyro)`"),
+    ("ix.fit(None)", "`fit(dwells)`: NoneType is no Dwells"),
+    ("ix.fit(log)", "`fit(dwells)`: Recording is no Dwells; a recording's are `reduce_to_dwells(recording)`"),
+    ("ix.joint_fit(ix.Invariant(9.81), ix.Constant(), log)", "dwells)`: Recording is no Dwells"),
+    (
+        "ix.fit(D(a, w), accel=ix.Invariant(9.80), gyro=ix.StaticGyro(9.83))",
+        "`fit(gyro=...)`: gravity is 9.83, but that of accel is 9.8; a device is calibrated in one place",
+    ),
     ("ix.fit(D(a), gyro=ix.StaticGyro(gravity=9.81))", "(gyro=...)`: the dwells have no gyro"),
     ("ix.fit(D(gyro=w), gyro=ix.ReferenceGyro(gravity=9.81))", "no reference_gyro"),
     ("ix.fit(D(a), degree=9)", "(degree=9)`: must be from 0 to 6"),
@@ -172,6 +188,20 @@ CASES = [
     ("ix.write_calibration(many, 'never.json')", "(2,) devices are stacked"),
     ("ix.read_calibration('/nowhere.json')", "/nowhere.json: cannot be read"),
     ("ix.load_campaign('/nowhere')", "/nowhere: does not exist"),
+    ("c(v, None, 20.0)", "gyro is None; give zeros for a triad that the device lacks"),
+    ("c(v, v, None)", "temperature is None; give °C, or NaN where there is no probe"),
+    ("c.block(0)", "`calibration.block(0)`: a block is chosen by names"),
+    ("c.block([0, 1])", "`calibration.block([0, 1])`: a block is chosen by names"),
+    ("warm.block('*.bias.c3')", "there are accel.bias, each with .c0 .c1 over temperature"),
+    ("c.block('gyro.bias')", "there are accel.bias."),
+    ("ix.reduce_to_dwells(a)", "`reduce_to_dwells(recordings)`: ndarray is no Recording"),
+    ("ix.Recording(t, x, temperature=np.zeros((10, 1, 1)))", "'temperature' has shape (10, 1, 1); it must be"),
+    ("ix.Recording(t, x[:, :2])", "'accel' has shape (10, 2); it must be (time, 3)"),
+    ("ix.Recording.from_frame({**frame, 'position': t})", "position`: must hold whole numbers; row 1 is 0.01"),
+    ("ix.Recording.from_frame({**frame, 'time': 1e3 * t})", "samples are 10 s apart, in which the device turns by"),
+    ("ix.Recording.from_frame({**frame, 'time': 1e6 * t})", "samples are 10000 s apart"),
+    ("ix.Twin(c, {'accel': {'full_scale': 2.0}})", "accel full_scale is 2; it is in m/s², from 9.7"),
+    ("ix.Twin(c, {'gyro': {'full_scale': 2000.0}})", "gyro full_scale is 2000; it is in rad/s"),
     ("ix.reduce_to_dwells([])", "(recordings)`: no recordings"),
     ("ix.joint_fit(ix.Invariant(gravity=9.81), ix.Constant(), D(gyro=w[0]))", "reads accel, which"),
     ("ix.joint_fit(ix.ReferenceAccel(), ix.Constant(), D(a[0]))", "reads reference_accel, which"),
@@ -189,12 +219,15 @@ CASES = [
     ("nav.TriadNoise(white=5.0)", "`TriadNoise(white=...)`: 5; it is in SI"),
     ("nav.ImuNoise(nav.TriadNoise(1e-3), nav.TriadNoise(0.9))", "`ImuNoise(gyro=...): white`: 0.9; it is in SI"),
     ("nav.TriadNoise(1e-3, walk=-1e-5)", "`TriadNoise(walk=...)`: -1e-05"),
-    ("nav.Filter(c, 'gyro.bias', noise=noise, frame=frame)", "`Filter(states='gyro.bias')` chooses none"),
-    ("nav.Filter(many, '*', noise=noise, frame=frame)", "`Filter(calibration)`: (2,) devices are stacked"),
+    ("nav.Filter(c, 'gyro.bias', noise=noise, frame=level)", "`Filter(states='gyro.bias')` chooses none"),
+    ("nav.Filter(many, '*', noise=noise, frame=level)", "`Filter(calibration)`: (2,) devices are stacked"),
     ("F.start(2.0 * np.eye(3), v, v, **sigmas)", "`Filter.start(attitude=...)`: it is not a rotation"),
     ("F.start(np.eye(3), v[:2], v, **sigmas)", "velocity has shape (2,)"),
     ("F.start(np.eye(3), v, v, **sigmas | {'attitude_sigma': 5.0})", "(attitude_sigma=...)`: 5; it is in rad"),
     ("F.start(np.eye(3), v, v, **sigmas | {'position_sigma': -1.0})", "(position_sigma=...)`: -1"),
+    ("F.start(np.diag([1.0, 1.0, -1.0]), v, v, **sigmas)", "its determinant is -1: a mirror"),
+    ("run(accel=np.where(np.arange(30).reshape(10, 3) == 7, np.nan, x))", "not a finite number at sample 2"),
+    ("nav.ImuData(x, 0 * x, 20.0, 0.01)", "`ImuData(temperature=...)`: one number; it is one a sample"),
     ("run(accel=x[:5])", "`ImuData(accel=...)`: shape (5, 3); beside temperatures of shape (10,)"),
     ("run(temperature=300.0 + t)", "`ImuData(temperature=...)`: from 300"),
     ("run(step=-0.01)", "`ImuData(step=...)`: -0.01; it is in s"),
@@ -203,6 +236,8 @@ CASES = [
     ("run(accel=1e3 * x)", "in mm/s² or counts?"),
     ("nav.ImuData(x, 90.0 + x, 20.0 + t, 0.01)", "`ImuData(gyro=...)`: median magnitude 165"),
     ("run(nav.Position(np.zeros((3, 3)), 1.0))", "`Position(value=...)` has 3 rows"),
+    ("run(nav.Position(np.full((5, 3), np.nan), 1.0))", "row 0 is not a finite number; give `valid`"),
+    ("run(nav.Velocity(np.where(np.eye(5, 3), np.nan, 0.0), 1.0, np.arange(5) > 1))", "row 2 is not a finite number"),
     ("run(nav.Position(np.zeros((5, 2)), 1.0))", "`Position(value=...)` has shape (5, 2)"),
     ("run(nav.Position(np.zeros((5, 3)), np.ones(2)))", "`Position(sigma=...)` has shape (2,)"),
     ("run(nav.Attitude(np.zeros((5, 3)), 0.1))", "`Attitude(value=...)` has shape (5, 3)"),
@@ -221,6 +256,12 @@ ACCEPTED = [
     "D(100 * a, reference_accel=100 * a)",  # a centrifuge
     "D(np.where(np.arange(24)[:, None] > 2, a, 0.0), sigma=1e-3 * (np.arange(24) > 2), valid=np.arange(24) > 2)",
     "c(v, v, 20.0)",  # free fall
+    "run(nav.Position(np.where(np.eye(5, 3), np.nan, 0.0), 1.0, np.arange(5) > 2))",
+    "ix.reduce_to_dwells(still)",  # without a list
+    "ix.Recording.from_frame({**frame, 'time': 1e2 * t})",  # a table's means, one a second
+    "ix.fit(D(a, w), accel=ix.Invariant(np.float32(9.81)), gyro=ix.StaticGyro(9.81))",
+    "assert_(log.temperature.shape == (10, 1))",
+    "assert_(len(repr(ix.Twin(c))) < 300 and 'Twin(' in repr(ix.Twin(c)))",
     "c(1000.0 + v, 60.0 + v, np.nan)",  # a shock, a spin, no probe
     "c(v, v, 293.15)",  # constants do not look at it
     "jax.jit(warm)(v, v, 293.15)",

@@ -15,6 +15,6 @@ BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), fl
 @pytest.mark.slow
 @pytest.mark.parametrize("wide", [False, True])
 def test_blocks_run(wide):
-    assert len(BLOCKS) == 5
+    assert len(BLOCKS) == 6
     for block in BLOCKS:
         run_here(block, seconds=600.0, wide=wide)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline as ScipySpline
+from scipy.stats import multivariate_normal
 
 from inertiax.calibration.calibration import (
     Calibration,
@@ -281,3 +282,61 @@ def test_splines_with_other_knots_share_code_and_stack():
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(together[k], expected, rtol=1e-10, atol=1e-12)
     assert len(traces) == 1
+
+
+# The Gaussian's support ---------------------------------------------------------------------------
+
+
+def _conditioned(bits):
+    """A device two of whose coefficients are held, their places, SciPy's density of the others, a point on it."""
+    known = device(3).conditioned(["accel.matrix.c1", "gyro.bias[0].c2"], 1e-3)
+    held = known.block(["accel.matrix.c1", "gyro.bias[0].c2"]).indices
+    free = np.setdiff1d(np.arange(27), held)
+    spread = known.covariance[np.ix_(free, free)]
+    scale = np.sqrt(np.diag(spread))
+    others = multivariate_normal(
+        np.zeros(len(free)), spread / np.outer(scale, scale), allow_singular=False
+    )
+    point = known.coefficients.copy()
+    point[free] += scale * others.rvs(random_state=1)
+    point = point.astype(bits)
+    want = others.logpdf((point[free] - known.coefficients[free]) / scale) - np.log(scale).sum()
+    return known, held, free, want, point
+
+
+@pytest.mark.parametrize("bits", [np.float64, np.float32])
+def test_the_density_of_a_conditioned_calibration_is_that_of_the_others(bits):
+    known, held, _, want, point = _conditioned(bits)
+    assert (point[held] == np.asarray(1e-3, bits)).all()
+    for density in (known.log_density, jax.jit(known.log_density)):
+        # The correlation's condition is 1e4: of 32 bits a few digits are left.
+        np.testing.assert_allclose(density(point), want, rtol=1e-9 if bits == np.float64 else 1e-3)
+        for k in held:
+            off = point.copy()
+            off[k] += 1e-6
+            assert density(off) == -np.inf
+    both = jax.vmap(known.log_density)(np.stack([point, point + np.eye(27, dtype=bits)[held[0]]]))
+    assert np.isfinite(both[0]) and both[1] == -np.inf
+
+
+def test_its_slope_is_that_of_the_others_and_finite_off_the_support():
+    known, held, free, _, point = _conditioned(np.float64)
+    slope = jax.grad(known.log_density)(point)
+    want = -np.linalg.solve(
+        known.covariance[np.ix_(free, free)], (point - known.coefficients)[free]
+    )
+    np.testing.assert_allclose(slope[free], want, rtol=1e-6, atol=1e-6 * np.abs(want).max())
+    point[held[0]] += 1.0
+    assert np.isfinite(jax.grad(known.log_density)(point)).all()
+
+
+def test_draws_are_on_the_support():
+    known = _conditioned(np.float64)[0]
+    drawn = known.samples(jax.random.PRNGKey(0), 200)
+    assert np.isfinite(jax.vmap(known.log_density)(drawn)).all()
+    # A covariance of rank 5 whose coefficients all vary.
+    root = 1e-4 * np.random.default_rng(2).normal(size=(27, 5))
+    thin = device(3).with_covariance(root @ root.T)
+    drawn = thin.samples(jax.random.PRNGKey(1), 200)
+    assert np.isfinite(jax.vmap(thin.log_density)(drawn)).all()
+    assert thin.log_density(np.asarray(drawn[0]) + 1e-5 * np.eye(27)[4]) == -np.inf

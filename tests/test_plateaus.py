@@ -13,9 +13,7 @@ from inertiax.diagnose.noise.common_mode import signatures
 from inertiax.diagnose.observations.blocks import cut, join
 from inertiax.diagnose.observations.model_rows import calibrated, usable
 from inertiax.estimators import ReferenceAccel, ReferenceGyro
-from inertiax.fleet.rows import _rows_for
 from inertiax.fleet.solve.batch import fit_fleet
-from inertiax.fleet.solve.triad_model import TriadModel
 from inertiax.physics.temperature import Polynomial
 from inertiax.procedure.single_device import iterate_one, joint_fit_one
 from inertiax.reduction.dwell_means import reduce_to_dwells
@@ -93,10 +91,9 @@ def test_plateaus_with_a_reference_force_count():
 def test_a_fleet_leaves_the_same_plateaus_out():
     dwells = reduce_to_dwells(turntable(reference_at_rates=False).recordings)
     many = jax.tree.map(lambda x: np.stack([x, x]), dwells)
-    model = TriadModel("reference", ReferenceAccel().names, 0, 20.0, 20.0)
-    kept = np.asarray(_rows_for("accel", model, many).valid)
+    kept = np.asarray(ReferenceAccel().usable(many).valid)
     assert np.array_equal(kept, np.asarray(many.position) >= 0)
-    assert np.asarray(_rows_for("gyro", model, many).valid).all()
+    assert np.asarray(ReferenceGyro(G).usable(many).valid).all()
 
 
 # --- one position error for a staircase -------------------------------------------------------------

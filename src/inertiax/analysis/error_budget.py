@@ -235,6 +235,7 @@ def source_derivatives(
     estimator: AbstractEstimator, curve: Curve, dwells: Dwells, sources: Sequence[Source]
 ) -> tuple[Float[Array, "unknowns _"], ...]:
     """Derivative of the coefficients by each source's draws, in standard deviations; pure, see `error_budget`."""
+    dwells = estimator.usable(dwells)
     scene = make_scene(estimator, curve, dwells)
     hessian, mixed = _second_derivatives(estimator, curve, dwells)
     scale = 1.0 / jnp.sqrt(jnp.diagonal(hessian))
@@ -383,4 +384,4 @@ def _dwell_jacobians(
         whole = jnp.einsum("a,ri->rai", phi, jacobian).reshape(jacobian.shape[0], -1)
         return jnp.asarray(dwell.valid, whole.dtype) * whole
 
-    return jax.vmap(one)(dwells)
+    return jax.vmap(one)(estimator.usable(dwells))

@@ -14,7 +14,6 @@ import numpy as np
 
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
-from ..calibration.triad import slot
 from .data_coverage import input_of, Judged, orientations, rates, temperatures
 from .goodness_of_fit import (
     ATTENTION,
@@ -23,6 +22,7 @@ from .goodness_of_fit import (
     grade_misfit,
     grade_parameters,
     LIMITS,
+    matrix_mistakes,
     misfit_words,
     UNUSABLE,
     usual_size,
@@ -272,24 +272,5 @@ def _mistakes(
     bounds = calibration.temperature_range
     middle = 0.0 if bounds is None else float(np.mean(bounds))
     (values,), _ = triad.over(np.array([middle]))
-    slots = np.zeros(21)
-    slots[[slot(n) for n in triad.names]] = values
-    matrix = slots[3:12].reshape(3, 3)
-    found: list[Finding] = []
-    for k, axis in enumerate("xyz"):
-        if matrix[k, k] < -0.5:
-            found.append(_mistake("sign", f"{name}: axis {axis} has the wrong sign."))
-        elif abs(matrix[k, k]) > LIMITS.wrong_scale:
-            times = 1.0 + matrix[k, k]
-            text = f"{name}: axis {axis} reads {times:.3g} times the truth; look at unit and range."
-            found.append(_mistake("unit", text))
-    off = np.abs(matrix - np.diag(np.diagonal(matrix)))
-    if off.max() > LIMITS.wrong_axis and not any(f.topic == "sign" for f in found):
-        i, j = np.unravel_index(int(np.argmax(off)), off.shape)
-        text = f"{name}: axis {'xyz'[i]} reads much of axis {'xyz'[j]}; are axes swapped or turned?"
-        found.insert(0, _mistake("frame", text))
-    return found
-
-
-def _mistake(topic: str, text: str) -> Finding:
-    return Finding(topic, UNUSABLE, text)
+    found = matrix_mistakes(triad.names, values)
+    return [Finding(topic, UNUSABLE, f"{name}: {text}") for topic, text in found]

@@ -2,7 +2,8 @@
 
 Two questions, each with three answers. *Misfit*: is it what the dwells' noise predicts, more than that, or more than
 any sensor's unmodelled effects leave? *Parameters*: is each one's sigma small against its value or usual size, not
-small, or larger than the usual size, so that no calibration at all would be as good?
+small, or larger than the usual size, so that no calibration at all would be as good? And one with two. *Matrix*: can it
+be a sensor's, or is it that of a wrong unit, sign or axis?
 """
 
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from jaxtyping import Float, Int
 
 from .._typing import AnyArray
 from ..calibration.quantities import rms_text
+from ..calibration.triad import slot
 
 
 FINE, ATTENTION, UNUSABLE = 0, 1, 2  # grades, the worst last
@@ -113,6 +115,48 @@ def grade_parameters(
     return np.where(
         ~(sigma <= usual), UNUSABLE, np.where(sigma > limits.small * size, ATTENTION, FINE)
     )
+
+
+def grade_matrix(
+    names: tuple[str, ...],
+    values: Float[AnyArray, "*batch parameters"],
+    limits: FitLimits = LIMITS,
+) -> Int[np.ndarray, "*batch"]:
+    """UNUSABLE where a scale factor or misalignment is larger than any sensor's, by a mistake; else FINE."""
+    matrix = _matrix(names, np.asarray(values))
+    diagonal = np.eye(3, dtype=bool)
+    wrong = np.abs(matrix) > np.where(diagonal, limits.wrong_scale, limits.wrong_axis)
+    return np.where(wrong.any(axis=(-2, -1)), UNUSABLE, FINE)
+
+
+def matrix_mistakes(
+    names: tuple[str, ...], values: Float[AnyArray, " parameters"], limits: FitLimits = LIMITS
+) -> list[tuple[str, str]]:
+    """What makes `grade_matrix` UNUSABLE: topic (`frame`, `sign` or `unit`) and words, the most telling first."""
+    matrix = _matrix(names, np.asarray(values))
+    found: list[tuple[str, str]] = []
+    for k, axis in enumerate("xyz"):
+        error = float(matrix[k, k])
+        if 1.0 + error < -0.5:  # a swapped axis reads next to nothing of its own, of either sign
+            found.append(("sign", f"axis {axis} has the wrong sign."))
+        elif abs(error) > limits.wrong_scale:
+            text = f"axis {axis} reads {1.0 + error:.3g} times the truth; look at unit and range."
+            found.append(("unit", text))
+    off = np.abs(matrix - np.diag(np.diagonal(matrix)))
+    if off.max() > limits.wrong_axis and not any(topic == "sign" for topic, _ in found):
+        i, j = np.unravel_index(int(np.argmax(off)), off.shape)
+        text = f"axis {'xyz'[i]} reads much of axis {'xyz'[j]}; are axes swapped or turned?"
+        found.insert(0, ("frame", text))
+    return found
+
+
+def _matrix(
+    names: tuple[str, ...], values: Float[np.ndarray, "*batch parameters"]
+) -> Float[np.ndarray, "*batch 3 3"]:
+    """A triad's matrix from its parameters; zero where an element is none of them."""
+    slots = np.zeros((*values.shape[:-1], 21))
+    slots[..., [slot(n) for n in names]] = values
+    return slots[..., 3:12].reshape(*values.shape[:-1], 3, 3)
 
 
 def usual_size(name: str, limits: FitLimits = LIMITS) -> float:

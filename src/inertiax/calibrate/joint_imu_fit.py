@@ -23,7 +23,7 @@ from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
 from ..procedure.rank import TOLERANCE
 from ..procedure.single_device import Problem
 from ..procedure.thermal_iterations import ThermalSolution
-from ..reduction.dwells import accel_rows, Dwells
+from ..reduction.dwells import Dwells
 from .between_dwell_variance import (
     chi2_per_dof,
     judged,
@@ -298,7 +298,7 @@ def _split(
     free: Bool[np.ndarray, "size parameter"],
 ) -> tuple[_Part, _Part]:
     by_reference = isinstance(estimator.accel, ReferenceAccel)
-    used = np.flatnonzero(np.asarray(seen[0].valid) & accel_rows(seen[0], by_reference))
+    used = np.flatnonzero(np.asarray(estimator.accel.usable(seen[0]).valid))
     kept = np.flatnonzero(judged(seen[1]))
     first = 3 if by_reference else 1
     mine = np.array([n.startswith("accel") for n in estimator.names])

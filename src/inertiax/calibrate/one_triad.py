@@ -13,7 +13,7 @@ from ..physics.temperature import AbstractBasis
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
 from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
-from ..reduction.dwells import accel_rows, Dwells
+from ..reduction.dwells import Dwells
 from .between_dwell_variance import (
     chi2_per_dof,
     judged,
@@ -144,22 +144,21 @@ def require_observable(
 
 
 def rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:
-    """The dwells an estimator may use: at rest, unless it has a reference for the motion.
+    """The dwells that the triad's estimator may read (`usable`).
 
     Raises `ValueError` where there are none.
     """
     name = chosen.accel_estimator if triad == "accel" else chosen.gyro_estimator
-    if name is not None and ESTIMATORS[triad][name].by_reference:
-        if triad == "gyro":
-            return dwells
-        told = accel_rows(dwells, by_reference=True)
-        if not told.any():
-            raise ValueError(
-                "the reference_accel columns: zero or empty in every rest and plateau; give what an ideal "
-                "accelerometer would read at rest, or leave the columns out."
-            )
-        return dwells if told.all() else dwells[np.flatnonzero(told)]
-    return dwells[rests_of(dwells, triad)]
+    kind = AbstractEstimator if name is None else ESTIMATORS[triad][name]
+    kept = np.asarray(kind.usable(dwells).valid)
+    if kept.any():
+        return dwells if kept.all() else dwells[np.flatnonzero(kept)]
+    if not kind.by_reference:
+        return dwells[rests_of(dwells, triad)]
+    raise ValueError(
+        f"the reference_{triad} columns: zero or empty in every rest and plateau; give what an ideal triad would read "
+        f"at rest, or leave the columns out."
+    )
 
 
 def rests_of(dwells: Dwells, triad: str) -> Int[np.ndarray, " rest"]:

@@ -3,6 +3,7 @@
 The accelerometers' come first; each triad's are row-major, (basis function, parameter).
 """
 
+import math
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Any
@@ -101,7 +102,11 @@ def matching(triads: Triads, pattern: str | Sequence[str]) -> tuple[int, ...]:
     matrix' diagonal), `accel.misalignment` (the rest), with `*` for any text, and `.c0` … at its end for one basis
     function. Raises `ValueError` where it names none.
     """
-    patterns = [pattern] if isinstance(pattern, str) else list(pattern)
+    patterns = [pattern] if isinstance(pattern, str) else pattern
+    if not isinstance(patterns, Sequence) or not all(isinstance(p, str) for p in patterns):
+        raise ValueError(
+            f"`calibration.block({pattern!r})`: a block is chosen by names, such as '*.bias' or 'accel.matrix[1,0]'."
+        )
     terms = [x for triad in triads for x in _terms(triad)]
     found = set()
     for one in patterns:
@@ -113,8 +118,10 @@ def matching(triads: Triads, pattern: str | Sequence[str]) -> tuple[int, ...]:
         ]
         if not mine:
             families = sorted({c for name, _ in terms for c in _called(name) if "[" not in c})
+            functions = list(dict.fromkeys(t for _, t in terms if t))
+            ends = f", each with {' '.join(functions)} over temperature" if functions else ""
             raise ValueError(
-                f"`calibration.block({one!r})`: no coefficient is called that; there are {', '.join(families)}."
+                f"`calibration.block({one!r})`: no coefficient is called that; there are {', '.join(families)}{ends}."
             )
         found.update(mine)
     return tuple(sorted(found))
@@ -210,14 +217,18 @@ def draws(
     scale, vectors, roots, _ = _principal(spread)
     normal = jax.random.normal(key, (count, len(scale)))
     turn = jnp.asarray(vectors * roots[None, :]).astype(normal.dtype)
-    offset = jnp.asarray(scale).astype(normal.dtype) * (normal @ turn.T)
-    return jnp.asarray(mean).astype(normal.dtype) + offset
+    offset = jnp.asarray(scale).astype(normal.dtype)[None, :] * (normal @ turn.T)
+    return jnp.asarray(mean).astype(normal.dtype)[None, :] + offset
 
 
 def log_density(
     point: Float[AnyArray, " n"], mean: Float[AnyArray, " n"], spread: Float[AnyArray, "n n"]
 ) -> Float[Array, ""]:
-    """Logarithm of the Gaussian's density at a point; directions without variance do not count."""
+    """Logarithm of the Gaussian's density at a point, on its support; −∞ off it.
+
+    The density is that of the directions that have variance. Along the others a point may be off the mean by rounding
+    only: its own, and ten times what rounding of the covariance hides.
+    """
     if jnp.shape(point) != jnp.shape(mean):
         raise ValueError(
             f"`calibration.log_density(values)`: values have shape {jnp.shape(point)}, but the calibration has "
@@ -227,11 +238,20 @@ def log_density(
     x = jnp.asarray(point)
     cast = lambda y: jnp.asarray(y).astype(x.dtype)
     off = jnp.where(cast(scale) > 0.0, (x - cast(mean)) / cast(_positive(scale)), jnp.zeros_like(x))
-    whitened = jnp.where(kept, (cast(vectors).T @ off) / cast(_positive(roots)), jnp.zeros_like(x))
+    along = cast(vectors).T @ off
+    whitened = jnp.where(kept, along / cast(_positive(roots)), jnp.zeros_like(x))
     xp = _library(scale, roots)
     sizes = xp.sum(xp.log(_positive(scale))) + xp.sum(xp.where(kept, xp.log(_positive(roots)), 0.0))
-    constant = cast(sizes) + 0.5 * np.log(2.0 * np.pi) * cast(xp.sum(kept))
-    return -0.5 * jnp.sum(jnp.square(whitened)) - constant
+    constant = cast(sizes) + 0.5 * math.log(2.0 * math.pi) * cast(xp.sum(kept))
+    density = -0.5 * jnp.sum(jnp.square(whitened)) - constant
+    # Rounding of a point: of a coefficient held exactly, and of each in standard deviations along a principal axis.
+    rounding = 4.0 * float(jnp.finfo(x.dtype).eps) * (jnp.abs(cast(mean)) + jnp.abs(x))
+    held = jnp.all((cast(scale) > 0.0) | (jnp.abs(x - cast(mean)) <= rounding))
+    in_sigmas = jnp.where(cast(scale) > 0.0, rounding / cast(_positive(scale)), jnp.zeros_like(x))
+    least = 10.0 * math.sqrt(len(kept) * float(xp.finfo(xp.asarray(spread).dtype).eps))
+    allowed = least + jnp.abs(cast(vectors)).T @ in_sigmas
+    on_support = held & jnp.all(jnp.asarray(kept) | (jnp.abs(along) <= allowed))
+    return jnp.where(on_support, density, -jnp.inf)
 
 
 def _positive(x: AnyArray) -> AnyArray:

@@ -28,7 +28,7 @@ from ..physics.error_model import (
     GyroErrors,
 )
 from ..physics.leaves import as_array, as_leaf, is_traced
-from ..physics.shapes import check_covariance, check_key, check_one
+from ..physics.shapes import check_covariance, check_given, check_key, check_one
 from . import coefficients, drawn, representation
 from .barometer import BarometerCalibration
 from .coefficients import Block
@@ -183,6 +183,7 @@ class Calibration:
     def _check_sample(self, call: str, temperature: Scalar | float, **vectors: Vec3) -> None:
         """Raise `ValueError` for what is no sample. Constant parameters alone do not look at the temperature."""
         call = f"{call}({', '.join(vectors)}, temperature)"
+        check_given(call, **vectors, temperature=temperature)
         check_one(call, **vectors)
         looks = bool(self.effects) or any(t.curve.basis.size > 1 for t in self.triads)
         force, rate = vectors.items()
@@ -301,8 +302,8 @@ class Calibration:
     def log_density(self, values: Float[AnyArray, " coefficients"]) -> Float[Array, ""]:
         """Logarithm of that Gaussian's density at a vector of all coefficients; for blackjax or numpyro.
 
-        Directions without variance do not count. Raises `ValueError` for another number of values and for stacked
-        devices.
+        Where coefficients are held, as after `conditioned`, it is that of the others, and −∞ off the held values.
+        Raises `ValueError` for another number of values and for stacked devices.
         """
         refuse_stacked(self.triads, "calibration.log_density(values)", MAPPED)
         return coefficients.log_density(values, self.coefficients, self.covariance)

@@ -52,8 +52,7 @@ def columns_of(frame: Any, names: Names) -> dict[str, Any]:
     for column in SINGLE:
         own = names.get(column, column)
         if column in names or own in table.columns:
-            values = _numbers(table, str(own), column)
-            made[column] = values.astype(int) if column in ("experiment", "position") else values
+            made[column] = _numbers(table, str(own), column)
     probes = names.get("temperature", [c for c in table.columns if _is_probe(c)])
     probes = [probes] if isinstance(probes, str) else list(probes)
     if probes:

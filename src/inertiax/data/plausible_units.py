@@ -24,11 +24,39 @@ GREATEST_NOISE = {"accel": 1.0, "gyro": 0.5}
 # Ratio of outputs to reference that a scale factor error does not make, but a unit.
 LEAST_RATIO, GREATEST_RATIO = 0.2, 5.0
 DEGREES = 57.3
+# s from sample to sample. Hourly means are the slowest logs; a device whose samples are 2 s and more apart and that
+# turns by more than half a turn between some is not sampled so slowly (500 Hz in ms).
+SLOWEST, SLOWLY, TURNED_SHARE = 3600.0, 2.0, 0.02
+LEAST_OF_LARGEST = 0.1  # of the largest reference, from which outputs tell a unit
 # m/s²: gravity of no other body that people calibrate on is outside, but 1 g, 981 gal and 9810 mm/s² are.
 LEAST_GRAVITY, GREATEST_GRAVITY = 1.5, 30.0
 # T, median magnitude: beyond, no magnetometer for the Earth's field goes, whatever iron is near.
 GREATEST_FIELD = 5e-3
 LEAST_EARTH_FIELD, GREATEST_EARTH_FIELD = 20e-6, 70e-6  # T: 22 in South America, 67 near the poles
+
+
+def whole_numbers(call: str, values: np.ndarray) -> np.ndarray:
+    """Numbers as integers. Raises `ValueError` where one is not whole."""
+    wrong = ~(values == np.round(values))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ValueError(f"`{call}`: must hold whole numbers; row {row} is {values[row]:g}.")
+    return values.astype(int)
+
+
+def check_steps(call: str, time: np.ndarray, gyro: np.ndarray | None) -> None:
+    """Raise `ValueError` for times of samples that are none in s: too far apart for any log, or for how the device
+    turns between them."""
+    if len(time) < 2 or not np.all(np.isfinite(time)):
+        return
+    step = float(np.median(np.diff(time)))
+    turned = 0.0
+    if gyro is not None and np.shape(gyro) == (len(time), 3):
+        turned = step * float(np.nanquantile(np.linalg.norm(gyro, axis=1), 1.0 - TURNED_SHARE))
+    if step <= SLOWEST and not (step >= SLOWLY and turned > np.pi):
+        return
+    why = f", in which the device turns by {turned:.3g} rad" if turned > np.pi else ""
+    raise ValueError(f"`{call}(time=...)`: samples are {step:g} s apart{why}; it is in s (in ms?).")
 
 
 def check_temperature(call: str, values: Any, valid: Any, name: str = "temperature") -> None:
@@ -166,12 +194,14 @@ def check_ratio(
 ) -> None:
     """Raise `ValueError` where outputs and reference differ by a factor that is one of units.
 
-    References below `least` tell nothing.
+    References below `least` tell nothing, nor does a tenth of a device's largest: rests, however many, of which
+    outputs tell biases, lie below `least` in the right unit only.
     """
     if values is None or reference is None or any(map(is_traced, (values, reference, valid))):
         return
     length = np.linalg.norm(reference, axis=-1)
-    used = valid & (length > least)
+    largest = np.max(length, axis=-1, keepdims=True, initial=0.0, where=valid)
+    used = valid & (length > np.maximum(least, LEAST_OF_LARGEST * largest))
     if not used.any():
         return
     ratio = float(np.median(np.linalg.norm(values, axis=-1)[used] / length[used]))

@@ -20,7 +20,9 @@ from .plausible_units import (
     check_from_zero,
     check_gravity,
     check_rate,
+    check_steps,
     check_temperature,
+    whole_numbers,
 )
 
 
@@ -29,6 +31,12 @@ def _by_column(values: Any) -> Any:
     them ten times as fast as where the axes of a sample stand side by side."""
     matrix = isinstance(values, np.ndarray) and values.ndim == 2
     return np.asfortranarray(values) if matrix else values
+
+
+def _probes(values: Any) -> Any:
+    """The temperature with a column for each probe; one probe's may be given as (time,)."""
+    single = isinstance(values, np.ndarray) and values.ndim == 1
+    return _by_column(values[:, None] if single else values)
 
 
 def _matrix(**given: Any) -> Any:
@@ -46,9 +54,9 @@ class Recording(eqx.Module):
     time: Float[np.ndarray, " time"]  # s
     accel: Float[np.ndarray, "time 3"] | None = _matrix(default=None)  # m/s²
     gyro: Float[np.ndarray, "time 3"] | None = _matrix(default=None)  # rad/s
-    temperature: Float[np.ndarray, "time probes"] | None = _matrix(
-        default=None
-    )  # °C, column 0 is the device's probe
+    temperature: Float[np.ndarray, "time probes"] | None = eqx.field(
+        converter=_probes, default=None
+    )  # °C, column 0 is the device's probe; (time,) is made (time, 1)
     experiment: Int[np.ndarray, " time"] | None = None  # run of the programme (chamber setting)
     position: Int[np.ndarray, " time"] | None = None  # at rest; -1 while the table turns
     reference_accel: Float[np.ndarray, "time 3"] | None = _matrix(
@@ -77,6 +85,7 @@ class Recording(eqx.Module):
             values = getattr(self, label)
             if values is None:
                 continue
+            _check_shape(f"{where}: '{label}' has", label, values)
             if values.shape[0] != num:
                 raise ValueError(
                     f"{where}: '{label}' has {values.shape[0]} rows but 'time' has {num}."
@@ -156,7 +165,10 @@ class Recording(eqx.Module):
             raise ValueError(
                 "`Recording.from_frame(frame)`: no column 'time'; name it by `columns`."
             )
-        _check_units("Recording.from_frame", made)
+        call = "Recording.from_frame"
+        for name in sorted(WHOLE & made.keys()):
+            made[name] = whole_numbers(f"{call}(frame): {name}", made[name])
+        _check_units(call, made)
         return cls(**made, device=device)
 
     @property
@@ -184,33 +196,35 @@ COLUMNS = (
     "current",
     "pressure",
 )
+WHOLE = {"experiment", "position"}  # whole numbers
 WITH_GAPS = ("mag", "current", "pressure")  # NaN where a slower sensor was not read
+
+
+def _check_shape(said: str, name: str, values: np.ndarray) -> None:
+    """Raise `ValueError` for a column with other axes than its kind has."""
+    if name in TRIADS:
+        good, right = values.ndim == 2 and values.shape[1] == 3, "(time, 3)"
+    elif name == "temperature":
+        good, right = values.ndim == 2, "(time,) or (time, probes)"
+    else:
+        good, right = values.ndim == 1, "(time,)"
+    if not good:
+        raise ValueError(f"{said} shape {values.shape}; it must be {right}.")
 
 
 def _samples(call: str, name: str, values: Any) -> np.ndarray:
     """An array of the column's kind and number of axes."""
-    whole = name in ("experiment", "position")
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError):
         raise ValueError(f"`{call}({name}=...)`: must be an array of real numbers.") from None
-    if name == "temperature":
-        array = array[:, None] if array.ndim == 1 else array
-        if array.ndim != 2:
-            raise ValueError(
-                f"`{call}({name}=...)`: shape {array.shape}; it must be (time,) or (time, probes)."
-            )
-    elif name in TRIADS:
-        if array.ndim != 2 or array.shape[1] != 3:
-            raise ValueError(f"`{call}({name}=...)`: shape {array.shape}; it must be (time, 3).")
-    elif array.ndim != 1:
-        raise ValueError(f"`{call}({name}=...)`: shape {array.shape}; it must be (time,).")
-    if whole and not np.array_equal(array, np.round(array)):
-        raise ValueError(f"`{call}({name}=...)`: must hold whole numbers.")
-    return array.astype(int) if whole else array
+    array = _probes(array) if name == "temperature" else array
+    _check_shape(f"`{call}({name}=...)`:", name, array)
+    return whole_numbers(f"{call}({name}=...)", array) if name in WHOLE else array
 
 
 def _check_units(call: str, made: dict[str, Any]) -> None:
+    check_steps(call, made["time"], made.get("gyro"))
     for name, values in made.items():
         every = np.isfinite(values).reshape(len(values), -1).all(axis=1)
         if name == "temperature":

@@ -84,6 +84,9 @@ class Effect(eqx.Module):
         static=True, default=None
     )  # where it depends on what went before
 
+    def __repr__(self) -> str:
+        return f"Effect({self.name!r})"
+
     @property
     def triads(self) -> tuple[str, ...]:
         """Triads that can have it."""

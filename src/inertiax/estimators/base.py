@@ -80,6 +80,17 @@ class AbstractEstimator(eqx.Module, Generic[Errors]):
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         """Closed-form approximation from all dwells (block 2): a start for the solve."""
 
+    @classmethod
+    def usable(cls, dwells: Dwells) -> Dwells:
+        """The dwells with `valid` only where this estimator may read them, one device's or many's, traced or not.
+
+        At a constant rate (`position` −1) lever arms add centripetal force and the axes turn through gravity, so that
+        only an estimator with a reference for the motion uses those rows; the others use rests.
+        """
+        if cls.by_reference:
+            return dwells
+        return eqx.tree_at(lambda d: d.valid, dwells, dwells.valid & (dwells.position >= 0))
+
     @property
     def num_parameters(self) -> int:
         """Length of the parameter vector."""

@@ -145,6 +145,11 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
         whole = self.pack(MagnetometerErrors(affine.bias, affine.matrix, current))
         return whole.at[-1].set(jnp.asarray(second)[-1])
 
+    @classmethod
+    def usable(cls, dwells: Dwells) -> Dwells:
+        """All dwells: the field is the same while the device turns, whose samples have `position` −1."""
+        return dwells
+
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         """The ellipsoid's, in the frame of the triad itself (S lower triangular); see `turned`.
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Scalar
 from ..physics.error_model import AccelerometerErrors, distort_accel
 from ..physics.leaves import as_array
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import Dwells, is_told
 from .base import diagonal_sigmas, soften, whiten
 from .triads import AccelEstimator
 
@@ -54,6 +54,14 @@ class ReferenceAccel(AccelEstimator):
         expected = distort_accel(self.unpack(vector), jnp.asarray(dwell.reference_accel))
         misfit = jnp.asarray(dwell.accel) - expected
         return misfit, diagonal_sigmas(dwell.accel_covariance)
+
+    @classmethod
+    def usable(cls, dwells: Dwells) -> Dwells:
+        """The dwells whose force the plan tells."""
+        if dwells.reference_accel is None:
+            return dwells
+        told = is_told(dwells.reference_accel)
+        return eqx.tree_at(lambda d: d.valid, dwells, dwells.valid & told)
 
     def start(self, dwells: Dwells) -> Float[Array, " parameters"]:
         # The residual is linear in the parameters: Gauss-Newton needs no start.

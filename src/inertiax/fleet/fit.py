@@ -17,7 +17,7 @@ from ..estimators import AbstractEstimator, GravityRotation, Invariant
 from ..estimators.base import check_estimator
 from ..physics.leaves import is_traced
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import check_dwells, Dwells
 from .rows import with_force
 from .solve.batch import fit_fleet, FleetFit
 from .solve.quarantine import judge
@@ -38,8 +38,9 @@ SHOWN = 3  # reasons in a line that shows a fit
 class Fit:
     """What `fit` found; arrays lead with the axes of the dwells' devices.
 
-    `succeeded` implies that the dwells determine every coefficient, that the solve converged, and that no
-    coefficient's standard deviation or misfit is beyond use; `reasons` says in a line why not.
+    `succeeded` implies that the dwells determine every coefficient, that the solve converged, that no coefficient's
+    standard deviation or misfit is beyond use, and that no scale factor is off by more than 10 % and no misalignment by
+    more than 0.3 rad, which are a wrong unit, sign or axis; `reasons` says in a line why not.
 
     `residuals`, `chi2` and `dof` have an entry for each triad that was fitted. χ² weighs with the dwells' own sigma
     and is NaN where that was not given. Where it exceeds what one fit in a hundred has by chance, dwells differ by
@@ -53,11 +54,11 @@ class Fit:
     accel: AbstractEstimator | None  # with the scatter between dwells that was found
     gyro: AbstractEstimator | None  # with the scatter between dwells that was found
     reasons: tuple[str | None, ...] = ()  # of each device, devices flattened
-    # SI, a row a dwell for `Invariant` (of |a|), three for the others; zero where a dwell is not valid.
+    # SI, a row a dwell for `Invariant` (of |a|), three for the others; zero where a dwell was not used.
     residuals: Mapping[str, Float[np.ndarray, "*devices dwells rows"]] = field(default_factory=dict)
     # With the dwells' own sigma.
     chi2: Mapping[str, Float[np.ndarray, "*devices"]] = field(default_factory=dict)
-    # Rows less coefficients.
+    # Rows of the dwells that were used less coefficients.
     dof: Mapping[str, Int[np.ndarray, "*devices"]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -95,13 +96,17 @@ def fit(
     calibrated by `Invariant` with standard gravity. `degree` of all parameters' polynomials over temperature, 0 to 6;
     `Calibration.conditioned` takes slopes of some of them away again. Arithmetic is in 64 bits whatever JAX is set to.
 
-    Raises `ValueError` for a triad or a temperature that the dwells lack, and in traced code: give `dwells` leading
-    axes instead of `vmap`.
+    Dwells at a constant rate (`position` −1) are used by `ReferenceAccel` and `ReferenceGyro`; `Invariant`,
+    `StaticAccel` and `StaticGyro` use rests only, as the command `calibrate` does.
+
+    Raises `ValueError` for a triad or a temperature that the dwells lack, for estimators of two gravities, and in
+    traced code: give `dwells` leading axes instead of `vmap`.
     """
     notes: tuple[str, ...] = ()
     if accel is None and gyro is None:
         accel = Invariant(gravity=STANDARD_GRAVITY)
         notes = (f"gravity was not given; {STANDARD_GRAVITY} m/s² is assumed",)
+    check_dwells("fit(dwells)", dwells)
     _check(dwells, accel, gyro, degree)
     lead = dwells.valid.shape[:-1]
     flat = jax.tree.map(lambda x: np.asarray(x).reshape(-1, *np.shape(x)[len(lead) :]), dwells)
@@ -111,14 +116,17 @@ def fit(
         residuals, chi2, dof = {}, {}, {}
         reasons: list[str | None] = [None] * len(flat.valid)
         for estimator in (e for e in (accel, gyro) if e is not None):
-            found = fit_fleet(estimator, basis, seen)
-            said = _reasons(estimator, basis, found, flat.temperature)
+            used = estimator.usable(seen)
+            found = fit_fleet(estimator, basis, used)
+            unread = np.asarray(seen.valid & ~used.valid).sum(axis=1)
+            said = _reasons(estimator, basis, found, flat.temperature, unread)
             reasons = [first or second for first, second in zip(reasons, said, strict=True)]
             triads[estimator.triad] = _triad(estimator, basis, found)
             weights[estimator.triad] = found.scatter.reshape(lead)
             name, rows = estimator.triad, found.misfit.shape[2]
             left = rows * found.valid.sum(axis=1) - found.parameters.shape[1]
-            residuals[name] = found.misfit.reshape(*lead, *found.misfit.shape[1:])
+            misfit = np.where(found.valid[..., None], found.misfit, 0.0)
+            residuals[name] = misfit.reshape(*lead, *misfit.shape[1:])
             chi2[name] = (found.chi2_per_dof * left).reshape(lead)
             dof[name] = left.reshape(lead)
             if estimator is accel and gyro is not None:
@@ -188,6 +196,7 @@ def _check(
             raise ValueError(
                 f"`fit({triad}=...)`: gravity is {gravity:g}; it is in m/s², about 9.8 (in g?)."
             )
+    _check_one_gravity(accel, gyro)
     if not degree:
         return
     probe = np.asarray(dwells.temperature)[np.asarray(dwells.valid)]
@@ -197,6 +206,17 @@ def _check(
         )
     if not np.ptp(probe) > 0.0:
         raise ValueError(f"`fit(degree={degree})`: the dwells' temperature does not change.")
+
+
+def _check_one_gravity(accel: AbstractEstimator | None, gyro: AbstractEstimator | None) -> None:
+    first, second = (getattr(e, "gravity", None) for e in (accel, gyro))
+    # 32 bits of the same number differ by 6e-8 of it.
+    if first is None or second is None or np.isclose(first, second, rtol=1e-6, atol=0.0):
+        return
+    raise ValueError(
+        f"`fit(gyro=...)`: gravity is {float(second):g}, but that of accel is {float(first):g}; a device is calibrated "
+        f"in one place, so give both the same."
+    )
 
 
 def _check_degree(degree: object) -> None:
@@ -219,9 +239,13 @@ def _basis(dwells: Dwells, degree: int) -> AbstractBasis:
 
 
 def _reasons(
-    estimator: AbstractEstimator, basis: AbstractBasis, found: FleetFit, temperature: np.ndarray
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    found: FleetFit,
+    temperature: np.ndarray,
+    unread: Int[np.ndarray, " devices"],
 ) -> list[str | None]:
-    """`judge`, and dwells whose normal matrix is singular but for rounding."""
+    """`judge`, and dwells whose normal matrix is singular but for rounding; with the dwells that were no rests."""
     reasons = list(judge(estimator, basis, found, temperature))
     usable = np.flatnonzero(np.isfinite(found.covariance).all(axis=(1, 2)))
     spread = found.covariance[usable]
@@ -235,7 +259,13 @@ def _reasons(
             f"{estimator.triad}: the dwells do not determine all {spread.shape[1]} coefficients; record more "
             f"positions{'' if basis.size == 1 else ' or temperatures'}"
         )
-    return reasons
+    name = type(estimator).__name__
+    return [
+        f"{said} ({name} uses rests only, not the {n} dwells of `position` -1)"
+        if said and n
+        else said
+        for said, n in zip(reasons, unread.tolist(), strict=True)
+    ]
 
 
 def _triad(estimator: AbstractEstimator, basis: AbstractBasis, found: FleetFit) -> TriadCalibration:

@@ -16,7 +16,7 @@ from ..estimators import AbstractEstimator, Invariant
 from ..model_selection.select_model import build_estimators, ChosenModel
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import AbstractBasis, Curve
-from ..reduction.dwells import accel_rows, Dwells
+from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import with_rig_errors
 from .copies import MARK, marks_of
 from .covariance_by_source import source_columns, SUFFIXES
@@ -78,7 +78,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
     reasons: list[str] = [""] * len(stack.members)
     for estimator, model in estimators_of(manifest, together):
         triad, basis = estimator.triad, basis_of(model)
-        mine = _rows_for(triad, model, together)
+        mine = estimator.usable(together)
         fit, found = _solved(estimator, basis, mine, manifest)
         scores = _scored(estimator, basis, mine, fit, manifest)
         if observe is not None and scores is not None:
@@ -104,15 +104,6 @@ def _with_probe_error(fit: FleetFit, basis: AbstractBasis, sigma: float) -> Flee
     coefficients = fit.parameters.reshape(len(fit.parameters), basis.size, -1)
     wider = fit.covariance + probe_covariance(coefficients, basis, sigma)
     return eqx.tree_at(lambda f: f.covariance, fit, wider)
-
-
-def _rows_for(triad: str, model: TriadModel, dwells: Dwells) -> Dwells:
-    """Only rests where the estimator has no reference for the motion."""
-    by_reference = model.estimator == "reference"
-    if by_reference and triad == "gyro":
-        return dwells
-    usable = accel_rows(dwells, by_reference)
-    return eqx.tree_at(lambda d: d.valid, dwells, np.asarray(dwells.valid) & usable)
 
 
 def _solved(

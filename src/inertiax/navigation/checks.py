@@ -51,9 +51,15 @@ def check_rotation(call: str, matrix: AnyArray) -> None:
             f"`{call}`: shape {values.shape}; it is a rotation matrix (3, 3), case to level."
         )
     off = np.abs(values @ np.swapaxes(values, -1, -2) - np.eye(3)).max()
-    if not (off < ROTATION and np.all(np.linalg.det(values) > 0.0)):
+    if not off < ROTATION:
         raise ValueError(
             f"`{call}`: it is not a rotation matrix (C Cᵀ differs from E by {off:.2g})."
+        )
+    least = float(np.min(np.linalg.det(values)))
+    if not least > 0.0:
+        raise ValueError(
+            f"`{call}`: it is not a rotation matrix (its determinant is {least:.3g}: a mirror; is an axis of the "
+            f"wrong sign, or the frame left-handed?)."
         )
 
 
@@ -98,6 +104,11 @@ def check_samples(call: str, data: Any) -> None:
     """Raise `ValueError` where shapes of an `ImuData` do not fit each other, or its numbers are implausible; runs may
     lead."""
     rows = jnp.shape(data.temperature)
+    if rows == () and jnp.ndim(data.accel) > 1:
+        raise ValueError(
+            f"`{call}(temperature=...)`: one number; it is one a sample, such as `np.full({jnp.shape(data.accel)[0]}, "
+            f"20.0)`, or NaN where there is no probe."
+        )
     for name in ("accel", "gyro"):
         shape = jnp.shape(getattr(data, name))
         if shape != (*rows, 3):
@@ -111,4 +122,19 @@ def check_samples(call: str, data: Any) -> None:
                 f"`{call}(step=...)`: {float(np.max(step)):g}; it is in s, above 0 and up to {LONGEST_STEP:g} (the "
                 f"sample rate, or ms?)."
             )
+    for name in ("accel", "gyro"):
+        _check_numbers(call, name, getattr(data, name))
     check_run(call, data.accel, data.gyro, data.temperature)
+
+
+def _check_numbers(call: str, name: str, values: Any) -> None:
+    """Raise `ValueError` for samples that are no numbers, which nothing after them would survive."""
+    if is_traced(values):
+        return
+    bad = np.argwhere(~np.isfinite(np.asarray(values)).all(axis=-1))
+    if len(bad):
+        at = bad[0].tolist()
+        raise ValueError(
+            f"`{call}({name}=...)`: not a finite number at sample {at[0] if len(at) == 1 else tuple(at)} ({len(bad)} "
+            f"such samples); a run has no gaps, so interpolate them or cut the run there."
+        )

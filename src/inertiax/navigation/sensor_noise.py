@@ -25,13 +25,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._typing import AnyArray
-from ..data.plausible_units import farthest_outside, GREATEST_NOISE
+from ..data.plausible_units import farthest_outside, GREATEST_NOISE, PEAK_FORCE, PEAK_RATE
 from ..physics.leaves import is_traced
 from .counted_normals import normals
 
 
 RATIO = 6.0  # between time constants: the Allan variance is flat to 2 % (tested)
 SAME_RATE = 0.01  # relative: a filter's coefficients hold at one sample rate
+LEAST_RANGE = 9.7  # m/s²: an accelerometer that saturates below gravity reads none of its poses
 SHORTEST, LONGEST = 1.0, 1e5  # of the time constants, in samples and in s
 
 
@@ -98,7 +99,24 @@ def triad_noise(triad: str, given: Any, sample_rate: float) -> TriadNoise:
             raise ValueError(
                 f"`Twin(noise=...)`: {triad} {name} is {np.min(np.asarray(value)):g}; it must be above 0."
             )
+    _check_range(triad, made.full_scale)
     return made
+
+
+def _check_range(triad: str, full_scale: Any) -> None:
+    """Raise `ValueError` for a range that does not hold what the triad reads at rest, or that no such sensor has."""
+    if full_scale is None or is_traced(full_scale):
+        return
+    greatest = float(np.max(np.asarray(full_scale)))
+    least, most = (LEAST_RANGE, PEAK_FORCE) if triad == "accel" else (0.0, PEAK_RATE)
+    if least <= greatest <= most:
+        return
+    unit, guess = ("m/s²", "in g?" if greatest < least else "mm/s²?")
+    if triad == "gyro":
+        unit, guess = "rad/s", "deg/s?"
+    raise ValueError(
+        f"`Twin(noise=...)`: {triad} full_scale is {greatest:g}; it is in {unit}, from {least:g} to {most:g} ({guess})."
+    )
 
 
 def _filters(models: Sequence[Any], sample_rate: float) -> Float[np.ndarray, "3 order"] | None:

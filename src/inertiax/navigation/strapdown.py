@@ -100,8 +100,8 @@ class ImuData(eqx.Module):
 
     def __check_init__(self):
         # Axes to map over, shapes and other things than arrays may stand in the place of each.
-        columns = (self.accel, self.gyro, self.temperature)
-        if all(isinstance(x, np.ndarray | jax.Array) for x in columns):
+        columns = [isinstance(x, np.ndarray | jax.Array) for x in (self.accel, self.gyro)]
+        if all(columns) and not isinstance(self.temperature, jax.ShapeDtypeStruct | None):
             check_samples("ImuData", self)
 
 
@@ -213,8 +213,9 @@ def navigate(compensation: Compensation | Calibration, data: ImuData, start: Sta
 
 
 def errors(state: State, truth: State) -> Float[Array, "9"]:
-    """Navigation error of one state: position (m: east, north, up), velocity (m/s), and the small
-    rotation of the level frame (rad) by which the attitude is off; its third component is heading."""
+    """Navigation error of one state: position (m: east, north, up), velocity (m/s: the same), and the rotation vector
+    (rad, about east, north and up of the level frame) that takes the true attitude to the other,
+    log(C Cᵀ_true); its third component is heading."""
     here = scales(place_of(truth.origin, truth.position))
     apart = (jnp.asarray(state.origin) - jnp.asarray(truth.origin))[jnp.array([1, 0, 2])]
     metres = lambda s: jnp.asarray(s.position) * (here / scales(s.origin))

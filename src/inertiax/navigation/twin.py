@@ -97,6 +97,14 @@ class Twin(eqx.Module):
         self.sample_rate = float(sample_rate)
         self.delay = float(delay)
 
+    def __repr__(self) -> str:
+        terms = {
+            t: [k for k, v in vars(getattr(self.noise, t)).items() if v is not None]
+            for t in ("accel", "gyro")
+        }
+        noise = ", ".join(f"{t} {' '.join(k)}" for t, k in terms.items() if k) or "none"
+        return f"Twin({self.calibration!r}, noise: {noise}; {self.sample_rate:g} Hz, delay {self.delay:g} s)"
+
     @classmethod
     def draw(
         cls,

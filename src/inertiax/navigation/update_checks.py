@@ -1,7 +1,7 @@
 """Plausibility of what is measured beside the IMU, where the numbers are known."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..physics.leaves import is_traced
 from .checks import check_near
@@ -15,8 +15,8 @@ NEAR_LATITUDE = 0.2
 
 
 def check_update(update: AbstractUpdate, frame: LevelFrame) -> None:
-    """Raise `ValueError` for a standard deviation that is not above zero, and for positions that are no metres in the
-    level frame, but degrees or Earth-centred."""
+    """Raise `ValueError` for a standard deviation that is not above zero, for rows that are no numbers, and for
+    positions that are no metres in the level frame, but degrees or Earth-centred."""
     name = type(update).__name__
     valid = None if update.valid is None or is_traced(update.valid) else np.asarray(update.valid)
     if not is_traced(update.sigma):
@@ -27,6 +27,8 @@ def check_update(update: AbstractUpdate, frame: LevelFrame) -> None:
             raise ValueError(
                 f"`{name}(sigma=...)` is {np.min(sigma):g}; it must be above 0: nothing is measured exactly."
             )
+    if not is_traced(update.value) and (update.valid is None or valid is not None):
+        _check_numbers(name, np.asarray(update.value, float), valid)
     if isinstance(update, Position) and not is_traced(update.value):
         fixes = np.asarray(update.value)
         if valid is not None and len(fixes) == len(valid):
@@ -34,6 +36,20 @@ def check_update(update: AbstractUpdate, frame: LevelFrame) -> None:
         check_near("Position(value=...)", fixes)
         if not is_traced(frame.latitude):
             _check_metres(fixes, float(frame.latitude))
+
+
+def _check_numbers(
+    name: str, values: Float[np.ndarray, "..."], valid: Bool[np.ndarray, " segments"] | None
+) -> None:
+    """Raise `ValueError` for a row that counts and is no number: it would make all that comes after none."""
+    wrong = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    if valid is not None and valid.shape == wrong.shape:
+        wrong &= valid
+    if wrong.any():
+        raise ValueError(
+            f"`{name}(value=...)`: row {int(np.argmax(wrong))} is not a finite number; give `valid`, false in rows "
+            f"without measurement."
+        )
 
 
 def _check_metres(fixes: Float[np.ndarray, "fixes 3"], latitude: float) -> None:

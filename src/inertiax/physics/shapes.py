@@ -19,6 +19,15 @@ def check_one(call: str, **vectors: Any) -> None:
             )
 
 
+def check_given(call: str, **values: Any) -> None:
+    """Raise `ValueError` for a vector or temperature of one sample that is `None`."""
+    for name, value in values.items():
+        if value is None:
+            cure = "zeros for a triad that the device lacks"
+            cure = "°C, or NaN where there is no probe" if name == "temperature" else cure
+            raise ValueError(f"`{call}`: {name} is None; give {cure}.")
+
+
 def check_ends(call: str, value: Any, inner: tuple[int, ...]) -> None:
     """Raise `ValueError` where a value's last axes are not `inner`. What is no array is let through: pytrees are
     built of other things, too."""

@@ -35,10 +35,11 @@ class Problem:
         self.estimator = estimator
         self.basis = basis
         self.num_dwells = dwells.num_dwells
+        self._given = np.asarray(dwells.valid)
         self.dwells = _prepared(estimator, dwells)
         self.phi = basis.rows(np.asarray(self.dwells.temperature))
         self.at_nodes = basis.at_nodes
-        self.shared = shared_errors(estimator, jax.tree.map(np.asarray, dwells))
+        self.shared = shared_errors(estimator, estimator.usable(jax.tree.map(np.asarray, dwells)))
 
     def vectors(self, coefficients: AnyArray) -> Float[np.ndarray, "dwell parameter"]:
         """Each dwell's parameters, θ(T) = φ(T) C."""
@@ -102,9 +103,10 @@ class Problem:
         return scaled_inverse(normal)
 
     def compensated(self, coefficients: AnyArray) -> Dwells:
-        """The dwells (without padding) refined with a curve's coefficients, block 3."""
+        """The dwells (without padding) refined with a curve's coefficients, block 3; `valid` as it was given."""
         refined = self.refined(coefficients)
-        return jax.tree.map(lambda x: np.asarray(x)[: self.num_dwells], refined)
+        shortened = jax.tree.map(lambda x: np.asarray(x)[: self.num_dwells], refined)
+        return eqx.tree_at(lambda d: d.valid, shortened, self._given)
 
     def refined(self, coefficients: AnyArray) -> Dwells:
         """As `compensated`, with the padding."""
@@ -231,10 +233,12 @@ def linearise(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -
 
 
 def _prepared(estimator: AbstractEstimator, dwells: Dwells) -> Dwells:
-    """Dwells as NumPy arrays; padded where a program is compiled for their number."""
+    """Dwells as NumPy arrays, those `valid` that the estimator may read; padded where a program is compiled for their
+    number."""
+    dwells = estimator.usable(jax.tree.map(np.asarray, dwells))
     if host_form(estimator) is None:
         return padded(dwells)
-    return jax.tree.map(np.asarray, dwells)
+    return dwells
 
 
 @eqx.filter_jit

@@ -32,8 +32,9 @@ from ..estimators.base import check_estimator
 from ..numerics.least_squares import least_squares, outcome
 from ..numerics.linear_algebra import DenseNormal, spd_inverse
 from ..numerics.wide_arithmetic import in_64_bits
+from ..physics.leaves import is_traced
 from ..physics.temperature import AbstractBasis, Curve, interpolate
-from ..reduction.dwells import by_experiment, Dwells, experiment_rows
+from ..reduction.dwells import by_experiment, check_dwells, Dwells, experiment_rows
 from .rank import determines_all
 from .recorded_iteration import RecordedIteration
 
@@ -45,7 +46,7 @@ class ThermalSolution(eqx.Module):
     covariance: Float[
         AnyArray, "unknowns unknowns"
     ]  # of coefficients, row-major (size, parameters)
-    residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell is padding
+    residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell was not used
     result: optx.RESULTS  # outcome as data; `outcome` in words
     num_iterations: Int[AnyArray, " *batch"]
     history: Float[AnyArray, "*batch iterations size parameters"]  # NaN beyond `num_iterations`
@@ -68,13 +69,15 @@ class ThermalSolution(eqx.Module):
 def dwell_residuals(
     estimator: AbstractEstimator, curve: Curve, dwells: Dwells
 ) -> Float[Array, "dwells rows"]:
-    """Whitened residuals of all dwells at the curve's parameters; padding gives zeros."""
+    """Whitened residuals of all dwells at the curve's parameters; those that the estimator may not read (`usable`)
+    give zeros."""
 
     def one(dwell: Dwells) -> Array:
         return estimator.residual(curve(dwell.temperature), dwell)
 
     rows = jax.vmap(one)(dwells)
-    return jnp.where(jnp.asarray(dwells.valid)[:, None], rows, jnp.zeros_like(rows))
+    kept = jnp.asarray(estimator.usable(dwells).valid)
+    return jnp.where(kept[:, None], rows, jnp.zeros_like(rows))
 
 
 def _flat_residual(coefficients: Array, args: tuple) -> Array:
@@ -98,7 +101,7 @@ def normal_matrix(
         weight = jnp.asarray(dwell.valid, phi.dtype)
         return phi, weight * (jacobian.T @ jacobian)
 
-    phis, normals = jax.vmap(one)(dwells)
+    phis, normals = jax.vmap(one)(estimator.usable(dwells))
     unknowns = curve.basis.size * estimator.num_parameters
     normal = jnp.einsum("na,nb,nij->aibj", phis, phis, normals)
     return normal.reshape(unknowns, unknowns)
@@ -159,7 +162,9 @@ class PaperIteration(AbstractIteration):
     ) -> "PaperIteration":
         """Group the dwells by experiment. Raises `ValueError` with fewer experiments than basis
         functions, because the refit of the curves would have no unique answer."""
-        rows, kept = experiment_rows(dwells)
+        used = estimator.usable(dwells)
+        _check_rests("PaperIteration.plan(...)", estimator, used)
+        rows, kept = experiment_rows(used)
         if len(rows) < basis.size:
             raise ValueError(
                 f"`PaperIteration.plan(...)`: {len(rows)} experiments cannot determine curves with "
@@ -231,7 +236,7 @@ def start_curve(
     estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
 ) -> Float[Array, "size parameters"]:
     """Block 2: coefficients of a curve constant over temperature at the closed-form start."""
-    vector = estimator.start(dwells)
+    vector = estimator.start(estimator.usable(dwells))
     return interpolate(basis, jnp.tile(vector[None, :], (basis.size, 1)))
 
 
@@ -250,6 +255,7 @@ def _check(
 ) -> None:
     """Raise `ValueError` for dwells that the estimator cannot read, or a start that is none of the basis."""
     check_estimator(call, estimator)
+    check_dwells(call, dwells)
     shape = jnp.shape(dwells.valid)
     if len(shape) != 1:
         raise ValueError(
@@ -263,9 +269,20 @@ def _check(
             raise ValueError(
                 f"`{call}`: {type(estimator).__name__} reads {missing[0]}, which the dwells do not have."
             )
+    _check_rests(call, estimator, estimator.usable(dwells))
     size = (basis.size, estimator.num_parameters)
     if start is not None and jnp.shape(start) != size:
         raise ValueError(f"`{call}`: start has shape {jnp.shape(start)}; it must be {size}.")
+
+
+def _check_rests(call: str, estimator: AbstractEstimator, used: Dwells) -> None:
+    """Raise `ValueError` where an estimator may read none of the dwells."""
+    if is_traced(used.valid) or np.any(used.valid):
+        return
+    raise ValueError(
+        f"`{call}`: {type(estimator).__name__} uses rests only, and none of the {used.num_dwells} dwells is one "
+        f"(`position` -1 is a constant rate)."
+    )
 
 
 def _by_reference(estimator: AbstractEstimator) -> bool:

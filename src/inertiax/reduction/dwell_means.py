@@ -21,14 +21,14 @@ from .segments import segment_all, Segments
 
 
 def reduce_to_dwells(
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     *,
     longest: float | None = None,
     temperature_step: float | None = 1.0,
     window: float = 1.0,
     segments: Sequence[Segments] | None = None,
 ) -> Dwells:
-    """Means over the rests and constant-rate plateaus of one device's recordings, with covariances.
+    """Means over the rests and constant-rate plateaus of one device's recording or recordings, with covariances.
 
     **Arguments:**
 
@@ -49,6 +49,7 @@ def reduce_to_dwells(
     Raises `ValueError` for several devices, for recordings with different columns, and where
     nothing rests.
     """
+    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     _check_together(recordings)
     for name, value in (("longest", longest), ("temperature_step", temperature_step)):
         if value is not None and not value > 0:
@@ -73,6 +74,12 @@ def reduce_to_dwells(
 def _check_together(recordings: Sequence[Recording]) -> None:
     if not recordings:
         raise ValueError("`reduce_to_dwells(recordings)`: no recordings; at least one is needed.")
+    for recording in recordings:
+        if not isinstance(recording, Recording):
+            raise ValueError(
+                f"`reduce_to_dwells(recordings)`: {type(recording).__name__} is no Recording; make one by "
+                f"`Recording.from_arrays(time, accel, gyro)`."
+            )
     devices = list(dict.fromkeys(r.device for r in recordings))
     if len(devices) > 1:
         raise ValueError(

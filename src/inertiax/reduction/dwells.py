@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._typing import AnyArray, Given
+from ..data.recording import Recording
 from . import arrays
 from .motions import Motions
 
@@ -140,13 +141,6 @@ def is_told(reference_accel: Float[AnyArray, "*dwell 3"]) -> Bool[AnyArray, " *d
     return library.any(library.asarray(reference_accel) != 0.0, axis=-1)
 
 
-def accel_rows(dwells: Dwells, by_reference: bool) -> Bool[np.ndarray, " *dwell"]:
-    """The dwells that tell the accelerometers something: with a reference those that have one, else the rests."""
-    if by_reference:
-        return np.asarray(is_told(np.asarray(dwells.reference_accel)))
-    return np.asarray(dwells.position) >= 0
-
-
 def known_force(
     stated: Float[AnyArray, "*dwell 3"] | None, felt: Float[AnyArray, "*dwell 3"] | None
 ) -> Float[AnyArray, "*dwell 3"] | None:
@@ -155,6 +149,16 @@ def known_force(
         return felt if stated is None else stated
     library = np if isinstance(stated, np.ndarray) and isinstance(felt, np.ndarray) else jnp
     return library.where(is_told(stated)[..., None], stated, felt)
+
+
+def check_dwells(call: str, dwells: object) -> None:
+    """Raise `ValueError` for what is no `Dwells`, with the call that makes them of it."""
+    if isinstance(dwells, Dwells):
+        return
+    cure = "make them by `Dwells.from_arrays(accel, gyro)`"
+    if isinstance(dwells, Recording):
+        cure = "a recording's are `reduce_to_dwells(recording)`"
+    raise ValueError(f"`{call}`: {type(dwells).__name__} is no Dwells; {cure}.")
 
 
 def with_harmless_padding(dwells: Dwells) -> Dwells:
@@ -199,4 +203,4 @@ def by_experiment(
 ) -> Dwells:
     """Stack the dwells of each experiment along a new leading axis, as `experiment_rows` says."""
     stacked = jax.tree.map(lambda x: jnp.asarray(x)[rows], dwells)
-    return eqx.tree_at(lambda d: d.valid, stacked, jnp.asarray(kept))
+    return eqx.tree_at(lambda d: d.valid, stacked, stacked.valid & jnp.asarray(kept))

@@ -5,8 +5,10 @@ from jaxtyping import Float
 
 from ..._typing import AnyArray
 from ...calibrate.goodness_of_fit import (
+    grade_matrix,
     grade_misfit,
     grade_parameters,
+    matrix_mistakes,
     misfit_words,
     UNUSABLE,
     usual_size,
@@ -40,6 +42,8 @@ def judge(
     rms = rms_misfit(fit)
     grades = grade_parameters(estimator.names, np.zeros_like(worst), worst)
     good = fit.converged & np.all(grades < UNUSABLE, axis=1)
+    values = _in_the_middle(basis, fit, temperature)
+    good &= grade_matrix(estimator.names, values) < UNUSABLE
     good &= grade_misfit(_UNITS[estimator.triad], rms, np.sqrt(fit.chi2_per_dof)) < UNUSABLE
     if alone:
         good &= rows >= basis.size * estimator.num_parameters
@@ -47,9 +51,23 @@ def judge(
     for k in np.flatnonzero(~good):
         mine = np.asarray(temperature)[k][fit.valid[k]]
         few = _too_few_temperatures(estimator.triad, basis, mine) if alone else None
-        said = _reason(estimator, basis, fit, worst[k], float(rms[k]), int(k), alone)
+        said = _reason(estimator, basis, fit, worst[k], values[k], float(rms[k]), int(k), alone)
         reasons[k] = said if few is None or rows[k] < basis.size * estimator.num_parameters else few
     return tuple(reasons)
+
+
+def _in_the_middle(
+    basis: AbstractBasis, fit: FleetFit, temperature: Float[AnyArray, "devices dwells"]
+) -> Float[np.ndarray, "devices parameters"]:
+    """Each device's parameters in the middle of its own temperatures, as `calibrate` judges them."""
+    probe = np.asarray(temperature, float)
+    probe = np.where(fit.valid.any(axis=1, keepdims=True), probe, 0.0)
+    kept = fit.valid | ~fit.valid.any(axis=1, keepdims=True)
+    low = np.where(kept, probe, np.inf).min(axis=1)
+    high = np.where(kept, probe, -np.inf).max(axis=1)
+    phi = basis.rows(0.5 * (low + high))
+    coefficients = fit.parameters.reshape(len(fit.parameters), basis.size, -1)
+    return np.einsum("da,dap->dp", phi, coefficients)
 
 
 def _too_few_temperatures(
@@ -81,6 +99,7 @@ def _reason(
     basis: AbstractBasis,
     fit: FleetFit,
     sigma: Float[np.ndarray, " parameters"],
+    values: Float[np.ndarray, " parameters"],
     rms: float,
     k: int,
     alone: bool,
@@ -106,6 +125,9 @@ def _reason(
             f"{triad}: no convergence after {int(fit.num_steps[k])} steps; look for wrong units, a "
             "saturated axis or rests that are not at rest"
         )
+    mistakes = matrix_mistakes(estimator.names, values)
+    if mistakes:
+        return f"{triad}: {mistakes[0][1].removesuffix('.')}"
     unit, ratio = _UNITS[triad], float(np.sqrt(fit.chi2_per_dof[k]))
     if grade_misfit(unit, rms, ratio) == UNUSABLE:
         return f"{triad}: {misfit_words(unit, rms, ratio, float(fit.scatter[k]))}"
