@@ -21,9 +21,13 @@ LISTED = 100  # changes in a table
 def drift_sentence(triad: str, drift: Drift) -> str:
     """How many devices were compared, and how many changes are far out."""
     count, beyond = drift.change.size, int((np.abs(drift.sigmas) > FAR).sum())
+    expected = BY_CHANCE * count
+    by_chance = f"about {expected:.0f}" if expected >= 1.0 else "hardly any"
+    devices = len(drift.devices)
+    before = f"{devices} device{'s were' if devices != 1 else ' was'} calibrated before"
     return (
-        f"{TRIAD_NAMES[triad]}: {len(drift.devices)} devices were calibrated before; {beyond} of {count} "
-        f"changes are beyond {FAR:g} sigma, where chance alone gives about {BY_CHANCE * count:.0f}."
+        f"{TRIAD_NAMES[triad]}: {before}; {beyond} of {count} changes are beyond {FAR:g} sigma, where chance alone "
+        f"gives {by_chance}."
     )
 
 
@@ -64,10 +68,14 @@ def _common_table(drift: Drift, units: plots.Units) -> Table:
         change = factor * drift.change[:, :, k]
         common = np.median(change, axis=0)
         spread = 1.4826 * np.median(np.abs(change - common), axis=0)
+        if len(change) == 1:  # one device has no spread, but its own uncertainty
+            spread = factor * drift.sigma[0, :, k]
         cells = (" ± ".join(with_sigma(float(c), float(s))) for c, s in zip(common, spread))
         rows.append((label(name), unit, *cells))
     head = ("parameter", "unit", *(f"{t:g} °C" for t in drift.temperatures))
     caption = "Median change over the devices ± its spread between them."
+    if len(drift.devices) == 1:
+        caption = "Change ± its standard deviation, by both uncertainties together."
     return Table(head, tuple(rows), numeric=tuple(range(2, len(head))), caption=caption)
 
 
