@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy.linalg
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from ..estimators import AbstractEstimator, Invariant, ReferenceAccel, ReferenceGyro
@@ -78,7 +78,7 @@ def _f_test(
         return 1.0, 0.0
     drop, total = float(np.square(own.T @ residual).sum()), float(residual @ residual)
     ratio = (drop / size) / max((total - drop) / dof, 1e-300)
-    return float(scipy.stats.f.sf(ratio, size, dof)), drop / max(total, 1e-300)
+    return float(scipy.special.fdtrc(size, dof, ratio)), drop / max(total, 1e-300)
 
 
 def _trials(
