@@ -189,3 +189,25 @@ def test_misfits_are_graded_by_noise_and_by_size(unit, rms, ratio, grade):
 )
 def test_a_parameter_is_fine_only_where_its_sigma_is_small(name, value, sigma, grade):
     assert grade_parameters((name,), np.array([value]), np.array([sigma])).tolist() == [grade]
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_two_recordings_of_one_temperature_each_do_not_part_switching_on_from_temperature(apart):
+    one = _campaign(G * _directions(24)).recordings[0]
+    probe = lambda t, seed: t + 0.01 * np.random.default_rng(seed).normal(size=(len(one.time), 1))
+    parts = [eqx.tree_at(lambda r: r.temperature, one, probe(20.0, 1), is_leaf=lambda x: x is None)]
+    warm = eqx.tree_at(lambda r: r.temperature, one, probe(40.0, 2), is_leaf=lambda x: x is None)
+    parts.append(eqx.tree_at(lambda r: r.time, warm, one.time + 1000.0))
+    if not apart:  # one recording that holds both
+        join = lambda field: np.concatenate([getattr(p, field) for p in parts])
+        fields = ("time", "accel", "reference_accel", "temperature")
+        parts = [
+            Recording(
+                **{f: join(f) for f in fields}, position=np.r_[one.position, one.position + 24]
+            )
+        ]
+    quality, _ = _judged(
+        Campaign(tuple(parts), Site(gravity=G), model=ModelChoice(temperature_degree=1))
+    )
+    (said,) = [f.text for f in quality.findings if f.topic == "temperature"]
+    assert "nothing between 20 and 40 °C" in said and ("switched off between them" in said) is apart

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.formats import Layout, read_recordings
 from readers_cases import campaign, check, made_up, refusal
 from readers_data import bag
@@ -40,6 +41,15 @@ def test_the_topic_is_chosen_where_there_are_several(tmp_path):
     )
     (recording,) = campaign(tmp_path, ["run"], 'topic = "/imu1"')
     check(recording, data | {"temperature": None})
+
+
+@pytest.mark.parametrize("topics", [("/imu0",), ("/imu0", "/imu1")])
+def test_a_draft_names_the_topics_that_must_be_named(tmp_path, topics):
+    bag(tmp_path / "run", "mcap", made_up(), topics=topics)
+    draft = draft_campaign(tmp_path / "run", tmp_path / "campaign", latitude=48.0)
+    assert 'temperature_topic = "/probe"' in draft.text
+    assert ("topic" in draft.untold) is (len(topics) == 2)
+    assert ('\ntopic = "/imu0"' in draft.text) is (len(topics) == 2)
 
 
 def test_a_triad_that_ros_calls_absent_is_absent(tmp_path):

@@ -17,6 +17,8 @@ from .results import TriadResult
 
 Judged = tuple[Finding | None, str | None]
 
+ONE_TEMPERATURE = 1.0  # °C, less than a recording at one temperature moves. Convention.
+
 # Of one pose over a range of temperatures, which tells changes of the biases alone.
 _JOIN = (
     "A log turned by hand at one temperature, calibrated for itself; `inertiax export HAND/calibration.json --warm-up "
@@ -172,10 +174,25 @@ def temperatures(
     if gaps[at] <= LIMITS.temperature_gap * span:
         return Finding("temperature", FINE, f"{text} without a large gap."), None
     between = f"{ordered[at]:.0f} and {ordered[at + 1]:.0f} °C"
+    if _a_temperature_each(estimate):
+        between += (
+            ", and each recording has one temperature: where the device was switched off between them, what a switching "
+            "on changes cannot be told from what the temperature does, and is in the slopes"
+        )
     return (
         Finding("temperature", ATTENTION, f"{text}, but nothing between {between}."),
         f"{name}: an experiment at about {0.5 * (ordered[at] + ordered[at + 1]):.0f} °C.",
     )
+
+
+def _a_temperature_each(estimate: TriadResult) -> bool:
+    """Whether several recordings were each made at one temperature, and in one experiment each."""
+    rows = estimate.dwells.rows
+    if rows is None:
+        return False
+    recording, temperature = np.asarray(rows)[:, 0], np.asarray(estimate.dwells.temperature)
+    spans = [np.ptp(temperature[recording == k]) for k in np.unique(recording)]
+    return len(spans) > 1 and bool(max(spans) < ONE_TEMPERATURE)
 
 
 def input_of(name: str, result: TriadResult) -> float:

@@ -10,11 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
+from ..data.formats import ros
 from ..data.formats.detect import format_of
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import accel_unit, directions, lacks_gravity, sphere, TriadUnit
+from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
 from .converters import middle, nearest, rounded, wraps
@@ -67,7 +69,8 @@ def draft_campaign(
     paths = [_path(p, folder) for p in (log, *others)]
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
-        return _draft(log, (site, Table("recordings", (files,))))
+        topics = topic_lines(log) if chosen == ros.NAME else ()
+        return _draft(log, (site, Table("recordings", (files, *topics))))
     if all(reads_compensated(p, ()) and has_column(p, "time") for p in (log, *others)):
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
         return _draft(log, (site, Table("recordings", (Line("files", paths, why),))))

@@ -8,10 +8,12 @@ those of reception where it has none. A triad whose covariance begins with −1 
 Only these two message types are decoded, by the library's own definitions and never by those in a bag.
 """
 
+import contextlib
 import functools
 import importlib
+from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -38,25 +40,7 @@ def is_bag(folder: Path) -> bool:
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
     """The recording of one topic. Raises `ValueError` naming file, topic and what is wrong."""
-    rosbag1 = load("rosbags.rosbag1", "ros", path)
-    rosbag2 = load("rosbags.rosbag2", "ros", path)
-    with bounded():
-        return _read(rosbag1, rosbag2, path, columns, layout)
-
-
-def _read(
-    rosbag1: ModuleType, rosbag2: ModuleType, path: Path, columns: ColumnMap, layout: Layout
-) -> tuple[Recording, ...]:
-    one = path.suffix == ".bag" and not path.is_dir()
-    kind = rosbag1.Reader if one else rosbag2.Reader
-    try:
-        reader = kind(path)
-        reader.open()
-    # rosbags meets a damaged file with whatever its parsing runs into: its own ReaderError, and those of
-    # sqlite3, struct, YAML, zstandard and lz4, AssertionError, KeyError, IndexError.
-    except Exception as error:
-        raise _damaged(path, error) from None
-    try:
+    with _opened(path) as (reader, one):
         topic = _topic(reader, layout.topic, _IMU, "topic", path.name)
         imu = _messages(reader, topic, _IMU, one, path)
         probe = None
@@ -64,10 +48,40 @@ def _read(
             said = layout.temperature_topic
             chosen = _topic(reader, said, _TEMPERATURE, "temperature_topic", path.name)
             probe = _messages(reader, chosen, _TEMPERATURE, one, path)
-    finally:
-        reader.close()
     label = f"{path.name} {topic}"
     return to_recordings(_table(imu, probe, label), columns, layout, name=label)
+
+
+def topics(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of a bag's topics of IMUs and of temperatures. Raises `ValueError` where it cannot be read."""
+    with _opened(path) as (reader, _):
+        imus, probes = (_topics(reader, kind) for kind in (_IMU, _TEMPERATURE))
+        return tuple(imus), tuple(probes)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, bool]]:
+    """A reader of the bag, and whether it is one of ROS 1."""
+    rosbag1 = load("rosbags.rosbag1", "ros", path)
+    rosbag2 = load("rosbags.rosbag2", "ros", path)
+    one = path.suffix == ".bag" and not path.is_dir()
+    kind = rosbag1.Reader if one else rosbag2.Reader
+    with bounded():
+        try:
+            reader = kind(path)
+            reader.open()
+        # rosbags meets a damaged file with whatever its parsing runs into: its own ReaderError, and those of
+        # sqlite3, struct, YAML, zstandard and lz4, AssertionError, KeyError, IndexError.
+        except Exception as error:
+            raise _damaged(path, error) from None
+        try:
+            yield reader, one
+        finally:
+            reader.close()
+
+
+def _topics(reader: Any, kind: str) -> list[str]:
+    return sorted({c.topic for c in reader.connections if c.msgtype == kind})
 
 
 def _damaged(path: Path, error: Exception) -> ValueError:
@@ -76,7 +90,7 @@ def _damaged(path: Path, error: Exception) -> ValueError:
 
 
 def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:
-    found = sorted({c.topic for c in reader.connections if c.msgtype == kind})
+    found = _topics(reader, kind)
     plain = kind.replace("/msg/", "/")
     if asked is None:
         if len(found) != 1:
