@@ -176,8 +176,8 @@ def temperatures(
     between = f"{ordered[at]:.0f} and {ordered[at + 1]:.0f} °C"
     if _a_temperature_each(estimate):
         between += (
-            ", and each recording has one temperature: where the device was switched off between them, what a switching "
-            "on changes cannot be told from what the temperature does, and is in the slopes"
+            ", and each recording has one temperature: where the device was switched off between them, what a "
+            "switching on changes cannot be told from what the temperature does, and is in the slopes"
         )
     return (
         Finding("temperature", ATTENTION, f"{text}, but nothing between {between}."),
