@@ -64,6 +64,11 @@ def test_a_filters_recursion_follows_from_its_attenuation(poles):
     np.testing.assert_allclose(recursion_of(attenuation, upper, RATE), wanted[1:], atol=1e-9)
 
 
+def test_no_attenuation_is_no_filter():
+    assert recursion_of(np.zeros(2), 10.0, RATE) == ()
+    assert recursion_of(np.zeros(0), 10.0, RATE) == ()
+
+
 def test_no_filter_is_made_of_an_attenuation_that_is_none():
     assert recursion_of(np.array([-0.9]), 50.0, RATE) == ()
 

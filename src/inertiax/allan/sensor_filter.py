@@ -30,6 +30,8 @@ def recursion_of(
     polynomial = np.concatenate([[1.0], coefficients / scale])
     if np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, _GRID), polynomial).min() < _LEAST:
         return ()
+    if np.count_nonzero(polynomial) == 1:  # no attenuation
+        return ()
     # Each root x of the polynomial is a pair z, 1/z of z² − (2 − 4 x) z + 1.
     roots = np.polynomial.polynomial.polyroots(np.trim_zeros(polynomial, "b")).astype(complex)
     half = 1.0 - 2.0 * roots

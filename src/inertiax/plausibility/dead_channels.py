@@ -71,7 +71,7 @@ def _one(device: DeviceLogs, log: Log, name: str, axis: int, limits: Thresholds)
     if rows is None and not never:
         return None
     if never:
-        said = f"{name}_{AXES[axis]} never changes ({x[0]:.6g}); the channel looks dead."
+        said = f"{name}_{AXES[axis]} never changes ({x[0]:.6g}); the channel looks dead, or at the end of its range."
     else:
         assert rows is not None
         start, stop = rows
