@@ -190,7 +190,8 @@ def test_a_dead_channel_is_noted(tmp_path):
     t, accel = _tumble()
     accel[:, 0] = 0.25
     assert _notes(tmp_path, t, accel) == (
-        "a.csv: accel_x never changes (0.25); the channel looks dead, or at the end of its range. Mend it, or calibrate without this triad: "
+        "a.csv: accel_x never changes (0.25); the channel looks dead, or at the end of its range. Mend it, or "
+        "calibrate without this triad: "
         '[model] accel_estimator = "none".',
     )
 
