@@ -237,7 +237,8 @@ def test_a_run_ends_with_its_population(known):
 def short(known):
     """Six positions at one temperature, 18 unknowns, of 40 new devices of the line and one that is none."""
     folder, truth = known
-    odd = truth["D060"] + np.r_[[np.full(9, 40 * 3e-3)], [np.zeros(9)]]
+    # 20 sigmas of the line, and no scale factor is off by the 10 % that would say it without the line.
+    odd = truth["D060"] + np.r_[[np.full(9, 20 * 3e-3)], [np.zeros(9)]]
     _write(folder / "short", truth | {"ODD": odd}, positions=range(6), runs=[1], model=False)
     prior = read_population(folder / "results")
     assert run_fleet(folder / "short", folder / "out", prior=prior).calibrated == 40
