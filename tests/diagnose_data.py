@@ -118,8 +118,9 @@ def oblique(seed, *, product=0.0, promised=1.0):
     )  # fmt: skip
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     reading, output = [], []
-    for axis in axes:
-        for rate in np.deg2rad([20.0, -20.0, 60.0, -60.0, 100.0, -100.0]):
+    # Axis after axis at each rate: the table is positioned anew for every plateau.
+    for rate in np.deg2rad([20.0, -20.0, 60.0, -60.0, 100.0, -100.0]):
+        for axis in axes:
             w = rate * axis
             error = np.cross(w, promised * ANGLE * rng.standard_normal(3))
             error += promised * RATE * rng.standard_normal() * w
