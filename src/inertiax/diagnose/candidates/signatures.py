@@ -72,8 +72,7 @@ class Term:
         """
         if self.effect is None:
             return any(word in self.name for word in BY_DWELL)
-        by_input = self.variant.settings.get("on", "bias") != "bias"
-        return (self.effect.driver in INPUTS or by_input) and not self.effect.common
+        return self.effect.driver in INPUTS and not self.effect.common
 
 
 def bucket(rows: int, finest: int = 4) -> int:
