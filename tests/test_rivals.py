@@ -157,8 +157,7 @@ def test_what_follows_the_input_is_observed_once_a_dwell():
         (t.name, t.variant.label): observations(prepared.system, t) for t in prepared.candidates
     }
     assert {count[k] for k in count if k[0] == "second_order"} == {dwells}
-    assert count["drift", "bias"] == blocks
-    assert count["drift", "scale"] == dwells  # a scale factor that drifts goes with the input
+    assert {count[k] for k in count if k[0] == "drift"} == {blocks}
     # A field fixed to the room turns with the case: it is judged under the noise of g-sensitivity, its rival.
     field = candidate("magnetic", 10.0)
     assert field.term.follows_input and candidate("g_sensitivity", 10.0).term.follows_input
