@@ -64,6 +64,11 @@ class Term:
         """Number of coefficients."""
         return self.columns[0].shape[1]
 
+    @property
+    def scales_input(self) -> bool:
+        """Whether a catalogued effect acts on a scale factor or misalignment, so that its columns go with the input."""
+        return self.effect is not None and self.variant.settings.get("on", "bias") != "bias"
+
     @cached_property
     def follows_input(self) -> bool:
         """Whether the columns are a function of what the triad feels, dwell by dwell, of one channel.

@@ -122,8 +122,9 @@ def whiten_system(
     """
     residual, fitted = [], 0
     coupled = system.shared is not None
-    together = [t for t in candidates if coupled and t.follows_input]
-    alone = [t for t in candidates if not (coupled and t.follows_input)]
+    shares = lambda t: coupled and (t.follows_input or t.scales_input)
+    together = [t for t in candidates if shares(t)]
+    alone = [t for t in candidates if not shares(t)]
     white: list[dict[int, np.ndarray]] = [{} for _ in alone]
     seen = np.zeros((3, sum(t.size for t in alone)))  # as `_columns_seen`
     edges = np.cumsum([0, *(t.size for t in alone)])
