@@ -1,12 +1,12 @@
 """The clock of a log: which unit its stamps are in, or at which rate its rows were taken."""
 
-import re
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..reduction.host_stamps import host_stamps, usual_rate
+from .column_words import said, TIME_UNITS
 from .raw_log import RawLog
 
 
@@ -14,12 +14,6 @@ _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _USUAL = (8.0, 2200.0)  # Hz, IMUs that people log
 _POSSIBLE = (0.5, 20000.0)  # Hz
 _WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
-_WORDS = (
-    ("ns", re.compile(r"nano|[\[(_ .]ns\b|ns$")),
-    ("us", re.compile(r"micro|[\[(_ .](?:us|µs)\b|us$|µs$|sampletimefine")),
-    ("ms", re.compile(r"milli|[\[(_ .]ms\b|ms$")),
-    ("s", re.compile(r"second|\(s\)|\[s\]|_s$|\bs$|sec$")),
-)  # fmt: skip
 _ANEW = 1.5  # usual steps to mean ones: the stamps' span is that of one of several runs
 UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
 
@@ -88,9 +82,9 @@ def _unit(
         if len(slow) < len(possible) and slow:
             why = "with a smaller unit the temperature would move faster than any chamber moves it"
             return slow[-1], why, False
-    said = next((u for u, words in _WORDS if words.search(log.hint(name))), None)
-    if said in possible:
-        return said, "as the file says", True
+    said_unit = said(TIME_UNITS, log.hint(name))
+    if said_unit in possible:
+        return said_unit, "as the file says", True
     usual = [u for u in possible if _USUAL[0] <= 1.0 / steps[u] <= _USUAL[1]]
     chosen = next(iter(usual or possible), None)
     return (

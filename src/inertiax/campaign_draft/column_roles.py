@@ -6,41 +6,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .column_words import means, plain, triad_of_words, UNIT, without, without_unit
 from .converters import G, whole
 from .mag_unit import mag_unit
 from .raw_log import RawLog
 
 
-_ACCEL = re.compile(r"acc|force|^a[_ .]?x|^x?a$|^f[_ .]?x|^gfx|a_rs_s", re.IGNORECASE)
-_GYRO = re.compile(
-    r"gyr|ang\w*[_ .]?(?:vel|rate)|omega|^w[_ .]?x|^g[_ .]?x|w_rs_s|rot\w*rate|ω", re.IGNORECASE
-)
-_NEITHER = re.compile(
-    r"mag|^m[_ .]?x|^b[_ .]?x|euler|quat|orient|free_?acc|user_?acc|linear acc|^gravity|pos|cov|bias|ref",
-    re.IGNORECASE,
-)
-_MAG = re.compile(
-    r"^(?!.*(?:cov|bias|ref|cal))(?:.*mag|.*compass|m[_ .]?x$|b[_ .]?x$)", re.IGNORECASE
-)
-_WITHOUT_GRAVITY = re.compile(r"linear.?acc|user.?acc|free.?acc|without g", re.IGNORECASE)
-_TIME = re.compile(
-    r"time|stamp|^t$|^t[_ (\[]|^ts|second|^sec|^millis|^micros|^clock|utc", re.IGNORECASE
-)
-_TEMPERATURE = re.compile(
-    r"temp|^tmp|°c|^t_?c$|^t_(?:imu|probe|sens|die|board|chip|case|degc)", re.IGNORECASE
-)
-_UNIT = re.compile(r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°)/(?:s|h).*", re.IGNORECASE)
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²
 _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
 _STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
 _EPOCH = (0.9e9, 2.5e9)  # s since 1970: 1998 to 2049
 _MOST_LABELS = 32
-_REFERENCE = re.compile(
-    r"ref(?:erence)?|truth|true|ideal|setpoint|set|command|cmd|table|nominal", re.IGNORECASE
-)
-_RATE = re.compile(r"rate|^r[_ .]?x", re.IGNORECASE)
-_POSITION = re.compile(r"^(?:position|pose)(?:_?(?:id|number|index))?$", re.IGNORECASE)
 
 
 WITH_GRAVITY = (
@@ -63,6 +40,8 @@ class Roles(NamedTuple):
     reference_accel: tuple[str, str, str] | None = None  # under names of their own
     reference_gyro: tuple[str, str, str] | None = None
     mag_by: str | None = None  # why a triad without a name is taken for magnetometers
+    device: str | None = None  # labels under names of their own
+    experiment: str | None = None
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -88,7 +67,7 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
 
 
 def _cure(names: tuple[str, ...]) -> str:
-    if any(_WITHOUT_GRAVITY.search(n) for n in names):
+    if any(means("no_gravity", n) for n in names):
         return WITH_GRAVITY
     return "write campaign.toml by hand, with their names under [columns]"
 
@@ -105,12 +84,12 @@ def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
     Whole numbers may be counts of either.
     """
     triad = roles.accel
-    if triad is None or roles.gyro is not None or any(_ACCEL.search(log.hint(n)) for n in triad):
+    if triad is None or roles.gyro is not None or any(means("accel", log.hint(n)) for n in triad):
         return roles
     outputs = np.stack([log.numbers[n] for n in triad], axis=1)
     outputs = outputs[np.isfinite(outputs).all(axis=1)]
     unit = None if whole(outputs) else mag_unit(outputs)
-    if unit is None or any(_UNIT.search(log.hint(n)) for n in triad):
+    if unit is None or any(UNIT.search(log.hint(n)) for n in triad):
         return roles
     size = float(np.median(np.linalg.norm(outputs, axis=1)))
     if any(abs(size / gravity - 1.0) < _NEAR_ONE_G for gravity in (1.0, G, 1000.0)):
@@ -119,7 +98,8 @@ def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
 
 
 def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
-    """Columns that differ in one letter x, y, z (or X, Y, Z; 1, 2, 3; 0, 1, 2) alone."""
+    """Columns that differ in one letter x, y, z (or X, Y, Z; 1, 2, 3; 0, 1, 2) alone, or in a word such as roll, pitch,
+    yaw."""
     found: list[tuple[str, str, str]] = []
     taken: set[str] = set()
     for name in names:
@@ -133,6 +113,8 @@ def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
                 if all(t in names and t not in taken for t in triad):
                     found.append((triad[0], triad[1], triad[2]))
                     taken.update(triad)
+    by_plain = {plain(n): n for n in names if n not in taken}
+    found += [t for n in by_plain.values() if (t := triad_of_words(n, by_plain)) is not None]
     return found
 
 
@@ -144,18 +126,18 @@ def _by_name(log: RawLog) -> Roles:
     references: dict[str, tuple[str, str, str]] = {}
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
-        first = _UNIT.sub("", triad[0]).strip().split("/")[-1]
-        if _MAG.search(first):
+        first = without_unit(triad[0]).split("/")[-1]
+        if means("mag", first) and not means("no_mag", first):
             mags.append(triad)
         reference = _reference(log, triad, first)
         if reference is not None:
             references.setdefault(reference, triad)
             continue
-        if _NEITHER.search(first) and not (sole and _ACCEL.search(first)):
+        if means("other", first) and not (sole and means("accel", first)):
             continue
-        if _GYRO.search(first) and not first.lower().startswith("gf"):
+        if means("gyro", first) and not first.lower().startswith("gf"):
             kinds["gyro"].append(triad)
-        elif _ACCEL.search(first) or first.lower() in ("x", "x-axis"):
+        elif means("accel", first) or first.lower() in ("x", "x-axis"):
             kinds["accel"].append(triad)
         else:
             unnamed.append(triad)
@@ -174,9 +156,9 @@ def _by_name(log: RawLog) -> Roles:
     ]
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
-    temperature = [n for n in free if _TEMPERATURE.search(n)]
-    times = [n for n in free if _TIME.search(n) and n not in temperature]
-    position = next((n for n in free if _POSITION.match(n) and n in log.numbers), None)
+    temperature = [n for n in free if means("temperature", n)]
+    times = [n for n in free if means("time", n) and n not in temperature]
+    position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
     return Roles(
         _best_time(log, times),
@@ -188,25 +170,29 @@ def _by_name(log: RawLog) -> Roles:
         next((t for t in mags if all(n in log.numbers for n in t)), None),
         references.get("reference_accel"),
         references.get("reference_gyro"),
+        device=next((n for n in (*log.texts, *free) if means("device", n)), None),
+        experiment=next((n for n in free if means("experiment", n) and n in log.numbers), None),
     )
 
 
 def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | None:
     """Whether a triad is a table's reference under names of its own, and which."""
-    if not _REFERENCE.search(first) or any(n not in log.numbers for n in triad):
+    if not means("reference", first) or any(n not in log.numbers for n in triad):
         return None
     if first.lower() in ("reference_accel_x", "reference_gyro_x"):
         return None  # read as they are
-    rest = _REFERENCE.sub("", first, count=1).strip("_ .-")
+    rest = without("reference", first)
     if re.search(r"mag|bias|cov|quat|euler", rest, re.IGNORECASE):
         return None
-    if _GYRO.search(rest) or _RATE.search(rest):
+    if means("gyro", rest) or (means("rate", rest) and not means("accel", rest)):
         return "reference_gyro"
-    return "reference_accel" if _ACCEL.search(rest) else None
+    return "reference_accel" if means("accel", rest) else None
 
 
 def _best_time(log: RawLog, times: list[str]) -> str | None:
-    """The first column of times that increases throughout, else the first."""
+    """The first column of times that increases throughout, else the first; a message's own stamp (ROS: header.stamp)
+    before the time at which it was written."""
+    times = sorted(times, key=lambda t: "header" not in plain(t))
     steady = [t for t in times if np.all(np.diff(_values(log, t)) > 0)]
     return next(iter(steady or times), None)
 

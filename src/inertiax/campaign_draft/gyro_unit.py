@@ -1,11 +1,10 @@
 """The gyros' unit: by gravity's turn between rests, else by what the file says, else by magnitude."""
 
-import re
-
 import numpy as np
 from jaxtyping import Float
 
 from .accel_unit import TriadUnit
+from .column_words import RATE_UNITS, said
 from .converters import DEGREE, GYRO_SCALES, middle, nearest, rounded, whole
 from .gravity_turns import factors_between, GravityTurns
 
@@ -24,16 +23,11 @@ _QUIET_RAD = (
     0.012  # white noise of a sample: MEMS gyros have 0.02 to 0.5 deg/s, less than 0.01 rad/s
 )
 _BIAS_RAD = 0.35  # rad/s, 20 deg/s: no gyro's bias
-_WORDS = (
-    ("deg/h", re.compile(r"deg(?:rees?)?/h|°/h|dph")),
-    ("deg/s", re.compile(r"deg|dps|°")),
-    ("rad/s", re.compile(r"rad")),
-)  # fmt: skip
 
 
 def said_unit(hint: str) -> str | None:
     """The unit of rates that words of a file name; `None` where they name none."""
-    return next((u for u, words in _WORDS if words.search(hint)), None)
+    return said(RATE_UNITS, hint)
 
 
 def gyro_unit(
@@ -44,21 +38,21 @@ def gyro_unit(
     **Arguments:** `hint` is what the file says in words of the columns.
     """
     counts, offset = whole(values), middle(values) or None
-    said = said_unit(hint)
+    told = said_unit(hint)
     if turns is not None:
         found = _by_turns(turns, counts, offset)
-        if found is not None and said in (None, found.unit):
+        if found is not None and told in (None, found.unit):
             return found
         if found is not None:
-            return found._replace(why=f"{found.why}, but the file says {said}", certain=counts)
+            return found._replace(why=f"{found.why}, but the file says {told}", certain=counts)
     missing = (
         "no motion between rests tilts the device, so gravity does not tell the unit"
         if turns is None
         else f"no unit turns the gyros as gravity turns in {turns.num_motions} motions: are axes exchanged or mirrored?"
     )
-    if said is not None and not counts:
+    if told is not None and not counts:
         return TriadUnit(
-            said, None, None, None, _UNITS[said], f"as the file says; {missing}", turns is None
+            told, None, None, None, _UNITS[told], f"as the file says; {missing}", turns is None
         )
     return _by_magnitude(values, counts, offset, missing)
 

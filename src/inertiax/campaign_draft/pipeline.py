@@ -20,6 +20,7 @@ from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
 from .converters import middle, nearest, rounded, wraps
+from .further_columns import columns_table
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit, said_unit
 from .mag_unit import field_unit
@@ -79,8 +80,7 @@ def draft_campaign(
     _require_alike(found.log, others)
     rests = _rests(found)
     found, turns = _with_clock(found, rests)
-    columns, remarks = _columns(found, rests, turns)
-    columns = Table("columns", columns, (*remarks, *found.roles.notes))
+    columns = columns_table(*_columns(found, rests, turns), found)
     if latitude is None:
         site = _site_of_reference(found) or site
     return _draft(log, (site, _recordings(found, folder, paths), columns, _model(found, rests)))

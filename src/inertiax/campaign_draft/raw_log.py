@@ -33,6 +33,7 @@ class RawLog(NamedTuple):
     stamps: dict[str, Float[np.ndarray, " rows"]]  # s, of columns of ISO 8601 text
     words: dict[str, str]  # units row by row below a header, by column
     unit_rows: int  # rows of text below the header
+    texts: tuple[str, ...] = ()  # columns of other text, which may be labels
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,7 +47,7 @@ class RawLog(NamedTuple):
 
     def hint(self, column: str) -> str:
         """What the file says in words of a column: its name and its units, in lower case."""
-        return f"{column} {self.words.get(column, '')}".lower()
+        return f"{column} {self.words.get(column, '')}".strip().lower()
 
     @property
     def stated_rate(self) -> float | None:
@@ -88,7 +89,7 @@ def _from_table(
     words: dict[str, str] = {}
     for row in table.head(unit_rows).iter_rows(named=True):
         words |= {k: f"{words.get(k, '')} {v or ''}".strip() for k, v in row.items()}
-    body, numbers, stamps = table.slice(unit_rows), {}, {}
+    body, numbers, stamps, texts = table.slice(unit_rows), {}, {}, []
     for column in body.get_columns():
         values = _numbers(column)
         if values is not None:
@@ -97,9 +98,11 @@ def _from_table(
             seconds = seconds_of(column, path.name)
             if seconds is not None:
                 stamps[column.name] = seconds
+            elif column.null_count() < len(column):
+                texts.append(column.name)
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
-    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows)
+    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, tuple(texts))
 
 
 def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:

@@ -15,7 +15,7 @@ from ...storage.harmless_text import short
 from ..recording import Recording
 from .columns import AS_FOUND, ColumnMap, Layout, shown
 from .table import to_recordings
-from .text_layout import fields, find_layout, TextLayout
+from .text_layout import as_utf8, fields, find_layout, TextLayout
 
 
 NAME = "csv"
@@ -92,7 +92,7 @@ def column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) 
 
 def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: str) -> pl.DataFrame:
     """Lines of data as a table of text. Raises `ValueError` where they are not as the layout says."""
-    delimiter = layout.delimiter
+    delimiter, data = layout.delimiter, as_utf8(data)
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
         raise ValueError(

@@ -23,7 +23,7 @@ FIRST_LINES = 300  # lines that are looked at: the longest preambles have some d
 FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 STAMP = re.compile(
-    r"(?:\d{4}-\d{2}-\d{2}[T ])?\d{2}:\d{2}:\d{2}(?:[.,]\d+)?\s?(?:Z|[+-]\d{2}:?\d{2})?"
+    r"(?:(?:\d{4}-\d{2}-\d{2}|\d{2}\.\d{2}\.\d{4})[T ])?\d{2}:\d{2}:\d{2}(?:[.,]\d+)?\s?(?:Z|[+-]\d{2}:?\d{2})?"
 )
 
 
@@ -81,6 +81,17 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     return TextLayout(delimiter, names, number, start, filled, preamble)
 
 
+def as_utf8(text: bytes) -> bytes:
+    """Text in UTF-8; what is none is taken for Windows-1252, in which spreadsheets write ä, é and °."""
+    if text.isascii():
+        return text
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        return text.decode("cp1252", "replace").encode()
+    return text
+
+
 def fields(line: str, delimiter: str) -> list[str]:
     """The fields of one line, without the blanks around them."""
     if delimiter == " ":
@@ -119,7 +130,7 @@ def _first_lines(data: bytes, wanted: int) -> list[_Line]:
         end = data.find(b"\n", position)
         end = len(data) if end < 0 else end
         number += 1
-        text = data[position:end].decode("utf-8", "replace").strip()
+        text = as_utf8(data[position:end]).decode("utf-8", "replace").strip()
         if text and (len(lines) < FIRST_LINES or number >= wanted):
             lines.append(_Line(text, number, position))
         position = end + 1

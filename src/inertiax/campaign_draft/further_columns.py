@@ -1,0 +1,70 @@
+"""Columns of labels under names of their own, and columns that no line of a draft reads."""
+
+import numpy as np
+from jaxtyping import Float
+
+from .column_roles import Roles
+from .raw_triads import RawTriads
+from .toml_text import Line, Table, value_text
+
+
+_READ_AS_THEY_ARE = (
+    "time", "temperature", "device", "experiment", "position", "supply", "current", "pressure",
+    *(f"{t}_{a}" for t in ("accel", "gyro", "mag", "reference_accel", "reference_gyro") for a in "xyz"),
+)  # fmt: skip
+_MOST_LABELS = 64  # different numbers: more are a measured quantity or a counter
+_MOST_NAMED = 12
+
+
+def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawTriads) -> Table:
+    """`[columns]` with lines for labels, and a remark on columns that no line reads.
+
+    Of these, the ones that look like labels are told apart: text, or a few different whole numbers that stay for many
+    rows.
+    """
+    roles, log = found.roles, found.log
+    lines = (*lines, *_label_lines(roles))
+    remarks = (*remarks, *roles.notes)
+    if not log.has_header or log.format == "imu_tk":
+        return Table("columns", lines, remarks)  # `[recordings] names` lists all of them
+    read = {name for line in lines for name in _named(line.value)}
+    read |= {n for note in roles.notes for n in log.names if n in note}
+    names = (*log.texts, *log.stamps, *log.names)
+    left = [n for n in names if n not in read and n not in _READ_AS_THEY_ARE]
+    labels = [n for n in left if n in log.texts or _is_label(log.numbers.get(n))]
+    others = [n for n in left if n not in labels]
+    if labels:
+        what = (
+            "device (serial number), experiment (one chamber setting), position (-1 while it moves)"
+        )
+        remarks += (f"Not read, perhaps labels: {_listed(labels)}. Add what they are: {what}.",)
+    if others:
+        remarks += (f"Not read: {_listed(others)}.",)
+    return Table("columns", lines, remarks)
+
+
+def _label_lines(roles: Roles) -> list[Line]:
+    """Lines for devices and experiments whose columns are not called so."""
+    said = (("device", roles.device), ("experiment", roles.experiment))
+    return [Line(key, name, "by its name") for key, name in said if name not in (None, key)]
+
+
+def _named(value: object) -> list[str]:
+    if isinstance(value, dict):
+        return [n for key in ("name", "names") for n in _named(value.get(key))]
+    if isinstance(value, list | tuple):
+        return [v for v in value if isinstance(v, str)]
+    return [value] if isinstance(value, str) else []
+
+
+def _is_label(values: Float[np.ndarray, " rows"] | None) -> bool:
+    if values is None or not np.array_equal(values, np.round(values)):
+        return False
+    distinct = len(np.unique(values))
+    changes = int(np.count_nonzero(np.diff(values)))
+    return 1 < distinct <= _MOST_LABELS and 10 * changes <= len(values)
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(value_text(n) for n in names[:_MOST_NAMED]) + more
