@@ -1,7 +1,6 @@
 """A protocol states the magnetometers as it states the other triads."""
 
 import json
-import os
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,12 +8,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from dcc_schema import assert_valid, needs_schema
 from inertiax.cli import main
 from inertiax.live.target import parse_target
 from magnetometer_cases import FIELD, field_of, HARD, rotations, SOFT
 
 
-SCHEMA_FOLDER = os.environ.get("INERTIAX_DCC_SCHEMA", "")
 DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
 SAMPLES = 20  # of a rest
 NOISE = 5e-8  # T
@@ -88,11 +87,6 @@ def test_the_certificate_has_them_in_tesla(protocol):
     )
 
 
-@pytest.mark.skipif(
-    not SCHEMA_FOLDER, reason="INERTIAX_DCC_SCHEMA names no folder with dcc.xsd 3.1.2"
-)
+@needs_schema
 def test_the_certificate_validates_against_the_schema(protocol):
-    from lxml import etree
-
-    schema = etree.XMLSchema(etree.parse(Path(SCHEMA_FOLDER) / "dcc.xsd"))
-    schema.assertValid(etree.parse(protocol / "dcc.xml"))
+    assert_valid((protocol / "dcc.xml").read_bytes())

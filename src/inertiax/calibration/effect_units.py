@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from ..data.moments import since, unit_of_moments
 from ..effects import CATALOGUE
 from .quantities import DEG_PER_HOUR, with_sigma
 
@@ -89,17 +90,24 @@ class Shown(NamedTuple):
     unit: str
 
 
-def shown_parameter(effect: str, name: str, parameter: Estimated) -> tuple[str, str, str]:
+def shown_parameter(
+    effect: str, name: str, parameter: Estimated, first: float = 0.0
+) -> tuple[str, str, str]:
     """An effect's parameter as on a data sheet: value, uncertainty and unit.
 
-    Angles of the station are in arcsec, as the rig's; a sensor's misalignments in µrad, as its calibration's.
+    Angles of the station are in arcsec, as the rig's; a sensor's misalignments in µrad, as its calibration's. A moment
+    is one after the first row where the clock, `first` s at that row, counts from long before.
     """
-    factor, unit = customary(parameter.value, parameter.unit)
+    at_moment = name.partition(" ")[0] == "time"  # of several channels: "time (accel_x)"
+    value = since(parameter.value, first) if at_moment else parameter.value
+    factor, unit = customary(value, parameter.unit)
+    if at_moment and unit == "s":
+        unit = unit_of_moments(first)
     if parameter.unit == "rad" and effect not in _OF_THE_STATION:
         factor, unit = 1e6, "µrad"
     if name.startswith("amplitude"):
         factor, unit = 1.0, "of what theory says"
-    value, std = factor * parameter.value, parameter.std
+    value, std = factor * value, parameter.std
     if std is None or not math.isfinite(std):
         return f"{value:.4g}", "not determined", unit
     return *with_sigma(value, factor * std), unit

@@ -278,6 +278,7 @@ def conclude_findings(
         noise=tuple(noise),
         audit=plan,
         residuals=tuple(rows),
+        first=float(findings[0].prepared.clock[0]),
     )
     return diagnosis, beside
 

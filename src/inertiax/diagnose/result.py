@@ -109,6 +109,7 @@ class Diagnosis(eqx.Module):
     estimate: DeviceResult | None = (
         None  # behind the calibration, for records; not part of the file
     )
+    first: float = eqx.field(static=True, default=0.0)  # s, the recordings' clock at its first row
     # Where the campaign lies, seen from the file's folder, and its device; where both are files.
     campaign: tuple[str, str] | None = eqx.field(static=True, default=None)
 

@@ -210,6 +210,7 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
     if manifest.documented:
         schema |= {"recordings": pl.Int64(), "samples": pl.Int64(), "seconds": pl.Float64()}
         schema |= {"experiments": pl.Int64(), "warnings": pl.List(pl.String)}
+        schema |= {k: pl.Float64() for k in ("begin", "end", "sample_rate")}
     for triad in ("accel", "gyro"):
         if getattr(manifest, triad) is not None:
             schema |= {f"{triad}_{k}": many for k in ("parameters", "sigma", "covariance")}

@@ -85,7 +85,9 @@ def keys(protocol: Protocol) -> list[Key]:
 def identity(protocol: Protocol) -> Section:
     """Who, what, where, when, with what."""
     station, item, record = protocol.station.station, protocol.station.device, protocol.record
-    days = " to ".join(dict.fromkeys(d for d in (station.begin, station.end) if d))
+    days = " to ".join(dict.fromkeys(d for d in protocol.days if d))
+    if days and not (station.begin or station.end):
+        days += ", by the recordings' clock (UTC)"
     rows = [
         ("certificate", protocol.certificate),
         ("device", protocol.calibration.device or _UNNAMED),

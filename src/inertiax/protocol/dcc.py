@@ -113,9 +113,10 @@ def _core(writer: _Writer, protocol: Protocol) -> None:
         if station.order:
             with writer.inside("identifications"):
                 _identification(writer, "calibrationLaboratory", station.order, "order")
-        # Where nobody states the days: recordings have no date, but were calibrated on this one.
-        writer.leaf("beginPerformanceDate", station.begin or station.end or day)
-        writer.leaf("endPerformanceDate", station.end or station.begin or day)
+        # Where neither the station nor the recordings' clock says the days, they were calibrated on this one.
+        begin, end = protocol.days
+        writer.leaf("beginPerformanceDate", begin or day)
+        writer.leaf("endPerformanceDate", end or day)
         writer.leaf("performanceLocation", "laboratory")
 
 

@@ -24,7 +24,7 @@ from ..fleet.reduce.tasks import Stretch
 from ..fleet.results import calibration_of, fleet_calibration
 from ..fleet.store import Manifest, read_manifest, read_parts
 from ..fleet.verdicts import device_findings, device_verdict
-from .make_record import software, source_record, time_text
+from .make_record import days_of, software, source_record, time_text
 from .record import ConditionsRecord, Record, SCHEMA, StationRecord, TriadRecord
 
 
@@ -110,6 +110,7 @@ def _conditions(row: dict, manifest: Manifest, calibration: Calibration) -> Cond
     stretches = _stretches(manifest, row["device"])
     planned = None if manifest.campaigns else len({s.file for s in stretches})
     samples = None if manifest.campaigns else sum(s.rows for s in stretches)
+    begin, end = days_of(row.get("begin"), row.get("end"))
     return ConditionsRecord(
         # A line in Parquet files is read device by device, from as many files as hold its rows.
         recordings=row.get("recordings") if manifest.campaigns else planned,
@@ -117,6 +118,9 @@ def _conditions(row: dict, manifest: Manifest, calibration: Calibration) -> Cond
         seconds=row.get("seconds"),
         experiments=row.get("experiments"),
         temperature_range=None if known is None else (float(known[0]), float(known[1])),
+        begin=begin,
+        end=end,
+        sample_rate=row.get("sample_rate"),
     )
 
 

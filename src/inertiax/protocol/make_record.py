@@ -108,13 +108,23 @@ def _method(result: DeviceResult) -> str:
 
 def _conditions(campaign: Campaign, calibration: Calibration) -> ConditionsRecord:
     known, found = recorded(campaign.recordings), calibration.temperature_range
+    begin, end = days_of(known.begin, known.end)
     return ConditionsRecord(
         recordings=known.recordings,
         samples=known.samples,
         seconds=known.seconds,
         experiments=known.experiments,
         temperature_range=None if found is None else (float(found[0]), float(found[1])),
+        begin=begin,
+        end=end,
+        sample_rate=known.sample_rate,
     )
+
+
+def days_of(begin: float | None, end: float | None) -> tuple[str | None, str | None]:
+    """Moments of s since 1970 as the record writes them."""
+    utc = lambda s: time_text(datetime.datetime.fromtimestamp(s, datetime.UTC))
+    return (None, None) if begin is None or end is None else (utc(begin), utc(end))
 
 
 def _triad(

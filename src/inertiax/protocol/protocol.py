@@ -57,6 +57,16 @@ class Protocol:
         return certificate_number(self.station, device, self.record, stated)
 
     @property
+    def days(self) -> tuple[str, str]:
+        """First and last day of the measurement, YYYY-MM-DD: as the station states them, else by the recordings' clock;
+        empty where neither says them."""
+        said, known = self.station.station, self.record.conditions
+        begin, end = (said.begin or said.end, said.end or said.begin)
+        if begin or known.begin is None or known.end is None:
+            return begin, end
+        return known.begin[:10], known.end[:10]
+
+    @property
     def deviations(self) -> tuple[str, ...]:
         """What was out of the ordinary in the measurement."""
         return (*self.record.warnings, *self.record.findings)

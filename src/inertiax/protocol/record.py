@@ -61,6 +61,10 @@ class ConditionsRecord(_Strict, frozen=True):
     seconds: float | None  # of all recordings together; None where not kept
     experiments: int | None  # runs of the programme; None where not kept
     temperature_range: tuple[float, float] | None  # °C
+    begin: str | None = None  # UTC, ISO 8601, of the first row; None: the clock does not say
+    end: str | None = None  # UTC, ISO 8601, of the last row
+    sample_rate: float | None = None  # Hz; None where recordings differ
+    topic: str | None = None  # of the IMU, in ROS bags
 
 
 class EffectRecord(_Strict, frozen=True):

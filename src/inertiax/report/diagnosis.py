@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..calibration.effect_units import customary, in_words, shown_parameter
 from ..calibration.quantities import label, with_sigma
+from ..data.moments import since, unit_of_moments
 from ..data.recording import Campaign
 from ..diagnose import Diagnosis
 from ..diagnose.residuals import Residuals, TURN
@@ -84,7 +85,8 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
             f"it {gain_on_left_out(evidence.held_out_gain, 'the misfit')}.",
         ]
         rows = tuple(
-            (name, *shown_parameter(effect.name, name, p)) for name, p in effect.parameters
+            (name, *shown_parameter(effect.name, name, p, found.first))
+            for name, p in effect.parameters
         )
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]
         if len(effect.odds) > 1:
@@ -202,15 +204,24 @@ def _place_section(found: Diagnosis, folder: Path, campaign: Campaign | None) ->
         (
             w.channel,
             str(w.experiment),
-            f"{w.start:.1f}",
-            f"{w.end:.1f}",
+            f"{since(w.start, found.first):.1f}",
+            f"{since(w.end, found.first):.1f}",
             w.driver,
             f"{w.excess_rms:.2e}",
             f"{w.p_value:.1e}",
         )
         for w in found.where
     )
-    head = ("channel", "experiment", "start, s", "end, s", "driver", "excess rms, SI", "p")
+    unit = unit_of_moments(found.first)
+    head = (
+        "channel",
+        "experiment",
+        f"start, {unit}",
+        f"end, {unit}",
+        "driver",
+        "excess rms, SI",
+        "p",
+    )
     figures: tuple[Picture, ...] = ()
     if campaign is not None:
         caption = (
@@ -259,14 +270,16 @@ def _left_out_section(found: Diagnosis) -> list[Section]:
     rows = tuple(
         (
             d.recording,
-            f"{d.start:.2f}",
-            f"{d.end:.2f}",
+            f"{since(d.start, found.first):.2f}",
+            f"{since(d.end, found.first):.2f}",
             d.kind,
             "left out" if d.left_out else "kept",
         )
         for d in found.handling
     )
-    table = Table(("recording", "from, s", "to, s", "what", ""), rows, numeric=(1, 2))
+    unit = unit_of_moments(found.first)
+    head = ("recording", f"from, {unit}", f"to, {unit}", "what", "")
+    table = Table(head, rows, numeric=(1, 2))
     return [Section("Rests that were disturbed", tables=(table,))]
 
 

@@ -102,7 +102,7 @@ def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
         rivals = f" or {', '.join(effect.alternatives)}" if effect.alternatives else ""
         console.print(f"  {effect.name}{rivals} on {', '.join(effect.channels)}")
         for name, p in effect.parameters:
-            value, sigma, unit = shown_parameter(effect.name, name, p)
+            value, sigma, unit = shown_parameter(effect.name, name, p, found.first)
             known = f"± {sigma} {unit}" if p.std is not None else f"{unit} ({sigma})"
             console.print(f"    {name} = {value} {known}")
         if effect.separating_experiment:

@@ -44,7 +44,7 @@ def explain(
         gain = gain_of_channels(prepared, terms, term.name)
         entry = _Entry(
             term,
-            Said(term.channel_names, values, odds),
+            Said(term.channel_names, values, odds, float(prepared.clock[0])),
             Evidence(bic, named.p_value, gain),
             tuple(r.term.name for r in named.rivals),
         )

@@ -11,10 +11,10 @@ from ..observations.model_rows import ModelForm
 from ..result import Explanation, Parameter, Where
 
 
-def _number(effect: Effect, name: str, parameter: Parameter) -> str:
+def _number(effect: Effect, name: str, parameter: Parameter, first: float) -> str:
     if parameter.std is None and parameter.value == 0.0:
         return "not determined by this data"
-    value, std, unit = shown_parameter(effect.name, name, parameter)
+    value, std, unit = shown_parameter(effect.name, name, parameter, first)
     if parameter.std is None:
         return f"about {value} {unit} (not determined by this data)"
     return f"{value} ± {std} {unit}"
@@ -26,6 +26,7 @@ class Said(NamedTuple):
     channels: tuple[str, ...]
     values: Sequence[tuple[str, Parameter]]
     odds: Sequence[tuple[str, float]]  # of this name and of those that the data do not exclude
+    first: float = 0.0  # s, the recordings' clock at its first row
 
 
 def sentence(
@@ -46,7 +47,7 @@ def sentence(
         sizes = []
         for m in members:
             numbers = ", ".join(
-                f"{name} {_number(effect, name, value)}" for name, value in m.values
+                f"{name} {_number(effect, name, value, m.first)}" for name, value in m.values
             )
             sizes.append(f"{', '.join(m.channels)}: {numbers}" if apart else numbers)
         text += "; " + "; ".join(sizes)
