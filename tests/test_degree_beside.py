@@ -1,13 +1,16 @@
 """The degree over temperature chosen again beside a named effect: a rate table with lever arms and a curved bias."""
 
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
+from inertiax.diagnose import pipeline
 from inertiax.diagnose.degree_beside import chosen_again
 from inertiax.diagnose.findings import find_all
-from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
 
@@ -32,7 +35,7 @@ def poses():
     return [*whole, *between]
 
 
-def table(temperature_degree=None, arms=ARM) -> Campaign:
+def table(arms=ARM) -> Campaign:
     """At each temperature rests in all poses, and plateaus of both signs about two axes, one of them level."""
     rng = np.random.default_rng(11)
     force, rate, temperature, position, experiment = [], [], [], [], []
@@ -67,22 +70,30 @@ def table(temperature_degree=None, arms=ARM) -> Campaign:
         experiment=np.array(experiment), temperature=temperature[:, None],
         reference_accel=G * force, reference_gyro=rate,
     )  # fmt: skip
-    model = ModelChoice(accel_estimator="reference", temperature_degree=temperature_degree)
+    model = ModelChoice(accel_estimator="reference")
     return Campaign((recording,), Site(G), Rig(1e-6), model, "tactical")
 
 
-def again_of(campaign):
-    """The problem, and what is chosen again beside its findings."""
-    problem = prepare(campaign, EFFECTS)
-    return problem, chosen_again(problem, find_all(problem.triads, campaign.grade, lambda _: None))
+@pytest.fixture(scope="module")
+def diagnosed():
+    """The diagnosis and its calibration, with the problem and the findings that the degree was chosen again from."""
+    asked = []
+
+    def recorded(problem, findings):
+        asked.append((problem, findings))
+        return chosen_again(problem, findings)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pipeline, "chosen_again", recorded)
+        found, calibration = pipeline.diagnose_campaign(table(), effects=EFFECTS)
+    ((problem, findings),) = asked
+    return found, calibration, problem, findings
 
 
 @pytest.mark.slow
-def test_lever_arms_hide_a_curved_bias_and_the_diagnosis_chooses_the_degree_beside_them():
-    problem, again = again_of(table())
+def test_lever_arms_hide_a_curved_bias_and_the_diagnosis_chooses_the_degree_beside_them(diagnosed):
+    found, calibration, problem, _ = diagnosed
     assert problem.plain.model.accel.temperature_degree < 2  # the criterion sees ω × (ω × r)
-    assert again is not None and again.degrees == {"accel": 2}
-    found, calibration = diagnose_campaign(table(), effects=EFFECTS)
     assert [e.name for e in found.effects] == ["size_effect"]
     assert found.model.accel.temperature_degree == 2
     assert dict(found.model.chosen_by)["accel.temperature_degree"] == "tool"
@@ -101,12 +112,19 @@ def test_lever_arms_hide_a_curved_bias_and_the_diagnosis_chooses_the_degree_besi
 
 
 @pytest.mark.slow
-def test_a_degree_that_the_user_chose_is_kept():
-    problem, again = again_of(table(temperature_degree=1))
-    assert problem.plain.model.accel.temperature_degree == 1 and again is None
+def test_a_degree_that_the_user_chose_is_kept(diagnosed):
+    *_, problem, findings = diagnosed
+    # All as before but who chose: the tool's degree is raised on these findings, so the user's would be too.
+    chosen_by = dict(problem.plain.model.chosen_by) | {"accel.temperature_degree": "user"}
+    model = msgspec.structs.replace(problem.plain.model, chosen_by=tuple(sorted(chosen_by.items())))
+    assert (
+        chosen_again(replace(problem, plain=replace(problem.plain, model=model)), findings) is None
+    )
 
 
 @pytest.mark.slow
 def test_without_an_effect_nothing_is_chosen_again():
-    problem, again = again_of(table(arms=np.zeros((3, 3))))
-    assert problem.plain.model.accel.temperature_degree == 2 and again is None
+    problem = prepare(table(arms=np.zeros((3, 3))), EFFECTS)
+    assert problem.plain.model.accel.temperature_degree == 2
+    findings = find_all(problem.triads, "tactical", lambda _: None)
+    assert chosen_again(problem, findings) is None

@@ -13,10 +13,7 @@ from fleet_data import write_line
 from inertiax.cli.app import app
 
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="sockets as Linux shows them"),
-]
+linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="sockets as Linux shows them")
 
 COMMANDS = [
     "init a/a.csv -o drafted",
@@ -37,11 +34,16 @@ COMMANDS = [
     "demo -o demo",
 ]
 # All in one process, which imports and compiles once. Python tells of every socket that is bound through it, however
-# short it lives; those that libraries of C or children open are seen in /proc.
+# short it lives; those that libraries of C or children open are seen in /proc. The demo draws and writes a made-up
+# result: what it would simulate and calibrate for half a minute, `simulate` and `calibrate` do here for two seconds.
 RUN = """
 import sys
+from demo_data import demo_result
+import inertiax.analysis.paper_experiment as experiment
 from inertiax.cli import main
 from listening_sockets import Watch
+
+experiment.run_demo = lambda **_: demo_result()
 
 bound = []
 sys.addaudithook(lambda event, _: bound.append(event) if event in ("socket.bind", "socket.listen") else None)
@@ -56,6 +58,25 @@ if __name__ == "__main__":
 """
 
 
+def beside_tests(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A process of Python that finds the tests' own modules."""
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder, capture_output=True, text=True, timeout=600,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+
+
+@linux
+def test_the_look_at_sockets_sees_a_port(tmp_path):
+    code = "import socket\nfrom listening_sockets import listening\n"
+    code += "s = socket.create_server(('127.0.0.1', 0))\nprint(len(listening()[0]))"
+    assert beside_tests("-c", code, folder=tmp_path).stdout == "1\n"
+
+
+@pytest.mark.slow
+@linux
 def test_commands_open_no_port(tmp_path):
     for seed, name in enumerate("ab", start=1):
         (tmp_path / name).mkdir()
@@ -67,12 +88,7 @@ def test_commands_open_no_port(tmp_path):
     )
     still.drop("position").write_csv(tmp_path / "still.csv")
     write_line(tmp_path / "line", 3, files=1, experiments=1, degree=0)
-    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *(f"{c} -q" for c in COMMANDS)],
-        cwd=tmp_path, capture_output=True, text=True, timeout=600,
-        env={**os.environ, "PYTHONPATH": path},
-    )  # fmt: skip
+    done = beside_tests("-c", RUN, *(f"{c} -q" for c in COMMANDS), folder=tmp_path)
     *told, last = done.stdout.splitlines()
     assert [line for line in told if " | " in line] == [f"{c} -q | 0 0 0" for c in COMMANDS], (
         done.stderr

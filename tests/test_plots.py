@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from inertiax.analysis.paper_experiment import DemoResult, DemoRow, DemoSet, METHODS
+from demo_data import ACCEL_NAMES, demo_result, made_dwells
 from inertiax.calibrate.observability import Observability
 from inertiax.calibrate.pipeline import TriadResult
 from inertiax.calibration.calibration import Calibration, TriadCalibration
@@ -24,12 +24,8 @@ from inertiax.plots.style import drawing, Figure, new_figure, to_svg
 from inertiax.procedure.thermal_iterations import ThermalSolution
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.segments import Segments
-from inertiax.simulate.plan import paper_set
 
 
-ACCEL_NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
-    f"accel.matrix[{i},{j}]" for i in range(3) for j in range(i + 1)
-)
 GYRO_NAMES = (
     *(f"gyro.bias[{i}]" for i in range(3)),
     *(f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3)),
@@ -189,22 +185,6 @@ def test_a_spike_of_one_sample_in_a_long_log_is_drawn():
     assert_readable(figure)
 
 
-def _dwells(rng, *, experiments: int = 3, positions: int = 6) -> Dwells:
-    n = experiments * positions
-    zeros = np.zeros((n, 3, 3))
-    return Dwells(
-        time=100.0 * np.arange(n),
-        duration=np.full(n, 60.0),
-        count=np.full(n, 600.0),
-        temperature=np.linspace(-40.0, 60.0, n),
-        experiment=np.repeat(np.arange(experiments), positions),
-        position=np.tile(np.arange(positions), experiments),
-        valid=np.ones(n, bool),
-        accel=rng.normal(size=(n, 3)),
-        accel_covariance=zeros,
-    )
-
-
 def _result(misfit: np.ndarray, sigma: np.ndarray, dwells: Dwells) -> TriadResult:
     one = triad(ACCEL_NAMES, Constant())
     solution = ThermalSolution(
@@ -233,7 +213,7 @@ def _result(misfit: np.ndarray, sigma: np.ndarray, dwells: Dwells) -> TriadResul
 @pytest.mark.parametrize("rows", [1, 3])
 def test_misfits_are_drawn_against_order_temperature_and_position(rows):
     rng = np.random.default_rng(1)
-    dwells = _dwells(rng)
+    dwells = made_dwells(rng)
     misfit = rng.normal(size=(dwells.num_dwells, rows))
     sigma = np.full_like(misfit, 0.5)
     sigma[3] = 1e6  # a dwell that is all but unknown must not flatten the others
@@ -246,43 +226,6 @@ def test_misfits_are_drawn_against_order_temperature_and_position(rows):
     ]
     assert figure.axes[0].get_ylim()[1] < 10.0
     assert_readable(figure)
-
-
-def demo_result() -> DemoResult:
-    """A result of the demo's shape with made-up numbers, so that drawing needs no calibration."""
-    rng = np.random.default_rng(2)
-    basis = Polynomial(6, -62.5, 67.5)
-    grid = np.linspace(-55.0, 60.0, 50)
-    sets = []
-    for number, change in enumerate((15.0, 4.0, 0.5), start=1):
-        plan = paper_set(number)
-        dwells = _dwells(rng, experiments=13, positions=18)
-        sets.append(
-            DemoSet(
-                change=change,
-                plan=plan,
-                dwells=dwells,
-                coefficients=1e-3 * rng.normal(size=(4, 7, 9)),
-                deviations=1e-6 * np.ones((50, 9)),
-                point_temperature=np.linspace(-55.0, 60.0, 13),
-                points=1e-2 * rng.normal(size=(13, 9)),
-                check_misfit=1e-4 * rng.normal(size=(4, 200)),
-                paper_radius=0.5,
-                iterations=3,
-                warning=None,
-            )
-        )
-    rows = tuple(DemoRow(s.change, m, 1e-4, 1e-5, 1e-4, 1e-5, 1e-4) for s in sets for m in METHODS)
-    return DemoResult(
-        names=ACCEL_NAMES,
-        basis=basis,
-        grid=grid,
-        truth=np.zeros((50, 9)),
-        sets=tuple(sets),
-        check_time=np.linspace(0.0, 300.0, 200),
-        check_temperature=np.linspace(20.0, 30.0, 200),
-        table=rows,
-    )
 
 
 @pytest.mark.parametrize(

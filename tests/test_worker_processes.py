@@ -1,4 +1,4 @@
-"""Worker processes of a fleet: they open no port, survive their deaths, and end with the process that started them."""
+"""Worker processes of a fleet: they survive their deaths, and end with the process that started them."""
 
 import os
 import signal
@@ -9,54 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fleet_data import write_line
-from inertiax.fleet import read_parts
 from inertiax.fleet.cluster import on_dask, on_processes
 from inertiax.fleet.reduce.tasks import Task
-
-
-linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="sockets as Linux shows them")
-
-FLEET = """
-import sys
-from inertiax.fleet import run_fleet
-import inertiax.fleet.pipeline as run
-import inertiax.fleet.reduce.tasks as tasks
-from listening_sockets import Watch
-if __name__ == "__main__":
-    whole = tasks.split
-    run.split = lambda files, columns: whole(files, columns, rows=1)  # a task for each device
-    watch = Watch()
-    run_fleet(sys.argv[1], sys.argv[2], scheduler="local", workers=1)
-    print(len(watch.found), watch.most_processes > 1)
-"""
-
-
-def beside_tests(command: list[str]) -> subprocess.CompletedProcess[str]:
-    """A process that finds the tests' own modules."""
-    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=240, env={**os.environ, "PYTHONPATH": path}
-    )
-
-
-@pytest.mark.slow
-@linux
-def test_local_workers_open_no_port(tmp_path):
-    write_line(tmp_path / "line", 3, files=1, experiments=2)
-    done = beside_tests(
-        [sys.executable, "-c", FLEET, str(tmp_path / "line"), str(tmp_path / "out")]
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert done.stdout == "0 True\n"
-    assert read_parts(tmp_path / "out").collect().height == 3
-
-
-@linux
-def test_the_look_at_sockets_sees_a_port():
-    code = "import socket\nfrom listening_sockets import listening\n"
-    code += "s = socket.create_server(('127.0.0.1', 0))\nprint(len(listening()[0]))"
-    assert beside_tests([sys.executable, "-c", code]).stdout == "1\n"
 
 
 def killed_once(task: Task) -> int:
