@@ -18,7 +18,10 @@ def export(
     calibration: Annotated[
         Path | None,
         typer.Argument(
-            metavar="CALIBRATION", exists=True, dir_okay=False, help="A calibration.json."
+            metavar="CALIBRATION",
+            exists=True,
+            dir_okay=False,
+            help="A calibration.json; kalibr writes noise alone without.",
         ),
     ] = None,
     to: Annotated[
@@ -94,9 +97,12 @@ def export(
     if show_list:
         _list(as_json=as_json)
         return
+    values = _settings(settings or [], "'--set'")
+    if calibration is None and to is not None and noise is not None:
+        _noise_alone(to, noise, values, output, as_json=as_json, quiet=quiet)
+        return
     if calibration is None or to is None:
         raise typer.BadParameter("CALIBRATION and --to FORMAT are needed (or --list).")
-    values = _settings(settings or [], "'--set'")
     how = _settings(reading or [], "'--read'")
     if how and source == "inertiax":
         raise typer.BadParameter("is for files of other tools, with --from.", param_hint="'--read'")
@@ -128,11 +134,13 @@ def export(
             joining, known = joined.notes[len(known.notes) :], joined
         stages("exporting")
         notes: tuple[str, ...] = ()
+        of_record, said = _of_record(to, calibration, values)
         if noise is not None:
             from ..exports.noise import settings_from_noise
 
             told = settings_from_noise(noise.read_bytes(), by_name(to), known.device, values)
-            values, notes = {**told.values, **values}, told.notes
+            of_record, notes = {**of_record, **told.values}, told.notes
+        values, notes = {**of_record, **values}, (*notes, *said)
         result = write(known, to, **values)
         result = result._replace(notes=(*joining, *notes, *result.notes))
         loss = measure_loss(known, result)
@@ -140,6 +148,56 @@ def export(
         with outputs.owned_results(place):
             written = _write(result, place)
     _tell(to, result, loss, written, as_json=as_json, quiet=quiet)
+
+
+def _of_record(
+    to: str, calibration: Path, given: dict[str, str]
+) -> tuple[dict[str, str | float], tuple[str, ...]]:
+    """Sampling rate and ROS topic of the recordings, by the record beside the calibration, and a note that says so."""
+    from ..exports import by_name
+    from ..exports.noise import known_settings
+    from ..protocol.record import read_record
+
+    if calibration.name != "calibration.json":
+        return {}, ()
+    try:
+        known = read_record(calibration.parent).conditions
+    except ValueError:
+        return {}, ()  # none, or of another calibration
+    found = known_settings(by_name(to), known.sample_rate, known.topic)
+    told = {k: v for k, v in found.items() if k not in given}
+    words = ", ".join(
+        f"{k} = {v:.6g}" if isinstance(v, float) else f"{k} = {v}" for k, v in told.items()
+    )
+    return told, (f"{words}: of the recordings that were calibrated",) if told else ()
+
+
+def _noise_alone(
+    to: str, noise: Path, given: dict[str, str], output: Path | None, *, as_json: bool, quiet: bool
+) -> None:
+    """A file of noise without a calibration, for formats that know one."""
+    from ..exports import by_name
+    from ..exports.noise import settings_from_noise
+    from ..exports.registry import settings_of
+
+    _require_format(to, "'--to'")
+    module = by_name(to)
+    if not hasattr(module, "write_noise"):
+        raise typer.BadParameter(f"CALIBRATION is needed: {to} holds no noise without one.")
+    place = output or noise.with_name(noise.name.split(".", 1)[0] + module.SUFFIX)
+    outputs.require_file(place)
+    told = settings_from_noise(noise.read_bytes(), module, "", given)
+    content = module.write_noise(settings_of(module, {**told.values, **given}))
+    with outputs.owned_results(place):
+        write_atomically(place, content)
+    if as_json:
+        made = {"schema": "inertiax.export/1", "format": to, "files": [str(place)], "losses": []}
+        outputs.print_json({**made, "notes": list(told.notes), "error": None})
+        return
+    for note in told.notes:
+        console.warn(f"note: {note}")
+    if not quiet:
+        console.say(f"{to}, noise alone: {place}")
 
 
 def _settings(pairs: list[str], option: str) -> dict[str, str]:

@@ -49,7 +49,10 @@ def noise(
             for parts in logs_of(campaign.recordings)
         ]
         stages("drawing")
-        document = {**noise_document(found), "plausibility": [f.as_dict() for f in odd]}
+        document = {
+            **noise_document(found, _topic(log, campaign)),
+            "plausibility": [f.as_dict() for f in odd],
+        }
         with outputs.staged_folder(output, replaces=("noise.png",)) as staging:
             outputs.write_json(staging / "noise.json", document)
             figures = write_figures(found, staging)
@@ -79,6 +82,13 @@ def _campaign(path: Path) -> "Campaign":
             f"{error} `inertiax init {path.name} -o DIR` writes a campaign.toml with [columns]; then "
             "`inertiax noise DIR`."
         ) from None
+
+
+def _topic(log: Path, campaign: "Campaign") -> str | None:
+    """The IMU's topic where the recordings are ROS bags."""
+    from ..data.inputs import imu_topic, topic_of_bags
+
+    return topic_of_bags([log]) if campaign.path is None else imu_topic(campaign.path)
 
 
 def _compensated(campaign: "Campaign", path: Path) -> tuple[str, ...]:

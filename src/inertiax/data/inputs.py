@@ -7,7 +7,34 @@ from pathlib import Path
 import msgspec
 
 from .campaign import find_files
+from .formats import ros
+from .formats.detect import format_of
 from .settings import read_table
+
+
+def imu_topic(campaign: Path | None) -> str | None:
+    """The topic of the IMU in a campaign's ROS bags; `None` for other files, and where several are in them and none is
+    said.
+
+    Raises `ValueError` where a bag cannot be read.
+    """
+    if campaign is None:
+        return None
+    said = read_table(campaign).recordings
+    files = find_files(campaign.parent, said.files)
+    if said.format not in (None, ros.NAME) or any(format_of(f) is not ros for f in files):
+        return None
+    return said.topic or topic_of_bags(files)
+
+
+def topic_of_bags(files: Iterable[Path]) -> str | None:
+    """The only topic of IMUs in ROS bags; `None` for other files and where there are several."""
+    found: set[str] = set()
+    for file in files:
+        if format_of(file) is not ros:
+            return None
+        found |= set(ros.topics(file)[0])
+    return next(iter(found)) if len(found) == 1 else None
 
 
 class InputFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -38,6 +38,7 @@ NOISE = {
     "gyroscope_random_walk": ("gyro", "K"),
 }
 RATE = "update_rate"
+TOPIC = "rostopic"
 
 
 class Settings(OneTemperature, frozen=True, kw_only=True):
@@ -60,17 +61,16 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     a = p.gyro_by_force @ body_to_gyro.T
     transform = np.eye(4)
     transform[:3, :3] = body_to_imu
+    noise = _noise_lines(settings)
     lines = [
         f"# inertiax, parameters at {temperature:g} degC; Kalibr estimates biases itself, these were:",
         f"# accelerometer bias {_row(p.accel_bias)} m/s^2",
         f"# gyroscope bias {_row(p.gyro_bias)} rad/s",
         "imu0:",
         *_block("  ", "T_i_b", transform),
-        *(f"  {key}: {_positive(settings, key, unit)!r}" for key, unit in _NOISE),
+        *(f"  {line}" for line in noise),
         "  model: scale-misalignment",
-        f"  rostopic: {_quoted(settings.rostopic)}",
         "  time_offset: 0.0",
-        f"  update_rate: {float(settings.update_rate)!r}",
         "  accelerometers:",
         *_block("    ", "M", m),
         "  gyroscopes:",
@@ -92,6 +92,23 @@ def write(calibration: Calibration, settings: Settings) -> Export:
             *constants_loss(calibration, temperature),
         ),
     )
+
+
+def write_noise(settings: Settings) -> bytes:
+    """Kalibr's input `imu.yaml` of noise, topic and rate alone, for data that are calibrated already.
+
+    Raises `ValueError` where a noise figure is missing or not above zero.
+    """
+    head = "# inertiax, noise alone: what Kalibr's --imu wants, and readers of an uncalibrated IMU"
+    return "\n".join([head, *_noise_lines(settings)]).encode() + b"\n"
+
+
+def _noise_lines(settings: Settings) -> list[str]:
+    return [
+        *(f"{key}: {_positive(settings, key, unit)!r}" for key, unit in _NOISE),
+        f"rostopic: {_quoted(settings.rostopic)}",
+        f"update_rate: {float(settings.update_rate)!r}",
+    ]
 
 
 def _positive(settings: Settings, key: str, unit: str) -> float:

@@ -35,6 +35,7 @@ class _Log(msgspec.Struct):
     device: str
     rate: _Value
     channels: dict[str, _Channel]
+    topic: str | None = None
 
 
 class _Document(msgspec.Struct):
@@ -45,7 +46,7 @@ class _Document(msgspec.Struct):
 class NoiseSettings(msgspec.Struct, frozen=True):
     """Settings of a format, and a line for each figure that not all axes tell."""
 
-    values: Mapping[str, float]
+    values: Mapping[str, float | str]
     notes: tuple[str, ...]
 
 
@@ -66,7 +67,8 @@ def settings_from_noise(
         raise ValueError(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
     document = decode(content, _Document, "--noise", "a document of `inertiax noise`", SCHEMA)
     log = _log_of(document, device)
-    values, notes, missing = {module.RATE: log.rate.value}, [], []
+    values: dict[str, float | str] = known_settings(module, log.rate.value, log.topic)
+    notes, missing = [], []
     for key, (triad, term) in wanted.items():
         if key in given:
             continue
@@ -82,6 +84,15 @@ def settings_from_noise(
             f"--noise: the log does not determine {', '.join(missing)}; state it with --set KEY=VALUE."
         )
     return NoiseSettings(values, tuple(notes))
+
+
+def known_settings(
+    module: ModuleType, rate: float | None, topic: str | None
+) -> dict[str, float | str]:
+    """What a recording itself tells of a format's settings: the sampling rate (Hz) and the ROS topic, where the format
+    has a place for them."""
+    told = ((getattr(module, "RATE", None), rate), (getattr(module, "TOPIC", None), topic))
+    return {key: value for key, value in told if key is not None and value is not None}
 
 
 def _log_of(document: _Document, device: str) -> _Log:

@@ -2,7 +2,9 @@
 
 import inspect
 import json
+from collections.abc import Mapping
 from types import ModuleType
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -52,6 +54,21 @@ def by_name(name: str) -> ModuleType:
     return FORMATS[names.index(name)]
 
 
+def settings_of(module: ModuleType, given: Mapping[str, str | float | int]) -> Any:
+    """The `Settings` of a format, numbers perhaps given as text. Raises `ValueError` for an unknown or wrong one."""
+    name, fields = module.NAME, {f.name: f for f in msgspec.structs.fields(module.Settings)}
+    for key in given:
+        if key not in fields:
+            known = f"known are {', '.join(fields)}" if fields else "it has none"
+            raise ValueError(f"{name}: no setting '{key}'; {nearest(key, fields)}{known}.")
+    try:
+        return msgspec.convert(dict(given), module.Settings, strict=False)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$.")
+        key = place.rstrip("`")
+        raise ValueError(f"{name}: {key} = {given[key]!r}: {said}.") from None
+
+
 def export(calibration: Calibration, name: str, /, **settings: str | float | int) -> Export:
     """The calibration in a format, by its name; `settings` are the fields of its `Settings`.
 
@@ -59,17 +76,7 @@ def export(calibration: Calibration, name: str, /, **settings: str | float | int
     or wrong value, and where the format cannot hold the calibration at all.
     """
     module = by_name(name)
-    fields = {f.name: f for f in msgspec.structs.fields(module.Settings)}
-    for key in settings:
-        if key not in fields:
-            known = f"known are {', '.join(fields)}" if fields else "it has none"
-            raise ValueError(f"{name}: no setting '{key}'; {nearest(key, fields)}{known}.")
-    try:
-        chosen = msgspec.convert(settings, module.Settings, strict=False)
-    except msgspec.ValidationError as error:
-        said, _, place = str(error).partition(" - at `$.")
-        key = place.rstrip("`")
-        raise ValueError(f"{name}: {key} = {settings[key]!r}: {said}.") from None
+    chosen = settings_of(module, settings)
     missing = [s for s in _without(module) if getattr(calibration, _FURTHER[s]) is not None]
     if missing and calibration.accel is None and calibration.gyro is None:
         holders = ", ".join(f.NAME for f in FORMATS if missing[0] not in _without(f))

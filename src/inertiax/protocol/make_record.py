@@ -16,7 +16,7 @@ from ..calibrate.results import DeviceResult, MagnetometerResult, TriadResult
 from ..calibrate.split_covariance import fit_of, Part, residual_degrees, split
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.probe_error import probe_covariance
-from ..data.inputs import InputFile
+from ..data.inputs import imu_topic, InputFile
 from ..data.recorded import recorded
 from ..data.recording import Campaign
 from ..reduction.handling import left_out_sentence
@@ -118,6 +118,7 @@ def _conditions(campaign: Campaign, calibration: Calibration) -> ConditionsRecor
         begin=begin,
         end=end,
         sample_rate=known.sample_rate,
+        topic=imu_topic(campaign.path),
     )
 
 

@@ -17,9 +17,10 @@ from .terminal import Terminal
 _WIDTH = 80  # columns; a table squeezed into fewer loses digits, and a terminal wraps it instead
 
 
-def noise_document(logs: Sequence[LogNoise]) -> dict[str, object]:
-    """`noise.json`: every value with its unit, densities apart from discrete values."""
-    return {"schema": "inertiax.noise/1", "logs": [_log(found) for found in logs]}
+def noise_document(logs: Sequence[LogNoise], topic: str | None = None) -> dict[str, object]:
+    """`noise.json`: every value with its unit, densities apart from discrete values; `topic` is that of ROS bags."""
+    of_ros = {} if topic is None else {"topic": topic}
+    return {"schema": "inertiax.noise/1", "logs": [_log(found) | of_ros for found in logs]}
 
 
 def _log(found: LogNoise) -> dict[str, object]:
