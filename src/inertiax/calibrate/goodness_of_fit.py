@@ -136,11 +136,13 @@ def matrix_mistakes(
     matrix = _matrix(names, np.asarray(values))
     found: list[tuple[str, str]] = []
     for k, axis in enumerate("xyz"):
-        error = float(matrix[k, k])
-        if 1.0 + error < -0.5:  # a swapped axis reads next to nothing of its own, of either sign
+        times = 1.0 + float(matrix[k, k])
+        # A swapped axis reads next to nothing of its own, of either sign.
+        if -2.0 < times < -0.5:
             found.append(("sign", f"axis {axis} has the wrong sign."))
-        elif abs(error) > limits.wrong_scale:
-            text = f"axis {axis} reads {1.0 + error:.3g} times the truth; look at unit and range."
+        elif abs(times - 1.0) > limits.wrong_scale:
+            # By |a| = g alone the sign is not told, so that a fit may end at either.
+            text = f"axis {axis} reads {abs(times):.3g} times the truth; look at unit and range."
             found.append(("unit", text))
     off = np.abs(matrix - np.diag(np.diagonal(matrix)))
     if off.max() > limits.wrong_axis and not any(topic == "sign" for topic, _ in found):

@@ -6,12 +6,15 @@ from jaxtyping import Float
 from . import remedies
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
+from .one_axis_unit import check_one_axis
 from .thresholds import Thresholds
 
 
 def check_accel_unit(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
-    """|a| at rest over what it should be, the median of each recording's rests."""
-    found = []
+    """|a| at rest over what it should be, each recording's median; first, each axis over the others."""
+    found = check_one_axis(device, limits)
+    if found:
+        return found  # the norm says no more
     for log in device.logs:
         accel = log.recording.accel
         if accel is None or np.any(np.ptp(accel, axis=0) == 0) and len(accel) >= 100:

@@ -54,6 +54,21 @@ def rescaled(kind: str, columns: ColumnMap, factor: float) -> tuple[str | None, 
     return None, None
 
 
+def one_axis_rescaled(columns: ColumnMap, axis: int, factor: float) -> str:
+    """Remedy that multiplies the values of one accelerometer by `factor` and leaves the others."""
+    said = columns.accel or TriadColumns()
+    if said.unit == "count":
+        inverse = (said.scale_unit or "").startswith("count per")
+        scale = np.broadcast_to(np.asarray(said.scale, float), (3,)).copy()
+        scale[axis] *= 1.0 / factor if inverse else factor
+        return _line("accel", said, _count_keys(said, scale, np.arange(3)))
+    scale = np.ones(3)
+    scale[axis] = factor
+    unit = said.unit or next(iter(ACCEL_UNITS))
+    keys = f'unit = "count", scale = {_list(scale)}, scale_unit = "{unit} per count"'
+    return _line("accel", said, keys)
+
+
 def with_unit(kind: str, said: TriadColumns, unit: str) -> str:
     """Remedy that reads a triad's values in another unit."""
     return _line(kind, said, f'unit = "{unit}"')
