@@ -3,14 +3,13 @@
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
+from command_runs import run_in
 from imu_tk_data import GRAVITY, needs_recordings, PUBLISHED, SIGMAS, to_imu_tk
 from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
 from inertiax.calibration.calibration import read_calibration
@@ -26,16 +25,6 @@ def _xsens(name: str) -> Path:
     return Path(os.environ["INERTIAX_RECORDINGS"]) / "imu_tk-xsens" / name
 
 
-def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "inertiax", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=240,
-    )
-
-
 def _in_imu_tk_units(calibration):
     """Parameters in imu_tk's convention with their standard deviations."""
     vector = calibration.accel.curve.coefficients[0]
@@ -49,7 +38,7 @@ PUBLISHED_VECTOR = np.concatenate([PUBLISHED[k] for k in ("misalignment", "scale
 
 @pytest.mark.slow
 @needs_recordings
-def test_command_reproduces_the_published_optimum_on_the_given_means(tmp_path):
+def test_command_reproduces_the_published_optimum_on_the_given_means(tmp_path, capfd, monkeypatch):
     counts = np.loadtxt(_xsens("interval_means.txt"))
     rows = "\n".join(f"{k},{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(counts.tolist()))
     (tmp_path / "means.csv").write_text("time,position,x,y,z\n" + rows + "\n")
@@ -57,8 +46,8 @@ def test_command_reproduces_the_published_optimum_on_the_given_means(tmp_path):
         f'[site]\ngravity = {GRAVITY}\n[recordings]\nfiles = ["means.csv"]\n'
         f'[columns]\naccel = {{ names = ["x", "y", "z"], {COUNTS} }}\n'
     )
-    done = _run(tmp_path, "calibrate", ".", "-o", "out")
-    assert done.returncode == 0, done.stderr
+    status, _, told = run_in("calibrate . -o out", tmp_path, capfd, monkeypatch)
+    assert status == 0, told
     ours, deviations = _in_imu_tk_units(read_calibration(tmp_path / "out" / "calibration.json"))
     np.testing.assert_allclose(ours, PUBLISHED_VECTOR, rtol=1e-6)
     deviations[3:6] /= PUBLISHED_VECTOR[3:6]
@@ -67,15 +56,15 @@ def test_command_reproduces_the_published_optimum_on_the_given_means(tmp_path):
 
 @pytest.mark.slow
 @needs_recordings
-def test_command_calibrates_the_raw_recording_with_its_own_rests(tmp_path):
+def test_command_calibrates_the_raw_recording_with_its_own_rests(tmp_path, capfd, monkeypatch):
     shutil.copy(_xsens("xsens_acc.mat"), tmp_path)
     (tmp_path / "campaign.toml").write_text(
         f'[site]\ngravity = {GRAVITY}\n[recordings]\nfiles = ["xsens_acc.mat"]\n'
         f"[columns]\naccel = {{ {COUNTS} }}\n"
     )
-    done = _run(tmp_path, "calibrate", ".", "-o", "out", "--json")
-    assert done.returncode == 0, done.stderr
-    json.loads(done.stdout)
+    status, said, told = run_in("calibrate . -o out --json", tmp_path, capfd, monkeypatch)
+    assert status == 0, told
+    json.loads(said)
     ours, deviations = _in_imu_tk_units(read_calibration(tmp_path / "out" / "calibration.json"))
     assert np.all(np.abs(ours - PUBLISHED_VECTOR) < 3.0 * deviations)
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000

