@@ -139,7 +139,7 @@ def rates(
         count = 0 if motion is None else int(np.sum(np.asarray(motion.valid)))
         fine = count >= LIMITS.motions
         advice = None if fine else f"{name}: more tilts between rests, about all three axes."
-        text = f"{name}: {count} motions between rests are used."
+        text = f"{name}: {count} motions of any size between undisturbed rests are used."
         return Finding("rates", FINE if fine else ATTENTION, text), advice
     if estimate.dwells.reference_gyro is None:
         return None, None

@@ -1,6 +1,7 @@
 """The gyros' unit, signs and axes, and the unit of time: the integrated rates must turn gravity as it turned."""
 
 import dataclasses
+import math
 
 import numpy as np
 from jaxtyping import Float
@@ -93,7 +94,7 @@ def _judge(
     ratio = 1.0 / _refined(motions, best)
     found = []
     if best.factor != 1.0:
-        found += _unit(device, logs, motions, best, ratio)
+        found += _unit(device, logs, motions, best, ratio, limits)
     if best.p != IDENTITY:
         found += _axes(device, logs, motions, best)
     return found
@@ -145,13 +146,18 @@ def _refined(motions: Motions, best: _Best) -> float:
 
 
 def _unit(
-    device: DeviceLogs, logs: tuple[Log, ...], motions: Motions, best: _Best, ratio: float
+    device: DeviceLogs,
+    logs: tuple[Log, ...],
+    motions: Motions,
+    best: _Best,
+    ratio: float,
+    limits: Thresholds,
 ) -> list[Finding]:
     step = float(np.median([log.step for log in logs]))
     common = {"ratio": ratio, "pairs": motions.count, "misfit": best.misfit, "as_given": best.given}
     turned = (
         f"{_names(logs)}: the integrated rates turn {ratio:.3g} times as far as gravity does in "
-        f"{motions.count} motions between rests"
+        f"{_counted(motions, limits)}"
     )
     if best.factor in _TIME_FACTORS and not 1e-4 <= step <= 0.5:
         remedy = remedies.time_unit(device.columns, best.factor)
@@ -216,7 +222,7 @@ def _small_factor(
             "warning",
             "gyro",
             f"{_names(logs)}: the integrated rates turn {1 / factor:.3g} times as far as gravity does in "
-            f"{motions.count} motions between rests: look at the gyros' scale and at the clock.",
+            f"{_counted(motions, limits)}: look at the gyros' scale and at the clock.",
             ratio=1.0 / factor,
             pairs=motions.count,
             misfit=float(better),
@@ -237,7 +243,7 @@ def _single_motions(logs: tuple[Log, ...], motions: Motions, limits: Thresholds)
             "motions",
             "warning",
             "gyro",
-            f"{_names(logs)}: in {off} of {motions.count} motions between rests the integrated rates miss gravity's "
+            f"{_names(logs)}: in {off} of {_counted(motions, limits)} the integrated rates miss gravity's "
             f"turn by more than {limit:.2f} rad, in the others by {np.median(misfit):.2f} rad: rows were lost or gyros "
             "clipped there.",
             motions=off,
@@ -263,13 +269,20 @@ def _unexplained(
             "axes",
             "note" if on_table else "warning",
             "gyro",
-            f"{_names(logs)}: the integrated rates do not turn gravity as it turned in {motions.count} motions "
-            f"between rests ({given:.2f} rad on average), and no exchange of axes or unit explains it: gyros "
+            f"{_names(logs)}: the integrated rates do not turn gravity as it turned in {_counted(motions, limits)} "
+            f"({given:.2f} rad on average), and no exchange of axes or unit explains it: gyros "
             f"clipped in the motions, lost rows, or rests that are not at rest.{used}",
             pairs=motions.count,
             as_given=given,
         )
     ]
+
+
+def _counted(motions: Motions, limits: Thresholds) -> str:
+    """How many motions are looked at; a calibration uses smaller ones, too, and none at a rest that it leaves out."""
+    return (
+        f"{motions.count} motions of {math.degrees(limits.least_tilt):.0f}° or more between rests"
+    )
 
 
 def _names(logs: tuple[Log, ...]) -> str:

@@ -168,8 +168,8 @@ def _spikes(log: Log, rests: list[_Rest]) -> list[Finding]:
             "disturbed_rest",
             "warning" if len(hit) > 0.03 * len(rests) else "note",
             "rests",
-            f"{log.name}: {' and '.join(parts)} move the means of {len(hit)} of {len(rests)} rests beyond their "
-            f"noise (rests that begin at {times}).",
+            f"{log.name}: {' and '.join(parts)} move the means of {len(hit)} of {len(rests)} rests, as recorded, "
+            f"beyond their noise (rests that begin at {times}).",
             rests=len(hit),
             spikes=spikes,
             knocks=knocks,
@@ -190,7 +190,7 @@ def _tilts(log: Log, rests: list[_Rest], limits: Thresholds) -> list[Finding]:
             "disturbed_rest",
             "warning" if len(hit) > 0.03 * len(rests) else "note",
             "rests",
-            f"{log.name}: gravity's direction creeps in {len(hit)} of {len(rests)} rests, by "
+            f"{log.name}: gravity's direction creeps in {len(hit)} of {len(rests)} rests, as recorded, by "
             f"{np.degrees(worst.tilt):.2f}° in the one that begins at {log.moment(worst.start)}: the device tilted "
             "slowly or slipped.",
             rests=len(hit),
