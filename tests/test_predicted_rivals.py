@@ -63,6 +63,14 @@ def test_a_rival_that_predicts_the_same_is_as_likely(rows):
     rival = candidate(rows, "third_order", -2.0 * mine, 30.0)
     found = with_predicted_rivals(seen(rows, mine), Named(lead, 1e-9, (), (rival,)), [])
     assert [r.evidence for r in found.rivals] == [pytest.approx(50.0, abs=1e-9)]
+    assert found.near == () and found.odds == pytest.approx([0.5, 0.5])
+
+
+def test_a_name_that_is_left_out_takes_its_part_of_the_odds(rows):
+    """35 to 1 against one rival: beyond the set's 20 to 1, and the name is no certainty: 35 / 36."""
+    lead = candidate(rows, "second_order", np.ones(len(rows[2])), np.log(35.0))
+    left_out = candidate(rows, "third_order", np.ones(len(rows[2])), 0.0)
+    assert Named(lead, 1e-9, (), (left_out,)).odds == pytest.approx([35.0 / 36.0])
 
 
 def test_a_name_that_predicts_as_well_stands_in_place_of_an_unlisted_dependence(rows):

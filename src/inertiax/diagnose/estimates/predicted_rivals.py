@@ -40,7 +40,8 @@ def with_predicted_rivals(prepared: Prepared, named: Named, others: Sequence[Ter
         t = _behind(gain, gain_over_stretches(prepared, rival.term, others))
         if t < ALIKE:
             kept.append(_as_likely(rival, named.candidate, max(t, 0.0)))
-    return replace(named, rivals=tuple(kept))
+    left = tuple(c for c in named.near if not any(c.term is k.term for k in kept))
+    return replace(named, rivals=tuple(kept), near=left)
 
 
 def named_instead(

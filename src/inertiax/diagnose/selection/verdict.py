@@ -38,10 +38,13 @@ class Named:
 
     @property
     def odds(self) -> Float[np.ndarray, " name"]:
-        """The chance of this name and of each rival, as if they were all there is."""
-        evidence = np.array([c.evidence for c in (self.candidate, *self.rivals)])
+        """The chance of this name and of each rival, with those that are left out as if all names were known.
+
+        They add up to less than 1 where further names are unlikely and not impossible.
+        """
+        evidence = np.array([c.evidence for c in (self.candidate, *self.rivals, *self.near)])
         weights = np.exp(evidence - evidence.max())
-        return weights / weights.sum()
+        return (weights / weights.sum())[: 1 + len(self.rivals)]
 
 
 @dataclass(frozen=True, eq=False)
