@@ -154,6 +154,18 @@ def test_turns_about_one_axis_do_not_determine_it():
         calibrate_magnetometers(eqx.tree_at(lambda d: d.mag, found, flat))
 
 
+def test_turns_about_one_axis_on_a_rough_road_neither():
+    """Tilts of 2° and 0.6 µT of noise: 2 µT out of the plane would be told with a sigma that noise in m does not enter."""
+    rng = np.random.default_rng(3)
+    found = rows(1, rests=0, moving=240, noise=6e-7)
+    heading = np.linspace(0.0, 25.0, 240)
+    tilt = np.radians(2.0) * rng.normal(size=240)
+    level = np.stack([np.cos(heading), np.sin(heading), tilt - np.tan(DIP)], axis=1)
+    outputs = FIELD * np.cos(DIP) * level + HARD + 6e-7 * rng.normal(size=(240, 3))
+    with pytest.raises(ValueError, match="about one axis only"):
+        calibrate_magnetometers(eqx.tree_at(lambda d: d.mag, found, outputs))
+
+
 def test_noise_of_samples_in_motion_and_of_repeated_ones():
     rng = np.random.default_rng(1)
     angle = np.linspace(0.0, 20.0, 6000)

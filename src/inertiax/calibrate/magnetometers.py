@@ -28,6 +28,7 @@ from .magnetic_frame import in_frame
 from .results import MagnetometerResult
 
 
+LEAST_TURN = 10.0  # variance out of the plane over that of the misfit: less shortens an axis by a tenth and more
 _UNKNOWN_NOISE = 1e-7  # T: equal weights where no sample says how noisy it is
 LEAST_CURRENT = (
     0.1  # A, span: over less no wire of a drone makes a field that shows (50 nT at 0.4 m)
@@ -63,6 +64,7 @@ def calibrate_magnetometers(
     own = solved(
         estimator, Constant(), rows, free_coefficients(names, (0, 0), turned=False), None, field
     )
+    _require_turned_about_two_axes(own)
     warnings: list[str] = []
     fit = in_frame(own, latitude, field, warnings)
     degrees, reason = choose_degrees(fit, degree)
@@ -77,6 +79,23 @@ def calibrate_magnetometers(
             "mag: the estimation did not converge; look for a wrong unit, exchanged columns or iron that moved."
         )
     return _result(fit, field is not None, reason, warnings)
+
+
+def _require_turned_about_two_axes(fit: Fit) -> None:
+    """Raise where what moves the field out of one plane is hardly more than the misfit.
+
+    Noise in the regressor draws an ellipsoid towards the plane by the ratio of the two variances, and its standard
+    deviations do not know of it (Fuller, Measurement Error Models, 1987, section 1.1).
+    """
+    if not np.all(np.isfinite(fit.coefficients)):
+        return
+    misfit = float(np.sqrt(np.mean(np.square(fit.judged()[0]))))
+    out_of_plane = float(np.sqrt(np.linalg.eigvalsh(np.cov(np.asarray(fit.rows.mag).T))[0]))
+    if out_of_plane**2 < LEAST_TURN * misfit**2:
+        raise ValueError(
+            f"mag: it was turned about one axis only: the field leaves a plane by {1e6 * out_of_plane:.2g} µT where the "
+            f"misfit is {1e6 * misfit:.2g} µT; turn the device all ways, upside down too."
+        )
 
 
 def _first_field(rows: Dwells, field: float | None) -> float:

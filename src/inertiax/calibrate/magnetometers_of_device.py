@@ -71,7 +71,7 @@ def calibrate_mag(
     except ValueError as error:
         if campaign.model.mag_estimator is not None:
             raise
-        return None, (f"magnetometers are not calibrated: {error}",)
+        return None, (f"magnetometers are not calibrated: {str(error).rstrip('.')}",)
     return found, found.warnings
 
 

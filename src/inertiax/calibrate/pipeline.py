@@ -130,7 +130,11 @@ def calibrate_device(
         if not has_magnetometers(campaign):
             raise
         alone = chosen.accel_estimator is None and chosen.gyro_estimator is None
-        why = () if alone else (f"accelerometers and gyros are not calibrated: {error}",)
+        why = (
+            ()
+            if alone
+            else (f"accelerometers and gyros are not calibrated: {str(error).rstrip('.')}",)
+        )
         return _magnetometers_alone(campaign, chosen, robust, progress, found_odd, why)
     dwells = with_rig_errors(dwells, campaign.rig)
     warning = None

@@ -22,6 +22,8 @@ _LOUD = 4.0  # times the quietest level of a log: noise of a part at rest is not
 _CONSTANT = 1e-2  # m/s², stands for the noise of rests that are constant (convention: a fine converter's step)
 TURNED_SLOWLY = "it moves all along"
 _TURNED = 0.17  # of gravity, a tilt of 10°: more than any rest creeps or a bias wanders
+_WANDER_SPAN = 5.0  # s: longer than tremor, shorter than a warm-up
+_WINDOWS = 6  # differences of neighbours, to speak of half of them (convention)
 _CENTRE = 10_000  # samples, whose median is near enough to all to lose no digits in sums of squares
 _SCAN = np.geomspace(2.0, 1000.0, 64)
 STILL = 16.0  # times the quietest level: a factor of 4 in standard deviation is no motion to tell from noise
@@ -105,7 +107,8 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
     rarest = min(1e-3, 2.0 * width / len(motion))
     highest = float(np.quantile(motion, 1.0 - rarest))
     if highest <= STILL:
-        if _turned_slowly(recording, width):
+        whole = np.array([[0, recording.num_samples]])
+        if _turned_slowly(recording, width) or _rates_wander(recording, whole):
             nothing = np.zeros(0, np.int64)
             return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}", levels=levels)
         start, stop = _runs(np.ones(len(motion), bool), pauses, width)
@@ -116,11 +119,35 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
     start, stop = _runs(motion <= threshold, pauses, width)
     trimmed = [_trim(recording, int(a), int(b), width) for a, b in zip(start, stop, strict=True)]
     edges = np.array(trimmed, dtype=np.int64).reshape(-1, 2)
+    if _rates_wander(recording, edges):
+        nothing = np.zeros(0, np.int64)
+        return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}", levels=levels)
     statement = (
         f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
         f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
     return Rests(edges[:, 0], edges[:, 1], threshold, statement, levels)
+
+
+def _rates_wander(recording: Recording, edges: Int[np.ndarray, "rest 2"]) -> bool:
+    """Whether the gyros' means over seconds differ within rests as a steady turn's do, and no bias.
+
+    Half of the neighbours' differences must be four times (as standard deviations) what the samples' noise explains,
+    and 5 mrad/s: a bias that follows the temperature changes by less in seconds, and one knock is no half of a log.
+    """
+    step = usual_step(recording)
+    if recording.gyro is None or step <= 0.0 or isinstance(recording, StoredRecording):
+        return False
+    width = max(int(round(_WANDER_SPAN / step)), 16)
+    changes, spreads = [], []
+    for start, stop in edges:
+        count = (stop - start) // width
+        windows = recording.gyro[start : start + count * width].reshape(count, width, 3)
+        changes += list(np.square(np.diff(windows.mean(axis=1), axis=0)).sum(axis=1) / 2.0)
+        spreads += list(windows.var(axis=1).sum(axis=1) / width)
+    if len(changes) < _WINDOWS:
+        return False
+    return bool(np.median(changes) > max(STILL * np.median(spreads), _RESTING_RATE**2))
 
 
 def _turned_slowly(recording: Recording, width: int) -> bool:

@@ -1,0 +1,46 @@
+"""A device that turns all along, as a car in circles: its own quietest stretches are no rests."""
+
+import numpy as np
+import pytest
+
+from inertiax.data.recording import Recording
+from inertiax.reduction.rests import find_rests
+
+
+RATE, SECONDS = 50.0, 120.0
+
+
+def one_pose(rate, *, accel_noise, gyro_noise, seed=0):
+    """Upright, with white noise of a sample (m/s², rad/s) and a mean rate about z (rad/s) over time."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(RATE * SECONDS)) / RATE
+    accel = np.array([0.0, 0.0, 9.81]) + accel_noise * rng.normal(size=(len(time), 3))
+    gyro = gyro_noise * rng.normal(size=(len(time), 3))
+    gyro[:, 2] += rate(time)
+    return Recording(time=time, accel=accel, gyro=gyro, name="log.csv")
+
+
+def steered(time):
+    """A circle at 18 °/s whose radius is held to a tenth, in tens of seconds."""
+    wheel = np.sin(2 * np.pi * time / 23.0) + 0.7 * np.sin(2 * np.pi * time / 37.0 + 1.0)
+    return np.radians(-18.0 + 1.8 * wheel)
+
+
+def test_a_car_in_circles_does_not_rest():
+    found = find_rests(one_pose(steered, accel_noise=0.3, gyro_noise=np.radians(1.0)), window=1.0)
+    assert len(found.start) == 0
+    assert found.statement == "no rest: it moves all along"
+
+
+@pytest.mark.parametrize(
+    "bias",
+    [
+        pytest.param(lambda t: np.full_like(t, np.radians(-18.0)), id="large"),
+        pytest.param(lambda t: np.radians(3.0) * (1.0 - np.exp(-t / 40.0)), id="warming up"),
+        pytest.param(lambda t: np.radians(1.0) * np.sin(2 * np.pi * 2.3 * t), id="tremor"),
+    ],
+)
+def test_what_no_turn_makes_is_a_rest(bias):
+    found = find_rests(one_pose(bias, accel_noise=0.05, gyro_noise=np.radians(0.3)), window=1.0)
+    kept = float(np.sum(found.stop - found.start)) / (RATE * SECONDS)
+    assert kept > 0.8
