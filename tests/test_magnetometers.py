@@ -155,7 +155,7 @@ def test_turns_about_one_axis_do_not_determine_it():
 
 
 def test_turns_about_one_axis_on_a_rough_road_neither():
-    """Tilts of 2° and 0.6 µT of noise: 2 µT out of the plane would be told with a sigma that noise in m does not enter."""
+    """Tilts of 2° and 0.6 µT of noise: noise in m does not enter the sigma of what 1 µT out of the plane tells."""
     rng = np.random.default_rng(3)
     found = rows(1, rests=0, moving=240, noise=6e-7)
     heading = np.linspace(0.0, 25.0, 240)

@@ -93,8 +93,8 @@ def _require_turned_about_two_axes(fit: Fit) -> None:
     out_of_plane = float(np.sqrt(np.linalg.eigvalsh(np.cov(np.asarray(fit.rows.mag).T))[0]))
     if out_of_plane**2 < LEAST_TURN * misfit**2:
         raise ValueError(
-            f"mag: it was turned about one axis only: the field leaves a plane by {1e6 * out_of_plane:.2g} µT where the "
-            f"misfit is {1e6 * misfit:.2g} µT; turn the device all ways, upside down too."
+            f"mag: it was turned about one axis only: the field leaves a plane by {1e6 * out_of_plane:.2g} µT where "
+            f"the misfit is {1e6 * misfit:.2g} µT; turn the device all ways, upside down too."
         )
 
 
