@@ -371,6 +371,20 @@ def ardupilot_apply(content, n, accel, gyro, temperature):
     return results
 
 
+@pytest.mark.parametrize(
+    ("device", "px4", "ardupilot"),
+    [("imu1", "TC_A1_ID", "INS_ACC2"), ("7", "TC_A0_ID", "INS_ACCO")],
+)
+def test_a_log_names_the_place_of_its_imus(device, px4, ardupilot):
+    """PX4 counts its sensors from zero, ArduPilot from one, and its first one has no number."""
+    cal = dataclasses.replace(calibration(Polynomial(3, LOW, HIGH), diagonal=True), device=device)
+    assert px4.encode() in export(cal, "px4", accel_id=1, gyro_id=2).content
+    assert f"\n{ardupilot}".encode() in export(cal, "ardupilot").content
+    other = export(cal, "ardupilot", instance=3)
+    assert b"\nINS_ACC3OFFS_X" in other.content
+    assert any("instance = 2" in note for note in other.notes) == (device == "imu1")
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_ardupilot_gives_what_its_parameters_can_say(n):
     cal = without_gyro_scale(constant_scale(calibration(Polynomial(3, LOW, HIGH), diagonal=True)))

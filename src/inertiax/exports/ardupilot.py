@@ -23,6 +23,7 @@ from .export import AppliedField, Export, Settings as Common
 from .imported import calibration as imported, triad
 from .magnetometer_parameters import field_span, GAUSS, symmetric_field
 from .parameters import axis_by_axis_loss, HELD, parameters_over, temperature_span
+from .slot import slot_of
 
 
 NAME = "ardupilot"
@@ -45,7 +46,7 @@ _FACTOR = 1e6
 class Settings(Common, frozen=True, kw_only=True):
     """Which of ArduPilot's IMUs this is."""
 
-    instance: int = 1  # 1 to 3
+    instance: int | None = None  # 1 to 3; by default that of the log's device, where `imu0` is 1
 
 
 def _number(instance: int) -> str:
@@ -55,8 +56,7 @@ def _number(instance: int) -> str:
 
 def write(calibration: Calibration, settings: Settings) -> Export:
     """ArduPilot's parameter file of both triads."""
-    if not 1 <= settings.instance <= 3:
-        raise ValueError(f"ardupilot: instance = {settings.instance} must be within 1 to 3.")
+    slot = slot_of(calibration, settings.instance, controller="ardupilot", first=1, last=3)
     low, high = temperature_span(calibration)
     at = float(np.clip(_REFERENCE, low, high))
     accel, gyro, scale = _fits(calibration, low, high)
@@ -74,11 +74,11 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         return one(a, accel) * scale, one(w, gyro)
 
     present = {"ACC": calibration.accel is not None, "GYR": calibration.gyro is not None}
-    lines = _lines(settings.instance, accel, gyro, scale, (low, high, at), present)
+    lines = _lines(slot.number, accel, gyro, scale, (low, high, at), present)
     field: _Compass | None = None
     if calibration.mag is not None:
         span = field_span(calibration.mag, low, high)
-        field = _compass(settings.instance, calibration.mag, *span)
+        field = _compass(slot.number, calibration.mag, *span)
         lines += field.lines
     return Export(
         files=(("", "\n".join(lines).encode() + b"\n"),),
@@ -86,6 +86,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         applied_field=None if field is None else field.applied,
         losses=(*axis_by_axis_loss(calibration), *(() if field is None else field.losses)),
         notes=(
+            *slot.notes,
             *((HELD.format(name="ArduPilot"),) if thermal else ()),
             "ArduPilot takes an accelerometer calibration only with the sensor's own INS_ACC_ID, and "
             "learns gyro offsets anew at each start unless INS_GYR_CAL is 0",

@@ -26,6 +26,7 @@ from .export import AppliedField, Export, Settings as Common
 from .imported import calibration as imported, triad
 from .magnetometer_parameters import field_span, GAUSS, symmetric_field
 from .parameters import axis_by_axis_loss, HELD, parameters_over, temperature_span
+from .slot import slot_of
 
 
 NAME = "px4"
@@ -48,7 +49,7 @@ _INT, _FLOAT = 6, 9  # MAVLink parameter types
 class Settings(Common, frozen=True, kw_only=True):
     """Which of PX4's sensors this is, and the device numbers PX4 knows it by."""
 
-    instance: int = 0  # 0 to 3
+    instance: int | None = None  # 0 to 3; by default that of the log's device, where `imu0` is 0
     accel_id: int = 0  # `device_id` of sensor_accel in a log; PX4 ignores a calibration of 0
     gyro_id: int = 0
     mag_id: int = 0
@@ -57,26 +58,29 @@ class Settings(Common, frozen=True, kw_only=True):
 
 def write(calibration: Calibration, settings: Settings) -> Export:
     """PX4's parameter file of both triads."""
-    if not 0 <= settings.instance <= 3:
-        raise ValueError(f"px4: instance = {settings.instance} must be within 0 to 3.")
+    slot = slot_of(calibration, settings.instance, controller="px4", first=0, last=3)
+    n = slot.number
     low, high = temperature_span(calibration)
     reference = float(np.float32(0.5 * (low + high)))
     accel, gyro, scale = _fits(calibration, low, high, reference)
     present = calibration.accel is not None, calibration.gyro is not None
     lines = [
-        *_thermal(settings, accel, gyro, present, (reference, low, high)),
-        *_static(settings, accel, gyro, scale, present),
+        *_thermal(n, settings, accel, gyro, present, (reference, low, high)),
+        *_static(n, settings, accel, gyro, scale, present),
     ]
     field: _Field | None = None
     if calibration.mag is not None:
-        field = _field(settings, calibration.mag, *field_span(calibration.mag, low, high))
+        field = _field(n, settings.mag_id, calibration.mag, *field_span(calibration.mag, low, high))
         lines += field.lines
 
     def applied(a: np.ndarray, w: np.ndarray, temperature: np.ndarray):
         d = np.clip(temperature, low, high) - reference
         return (a - accel.over(d)) * scale, w - gyro.over(d)
 
-    notes = ("axes must be the sensor's own, before PX4's rotation to the body",)
+    notes = (
+        *slot.notes,
+        "axes must be the sensor's own, before PX4's rotation to the body",
+    )
     if accel.thermal or gyro.thermal or (field is not None and field.thermal):
         notes = (*notes, HELD.format(name="PX4"))
     if settings.accel_id == 0 or settings.gyro_id == 0:
@@ -85,7 +89,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
             *notes,
         )
     if calibration.baro is not None:
-        lines += _barometer(settings, calibration.baro)
+        lines += _barometer(n, settings.baro_id, calibration.baro)
     if calibration.mag is not None and settings.mag_id == 0:
         notes = ("PX4 wants the magnetometers' own number: give --set mag_id=...", *notes)
     return Export(
@@ -104,13 +108,14 @@ def _line(name: str, value: float | int) -> str:
 
 
 def _thermal(
+    n: int,
     settings: Settings,
     accel: BiasCurve,
     gyro: BiasCurve,
     present: tuple[bool, bool],
     temperatures: tuple[float, float, float],
 ) -> list[str]:
-    n, lines = settings.instance, []
+    lines = []
     rows = zip("AG", (settings.accel_id, settings.gyro_id), (accel, gyro), present, strict=True)
     for letter, number, bias, calibrated in rows:
         if calibrated:
@@ -145,9 +150,9 @@ class _Field(NamedTuple):
     losses: tuple[str, ...]
 
 
-def _field(settings: Settings, mag: MagnetometerCalibration, low: float, high: float) -> _Field:
+def _field(n: int, number: int, mag: MagnetometerCalibration, low: float, high: float) -> _Field:
     """The magnetometers in gauss; the power is the battery's current, kA."""
-    n, number, reference = settings.instance, settings.mag_id, float(np.float32(0.5 * (low + high)))
+    reference = float(np.float32(0.5 * (low + high)))
     found = symmetric_field(mag, nodes(low, high))
     bias = bias_curve(GAUSS * found.bias, low, high, reference)
     left, losses = cubic_misfit(found.bias), found.losses
@@ -180,6 +185,7 @@ def _offsets(prefix: str, offset: Float[np.ndarray, "3"]) -> list[str]:
 
 
 def _static(
+    n: int,
     settings: Settings,
     accel: BiasCurve,
     gyro: BiasCurve,
@@ -187,7 +193,7 @@ def _static(
     present: tuple[bool, bool],
 ) -> list[str]:
     """Static offsets, and the accelerometers' scale; what was not calibrated keeps what the autopilot has."""
-    n, lines = settings.instance, []
+    lines = []
     numbers = settings.accel_id, settings.gyro_id
     sensors = zip(("ACC", "GYRO"), numbers, (accel, gyro), present, strict=True)
     for sensor, number, bias, calibrated in sensors:
@@ -222,16 +228,16 @@ def _fits(
     return fit(p.accel_bias), fit(p.gyro_bias), single(scale)
 
 
-def _barometer(settings: Settings, baro: BarometerCalibration) -> list[str]:
+def _barometer(n: int, number: int, baro: BarometerCalibration) -> list[str]:
     """The barometer's lines, Pa: zero at the reference temperature, of degree five at most."""
-    n, basis = settings.instance, baro.curve.basis
+    basis = baro.curve.basis
     if not isinstance(basis, Polynomial) or basis.degree > 5:
         raise ValueError("px4: the barometer's curve must be a polynomial of degree 5 or less.")
     reference = float(baro.reference)
     powers = to_powers(basis, np.asarray(baro.curve.coefficients), reference)[:, 0]
     powers[0] = 0.0  # the pressure of the place
     found = np.pad(powers, (0, 6 - len(powers)))
-    lines = [_line("TC_B_ENABLE", 1), _line(f"TC_B{n}_ID", settings.baro_id)]
+    lines = [_line("TC_B_ENABLE", 1), _line(f"TC_B{n}_ID", number)]
     lines += [_line(f"TC_B{n}_X{order}", float(found[order])) for order in (5, 4, 3, 2, 1, 0)]
     ends = (reference, float(basis.low), float(basis.high))
     keys = ("TREF", "TMIN", "TMAX")
