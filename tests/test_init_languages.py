@@ -106,7 +106,16 @@ def test_columns_that_no_line_reads_are_said_and_labels_told_apart(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(lines))
     text = draft_campaign(tmp_path / "log.csv", tmp_path).text
     assert '# Not read, perhaps labels: "Bediener", "Prüfschritt". Add what they are' in text
-    assert '# Not read: "Spannung".' in text
+    assert '# Not read: "Spannung".' in text and "table_angles" not in text
+
+
+def test_a_table_s_angles_are_said_to_make_references(tmp_path):
+    header, units, _ = HEADERS["German"]
+    text = written(header, units).decode().splitlines()
+    lines = [f"{text[0]};Winkel aussen", *(f"{line};{k},25" for k, line in enumerate(text[1:]))]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    text = draft_campaign(tmp_path / "log.csv", tmp_path).text
+    assert "make its references: [columns] table_angles, and [table] axes" in text
 
 
 def test_devices_and_experiments_under_their_words(tmp_path):

@@ -1,9 +1,12 @@
 """Columns of labels under names of their own, and columns that no line of a draft reads."""
 
+import re
+
 import numpy as np
 from jaxtyping import Float
 
 from .column_roles import Roles
+from .column_words import plain
 from .raw_triads import RawTriads
 from .toml_text import Line, Table, value_text
 
@@ -14,6 +17,7 @@ _READ_AS_THEY_ARE = (
 )  # fmt: skip
 _MOST_LABELS = 64  # different numbers: more are a measured quantity or a counter
 _MOST_NAMED = 12
+_ANGLE = re.compile(r"angle|winkel|angulo|angolo")
 
 
 def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawTriads) -> Table:
@@ -38,6 +42,10 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
             "device (serial number), experiment (one chamber setting), position (-1 while it moves)"
         )
         remarks += (f"Not read, perhaps labels: {_listed(labels)}. Add what they are: {what}.",)
+    if any(_ANGLE.search(plain(n)) for n in others):
+        remarks += (
+            "Angles of a table make its references: [columns] table_angles, and [table] axes.",
+        )
     if others:
         remarks += (f"Not read: {_listed(others)}.",)
     return Table("columns", lines, remarks)

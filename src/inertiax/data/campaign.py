@@ -226,6 +226,8 @@ def _read_all(
         gyro_names=said.gyro_names,
         start_row=said.start_row,
         gravity=table.site.gravity,
+        latitude=_site(table.site).latitude,
+        turntable=table.table,
         **{key: getattr(said, key) for key in special},
     )
     if said.gyro_files is None:

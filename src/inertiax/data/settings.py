@@ -15,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from .formats import ColumnMap, FORMATS
-from .formats.columns import nearest
+from .formats.columns import nearest, Turntable
 from .plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 
 
@@ -87,6 +87,7 @@ class CampaignTable(_Strict, frozen=True):
     rig: RigTable = RigTable()
     device: DeviceTable = DeviceTable()
     model: ModelTable = ModelTable()
+    table: Turntable = Turntable()  # whose angles `[columns] table_angles` names
 
 
 def read_toml(file: Path) -> dict:

@@ -62,6 +62,8 @@ def plan(campaign: Path, log: Path | None, *, piped: bool, target: str | None) -
         start_row=said.start_row,
         header_line=said.header_line,
         gravity=table.site.gravity,
+        latitude=settings.site.latitude,
+        turntable=table.table,
     )
     return Plan(settings, TextRows(table.columns, layout, name), log, asked)
 

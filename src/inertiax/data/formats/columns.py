@@ -20,6 +20,7 @@ AXES = ("x", "y", "z")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 ACCEL_UNITS = {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3}
 GYRO_UNITS = {"rad/s": 1.0, "deg/s": math.pi / 180, "deg/h": math.pi / 180 / 3600}
+ANGLE_UNITS = {"deg": math.pi / 180, "rad": 1.0, "arcsec": math.pi / 180 / 3600}
 # °C = scale · (value + shift)
 TEMPERATURE_UNITS = {
     "degC": (1.0, 0.0),
@@ -83,6 +84,20 @@ class ProbeColumns(_Strict, frozen=True):
     offset: float | None = None
 
 
+class AngleColumns(_Strict, frozen=True):
+    """A column of each axis of a table, the outermost first."""
+
+    names: tuple[str, ...]
+    unit: str = "deg"
+
+
+class RateColumns(_Strict, frozen=True):
+    """The rate of each axis of a table, the outermost first."""
+
+    names: tuple[str, ...]
+    unit: str = "deg/s"
+
+
 class SupplyColumn(_Strict, frozen=True):
     """The voltage that feeds the device."""
 
@@ -143,6 +158,8 @@ class ColumnMap(_Strict, frozen=True):
     mag: TriadColumns | None = None
     current: CurrentColumn | str | None = None
     pressure: PressureColumn | str | None = None
+    table_angles: AngleColumns | None = None
+    table_rates: RateColumns | None = None
 
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
@@ -166,6 +183,19 @@ class ColumnMap(_Strict, frozen=True):
         return True
 
 
+Direction = str | tuple[float, float, float]
+
+
+class Turntable(_Strict, frozen=True):
+    """`[table]`: axes (outermost first) and the device's x, y, z as they point in the room with all angles zero, as
+    words or as vectors (east, north, up); `azimuth` is where what is called north points, deg clockwise of true north.
+    """
+
+    axes: tuple[Direction, ...] = ()
+    case: tuple[Direction, Direction, Direction] = ("east", "north", "up")
+    azimuth: float = 0.0
+
+
 class Layout(_Strict, frozen=True):
     """How rows lie in a file, beyond what it shows itself; a format lists the keys it knows in `KEYS`."""
 
@@ -180,7 +210,9 @@ class Layout(_Strict, frozen=True):
     instance: int | None = None  # which IMU of a flight controller's log
     sections: str | None = None  # imucal's list of sections, beside the session
     turn_angle: float | None = None  # deg, of imucal's turns
-    gravity: float | None = None  # m/s², for references that a format makes
+    gravity: float | None = None  # m/s², for references that are made
+    latitude: float | None = None  # rad, likewise
+    turntable: Turntable = Turntable()  # whose angles [columns] names
 
     @property
     def said_names(self) -> tuple[str, ...] | None:
@@ -271,6 +303,16 @@ def temperature_factors(column: ProbeColumns, where: str) -> tuple[float, float]
         )
     scale = _scale_to_si(np.full(3, column.scale), column.scale_unit, {"degC": 1.0}, where)
     return float(scale[0]), -(column.offset or 0.0)
+
+
+def angle_scale(unit: str, where: str) -> float:
+    """Radians per unit."""
+    return ANGLE_UNITS[_known(unit, ANGLE_UNITS, where)]
+
+
+def rate_scale(unit: str, where: str) -> float:
+    """rad/s per unit."""
+    return GYRO_UNITS[_known(unit, GYRO_UNITS, where)]
 
 
 def supply_scale(unit: str, where: str) -> float:

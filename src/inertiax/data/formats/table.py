@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from ...storage.harmless_text import short
 from ..recording import Recording
 from .columns import (
+    angle_scale,
     AXES,
     ColumnMap,
     current_scale,
@@ -21,6 +22,7 @@ from .columns import (
     pressure_scale,
     PressureColumn,
     ProbeColumns,
+    rate_scale,
     shown,
     supply_scale,
     SupplyColumn,
@@ -30,6 +32,7 @@ from .columns import (
     triad_factors,
     TriadColumns,
 )
+from .table_angles import ideal_readings
 from .time_stamps import seconds_of
 
 
@@ -68,6 +71,7 @@ def to_recordings(
         "current": _quantity(table, columns.current, "current", current_scale, name),
         "pressure": _quantity(table, columns.pressure, "pressure", pressure_scale, name),
     }
+    values |= _by_angles(table, columns, layout, name, moving)
     if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
             f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
@@ -80,6 +84,47 @@ def to_recordings(
         mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
         parts.append(Recording(**mine, device=device, name=label))
     return tuple(parts)
+
+
+def _by_angles(
+    table: pl.DataFrame,
+    columns: ColumnMap,
+    layout: Layout,
+    where: str,
+    moving: Bool[np.ndarray, " rows"] | None,
+) -> dict[str, Float[np.ndarray, "rows 3"]]:
+    """References that a table's angles (and rates) make; none where `[columns]` names no angles.
+
+    Where the table moves its angles are late or missing: the force is not told there.
+    """
+    said = columns.table_angles
+    if said is None or layout.gravity is None:
+        return {}
+    if not layout.turntable.axes:
+        raise ValueError(
+            "[columns] table_angles needs [table] axes, the directions of the table's axes with all angles zero, for "
+            'example axes = ["up", "north"].'
+        )
+    if columns.reference_accel is not None or "reference_accel_x" in table.columns:
+        raise ValueError(
+            "[columns]: both reference_accel and table_angles are given; angles make the reference, so leave one out."
+        )
+    read = lambda names, scale: (
+        scale * np.stack([numbers(table, n, where, empty=moving) for n in names], axis=1)
+    )
+    angles = read(said.names, angle_scale(said.unit, "[columns] table_angles"))
+    turning = columns.table_rates
+    rates = None
+    if turning is not None:
+        if len(turning.names) != len(said.names):
+            raise ValueError("[columns] table_rates: name one column for each of table_angles.")
+        rates = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
+    found = ideal_readings(layout.turntable, angles, rates, layout.gravity, layout.latitude)
+    force, rate = found
+    force[np.isnan(force).any(axis=1) if moving is None else moving] = 0.0
+    return {"reference_accel": force} | (
+        {} if rate is None else {"reference_gyro": np.nan_to_num(rate)}
+    )
 
 
 def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:

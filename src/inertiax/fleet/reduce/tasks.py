@@ -49,6 +49,11 @@ def split(files: Sequence[Path | str], columns: ColumnMap, *, rows: int = ROWS) 
     the file. Raises `ValueError` for a file in which devices alternate, naming it.
     """
     stretches: dict[str, list[Stretch]] = {}
+    if columns.table_angles is not None:
+        raise ValueError(
+            "[columns] table_angles: devices in common files need columns reference_accel_x/y/z; angles are for a "
+            "campaign.toml of each device."
+        )
     for file, found in zip(files, _found(files, columns), strict=True):
         for device, stretch in found:
             stretches.setdefault(device, []).append(stretch)

@@ -1,0 +1,189 @@
+"""References from a table's angles, against SciPy's rotations."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.spatial.transform import Rotation
+
+from command_runs import run
+from inertiax.data.campaign import load_campaign
+from inertiax.data.formats.columns import Turntable
+from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings
+from inertiax.physics.earth import earth_rate
+
+
+G, LATITUDE = 9.81, np.deg2rad(48.2)
+TABLES = {
+    "yaw that carries roll": Turntable(axes=("up", "north")),
+    "two-axis, device on its side": Turntable(axes=("east", "up"), case=("up", "north", "west")),
+    "three axes": Turntable(axes=("up", "east", "north"), azimuth=37.0),
+    "an axis of its own direction": Turntable(axes=((0.6, 0.0, 0.8), "north"), azimuth=-120.0),
+}
+
+
+def vector(direction):
+    v = np.array(DIRECTIONS[direction] if isinstance(direction, str) else direction)
+    return v / np.linalg.norm(v)
+
+
+def attitudes(table, angles):
+    """Case to room: outer axes carry inner ones."""
+    case = Rotation.from_matrix(np.stack([vector(d) for d in table.case], axis=1))
+    made = case
+    for axis, angle in reversed(list(zip(table.axes, angles.T, strict=True))):
+        made = Rotation.from_rotvec(angle[:, None] * vector(axis)) * made
+    return made
+
+
+def earth_in_room(table):
+    """The room is turned clockwise by its azimuth, seen from above."""
+    room = Rotation.from_euler("z", -table.azimuth, degrees=True)
+    return room.inv().apply(np.array(earth_rate(LATITUDE)))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_force_and_earth_rate_are_those_of_the_rotated_case(name):
+    table = TABLES[name]
+    angles = np.random.default_rng(1).uniform(-7.0, 7.0, (50, len(table.axes)))
+    found = ideal_readings(table, angles, np.zeros_like(angles), G, LATITUDE)
+    r = attitudes(table, angles)
+    np.testing.assert_allclose(found.force, r.inv().apply([0.0, 0.0, G]), atol=1e-13)
+    np.testing.assert_allclose(
+        found.rate, r.inv().apply(earth_in_room(table)), rtol=1e-6, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_table_s_rates_turn_the_case_as_its_angles_do(name):
+    """By the difference of attitudes over 2 ms, whose error is of third order."""
+    table, h = TABLES[name], 1e-3
+    rng = np.random.default_rng(2)
+    angles, rates = (rng.uniform(-2.0, 2.0, (50, len(table.axes))) for _ in range(2))
+    found = ideal_readings(table, angles, rates, G, None)
+    before, after = (attitudes(table, angles + s * h * rates) for s in (-1.0, 1.0))
+    turned = (before.inv() * after).as_rotvec() / (2.0 * h)  # in the case's axes
+    np.testing.assert_allclose(found.rate, turned, atol=3e-5)
+
+
+def test_a_roll_axis_of_ninety_degrees_lays_the_device_on_its_side():
+    """About north, right-handed: what was east points down, so that x reads −g; the yaw changes nothing."""
+    found = ideal_readings(
+        Turntable(axes=("up", "north")), np.deg2rad([[30.0, 90.0]]), None, G, None
+    )
+    np.testing.assert_allclose(found.force, [[-G, 0.0, 0.0]], atol=1e-12)
+    assert found.rate is None
+
+
+def test_north_by_azimuth():
+    """At the equator, on a table whose north points east: the Earth turns about minus its east."""
+    table = Turntable(axes=("up",), azimuth=90.0)
+    found = ideal_readings(table, np.zeros((1, 1)), np.zeros((1, 1)), G, 0.0)
+    np.testing.assert_allclose(found.rate, [[-7.292115e-5, 0.0, 0.0]], atol=1e-17)
+
+
+TRUTH = np.array([0.1, -0.2, 0.05])
+MATRIX = np.eye(3) + 1e-3 * np.array([[2.0, 0.3, -0.4], [0.5, -1.0, 0.2], [0.1, -0.6, 3.0]])
+TOML = """[site]
+gravity = 9.81
+latitude = 48.2
+[recordings]
+files = ["log.csv"]
+[columns]
+table_angles = { names = ["aussen", "innen"] }
+table_rates = { names = ["rate aussen", "rate innen"] }
+[table]
+axes = ["east", "north"]
+"""
+
+
+def station(folder):
+    """Twelve positions of 4 s each, then six turns about the inner axis and six about the outer one; angles empty while
+    the table moves from one to the next."""
+    rng = np.random.default_rng(5)
+    table = Turntable(axes=("east", "north"))  # pitch that carries roll
+    places = np.array([[a, b] for a in (0.0, 120.0, 240.0) for b in (0.0, 90.0, 180.0, 270.0)])
+    rows = [(np.tile(p, (80, 1)), np.zeros((80, 2)), np.full(80, k)) for k, p in enumerate(places)]
+    step = np.arange(80)[:, None] / 20.0
+    for inner in (
+        0.0,
+        90.0,
+        180.0,
+    ):  # about the outer axis on three device axes, and about the inner one
+        for rate in ([60.0, 0.0], [-60.0, 0.0], [0.0, 60.0], [0.0, -60.0]):
+            turning = np.tile(rate, (80, 1))
+            rows.append(([0.0, inner] + step * turning, turning, np.full(80, -1)))
+    angles, rates, label = (np.concatenate(x) for x in zip(*rows, strict=True))
+    ideal = ideal_readings(table, np.deg2rad(angles), np.deg2rad(rates), G, LATITUDE)
+    accel = ideal.force @ MATRIX.T + TRUTH + 1e-3 * rng.standard_normal(ideal.force.shape)
+    gyro = ideal.rate @ MATRIX.T + 0.01 * TRUTH + 1e-5 * rng.standard_normal(accel.shape)
+    columns = {"time": np.arange(len(label)) / 20.0, "position": label}
+    columns |= {f"accel_{a}": accel[:, k] for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}": gyro[:, k] for k, a in enumerate("xyz")}
+    told = {"aussen": angles[:, 0], "innen": angles[:, 1]}
+    told |= {"rate aussen": rates[:, 0], "rate innen": rates[:, 1]}
+    folder.mkdir()
+    pl.DataFrame(columns | told).write_csv(folder / "log.csv")
+    (folder / "campaign.toml").write_text(TOML)
+    return ideal, label
+
+
+def test_a_campaign_of_angles_is_calibrated_by_reference(tmp_path, capsys, monkeypatch):
+    ideal, label = station(tmp_path / "c")
+    (recording,) = load_campaign(tmp_path / "c").recordings
+    still = label >= 0
+    np.testing.assert_allclose(recording.reference_accel[still], ideal.force[still], atol=1e-9)
+    assert not recording.reference_accel[~still].any()  # angles of a table that moves are late
+    np.testing.assert_allclose(recording.reference_gyro, ideal.rate, atol=1e-12)
+    status, out, err = run(
+        capsys, monkeypatch, "calibrate", tmp_path / "c", "-o", tmp_path / "out", "--json"
+    )
+    assert status == 0, err
+    (device,) = json.loads(out)["devices"]
+    assert (
+        device["model"]["accel"]["estimator"] == device["model"]["gyro"]["estimator"] == "reference"
+    )
+    triads = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    for key, bias in (("accel", TRUTH), ("gyro", 0.01 * TRUTH)):
+        triad = triads[key]
+        truth = np.concatenate([bias, (MATRIX - np.eye(3)).ravel()])
+        sigma = np.sqrt(np.diagonal(triad["covariance"]))
+        assert np.all(np.abs(triad["coefficients"][0] - truth) < 4.0 * sigma)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        (('[table]\naxes = ["east", "north"]\n', ""), "table_angles needs [table] axes"),
+        (('"east", "north"]', '"up"]'), "[table] axes has 1 directions, but [columns] table_angles names 2"),
+        (('"east", "north"]', '"upp", "north"]'), "'upp' is no direction; did you mean 'up'?"),
+        (('"north"]\n', '"north"]\ncase = ["east", "up", "north"]\n'), "are left-handed"),
+        (('"north"]\n', '"north"]\ncase = ["east", "up", "up"]\n'), "must be at right angles"),
+        (('"aussen", "innen"] }', '"aussen", "innen"], unit = "gon" }'), "unit 'gon' is not known"),
+        (('["rate aussen", "rate innen"]', '["rate innen"]'), "name one column for each of table_angles"),
+        (('"aussen", "innen"', '"aussen", "inne"'), "column 'inne' is missing; did you mean 'innen'?"),
+        (("[table]", 'reference_accel = { names = ["accel_x", "accel_y", "accel_z"] }\n[table]'), "leave one out"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_in_one_line(tmp_path, change, said):
+    station(tmp_path / "c")
+    (tmp_path / "c" / "campaign.toml").write_text(TOML.replace(*change))
+    with pytest.raises(ValueError, match="campaign.toml: ") as caught:
+        load_campaign(tmp_path / "c")
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_empty_angles_are_allowed_while_the_table_moves_alone(tmp_path):
+    station(tmp_path / "c")
+    table = pl.read_csv(tmp_path / "c" / "log.csv")
+    empty = pl.when(pl.col("position") >= 0).then(pl.col("innen"))
+    table.with_columns(innen=empty).write_csv(tmp_path / "c" / "log.csv")
+    rates = 'table_rates = { names = ["rate aussen", "rate innen"] }\n'
+    (tmp_path / "c" / "campaign.toml").write_text(TOML.replace(rates, ""))
+    (recording,) = load_campaign(tmp_path / "c").recordings
+    assert recording.reference_gyro is None
+    assert not recording.reference_accel[recording.position < 0].any()
+    table.with_columns(innen=pl.lit(None)).write_csv(tmp_path / "c" / "log.csv")
+    with pytest.raises(ValueError, match="'innen' has no finite number in"):
+        load_campaign(tmp_path / "c")
