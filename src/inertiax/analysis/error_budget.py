@@ -275,19 +275,20 @@ def _second_derivatives(
             )
             return 0.5 * jnp.sum(jnp.square(estimator.residual(vector, moved)))
 
-        def slope(columns: _Columns) -> Array:
-            # θ = φ(T) C, so that the temperature acts through the curve, too.
-            phi = curve.basis(columns["temperature"])
-            by_vector = jax.grad(half_chi2)(phi @ jnp.asarray(curve.coefficients), columns)
-            return jnp.outer(phi, by_vector).reshape(-1)
-
-        columns = _columns(dwell)
-        weight = jnp.asarray(dwell.valid, columns["temperature"].dtype)
-        by_columns = jax.jacfwd(slope)(columns)
-        mixed = jnp.concatenate([x.reshape(x.shape[0], -1) for x in by_columns.values()], axis=1)
-        vector = curve(dwell.temperature)
-        own = jax.jacfwd(jax.grad(half_chi2))(vector, columns)
-        return curve.basis(dwell.temperature), weight * own, weight * mixed
+        columns, temperature = _columns(dwell), jnp.asarray(dwell.temperature)
+        phi, phi_slope = jax.jvp(curve.basis, (temperature,), (jnp.ones_like(temperature),))
+        coefficients = jnp.asarray(curve.coefficients)
+        slope = jax.grad(half_chi2)
+        by_vector = slope(phi @ coefficients, columns)
+        own, by_columns = jax.jacfwd(slope, argnums=(0, 1))(phi @ coefficients, columns)
+        # θ = φ(T) C, so that the temperature acts through the curve, too.
+        by_columns["temperature"] = by_columns["temperature"] + own @ (phi_slope @ coefficients)
+        flat = jnp.concatenate([x.reshape(len(by_vector), -1) for x in by_columns.values()], axis=1)
+        mixed = phi[:, None, None] * flat[None]
+        last = phi_slope[:, None] * by_vector[None]
+        mixed = mixed.at[..., -1].add(last).reshape(-1, flat.shape[1])
+        weight = jnp.asarray(dwell.valid, temperature.dtype)
+        return phi, weight * own, weight * mixed
 
     phis, hessians, mixed = jax.vmap(one)(dwells)
     unknowns = jnp.size(curve.coefficients)

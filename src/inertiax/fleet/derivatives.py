@@ -128,6 +128,8 @@ def _with_force(calibration: Calibration, dwells: Dwells) -> Dwells:
     """Dwells with compensated accelerometer outputs, as the gyros' estimator had them."""
     one = lambda a, t: calibration.without_effects()(a, jnp.zeros_like(a), t)[0]
     force = jax.vmap(one)(jnp.asarray(dwells.accel), jnp.asarray(dwells.temperature))
+    # Computed once: a compiler would compensate anew for each of the derivatives that read it.
+    force = jax.lax.optimization_barrier(force)
     return eqx.tree_at(lambda d: d.accel, dwells, force)
 
 

@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from ..data.recording import Campaign, Recording
 from ..plausibility import check_campaign
-from ..reduction.rests import Rests, STILL
 from .estimate import Estimate, estimate
 from .events import (
     done_event,
@@ -29,7 +28,8 @@ from .events import (
 from .gyro_rows import Turn
 from .itinerary import Itinerary
 from .next_position import NextPosition
-from .rest_ledger import found_rests, judge, labelled, matched, RECENT, Rest, WINDOW
+from .rest_ledger import judge, matched, RECENT, Rest, WINDOW
+from .rest_watch import LONGEST, RestWatch
 from .row_store import RowStore
 from .target import Target
 from .turns import turns_between
@@ -42,8 +42,6 @@ HOLD = 4.0  # s that a rest lasts when the next position is told, unless asked o
 CHECKED = (1, 2, 4, 7, 12, 20, 40)  # rests after which the plausibility is looked at
 AFFORDABLE = 4000  # thinned rows at rest that are judged anew together within a tenth of a second
 REFRESHED = 10  # rests after which all are judged anew where that takes longer
-_STEADY = 2000  # thinned rows that tell the usual step
-LONGEST = 180_000  # thinned rows, half an hour, in which rests are searched
 
 
 @dataclasses.dataclass(eq=False)
@@ -69,12 +67,7 @@ class Session:
 
     def _begin(self) -> None:
         self._stores.append(RowStore(f"recording-{len(self._stores) + 1}"))
-        self._finder: Rests | None = None  # the finder's last answer
-        self._looked = 0  # thinned rows that were looked at
-        self._moved: int | None = None  # last row of a window in which the device moved
-        self._asked: float | None = None  # when rests were last asked for, s
-        self._step: float | None = None  # s, between thinned rows
-        self._held = 0.0  # s of the present rest at which it was last told
+        self._watch = RestWatch(self.store)
 
     @property
     def store(self) -> RowStore:
@@ -89,13 +82,13 @@ class Session:
     @property
     def moving(self) -> bool:
         """Whether the device moved in the newest second of rows."""
-        return self._moved is not None and self._moved == self._looked
+        return self._watch.moving
 
     def state(self) -> Event | None:
         """The device now; `None` while there are too few rows."""
         if not self.store.count:
             return None
-        return state_event(self.store, self._usual_step(), moving=self.moving)
+        return state_event(self.store, self._watch.step, moving=self.moving)
 
     @property
     def accepted(self) -> list[Rest]:
@@ -115,12 +108,12 @@ class Session:
             begin = self.store.last if self.store.last is not None else float(stamps[0])
             self._seconds += float(stamps[-1]) - begin
         self.store.add(rows, stamps)
-        while not self.finished and self._looked < self.store.count:
-            step = self._usual_step()
-            ahead = self._looked + max(round(LOOK / step), 1)
+        while not self.finished and self._watch.looked < self.store.count:
+            step = self._watch.step
+            ahead = self._watch.looked + max(round(LOOK / step), 1)
             if ahead > self.store.count:
                 break
-            self._looked = ahead
+            self._watch.looked = ahead
             yield from self._look(ahead, step)
 
     def end(self) -> Iterator[Event]:
@@ -137,12 +130,6 @@ class Session:
 
     # --- rests -----------------------------------------------------------------------------------
 
-    def _usual_step(self) -> float:
-        if self._step is None or self.store.count < _STEADY:
-            stamps = self.store.recording(0, min(self.store.count, _STEADY)).time
-            self._step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.01
-        return self._step
-
     def _look(self, row: int, step: float) -> Iterator[Event]:
         """One look at the newest rows, up to `row`."""
         width = max(round(WINDOW / step), 16)
@@ -151,68 +138,47 @@ class Session:
         window = self.store.recording(row - width, row)
         if self._checked == 0 and row * step > 3.0 * WINDOW:
             yield from self._check(row)
-        if self._finder is None and window.position is None:
+        if not self._watch.asked_before and window.position is None:
             if row < 2 * width:  # too short for the finder
                 return
-            self._search(row)
-        if self._moves(window) and (yield from self._moved_on(row, step, window)):
+            self._watch.search(row)
+        if self._watch.moves(window) and (yield from self._moved_on(row, step, window)):
             return
-        later = self._held + self.hold if self.itinerary is not None else 2.0 * self._held
-        due = self.hold if self._held == 0.0 else later
-        if self._rested(row, step) < due:
+        later = (
+            self._watch.held + self.hold if self.itinerary is not None else 2.0 * self._watch.held
+        )
+        due = self.hold if self._watch.held == 0.0 else later
+        if self._watch.rested(row) < due:
             return
-        found = self._search(row)
-        self._moved_before(found, width)
-        rested = self._rested(row, step)
+        found = self._watch.search(row)
+        self._watch.begins_with(found, width)
+        rested = self._watch.rested(row)
         if rested >= due:
-            self._held = rested
+            self._watch.held = rested
             yield from self._resting(row, found)
 
     def _moved_on(self, row: int, step: float, window: Recording) -> Generator[Event, None, bool]:
         """The newest window moves, by what was usual when the finder was last asked: it is asked again, and the rests
         that ended are told. Whether it moves indeed."""
         now = float(window.time[-1])
-        began = self._moved is None or self._moved < row - 2 * max(round(LOOK / step), 1)
-        due = began or self._asked is None or now - self._asked >= RETRY
+        began = self._watch.moved is None or self._watch.moved < row - 2 * max(
+            round(LOOK / step), 1
+        )
+        due = began or self._watch.asked is None or now - self._watch.asked >= RETRY
         if due and row * step >= FIRST:
-            self._asked = now
-            found = self._search(row)
-            if not self._moves(window):
-                self._moved_before(found, window.num_samples)
+            self._watch.asked = now
+            found = self._watch.search(row)
+            if not self._watch.moves(window):
+                self._watch.begins_with(found, window.num_samples)
                 return False
-            self._moved, self._held = row, 0.0
+            self._watch.moved, self._watch.held = row, 0.0
             yield from self._ended(row, found)
-        self._moved, self._held = row, 0.0
+        self._watch.moved, self._watch.held = row, 0.0
         return True
-
-    def _moved_before(self, found: list[tuple[int, int, int]], width: int) -> None:
-        """The present rest begins where the finder says: before, the device moved, which a session that begins with
-        motion could not know."""
-        if found and found[-1][0] > 0:
-            self._moved = max(self._moved or 0, found[-1][0] + width // 2)
-
-    def _rested(self, row: int, step: float) -> float:
-        """How long the device has rested up to `row`, s; a rest that the finder finds is a window shorter."""
-        return (row - (self._moved or 0)) * step - WINDOW * (self._moved is not None)
-
-    def _moves(self, window: Recording) -> bool:
-        """Whether the device moved within the newest window, as the finder judged it when it was last asked."""
-        if window.position is not None:
-            return bool(window.position[-1] < 0 or window.position[-1] != window.position[-2])
-        if self._finder is None or self._finder.levels is None:
-            return False
-        return self._finder.levels.motion_of(window) > (self._finder.threshold or STILL)
-
-    def _search(self, row: int) -> list[tuple[int, int, int]]:
-        """Rests among the rows so far."""
-        first = max(row - LONGEST, 0)
-        found, finder = found_rests(self.store.recording(first, row))
-        self._finder = finder or self._finder
-        return [(first + a, first + b, label) for a, b, label in found]
 
     def _ended(self, row: int, found: list[tuple[int, int, int]]) -> Iterator[Event]:
         """Rests that ended before `row`."""
-        ended = [r for r in found if r[1] <= row and self._is_over(r, row)]
+        ended = [r for r in found if r[1] <= row and self._watch.is_over(r, row)]
         fresh = [r for r in ended if not self._known(r)]
         if not fresh:
             return
@@ -226,23 +192,14 @@ class Session:
         yield from self._stop(row)
         yield from self._check(row)
 
-    def _is_over(self, rest: tuple[int, int, int], row: int) -> bool:
-        if labelled(self.store.recording(row - 1, row)):
-            return rest[1] < row
-        return self._moved is not None and rest[1] <= self._moved
-
     def _overlapping(self, rest: tuple[int, int, int]) -> list[Rest]:
         part = len(self._stores)
         return [r for r in self.rests if r.part == part and r.overlaps(rest[0], rest[1])]
 
     def _known(self, rest: tuple[int, int, int]) -> bool:
         """Whether a rest was said with these ends."""
-        slack = self._slack()
+        slack = self._watch.slack
         return any(r.is_like(rest[0], rest[1], slack) for r in self._overlapping(rest))
-
-    def _slack(self) -> int:
-        """Rows by which an end may move without a rest's being another one: a window."""
-        return round(WINDOW / self._usual_step())
 
     def _judged(self, fresh: list[tuple[int, int, int]], row: int) -> list[Rest]:
         """Further rests, judged by those shortly before."""
@@ -278,7 +235,7 @@ class Session:
 
     def _resting(self, row: int, found: list[tuple[int, int, int]]) -> Iterator[Event]:
         """The device still rests: where to turn next, or that this rest was the last one needed."""
-        if not found or self._overlapping(found[-1]) or found[-1][1] <= (self._moved or 0):
+        if not found or self._overlapping(found[-1]) or found[-1][1] <= (self._watch.moved or 0):
             return
         (rest,) = self._judged([found[-1]], row)
         if not rest.accepted:
@@ -369,8 +326,8 @@ class Session:
 
         With `ended` a rest at the very end is left for later.
         """
-        found = self._search(row)
-        if ended and found and not self._is_over(found[-1], row):
+        found = self._watch.search(row)
+        if ended and found and not self._watch.is_over(found[-1], row):
             found = found[:-1]
         if not found:
             return
@@ -379,7 +336,7 @@ class Session:
         fresh = [(one, self._made(one.start, one.stop)) for one in judged]
         first, part = max(row - LONGEST, 0), len(self._stores)
         before = [r for r in self.rests if r.part == part and r.start >= first]
-        changed, added = matched(before, fresh, self._slack())
+        changed, added = matched(before, fresh, self._watch.slack)
         for rest in changed:
             yield rest_event(rest, self._stores[rest.part - 1])
         yield from self._rests(added)

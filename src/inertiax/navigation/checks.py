@@ -15,7 +15,7 @@ LOWEST, HIGHEST = -12e3, 1e6  # m: the deepest trench, and space
 FARTHEST_FIX = 1e6  # m from the origin of a level frame; the Earth's centre is six times as far
 FASTEST = 12e3  # m/s, about what leaves the Earth
 FARTHEST = 1e8  # m: a position that is less known is not on Earth
-LONGEST_STEP = 10.0  # s: nothing turns evenly for longer
+LONGEST_STEP = 1.0  # s: no filter is run more slowly, and 500 Hz in ms is 2
 ROTATION = 1e-3  # departure from orthonormality that is a mistake, not rounding or a filter's drift
 
 

@@ -156,6 +156,21 @@ class PaperIteration(AbstractIteration):
     rows: Int[AnyArray, "experiments longest"]  # of the dwells in each experiment
     kept: Bool[AnyArray, "experiments longest"]  # False: a row that only pads
 
+    def __init__(
+        self,
+        estimator: AbstractEstimator,
+        basis: AbstractBasis,
+        rows: Int[AnyArray, "experiments longest"] | None = None,
+        kept: Bool[AnyArray, "experiments longest"] | None = None,
+    ):
+        """Raises `ValueError` without the rows of each experiment, which `plan` finds in dwells."""
+        if rows is None or kept is None:
+            raise ValueError(
+                "`PaperIteration(estimator, basis)`: which dwells belong to which experiment is missing; "
+                "`PaperIteration.plan(estimator, basis, dwells)` finds it."
+            )
+        self.estimator, self.basis, self.rows, self.kept = estimator, basis, rows, kept
+
     @classmethod
     def plan(
         cls, estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
