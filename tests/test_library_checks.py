@@ -60,7 +60,7 @@ CASES = [
     ("D(a, w[:1])", "(gyro=...)`: shape (1, 24, 3)"),
     ("D(a, temperature=293.0)", "(temperature=...)`: from 293"),
     ("D(a, temperature=np.linspace(-40.0, 230.0, 24))", "from -40 to 230; it is in °C, from -100 to 200 (Fahrenheit?)"),
-    ("ix.PaperIteration(ix.Invariant(9.81), ix.Constant())", "`PaperIteration.plan(estimator, basis, dwells)` finds it"),
+    ("ix.PaperIteration(ix.Invariant(9.81), ix.Constant())", "`PaperIteration.plan(estimator, basis, dwells)` finds"),
     ("D(a, temperature=np.zeros(5))", "(temperature=...)`: shape (5,)"),
     ("D(a, temperature=np.nan)", "(temperature=...)`: not a finite number"),
     ("D(a, sigma=-1e-3)", "(sigma=...)`: -0.001; it is in m/s² for accel"),

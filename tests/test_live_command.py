@@ -444,6 +444,9 @@ def test_a_killed_run_loses_nothing_that_came(tmp_path):
         (["--target", "accel.bias=3"], "no number with a unit"),
         (["x"], "is not -"),
         (["-", "--follow", "log.csv"], "not both"),
+        (["--noise", "1 mg"], "give --plan, too"),
+        (["--plan", "--noise", "1 deg"], "does not belong to accel.bias"),
+        (["--plan", "--target", "gyro.bias=1 deg/h"], "asks nothing of the accelerometers"),
     ],
 )
 def test_wrong_usage_is_one_line(tmp_path, arguments, said, capsys):
@@ -454,3 +457,24 @@ def test_wrong_usage_is_one_line(tmp_path, arguments, said, capsys):
     assert caught.value.code in (1, 2)
     shown = capsys.readouterr().err
     assert said in shown and shown.count("\n") == 1
+
+
+def test_a_plan_says_the_rests_for_each_noise_and_follows_nothing(tmp_path, capsys):
+    from inertiax.cli.app import run
+
+    asked = [
+        str(campaign(tmp_path)),
+        "--plan",
+        "--target",
+        "accel.bias=0.5 mg, accel.scale=600 ppm",
+    ]
+    run(["live", *asked, "--json"])
+    said = json.loads(capsys.readouterr().out)["plan"]
+    assert [round(row["noise"] / 9.80665e-3, 3) for row in said] == [0.05, 0.125, 0.25, 0.5, 1.0]
+    rests = [row["rests"] for row in said]
+    assert rests[0] == 14 and rests == sorted(rests) and rests[-1] > 3 * rests[-2] - 30
+    assert said[0]["seconds"] == 14 * 10.0  # 4 s of hold, 2 s besides, 4 s of turning
+    run(["live", *asked, "--noise", "0.5 mg"])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1].split() == ["0.5", "mg", str(rests[3]), f"{rests[3] / 6:.1f}"]
+    assert not list(tmp_path.glob("**/live-*"))

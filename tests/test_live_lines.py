@@ -12,7 +12,13 @@ START = {
     "usual_for": "consumer",
     "hold": 4.0,
 }
-NEXT = {"event": "next", "statement": "turn it", "gain": 0.2, "provisional": False}
+NEXT = {
+    "event": "next",
+    "statement": "turn it",
+    "gain": 0.2,
+    "further": None,
+    "provisional": False,
+}
 REST = {"event": "rest", "number": 1, "start": 0.0, "end": 4.0, "why": None, "left_out": []}
 
 
@@ -56,6 +62,10 @@ def test_a_statement_that_is_known_is_said_as_before(said):
         "next: as before: turn it (gains 20 %)",
     ]
     assert said(NEXT | {"statement": "anew", "gain": 0.0}) == ["next: anew"]
+    assert said(NEXT | {"further": 7}) == ["next: turn it (gains 20 %, about 7 rests to go)"]
+    assert said(NEXT | {"further": 1}) == [
+        "next: as before: turn it (gains 20 %, about 1 rest to go)"
+    ]
 
 
 def test_a_first_rest_that_is_refused_says_what_to_do(said):

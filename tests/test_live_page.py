@@ -435,6 +435,42 @@ def test_the_page_in_a_browser(width, dark, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(FOUND is None, reason="no Chromium to lay the page out with")
+@pytest.mark.parametrize("done", [False, True])
+def test_the_page_that_is_kept_shows_the_same_without_a_server(done, tmp_path):
+    with PageServer() as server:
+        played(server)
+        if done:
+            server(DONE)
+    server.save(tmp_path / "page.html")
+    with Browser() as browser:
+        browser.open(tmp_path / "page.html", width=390)
+        browser.value(WAIT)
+        text = lambda name: browser.value(f"document.getElementById('{name}').textContent")
+        said = "Done: input ended" if done else "Turn the device so that +z"
+        assert text("next").startswith(said) and text("status").startswith("kept after")
+        assert "<b>late</b>" in text("problems") and "held by hand" in text("rests")
+        assert browser.value("document.querySelectorAll('#bars progress').length") == 4
+        assert browser.value("document.querySelectorAll('#sphere .covered').length") == 1
+        assert (browser.faults(), browser.errors) == ([], [])
+
+
+def test_the_page_that_is_kept_holds_the_events_and_runs_nothing_else(tmp_path):
+    with PageServer() as server:
+        server({"event": "problem", "kind": "clock", "severity": "error", "statement": "</script>"})
+        server(rest(1))
+    server.save(tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    (inside,) = re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', text, re.DOTALL)
+    problem, only = json.loads(inside)
+    assert problem["statement"] == "</script>" and only == rest(1)
+    (policy,) = re.findall(r'<meta http-equiv="Content-Security-Policy" content="(.*?)">', text)
+    assert "default-src &#39;none&#39;" in policy and "connect-src" not in policy
+    (nonce,) = set(re.findall(r'nonce="(.*?)"', text))
+    assert f"script-src &#39;nonce-{nonce}&#39;" in policy
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(FOUND is None, reason="no Chromium to try it with")
 def test_a_page_of_another_origin_can_read_and_frame_nothing(tmp_path):
     with PageServer() as server, Browser() as browser:
@@ -497,3 +533,5 @@ def test_the_command_serves_its_session_until_it_ends(folder, tmp_path, listen):
     assert {e["event"] for e in printed} >= {"start", "rest", "done"}
     states = [e for e in listener.found if e["event"] == "state"]
     assert states[-1]["temperature"] == 25.0 and states[-1]["up"][2] > 0.99
+    kept = (tmp_path / "out" / "page.html").read_text()
+    assert json.dumps(printed[-1]["reason"]) in kept

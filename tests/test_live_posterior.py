@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm
+from scipy.stats import norm, t as student
 
 from inertiax.data.recording import Campaign, Rig, Site
 from inertiax.estimators import Invariant, ReferenceAccel
@@ -17,6 +17,7 @@ from inertiax.live.gyro_rows import integrated, planned_rows, Turn, turn_rows
 from inertiax.live.next_position import best_position, followed, in_words, Part, planned_shares
 from inertiax.live.posterior import posterior_of, Rows
 from inertiax.live.rest_ledger import mean_covariances, Rest
+from inertiax.live.rests_ahead import rests_ahead
 from inertiax.live.target import parse_target
 from inertiax.live.warming import away_from_mean, followed_slopes
 from inertiax.physics.directions import hand_directions, nearest_by_hand, up_in_words
@@ -189,6 +190,82 @@ def test_the_next_position_is_the_one_that_tells_what_is_missing():
     np.testing.assert_allclose(
         chosen.gain, 1 - np.mean(after) / distance(found.covariance), rtol=1e-4
     )
+
+
+def test_degrees_of_freedom_are_those_of_the_rows_that_tell_the_scatter():
+    """Rows whose own noise is far below their scatter: as many degrees of freedom as rows less the mean."""
+    rng, counts = np.random.default_rng(11), (8, 15, 30)
+    for count in counts:
+        found = [
+            posterior_of(
+                Rows(np.ones((count, 1)), rng.standard_normal(count), np.full(count, 1e-4)),
+                np.zeros(1),
+                np.full(1, 1e3),
+            ).freedom(1e-4)
+            for _ in range(40)
+        ]
+        # The half-Cauchy prior of the scatter counts about as one row, as p(τ) ~ τ⁻² against τ⁻¹.
+        np.testing.assert_allclose(np.mean(found), count, rtol=0.15)
+
+
+def test_the_forecast_is_what_further_rests_do():
+    """Sessions of one device: the gain said beforehand is the mean of what the next rest brought, and the rests that
+    are said to be needed are as many as were needed."""
+    rng, campaign = np.random.default_rng(12), Campaign((), Site(GRAVITY), Rig())
+    target = parse_target("accel.bias=0.5 mg, accel.scale=600 ppm")
+    sigma, matrix = 4e-3, np.eye(3)
+    matrix[np.tril_indices(3)] += VECTOR[3:]
+    said, brought, forecast, needed = [], [], [], []
+    for _ in range(12):
+        rests, found, up, ratios = [], None, np.array([0.0, 0.0, 1.0]), []
+        gains, further = [], []
+        while found is None or not found.reached:
+            off = followed(up[None])[0, rng.integers(6)]
+            mean = GRAVITY * matrix @ off + VECTOR[:3] + sigma * rng.standard_normal(3)
+            own = 0.5 * sigma**2 * np.eye(3)
+            rests.append(
+                Rest(len(rests) + 1, 1, 0, 1, (0.0, 1.0), accel=mean, accel_covariance=own)
+            )
+            found = estimate(rests, campaign, target, found)
+            told = found.next_position()
+            up = np.array(told.up) / np.linalg.norm(told.up)
+            ratios.append(found.ratio)
+            gains.append(told.gain)
+            further.append(told.further)
+            assert (told.further is None) == (len(rests) < 14)
+        last = len(rests)
+        brought += [1.0 - b / a for a, b in zip(ratios[13:], ratios[14:])]
+        said += gains[13:-1]
+        if last > 14:
+            forecast.append(further[13])
+            needed.append(last - 14)
+    # Standard errors of both means are about a tenth of them.
+    assert len(said) > 40 and 0.75 < np.mean(said) / np.mean(brought) < 1.3
+    assert len(needed) > 6 and 0.6 < np.mean(forecast) / np.mean(needed) < 1.6
+
+
+def test_the_rests_that_are_said_beforehand_are_those_of_least_squares():
+    """By SciPy's quantiles and by normal equations at the plan's directions; a tenth of the noise needs no more than a
+    session makes anyhow, and a hundred times it more than a person does."""
+    target, model = parse_target("accel.bias=0.5 mg, accel.scale=600 ppm"), ByMagnitude(GRAVITY)
+    sigma = 5e-3
+    said = rests_ahead(target, model, None, sigma)
+    assert rests_ahead(target, model, None, 0.1 * sigma).rests == 14
+    assert rests_ahead(target, model, None, 100.0 * sigma).rests is None
+    # Shares as the test above has them from an optimiser: faces, and a few of the others; here both by rounding.
+    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    edges = np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1], [-1, 1, 0], [1, 0, -1], [0, 1, -1]], float)
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    reached = {}
+    for rests in (said.rests - 6, said.rests + 8):
+        whole = np.concatenate([np.tile(np.concatenate([faces, faces, edges]), (20, 1))])[:rests]
+        rows = model.tried(np.zeros(9), followed(whole).reshape(-1, 3)).reshape(rests, -1, 9)
+        information = np.einsum("kai,kaj->ij", rows, rows) / rows.shape[1] / sigma**2
+        std = np.sqrt(np.diag(np.linalg.inv(information)))
+        quantile = student.ppf(0.5 + 0.5 * 0.95 ** (1.0 / 6.0), rests - 9)
+        limits = np.array([0.5e-3 * 9.80665] * 3 + [6e-4] * 3)
+        reached[rests] = bool(np.all(quantile * std[[0, 1, 2, 3, 5, 8]] <= limits))
+    assert list(reached.values()) == [False, True]
 
 
 def test_the_plan_of_the_rests_that_are_needed_is_the_best_by_a_general_optimiser():

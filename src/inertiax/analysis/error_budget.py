@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from .._typing import AnyArray, Vec3
 from ..estimators import AbstractEstimator
-from ..numerics.linear_algebra import scaled_inverse
+from ..numerics.linear_algebra import scaled_inverse, spd_inverse
 from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
@@ -238,8 +238,7 @@ def source_derivatives(
     dwells = estimator.usable(dwells)
     scene = make_scene(estimator, curve, dwells)
     hessian, mixed = _second_derivatives(estimator, curve, dwells)
-    scale = 1.0 / jnp.sqrt(jnp.diagonal(hessian))
-    inverse = jnp.linalg.inv(hessian * scale[:, None] * scale[None, :])
+    inverse = spd_inverse(hessian)
 
     def derivative(source: Source) -> Array:
         # A disturbance reaches its own dwell only: by chain rule dwell by dwell, summed over a draw's dwells.
@@ -248,7 +247,7 @@ def source_derivatives(
         groups, count = _groups(source, dwells)
         rows = jax.ops.segment_sum(each, groups, count)
         flat = jnp.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
-        return -scale[:, None] * (inverse @ (scale[:, None] * flat))
+        return -inverse @ flat
 
     return tuple(derivative(s) for s in sources)
 

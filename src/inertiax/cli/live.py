@@ -13,7 +13,7 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
-from . import calibrate as calibrate_command, console, environment, outputs
+from . import calibrate as calibrate_command, console, environment, live_plan, outputs
 from .calibrate import CampaignPath, Force, Quiet
 from .live_lines import Words
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..diagnose.plan.separate import Separation
     from ..live.follow import Plan
     from ..live.page_server import PageServer
+
+PAGE = "page.html"  # what the page showed last
 
 
 def live(
@@ -43,6 +45,21 @@ def live(
             metavar="LIMITS",
             help='What the errors are to stay below, such as "accel.bias=0.3 mg, accel.scale=200 ppm" (all of them '
             "together with 95 %); by default what is usual for [device] grade, of the accelerometers alone.",
+        ),
+    ] = None,
+    ahead: Annotated[
+        bool,
+        typer.Option(
+            "--plan",
+            help="Follow nothing, but say how many rests the target needs, by the noise of a rest's mean.",
+        ),
+    ] = False,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NOISE",
+            help='With --plan: the noise of a rest\'s mean with its scatter from rest to rest, such as "0.35 mg"; by '
+            "default several.",
         ),
     ] = None,
     separate: Annotated[
@@ -95,11 +112,18 @@ def live(
     Rows are recorded as they come. When the target is reached, nothing gains or the input ends (Ctrl-C ends it), the
     recording is calibrated as `inertiax calibrate DIR` would.
 
-    With `--separate` the steps of a run are told instead, and at the end it is diagnosed with the campaign before.
+    With `--plan` it says beforehand how many rests the target needs, and follows nothing. With `--separate` the steps
+    of a run are told instead, and at the end it is diagnosed with the campaign before.
     """
     _check_source(source, follow)
     if separate is not None and target is not None:
         raise typer.BadParameter("means nothing with --separate.", param_hint="'--target'")
+    if noise is not None and not ahead:
+        raise typer.BadParameter("is the plan's: give --plan, too.", param_hint="'--noise'")
+    if ahead:
+        outputs.require_campaign(campaign)
+        live_plan.tell(campaign, target, noise, hold, as_json=as_json)
+        return
     if port is not None and not page:
         raise typer.BadParameter("is the page's: give --page, too.", param_hint="'--port'")
     outputs.require_campaign(campaign)
@@ -114,7 +138,7 @@ def live(
     if separate is not None:
         run = _proposed(separate, quiet=quiet)
         made, hold = _followed(made, run)
-    with outputs.owned_results(folder), _opened(page, port) as shown:
+    with outputs.owned_results(folder), _opened(page, port, folder) as shown:
         assert made.campaign.path is not None
         recorder = Recorder(folder, made.campaign.path)
         tellers = [_Json() if as_json else Words(quiet=quiet), _Bell()]
@@ -219,16 +243,25 @@ def _diagnosed(run: "Separation", folder: Path, *, quiet: bool) -> None:
 
 
 @contextmanager
-def _opened(page: bool, port: int | None) -> Iterator["PageServer | None"]:
-    """The page's server, its address told on standard error; `None` where no page is asked for."""
+def _opened(page: bool, port: int | None, folder: Path) -> Iterator["PageServer | None"]:
+    """The page's server, its address told on standard error; `None` where no page is asked for.
+
+    At the end the page is kept as a file beside what was recorded, if anything was.
+    """
     if not page:
         yield None
         return
     from ..live.page_server import PageServer
 
-    with PageServer(port or 0) as server:
-        console.say(f"page: {server.address}", aside=True)
-        yield server
+    server = PageServer(port or 0)
+    try:
+        with server:
+            console.say(f"page: {server.address}", aside=True)
+            yield server
+    finally:
+        if folder.is_dir():
+            server.save(folder / PAGE)
+            console.say(f"page: kept as {folder / PAGE}", aside=True)
 
 
 @contextmanager

@@ -59,8 +59,11 @@ class Words:
 
     def _next(self, event: dict) -> str:
         known = event["statement"] == self._last and not event["provisional"]
-        gains = f" (gains {100 * event['gain']:.0f} %)" if event["gain"] > 0.0 else ""
-        return f"next: {'as before: ' if known else ''}{event['statement']}{gains}"
+        told = [f"gains {100 * event['gain']:.0f} %"] if event["gain"] > 0.0 else []
+        if (further := event["further"]) is not None:
+            told.append(f"about {further} rest{'s' * (further != 1)} to go")
+        aside = f" ({', '.join(told)})" if told else ""
+        return f"next: {'as before: ' if known else ''}{event['statement']}{aside}"
 
     def _done(self, event: dict) -> str:
         said = f"done: {event['reason']} after {event['seconds']:.0f} s and {event['rests']} rests"

@@ -1,6 +1,7 @@
 """What the rests so far tell of the parameters, how far that is from the target, and where to turn next."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,12 +23,14 @@ from .accel_rows import (
 from .gyro_rows import integrated, NAMES as TURNED, planned_rows, Turn, turn_rows, Turned
 from .next_position import (
     best_position,
-    FOLLOWED,
     followed,
+    MISALIGNED,
     MOST_AHEAD,
     NextPosition,
     Part,
+    planned_limits,
     planned_shares,
+    rests_needed,
 )
 from .posterior import Posterior, posterior_of, Rows
 from .rest_ledger import Rest
@@ -35,9 +38,6 @@ from .target import CONFIDENCE, Target
 from .warming import away_from_mean, followed_slopes, slope_std, with_slopes
 
 
-# A misalignment that the rests tell no better than this is left out by the batch estimate (see
-# `calibrate.accelerometers.MISALIGNED`), which must not happen after the target is said to be reached.
-MISALIGNED = 0.01  # rad
 # Degrees of freedom that the batch estimate is left with: its standard deviations do not widen for want of them, and
 # Student's 95 % are 2.6 standard deviations with 5 and 4.3 with 2.
 FEWEST_FREEDOM = 5
@@ -46,6 +46,7 @@ _MOST_STEPS = 6
 TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
 PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
 MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
+SOON = 1.0  # rests before a session may stop from which on it says how many are still needed
 JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
 
 
@@ -135,7 +136,7 @@ class Estimate:
         there are no accelerometers."""
         up = hand_directions()
         around = followed(up)
-        parts, planned, ahead = [], [], MOST_AHEAD
+        parts, planned, ahead, lacking = [], [], MOST_AHEAD, 0.0
         for triad in self.triads:
             made = self._rows(triad, around.reshape(-1, 3))
             exact = self._rows(triad, up)
@@ -143,16 +144,23 @@ class Estimate:
                 continue
             variance = triad.own_variance + triad.posterior.scatter_variance
             rows = made.reshape(*around.shape[:2], *made.shape[1:])
-            parts.append(Part(triad.posterior.covariance, triad.limits, rows, variance))
-            limits = _planned_limits(triad, self.model.gravity)
+            freedom = triad.posterior.freedom(triad.own_variance)
+            parts.append(Part(triad.posterior.covariance, triad.limits, rows, variance, freedom))
+            limits = planned_limits(triad.names, triad.limits, self.model.gravity)
             planned.append(Part(triad.posterior.covariance, limits, exact[:, None], variance))
             if self.model is not None and triad.names == self.model.names:
                 # Before the first rest at which a session may stop nobody knows the noise, hence how many are needed.
-                first = (len(triad.names) + FEWEST_FREEDOM) / exact.shape[1] - self.rests
-                ahead = first if first >= 1.0 else MOST_AHEAD
+                lacking = (len(triad.names) + FEWEST_FREEDOM) / exact.shape[1] - self.rests
+                ahead = lacking if lacking >= 1.0 else MOST_AHEAD
         if not any(np.isfinite(p.limits).any() for p in parts):
             return None if self.now is None else _anywhere(self.now)
-        return best_position(up, parts, planned_shares(planned, ahead))
+        share = planned_shares(planned, ahead)
+        found = best_position(up, parts, share)
+        # The scatter's prior alone is no forecast of the noise.
+        further = rests_needed(parts, share, self.ratio) if lacking < SOON else None
+        if further is not None:
+            further = max(further, math.ceil(lacking), 1)
+        return dataclasses.replace(found, further=further)
 
     def _rows(
         self, triad: Triad, up: Float[np.ndarray, "candidate 3"]
@@ -165,21 +173,6 @@ class Estimate:
         if triad.names == TURNED and self.now is not None:
             return planned_rows(self.now, up)
         return None
-
-
-def _planned_limits(triad: Triad, gravity: float) -> Float[np.ndarray, " parameter"]:
-    """Limits that the plan is made for, with those of elements of the matrix that nobody asked for.
-
-    Such an element ε of the matrix is felt as ε sin α in a position that is off by α, and in no position that is held
-    exactly: the plan wants it known as well as what is asked for is, at the angle by which a person is off.
-    """
-    asked = np.isfinite(triad.limits)
-    if not asked.any():
-        return triad.limits
-    matrix = np.array([".matrix" in name for name in triad.names])
-    least = np.min(triad.limits[asked] / np.where(matrix[asked], 1.0, gravity))
-    beside = min(least / np.sin(FOLLOWED), MISALIGNED)
-    return np.where(matrix & ~asked, beside, triad.limits)
 
 
 def _anywhere(now: Float[np.ndarray, "3"]) -> NextPosition:

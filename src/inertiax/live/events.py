@@ -103,6 +103,7 @@ def next_event(position: NextPosition, *, provisional: bool = False) -> Event:
         "up": list(position.up),
         "statement": position.statement,
         "gain": position.gain,
+        "further": position.further,
         "temperature": position.temperature,
         "rate": position.rate,
         "provisional": provisional,

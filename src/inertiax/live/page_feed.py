@@ -31,7 +31,7 @@ class Feed:
     """What was published, for the pages of one session. All of it runs in one event loop."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple, bytes] = {}
+        self._kept: dict[tuple, bytes] = {}  # as JSON
         self._clients: set[Client] = set()
 
     @property
@@ -41,8 +41,9 @@ class Feed:
 
     def publish(self, event: Event) -> None:
         """An event to every page; a page that is too far behind is dropped."""
-        message = b"data: " + msgspec.json.encode(event) + b"\n\n"
-        self._kept[_identity(event)] = message
+        said = msgspec.json.encode(event)
+        self._kept[_identity(event)] = said
+        message = _sent(said)
         for client in tuple(self._clients):
             try:
                 client.queue.put_nowait(message)
@@ -56,7 +57,11 @@ class Feed:
             return None
         client = Client(drop)
         self._clients.add(client)
-        return client, b"".join(self._kept.values())
+        return client, b"".join(_sent(said) for said in self._kept.values())
+
+    def so_far(self) -> bytes:
+        """What counts so far, a JSON list of events."""
+        return b"[" + b",".join(self._kept.values()) + b"]"
 
     def leave(self, client: Client) -> None:
         """A page that was closed."""
@@ -70,6 +75,11 @@ class Feed:
             except asyncio.QueueFull:
                 self.leave(client)
                 client.drop()
+
+
+def _sent(said: bytes) -> bytes:
+    """One event of a stream of server-sent events."""
+    return b"data: " + said + b"\n\n"
 
 
 def _identity(event: Event) -> tuple:

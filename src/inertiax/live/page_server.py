@@ -15,11 +15,13 @@ import importlib.util
 import secrets
 import socket
 import threading
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from ..storage.whole_files import write_atomically
 from .events import Event
 from .page_feed import Feed
 
@@ -43,6 +45,10 @@ _HEADERS = {
 _PAGE_POLICY = (
     "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_FILE_POLICY = (
+    "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; "
+    "base-uri 'none'; form-action 'none'"
 )
 
 
@@ -97,6 +103,10 @@ class PageServer:
         """Hand an event to the pages; does not wait for any."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._feed.publish, event)
+
+    def save(self, path: Path) -> None:
+        """The page as it is now in a file of its own, which needs no server; call it when the context has ended."""
+        write_atomically(path, kept_page(self._feed.so_far()).encode())
 
     def _run(self) -> None:
         try:
@@ -236,7 +246,19 @@ def application(feed: Feed, token: str, port: int) -> "Application":
 
 def page(nonce: str) -> str:
     """The page as HTML, with its style and its script inside; they run under this nonce alone."""
+    return _rendered(nonce=nonce, policy=None, events=None)
+
+
+def kept_page(events: bytes) -> str:
+    """The same as a file that shows `events`, a JSON list, and may load and send nothing."""
+    nonce = secrets.token_urlsafe(16)
+    # No "<" may end the element that holds them; in JSON it stands in strings alone.
+    inside = events.decode().replace("<", "\\u003c")
+    return _rendered(nonce=nonce, policy=_FILE_POLICY.format(nonce=nonce), events=inside)
+
+
+def _rendered(**given: str | None) -> str:
     environment = Environment(
         loader=PackageLoader("inertiax", "templates"), undefined=StrictUndefined, autoescape=True
     )
-    return environment.get_template("live.html").render(nonce=nonce)
+    return environment.get_template("live.html").render(**given)

@@ -79,6 +79,16 @@ class Posterior:
         """Mean of τ²."""
         return float(self.weight @ self.scatter**2)
 
+    def freedom(self, own_variance: float) -> float:
+        """Degrees of freedom ν with which a row's variance is known; `own_variance` is that within a rest.
+
+        Those of a scaled inverse χ² distribution of the same coefficient of variation, (2 / (ν − 4))^½.
+        """
+        variance = max(own_variance, _FLOOR**2) + self.scatter**2
+        mean = self.weight @ variance
+        spread = self.weight @ (variance / mean - 1.0) ** 2
+        return float(4.0 + 2.0 / max(spread, 1e-6))
+
     def within(self, limits: Float[np.ndarray, " parameter"]) -> float:
         """Probability that the errors of all parameters are below their limits (∞ where nothing is asked).
 

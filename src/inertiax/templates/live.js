@@ -206,17 +206,24 @@ if (typeof document !== "undefined") (() => {
   const redraw = () => { drawn ??= requestAnimationFrame(draw); };
 
   find("azimuth").addEventListener("input", redraw);
-  const source = new EventSource("events");
-  source.onmessage = (message) => {
-    ended = false;
-    known = Live.after(known, JSON.parse(message.data));
-    if (known.done) source.close();
-    redraw();
-  };
-  source.onerror = () => {
-    if (known.done) return;
+  const stored = find("events"); // of a page that was kept as a file
+  if (stored) {
+    known = JSON.parse(stored.textContent).reduce(Live.after, known);
     ended = true;
-    find("status").textContent = "not connected: the session ended, or the page fell behind";
-  };
+    find("status").textContent = known.done ? "kept after the session" : "kept after a session that was cut off";
+  } else {
+    const source = new EventSource("events");
+    source.onmessage = (message) => {
+      ended = false;
+      known = Live.after(known, JSON.parse(message.data));
+      if (known.done) source.close();
+      redraw();
+    };
+    source.onerror = () => {
+      if (known.done) return;
+      ended = true;
+      find("status").textContent = "not connected: the session ended, or the page fell behind";
+    };
+  }
   redraw();
 })();
