@@ -468,13 +468,15 @@ def test_a_plan_says_the_rests_for_each_noise_and_follows_nothing(tmp_path, caps
         "--target",
         "accel.bias=0.5 mg, accel.scale=600 ppm",
     ]
-    run(["live", *asked, "--json"])
+    with pytest.raises(SystemExit, match="^$"):
+        run(["live", *asked, "--json"])
     said = json.loads(capsys.readouterr().out)["plan"]
     assert [round(row["noise"] / 9.80665e-3, 3) for row in said] == [0.05, 0.125, 0.25, 0.5, 1.0]
     rests = [row["rests"] for row in said]
     assert rests[0] == 14 and rests == sorted(rests) and rests[-1] > 3 * rests[-2] - 30
     assert said[0]["seconds"] == 14 * 10.0  # 4 s of hold, 2 s besides, 4 s of turning
-    run(["live", *asked, "--noise", "0.5 mg"])
+    with pytest.raises(SystemExit, match="^$"):
+        run(["live", *asked, "--noise", "0.5 mg"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1].split() == ["0.5", "mg", str(rests[3]), f"{rests[3] / 6:.1f}"]
     assert not list(tmp_path.glob("**/live-*"))
