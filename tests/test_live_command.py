@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 
+from command_runs import run as run_command
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Recording
 from inertiax.live.follow import events, plan
@@ -375,7 +376,9 @@ def started(*arguments, **options):
 
 
 @pytest.mark.slow
-def test_the_command_reads_standard_input_and_writes_what_the_batch_command_gives(tmp_path):
+def test_the_command_reads_standard_input_and_writes_what_the_batch_command_gives(
+    tmp_path, capsys, monkeypatch
+):
     folder, out = campaign(tmp_path), tmp_path / "out"
     process = started(
         folder, "-", "--json", "-o", out, "--target", "accel.bias=1 ug", stdin=subprocess.PIPE
@@ -386,18 +389,14 @@ def test_the_command_reads_standard_input_and_writes_what_the_batch_command_give
     assert found[-1]["event"] == "done" and accepted(found) == 12
     assert (out / "report.html").is_file()
     mine = json.loads((out / "calibration.json").read_text())
-    again = subprocess.run(
-        [sys.executable, "-m", "inertiax", "calibrate", out, "-o", tmp_path / "batch", "-q"],
-        env=ENVIRONMENT,
-        timeout=240,
-    )
-    assert again.returncode == 0
+    status, *_ = run_command(capsys, monkeypatch, "calibrate", out, "-o", tmp_path / "batch", "-q")
+    assert status == 0
     batch = json.loads((tmp_path / "batch" / "calibration.json").read_text())
     assert mine["accel"] == batch["accel"] and mine["gyro"] == batch["gyro"]
 
 
 @pytest.mark.slow
-def test_the_command_ends_with_what_the_batch_command_says(tmp_path):
+def test_the_command_ends_with_what_the_batch_command_says(tmp_path, capsys, monkeypatch):
     folder, out = campaign(tmp_path), tmp_path / "out"
     process = started(folder, "-", "-o", out, stdin=subprocess.PIPE)
     said, errors = process.communicate((f"{HEADER}\n" + text(session_rows(12))).encode(), 240)
@@ -405,13 +404,8 @@ def test_the_command_ends_with_what_the_batch_command_says(tmp_path):
     lines = said.decode().splitlines()
     done = next(k for k, line in enumerate(lines) if line.startswith("done: "))
     assert lines[done + 1].startswith(f"recorded: {out / 'recording-1.csv'} (its ± below")
-    again = subprocess.run(
-        [sys.executable, "-m", "inertiax", "calibrate", out, "-o", tmp_path / "batch"],
-        env=ENVIRONMENT,
-        capture_output=True,
-        timeout=240,
-    )
-    batch = again.stdout.decode().splitlines()
+    _, told, _ = run_command(capsys, monkeypatch, "calibrate", out, "-o", tmp_path / "batch")
+    batch = told.splitlines()
     assert any(line.startswith("is it good? ") for line in batch)
     assert lines[done + 2 : -1] == batch[:-1] and str(out / "report.html") in lines[-1]
 
