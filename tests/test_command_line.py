@@ -84,6 +84,7 @@ def test_the_catalogue_of_effects_is_printed_without_a_campaign(capsys, monkeypa
         assert effect.equation in out and effect.needs in out and effect.separating in out
 
 
+@pytest.mark.slow
 def test_calibration_and_diagnosis_load_nothing_large_that_they_seldom_need():
     modules = "inertiax.calibrate.pipeline, inertiax.diagnose.pipeline, inertiax.report.calibration"
     said = subprocess.run(

@@ -77,6 +77,7 @@ def test_optimised_18_positions_reach_the_bound_that_no_plan_can_pass(best):
     assert score("D", _information(PROGRAMME_24), 24) / bound < plain
 
 
+@pytest.mark.slow
 def test_other_criteria_are_optimised_too():
     weight = sphere_average(ESTIMATOR, TABLE)
     scores = {

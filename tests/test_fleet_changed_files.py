@@ -9,6 +9,7 @@ from fleet_data import write_line
 from inertiax.fleet import run_fleet
 
 
+@pytest.mark.slow
 def test_changed_new_and_lost_files_are_named_and_touched_ones_are_not(tmp_path):
     line, out = tmp_path / "line", tmp_path / "out"
     write_line(line, 4)

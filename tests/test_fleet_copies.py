@@ -2,6 +2,7 @@
 
 import numpy as np
 import polars as pl
+import pytest
 
 from fleet_data import write_line
 from inertiax.fleet import read_parts, run_fleet
@@ -12,6 +13,7 @@ from inertiax.fleet.store import part_file, write_part
 COPY, ORIGINAL = "SN0004", "SN0001"
 
 
+@pytest.mark.slow
 def test_devices_with_the_same_samples_are_set_aside_and_name_each_other(tmp_path):
     write_line(tmp_path / "line", 6)
     for file in (tmp_path / "line").glob("*.parquet"):

@@ -87,6 +87,7 @@ def test_amplitudes_are_those_put_in():
     assert "the same in all devices" in first.sentence
 
 
+@pytest.mark.slow
 def test_an_effect_of_the_make_spreads_over_devices():
     rng = np.random.default_rng(50)
     sizes = rng.normal(3e-3, 1.5e-3, DEVICES)

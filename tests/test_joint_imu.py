@@ -172,6 +172,7 @@ def test_lever_arms_stay_constant_over_temperature():
     np.testing.assert_allclose(slope, truth["slope"], atol=5.0 * ACCEL_SIGMA / 20.0 / np.sqrt(30))
 
 
+@pytest.mark.slow
 def test_lever_arms_that_no_plateau_tells_are_held_at_zero_as_long_as_the_others():
     rng = np.random.default_rng(3)
     arms = rng.normal(0.0, 0.03, (3, 3))

@@ -168,6 +168,7 @@ def in_pieces(folder, rows, size):
     yield from session.end()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [5.0, 20.0])
 def test_a_device_that_moves_in_the_first_rows_has_the_rests_of_the_batch(tmp_path, seconds):
     person = Person(5)

@@ -118,6 +118,7 @@ def test_a_part_without_any_rest_has_none(tmp_path):
         assert segment(part[:]).used.mean() > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_the_disk", [False, True])
 def test_noise_of_parts_is_that_of_the_whole(tmp_path, monkeypatch, on_the_disk):
     monkeypatch.setattr("inertiax.allan.rest_channels.LONG", 100 if on_the_disk else 1 << 30)

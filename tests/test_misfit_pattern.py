@@ -54,6 +54,7 @@ def test_what_follows_the_square_of_the_force_or_the_time_is_said(estimator):
     assert said(estimator, lambda up, time: 0.1 * second_order(up, time)) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=["invariant", "reference"])
 def test_white_scatter_follows_nothing(estimator):
     # A chance of 2 · 10⁻³ each by the F test: more than two of 100 are rarer than 2 · 10⁻³ themselves.

@@ -198,6 +198,7 @@ def test_the_budget_puts_what_plateaus_share_under_the_rig_s_positions():
     assert np.sqrt(parts["rig position"][4]) == pytest.approx(ANGLE / np.sqrt(3.0), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", [True, False])
 def test_intervals_cover_whether_the_error_is_drawn_for_an_axis_or_for_a_plateau(shared):
     rng, inside, squares = np.random.default_rng(3), 0, []

@@ -53,6 +53,7 @@ def test_a_sound_fit_is_decided(sound, tmp_path):
     assert (bias["decision"], bias["reason"]) == ("pass", "")
 
 
+@pytest.mark.slow
 def test_rests_that_differ_by_fifty_times_their_noise_decide_nothing(tmp_path):
     folder = write_campaign(tmp_path / "c")
     table = pl.read_csv(folder / "0.csv")
