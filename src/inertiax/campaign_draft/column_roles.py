@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .column_words import means, plain, triad_of_words, UNIT, without, without_unit
+from .column_words import FILES, means, plain, triad_of_words, UNIT, without, without_unit
 from .converters import G, whole
 from .mag_unit import mag_unit
 from .raw_log import RawLog
@@ -18,6 +18,7 @@ _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers 
 _STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
 _EPOCH = (0.9e9, 2.5e9)  # s since 1970: 1998 to 2049
 _MOST_LABELS = 32
+_MOST_SENSORS = 8  # words in a column that names each row's sensor
 
 
 WITH_GRAVITY = (
@@ -50,10 +51,11 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
     **Arguments:** `only` is "accel" or "gyro" for a file of that triad alone.
     Raises `ValueError` where no triad is found.
     """
+    _refuse_tagged(log)
     named = log.has_header and log.format != "imu_tk" and not _is_one_array(log.names)
     roles = _by_name(log) if named else _by_numbers(log, only)
     if only is None:
-        roles = _as_magnetometers(log, roles)
+        roles = _as_the_file_is_called(log, roles)
     if only is not None:
         first = getattr(roles, only) or roles.accel or roles.gyro
         roles = roles._replace(accel=None, gyro=None)._replace(**{only: first})
@@ -76,6 +78,40 @@ def _is_one_array(names: tuple[str, ...]) -> bool:
     """Whether the columns are those of one array, as a MATLAB or HDF5 file holds it: numbered from 0, without names."""
     first = names[0].removesuffix("_0")
     return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
+
+
+def _refuse_tagged(log: RawLog) -> None:
+    """Raises `ValueError` where each row holds one sensor, named in a column of words: `acc 2060 0.03 0.00 0.97`."""
+    for name, words in log.texts.items():
+        kinds = {w: k for w in words for k in ("accel", "gyro", "mag") if means(k, w)}
+        if len(words) <= _MOST_SENSORS and len(set(kinds.values())) > 1:
+            tags = ", ".join(map(repr, sorted(kinds)))
+            raise ValueError(
+                f"{log.path.name}: each row is of one sensor, named in {name} ({tags}): write the rows of each into a "
+                f"file of its own (grep '^{min(kinds)}' {log.path.name} > accel.txt, and so on), then "
+                "`inertiax init accel.txt --gyro gyro.txt`."
+            )
+
+
+def _as_the_file_is_called(log: RawLog, roles: Roles) -> Roles:
+    """A triad alone whose columns say nothing, by the name of its file, else by its numbers."""
+    triad = roles.accel
+    if triad is None or roles.gyro is not None or roles.mag is not None:
+        return roles
+    array = _is_one_array(log.names)
+    if not array and any(means(k, log.hint(n)) for k in ("accel", "gyro", "mag") for n in triad):
+        return _as_magnetometers(log, roles)
+    called = plain(log.names[0] if array else log.path.stem)
+    told = [k for k, words in FILES.items() if words.search(called)]
+    if len(told) != 1:
+        return _as_magnetometers(log, roles)
+    if told[0] == "accel":
+        return roles
+    note = f"taken for the {'gyros' if told[0] == 'gyro' else 'magnetometers'}, because the file is {log.path.name}"
+    if told[0] == "gyro":
+        notes = (*roles.notes, f"{', '.join(triad)}: {note}")
+        return roles._replace(accel=None, gyro=triad, notes=notes)
+    return roles._replace(accel=None, mag=triad, mag_by=f"the file is {log.path.name}")
 
 
 def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
@@ -157,9 +193,14 @@ def _by_name(log: RawLog) -> Roles:
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
     temperature = [n for n in free if means("temperature", n)]
+    temperature.sort(
+        key=lambda n: n in log.numbers and not np.any(log.numbers[n])
+    )  # dead ones last
     times = [n for n in free if means("time", n) and n not in temperature]
     position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
+    if not times:  # what rises throughout is a clock, whatever its name is
+        times = [n for n in free if n in log.numbers and _rises(log, n)]
     return Roles(
         _best_time(log, times),
         next(iter(kinds["accel"]), None),
@@ -195,6 +236,13 @@ def _best_time(log: RawLog, times: list[str]) -> str | None:
     times = sorted(times, key=lambda t: "header" not in plain(t))
     steady = [t for t in times if np.all(np.diff(_values(log, t)) > 0)]
     return next(iter(steady or times), None)
+
+
+def _rises(log: RawLog, name: str) -> bool:
+    """Whether a column rises from row to row as a clock does: the longest step is no half of the whole."""
+    values = log.numbers[name]
+    steps = np.diff(values)
+    return _is_clock(values) and float(steps.max()) < 0.5 * float(steps.sum()) and len(steps) > 50
 
 
 def _values(log: RawLog, name: str) -> Float[np.ndarray, " rows"]:

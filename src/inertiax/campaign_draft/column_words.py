@@ -66,7 +66,7 @@ WORDS: dict[Role, dict[str, str]] = {
     "rate": {"any": r"^r[_ .-]?x", "en": r"rate", "de": r"geschw", "fr": r"vit", "es": r"vel"},
     "time": {
         "any": r"^t$|^t[_ (\[]|^ts|utc",
-        "en": r"time|stamp|second|^sec|^millis|^micros|^clock",
+        "en": r"time|stamp|second|^sec|^millis|^micros|^clock|^now(?![a-z])",
         "de": r"zeit(?!konst)|stempel|sekund|uhr$|^uhr",
         "fr": r"temps(?![a-z])|horodat|^heure",
         "es": r"tiempo|segund|^hora(?![a-z])",
@@ -103,6 +103,13 @@ WORDS: dict[Role, dict[str, str]] = {
     },
 }
 
+# Words of a file's name, for a triad whose columns have none: sensors, and chips that hold nothing else.
+FILES: dict[Role, re.Pattern[str]] = {
+    "accel": re.compile(r"acc|beschl|adxl"),
+    "gyro": re.compile(r"gyr|l3g|itg"),
+    "mag": re.compile(r"mag(?!ic)|compass|kompass|[hq]mc\d|lis3mdl|ak8|ak09"),
+}
+
 # Axes by words, in the order x (forward), y (across), z (vertical).
 AXES_IN_WORDS = (
     ("p", "q", "r"),  # rates, as aeronautics writes them
@@ -126,7 +133,10 @@ _DEGREE = r"(?:deg(?:re+s?)?|°|grad[ois]*)"
 RATE_UNITS = (
     ("deg/h", rf"{_DEGREE}[ _]?(?:/|per|pro)[ _]?(?:h|std)|dph"),
     ("deg/s", rf"{_DEGREE}|dps"),
-    ("rad/s", r"rad"),
+    (
+        "rad/s",
+        r"rad|(?:^|[ ./])angular_velocity\.[xyz]\b",
+    ),  # the latter: a field of ROS's sensor_msgs/Imu
 )
 UNIT = re.compile(
     r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°|grad|grados|gradi|degres)/(?:s|h).*", re.IGNORECASE

@@ -16,6 +16,7 @@ from ..data.formats.time_stamps import seconds_of
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
 _MOST_UNIT_ROWS = 5
+_FIRST_ROWS, _MOST_WORDS = 1000, 64  # of a column of text that are looked at
 _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
     re.IGNORECASE,
@@ -33,7 +34,9 @@ class RawLog(NamedTuple):
     stamps: dict[str, Float[np.ndarray, " rows"]]  # s, of columns of ISO 8601 text
     words: dict[str, str]  # units row by row below a header, by column
     unit_rows: int  # rows of text below the header
-    texts: tuple[str, ...] = ()  # columns of other text, which may be labels
+    texts: dict[
+        str, tuple[str, ...]
+    ] = {}  # columns of other text, which may be labels, each with its first words
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,7 +92,7 @@ def _from_table(
     words: dict[str, str] = {}
     for row in table.head(unit_rows).iter_rows(named=True):
         words |= {k: f"{words.get(k, '')} {v or ''}".strip() for k, v in row.items()}
-    body, numbers, stamps, texts = table.slice(unit_rows), {}, {}, []
+    body, numbers, stamps, texts = table.slice(unit_rows), {}, {}, {}
     for column in body.get_columns():
         values = _numbers(column)
         if values is not None:
@@ -99,10 +102,11 @@ def _from_table(
             if seconds is not None:
                 stamps[column.name] = seconds
             elif column.null_count() < len(column):
-                texts.append(column.name)
+                words_of = column.head(_FIRST_ROWS).drop_nulls().unique().head(_MOST_WORDS)
+                texts[column.name] = tuple(sorted(words_of.str.strip_chars()))
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
-    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, tuple(texts))
+    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts)
 
 
 def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:

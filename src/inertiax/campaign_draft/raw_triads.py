@@ -40,7 +40,15 @@ class RawTriads(NamedTuple):
 def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     """Both triads. Raises `ValueError` where a file holds none, or triads were not logged at the same time."""
     log = read_log(path)
-    gyro_path = gyro_path or _gyros_beside(path, log)
+    if gyro_path is None:
+        try:
+            return _read(path, log, _gyros_beside(path, log))
+        except ValueError:  # what lies beside it is no part of this log
+            return _read(path, log, None)
+    return _read(path, log, gyro_path)
+
+
+def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     roles = roles_of(log, None if gyro_path is None else "accel")
     clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
     accel, gyro = _columns(log, roles.accel), _columns(log, roles.gyro)
@@ -57,6 +65,11 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     other_clock = clock_of(
         other, other_roles.time, len(next(iter(other.numbers.values()))), other_roles.temperature
     )
+    if log.has_header and clock.name not in (None, *other.stamps, *other.names):
+        raise ValueError(
+            f"{gyro_path.name}: has no column {clock.name!r}, the stamps of {path.name}; write both files with one "
+            "name for their stamps."
+        )
     gyro = _columns(other, other_roles.gyro)
     assert accel is not None and gyro is not None
     first = Recording(time=_absolute(log, clock), accel=accel, name=path.name)

@@ -130,7 +130,8 @@ def _first_lines(data: bytes, wanted: int) -> list[_Line]:
         end = data.find(b"\n", position)
         end = len(data) if end < 0 else end
         number += 1
-        text = as_utf8(data[position:end]).decode("utf-8", "replace").strip()
+        # Tabs at a line's end are fields that are empty in this row.
+        text = as_utf8(data[position:end]).decode("utf-8", "replace").lstrip().rstrip(" \r")
         if text and (len(lines) < FIRST_LINES or number >= wanted):
             lines.append(_Line(text, number, position))
         position = end + 1

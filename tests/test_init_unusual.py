@@ -1,0 +1,101 @@
+"""`inertiax init` on layouts of public logs that it once read wrongly; the data are the hand log of these tests."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from hand_log_data import DEGREE, G, hand_log
+from inertiax.campaign_draft import draft_campaign
+from inertiax.data.campaign import load_campaign
+
+
+TIME, ACCEL, GYRO = hand_log()
+CANONICAL = "ax,ay,az,gx,gy,gz"
+
+
+def written(path, columns, header=None, delimiter=","):
+    rows = [delimiter.join(f"{v:.7g}" for v in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([*([] if header is None else [header]), *rows]) + "\n")
+    return path
+
+
+def draft(path, **settings):
+    text = draft_campaign(path, path.parent, **settings).text
+    (path.parent / "campaign.toml").write_text(text)
+    return tomllib.loads(text)
+
+
+def test_what_rises_throughout_is_the_clock_and_a_dead_temperature_is_none(tmp_path):
+    """As an ESP32 with a weather sensor writes it; the probe beside the IMU is the second temperature."""
+    warm = 20.0 + TIME / 60.0
+    columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, np.zeros_like(warm), warm)
+    path = written(tmp_path / "log.csv", columns, f"now[ms],{CANONICAL},BMP_temp[C],gtemp")
+    found = draft(path)["columns"]
+    assert found["time"] == {"name": "now[ms]", "unit": "ms"}
+    assert found["temperature"]["name"] == "gtemp"
+    assert "BMP_temp[C]: a further temperature" in (tmp_path / "campaign.toml").read_text()
+    (recording,) = load_campaign(tmp_path).recordings
+    assert recording.time[-1] - recording.time[0] == pytest.approx(TIME[-1] - TIME[0], rel=1e-5)
+
+
+def test_empty_fields_at_the_end_of_most_rows(tmp_path):
+    """An MTi's export: angles in every fourth row, tabs elsewhere, and a clock of tenths of a millisecond."""
+    counter = np.arange(len(TIME))
+    lines = [
+        "// ProductCode: MTi-300",
+        "SampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tRoll\tYaw",
+    ]
+    for k, a, w in zip(counter, ACCEL, GYRO):
+        numbers = [f"{1000 + 100 * k}", *(f"{v:.7g}" for v in (*a, *w))]
+        lines.append("\t".join([*numbers, *(["0.1", "0.2"] if k % 4 == 1 else ["", ""])]))
+    path = tmp_path / "x_up.txt"
+    path.write_text("\n".join(lines) + "\n")
+    found = draft(path)
+    assert found["columns"]["accel"] == {"names": ["Acc_X", "Acc_Y", "Acc_Z"], "unit": "m/s^2"}
+    assert found["columns"]["time"] == {"rate": 100.0}  # 100 tenths of a millisecond a row
+    assert load_campaign(tmp_path).recordings[0].num_samples == len(TIME)
+
+
+def test_rows_of_one_sensor_each_are_refused(tmp_path):
+    lines = []
+    for t, a, w in zip(TIME, ACCEL, GYRO):
+        lines += [f"acc {1e3 * t:.0f} {a[0]:.5g} {a[1]:.5g} {a[2]:.5g}"]
+        lines += [f"gyro {1e3 * t:.0f} {w[0]:.5g} {w[1]:.5g} {w[2]:.5g}"]
+    path = tmp_path / "log.txt"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(
+        ValueError, match="each row is of one sensor, named in column_1 \\('acc', 'gyro'\\)"
+    ):
+        draft(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [("meanListAccel.csv", "accel"), ("33RPMgyr.txt", "gyro"), ("HMC5883L_calibr.txt", "mag")],
+)
+def test_three_columns_without_names_are_what_the_file_is_called(tmp_path, name, key):
+    """Numbers of a magnitude that accelerometers (256 per g), gyros and magnetometers (mG) may all have."""
+    path = written(tmp_path / name, (ACCEL / np.linalg.norm(ACCEL, axis=1)[:, None] * 250.0,))
+    found = draft(path)["columns"]
+    assert {"accel", "gyro", "mag"} & set(found) == {key}
+
+
+def test_a_ros_message_has_its_unit_by_definition(tmp_path):
+    """At rest nothing but the field's name tells rad/s from deg/s."""
+    rng = np.random.default_rng(0)
+    time = np.arange(3000) / 100.0
+    accel = np.array([0.0, 0.0, G]) + 0.02 * rng.normal(size=(3000, 3))
+    gyro = 0.3 * rng.normal(size=(3000, 3))
+    names = [f"imu.{k}.{a}" for k in ("linear_acceleration", "angular_velocity") for a in "xyz"]
+    path = written(tmp_path / "imu.csv", (time, accel, gyro), ",".join(["Time", *names]))
+    assert draft(path)["columns"]["gyro"]["unit"] == "rad/s"
+
+
+def test_gyros_beside_it_that_do_not_fit_are_left_alone(tmp_path):
+    """Rows that differ in number, and stamps of another name; asked for by name they are an error."""
+    path = written(tmp_path / "accel.csv", (TIME, ACCEL), "t_a,x,y,z")
+    other = written(tmp_path / "gyro.csv", (TIME[1:], GYRO[1:]), "t_g,x,y,z")
+    assert "gyro" not in draft(path)["columns"]
+    with pytest.raises(ValueError, match=r"gyro\.csv: has no column 't_a'"):
+        draft(path, gyro=other)
