@@ -1,6 +1,7 @@
 """Noise of every channel of a recording at rest."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
@@ -19,6 +20,7 @@ from .temperature_drift import follows_temperature, without_slow_terms
 
 
 _LONG = 1 << 18  # samples from which on long averaging times use means of neighbours
+_LEAST_WINDOW = 64  # samples over which one sample's scatter is taken
 _THINNED = 16  # samples to such a mean
 UNLIKE = 5.0  # chi2_per_dof above which the terms do not describe a channel
 
@@ -31,6 +33,7 @@ class ChannelNoise(eqx.Module):
     lower: Float[np.ndarray, " tau"]
     upper: Float[np.ndarray, " tau"]
     model: NoiseModel
+    sample: float = eqx.field(static=True, default=math.nan)  # scatter of one sample, SI
 
 
 class LogNoise(eqx.Module):
@@ -118,7 +121,25 @@ def _channel(name: str, triad: str, log: Log, rate: float) -> ChannelNoise:
     model = identify_samples(log, rate=rate, triad=triad)
     curve = _curve(log, rate)
     lower, upper = interval(curve, model.exponents(curve.tau))
-    return ChannelNoise(name, curve, lower, upper, model)
+    return ChannelNoise(name, curve, lower, upper, model, _scatter_of_samples(log, model))
+
+
+def _scatter_of_samples(log: Log, model: NoiseModel) -> float:
+    """Standard deviation of one sample as it was recorded, without what changes over seconds, SI.
+
+    σ² = ⟨(x − x̄)²⟩ + N²/T within windows of T = 1 s, for the mean of T seconds takes N²/T of the variance away. Behind
+    a low-pass filter it is less than N √rate.
+    """
+    width = max(int(round(model.rate)), _LEAST_WINDOW)
+    total = count = 0.0
+    for block in blocks_of(log):
+        windows = block[: len(block) // width * width].reshape(-1, width)
+        total += float(windows.var(axis=1).sum())
+        count += len(windows)
+    if not count:
+        return float(np.std(log[:], ddof=1))
+    white = model.terms["N"].value or 0.0
+    return float(np.sqrt(total / count + white**2 * model.rate / width))
 
 
 def _curve(log: Log, rate: float) -> Deviations:

@@ -15,7 +15,7 @@ def band_statement(spectrum: Spectrum, band: Band, fit: Fit) -> str:
     corner = corner_of(band, fit, spectrum.rate) if band.seen else None
     if corner is not None:
         parts.append(f"behind a low-pass filter of {corner:.3g} Hz")
-    elif band.seen:
+    elif band.seen and band.upper < 0.99 * nyquist:
         parts.append("behind a filter whose corner lies beyond")
     if not band.passes:
         parts.append("the terms do not describe this band")

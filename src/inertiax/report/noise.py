@@ -14,6 +14,7 @@ from ..plots.style import drawing, save_png
 from .terminal import Terminal
 
 
+_FILTERED = 0.9  # of N √rate: one sample's scatter below it is worth a line (convention)
 _WIDTH = 80  # columns; a table squeezed into fewer loses digits, and a terminal wraps it instead
 
 
@@ -40,8 +41,12 @@ def _channel(found: ChannelNoise) -> dict[str, object]:
     return {
         "terms": {name: _term(found, name) for name in TERMS},
         "discrete": {
-            "meaning": f"standard deviations from sample to sample at {model.rate:.6g} Hz; not densities",
+            "meaning": (
+                f"standard deviations at {model.rate:.6g} Hz, not densities: white = N sqrt(rate), for programs that "
+                "integrate; sample = one sample as recorded, less behind a low-pass filter"
+            ),
             "white": {"value": model.discrete_sigma, "unit": rate_unit},
+            "sample": {"value": found.sample, "unit": rate_unit},
             "random_walk_step": {"value": model.discrete_walk, "unit": rate_unit},
         },
         "rate": {"value": model.rate, "unit": "Hz"},
@@ -129,7 +134,17 @@ def _table(triad: str, channels: Sequence[ChannelNoise]) -> Table:
                 f"N as one sample at {rate:.4g} Hz, {unit}",
                 [(c.channel[-1], c.model.terms[name], factor * math.sqrt(rate)) for c in channels],
             )
+            _add_filtered(table, channels, unit, factor)
     return table
+
+
+def _add_filtered(table: Table, channels: Sequence[ChannelNoise], unit: str, factor: float) -> None:
+    """The scatter of one sample as it was recorded, where a low-pass filter makes it less than N √rate."""
+    if not any(c.sample < _FILTERED * (c.model.discrete_sigma or 0.0) for c in channels):
+        return
+    for k, c in enumerate(channels):
+        first = ("", f"one sample as recorded, {unit}") if k == 0 else ("", "")
+        table.add_row(*first, c.channel[-1], _plain(factor * c.sample, 3), "")
 
 
 def _add(
