@@ -31,17 +31,17 @@ import jax
 import pytest
 
 
-# Files of the slow tier that take a minute or more. They come first: begun last, one would keep a worker alone.
+# Files of the slow tier that take half a minute or more. They come first: begun last, one would keep a worker alone.
 LONG = (
     "test_tutorials.py",
-    "test_no_open_port.py",
-    "test_first_layer_precision.py",
-    "test_procedure.py",
     "test_real_recordings.py",
-    "test_sensitivity.py",
-    "test_one_model.py",
-    "test_navigation.py",
+    "test_practice_campaigns.py",
+    "test_procedure.py",
     "test_fleet.py",
+    "test_first_layer_precision.py",
+    "test_one_model.py",
+    "test_hostile_files.py",
+    "test_delays.py",
 )
 
 
