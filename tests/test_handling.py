@@ -126,6 +126,28 @@ def test_the_shorter_side_of_a_slip_is_left_out(degrees):
     assert abs(one.start - (begin + 500) / RATE) < 0.5
     found = segment(hand.recording())
     assert found.start[4] == begin and begin + 440 < found.stop[4] <= begin + 500
+    assert one.end == (begin + REST) / RATE  # what goes with the slip counts as left out
+
+
+@pytest.mark.parametrize(("degrees", "row", "parts"), [(0.4, 420, 2), (0.5, 540, 1)])
+def test_both_sides_of_a_slip_are_rests_where_rests_were_found(degrees, row, parts):
+    """2.8 s on the shorter side are a rest; less than 2 s are none and count as left out with the slip."""
+    hand = Hand(np.random.default_rng(4), turns={4: slip(np.deg2rad(degrees), row=row)})
+    found = segment(hand.recording(labelled=False))
+    begin = 4 * (REST + MOVE)
+    mine = (found.start >= begin - MOVE // 2) & (found.stop <= begin + REST + MOVE // 2)
+    assert mine.sum() == parts and found.num_segments == 11 + parts
+    assert np.all(np.diff(found.start) > 0) and len(set(found.position)) == 11 + parts
+    (one,) = found.disturbances
+    assert one.kind == "slip" and (one.end - one.start < 1.0) == (parts == 2)
+    assert not np.any((found.start < begin + row + 10) & (found.stop > begin + row + 10))
+    if parts == 2:
+        before, after = (slice(a, b) for a, b in zip(found.start[mine], found.stop[mine]))
+        up = [x.mean(axis=0) for x in (hand.accel[before], hand.accel[after])]
+        seen = np.arctan2(np.linalg.norm(np.cross(*up)), np.dot(*up))
+        noise = ACCEL / G * np.sqrt(2.0 / 280.0)  # of the angle between two means, rad
+        turned = Rotation.from_rotvec(np.deg2rad(degrees) * np.array([0.7, 0.5, -0.5])).magnitude()
+        assert 0.2 * turned < seen < turned + 4.0 * noise  # poses of their own: the turn across up
 
 
 def test_what_only_one_triad_shows_is_no_handling():

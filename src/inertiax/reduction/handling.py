@@ -37,6 +37,9 @@ class HandlingThresholds:
     least_rests: float = (
         0.5  # of the rests stay: where more would go, what is usual is not known, and all stay
     )
+    part: float = (
+        2.0  # s, that a part of a searched rest beside a slip lasts to be a rest (convention)
+    )
 
 
 THRESHOLDS = HandlingThresholds()
@@ -134,7 +137,10 @@ def undisturbed(
     stop: Int[np.ndarray, " rest"],
     position: Int[np.ndarray, " rest"],
 ) -> Undisturbed:
-    """The rests of one recording without what was disturbed, and what that was."""
+    """The rests of one recording without what was disturbed, and what that was.
+
+    Rests that a slip cuts in two stay where they are in the arrays, and their other parts follow all of them.
+    """
     left = Undisturbed(start, stop, position, np.ones(recording.num_samples, bool), ())
     if not len(start):
         return left
@@ -171,24 +177,44 @@ def _without_clipped(recording: Recording, left: Undisturbed) -> Undisturbed:
 
 
 def _without_slips(recording: Recording, left: Undisturbed) -> Undisturbed:
-    """Of a rest with a slip the longer part stays; it may hold another one."""
+    """Of a rest with a slip the longer part stays, and may hold another one.
+
+    The shorter part is one more rest where rests were found in the data: it lies in a pose of its own, as any of them
+    does. A stated position is one pose, so there the shorter part goes, and counts as left out.
+    """
     accel, gyro = recording.accel, recording.gyro
     if accel is None or gyro is None:
         return left
+    step = usual_step(recording)
+    searched = recording.position is None and recording.reference_gyro is None
+    shortest = max(THRESHOLDS.part / step, 16.0) if step > 0.0 and searched else np.inf
     for _ in range(MOST_SLIPS):
         rests = [(accel[rows], gyro[rows]) for _, rows in left.ranges()]
-        moments = slips(rests, usual_step(recording))
+        moments = slips(rests, step)
         if all(m is None for m in moments):
             break
         start, stop, found = left.start.copy(), left.stop.copy(), list(left.disturbances)
+        further = []  # behind the others, so that those keep their numbers
         for (k, rows), moment in zip(left.ranges(), moments):
             if moment is None:
                 continue
             first, last = rows.start + moment[0], rows.start + moment[1]
+            parts = sorted([(rows.start, first), (last, rows.stop)], key=lambda p: p[0] - p[1])
+            (start[k], stop[k]), other = parts
+            if other[1] - other[0] >= shortest:
+                further.append(other)
+            else:
+                first, last = min(first, other[0]), max(last, other[1])
             found.append(left.noted(recording, "slip", k, first, last))
-            longer = first - rows.start >= rows.stop - last
-            start[k], stop[k] = (rows.start, first) if longer else (last, rows.stop)
-        left = Undisturbed(start, stop, left.position, left.used, tuple(found))
+        added = np.array(further, dtype=np.int64).reshape(-1, 2)
+        labels = left.position.max() + 1 + np.arange(len(added))
+        left = Undisturbed(
+            np.append(start, added[:, 0]),
+            np.append(stop, added[:, 1]),
+            np.append(left.position, labels),
+            left.used,
+            tuple(found),
+        )
     return left
 
 

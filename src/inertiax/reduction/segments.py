@@ -93,12 +93,17 @@ def without_disturbances(recording: Recording, found: Segments) -> Segments:
     rests = np.flatnonzero(found.resting)
     kept = undisturbed(recording, found.start[rests], found.stop[rests], found.position[rests])
     start, stop = found.start.copy(), found.stop.copy()
-    start[rests], stop[rests] = kept.start, kept.stop
-    left = start < stop
-    start, stop = start[left], stop[left]
+    start[rests], stop[rests] = kept.start[: len(rests)], kept.stop[: len(rests)]
+    start, stop = (
+        np.append(a, b[len(rests) :]) for a, b in ((start, kept.start), (stop, kept.stop))
+    )
+    position = np.append(found.position, kept.position[len(rests) :])
+    order = np.argsort(start, kind="stable")
+    order = order[start[order] < stop[order]]
+    start, stop = start[order], stop[order]
     used = _inside(start, stop, recording.num_samples) & kept.used
     return Segments(
-        start, stop, found.position[left], used, kept.disturbances, found.threshold, found.statement
+        start, stop, position[order], used, kept.disturbances, found.threshold, found.statement
     )
 
 
