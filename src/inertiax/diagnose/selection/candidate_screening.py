@@ -8,6 +8,7 @@ from ..candidates.empirical import PREFIX
 from ..candidates.signatures import Term
 from ..noise.common_mode_fit import recoupled
 from ..noise.observation_series import NoiseFit, System
+from .column_products import ColumnProducts
 from .evidence import Bank, bank, Candidate, judge, refine, shortlist
 
 
@@ -114,10 +115,10 @@ def rank(
     extra: Sequence[Candidate] = (),
 ) -> tuple[Bank, list[Candidate]]:
     """Candidates beside the chosen terms, best first, with the noise fitted anew beside the leading and the `extra`."""
-    start = bank(system, noises, chosen)
-    ranked = judge(system, start, short, chosen, forms, grade)
+    start, products = bank(system, noises, chosen), ColumnProducts(system, short, chosen)
+    ranked = judge(system, start, short, chosen, forms, grade, products=products)
     fuller = refine(system, start, [*leaders(ranked, 3, 2), *extra], chosen, most=8)
-    return fuller, judge(system, fuller, short, chosen, forms, grade)
+    return fuller, judge(system, fuller, short, chosen, forms, grade, products=products)
 
 
 def sharpen(

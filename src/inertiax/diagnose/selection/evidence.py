@@ -5,7 +5,7 @@ columns enter the mean *and* the variance components are free. That way neither 
 swallowed by a random walk nor a random walk taken for an effect without a fair contest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,8 @@ from ..candidates.signatures import Term
 from ..noise.common_mode_fit import recoupled
 from ..noise.observation_series import NoiseFit, System
 from ..noise.reml import fit_noise, likelihood
-from .score_test import Score, whiten_system
+from .column_products import ColumnProducts
+from .score_test import Score, scored_together, whiten_system
 
 
 ROOM = 0.35  # standard deviation of the logarithm of a coefficient that theory fixes at 1
@@ -132,28 +133,16 @@ def judge(
     grade: str | None,
     *,
     columns: bool = False,
+    products: ColumnProducts | None = None,
 ) -> list[Candidate]:
     """Candidates with their profile likelihood ratios over the bank, best evidence first.
 
     Chains are independent: a candidate is judged by the variances of its own chains. Scores have their whitened columns
-    where `columns` are asked for.
+    where `columns` are asked for. `products` of these candidates beside the chosen terms serve several banks.
     """
-    best: dict[int, tuple[float, Score]] = {}
-    done: set[tuple[int, bytes]] = set()
-    least = bank.best
-    for fit, value in zip(bank.fits, bank.values):
-        keys = {(c, theta.tobytes()) for c, theta in enumerate(fit.theta)}
-        fresh = {c for c, _ in keys - done}
-        done |= keys
-        some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
-        scores = whiten_system(system, fit, some, chosen, columns=columns).scores if some else ()
-        for score in scores:
-            loss = sum(value[c] - least[c] for c in score.term.chains)
-            ratio = score.gain - 2.0 * loss
-            if id(score.term) not in best or ratio > best[id(score.term)][0]:
-                best[id(score.term)] = (ratio, score)
+    found = _best_scores(system, bank, candidates, chosen, columns, products)
     made, usual, seen = [], {}, {}
-    for ratio, score in best.values():
+    for ratio, score in found:
         alike = score.term.chains, score.term.follows_input
         if alike not in seen:
             seen[alike] = np.log(observations(system, score.term))
@@ -168,6 +157,71 @@ def judge(
         made.append(Candidate(score.term, score, float(ratio), float(evidence)))
     # Forms that are one in these data, as a bias and a scale factor in one pose, keep the catalogue's order.
     return sorted(made, key=lambda c: -round(c.evidence, ROUNDING))
+
+
+def _best_scores(
+    system: System,
+    bank: Bank,
+    candidates: Sequence[Term],
+    chosen: Sequence[Term],
+    columns: bool,
+    products: ColumnProducts | None,
+) -> list[tuple[float, Score]]:
+    """Of each candidate that shows the largest likelihood ratio over the bank, with its score there."""
+    if columns:
+        return _each_best(
+            bank, candidates, lambda fit, some: whiten_system(system, fit, some, chosen).scores
+        )
+    if products is None:
+        products = ColumnProducts(system, candidates, chosen)
+    ratios, sums = [np.full(len(products.terms), -np.inf)], []
+    for fit, value, fresh in _rounds(bank):
+        found = products.sums(fit)
+        loss = products.touches @ np.subtract(value, bank.best)
+        asked = products.touches[:, sorted(fresh)].any(axis=1)
+        ratios.append(np.where(asked, products.gains(found) - 2.0 * loss, -np.inf))
+        sums.append(found)
+    best = np.argmax(ratios, axis=0)
+    made = [
+        (float(ratios[n][k]), products.score(k, sums[n - 1])) for k, n in enumerate(best) if n > 0
+    ]
+    if products.together:
+        made += _each_best(
+            bank,
+            products.together,
+            lambda fit, some: [
+                s for s in scored_together(system, fit, some, chosen) if s is not None
+            ],
+        )
+        place = {id(t): k for k, t in enumerate(candidates)}
+        made.sort(key=lambda one: place[id(one[1].term)])
+    return made
+
+
+def _each_best(
+    bank: Bank,
+    candidates: Sequence[Term],
+    scored: Callable[[NoiseFit, Sequence[Term]], Sequence[Score]],
+) -> list[tuple[float, Score]]:
+    """As `_best_scores`, with what makes the scores of some candidates under one noise."""
+    best: dict[int, tuple[float, Score]] = {}
+    for fit, value, fresh in _rounds(bank):
+        some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
+        for score in scored(fit, some) if some else ():
+            loss = sum(value[c] - bank.best[c] for c in score.term.chains)
+            ratio = score.gain - 2.0 * loss
+            if id(score.term) not in best or ratio > best[id(score.term)][0]:
+                best[id(score.term)] = (ratio, score)
+    return list(best.values())
+
+
+def _rounds(bank: Bank) -> Iterator[tuple[NoiseFit, tuple[float, ...], set[int]]]:
+    """Each noise of a bank with its values, and the chains whose variances none before had."""
+    done: set[tuple[int, bytes]] = set()
+    for fit, value in zip(bank.fits, bank.values):
+        keys = {(c, theta.tobytes()) for c, theta in enumerate(fit.theta)}
+        yield fit, value, {c for c, _ in keys - done}
+        done |= keys
 
 
 def count_forms(candidates: Sequence[Term]) -> dict[tuple[str, tuple[int, ...]], int]:

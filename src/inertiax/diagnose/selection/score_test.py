@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...numerics.common_errors import root
 from ..candidates.columns import span, unit
@@ -24,11 +24,14 @@ REMEMBERED = 24  # whitened sets of shared errors, megabytes each
 def whiten_columns(
     system: System, noise: NoiseFit, chain: int, columns: np.ndarray, *, apart: bool = False
 ) -> np.ndarray:
-    """Columns of one chain, whitened, column by column in memory; `apart` from the errors that chains share."""
+    """Columns of one chain, whitened; `apart` from the errors that chains share."""
     theta, rows = noise.theta[chain], system.chains[chain]
     if apart and system.shared is not None:
         theta, rows = coupled_theta(noise)[chain], system.shared.chains[chain]
-    variances, made = np.exp(theta) * system.scales[chain], np.empty(columns.shape, order="F")
+    variances = np.exp(theta) * system.scales[chain]
+    if columns.shape[1] <= CHUNK:
+        return whiten(rows, variances, columns)[0]
+    made = np.empty(columns.shape, order="F")
     for here in _chunks(columns.shape[1]):
         made[:, here] = whiten(rows, variances, columns[:, here])[0]
     return made
@@ -110,21 +113,17 @@ def whiten_system(
     noise: NoiseFit,
     candidates: Sequence[Term],
     chosen: Sequence[Term] = (),
-    *,
-    columns: bool = True,
 ) -> Whitened:
     """Whiten the rows, project the baseline and the chosen terms out, and score every candidate.
 
-    Without `columns` the scores have none: those of a thousand candidates are as large as the rest of a diagnosis.
+    `column_products` scores many candidates under many noises, without their whitened columns.
 
     Where the rig's errors couple the chains, candidates that follow the input are scored on all chains together. What
     is slow stays with its own chain, for slow noise is fitted chain by chain beside the whole of the rig's errors.
     """
     residual, fitted = [], 0
-    coupled = system.shared is not None
-    shares = lambda t: coupled and (t.follows_input or t.scales_input)
-    together = [t for t in candidates if shares(t)]
-    alone = [t for t in candidates if not shares(t)]
+    together = [t for t in candidates if is_shared(system, t)]
+    alone = [t for t in candidates if not is_shared(system, t)]
     white: list[dict[int, np.ndarray]] = [{} for _ in alone]
     seen = np.zeros((3, sum(t.size for t in alone)))  # as `_columns_seen`
     edges = np.cumsum([0, *(t.size for t in alone)])
@@ -141,11 +140,10 @@ def whiten_system(
         fitted += q.shape[1]
     scores = [_score(t, w, seen[:, a:b]) for t, w, a, b in zip(alone, white, edges, edges[1:])]
     if together:
-        scores += _scored_together(system, noise, together, chosen)
+        scores += scored_together(system, noise, together, chosen)
         place = {id(t): k for k, t in enumerate(candidates)}
         scores.sort(key=lambda s: -1 if s is None else place[id(s.term)])
-    made = [s if columns else replace(s, white=()) for s in scores if s is not None]
-    return Whitened(tuple(residual), fitted, tuple(made))
+    return Whitened(tuple(residual), fitted, tuple(s for s in scores if s is not None))
 
 
 def _white_rows(
@@ -158,8 +156,7 @@ def _white_rows(
     apart: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[int, slice]]]:
     """Whitened residual, columns that are fitted, and candidates' columns of one chain with their places."""
-    mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
-    fixed = np.concatenate([system.frames[c], *map(unit, mine)], axis=1)
+    fixed = fixed_columns(system, chosen, c)
     owners = [(k, t.columns[t.chains.index(c)]) for k, t in enumerate(candidates) if c in t.chains]
     edges = np.cumsum([0, *(m.shape[1] for _, m in owners)])
     y = system.base.observed[c]
@@ -170,7 +167,20 @@ def _white_rows(
     return done[:, 0], done[:, 1:split], done[:, split:], places
 
 
-def _scored_together(
+def fixed_columns(
+    system: System, chosen: Sequence[Term], chain: int
+) -> Float[np.ndarray, "row column"]:
+    """What is fitted beside a candidate on one chain: the baseline, and the chosen terms in unit length."""
+    mine = [t.columns[t.chains.index(chain)] for t in chosen if chain in t.chains]
+    return np.concatenate([system.frames[chain], *map(unit, mine)], axis=1)
+
+
+def is_shared(system: System, term: Term) -> bool:
+    """Whether a term is scored on all chains together, since the rig's errors couple what follows the input."""
+    return system.shared is not None and (term.follows_input or term.scales_input)
+
+
+def scored_together(
     system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term]
 ) -> list[Score | None]:
     """Scores on the rows of all chains, where the rig's errors make one problem of them."""
@@ -236,25 +246,60 @@ def _squares(columns: np.ndarray) -> np.ndarray:
     return np.einsum("nk,nk->k", columns, columns)
 
 
-def _score(
-    term: Term, white: dict[int, np.ndarray], seen: Float[np.ndarray, "3 column"]
+def is_shown(
+    before: Float[np.ndarray, "*any"], after: Float[np.ndarray, "*any"]
+) -> Bool[np.ndarray, "*any"]:
+    """Which columns the baseline leaves enough of to be tested, by their squares before and after."""
+    return after > ABSORBED * np.maximum(before, 1e-300)
+
+
+def turned(
+    gram: Float[np.ndarray, "*term column column"],
+    after: Float[np.ndarray, "*term column"],
+    shown: Bool[np.ndarray, "*term column"],
+) -> tuple[Float[np.ndarray, "*term column column"], Bool[np.ndarray, "*term column"]]:
+    """Directions in which terms' columns with these products are orthonormal, in columns, and which of them there are.
+
+    The others, in which columns coincide or are absorbed, are zeros.
+    """
+    norm = np.where(shown, np.sqrt(np.maximum(after, 1e-300)), np.inf)
+    value, vector = np.linalg.eigh(gram / norm[..., :, None] / norm[..., None, :])
+    good = value > 1e-7 * value[..., -1:]
+    scale = np.where(good, 1.0 / np.sqrt(np.where(good, value, 1.0)), 0.0)
+    return vector * scale[..., None, :] / norm[..., :, None], good
+
+
+def score_of(
+    term: Term,
+    chains: tuple[int, ...],
+    white: tuple[np.ndarray, ...],
+    seen: Float[np.ndarray, "3 column"],
+    gram: Float[np.ndarray, "column column"] | None,
 ) -> Score | None:
-    if seen.shape[1] == 1:
+    """A term's score from products of its whitened columns, `None` where the baseline absorbs it.
+
+    **Arguments:** `seen` as `_columns_seen` has it; `gram` has the columns' products with each other, the baseline
+    projected out, of a term with several.
+    """
+    if gram is None:
         before, after, product = seen[:, 0].tolist()
         if after <= ABSORBED * max(before, 1e-300):
             return None
         scale = 1.0 / math.sqrt(max(after, 1e-300))
         part = scale * product
-        chains, columns = tuple(white), tuple(white.values())
-        return Score(term, chains, columns, np.array([[scale]]), np.array([part]), part * part)
+        return Score(term, chains, white, np.array([[scale]]), np.array([part]), part * part)
     before, after, product = seen
-    shown = after > ABSORBED * np.maximum(before, 1e-300)
+    shown = is_shown(before, after)
     if not shown.any():
         return None
-    norm = np.where(shown, np.sqrt(np.maximum(after, 1e-300)), np.inf)
-    gram = sum(w.T @ w for w in white.values())
-    value, vector = np.linalg.eigh(gram / norm[:, None] / norm[None, :])
-    good = value > 1e-7 * value[-1]
-    turn = vector[:, good] / np.sqrt(value[good]) / norm[:, None]
+    turn, good = turned(gram, after, shown)
+    turn = turn[:, good]
     part = turn.T @ product
-    return Score(term, tuple(white), tuple(white.values()), turn, part, float(part @ part))
+    return Score(term, chains, white, turn, part, float(part @ part))
+
+
+def _score(
+    term: Term, white: dict[int, np.ndarray], seen: Float[np.ndarray, "3 column"]
+) -> Score | None:
+    gram = None if seen.shape[1] == 1 else np.sum([w.T @ w for w in white.values()], axis=0)
+    return score_of(term, tuple(white), tuple(white.values()), seen, gram)
