@@ -23,6 +23,7 @@ Murray, arXiv:1602.07527 (2016), for the derivative of a Cholesky factor, read b
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +37,10 @@ ROWS = (
     32  # of a group: products large enough for BLAS, and no more noise within groups than between
 )
 LOST = 1e-30  # share of a state that is left, below which it is as good as none
-REMEMBERED = 6  # filters of a chain; a search comes back to the noises of its bank
+REMEMBERED = 12  # filters of a chain; a search comes back to the noises of its bank
+WIDE = (
+    64  # columns whitened at once: with the rows of all groups they stay in the processor's cache
+)
 _FACTOR, _INVERT = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
 WHITE, FLICKER, WALK, DWELL, CYCLE, PROBE, RIG = range(NUM_VARIANCES)
 
@@ -170,29 +174,43 @@ class Gains:
     """A chain's filter under given variances."""
 
     groups: Groups
-    inverse: list[np.ndarray]  # L⁻¹ of each group
-    gain: list[np.ndarray]  # W
-    state: list[np.ndarray]  # P before each group
+    inverse: Float[np.ndarray, "group row row"]  # L⁻¹
+    gain: Float[np.ndarray, "group row state"]  # W
     log_determinant: float
+
+    @cached_property
+    def seen(self) -> Float[np.ndarray, "group row state"]:
+        """How the whitened rows see the state: $J = L^{-1} H$."""
+        return self.inverse @ self.groups.seen
+
+    @cached_property
+    def carried(self) -> Float[np.ndarray, "group state state"]:
+        """How the estimated state goes on: $T = \\mathrm{diag}(a) - W^T J$."""
+        made = self.gain.transpose(0, 2, 1) @ -self.seen
+        place = np.arange(made.shape[1])
+        made[:, place, place] += self.groups.decay
+        return made
 
     def whiten(self, columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Whitened columns: $L^{-1} C$ with $L L^T = V$ of all rows, lower triangular."""
-        made = self._whitened(columns)
-        return made.reshape(-1, made.shape[2])[: self.groups.num]
+        made = np.empty(columns.shape)
+        for first in range(0, columns.shape[1], WIDE):
+            here = slice(first, first + WIDE)
+            part = self._whitened(columns[:, here])
+            made[:, here] = part.reshape(-1, part.shape[2])[: self.groups.num]
+        return made
 
     def _whitened(self, columns: np.ndarray) -> Float[np.ndarray, "group row column"]:
-        groups = self.groups
-        rows = _folded(columns, groups.count, 0.0)
-        made = np.empty_like(rows)
-        x = np.zeros((groups.decay.shape[1], columns.shape[1]))
-        decay = groups.decay[:, :, None]
-        for k, (inverse, gain) in enumerate(zip(self.inverse, self.gain)):
-            row = rows[k]
-            row -= groups.seen[k] @ x
-            white = np.dot(inverse, row, out=made[k])
-            x *= decay[k]
-            x += gain.T @ white
-        return made
+        """Every group's rows less what the state tells of them; only the small states go from group to group."""
+        own = self.inverse @ _folded(columns, self.groups.count, 0.0)
+        drive = self.gain.transpose(0, 2, 1) @ own
+        state = np.empty_like(drive)
+        x = np.zeros(drive.shape[1:])
+        for k, (carried, new) in enumerate(zip(self.carried, drive)):
+            state[k] = x
+            x = carried @ x + new
+        own -= self.seen @ state
+        return own
 
 
 def gains(groups: Groups, variances: Float[np.ndarray, "7"]) -> Gains:
@@ -207,42 +225,58 @@ def gains(groups: Groups, variances: Float[np.ndarray, "7"]) -> Gains:
     added = np.tensordot(variances, groups.added, 1)
     shared = np.tensordot(variances, groups.shared, 1)
     size = groups.decay.shape[1]
+    both = groups.decay[:, :, None] * groups.decay[:, None, :]
     p, place = np.zeros((size, size)), np.arange(size)
-    inverses, made, states, logs = [], [], [], 0.0
+    inverses = np.empty_like(own)
+    made = np.empty_like(groups.seen)
+    factors = np.empty((groups.count, ROWS))
     for k, (h, a) in enumerate(zip(groups.seen, groups.decay)):
         hp = h @ p
+        covariance = hp @ h.T
+        covariance += own[k]
         # SciPy takes columns first: the transpose of a symmetric matrix is itself.
-        factor, failed = _FACTOR((hp @ h.T + own[k]).T, lower=1, overwrite_a=1)
+        factor, failed = _FACTOR(covariance.T, lower=1, overwrite_a=1)
         if failed:
             raise np.linalg.LinAlgError(f"group {k}: no positive covariance")
-        logs += float(np.log(factor.diagonal()).sum())
-        inverse = _INVERT(factor, lower=1, overwrite_c=1)[0]
-        gain = inverse @ (hp * a + shared[k])
-        states.append(p)
-        p = p * (a[:, None] * a) - gain.T @ gain
+        factors[k] = factor.diagonal()
+        inverses[k] = inverse = _INVERT(factor, lower=1, overwrite_c=1)[0]
+        hp *= a
+        hp += shared[k]
+        gain = np.dot(inverse, hp, out=made[k])
+        p *= both[k]
+        p -= gain.T @ gain
         p[place, place] += added[k]
-        inverses.append(inverse)
-        made.append(gain)
+    logs = float(np.log(factors).sum())
     if not np.isfinite(logs):
         raise np.linalg.LinAlgError("variances too large to compute with")
-    return Gains(groups, inverses, made, states, 2.0 * logs)
+    return Gains(groups, inverses, made, 2.0 * logs)
 
 
 def whiten(
     chain: Chain, variances: Float[np.ndarray, "7"], columns: Float[np.ndarray, "row column"]
 ) -> tuple[Float[np.ndarray, "row column"], float]:
-    """`state_space.whiten` in this form; the filter of the last few variances of a chain is kept.
+    """`state_space.whiten` in this form.
 
     Raises `numpy.linalg.LinAlgError` where rounding leaves no positive covariance.
     """
-    groups, key = groups_of(chain), variances.tobytes()
-    found = groups.known.pop(key, None)
-    if found is None:
-        found = gains(groups, variances)
-        while len(groups.known) >= REMEMBERED:
-            groups.known.pop(next(iter(groups.known)))
-    groups.known[key] = found  # the latest one stands last
+    found = filter_of(groups_of(chain), variances)
     return found.whiten(columns), found.log_determinant
+
+
+def filter_of(groups: Groups, variances: Float[np.ndarray, "7"]) -> Gains:
+    """`gains`, of which the last few of a chain are kept."""
+    found = groups.known.get(variances.tobytes())
+    return remember(variances, gains(groups, variances) if found is None else found)
+
+
+def remember(variances: Float[np.ndarray, "7"], found: Gains) -> Gains:
+    """Keep a filter for the next one that asks for these variances."""
+    known, key = found.groups.known, variances.tobytes()
+    known.pop(key, None)
+    while len(known) >= REMEMBERED:
+        known.pop(next(iter(known)))
+    known[key] = found  # the latest one stands last
+    return found
 
 
 def gradient(
@@ -268,27 +302,54 @@ def gradient(
     flat = white.reshape(-1, white.shape[2])
     value, by = by_gram(flat.T @ flat)
     pulled = (flat @ (2.0 * by)).reshape(white.shape)
-    size = groups.decay.shape[1]
-    x, p = np.zeros((size, white.shape[2])), np.zeros((size, size))
-    by_own = np.empty((groups.count, ROWS, ROWS))
-    by_added, by_shared = np.empty_like(groups.decay), np.empty_like(groups.seen)
-    below, unit = np.tri(ROWS), np.eye(ROWS)
-    half = below - 0.5 * unit
-    for k in range(groups.count - 1, -1, -1):
-        h, a, v = groups.seen[k], groups.decay[k], white[k]
-        inverse, gain = found.inverse[k], found.gain[k]
-        v_bar = pulled[k]
-        v_bar += gain @ x
-        w_bar = v @ x.T
-        w_bar -= 2.0 * (gain @ p)
-        inner = (unit - v_bar @ v.T - w_bar @ gain.T) * half
-        s_bar = inverse.T @ (0.5 * (inner + inner.T)) @ inverse
-        m_bar = inverse.T @ w_bar
-        by_own[k], by_added[k], by_shared[k] = s_bar, p.diagonal(), m_bar
-        cross = h.T @ (m_bar * a)
-        p = p * (a[:, None] * a) + h.T @ s_bar @ h + 0.5 * (cross + cross.T)
-        x *= a[:, None]
-        x -= (inverse @ h).T @ v_bar
+    inverse, gain, seen, a = found.inverse, found.gain, found.seen, groups.decay
+    turned = lambda x: x.transpose(0, 2, 1)
+    x = _gone_back(found, turned(seen) @ pulled)
+    pulled += gain @ x  # the bar of V
+    w_bar = white @ turned(x)
+    half = np.tri(ROWS) - 0.5 * np.eye(ROWS)
+
+    def mirrored(lower):
+        lower *= half
+        return 0.5 * (lower + turned(lower))
+
+    inner = np.eye(ROWS) - pulled @ turned(white) - w_bar @ turned(gain)
+    # What of P's bar a group adds, its own bar being nothing; the rest is T' P T.
+    cross = turned(seen) @ w_bar * a[:, None, :]
+    p = _covariances_back(
+        found, turned(seen) @ mirrored(inner.copy()) @ seen + 0.5 * (cross + turned(cross))
+    )
+    behind = gain @ p
+    w_bar -= 2.0 * behind
+    inner += 2.0 * behind @ turned(gain)
+    by_own = turned(inverse) @ mirrored(inner) @ inverse
+    by_shared = turned(inverse) @ w_bar
+    by_added = np.einsum("kss->ks", p)
     slope = groups.own @ by_own.reshape(-1)
     slope += np.tensordot(groups.added, by_added, 2) + np.tensordot(groups.shared, by_shared, 3)
     return 0.5 * found.log_determinant + value, slope
+
+
+def _gone_back(
+    found: Gains, seen: Float[np.ndarray, "group state column"]
+) -> Float[np.ndarray, "group state column"]:
+    """Bars of the estimated states behind each group, from what each group sees of the bar of its whitened rows."""
+    made = np.empty_like(seen)
+    x = np.zeros(seen.shape[1:])
+    for k in range(len(seen) - 1, -1, -1):
+        made[k] = x
+        x = found.carried[k].T @ x - seen[k]
+    return made
+
+
+def _covariances_back(
+    found: Gains, added: Float[np.ndarray, "group state state"]
+) -> Float[np.ndarray, "group state state"]:
+    """Bars of the states' covariances behind each group, from what each group adds."""
+    made = np.empty_like(added)
+    p = np.zeros(added.shape[1:])
+    for k in range(len(added) - 1, -1, -1):
+        made[k] = p
+        carried = found.carried[k]
+        p = carried.T @ p @ carried + added[k]
+    return made

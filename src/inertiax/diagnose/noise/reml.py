@@ -134,6 +134,7 @@ def _maximise(
         for s in starts
     ]
     best = min(found, key=lambda f: f.value)
+    rows.keep_best()
     return best._replace(x=_from_search(best.x)[0])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from .grouped_filter import gains, gradient, Groups
+from .grouped_filter import filter_of, gains, gradient, Groups, remember
 from .state_space import FREEDOM, Known, WALK
 
 
@@ -36,11 +36,12 @@ class RestrictedLikelihood:
         self._known = known
         self._fixed = columns.shape[1]
         self._rows = np.concatenate([observed[:, None], columns, extra], axis=1)
+        self._least, self._best = np.inf, None
 
     def value(self, theta: Float[np.ndarray, "7"]) -> float:
         """Of log variances relative to the scale; infinite where rounding leaves no positive covariance."""
         try:
-            found = gains(self._groups, np.exp(theta) * self._scale)
+            found = filter_of(self._groups, np.exp(theta) * self._scale)
             white = found.whiten(self._rows)
             by_gram, _ = self._by_gram(white.T @ white)
         except np.linalg.LinAlgError:
@@ -58,7 +59,14 @@ class RestrictedLikelihood:
         except np.linalg.LinAlgError:
             return np.inf, np.zeros(len(theta))
         prior, its_slope = self._prior(theta)
+        if value + prior < self._least:
+            self._least, self._best = value + prior, (variances, found)
         return value + prior, slope * variances + its_slope
+
+    def keep_best(self) -> None:
+        """Keep the filter of the likeliest variances whose slope was asked for: what follows a search begins there."""
+        if self._best is not None:
+            remember(*self._best)
 
     def _by_gram(
         self, gram: Float[np.ndarray, "column column"]
