@@ -9,6 +9,7 @@ import scipy.optimize
 
 from inertiax.diagnose.noise import grouped_filter
 from inertiax.diagnose.noise.grouped_filter import groups_of, ROWS, whiten
+from inertiax.diagnose.noise.many_variances import whiten_under_each
 from inertiax.diagnose.noise.restricted_likelihood import RestrictedLikelihood
 from inertiax.diagnose.noise.state_space import (
     Chain,
@@ -120,3 +121,17 @@ def test_groups_are_made_once_and_forgotten_with_their_chain():
     del one
     gc.collect()
     assert key not in grouped_filter._KNOWN
+
+
+@pytest.mark.parametrize("channels, heated", CASES)
+def test_many_variances_side_by_side_give_what_each_gives_alone(channels, heated):
+    one = chain(channels, heated)
+    padded = jax.tree.map(lambda x: np.concatenate([x, np.zeros((9, *x.shape[1:]))]), one)
+    columns = np.random.default_rng(6).standard_normal((NUM + 9, 4))
+    columns[NUM:] = 0.0
+    with jax.enable_x64(True):
+        white, logs = whiten_under_each(THETAS, SCALE, padded, columns)
+        for k, theta in enumerate(THETAS):
+            alone, its_logs = whiten_row_by_row(unpack(theta, SCALE), padded, columns)
+            np.testing.assert_allclose(white[:, :, k], np.asarray(alone), rtol=0.0, atol=1e-11)
+            np.testing.assert_allclose(logs[k], float(its_logs), rtol=1e-12)

@@ -17,18 +17,17 @@ scatter inside blocks tells the first, and promises bound the others.
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import numpy as np
 import scipy.special
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ..._typing import AnyArray
 from ...numerics.student_t import HeavyTails
 from ..candidates.columns import lengthen
 from ..candidates.signatures import Term
+from .many_variances import TOGETHER, whiten_under_each
 from .observation_series import BOUNDS, NoiseFit, System
 from .reml import EXTRA, LEARNED, likelihood_inputs
-from .state_space import Chain, Known, NUM_VARIANCES, unpack, whiten
+from .state_space import Known, NUM_VARIANCES
 
 
 SCATTER = 0.5  # between channels of a triad, standard deviation of a log variance
@@ -42,9 +41,6 @@ ROUNDS = 3  # further ones, each around what was found before
 DRAWS = 64  # in each of them for each pair of channels
 PAIRS = ((1, 2), (2, 0), (0, 1))
 COLUMNS = 5  # the baseline's columns are padded to a multiple
-BATCH = (
-    65  # draws evaluated together: as many as a pair of channels has in a round, with the center
-)
 HIGHEST = 4.0  # log variance over the scale up to which the first round looks
 LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a round are useful
 
@@ -148,15 +144,17 @@ def _log_likelihood(
     observed = lengthen(observed)
     columns = lengthen(columns, -(-columns.shape[1] // COLUMNS) * COLUMNS)
     extra = lengthen(extra, EXTRA if extra.shape[1] else 0)
-    theta = np.tile(noise.theta[chain], (-(-len(logs) // BATCH) * BATCH, 1))
+    theta = np.tile(noise.theta[chain], (-(-len(logs) // TOGETHER) * TOGETHER, 1))
     theta[: len(logs), LEARNED] = logs - unit
     rows = np.concatenate([observed[:, None], columns, extra], axis=1)
     scale, blocks = system.scales[chain], system.longer[chain]
-    made = [
-        _filtered(theta[k : k + BATCH], scale, blocks, rows) for k in range(0, len(theta), BATCH)
-    ]
-    gram = np.concatenate([np.asarray(g) for g, _ in made])[: len(logs)]
-    logdet = np.concatenate([np.asarray(d) for _, d in made])[: len(logs)]
+    grams, logdets = [], []
+    for k in range(0, len(theta), TOGETHER):
+        white, logdet = whiten_under_each(theta[k : k + TOGETHER], scale, blocks, rows)
+        each = np.ascontiguousarray(np.asarray(white).transpose(2, 0, 1))
+        grams.append(each.transpose(0, 2, 1) @ each)
+        logdets.append(np.asarray(logdet))
+    gram, logdet = np.concatenate(grams)[: len(logs)], np.concatenate(logdets)[: len(logs)]
     finite = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(logdet)
     used = np.flatnonzero(np.diag(gram[np.argmax(finite)])[1:] > 0.0)  # the others are padding
     places = [0, *(used + 1)]
@@ -170,19 +168,3 @@ def _log_likelihood(
     logs_of = np.log(np.einsum("dkk->dk", factor)[:, :num]) + np.log(norm[:, :num])
     square = gram[:, 0, 0] - np.square(part).sum(axis=1)
     return np.where(finite, -0.5 * (logdet + square) - logs_of.sum(axis=1), -np.inf)
-
-
-@jax.jit
-def _filtered(
-    thetas: Float[AnyArray, "draw 7"],
-    scale: Float[AnyArray, "7"],
-    chain: Chain,
-    rows: Float[AnyArray, "block column"],
-) -> tuple[Float[Array, "draw column column"], Float[Array, " draw"]]:
-    """Products of the whitened columns, and log determinants of the noise. No linear algebra of a batch in here."""
-
-    def one(theta):
-        white, logdet = whiten(unpack(theta, scale), chain, rows)
-        return white.T @ white, logdet
-
-    return jax.vmap(one)(thetas)

@@ -75,7 +75,7 @@ class Known(eqx.Module):
         return (FREEDOM + told) * jnp.log1p(off @ precision @ off / FREEDOM)
 
 
-def _transition(
+def transition(
     variances: Variances, chain: Chain
 ) -> tuple[Float[Array, "block state"], Float[Array, "block state"], Float[Array, "block state"]]:
     """Decay, added variance and observation row of the state at every block."""
@@ -113,7 +113,7 @@ def _gains(
     Float[Array, "block state"],
 ]:
     """Innovation variance and Kalman gain at every block; they do not depend on the data."""
-    a, q, h = _transition(variances, chain)
+    a, q, h = transition(variances, chain)
     # Rows of padding are seen with unit variance and no state: they add nothing to the likelihood.
     real = jnp.asarray(chain.white) > 0.0
     white = jnp.where(real, variances.white * jnp.asarray(chain.white), 1.0)

@@ -93,7 +93,8 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
     """
     rng = np.random.default_rng(20240229)
     noise = [rng.standard_normal((n, draws)) for n in lengths]
-    smallest: dict[Key, np.ndarray] = {}
+    # Of forms with as many coefficients the one that gains most is the rarest.
+    largest: dict[tuple[Key, int], np.ndarray] = {}
     forms: dict[Key, list[Score]] = {}
     unlisted: Key = (PREFIX, ())
     for chain, members in _by_chain(scores).items():
@@ -107,10 +108,14 @@ def family(scores: Sequence[Score], lengths: Sequence[int], draws: int = 160) ->
                 at += s.white[0].shape[1]
             else:
                 part = sum(w.T @ noise[k] for w, k in zip(s.white, s.chains))
-            chance = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
+            gain = np.square(s.turn.T @ part).sum(axis=0)
             key = unlisted if s.term.name.startswith(PREFIX) else (s.term.name, s.term.channels)
-            smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
+            largest[key, s.size] = np.maximum(largest.get((key, s.size), 0.0), gain)
             forms.setdefault(key, []).append(s)
+    smallest: dict[Key, np.ndarray] = {}
+    for (key, size), gain in largest.items():
+        chance = scipy.special.chdtrc(size, gain)
+        smallest[key] = np.minimum(smallest.get(key, 1.0), chance)
     together = smallest.pop(unlisted, None)
     groups = {key: counted(least, forms[key]) for key, least in smallest.items()}
     return Family(groups, 0.0 if together is None else number_of_tests(together))
