@@ -18,8 +18,8 @@ from ..noise.observation_series import NoiseFit, System
 from .score_test import (
     CHUNK,
     fixed_columns,
-    is_shared,
     is_shown,
+    parted,
     Score,
     score_of,
     turned,
@@ -64,8 +64,7 @@ class ColumnProducts:
     def __init__(self, system: System, candidates: Sequence[Term], chosen: Sequence[Term]):
         self._system = system
         distinct = list({id(t): t for t in candidates}.values())
-        self.together = [t for t in distinct if is_shared(system, t)]
-        self.terms = [t for t in distinct if not is_shared(system, t)]
+        self.terms, self.together = parted(system, distinct)
         self._edges = np.cumsum([0, *(t.size for t in self.terms)])
         sizes = np.diff(self._edges)
         self._of_size = {int(s): np.flatnonzero(sizes == s) for s in np.unique(sizes)}

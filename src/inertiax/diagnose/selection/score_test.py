@@ -122,8 +122,7 @@ def whiten_system(
     is slow stays with its own chain, for slow noise is fitted chain by chain beside the whole of the rig's errors.
     """
     residual, fitted = [], 0
-    together = [t for t in candidates if is_shared(system, t)]
-    alone = [t for t in candidates if not is_shared(system, t)]
+    alone, together = parted(system, candidates)
     white: list[dict[int, np.ndarray]] = [{} for _ in alone]
     seen = np.zeros((3, sum(t.size for t in alone)))  # as `_columns_seen`
     edges = np.cumsum([0, *(t.size for t in alone)])
@@ -175,9 +174,15 @@ def fixed_columns(
     return np.concatenate([system.frames[chain], *map(unit, mine)], axis=1)
 
 
-def is_shared(system: System, term: Term) -> bool:
-    """Whether a term is scored on all chains together, since the rig's errors couple what follows the input."""
-    return system.shared is not None and (term.follows_input or term.scales_input)
+def parted(system: System, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+    """The terms that each chain's rows score alone, and those that all chains score together.
+
+    The latter follow the input, where the rig's errors couple the chains.
+    """
+    if system.shared is None:
+        return list(terms), []
+    coupled = [t.follows_input or t.scales_input for t in terms]
+    return [t for t, c in zip(terms, coupled) if not c], [t for t, c in zip(terms, coupled) if c]
 
 
 def scored_together(
