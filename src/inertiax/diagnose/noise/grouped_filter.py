@@ -295,7 +295,9 @@ def gradient(
     \\bar C = L^{-T} \\bar V, \\quad \\bar M = L^{-T} \\bar W, \\quad
     \\bar S = \\tfrac12 L^{-T}\\,\\mathrm{mirrored}(1 - \\bar V V^T - \\bar W W^T)\\, L^{-1},$$
 
-    where `mirrored` takes the lower triangle for both.
+    where `mirrored` takes the lower triangle for both. What of the bars before a group comes from those behind it is
+    $T^T \\bar x'$ and $T^T \\bar P' T$ with $T = \\mathrm{diag}(a) - W^T L^{-1} H$; the rest is made for all groups
+    at once.
     """
     groups = found.groups
     white = found._whitened(columns)
@@ -307,22 +309,20 @@ def gradient(
     x = _gone_back(found, turned(seen) @ pulled)
     pulled += gain @ x  # the bar of V
     w_bar = white @ turned(x)
-    half = np.tri(ROWS) - 0.5 * np.eye(ROWS)
-
-    def mirrored(lower):
-        lower *= half
-        return 0.5 * (lower + turned(lower))
-
-    inner = np.eye(ROWS) - pulled @ turned(white) - w_bar @ turned(gain)
-    # What of P's bar a group adds, its own bar being nothing; the rest is T' P T.
-    cross = turned(seen) @ w_bar * a[:, None, :]
-    p = _covariances_back(
-        found, turned(seen) @ mirrored(inner.copy()) @ seen + 0.5 * (cross + turned(cross))
+    half, unit = np.tri(ROWS) - 0.5 * np.eye(ROWS), np.eye(ROWS)
+    by_rows, by_gain = (
+        np.concatenate([pulled, w_bar], axis=2),
+        np.concatenate([white, gain], axis=2),
     )
+    inner = half * (unit - by_rows @ turned(by_gain))
+    added = turned(seen) @ inner @ seen + turned(seen) @ w_bar * a[:, None, :]
+    p = _covariances_back(found, 0.5 * (added + turned(added)))
     behind = gain @ p
     w_bar -= 2.0 * behind
-    inner += 2.0 * behind @ turned(gain)
-    by_own = turned(inverse) @ mirrored(inner) @ inverse
+    inner += half * (2.0 * behind @ turned(gain))
+    by_own = (
+        turned(inverse) @ inner @ inverse
+    )  # to be multiplied by symmetric matrices: needs no mirroring
     by_shared = turned(inverse) @ w_bar
     by_added = np.einsum("kss->ks", p)
     slope = groups.own @ by_own.reshape(-1)
