@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from ..reduction.mean_noise import converter_steps
 from .dead_channels import triads
@@ -14,6 +14,8 @@ from .thresholds import Thresholds
 
 _SHORTEST = 20  # rows of a rest that is looked into
 _LONGEST = 300.0  # s; beyond, zeros wander by themselves
+_COURSE = 10.0  # s, over which a long rest's slow course is taken: longer than what disturbs one
+_COURSES = 8  # of them at least; a shorter rest has no course
 _SPIKE = 2  # rows; longer disturbances are knocks
 _LEAST_LEAD = 3  # rows of motion at an end
 _ENOUGH = 10_000  # rows tell the noise of a longer rest to 1 %
@@ -61,6 +63,7 @@ def _look(log: Log, k: int, limits: Thresholds) -> _Rest | None:
     head, tail = 0, 0
     for name, values in triads(log):
         x = values[a:b]
+        x = x - _course(x, log.step)
         enough = x[:: max(len(x) // _ENOUGH, 1)]
         centre = np.median(enough, axis=0)
         noise = 1.4826 * np.median(np.abs(enough - centre), axis=0)
@@ -85,6 +88,17 @@ def _look(log: Log, k: int, limits: Thresholds) -> _Rest | None:
     spikes, knocks = _runs(inner)
     tilt, doubt = _tilt(log, a + head, b - tail)
     return _Rest(float(log.recording.time[a]), spikes, knocks, shift, head, tail, tilt, doubt)
+
+
+def _course(x: Float[np.ndarray, "row 3"], step: float) -> Float[np.ndarray, "row 3"] | float:
+    """The slow course of a long rest, by straight lines between medians: a device that warms up is not disturbed."""
+    width = int(round(_COURSE / step)) if step > 0.0 else 0
+    count = len(x) // width if width else 0
+    if count < _COURSES:
+        return 0.0
+    middles = np.median(x[: count * width].reshape(count, width, 3), axis=1)
+    at = (np.arange(count) + 0.5) * width
+    return np.stack([np.interp(np.arange(len(x)), at, m) for m in middles.T], axis=1)
 
 
 def _ends(far: Bool[np.ndarray, " row"]) -> tuple[int, int]:
