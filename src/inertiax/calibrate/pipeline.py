@@ -31,6 +31,7 @@ from ..physics.directions import FEWEST_DIRECTIONS
 from ..plausibility import Finding, require_plausible, statements
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
+from ..reduction.earth_at_rest import without_vertical_earth_rate
 from ..reduction.handling import kept_sentence, left_out_sentence
 from ..reduction.rig_errors import with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
@@ -43,6 +44,7 @@ from ..reduction.segments import (
 from .accelerometers import calibrate_accelerometers
 from .attitudes_over_temperature import one_attitude_over_temperature
 from .barometer import BarometerResult, calibrate_barometer
+from .earth_rate import earth_rate_words, with_earth_rate
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
 from .magnetometers_of_device import calibrate_mag, has_magnetometers, magnetometer_calibration
@@ -137,6 +139,7 @@ def calibrate_device(
         )
         return _magnetometers_alone(campaign, chosen, robust, progress, found_odd, why)
     dwells = with_rig_errors(dwells, campaign.rig)
+    dwells = without_vertical_earth_rate(dwells, campaign.site)
     warning = None
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
@@ -170,11 +173,14 @@ def calibrate_device(
     baro, failed = _barometer(campaign)
     warnings.extend(failed)
     choices.extend(() if baro is None else baro.statements)
+    choices.extend(earth_rate_words(raw, campaign.site) if gyro_result is not None else ())
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
         accel=_triad(_told(accel_result), chosen.accel_estimator, campaign.rig),
-        gyro=_triad(gyro_result, chosen.gyro_estimator, campaign.rig),
+        gyro=with_earth_rate(
+            _triad(gyro_result, chosen.gyro_estimator, campaign.rig), raw, campaign.site
+        ),
         device=campaign.devices[0],
         temperature_range=_temperature_range(campaign, accel_result, gyro_result, mag),
         notes=tuple(choices),

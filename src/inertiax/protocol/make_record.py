@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..calibrate.earth_rate import HEADING, heading_covariance
 from ..calibrate.fit_quality import judge, Quality, TRIAD_NAMES
 from ..calibrate.goodness_of_fit import undecidable
 from ..calibrate.results import DeviceResult, MagnetometerResult, TriadResult
@@ -19,6 +20,7 @@ from ..calibration.probe_error import probe_covariance
 from ..data.inputs import imu_topic, InputFile
 from ..data.recorded import recorded
 from ..data.recording import Campaign
+from ..reduction.earth_at_rest import is_known
 from ..reduction.handling import left_out_sentence
 from .record import (
     ConditionsRecord,
@@ -140,6 +142,9 @@ def _triad(
         return None
     fit = fit_of(result)
     parts = split(fit, campaign.rig)
+    if parts and result.estimator.triad == "gyro" and is_known(result.dwells, campaign.site):
+        heading = heading_covariance(fitted, result.dwells, campaign.site)
+        parts = (*parts, Part(HEADING, math.inf, heading))
     if parts and written is not fitted:
         parts = _with_rest(parts, written, campaign.rig.temperature_uncertainty or 0.0, beside)
     return TriadRecord(

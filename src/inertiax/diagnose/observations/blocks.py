@@ -5,15 +5,18 @@ make a dwell, so that what happens within a positioning stays visible. The scatt
 tells the white noise.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...data.recording import Campaign, Recording
+from ...data.recording import Campaign, Recording, Site
 from ...data.recording_order import in_order
 from ...physics.earth import EARTH_RATE as EARTH_RATE
 from ...reduction.dwells import is_told
+from ...reduction.earth_at_rest import vertical_earth_rate
 from ...reduction.segments import joined, rests_are_searched, segment_all, Segments
 
 
@@ -140,6 +143,9 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
                 f"{recording.name}: it never lies still for long, and what turns it looks like physics of the sensor; "
                 "a diagnosis needs rests of seconds in each orientation (`inertiax calibrate` does without)."
             )
+    gyro = _column(recordings, "gyro")
+    if gyro is not None:
+        gyro = _without_earth(gyro, recordings, segments, campaign.site)
     return Log(
         time=time - time[0],
         clock=np.concatenate([r.time for r in recordings]),
@@ -147,10 +153,8 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
         experiment=np.concatenate(experiment),
         position=np.concatenate([_positions(r, s) for r, s in zip(recordings, segments)]),
         temperature=None if probe is None else probe[:, 0],
-        **{
-            k: _column(recordings, k)
-            for k in ("accel", "gyro", "reference_accel", "reference_gyro")
-        },
+        **{k: _column(recordings, k) for k in ("accel", "reference_accel", "reference_gyro")},
+        gyro=gyro,
         segments=joined(segments),
         latitude=campaign.site.latitude,
         # Optional even where some files have it: what only some tell is not tested.
@@ -158,6 +162,25 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
         searched=any(rests_are_searched(r) for r in recordings),
         names=tuple(r.name or str(k) for k, r in enumerate(recordings)),
     )
+
+
+def _without_earth(
+    gyro: Float[np.ndarray, "time 3"],
+    recordings: Sequence[Recording],
+    segments: Sequence[Segments],
+    site: Site,
+) -> Float[np.ndarray, "time 3"]:
+    """Gyros whose rests are without Earth's vertical part, as the calibration has them; a turn about the vertical has
+    no part in gravity's turn between rests."""
+    gyro, first = gyro.copy(), 0
+    for recording, part in zip(recordings, segments, strict=True):
+        if recording.accel is not None and recording.reference_gyro is None:
+            rests = zip(part.start[part.resting], part.stop[part.resting], strict=True)
+            for a, b in rests:
+                force = recording.accel[a:b].mean(axis=0)[None]
+                gyro[first + a : first + b] -= vertical_earth_rate(force, site)
+        first += recording.num_samples
+    return gyro
 
 
 def _column(recordings: list[Recording], label: str) -> np.ndarray | None:

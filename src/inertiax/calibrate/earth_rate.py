@@ -1,0 +1,58 @@
+"""Earth's rate in the gyros' biases where no reference holds it: the uncertainty that the heading leaves, and words."""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ..calibration.calibration import TriadCalibration
+from ..calibration.quantities import DEG_PER_HOUR
+from ..data.recording import Site
+from ..physics.earth import EARTH_RATE
+from ..reduction.dwells import Dwells
+from ..reduction.earth_at_rest import horizontal_covariance, is_known
+
+
+HEADING = "Earth's rate, heading unknown"  # as a source of uncertainty
+
+
+def with_earth_rate(
+    triad: TriadCalibration | None, dwells: Dwells, site: Site
+) -> TriadCalibration | None:
+    """The gyros with what the unknown heading gives to their biases' covariance, alike at all temperatures."""
+    if triad is None or not is_known(dwells, site):
+        return triad
+    return dataclasses.replace(
+        triad, covariance=np.asarray(triad.covariance) + heading_covariance(triad, dwells, site)
+    )
+
+
+def heading_covariance(
+    triad: TriadCalibration, dwells: Dwells, site: Site
+) -> Float[np.ndarray, "unknowns unknowns"]:
+    """What the unknown heading gives to the covariance of the coefficients: to the biases' constants alone.
+
+    The first function of every basis is 1, and coefficients are counted row by row.
+    """
+    made = np.zeros(np.shape(triad.covariance))
+    biases = [triad.names.index(f"gyro.bias[{i}]") for i in range(3)]
+    made[np.ix_(biases, biases)] = horizontal_covariance(dwells, site)
+    return made
+
+
+def earth_rate_words(dwells: Dwells, site: Site) -> tuple[str, ...]:
+    """What became of Earth's rate; nothing where a reference holds it."""
+    if dwells.gyro is None or dwells.reference_gyro is not None:
+        return ()
+    whole = DEG_PER_HOUR * EARTH_RATE
+    if site.latitude is None or not is_known(dwells, site):
+        cure = "; [site] latitude takes its vertical part away" if dwells.accel is not None else ""
+        return (f"gyros: Earth's rate, up to {whole:.1f} °/h, is part of the biases{cure}",)
+    up, level = math.sin(site.latitude), math.cos(site.latitude)
+    sigma = DEG_PER_HOUR * np.sqrt(np.diagonal(horizontal_covariance(dwells, site)).max())
+    return (
+        f"gyros: Earth's rate along the vertical, {whole * up:.1f} °/h by the latitude, is taken away from the rests; "
+        f"along the horizontal, {whole * level:.1f} °/h in an unknown heading, it is in the biases' uncertainty "
+        f"(up to {sigma:.1f} °/h, 1 sigma)",
+    )

@@ -1,0 +1,84 @@
+"""Earth's rate in the gyros' means at rest, where no reference holds it.
+
+At rest ideal gyros read Earth's rate, whose vertical part is known by the latitude φ and by the direction u of the
+specific force beside it, whatever the heading:
+
+    ω = Ω sin φ u + Ω cos φ n,     n ⊥ u, |n| = 1, of unknown heading
+
+The first part is taken away. It is what a g-sensitivity of Ω sin φ on all axes would read. It has no part in
+gravity's turn between rests, since a rotation about the vertical leaves the vertical where it is. The second part
+stays in the biases, with the variance of a heading that may be any: (Ω cos φ)² / 2 on each horizontal axis, one draw
+for each attitude.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from .._typing import AnyArray
+from ..data.recording import Site
+from ..physics.earth import EARTH_RATE
+from .dwells import Dwells
+
+
+_GRAVITY = 0.2  # relative: what is felt at rest, raw scales and biases included
+# A device that is turned by less keeps most of its heading: rests as near as this are one draw of it.
+_ONE_DRAW = math.cos(math.radians(45.0))
+
+
+def vertical_earth_rate(
+    force: Float[AnyArray, "rest 3"], site: Site
+) -> Float[np.ndarray, "rest 3"]:
+    """Ω sin φ u of rests by their specific force (m/s²), rad/s; zero where that is not gravity, and without a latitude.
+
+    ```python
+    import numpy as np
+    from inertiax.data.recording import Site
+    from inertiax.reduction.earth_at_rest import vertical_earth_rate
+
+    level = np.array([[0.0, 0.0, 9.81]])
+    print(np.rad2deg(vertical_earth_rate(level, Site(9.81, np.deg2rad(30.0)))) * 3600.0)    # [[0.   0.   7.52]] °/h
+    ```
+    """
+    size = np.linalg.norm(force, axis=1, keepdims=True)
+    if site.latitude is None:
+        return np.zeros(np.shape(force))
+    felt = np.abs(size / site.gravity - 1.0) < _GRAVITY
+    up = np.asarray(force) / np.maximum(size, 1e-12)
+    return np.where(felt, EARTH_RATE * math.sin(site.latitude) * up, 0.0)
+
+
+def without_vertical_earth_rate(dwells: Dwells, site: Site) -> Dwells:
+    """Dwells whose gyro means at rest are without Earth's vertical part; unchanged where a reference holds Earth's
+    rate, without accelerometers, and without a latitude."""
+    if not is_known(dwells, site):
+        return dwells
+    rest = np.asarray(dwells.position)[:, None] >= 0
+    vertical = np.where(rest, vertical_earth_rate(np.asarray(dwells.accel), site), 0.0)
+    return dataclasses.replace(dwells, gyro=np.asarray(dwells.gyro) - vertical)
+
+
+def is_known(dwells: Dwells, site: Site) -> bool:
+    """Whether Earth's vertical part is known and in no reference."""
+    alone = dwells.gyro is not None and dwells.reference_gyro is None
+    return alone and dwells.accel is not None and site.latitude is not None
+
+
+def horizontal_covariance(dwells: Dwells, site: Site) -> Float[np.ndarray, "3 3"]:
+    """What the unknown heading gives to the covariance of the gyros' bias, (rad/s)²:
+    $\\frac{1}{2} (\\Omega \\cos\\varphi)^2 \\sum_p w_p^2 (E - u_p u_p^T)$ over attitudes p that have the part w_p of
+    the rests. Rests within 45° count as one attitude, for a device that is turned by less keeps most of its heading."""
+    if not is_known(dwells, site) or site.latitude is None:
+        return np.zeros((3, 3))
+    force = np.asarray(dwells.accel)[np.asarray(dwells.position) >= 0]
+    up = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-12)
+    left, total = np.ones(len(up), bool), np.zeros((3, 3))
+    while left.any():
+        first = up[int(np.argmax(left))]
+        near = left & (up @ first > _ONE_DRAW)
+        level = np.eye(3) - up[near].T @ up[near] / near.sum()
+        total += (near.sum() / len(up)) ** 2 * level
+        left &= ~near
+    return 0.5 * (EARTH_RATE * math.cos(site.latitude)) ** 2 * total

@@ -1,0 +1,111 @@
+"""Earth's rate in a hand log's gyros: its vertical part is taken away, and its horizontal part is an uncertainty.
+
+The log is made here: a device at rest in random attitudes of random headings, turned between them, in a room that
+turns with the Earth.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from inertiax.calibrate.pipeline import calibrate_device
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.diagnose import diagnose
+from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.earth_at_rest import horizontal_covariance, vertical_earth_rate
+
+
+G, LATITUDE, OMEGA = 9.81, math.radians(48.2), 7.292115e-5
+EARTH = OMEGA * np.array([0.0, np.cos(LATITUDE), np.sin(LATITUDE)])  # east, north, up
+BIAS = np.array([2e-4, -1e-4, 3e-4])  # rad/s
+SITE = Site(G, LATITUDE)
+
+
+def log(seed, rests=24, spin=True):
+    """Rests of 8 s at 50 Hz; 1.5 s of turning to the next, about an axis of the case."""
+    rng = np.random.default_rng(seed)
+    attitude, force, rate = Rotation.random(random_state=seed), [], []
+    for _ in range(rests):
+        force.append(np.tile(attitude.inv().apply([0, 0, G]), (400, 1)))
+        rate.append(np.tile(attitude.inv().apply(EARTH), (400, 1)))
+        axis = rng.standard_normal(3)
+        turn = rng.uniform(0.8, 1.6) * axis / np.linalg.norm(axis)
+        for part in np.diff(0.5 - 0.5 * np.cos(np.pi * np.arange(76) / 75)):
+            step = Rotation.from_rotvec(part * turn)
+            middle = attitude * Rotation.from_rotvec(0.5 * part * turn)
+            force.append(middle.inv().apply([[0, 0, G]]))
+            rate.append(50.0 * part * turn[None] + middle.inv().apply(EARTH[None]))
+            attitude = attitude * step
+    force, rate = np.concatenate(force), np.concatenate(rate)
+    force = force + 1e-3 * rng.standard_normal(force.shape)
+    rate = rate + BIAS + 1e-5 * rng.standard_normal(rate.shape)
+    return Recording(time=np.arange(len(force)) / 50.0, accel=force, gyro=rate)
+
+
+def test_the_vertical_part_is_that_of_the_rotated_case():
+    r = Rotation.random(20, random_state=3)
+    force = r.inv().apply([0.0, 0.0, G])
+    vertical = r.inv().apply([0.0, 0.0, EARTH[2]])
+    np.testing.assert_allclose(vertical_earth_rate(force, SITE), vertical, rtol=1e-12)
+    assert not vertical_earth_rate(force, Site(G)).any()
+    assert not vertical_earth_rate(3.0 * force, SITE).any()  # not gravity: the device moves
+
+
+@pytest.mark.slow
+def test_biases_are_those_of_the_sensor_within_what_the_heading_leaves():
+    """At each of eight logs; without the latitude they are off by up to Earth's rate."""
+    scores = []
+    for seed in range(8):
+        found = calibrate_device(Campaign((log(seed),), SITE)).calibration.gyro
+        covariance = np.asarray(found.covariance)[:3, :3]
+        error = np.asarray(found.curve.coefficients)[0, :3] - BIAS
+        scores.append(error @ np.linalg.inv(covariance) @ error)
+    # χ² of 24 degrees of freedom: below 43 in 99 of 100 runs, above 6 by rests that show no more than they state. The
+    # heading's draw is counted beside the scatter that rests show of it, so that the sum may well be small.
+    assert 6.0 < np.sum(scores) < 43.0
+
+
+@pytest.mark.parametrize("latitude", [LATITUDE, None])
+def test_a_fitted_g_sensitivity_holds_no_earth_rate_with_the_latitude(latitude):
+    """D of the vertical part alone: Ω sin φ on the diagonal."""
+    model = ModelChoice(g_sensitivity=True)
+    found = calibrate_device(Campaign((log(1),), Site(G, latitude), model=model)).calibration.gyro
+    d = np.asarray(found.curve.coefficients)[0, 12:].reshape(3, 3)
+    mean = np.trace(d) / 3.0
+    sigma = np.sqrt(np.asarray(found.covariance)[[12, 16, 20], [12, 16, 20]].mean() / 3.0)
+    truth = 0.0 if latitude is not None else EARTH[2]
+    assert abs(mean - truth) < 4.0 * sigma and sigma < 0.3 * EARTH[2]
+
+
+def test_one_attitude_is_one_draw_and_many_are_many():
+    """A bar on its side in one heading: no number of rests averages it."""
+    recording = log(2)
+    one = Recording(
+        time=np.arange(4000) / 50.0,
+        accel=np.tile([0.0, 0.0, G], (4000, 1)) + 1e-3 * np.random.default_rng(0).standard_normal((4000, 3)),
+        gyro=np.zeros((4000, 3)),
+        position=np.repeat(np.arange(10), 400),
+    )  # fmt: skip
+    level = 0.5 * (OMEGA * np.cos(LATITUDE)) ** 2
+    alone = horizontal_covariance(reduce_to_dwells([one]), SITE)
+    np.testing.assert_allclose(alone, np.diag([level, level, 0.0]), atol=1e-3 * level)
+    # Caps of 45° have a seventh of the sphere: six to fourteen of them hold all directions.
+    many = np.trace(horizontal_covariance(reduce_to_dwells([recording]), SITE))
+    assert 2.0 * level / 14.0 < many < 2.0 * level / 5.0
+
+
+def test_what_became_of_it_is_said():
+    said = calibrate_device(Campaign((log(1),), SITE)).choices
+    assert any("along the vertical, 11.2 °/h by the latitude, is taken away" in s for s in said)
+    said = calibrate_device(Campaign((log(1),), Site(G))).choices
+    assert any("up to 15.0 °/h, is part of the biases; [site] latitude" in s for s in said)
+
+
+@pytest.mark.slow
+def test_a_diagnosis_calls_it_no_g_sensitivity():
+    without = diagnose(Campaign((log(1),), Site(G), grade="tactical"))
+    assert "g_sensitivity" in [e.name for e in without.effects]
+    found = diagnose(Campaign((log(1),), SITE, grade="tactical"))
+    assert "g_sensitivity" not in [e.name for e in found.effects]
