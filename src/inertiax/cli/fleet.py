@@ -129,6 +129,14 @@ def fleet(
         raise typer.Exit(1)
 
 
+def _done_before(summary: "FleetSummary") -> str:
+    if summary.devices_before:
+        return (
+            f" (results of {summary.devices_before} kept, whose files and settings are unchanged)"
+        )
+    return f" ({summary.tasks_before} tasks were done before)" if summary.tasks_before else ""
+
+
 def _temperatures(text: str | None) -> tuple[float, ...] | None:
     if text is None:
         return None
@@ -179,7 +187,7 @@ def _tell(
     elif not quiet:
         console.say(
             f"{summary.devices} devices: {summary.calibrated} calibrated, {summary.set_aside} set aside"
-            + (f" ({summary.tasks_before} tasks were done before)" if summary.tasks_before else "")
+            + _done_before(summary)
         )
         for reason, count in summary.reasons:
             console.say(f"  {count} × {reason}")

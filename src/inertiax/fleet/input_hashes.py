@@ -26,29 +26,25 @@ class FleetInputs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     campaigns: dict[str, tuple[InputFile, ...]]  # by the path of the campaign.toml, itself first
 
 
-def write_inputs(files: Mapping[Path, Iterable[Path]], folder: Path) -> None:
-    """Hash every campaign's files, several at a time, and write `inputs.json`.
+Hashes = dict[str, tuple[InputFile, ...]]  # by the path of the campaign.toml, itself first
 
-    **Arguments:** `files` are the recordings by their `campaign.toml`. What cannot be read is left out: its device is
-    set aside with the reason.
-    """
-    inputs = FleetInputs(SCHEMA, _hashes(files))
+
+def write_inputs(hashes: Hashes, folder: Path) -> None:
+    """Write `inputs.json`."""
+    inputs = FleetInputs(SCHEMA, hashes)
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / FILE
     write_atomically(file, encode(inputs, str(file), indent=1))
 
 
-def changes_since(files: Mapping[Path, Iterable[Path]], folder: Path) -> tuple[str, ...] | None:
-    """What differs from the files of the run in a folder by content, in words; `None` where the run kept no hashes.
-
-    **Arguments:** `files` as of `write_inputs`.
-    """
+def changes_since(hashes: Hashes, folder: Path) -> tuple[str, ...] | None:
+    """What differs from the files of the run in a folder by content, in words; `None` where the run kept no hashes."""
     known = read_inputs(folder)
     if known is None:
         return None
     before, now = (
         {(c, f.file): f.sha256 for c, own in campaigns.items() for f in own}
-        for campaigns in (known.campaigns, _hashes(files))
+        for campaigns in (known.campaigns, hashes)
     )
     said = []
     for key in sorted({*before, *now}):
@@ -59,7 +55,33 @@ def changes_since(files: Mapping[Path, Iterable[Path]], folder: Path) -> tuple[s
     return tuple(said)
 
 
-def _hashes(files: Mapping[Path, Iterable[Path]]) -> dict[str, tuple[InputFile, ...]]:
+def same_files(hashes: Hashes, folder: Path, *, campaigns: bool) -> frozenset[str]:
+    """Absolute paths of what has the content that it had in the run of a folder.
+
+    With `campaigns` those of each `campaign.toml` all of whose files are the same ones; else those of the recordings
+    beside one `campaign.toml` that is the same.
+    """
+    known = read_inputs(folder)
+    before = {} if known is None else known.campaigns
+    same: set[str] = set()
+    for name, own in hashes.items():
+        old = {f.file: f.sha256 for f in before.get(name, ())}
+        new = {f.file: f.sha256 for f in own}
+        toml = Path(name)
+        if campaigns:
+            same |= {name} if old and old == new else set()
+        elif old.get(toml.name) == new.get(toml.name):
+            alike = [f for f in new if f != toml.name and old.get(f) == new[f]]
+            same |= {os.path.abspath(toml.parent / f) for f in alike}
+    return frozenset(same)
+
+
+def hashes_of(files: Mapping[Path, Iterable[Path]]) -> Hashes:
+    """SHA-256 of every campaign's files, several at a time.
+
+    **Arguments:** `files` are the recordings by their `campaign.toml`. What cannot be read is left out: its device is
+    set aside with the reason.
+    """
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         found = [
             (str(campaign.absolute()), pool.map(lambda f, c=campaign: _one(f, c.parent), (campaign, *own)))

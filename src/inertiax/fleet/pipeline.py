@@ -18,7 +18,7 @@ from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
 from .copies import set_copies_aside
-from .input_hashes import changes_since, write_inputs
+from .input_hashes import changes_since, hashes_of, same_files, write_inputs
 from .model_choice import choose_line_model, first_dwells, Reader
 from .one_by_one import beyond_batches, calibrate_one_by_one, Devices, devices_of, line_model
 from .overview.explain import choose_line_forms, write_line
@@ -35,6 +35,7 @@ from .reduce.many_dwells import Reduction
 from .reduce.raw_rows import read
 from .reduce.tasks import split, Task, wherever_read
 from .results import FleetSummary, summarise
+from .reuse import kept_results, take_away_parts
 from .rows import calibrate_reduced
 from .solve.batch import Precision
 from .solve.triad_model import TriadModel
@@ -101,7 +102,7 @@ def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -
     set_copies_aside(folder)
     summary = summarise(folder, before)
     fits = tuple(count_verdicts(folder, manifest).items())
-    summary = replace(summary, fits=fits)
+    summary = replace(summary, fits=fits, devices_before=manifest.kept)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     _write_population(folder, manifest)
     if manifest.forms is not None:
@@ -297,8 +298,22 @@ def _settled(
     if asked.explain:
         forms = choose_line_forms(manifest, reader)
         manifest = msgspec.structs.replace(manifest, forms=forms)
-    write_inputs(files, folder)
+    return _begun(manifest, files, folder)
+
+
+def _begun(manifest: Manifest, files: Mapping[Path, Iterable[Path]], folder: Path) -> Manifest:
+    """The plan, stored with the files' hashes; with the results of an earlier run that still hold as its first task."""
+    before, hashes = read_manifest(folder), hashes_of(files)
+    kept = None if before is None else kept_results(before, manifest, hashes, folder)
+    if before is not None and kept is None:
+        raise ValueError(_other_files(folder, changes_since(hashes, folder)))
+    if kept is not None:
+        take_away_parts(folder)
+    manifest = manifest if kept is None else kept.manifest
+    write_inputs(hashes, folder)
     write_manifest(manifest, folder)
+    if kept is not None:  # broken off before, the task is done again
+        write_part(folder, 0, kept.rows)
     return manifest
 
 
@@ -318,6 +333,15 @@ def _require_single(accel: TriadModel | None, prior: Population | None) -> None:
         raise ValueError("precision 'float32' does not go with a prior; leave one of them out.")
 
 
+def _other_files(folder: Path, changed: tuple[str, ...] | None) -> str:
+    """Why a run cannot go on in a folder."""
+    more = f" and {len(changed or ()) - _NAMED} more" if len(changed or ()) > _NAMED else ""
+    which = f": {', '.join(changed[:_NAMED])}{more}" if changed else ""
+    return (
+        f"{folder} holds a run over other files or settings{which}; choose another output folder."
+    )
+
+
 def _known(
     folder: Path, mark: str, asked: _Asked, files: Mapping[Path, Iterable[Path]], *, whole: bool
 ) -> Manifest | None:
@@ -329,13 +353,14 @@ def _known(
     if known is None:
         return None
     if known.inputs != mark:
-        changed = changes_since(files, folder)
-        if changed or changed is None or not whole:
-            more = f" and {len(changed or ()) - _NAMED} more" if len(changed or ()) > _NAMED else ""
-            which = f": {', '.join(changed[:_NAMED])}{more}" if changed else ""
-            raise ValueError(
-                f"{folder} holds a run over other files or settings{which}; choose another output folder."
-            )
+        hashes = hashes_of(files)
+        changed = changes_since(hashes, folder)
+        if changed:
+            if not whole or not same_files(hashes, folder, campaigns=known.campaigns):
+                raise ValueError(_other_files(folder, changed))
+            return None  # `_begun` keeps what still holds
+        if changed is None or not whole:
+            raise ValueError(_other_files(folder, changed))
         # Written to without a change of content.
         known = msgspec.structs.replace(known, inputs=mark)
         write_manifest(known, folder)

@@ -22,6 +22,8 @@ class FleetSummary(eqx.Module):
     reasons: tuple[tuple[str, int], ...] = eqx.field(static=True)  # in words, most frequent first
     tasks_before: int = eqx.field(static=True)  # done by an earlier run
     model: ModelSpec | None = eqx.field(static=True, default=None)
+    # Whose files and settings are those of an earlier run, so that its results are kept.
+    devices_before: int = eqx.field(static=True, default=0)
     # Devices by the verdict on their fit: good, usable, doubtful.
     fits: tuple[tuple[str, int], ...] = eqx.field(static=True, default=())
 
@@ -32,6 +34,7 @@ class FleetSummary(eqx.Module):
             "devices": self.devices,
             "calibrated": self.calibrated,
             "set_aside": self.set_aside,
+            "kept": self.devices_before,
             "fits": dict(self.fits),
             "model": None if self.model is None else self.model.document(),
             "reasons": [{"reason": r, "devices": n} for r, n in self.reasons],

@@ -56,6 +56,9 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     one_by_one: bool = False  # and calibrated as it does, for want of a program that takes many
     # Rows hold what a protocol states beside the estimates: what was recorded, warnings, covariances by source.
     documented: bool = False
+    kept: int = (
+        0  # devices of the first task whose results are those of an earlier run over other files
+    )
 
     @property
     def num_devices(self) -> int:

@@ -57,7 +57,7 @@ def split(files: Sequence[Path | str], columns: ColumnMap, *, rows: int = ROWS) 
     for file, found in zip(files, _found(files, columns), strict=True):
         for device, stretch in found:
             stretches.setdefault(device, []).append(stretch)
-        worst = max(stretches.values(), key=len)
+        worst = max(stretches.values(), key=len, default=[])
         if len(worst) > _STRETCHES * len(files):
             raise ValueError(
                 f"{file}: the rows of one device lie in {len(worst)} separate places; sort the file by "
