@@ -14,10 +14,13 @@ Measured on two cores of a shared AMD EPYC with JAX 0.10.2, before and after the
     N            4.1 → 1.2             2.7e6 → 5.4e6
     N, B and K   7.8 → 1.9             0.9e6 → 1.7e6
 
+Again, with the processor less busy: 0.8, 1.1 and 1.5 µs in scan; 1.1e7, 7.6e6 and 2.4e6 samples a processor second.
+
 With 20 000 devices on one NVIDIA H100 (JAX 0.11.2, 32 bits) `vmap` makes 8.5e8, 6.8e8 and 8.3e8 samples a second.
 
 Asked were 5 µs in `scan` and 10⁷ a second under `vmap`: with white noise it takes two cores of their own, with flicker
-six. Flicker's ten processes are ten numbers an axis to carry, and it takes four normal numbers an axis instead of one.
+four to six. Flicker's ten processes are ten numbers an axis to carry, and it takes four normal numbers an axis instead
+of one.
 Of the first line most is the error model of each device at each sample's temperature.
 """
 

@@ -47,6 +47,7 @@ TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
 PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
 MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
 SOON = 1.0  # rests before a session may stop from which on it says how many are still needed
+FORESEEN = 3.0  # times the target; beyond, the forecast was three times the truth (`benchmarks/live_hand.py`)
 JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
 
 
@@ -156,11 +157,18 @@ class Estimate:
             return None if self.now is None else _anywhere(self.now)
         share = planned_shares(planned, ahead)
         found = best_position(up, parts, share)
-        # The scatter's prior alone is no forecast of the noise.
-        further = rests_needed(parts, share, self.ratio) if lacking < SOON else None
-        if further is not None:
-            further = max(further, math.ceil(lacking), 1)
-        return dataclasses.replace(found, further=further)
+        return dataclasses.replace(found, further=self._further(parts, share, lacking))
+
+    def _further(
+        self, parts: list[Part], share: Float[np.ndarray, " candidate"], lacking: float
+    ) -> int | None:
+        """Rests that are still needed, `lacking` of them before a session may stop; `None` while the noise is mostly
+        what its prior says."""
+        ratio = self.ratio
+        if lacking >= SOON or ratio > FORESEEN:
+            return None
+        needed = rests_needed(parts, share, ratio)
+        return None if needed is None else max(needed, math.ceil(lacking), 1)
 
     def _rows(
         self, triad: Triad, up: Float[np.ndarray, "candidate 3"]
