@@ -15,6 +15,7 @@ from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.plausibility import check_campaign, Finding
 from inertiax.plausibility.gravity import normal_gravity
+from inertiax.plausibility.samples import _stretch_hashes
 from inertiax.plausibility.turns import misfits, Motions, PERMUTATIONS
 
 
@@ -296,3 +297,16 @@ def test_the_command_prints_the_document(tmp_path: Path, capsys):
     assert set(found) == {"kind", "severity", "what", "statement", "evidence", "remedy"}
     assert found["kind"] == "gyro_unit" and found["evidence"]["pairs"] >= RESTS - 3
     assert tomllib.loads(toml + found["remedy"])["columns"] == {"gyro": {"unit": "deg/s"}}
+
+
+def test_a_stretchs_number_is_its_polynomial_in_64_bits():
+    rows, length = np.random.default_rng(0).standard_normal((60, 6)), 20
+    found = _stretch_hashes(rows, length)
+    single = _stretch_hashes(rows, 10)
+    assert len(found) == 41 and len(single) == 51 and len(set(found.tolist())) == 41
+    # Twice 10 rows are 20: f(0..19) = f(0..9) + f(10..19) times the factor to the tenth, in Python's whole numbers.
+    factor = pow(0x100000001B3, 10, 2**64)
+    for k in range(41):
+        assert int(found[k]) == (int(single[k]) + factor * int(single[k + 10])) % 2**64
+    again = _stretch_hashes(np.concatenate([rows, rows]), length)
+    assert again[0] == again[60] and found[0] == again[0]

@@ -14,6 +14,7 @@ from .thresholds import Thresholds
 UNITS = {"accel": "m/s²", "gyro": "rad/s"}
 _FEWEST_ROWS = 100
 _MOST_STRETCHES = 1 << 21  # that are compared with each other, about
+_FACTOR = 0x100000001B3  # of the polynomial in 64 bits that a stretch's number is
 
 
 def check_dropouts(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
@@ -210,10 +211,11 @@ def _stretch_hashes(rows: Float[np.ndarray, "time channel"], length: int) -> np.
         mixed = bits * weights
         mixed ^= mixed >> np.uint64(29)
         one = (mixed * np.uint64(0x9E3779B97F4A7C15)).sum(axis=1, dtype=np.uint64)
-        total = np.zeros(len(one) - length + 1, np.uint64)
-        for k in range(length):
-            factor = np.uint64(pow(0x100000001B3, k + 1, 2**64))
-            total += one[k : k + len(total)] * factor
+        # The sum of one[i + k] f^(k+1) over k < length, from running sums: f is odd, so that it has an inverse.
+        powers = np.cumprod(np.full(len(one), _FACTOR, np.uint64))
+        running = np.append(np.uint64(0), np.cumsum(one * powers))
+        total = running[length:] - running[:-length]
+        total[1:] *= np.cumprod(np.full(len(total) - 1, pow(_FACTOR, -1, 2**64), np.uint64))
     fresh = np.append(1, (one[1:] != one[:-1]).astype(int))
     changes = np.cumsum(np.append(0, fresh))
     total[changes[length:] - changes[:-length] < 8] = 0

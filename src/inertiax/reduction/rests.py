@@ -218,15 +218,23 @@ def _window_moments(
 ) -> tuple[Float[np.ndarray, "time 3"], Float[np.ndarray, " time"]]:
     """Mean and variance (summed over axes) in the window centred on each sample."""
     centre = np.median(x[:: max(len(x) // _CENTRE, 1)], axis=0)
-    apart = x - centre
-    sums, squares = (np.zeros((len(x) + 1, x.shape[1]), order="F") for _ in range(2))
-    np.cumsum(apart, axis=0, out=sums[1:])
-    np.cumsum(np.square(apart), axis=0, out=squares[1:])
-    mean = (sums[width:] - sums[:-width]) / width
-    spread = ((squares[width:] - squares[:-width]) / width - mean**2).sum(axis=1)
+    windows, first = len(x) - width + 1, width // 2
+    inside = slice(first, first + windows)
+    mean, spread = np.empty(x.shape, order="F"), np.zeros(len(x))
+    sums = np.zeros(len(x) + 1)
+    for axis in range(x.shape[1]):  # one after the other: each in contiguous memory
+        apart = x[:, axis] - centre[axis]
+        np.cumsum(apart, out=sums[1:])
+        here = (sums[width:] - sums[:-width]) / width
+        mean[inside, axis] = here + centre[axis]
+        np.cumsum(np.square(apart, out=apart), out=sums[1:])
+        spread[inside] += (sums[width:] - sums[:-width]) / width - np.square(here, out=here)
+    np.maximum(spread, 0.0, out=spread)
     # Windows that would pass an end say what the last one inside says.
-    inside = np.clip(np.arange(len(x)) - width // 2, 0, len(mean) - 1)
-    return (mean + centre)[inside], np.maximum(spread, 0.0)[inside]
+    for values in (mean, spread):
+        values[:first] = values[first]
+        values[inside.stop :] = values[inside.stop - 1]
+    return mean, spread
 
 
 def _quietest(spread: Float[np.ndarray, " time"]) -> float:
