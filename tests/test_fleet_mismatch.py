@@ -103,6 +103,7 @@ def test_an_effect_of_the_make_spreads_over_devices():
     assert 0.7 * 1.5e-3 < first.spread < 1.4 * 1.5e-3  # 60 devices: ± 9 % (1 sigma), and noise
 
 
+@pytest.mark.slow
 def test_one_device_with_an_effect_of_its_own():
     def second(d, u):
         return np.stack([*np.zeros((2, len(u))), (d == 17) * 5e-3 * u[:, 2] ** 2], axis=1)

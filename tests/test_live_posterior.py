@@ -208,6 +208,7 @@ def test_degrees_of_freedom_are_those_of_the_rows_that_tell_the_scatter():
         np.testing.assert_allclose(np.mean(found), count, rtol=0.15)
 
 
+@pytest.mark.slow
 def test_the_forecast_is_what_further_rests_do():
     """Sessions of one device: the gain said beforehand is the mean of what the next rest brought, and the rests that
     are said to be needed are as many as were needed."""

@@ -154,6 +154,7 @@ def test_turns_about_one_axis_do_not_determine_it():
         calibrate_magnetometers(eqx.tree_at(lambda d: d.mag, found, flat))
 
 
+@pytest.mark.slow
 def test_turns_about_one_axis_on_a_rough_road_neither():
     """Tilts of 2° and 0.6 µT of noise: noise in m does not enter the sigma of what 1 µT out of the plane tells."""
     rng = np.random.default_rng(3)
