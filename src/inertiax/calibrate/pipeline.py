@@ -47,6 +47,7 @@ from .barometer import BarometerResult, calibrate_barometer
 from .earth_rate import earth_rate_words, with_earth_rate
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
+from .level_by_recording import level_words
 from .magnetometers_of_device import calibrate_mag, has_magnetometers, magnetometer_calibration
 from .one_triad import Progress, with_refined_force
 from .results import (
@@ -158,6 +159,8 @@ def calibrate_device(
     gyro_result, chosen = calibrate_gyros(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
+    level = level_words(gyro_result, campaign.site.gravity)
+    warnings.extend([] if level is None else [level])
     effects: tuple[FittedEffect, ...] = ()
     if chosen.together:
         assert accel_result is not None and gyro_result is not None  # `choose_model` saw both
