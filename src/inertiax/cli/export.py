@@ -152,7 +152,7 @@ def export(
 
 def _of_record(
     to: str, calibration: Path, given: dict[str, str]
-) -> tuple[dict[str, str | float], tuple[str, ...]]:
+) -> tuple[dict[str, str | int | float], tuple[str, ...]]:
     """Sampling rate and ROS topic of the recordings, by the record beside the calibration, and a note that says so."""
     from ..exports import by_name
     from ..exports.noise import known_settings
@@ -164,7 +164,7 @@ def _of_record(
         known = read_record(calibration.parent).conditions
     except ValueError:
         return {}, ()  # none, or of another calibration
-    found = known_settings(by_name(to), known.sample_rate, known.topic)
+    found = known_settings(by_name(to), known.sample_rate, known.topic, known.sensor_ids)
     told = {k: v for k, v in found.items() if k not in given}
     words = ", ".join(
         f"{k} = {v:.6g}" if isinstance(v, float) else f"{k} = {v}" for k, v in told.items()

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from .campaign import find_files
-from .formats import ros
+from .formats import ros, ulog
 from .formats.detect import format_of
 from .settings import read_table
 
@@ -25,6 +25,27 @@ def imu_topic(campaign: Path | None) -> str | None:
     if said.format not in (None, ros.NAME) or any(format_of(f) is not ros for f in files):
         return None
     return said.topic or topic_of_bags(files)
+
+
+def sensor_ids(campaign: Path | None, device: str) -> dict[str, int]:
+    """PX4's numbers of a device's sensors, from a campaign's ULogs; none of other files, and where logs differ.
+
+    Raises `ValueError` where a log cannot be read.
+    """
+    if campaign is None:
+        return {}
+    said = read_table(campaign).recordings
+    files = find_files(campaign.parent, said.files)
+    if not files or any(format_of(f) is not ulog for f in files):
+        return {}
+    found = []
+    for file in files:
+        by_imu = ulog.sensor_ids(file)
+        alone = next(iter(by_imu.values())) if len(by_imu) == 1 else {}
+        named = {f"imu{k}": ids for k, ids in by_imu.items()}
+        asked = {} if said.instance is None else by_imu.get(said.instance, {})
+        found.append(named.get(device) or asked or alone)
+    return found[0] if all(ids == found[0] for ids in found) else {}
 
 
 def topic_of_bags(files: Iterable[Path]) -> str | None:

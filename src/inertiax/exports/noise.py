@@ -6,7 +6,7 @@ too much. What a log does not determine is not exported: the user states it, kno
 
 import math
 from collections.abc import Collection, Mapping
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 
 import msgspec
 
@@ -46,7 +46,7 @@ class _Document(msgspec.Struct):
 class NoiseSettings(msgspec.Struct, frozen=True):
     """Settings of a format, and a line for each figure that not all axes tell."""
 
-    values: Mapping[str, float | str]
+    values: Mapping[str, float | int | str]
     notes: tuple[str, ...]
 
 
@@ -67,7 +67,7 @@ def settings_from_noise(
         raise ValueError(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
     document = decode(content, _Document, "--noise", "a document of `inertiax noise`", SCHEMA)
     log = _log_of(document, device)
-    values: dict[str, float | str] = known_settings(module, log.rate.value, log.topic)
+    values: dict[str, float | int | str] = known_settings(module, log.rate.value, log.topic)
     notes, missing = [], []
     for key, (triad, term) in wanted.items():
         if key in given:
@@ -87,12 +87,17 @@ def settings_from_noise(
 
 
 def known_settings(
-    module: ModuleType, rate: float | None, topic: str | None
-) -> dict[str, float | str]:
-    """What a recording itself tells of a format's settings: the sampling rate (Hz) and the ROS topic, where the format
-    has a place for them."""
+    module: ModuleType,
+    rate: float | None,
+    topic: str | None,
+    sensor_ids: Mapping[str, int] = MappingProxyType({}),
+) -> dict[str, float | int | str]:
+    """What a recording itself tells of a format's settings: the sampling rate (Hz), the ROS topic and the sensors' own
+    numbers, where the format has a place for them."""
     told = ((getattr(module, "RATE", None), rate), (getattr(module, "TOPIC", None), topic))
-    return {key: value for key, value in told if key is not None and value is not None}
+    known = {key: value for key, value in told if key is not None and value is not None}
+    fields = {f.name for f in msgspec.structs.fields(module.Settings)}
+    return known | {key: value for key, value in sensor_ids.items() if key in fields}
 
 
 def _log_of(document: _Document, device: str) -> _Log:

@@ -17,7 +17,7 @@ from ..calibrate.results import DeviceResult, MagnetometerResult, TriadResult
 from ..calibrate.split_covariance import fit_of, Part, residual_degrees, split
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.probe_error import probe_covariance
-from ..data.inputs import imu_topic, InputFile
+from ..data.inputs import imu_topic, InputFile, sensor_ids
 from ..data.recorded import recorded
 from ..data.recording import Campaign
 from ..reduction.earth_at_rest import is_known
@@ -121,6 +121,7 @@ def _conditions(campaign: Campaign, calibration: Calibration) -> ConditionsRecor
         end=end,
         sample_rate=known.sample_rate,
         topic=imu_topic(campaign.path),
+        sensor_ids=sensor_ids(campaign.path, calibration.device),
     )
 
 

@@ -65,6 +65,7 @@ class ConditionsRecord(_Strict, frozen=True):
     end: str | None = None  # UTC, ISO 8601, of the last row
     sample_rate: float | None = None  # Hz; None where recordings differ
     topic: str | None = None  # of the IMU, in ROS bags
+    sensor_ids: dict[str, int] = {}  # PX4's numbers of the sensors, in ULogs
 
 
 class EffectRecord(_Strict, frozen=True):

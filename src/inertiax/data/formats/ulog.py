@@ -30,6 +30,7 @@ MAGIC = b"ULog\x01\x12\x35"
 _TOPICS = ("sensor_accel", "sensor_gyro", "sensor_combined")
 _SLOWER = ("sensor_mag", "sensor_baro", "battery_status")
 _GAUSS = 1e-4  # T
+_HEAD = 4 << 20  # bytes: definitions, parameters and the first rows of every topic
 _MBAR = 100.0  # Pa
 _MOST_MBAR = 2000.0  # no air has so many; PX4 logged mbar before version 1.14, Pa since
 _COMBINED = {"gyro": "gyro_rad[{}]", "accel": "accelerometer_m_s2[{}]"}
@@ -72,7 +73,21 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     return tuple(recordings)
 
 
-def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
+def sensor_ids(path: Path) -> dict[int, dict[str, int]]:
+    """PX4's numbers of each IMU's sensors, `device_id` of its topics: {0: {"accel_id": 1310988, …}, …}.
+
+    The log's first rows tell them. Raises `ValueError` where the log cannot be read.
+    """
+    found: dict[int, dict[str, int]] = {}
+    for (topic, instance), fields in _datasets(path, most=_HEAD).items():
+        if "device_id" in fields and len(fields["device_id"]):
+            key = f"{topic.removeprefix('sensor_')}_id"
+            found.setdefault(instance, {})[key] = int(fields["device_id"][0])
+    return found
+
+
+def _datasets(path: Path, most: int | None = None) -> dict[tuple[str, int], dict[str, np.ndarray]]:
+    """Topics of a log, by name and instance; of its first `most` bytes alone, where that is given."""
     pyulog = load("pyulog", "px4", path)
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -80,14 +95,15 @@ def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
     said = io.StringIO()  # pyulog prints what it meets
     with path.open("rb") as file, contextlib.redirect_stdout(said):
         try:
-            once = _Once(file, path.stat().st_size)
+            whole = file if most is None else io.BytesIO(file.read(most))
+            once = _Once(whole, path.stat().st_size)
             log = pyulog.ULog(once, message_name_filter_list=[*_TOPICS, *_SLOWER])
         # pyulog meets a damaged file with whatever its parsing runs into (struct.error,
         # TypeError, ValueError, IndexError, KeyError, UnicodeDecodeError), and promises none of it.
         except Exception as error:
             reason = " ".join(f"{type(error).__name__} {error}".split())[:200]
             raise ValueError(f"{path.name}: the ULog is damaged: {reason}.") from None
-    if log.file_corruption:
+    if log.file_corruption and most is None:
         raise ValueError(f"{path.name}: the ULog has corrupt parts; download it again.")
     return {(d.name, d.multi_id): d.data for d in log.data_list}
 
@@ -95,7 +111,7 @@ def _datasets(path: Path) -> dict[tuple[str, int], dict[str, np.ndarray]]:
 class _Once:
     """A file that may be read about once: pyulog goes back in some damaged logs again and again."""
 
-    def __init__(self, file: BinaryIO, size: int):
+    def __init__(self, file: BinaryIO | io.BytesIO, size: int):
         self._file, self._left = file, 8 * size + 65536
         self.seek, self.tell, self.close = file.seek, file.tell, file.close
 
