@@ -70,7 +70,7 @@ TOML = {
     "unknown table": (
         GOOD + "[colums]\n",
         "unknown table 'colums'; did you mean 'columns'? known are site, recordings, columns, rig, "
-        "device, model.",
+        "device, model, table.",
     ),
     "unknown key": (
         "[site]\ngravty = 9.81\n" + FILES,
