@@ -10,10 +10,10 @@ from ..problem import Prepared, retuned
 from ..result import Moved, Parameter
 from ..selection.score_test import Score, whiten_system
 from .common_size import held_to_common_size
+from .moments import tuned_moments
 
 
 CHI2_95 = 3.8415  # of one degree of freedom
-MOMENTS = 40  # blocks on either side that a moment in time is looked for
 LOBES = 6.0  # resolution widths 1/T on either side that a frequency is looked for
 PER_LOBE = 24  # frequencies tried in each
 
@@ -39,7 +39,8 @@ def tune(
     if effect is None or not effect.nuisance:
         return term, None
     if effect.nuisance == "time":
-        return _tune_moment(prepared, noise, term, others)
+        ((tuned, std),) = tuned_moments(prepared, noise, [term], others)
+        return tuned, std
     if effect.nuisance == "frequency":
         term, beside = _best_lobe(prepared, noise, term, others)
         centre = float(term.variant.settings["frequency"])
@@ -131,30 +132,6 @@ def _best_lobe(
     far = np.abs(grid - grid[best]) > 0.6 * width
     square = np.square(grid[far] - grid[best])
     return members[best], float(np.sqrt(weight[far] @ square / weight.sum()))
-
-
-def _tune_moment(
-    prepared: Prepared, noise: NoiseFit, term: Term, others: Sequence[Term]
-) -> tuple[Term, float]:
-    """A moment in time: in the middle between two blocks, and the root mean square distance from it.
-
-    Moments between the same two blocks look alike, so the likelihood is a staircase. Each step of it weighs with
-    its likelihood and its duration.
-    """
-    edges = prepared.coarse.time
-    near = int(np.searchsorted(edges, float(term.variant.settings["time"])))
-    first, last = max(near - MOMENTS, 1), min(near + MOMENTS, len(edges) - 1)
-    places = np.arange(first, last + 1)
-    low, high = edges[places - 1], edges[places]
-    middle = 0.5 * (low + high)
-    members = retuned(prepared, term, middle.tolist())
-    scores = {id(s.term): s for s in whiten_system(prepared.system, noise, members, others).scores}
-    gains = np.array([scores[id(m)].gain if id(m) in scores else -np.inf for m in members])
-    weight = np.exp(0.5 * (gains - gains.max())) * (high - low)
-    weight = weight / weight.sum()
-    best = int(np.argmax(gains))
-    square = np.square(middle - middle[best]) + np.square(high - low) / 12.0
-    return members[best], float(np.sqrt(weight @ square))
 
 
 def parameters(

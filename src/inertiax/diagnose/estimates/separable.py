@@ -23,6 +23,7 @@ from ..noise.observation_series import NoiseFit
 from ..observations.model_rows import Baseline
 from ..problem import Prepared, rebuilt
 from ..selection.score_test import whiten_system
+from .moments import tuned_moments
 from .parameters import corrected, tune
 
 
@@ -81,10 +82,17 @@ def renewed(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> list
 def _tuned(
     prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]
 ) -> tuple[list[Term], list[float | None]]:
-    terms, spread = list(chosen), []
+    terms: list[Term] = list(chosen)
+    spread: list[float | None] = [None] * len(terms)
     for k, term in enumerate(chosen):
-        terms[k], std = tune(prepared, noise, term, terms[:k] + terms[k + 1 :])
-        spread.append(std)
+        terms[k], spread[k] = tune(prepared, noise, term, terms[:k] + terms[k + 1 :])
+    for name in dict.fromkeys(t.name for t in terms if t.effect is not None and t.effect.jump):
+        event = [k for k, t in enumerate(terms) if t.name == name]
+        if len(event) > 1:
+            others = [t for k, t in enumerate(terms) if k not in event]
+            found = tuned_moments(prepared, noise, [terms[k] for k in event], others)
+            for k, (tuned, std) in zip(event, found):
+                terms[k], spread[k] = tuned, std
     return terms, spread
 
 
