@@ -49,6 +49,7 @@ from .selection.score_test import whiten_system
 from .selection.verdict import Answer, Named
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
+from .wording.noise_doubt import doubted, noise_sentence
 from .wording.scatter import scatter_sentence
 from .wording.sentences import summary
 
@@ -220,7 +221,7 @@ def conclude_findings(
     verdicts = [f.verdict for f in findings]
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
-    beside, qualities, rows, noise = [], [], [], []
+    beside, qualities, rows, noise, every_check = [], [], [], [], []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
         found = [n.candidate.term for n in answer.named]
@@ -252,6 +253,7 @@ def conclude_findings(
         noise.extend(finding.remarks)
         checks = allan_checks(prepared, answer.noise, _everything(answer, terms))
         noise.extend(check.line() for check in checks)
+        every_check.extend(checks)
         progress(f"{prepared.form.triad}: proved on held-out data")
     explanations.sort(key=lambda e: -e.evidence.delta_bic)
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
@@ -260,11 +262,16 @@ def conclude_findings(
     forms = [f.prepared.form for f in findings if not f.prepared.motions]
     said = summary(verdict, explanations, where, empirical, forms)
     handling = _handling(findings)
+    doubtful = doubted(every_check)
+    sentences = (
+        said,
+        noise_sentence(doubtful),
+        left_out_sentence(handling),
+        kept_sentence(handling),
+    )
     diagnosis = Diagnosis(
         verdict=verdict,
-        summary=" ".join(
-            s for s in (said, left_out_sentence(handling), kept_sentence(handling)) if s
-        ),
+        summary=" ".join(s for s in sentences if s),
         where=tidy(where),
         effects=tuple(explanations),
         baseline=chosen[1],
@@ -276,6 +283,7 @@ def conclude_findings(
         notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
         handling=handling,
         noise=tuple(noise),
+        noise_doubted=tuple(c.channel for c in doubtful),
         audit=plan,
         residuals=tuple(rows),
         first=float(findings[0].prepared.clock[0]),

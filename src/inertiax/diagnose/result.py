@@ -102,6 +102,8 @@ class Diagnosis(eqx.Module):
     noise: tuple[str, ...] = eqx.field(
         static=True, default=()
     )  # where it was known from, and the fitted noise beside Allan deviations
+    # Channels whose fitted noise is not that within the longest rest, so that probabilities do not hold.
+    noise_doubted: tuple[str, ...] = eqx.field(static=True, default=())
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
     audit: Audit | None = None  # of the campaign as a plan
     model: ModelSpec | None = eqx.field(static=True, default=None)  # that was judged
@@ -132,6 +134,7 @@ class Diagnosis(eqx.Module):
             "handling": [d.as_dict() for d in self.handling],
             "notes": list(self.notes),
             "noise": list(self.noise),
+            "noise_doubted": list(self.noise_doubted),
             "plausibility": [f.as_dict() for f in self.plausibility],
         }
         if self.audit is not None:

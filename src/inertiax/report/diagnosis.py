@@ -33,9 +33,18 @@ def report_diagnosis(
     **Arguments:** `campaign` are the device's recordings; with them the places are drawn over time.
     """
     tone, headline = _HEADLINES[found.verdict]
+    if found.verdict == "consistent" and found.noise_doubted:
+        doubted = ", ".join(found.noise_doubted)
+        tone, headline = (
+            "attention",
+            f"Nothing stands out, but the noise of {doubted} is not known.",
+        )
+    elif found.verdict == "unexplained" and found.effects:
+        headline = "Beside what has a name, something is there that no catalogued effect explains."
     names = [" or ".join((e.name, *e.alternatives)) for e in found.effects]
     if names:
-        headline = f"{headline[:-1]}: {'; '.join(names)}."
+        named = "named are " if found.verdict == "unexplained" else ""
+        headline = f"{headline[:-1]}: {named}{'; '.join(names)}."
     device = "" if campaign is None else campaign.devices[0]
     sections = [
         *_effect_section(found, folder),

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import numpy as np
+from scipy.stats import norm
 
 from ...allan import deviations
 from ..candidates.signatures import Term
@@ -30,6 +31,12 @@ class AllanCheck(eqx.Module):
     def agrees(self) -> bool:
         """Whether the measured value lies within the interval."""
         return self.low <= self.measured <= self.high
+
+    @property
+    def deviate(self) -> float:
+        """Distance of the logarithms in standard deviations, by the interval's width."""
+        spread = (np.log(self.high) - np.log(self.low)) / (2.0 * norm.isf(0.5 - 0.5 * LEVEL))
+        return float((np.log(self.measured) - np.log(self.expected)) / spread)
 
     def line(self) -> str:
         """The comparison in words."""
