@@ -15,6 +15,7 @@ from inertiax.diagnose.noise.common_mode_fit import coupled_theta, JointLikeliho
 from inertiax.diagnose.noise.observation_series import NoiseFit, START, variances
 from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection.evidence import bank, judge
 from inertiax.diagnose.selection.score_test import whiten_columns, whiten_system
 from inertiax.effects import CATALOGUE
 from inertiax.numerics.common_errors import root
@@ -125,3 +126,48 @@ def test_rivals_that_depend_on_the_input_are_judged_beyond_the_rigs_errors_as_we
     assert of_input == {k for k in unlisted if rate.search(k[1])}
     assert any(" times " in name for name, _ in of_input)
     assert len(of_input) < len(unlisted)  # a bump in time is none
+
+
+def test_what_is_scored_on_all_channels_is_judged_by_their_likelihood_together():
+    scale = [e for e in CATALOGUE if e.name == "drift"]
+    with jax.enable_x64(True):
+        (prepared,) = prepare(oblique(7), scale).triads
+        system = prepared.system
+        term = next(
+            t for t in prepared.candidates if t.channels == (1,) and t.variant.label == "scale"
+        )
+        num = len(system.base.observed[0])
+        errors, y = np.concatenate(system.shared.columns), np.concatenate(system.base.observed)
+        plain = scipy.linalg.block_diag(*system.frames)
+        more = np.zeros((3 * num, 1))
+        more[num : 2 * num] = term.columns[0]
+
+        def square_and_logs(fit, x):
+            """Generalised least squares by the dense covariance."""
+            whole = NoiseFit(fit.theta, (0.0,) * 3, fit.coupled)
+            inverse = [whiten_columns(system, whole, c, np.eye(num), apart=True) for c in range(3)]
+            own = scipy.linalg.block_diag(*(np.linalg.inv(w.T @ w) for w in inverse))
+            factor = np.linalg.cholesky(own + np.exp(fit.coupled[0][RIG]) * errors @ errors.T)
+            a, b = (scipy.linalg.solve_triangular(factor, m, lower=True) for m in (x, y))
+            q, r = np.linalg.qr(a)
+            logs = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(r))).sum()
+            return np.square(b - q @ (q.T @ b)).sum(), logs
+
+        # The chains' own variances are alike, and those of the fit together are not: only these may count.
+        own = tuple(START + 0.0 for _ in range(3))
+        fits = [
+            NoiseFit(own, (0.0,) * 3, tuple(t + change * np.eye(7)[3] for t in own))
+            for change in (0.0, -1.5)
+        ]
+        ratios = []
+        for fit in fits:
+            before, logs = square_and_logs(fit, plain)
+            gain = before - square_and_logs(fit, np.concatenate([plain, more], axis=1))[0]
+            ratios.append((gain, before + 2.0 * logs))
+        # The bank looks at chains whose own variances it has not seen; another walk makes the second fit one.
+        fits[1] = NoiseFit(tuple(t + 1e-9 for t in own), (0.0,) * 3, fits[1].coupled)
+        (found,) = judge(system, bank(system, fits, []), [term], [], {}, None)
+    lowest = min(value for _, value in ratios)
+    expected = max(gain - (value - lowest) for gain, value in ratios)
+    # Sums of thousands of terms of order one.
+    assert found.ratio == pytest.approx(expected, rel=1e-4, abs=1e-2)

@@ -19,6 +19,7 @@ UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotati
 
 
 INPUTS = ("rate", "specific_force", "input", "attitude")  # drivers of effects
+ON_INPUT = ("scale", "misalignment")  # what an effect acts on where its columns go with the input
 BY_DWELL = ("input", "move", "position")  # in names of unlisted dependences that follow them
 
 
@@ -67,7 +68,7 @@ class Term:
     @property
     def scales_input(self) -> bool:
         """Whether a catalogued effect acts on a scale factor or misalignment, so that its columns go with the input."""
-        return self.effect is not None and self.variant.settings.get("on", "bias") != "bias"
+        return self.effect is not None and self.variant.settings.get("on", "bias") in ON_INPUT
 
     @cached_property
     def follows_input(self) -> bool:

@@ -42,14 +42,17 @@ def among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
     return any(not set(c.term.chains).isdisjoint(chains) for c in chosen)
 
 
-def explained_beside(chosen: Sequence[Candidate], new: Candidate, forms: dict) -> float:
+def explained_beside(chosen: Sequence[Candidate], new: Candidate) -> float:
     """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on.
 
-    Without those of the rig and the reference that geometry gives one form: they leave nothing behind.
+    Without those of the rig and the reference that geometry gives forms, and no course in time: of an angle of 40 arcsec
+    the linear form leaves a part of 2e-4, and of its drop the square of that.
     """
-    inexact = [
-        c
-        for c in chosen
-        if c.term.effect is None or not c.term.effect.common or forms.get(c.key) != 1
-    ]
+    inexact = [c for c in chosen if not _geometric(c)]
     return float(sum(c.score.gain for c in inexact if among([c], new.term.chains)))
+
+
+def _geometric(one: Candidate) -> bool:
+    """Whether an effect of the rig or the reference has no form but what geometry gives it."""
+    effect = one.term.effect
+    return effect is not None and effect.common and effect.driver != "time"

@@ -13,11 +13,11 @@ import numpy as np
 from ...effects import Effect
 from ..candidates.empirical import PREFIX
 from ..candidates.signatures import Term
-from ..noise.common_mode_fit import recoupled
+from ..noise.common_mode_fit import coupled_theta, JointLikelihood, recoupled
 from ..noise.observation_series import NoiseFit, System
 from ..noise.reml import fit_noise, likelihood
 from .column_products import ColumnProducts
-from .score_test import Score, scored_together, whiten_system
+from .score_test import parted, Score, scored_together, whiten_system
 
 
 ROOM = 0.35  # standard deviation of the logarithm of a coefficient that theory fixes at 1
@@ -82,6 +82,7 @@ class Bank:
 
     fits: tuple[NoiseFit, ...]
     values: tuple[tuple[float, ...], ...]  # by fit, then by chain
+    together: tuple[float, ...] = ()  # by fit, of all chains with the errors that they share
 
     @property
     def best(self) -> tuple[float, ...]:
@@ -107,7 +108,11 @@ def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Ba
             if (c, theta.tobytes()) not in known:
                 known[c, theta.tobytes()] = likelihood(system, fit, chosen, c)
         values.append(tuple(known[c, theta.tobytes()] for c, theta in enumerate(fit.theta)))
-    return Bank(tuple(fits), tuple(values))
+    together = ()
+    if system.shared is not None and len(fits) > 1:  # one alone is compared with nothing
+        joint = JointLikelihood(system, chosen)
+        together = tuple(joint(coupled_theta(fit)) for fit in fits)
+    return Bank(tuple(fits), tuple(values), together)
 
 
 def observations(system: System, term: Term) -> int:
@@ -137,8 +142,9 @@ def judge(
 ) -> list[Candidate]:
     """Candidates with their profile likelihood ratios over the bank, best evidence first.
 
-    Chains are independent: a candidate is judged by the variances of its own chains. Scores have their whitened columns
-    where `columns` are asked for. `products` of these candidates beside the chosen terms serve several banks.
+    Chains are independent: a candidate is judged by the variances of its own chains. One that is scored on all chains
+    together is judged by their likelihood together: what variances lose must be counted on the rows that the gain is
+    counted on. Scores have their whitened columns where `columns` are asked for. `products` of these candidates beside the chosen terms serve several banks.
     """
     found = _best_scores(system, bank, candidates, chosen, columns, products)
     made, usual, seen = [], {}, {}
@@ -170,7 +176,10 @@ def _best_scores(
     """Of each candidate that shows the largest likelihood ratio over the bank, with its score there."""
     if columns:
         return _each_best(
-            bank, candidates, lambda fit, some: whiten_system(system, fit, some, chosen).scores
+            bank,
+            candidates,
+            parted(system, candidates)[1],
+            lambda fit, some: whiten_system(system, fit, some, chosen).scores,
         )
     if products is None:
         products = ColumnProducts(system, candidates, chosen)
@@ -189,6 +198,7 @@ def _best_scores(
         made += _each_best(
             bank,
             products.together,
+            products.together,
             lambda fit, some: [
                 s for s in scored_together(system, fit, some, chosen) if s is not None
             ],
@@ -201,18 +211,35 @@ def _best_scores(
 def _each_best(
     bank: Bank,
     candidates: Sequence[Term],
+    together: Sequence[Term],
     scored: Callable[[NoiseFit, Sequence[Term]], Sequence[Score]],
 ) -> list[tuple[float, Score]]:
-    """As `_best_scores`, with what makes the scores of some candidates under one noise."""
+    """As `_best_scores`, with what makes the scores of some candidates under one noise.
+
+    `together` are those that are scored on all chains together.
+    """
+    joint = bank.together or (0.0,) * len(bank.fits)
+    coupled = {id(t) for t in together}
+    lowest: dict[
+        tuple[int, ...], float
+    ] = {}  # of the fits that terms of some chains were scored under
     best: dict[int, tuple[float, Score]] = {}
-    for fit, value, fresh in _rounds(bank):
+    for value_of_all, (fit, value, fresh) in zip(joint, _rounds(bank)):
         some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
         for score in scored(fit, some) if some else ():
-            loss = sum(value[c] - bank.best[c] for c in score.term.chains)
+            chains = score.term.chains
+            if id(score.term) in coupled:
+                lowest[chains] = min(lowest.get(chains, np.inf), value_of_all)
+                loss = value_of_all
+            else:
+                loss = sum(value[c] - bank.best[c] for c in chains)
             ratio = score.gain - 2.0 * loss
             if id(score.term) not in best or ratio > best[id(score.term)][0]:
                 best[id(score.term)] = (ratio, score)
-    return list(best.values())
+    return [
+        (ratio + 2.0 * lowest[score.term.chains] if key in coupled else ratio, score)
+        for key, (ratio, score) in best.items()
+    ]
 
 
 def _rounds(bank: Bank) -> Iterator[tuple[NoiseFit, tuple[float, ...], set[int]]]:

@@ -86,9 +86,7 @@ class Asked:
             terms = [c.term for c in chosen]
             ranked = [c for c in ranked if is_open(c) or not full(chosen, c)]
             ranked = [c for c in ranked if not twice(chosen, c)]
-            ranked = [
-                c for c in ranked if c.score.gain > TRACE * explained_beside(chosen, c, self.forms)
-            ]
+            ranked = [c for c in ranked if c.score.gain > TRACE * explained_beside(chosen, c)]
             leading = ranked[:TRIED]
             if memory is not None:
                 paying = first_of_both(c for c in leading if memory.pays(c.term, terms))
