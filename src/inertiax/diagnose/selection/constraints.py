@@ -45,8 +45,8 @@ def among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
 def explained_beside(chosen: Sequence[Candidate], new: Candidate) -> float:
     """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on.
 
-    Without those of the rig and the reference that geometry gives forms, and no course in time: of an angle of 40 arcsec
-    the linear form leaves a part of 2e-4, and of its drop the square of that.
+    Without those of the rig and the reference that geometry gives forms, and no course in time: of an angle of 40
+    arcsec the linear form leaves a part of 2e-4, and of its drop the square of that.
     """
     inexact = [c for c in chosen if not _geometric(c)]
     return float(sum(c.score.gain for c in inexact if among([c], new.term.chains)))
