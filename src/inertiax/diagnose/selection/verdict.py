@@ -164,7 +164,9 @@ def _conclude(
         if again.p_value < STILL:
             named.append(again)
     beside = [null] if noise is None else [noise, null]
-    noise = noise if named else None
+    if noise is not None and [n.candidate.term for n in named] != [c.term for c in chosen]:
+        # What is named is not all that was chosen: beside it the noise is another one.
+        noise = fit_noise(ask.system, [n.candidate.term for n in named], noise) if named else None
     best_open, open_p = found.unlisted, found.unlisted_p
     if best_open is None and left is not None:
         best_open, open_p = left.candidate, left.p_value
