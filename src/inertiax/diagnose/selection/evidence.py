@@ -144,7 +144,8 @@ def judge(
 
     Chains are independent: a candidate is judged by the variances of its own chains. One that is scored on all chains
     together is judged by their likelihood together: what variances lose must be counted on the rows that the gain is
-    counted on. Scores have their whitened columns where `columns` are asked for. `products` of these candidates beside the chosen terms serve several banks.
+    counted on. Scores have their whitened columns where `columns` are asked for. `products` of these candidates beside
+    the chosen terms serve several banks.
     """
     found = _best_scores(system, bank, candidates, chosen, columns, products)
     made, usual, seen = [], {}, {}
@@ -220,9 +221,8 @@ def _each_best(
     """
     joint = bank.together or (0.0,) * len(bank.fits)
     coupled = {id(t) for t in together}
-    lowest: dict[
-        tuple[int, ...], float
-    ] = {}  # of the fits that terms of some chains were scored under
+    # Of the fits that terms of some chains were scored under.
+    lowest: dict[tuple[int, ...], float] = {}
     best: dict[int, tuple[float, Score]] = {}
     for value_of_all, (fit, value, fresh) in zip(joint, _rounds(bank)):
         some = [t for t in candidates if not fresh.isdisjoint(t.chains)]
