@@ -15,6 +15,7 @@ from ..physics.error_model import compensate_accel
 from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import Turns, with_motions
+from .accelerometers_in_gyros import with_accelerometers
 from .one_triad import (
     estimate_triad,
     Progress,
@@ -34,8 +35,9 @@ def calibrate_gyros(
     progress: Progress,
     choices: list[str],
     warnings: list[str],
-) -> tuple[TriadResult | None, ChosenModel]:
-    """The gyros' estimate, and the model with the estimator that was used in the end.
+) -> tuple[TriadResult | None, ChosenModel, Float[np.ndarray, "accel gyro"] | None]:
+    """The gyros' estimate, the model with the estimator that was used in the end, and the covariance of the
+    accelerometers' coefficients with the gyros', where gravity by those is what the gyros are calibrated against.
 
     Where the choice was left open and the rotation of gravity does not determine the model, the rests
     still tell the bias; a warning says so.
@@ -47,7 +49,7 @@ def calibrate_gyros(
         return estimate_triad(gyro, used, model, method, progress, choices, warnings)
 
     if chosen.gyro_estimator is None:
-        return None, chosen
+        return None, chosen, None
     if chosen.gyro_estimator == "gravity":
         assert accel is not None  # `choose_model` saw accelerometers
         turns = _turns(campaign, accel, dwells, g_sensitivity=chosen.g_sensitivity)
@@ -55,13 +57,16 @@ def calibrate_gyros(
         choices.extend([] if reason is None else [reason])
         try:
             if name == "gravity":
-                return estimate(chosen, turns.dwells), chosen
+                by_gravity = with_accelerometers(
+                    estimate(chosen, turns.dwells), accel, turns.dwells
+                )
+                return by_gravity.result, chosen, by_gravity.cross_covariance
         except ValueError as error:
             if chosen.fixed or campaign.model.gyro_estimator == "gravity":
                 raise
             warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
         chosen = dataclasses.replace(chosen, gyro_estimator="static")
-    return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen
+    return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen, None
 
 
 def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitivity: bool) -> Turns:

@@ -156,7 +156,7 @@ def calibrate_device(
         warnings.extend(_of_the_mean(accel_result))
         one = one_attitude_over_temperature(raw)
         warnings.extend([] if one is None else [one])
-    gyro_result, chosen = calibrate_gyros(
+    gyro_result, chosen, cross = calibrate_gyros(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
     level = level_words(gyro_result, campaign.site.gravity)
@@ -166,7 +166,7 @@ def calibrate_device(
         assert accel_result is not None and gyro_result is not None  # `choose_model` saw both
         progress("estimating both triads together")
         found = _together(campaign, chosen, raw, accel_result, gyro_result, robust)
-        accel_result, gyro_result = found.accel, found.gyro
+        accel_result, gyro_result, cross = found.accel, found.gyro, None
         choices.extend(found.statements)
         specific_force = np.asarray(accel_result.dwells.accel) / campaign.site.gravity
         effects = found.effects(float(np.abs(specific_force).max()))
@@ -188,6 +188,7 @@ def calibrate_device(
         temperature_range=_temperature_range(campaign, accel_result, gyro_result, mag),
         notes=tuple(choices),
         effects=effects,
+        cross_covariance=cross,
         model=spec,
         mag=None if mag is None else magnetometer_calibration(mag, campaign.rig),
         baro=None if baro is None else baro.calibration,

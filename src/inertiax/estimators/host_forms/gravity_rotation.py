@@ -32,22 +32,65 @@ class GravityRotationOnHost(AbstractHostForm):
     """Rates at rest, and the tilt of gravity after each motion."""
 
     def linearise(self, vectors: Vectors, dwells: Dwells) -> LinearisedDwells:
-        errors, motion = self.layout.unpack(vectors), _motion(dwells)
+        errors = self.layout.unpack(vectors)
         force = self.force(dwells) / self.gravity
-        at_rest = np.asarray(dwells.gyro) - errors.bias
-        at_rest -= np.einsum("nij,nj->ni", errors.g_sensitivity, force)
-        still = whitening(np.asarray(dwells.gyro_covariance), 0.0)
+        rows = self._at_rest(errors, dwells)
         inputs = self.layout.inputs(np.zeros_like(force), force)
         tilt, slope = self._tilts(errors, dwells)
+        still, moved, sigma = self._whitenings(dwells)
+        jacobian = [-still[:, :, self.layout.output] * inputs[:, None, :], moved @ slope]
+        return self.weighed(
+            dwells,
+            _whitened(still, rows, moved, tilt),
+            np.concatenate(jacobian, axis=1),
+            tilt,
+            sigma,
+        )
+
+    def by_force(self, vectors: Vectors, dwells: Dwells) -> Float[np.ndarray, "dwell row 6"]:
+        """What the specific force at a rest (three columns) and at the rest before its motion (three) do to the
+        rows of `linearise`, per m/s².
+
+        To first order in the tilt, the two angles change by E(u₂) (R δu₁ − δu₂) with E the unit vectors across u₂;
+        the force during the motion, of which the D term reads 1e-3 rad/s a g, is left out.
+        """
+        errors = self.layout.unpack(vectors)
+        still, moved, sigma = self._whitenings(dwells)
+        count = dwells.num_dwells
+        by_end, by_start = np.empty((count, 2, 3)), np.empty((count, 2, 3))
+        tilt = np.empty((count, 2))
+        for part in self._chunks(dwells):
+            some = dwells[part]
+            ends = self._ends(TriadErrors(*(x[part] for x in errors)), some)
+            across = _across(_unit(some.accel))
+            tilt[part] = ends.tilt
+            by_end[part] = -across @ _by_length(some.accel)
+            by_start[part] = across @ ends.turn @ _by_length(_motion(some).start_force)
+        at_rest = still @ (-errors.g_sensitivity / self.gravity)
+        rows = [
+            np.concatenate([at_rest, np.zeros_like(at_rest)], axis=2),
+            moved @ np.concatenate([by_end, by_start], axis=2),
+        ]
+        whole = _whitened(still, self._at_rest(errors, dwells), moved, tilt)
+        return self.weighed(dwells, whole, np.concatenate(rows, axis=1), tilt, sigma).jacobian
+
+    def _at_rest(self, errors: TriadErrors, dwells: Dwells) -> Float[np.ndarray, "dwell 3"]:
+        """Mean rates that bias and D leave, rad/s."""
+        force = self.force(dwells) / self.gravity
+        left = np.asarray(dwells.gyro) - errors.bias
+        return left - np.einsum("nij,nj->ni", errors.g_sensitivity, force)
+
+    def _whitenings(
+        self, dwells: Dwells
+    ) -> tuple[
+        Float[np.ndarray, "dwell 3 3"], Float[np.ndarray, "dwell 2 2"], Float[np.ndarray, "dwell 2"]
+    ]:
+        """L⁻¹ of the rates at rest and of the tilts, none where no motion led to a rest, and the tilts' own sigma."""
+        still = whitening(np.asarray(dwells.gyro_covariance), 0.0)
         covariance = _tilt_covariance(dwells)
         moved = whitening(covariance, self.scatter)
-        moved = np.where(np.asarray(motion.valid)[:, None, None], moved, 0.0)
-        rows = [np.einsum("nij,nj->ni", w, r) for w, r in ((still, at_rest), (moved, tilt))]
-        jacobian = [-still[:, :, self.layout.output] * inputs[:, None, :], moved @ slope]
-        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        return self.weighed(
-            dwells, np.concatenate(rows, axis=1), np.concatenate(jacobian, axis=1), tilt, sigma
-        )
+        moved = np.where(np.asarray(_motion(dwells).valid)[:, None, None], moved, 0.0)
+        return still, moved, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
     def response(
         self, vectors: Vectors, dwells: Dwells
@@ -118,7 +161,7 @@ class GravityRotationOnHost(AbstractHostForm):
         tilt = 2.0 * np.einsum("nki,ni->nk", across, predicted) / along[:, None]
         moved = 2.0 * across - tilt[:, :, None] * end[:, None, :]
         by_turn = moved @ _cross_matrix(predicted) / along[:, None, None]
-        return _Ends(rates, by_rate, tilt, by_turn)
+        return _Ends(rates, by_rate, tilt, by_turn, turn)
 
 
 class _Ends(NamedTuple):
@@ -128,6 +171,24 @@ class _Ends(NamedTuple):
     by_rate: Float[np.ndarray, "dwell sample 3 3"]  # Gₛ of `_carried`
     tilt: Float[np.ndarray, "dwell 2"]  # rad
     by_turn: Float[np.ndarray, "dwell 2 3"]  # its change by a small turn v at the end: u by u × v
+    turn: Float[np.ndarray, "dwell 3 3"]  # R, the whole motion's rotation
+
+
+def _whitened(
+    still: Float[np.ndarray, "dwell 3 3"],
+    at_rest: Float[np.ndarray, "dwell 3"],
+    moved: Float[np.ndarray, "dwell 2 2"],
+    tilt: Float[np.ndarray, "dwell 2"],
+) -> Float[np.ndarray, "dwell 5"]:
+    rows = [np.einsum("nij,nj->ni", w, r) for w, r in ((still, at_rest), (moved, tilt))]
+    return np.concatenate(rows, axis=1)
+
+
+def _by_length(force) -> Float[np.ndarray, "dwell 3 3"]:
+    """∂u/∂f of u = f / |f|: (E − u uᵀ) / |f|."""
+    force = np.asarray(force)
+    unit, length = _unit(force), np.linalg.norm(force, axis=1)[:, None, None]
+    return (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length
 
 
 def _carried(
