@@ -2,8 +2,8 @@
 
 import equinox as eqx
 import numpy as np
-import turned_by_hand as hand
 
+import turned_by_hand as hand
 from inertiax.calibrate.accelerometers import calibrate_accelerometers
 from inertiax.calibrate.accelerometers_in_gyros import sensitivity
 from inertiax.calibrate.gyros import _turns
