@@ -1,7 +1,6 @@
 """Reports: judged rightly, safe against hostile names, complete and self-contained."""
 
 import html.parser
-import dataclasses
 import json
 import re
 from dataclasses import replace
@@ -195,7 +194,7 @@ def test_a_diagnosis_is_told_and_drawn(tmp_path, verdict):
 
 
 def test_a_headline_does_not_call_consistent_what_rests_on_doubtful_noise(tmp_path):
-    found = dataclasses.replace(diagnosis("consistent"), noise_doubted=("gyro_y",))
+    found = replace(diagnosis("consistent"), noise_doubted=("gyro_y",))
     report_diagnosis(found, tmp_path, "inertiax diagnose")
     text = _Page((tmp_path / "report.html").read_text("utf-8")).text
     assert "the noise of gyro_y is not known" in text and "Consistent: nothing" not in text
@@ -203,7 +202,7 @@ def test_a_headline_does_not_call_consistent_what_rests_on_doubtful_noise(tmp_pa
 
 def test_a_headline_parts_what_has_a_name_from_what_has_none(tmp_path):
     named = diagnosis("missing-physics").effects
-    found = dataclasses.replace(diagnosis("unexplained"), effects=named)
+    found = replace(diagnosis("unexplained"), effects=named)
     report_diagnosis(found, tmp_path, "inertiax diagnose")
     text = _Page((tmp_path / "report.html").read_text("utf-8")).text
     assert "Beside what has a name" in text and "named are thermal_lag" in text
