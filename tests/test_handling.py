@@ -14,6 +14,7 @@ from inertiax.reduction.handling import kept_sentence, left_out_sentence
 from inertiax.reduction.knocks import levels_of, spiked
 from inertiax.reduction.quiet_level import Bursts
 from inertiax.reduction.rest_ends import quiet_part
+from inertiax.reduction.rests import find_rests
 from inertiax.reduction.segments import disturbances_of, segment
 from inertiax.reduction.tilts import tilting
 
@@ -330,3 +331,18 @@ def test_rests_found_before_are_kept_where_outputs_have_been_changed_since():
     assert not np.array_equal(coefficients(anew), coefficients(plain))  # a rest is lost
     again = calibrate_device(after, model=plain.model, segments=plain.segments)
     np.testing.assert_array_equal(coefficients(again), coefficients(plain))
+
+
+def test_quiet_stretches_that_are_too_short_for_rests_are_counted():
+    rng = np.random.default_rng(8)
+    moving = lambda seconds: np.ones(round(seconds * RATE), bool)
+    parts = [[~moving(5.0), moving(3.0)] for _ in range(8)]
+    short = [[~moving(1.6), moving(3.0)] for _ in range(3)]
+    moves = np.concatenate([x for part in (*parts, *short) for x in part])
+    shaken = moves[:, None] * rng.standard_normal((len(moves), 3))
+    force = [0.0, 0.0, G] + 2.0 * shaken + ACCEL * rng.standard_normal(shaken.shape)
+    recording = Recording(time=np.arange(len(moves)) / RATE, accel=force)
+    found = find_rests(recording, window=1.0)
+    assert len(found.start) == 8 and "; 3 stretches as quiet" in found.statement
+    longer = Recording(time=recording.time[:6400], accel=force[:6400])
+    assert "as quiet" not in find_rests(longer, window=1.0).statement

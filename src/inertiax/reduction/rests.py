@@ -126,6 +126,13 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
         f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
+    # Quiet windows follow one another, but over less than one; where a hand turns round they are fewer than half of it.
+    brief = len(_runs(motion <= threshold, pauses, width // 2)[0]) - len(start)
+    if brief:
+        statement += (
+            f"; {brief} stretch{'es' * (brief > 1)} as quiet, shorter than these, "
+            f"{'are' if brief > 1 else 'is'} too short to count: lay the device down for longer"
+        )
     return Rests(edges[:, 0], edges[:, 1], threshold, statement, levels)
 
 
