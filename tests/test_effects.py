@@ -214,3 +214,17 @@ def test_a_field_of_unknown_azimuth_is_nearly_among_the_forms():
     # The angle between the field and the nearest form: 14° of azimuth times cos(dip) and 7° of dip, 0.17 rad.
     assert best == "any axis, azimuth 90 deg" and left[best] < 2.0 * 0.17**2
     assert effect.variants(dataclasses.replace(signal, upright=False))[1:] == ()
+
+
+def test_the_models_say_where_a_drift_is_zero_and_which_branch_reads_high():
+    there_and_back = dataclasses.replace(
+        make_signal("accel", 201),
+        temperature=20.0 + 30.0 * (1.0 - np.abs(np.arange(201) - 100) / 100),
+    )
+    for form in ("play", "Rayleigh", "spread"):
+        settings = {"radius": 0.05, "loop": form, "on": "bias"}
+        shape = np.asarray(BY_NAME["thermal_hysteresis"].shape(there_and_back, **settings))[:, 0, 0]
+        assert shape[50] < -0.3 and shape[150] > 0.3  # of the same temperature, 35 °C
+    assert "-1 after warming and 1 after cooling" in BY_NAME["thermal_hysteresis"].equation
+    drift = np.asarray(BY_NAME["drift"].shape(there_and_back, on="bias"))[:, 0, 0]
+    assert drift[100] == 0.0 and drift[-1] == -drift[0] == 100.0

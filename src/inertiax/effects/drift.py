@@ -40,7 +40,7 @@ def _follow(
 EFFECT = Effect(
     name="drift",
     title="bias drift, ramp R (IEEE 952)",
-    equation="c t",
+    equation="c (t - t_m), t_m the middle of the recordings",
     units={"accel": "m/s^2/s", "gyro": "rad/s/s"},
     prior={
         "accel": {

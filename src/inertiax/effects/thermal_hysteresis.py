@@ -99,7 +99,9 @@ def _follow(
 EFFECT = Effect(
     name="thermal_hysteresis",
     title="thermal hysteresis",
-    equation="h L(T, branch); L of the play operator, within -1 and 1, or s (1 - ((T - T_m)/A)^2)",
+    equation=(
+        "h L(T, branch); L of the play operator, -1 after warming and 1 after cooling, or s (1 - ((T - T_m)/A)^2)"
+    ),
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
         "accel": {
