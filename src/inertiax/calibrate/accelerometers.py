@@ -11,6 +11,7 @@ from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import with_provisional_scatter
 from .goodness_of_fit import LIMITS
+from .held_misalignments import stated_with_held
 from .one_triad import (
     estimate_triad,
     Progress,
@@ -45,7 +46,8 @@ def calibrate_accelerometers(
         accel, _ = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
         assert accel is not None
         own = used if mine is None else mine
-        return estimate_triad(accel, own, model, method, progress, said, warnings)
+        found = estimate_triad(accel, own, model, method, progress, said, warnings)
+        return stated_with_held(found)
 
     rests = np.flatnonzero(np.asarray(used.position) >= 0)
     if chosen.lever_arms and 0 < len(rests) < used.num_dwells:

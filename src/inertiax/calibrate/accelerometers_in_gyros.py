@@ -23,6 +23,7 @@ from ..estimators.host_forms.gravity_rotation import GravityRotationOnHost
 from ..estimators.host_forms.layout import Layout
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
+from .held_misalignments import with_held
 from .results import TriadResult
 
 
@@ -40,18 +41,25 @@ def with_accelerometers(gyro: TriadResult, accel: TriadResult, dwells: Dwells) -
     **Arguments:** `dwells` are all rests that the gyros were estimated on, with their motions, the accelerometers'
     outputs compensated.
     """
+    whole = with_held(accel)
     slope = sensitivity(gyro, accel, dwells)
-    known = np.asarray(accel.solution.covariance)
+    known = whole.covariance
     moved = slope @ known @ slope.T
     covariance = np.asarray(gyro.solution.covariance) + 0.5 * (moved + moved.T)
     result = eqx.tree_at(lambda r: r.solution.covariance, gyro, covariance)
-    return GyrosByGravity(result, known @ slope.T)
+    size, names = accel.solution.curve.basis.size, accel.estimator.names
+    own = [a * len(whole.names) + whole.names.index(n) for a in range(size) for n in names]
+    return GyrosByGravity(result, (known @ slope.T)[own])
 
 
 def sensitivity(
     gyro: TriadResult, accel: TriadResult, dwells: Dwells
 ) -> Float[np.ndarray, "gyro_unknowns accel_unknowns"]:
-    """S = dβ/dα of the module, SI units; arguments as in `with_accelerometers`."""
+    """S = dβ/dα of the module, SI units; arguments as in `with_accelerometers`.
+
+    α are the coefficients of `held_misalignments.with_held`: a misalignment that is held at zero turns gravity's
+    directions as well as an estimated one.
+    """
     problem = Problem(gyro.estimator, gyro.solution.curve.basis, dwells)
     coefficients = np.asarray(gyro.solution.curve.coefficients)
     form = host_form(gyro.estimator)
@@ -71,9 +79,10 @@ def _force_by_coefficients(
     accel: TriadResult, dwells: Dwells
 ) -> Float[np.ndarray, "dwell 3 accel_unknowns"]:
     """∂f/∂α of the compensated force f = (E + Γ)⁻¹ (a' − b), m/s² per coefficient."""
-    curve, layout = accel.solution.curve, Layout(accel.estimator.names)
-    phi = curve.basis.rows(np.asarray(dwells.temperature))
-    errors = layout.unpack(phi @ np.asarray(curve.coefficients))
+    whole = with_held(accel)
+    layout = Layout(whole.names)
+    phi = accel.solution.curve.basis.rows(np.asarray(dwells.temperature))
+    errors = layout.unpack(phi @ whole.coefficients)
     refine = np.linalg.inv(np.eye(3) + errors.matrix)
     force = np.asarray(dwells.accel)
     own = -refine[:, :, layout.output] * layout.inputs(force, np.zeros_like(force))[:, None, :]
