@@ -1,13 +1,14 @@
 """What misalignments that are held at zero do to biases and scale factors, and to their stated uncertainty.
 
-Six faces determine no misalignments. A face that is off by an angle $\\epsilon$ reads $\\epsilon \\gamma$ of a misalignment
-$\\gamma$ all the same, and the fit puts that into bias and scale factor. With the whitened rows' Jacobians $J$ of what is
-fitted and $J_\\gamma$ of what is held, and the usual size $s$ of a misalignment as its standard deviation (consider
-covariance),
+Six faces determine no misalignments. A face that is off by an angle $\\epsilon$ reads $\\epsilon \\gamma$ of a
+misalignment $\\gamma$ all the same, and the fit puts that into bias and scale factor. With the whitened rows' Jacobians
+$J$ of what is fitted and $J_\\gamma$ of what is held, and the usual size $s$ of a misalignment as its standard
+deviation (consider covariance),
 
 $$S = -P J^T J_\\gamma, \\qquad C = P + s^2 S S^T, \\qquad C_{x\\gamma} = s^2 S.$$
 
-**Reference:** Schmidt, *Application of state-space methods to navigation problems*, Advances in Control Systems 3, 1966.
+**Reference:** Schmidt, *Application of state-space methods to navigation problems*, Advances in Control
+Systems 3, 1966.
 """
 
 import dataclasses
