@@ -272,5 +272,26 @@ def _mistakes(
     bounds = calibration.temperature_range
     middle = 0.0 if bounds is None else float(np.mean(bounds))
     (values,), _ = triad.over(np.array([middle]))
-    found = matrix_mistakes(triad.names, values)
-    return [Finding(topic, UNUSABLE, f"{name}: {text}") for topic, text in found]
+    found = [
+        Finding(t, UNUSABLE, f"{name}: {said}") for t, said in matrix_mistakes(triad.names, values)
+    ]
+    alike = None if found or triad.estimator != "gravity" else _common_scale(triad.names, values)
+    return found if alike is None else [Finding("unit", ATTENTION, f"{name}: {alike}")]
+
+
+# Relative: MEMS scale factors are within 3 % (L3G4200D, MPU-6050 data sheets), and each has an error of its own.
+_NO_SENSOR, _ALIKE = 0.03, 0.2
+
+
+def _common_scale(names: tuple[str, ...], values: np.ndarray) -> str | None:
+    """In words that all three gyros are off alike, by more than sensors are; gravity's turns tell no clock from it."""
+    own = [k for i in range(3) for k, n in enumerate(names) if n == f"gyro.matrix[{i},{i}]"]
+    scales = values[own]
+    common = float(np.mean(scales))
+    if len(own) < 3 or abs(common) < _NO_SENSOR or np.std(scales) > _ALIKE * abs(common):
+        return None
+    return (
+        f"all three read {1.0 + common:.3f} times the truth: the clock (stamps that are {abs(common):.1%} too "
+        f"{'long' if common > 0 else 'short'}) or the range, for sensors differ from each other; check the sampling "
+        "rate."
+    )
