@@ -2,8 +2,8 @@
 
 import equinox as eqx
 import numpy as np
-import turned_by_hand as hand
 
+import turned_by_hand as hand
 from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.pipeline import calibrate_device
 
