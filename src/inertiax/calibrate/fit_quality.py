@@ -162,9 +162,14 @@ def _misfit(name: str, estimate: TriadResult) -> Finding:
     grade = int(grade_misfit(unit, rms, ratio))
     if estimate.follows and grade != UNUSABLE:
         what = "rests differ" if unit == "rad" else words.partition(";")[0]
+        held = (
+            "The uncertainties take it for slow noise of the device"
+            if estimate.slow_noise.alike > 0.0
+            else "Parameters may be off by more than is stated"
+        )
         words = (
-            f"{what}, and most of it follows {estimate.follows}, so that it does not average out and parameters may be "
-            "off by more than is stated. 'inertiax diagnose' says what it is and allows for it"
+            f"{what}, and most of it follows {estimate.follows}, so that it does not average out. "
+            f"{held}; 'inertiax diagnose' looks for the cause"
         )
         grade = ATTENTION
     return Finding("misfit", grade, f"{name}: {words}.")

@@ -24,6 +24,7 @@ from .between_dwell_variance import (
 from .misfit_pattern import misfit_pattern
 from .observability import judge_normal, Observability
 from .results import TriadResult
+from .slow_noise import slow_noise_of, slow_part, SlowNoise
 
 
 Progress = Callable[[str], None]
@@ -71,6 +72,7 @@ def estimate_triad(
         warning = rate_warning(procedure, rate, dwells)
         warnings.extend([] if warning is None else [warning])
     scatter = float(estimator.scatter)
+    solution, slow = _with_slow_noise(estimator, solution, dwells)
     return TriadResult(
         estimator=estimator,
         solution=solution,
@@ -81,7 +83,27 @@ def estimate_triad(
         scatter=scatter,
         chi2_per_dof=own_chi2,
         follows=misfit_pattern(estimator, basis, np.asarray(solution.curve.coefficients), dwells),
+        slow_noise=slow,
     )
+
+
+def _with_slow_noise(
+    estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells
+) -> tuple[ThermalSolution, SlowNoise]:
+    """The solution with the covariance of dwells that err alike, where they do.
+
+    Of dwells at rest and at constant rates: a motion between rests is compared with gravity's direction alone.
+    """
+    if dwells.motion is not None or not np.all(np.asarray(dwells.valid)):
+        return solution, SlowNoise()
+    problem = Problem(estimator, solution.curve.basis, dwells)
+    coefficients = np.asarray(solution.curve.coefficients)
+    slow = slow_noise_of(problem, coefficients)
+    if slow.alike == 0.0:
+        return solution, slow
+    own = np.asarray(solution.covariance)
+    whole = slow.own * own + slow_part(problem, coefficients, own, slow)
+    return eqx.tree_at(lambda s: s.covariance, solution, whole), slow
 
 
 def _settled(

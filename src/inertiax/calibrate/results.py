@@ -16,6 +16,7 @@ from ..reduction.handling import Disturbance
 from ..reduction.segments import Segments
 from .barometer import BarometerResult
 from .observability import Observability
+from .slow_noise import SlowNoise
 
 
 class TriadResult(eqx.Module):
@@ -30,6 +31,9 @@ class TriadResult(eqx.Module):
     scatter: float = eqx.field(static=True)  # found between dwells, in `misfit_unit`
     chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
     follows: str = eqx.field(static=True, default="")  # what the misfit follows, if anything
+    slow_noise: SlowNoise = eqx.field(
+        static=True, default=SlowNoise()
+    )  # within `solution.covariance`
 
     @property
     def rms(self) -> float:

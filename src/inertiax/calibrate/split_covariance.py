@@ -17,15 +17,18 @@ from jaxtyping import Float
 
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator
+from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import Curve
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import rig_covariance
 from .between_dwell_variance import num_judged
 from .results import TriadResult
+from .slow_noise import slow_part, SlowNoise
 
 
 NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
+SLOW = "slow noise"
 SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
 
 
@@ -45,6 +48,7 @@ class Fit(NamedTuple):
     covariance: Float[np.ndarray, "unknowns unknowns"]
     dwells: Dwells  # that have a misfit, the rig's errors in their covariances
     num_rows: int  # of the misfit
+    slow: SlowNoise = SlowNoise()  # within the covariance
 
 
 def fit_of(result: TriadResult) -> Fit:
@@ -52,7 +56,7 @@ def fit_of(result: TriadResult) -> Fit:
     solution = result.solution
     covariance = np.asarray(solution.covariance)
     rows = int(np.size(result.misfit))
-    return Fit(result.estimator, solution.curve, covariance, result.dwells, rows)
+    return Fit(result.estimator, solution.curve, covariance, result.dwells, rows, result.slow_noise)
 
 
 def residual_degrees(fit: Fit) -> int:
@@ -75,8 +79,12 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     problem = Problem(fit.estimator, fit.curve.basis, fit.dwells)
     jacobian = problem.at(fit.curve.coefficients).jacobian
     covariance = fit.covariance
-    again = covariance @ problem.normal(jacobian) @ covariance
-    if not np.allclose(np.diagonal(again), np.diagonal(covariance), rtol=same, atol=0.0):
+    slow = np.zeros_like(covariance)
+    if fit.slow.alike > 0.0:
+        covariance = scaled_inverse(problem.normal(jacobian))
+        slow = slow_part(problem, np.asarray(fit.curve.coefficients), covariance, fit.slow)
+    again = fit.slow.own * (covariance @ problem.normal(jacobian) @ covariance) + slow
+    if not np.allclose(np.diagonal(again), np.diagonal(fit.covariance), rtol=same, atol=0.0):
         return ()
     shares = _shares(fit, rig, jacobian.shape[1])
     # V⁻¹J, where dwells share errors; else V is the identity.
@@ -88,8 +96,9 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
         if source == POSITION and problem.shared is not None:
             together = problem.shared.signatures.T @ design
             inner = inner + together.T @ together
-        own = covariance @ inner @ covariance
+        own = fit.slow.own * (covariance @ inner @ covariance)
         parts.append(Part(source, _degrees(source, fit, share), 0.5 * (own + own.T)))
+    parts.append(Part(SLOW, float(max(residual_degrees(fit), 1)), slow))
     return tuple(p for p in parts if np.any(np.diagonal(p.covariance) > 0.0))
 
 

@@ -1,5 +1,7 @@
 """What a calibrated campaign says about the plan to come: noise, re-positioning, temperatures."""
 
+import math
+
 import equinox as eqx
 import numpy as np
 
@@ -36,7 +38,8 @@ def shown_by(result: DeviceResult) -> Conditions:
     r"""The conditions that a device was calibrated under.
 
     The density is $\sqrt{t\,\mathrm{tr}(\Sigma)/3}$, with $\Sigma$ the covariance of the mean of a rest of t seconds:
-    the median over the rests. Scatter between rests is what the fit found beside it.
+    the median over the rests. With a reference $u$ it is $\sqrt{t\,u^T \Sigma u / u^T u}$: along gravity, errors of the
+    table's angles are none. What they give across it joins the scatter between rests that the fit found.
 
     Raises `ValueError` where no accelerometers were calibrated.
 
@@ -49,7 +52,12 @@ def shown_by(result: DeviceResult) -> Conditions:
         )
     dwells = accel.dwells
     used = np.asarray(dwells.valid, bool)
-    variance = np.trace(np.asarray(dwells.accel_covariance), axis1=-2, axis2=-1)[used] / 3.0
+    covariance = np.asarray(dwells.accel_covariance)[used]
+    variance = mean = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
+    if dwells.reference_accel is not None:
+        u = np.asarray(dwells.reference_accel)[used]
+        variance = np.einsum("ni,nij,nj->n", u, covariance, u) / np.sum(u**2, axis=1)
+    repeatability = math.sqrt(float(accel.scatter) ** 2 + max(float(np.mean(mean - variance)), 0.0))
     density = float(np.sqrt(np.median(variance * np.asarray(dwells.duration)[used])))
     degree = 0 if result.model.accel is None else result.model.accel.temperature_degree
     temperature = np.asarray(dwells.temperature)[used]
@@ -58,6 +66,4 @@ def shown_by(result: DeviceResult) -> Conditions:
         middle = 0.5 * (low + high)
         low, high, degree = middle - 0.5 * ALIKE, middle + 0.5 * ALIKE, 0
     experiments = len(np.unique(np.asarray(dwells.experiment)[used])) if degree else 1
-    return Conditions(
-        density, float(accel.scatter), max(experiments, degree + 1), degree, low, high
-    )
+    return Conditions(density, repeatability, max(experiments, degree + 1), degree, low, high)

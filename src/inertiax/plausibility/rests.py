@@ -142,7 +142,9 @@ def _tilt(log: Log, a: int, b: int) -> tuple[float, float]:
     pieces = blocks[:, : third // size_of * size_of].reshape(3, -1, size_of, 3).mean(axis=2)
     change = np.diff(pieces, axis=1)
     error = np.sqrt(0.5 * np.mean(change**2, axis=(0, 1)).sum() / pieces.shape[1] * 2)
-    return 1.5 * float(np.linalg.norm(across)) / size, 1.5 * float(error) / size
+    along = np.vdot(last, first) / np.linalg.norm(first)
+    angle = float(np.arctan2(np.linalg.norm(across), along))  # small: |across| over the size
+    return min(1.5 * angle, np.pi), 1.5 * float(error) / size
 
 
 def _labels(log: Log, rests: list[_Rest], limits: Thresholds) -> list[Finding]:

@@ -1,0 +1,127 @@
+"""How alike dwells err that follow one another, and what that makes of the parameters' covariance.
+
+Slow noise of a device (a bias that wanders within minutes) moves neighbouring dwells alike. Whitened rows of one axis
+then have the covariance
+
+    T = a I + b K,     K_ij = exp(-|t_i - t_j| / τ) within one experiment, 0 between two,
+
+with a + b = σ². For misfits along the output alone, K_ij is times the cosine between the two outputs. a, b and τ are by
+restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971), which allows for what the unknowns take.
+The estimate stays that of least squares, whose covariance is P Jᵀ T J P with P = (JᵀJ)⁻¹ (the sandwich of
+White, Econometrica 48, 1980).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtri
+
+from ..procedure.single_device import Problem
+
+
+FEWEST = 8  # dwells more than unknowns of one axis, from which their correlation is looked at; convention
+# Twice the gain of log likelihood from which dwells are taken as alike: the 95 % point for one variance.
+LEAST_GAIN = float(chdtri(1, 0.05))
+_SHARES = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.96])  # b / σ² that are tried
+_TIMES = 9  # values of τ that are tried
+
+
+class SlowNoise(NamedTuple):
+    """Covariance T of whitened rows: `own` I + `alike` K with the time constant `time`, s."""
+
+    own: float = 1.0
+    alike: float = 0.0
+    time: float = math.inf
+
+
+def kernel(
+    time: Float[np.ndarray, " dwell"],
+    experiment: Float[np.ndarray, " dwell"],
+    output: Float[np.ndarray, "dwell 3"] | None,
+    constant: float,
+) -> Float[np.ndarray, "dwell dwell"]:
+    """K: how alike dwells err. `output` where a row is along it, else `None`; `constant` is τ, s."""
+    found = np.exp(-np.abs(time[:, None] - time) / constant)
+    found = np.where(experiment[:, None] == experiment, found, 0.0)
+    if output is None:
+        return found
+    unit = output / np.linalg.norm(output, axis=1, keepdims=True)
+    return found * (unit @ unit.T)
+
+
+def kernel_of(problem: Problem, rows: int, constant: float) -> Float[np.ndarray, "dwell dwell"]:
+    """K of a problem's dwells with `rows` rows each."""
+    dwells, triad = problem.dwells, problem.estimator.triad
+    count = problem.num_dwells
+    output = np.asarray(getattr(dwells, triad), float)[:count] if rows == 1 else None
+    time, experiment = (np.asarray(x, float)[:count] for x in (dwells.time, dwells.experiment))
+    return kernel(time, experiment, output, constant)
+
+
+def slow_noise_of(problem: Problem, coefficients: Float[np.ndarray, "size parameter"]) -> SlowNoise:
+    """The slow noise that a fit's residuals show; none where too few dwells or too small a gain tell it."""
+    design, residual = problem.rows(coefficients)
+    count = problem.num_dwells
+    rows = len(residual) // count
+    unknowns = design.shape[1]
+    if rows not in (1, 3) or count < unknowns / rows + FEWEST:
+        return SlowNoise()
+    together = np.column_stack([design, residual]).reshape(count, rows, -1)
+    time = np.asarray(problem.dwells.time, float)[:count]
+    steps = np.diff(np.sort(time))
+    steps = steps[steps > 0.0]
+    if len(steps) == 0:
+        return SlowNoise()
+    white, _ = _likelihood(np.eye(count), together)
+    best, found = white + 0.5 * LEAST_GAIN, SlowNoise()
+    longest = max(float(np.ptp(time)), 2.0 * float(np.median(steps)))
+    for constant in np.geomspace(0.5 * float(np.median(steps)), longest, _TIMES):
+        alike = kernel_of(problem, rows, float(constant))
+        for share in _SHARES:
+            value, variance = _likelihood((1.0 - share) * np.eye(count) + share * alike, together)
+            if value > best:
+                best = value
+                found = SlowNoise((1.0 - share) * variance, share * variance, float(constant))
+    return found
+
+
+def _likelihood(
+    covariance: Float[np.ndarray, "dwell dwell"],
+    together: Float[np.ndarray, "dwell row column"],
+) -> tuple[float, float]:
+    """Restricted log likelihood at the most likely σ², and that σ²; the last column holds the residuals."""
+    count, rows, columns = together.shape
+    root = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(root, together.reshape(count, -1)).reshape(-1, columns)
+    design, residual = white[:, :-1], white[:, -1]
+    normal = design.T @ design
+    solution = np.linalg.lstsq(design, residual, rcond=1e-12)[0]
+    dof = count * rows - columns + 1
+    variance = float(np.sum(np.square(residual - design @ solution))) / dof
+    scale = np.sqrt(np.diagonal(normal))  # of coefficients in units of their own
+    _, log_det = np.linalg.slogdet(normal / np.outer(scale, scale))
+    log_det += 2.0 * float(np.sum(np.log(scale)))
+    log_root = float(np.sum(np.log(np.diagonal(root))))
+    if not variance > 0.0:
+        return -math.inf, 0.0
+    return -0.5 * (2.0 * rows * log_root + log_det + dof * math.log(variance)), variance
+
+
+def slow_part(
+    problem: Problem,
+    coefficients: Float[np.ndarray, "size parameter"],
+    covariance: Float[np.ndarray, "unknowns unknowns"],
+    noise: SlowNoise,
+) -> Float[np.ndarray, "unknowns unknowns"]:
+    """b P Jᵀ K J P: what slow noise gives to the coefficients, with `covariance` P of independent dwells."""
+    if noise.alike == 0.0:
+        return np.zeros_like(covariance)
+    design, residual = problem.rows(coefficients)
+    rows = len(residual) // problem.num_dwells
+    alike = kernel_of(problem, rows, noise.time)
+    by_dwell = (design @ covariance).reshape(problem.num_dwells, rows, -1)
+    moved = np.einsum("nm,mru->nru", alike, by_dwell)
+    found = noise.alike * np.einsum("nru,nrv->uv", by_dwell, moved)
+    return 0.5 * (found + found.T)

@@ -1,0 +1,82 @@
+"""Slow noise between dwells: 95 % intervals hold 95 % of the truths, with it and without it."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from inertiax.calibrate.one_triad import estimate_triad
+from inertiax.calibrate.slow_noise import SlowNoise
+from inertiax.calibrate.split_covariance import fit_of, SLOW, split
+from inertiax.data.recording import Rig
+from inertiax.estimators import ReferenceAccel
+from inertiax.model_selection.select_model import ChosenModel
+from inertiax.reduction.dwells import Dwells
+
+
+G, WHITE, STEP, COUNT = 9.80665, 2e-4, 60.0, 48
+SPEC = ChosenModel("reference", None, False, (0, None), ())
+
+
+def table(rng, tau, slow):
+    """Six faces eight times, a dwell a minute; Gauss-Markov noise by its covariance, independent on each axis."""
+    faces = G * np.tile(np.concatenate([np.eye(3), -np.eye(3)]), (COUNT // 6, 1))
+    time = STEP * np.arange(COUNT)
+    output = faces + WHITE * rng.standard_normal((COUNT, 3))
+    if slow:
+        covariance = np.exp(-np.abs(time[:, None] - time) / tau) + 1e-12 * np.eye(COUNT)
+        output = output + slow * np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 3))
+    made = Dwells.from_arrays(
+        output, reference_accel=faces, temperature=np.full(COUNT, 25.0), sigma=WHITE
+    )
+    return eqx.tree_at(lambda d: d.time, made, time)
+
+
+def estimated(dwells):
+    return estimate_triad(ReferenceAccel(), dwells, SPEC, "gauss-newton", lambda _: None, [], [])
+
+
+def coverage(tau, slow, number=200):
+    """Shares of biases and of matrix elements (truth: zero) within 1.96 sigma, and of tables with slow noise found."""
+    rng, ratios, found = np.random.default_rng(3), [], 0
+    for _ in range(number):
+        result = estimated(table(rng, tau, slow))
+        found += result.slow_noise.alike > 0.0
+        sigma = np.sqrt(np.diagonal(np.asarray(result.solution.covariance)))
+        ratios.append(np.asarray(result.solution.curve.coefficients).ravel() / sigma)
+    bias = np.array([".bias" in name for name in result.estimator.names])
+    inside = np.abs(ratios) < 1.959964
+    return inside[:, bias].mean(), inside[:, ~bias].mean(), found / number
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tau", [60.0, 200.0, 600.0])
+def test_intervals_hold_the_truth_under_slow_noise(tau):
+    bias, matrix, found = coverage(tau, 5.0 * WHITE)
+    assert found > 0.5
+    assert 0.93 < bias < 0.97
+    assert 0.93 < matrix < 0.97
+
+
+@pytest.mark.slow
+def test_white_noise_is_left_as_it_was():
+    bias, matrix, found = coverage(1.0, 0.0)
+    # By chance, at 95 %: one in twenty, and the search over time constants and shares.
+    assert found < 0.2
+    assert 0.93 < bias < 0.97
+    assert 0.93 < matrix < 0.97
+
+
+def test_the_parts_with_slow_noise_sum_to_the_covariance():
+    result = estimated(table(np.random.default_rng(1), 600.0, 10.0 * WHITE))
+    parts = split(fit_of(result), Rig())
+    assert SLOW in {p.source for p in parts}
+    whole = sum(p.covariance for p in parts)
+    np.testing.assert_allclose(whole, result.solution.covariance, rtol=1e-6, atol=1e-18)
+    # The bias is what it moves most: by hand, of n dwells with the correlations found the mean's variance is
+    # Σ K_ij / n² times that of one.
+    slow: SlowNoise = result.slow_noise
+    time = STEP * np.arange(COUNT)
+    mean = np.exp(-np.abs(time[:, None] - time) / slow.time).mean()
+    part = next(p for p in parts if p.source == SLOW)
+    own = np.asarray(result.sigma)[0, 0] ** 2
+    assert part.covariance[0, 0] == pytest.approx(slow.alike * own * mean, rel=1e-3)
