@@ -68,45 +68,46 @@ def slow_noise_of(problem: Problem, coefficients: Float[np.ndarray, "size parame
     unknowns = design.shape[1]
     if rows not in (1, 3) or count < unknowns / rows + FEWEST:
         return SlowNoise()
-    together = np.column_stack([design, residual]).reshape(count, rows, -1)
+    size = np.linalg.norm(design, axis=0)
+    columns = np.column_stack([design / np.where(size > 0.0, size, 1.0), residual])
+    together = columns.reshape(count, rows, -1)
     time = np.asarray(problem.dwells.time, float)[:count]
     steps = np.diff(np.sort(time))
     steps = steps[steps > 0.0]
     if len(steps) == 0:
         return SlowNoise()
-    white, _ = _likelihood(np.eye(count), together)
-    best, found = white + 0.5 * LEAST_GAIN, SlowNoise()
+    white, _ = _likelihood(np.ones((1, count)), together)
+    best, found = float(white[0]) + 0.5 * LEAST_GAIN, SlowNoise()
     longest = max(float(np.ptp(time)), 2.0 * float(np.median(steps)))
     for constant in np.geomspace(0.5 * float(np.median(steps)), longest, _TIMES):
-        alike = kernel_of(problem, rows, float(constant))
-        for share in _SHARES:
-            value, variance = _likelihood((1.0 - share) * np.eye(count) + share * alike, together)
-            if value > best:
-                best = value
-                found = SlowNoise((1.0 - share) * variance, share * variance, float(constant))
+        values, vectors = np.linalg.eigh(kernel_of(problem, rows, float(constant)))
+        turned = (vectors.T @ together.reshape(count, -1)).reshape(together.shape)
+        shares = _SHARES[:, None]
+        likelihood, variance = _likelihood(1.0 - shares + shares * np.maximum(values, 0.0), turned)
+        k = int(np.argmax(likelihood))
+        if likelihood[k] > best:
+            best, share = float(likelihood[k]), float(_SHARES[k])
+            own, alike = (1.0 - share) * float(variance[k]), share * float(variance[k])
+            found = SlowNoise(own, alike, float(constant))
     return found
 
 
 def _likelihood(
-    covariance: Float[np.ndarray, "dwell dwell"],
+    variances: Float[np.ndarray, "case dwell"],
     together: Float[np.ndarray, "dwell row column"],
-) -> tuple[float, float]:
-    """Restricted log likelihood at the most likely σ², and that σ²; the last column holds the residuals."""
+) -> tuple[Float[np.ndarray, " case"], Float[np.ndarray, " case"]]:
+    """Restricted log likelihood at the most likely σ², and that σ², for variances of independent rows in units of it.
+
+    The last column holds the residuals, the others the design.
+    """
     count, rows, columns = together.shape
-    root = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(root, together.reshape(count, -1)).reshape(-1, columns)
-    design, residual = white[:, :-1], white[:, -1]
-    normal = design.T @ design
-    solution = np.linalg.lstsq(design, residual, rcond=1e-12)[0]
+    gram = np.einsum("cd,dri,drj->cij", 1.0 / variances, together, together, optimize=True)
+    normal, cross = gram[:, :-1, :-1], gram[:, :-1, -1:]
+    taken = np.sum(cross * np.linalg.solve(normal, cross), axis=(1, 2))
     dof = count * rows - columns + 1
-    variance = float(np.sum(np.square(residual - design @ solution))) / dof
-    scale = np.sqrt(np.diagonal(normal))  # of coefficients in units of their own
-    _, log_det = np.linalg.slogdet(normal / np.outer(scale, scale))
-    log_det += 2.0 * float(np.sum(np.log(scale)))
-    log_root = float(np.sum(np.log(np.diagonal(root))))
-    if not variance > 0.0:
-        return -math.inf, 0.0
-    return -0.5 * (2.0 * rows * log_root + log_det + dof * math.log(variance)), variance
+    variance = np.maximum(gram[:, -1, -1] - taken, np.finfo(float).tiny) / dof
+    spread = rows * np.sum(np.log(variances), axis=1) + np.linalg.slogdet(normal)[1]
+    return -0.5 * (spread + dof * np.log(variance)), variance
 
 
 def slow_part(

@@ -7,10 +7,12 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..calibrate.slow_noise import slow_noise_of, slow_part, SlowNoise
 from ..calibrate.split_covariance import Fit, Part, residual_degrees, split
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator
 from ..physics.temperature import AbstractBasis, Curve
+from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .solve.batch import FleetFit
 
@@ -32,6 +34,43 @@ def source_columns(
     return {suffix: [row[j] for row in rows] for j, suffix in enumerate(SUFFIXES)}
 
 
+def with_slow_noise(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, fit: FleetFit
+) -> FleetFit:
+    """The fit with the slow noise that each device's dwells show in its covariance, as `calibrate` has it."""
+    covariance, slow = fit.covariance.copy(), [SlowNoise()] * len(fit.valid)
+    if dwells.motion is not None:
+        return fit
+    for k in range(len(fit.valid)):
+        own = _own(dwells, fit, k)
+        if not _solved(own, fit, k):
+            continue
+        problem = Problem(_weighed(estimator, fit, k), basis, own)
+        coefficients = fit.parameters[k].reshape(basis.size, -1)
+        slow[k] = slow_noise_of(problem, coefficients)
+        if slow[k].alike > 0.0:
+            part = slow_part(problem, coefficients, covariance[k], slow[k])
+            covariance[k] = slow[k].own * covariance[k] + part
+    return eqx.tree_at(
+        lambda f: (f.covariance, f.slow),
+        fit,
+        (covariance, np.array(slow)),
+        is_leaf=lambda x: x is None,
+    )
+
+
+def _own(dwells: Dwells, fit: FleetFit, k: int) -> Dwells:
+    return jax.tree.map(lambda x: np.asarray(x)[k][fit.valid[k]], dwells)
+
+
+def _solved(dwells: Dwells, fit: FleetFit, k: int) -> bool:
+    return bool(dwells.num_dwells and np.all(np.isfinite(fit.covariance[k])) and fit.converged[k])
+
+
+def _weighed(estimator: AbstractEstimator, fit: FleetFit, k: int) -> AbstractEstimator:
+    return eqx.tree_at(lambda e: e.scatter, estimator, np.asarray(float(fit.scatter[k])))
+
+
 def _of_device(
     estimator: AbstractEstimator,
     basis: AbstractBasis,
@@ -40,13 +79,13 @@ def _of_device(
     rig: Rig,
     k: int,
 ) -> tuple:
-    kept = fit.valid[k]
-    own: Dwells = jax.tree.map(lambda x: np.asarray(x)[k][kept], dwells)
-    if not (own.num_dwells and np.all(np.isfinite(fit.covariance[k])) and fit.converged[k]):
+    own = _own(dwells, fit, k)
+    if not _solved(own, fit, k):
         return row_of(own, 0, ())
-    weighed = eqx.tree_at(lambda e: e.scatter, estimator, np.asarray(float(fit.scatter[k])))
+    weighed = _weighed(estimator, fit, k)
+    slow = SlowNoise() if fit.slow is None else SlowNoise(*fit.slow[k].tolist())
     curve = Curve(basis, fit.parameters[k].reshape(basis.size, -1))
-    found = Fit(weighed, curve, fit.covariance[k], own, own.num_dwells * fit.misfit.shape[2])
+    found = Fit(weighed, curve, fit.covariance[k], own, own.num_dwells * fit.misfit.shape[2], slow)
     return row_of(own, residual_degrees(found), split(found, rig, same=SAME))
 
 

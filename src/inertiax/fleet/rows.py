@@ -19,7 +19,7 @@ from ..physics.temperature import AbstractBasis, Curve
 from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import with_rig_errors
 from .copies import MARK, marks_of
-from .covariance_by_source import source_columns, SUFFIXES
+from .covariance_by_source import source_columns, SUFFIXES, with_slow_noise
 from .effects.score_statistics import FleetScores, score
 from .population.empirical_bayes import fit_informed, judge_informed
 from .population.population import TriadPopulation
@@ -84,9 +84,12 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         if observe is not None and scores is not None:
             observe(triad, scores)
         reasons = [first or second or "" for first, second in zip(reasons, found, strict=True)]
-        columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
         # A prior's share is no source of the device's own, and beyond some million rows it takes too long.
-        if manifest.documented and manifest.exact and manifest.prior is None:
+        by_source = manifest.documented and manifest.exact and manifest.prior is None
+        if by_source:
+            fit = with_slow_noise(estimator, basis, mine, fit)
+        columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
+        if by_source:
             parts = source_columns(estimator, basis, mine, fit, Rig(*manifest.rig))
             columns |= {f"{triad}_{suffix}": values for suffix, values in parts.items()}
         if scores is not None:

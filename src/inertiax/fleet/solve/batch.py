@@ -56,6 +56,8 @@ class FleetFit(eqx.Module):
     chi2_per_dof: Float[np.ndarray, " devices"]  # with the dwells' own noise; NaN where unknown
     converged: Bool[np.ndarray, " devices"]
     num_steps: Int[np.ndarray, " devices"]
+    # Own and alike variance, time constant (`calibrate.slow_noise.SlowNoise`); None where it was not looked for.
+    slow: Float[np.ndarray, "devices 3"] | None = None
 
 
 def fit_fleet(
