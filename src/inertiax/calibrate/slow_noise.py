@@ -6,12 +6,13 @@ then have the covariance
     T = a I + b K,     K_ij = exp(-|t_i - t_j| / τ) within one experiment, 0 between two,
 
 with a + b = σ². For misfits along the output alone, K_ij is times the cosine between the two outputs. a, b and τ are by
-restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971), which allows for what the unknowns take.
+restricted likelihood (Patterson and Thompson, Biometrika 58, 1971), which allows for what the unknowns take: T is its
+mean over shares b / σ² and logarithms of τ, for a record of a few τ does not tell them well, and the most likely ones
+are on average too small.
 The estimate stays that of least squares, whose covariance is P Jᵀ T J P with P = (JᵀJ)⁻¹ (the sandwich of
 White, Econometrica 48, 1980).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,11 +30,16 @@ _TIMES = 9  # values of τ that are tried
 
 
 class SlowNoise(NamedTuple):
-    """Covariance T of whitened rows: `own` I + `alike` K with the time constant `time`, s."""
+    """Covariance T of whitened rows: `own` I and for each time constant, s, what it has of `parts` times its K."""
 
     own: float = 1.0
-    alike: float = 0.0
-    time: float = math.inf
+    parts: tuple[float, ...] = ()
+    times: tuple[float, ...] = ()
+
+    @property
+    def alike(self) -> float:
+        """b, by how much variance dwells err alike."""
+        return sum(self.parts)
 
 
 def kernel(
@@ -77,19 +83,23 @@ def slow_noise_of(problem: Problem, coefficients: Float[np.ndarray, "size parame
     if len(steps) == 0:
         return SlowNoise()
     white, _ = _likelihood(np.ones((1, count)), together)
-    best, found = float(white[0]) + 0.5 * LEAST_GAIN, SlowNoise()
     longest = max(float(np.ptp(time)), 2.0 * float(np.median(steps)))
-    for constant in np.geomspace(0.5 * float(np.median(steps)), longest, _TIMES):
+    times = np.geomspace(0.5 * float(np.median(steps)), longest, _TIMES)
+    tried = []
+    for constant in times:
         values, vectors = np.linalg.eigh(kernel_of(problem, rows, float(constant)))
         turned = (vectors.T @ together.reshape(count, -1)).reshape(together.shape)
         shares = _SHARES[:, None]
-        likelihood, variance = _likelihood(1.0 - shares + shares * np.maximum(values, 0.0), turned)
-        k = int(np.argmax(likelihood))
-        if likelihood[k] > best:
-            best, share = float(likelihood[k]), float(_SHARES[k])
-            own, alike = (1.0 - share) * float(variance[k]), share * float(variance[k])
-            found = SlowNoise(own, alike, float(constant))
-    return found
+        tried.append(_likelihood(1.0 - shares + shares * np.maximum(values, 0.0), turned))
+    likelihood, variance = np.array(tried).transpose(1, 0, 2)
+    best = float(likelihood.max())
+    if best < float(white[0]) + 0.5 * LEAST_GAIN:
+        return SlowNoise()
+    weight = np.exp(likelihood - best)
+    weight = variance * weight / np.sum(weight)
+    parts = np.sum(weight * _SHARES, axis=1)
+    own = float(np.sum(weight * (1.0 - _SHARES)))
+    return SlowNoise(own, tuple(parts.tolist()), tuple(times.tolist()))
 
 
 def _likelihood(
@@ -121,8 +131,11 @@ def slow_part(
         return np.zeros_like(covariance)
     design, residual = problem.rows(coefficients)
     rows = len(residual) // problem.num_dwells
-    alike = kernel_of(problem, rows, noise.time)
+    alike = sum(
+        part * kernel_of(problem, rows, time)
+        for part, time in zip(noise.parts, noise.times, strict=True)
+    )
     by_dwell = (design @ covariance).reshape(problem.num_dwells, rows, -1)
     moved = np.einsum("nm,mru->nru", alike, by_dwell)
-    found = noise.alike * np.einsum("nru,nrv->uv", by_dwell, moved)
+    found = np.einsum("nru,nrv->uv", by_dwell, moved)
     return 0.5 * (found + found.T)

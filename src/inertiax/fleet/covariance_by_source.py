@@ -1,5 +1,6 @@
 """Each device's covariance by source of uncertainty, taken apart as `calibrate` does it, in the results' table."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -51,12 +52,7 @@ def with_slow_noise(
         if slow[k].alike > 0.0:
             part = slow_part(problem, coefficients, covariance[k], slow[k])
             covariance[k] = slow[k].own * covariance[k] + part
-    return eqx.tree_at(
-        lambda f: (f.covariance, f.slow),
-        fit,
-        (covariance, np.array(slow)),
-        is_leaf=lambda x: x is None,
-    )
+    return dataclasses.replace(fit, covariance=covariance, slow=tuple(slow))
 
 
 def _own(dwells: Dwells, fit: FleetFit, k: int) -> Dwells:
@@ -83,7 +79,7 @@ def _of_device(
     if not _solved(own, fit, k):
         return row_of(own, 0, ())
     weighed = _weighed(estimator, fit, k)
-    slow = SlowNoise() if fit.slow is None else SlowNoise(*fit.slow[k].tolist())
+    slow = SlowNoise() if fit.slow is None else fit.slow[k]
     curve = Curve(basis, fit.parameters[k].reshape(basis.size, -1))
     found = Fit(weighed, curve, fit.covariance[k], own, own.num_dwells * fit.misfit.shape[2], slow)
     return row_of(own, residual_degrees(found), split(found, rig, same=SAME))

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
+from ...calibrate.slow_noise import SlowNoise
 from ...estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
 from ...numerics.paule_mandel import batched_excess_deviation
 from ...physics.temperature import AbstractBasis, Constant
@@ -56,8 +57,8 @@ class FleetFit(eqx.Module):
     chi2_per_dof: Float[np.ndarray, " devices"]  # with the dwells' own noise; NaN where unknown
     converged: Bool[np.ndarray, " devices"]
     num_steps: Int[np.ndarray, " devices"]
-    # Own and alike variance, time constant (`calibrate.slow_noise.SlowNoise`); None where it was not looked for.
-    slow: Float[np.ndarray, "devices 3"] | None = None
+    # Of each device, within the covariance; None where it was not looked for.
+    slow: tuple[SlowNoise, ...] | None = eqx.field(static=True, default=None)
 
 
 def fit_fleet(
