@@ -39,7 +39,7 @@ class SlowNoise(NamedTuple):
     @property
     def alike(self) -> float:
         """b, by how much variance dwells err alike."""
-        return sum(self.parts)
+        return float(sum(self.parts))
 
 
 def kernel(
