@@ -53,8 +53,8 @@ def coverage(tau, slow, number=200):
 def test_intervals_hold_the_truth_under_slow_noise(tau):
     bias, matrix, found = coverage(tau, 5.0 * WHITE)
     assert found > 0.5
-    # The mean over time constants counts long ones that the record does not exclude: at 200 s, 1800 biases of 600 tables
-    # have 97.4 %, more than asked for.
+    # The mean over time constants counts long ones that the record does not exclude: at 200 s, 1800 biases of 600
+    # tables have 97.4 %, more than asked for.
     assert 0.93 < bias < 0.985
     assert 0.93 < matrix < 0.97
 
