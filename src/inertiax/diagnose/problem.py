@@ -18,7 +18,8 @@ from .candidates.bumps import between
 from .candidates.empirical import alternatives
 from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
 from .candidates.smooth import flexible
-from .noise.observation_series import make, share, System
+from .noise.observation_series import make, System
+from .noise.positioning_errors import with_rig_errors
 from .noise.type_noise import TypeNoise
 from .observations.blocks import Blocks, cut, join, Log, with_scatter_about
 from .observations.delay_ramps import Delay, find_delay, without_delay
@@ -217,7 +218,8 @@ def prepare_triad(
     if form.by_reference:
         rate = (campaign.rig.rate_uncertainty or 0.0) if form.triad == "gyro" else 0.0
         reading = getattr(blocks, f"reference_{form.triad}")
-        system = share(system, blocks, reading, campaign.rig.position_uncertainty or 0.0, rate)
+        angle = campaign.rig.position_uncertainty or 0.0
+        system = with_rig_errors(system, blocks, reading, angle, rate, listed)
     return Prepared(
         form,
         blocks,

@@ -110,6 +110,8 @@ class JointLikelihood:
             observed.append(white[:, 0] * size)
             fixed.append(white[:, 1:split] * size)
             signatures.append(white[:, split:] * (size * part))
+        if not self._shared.num:
+            return 0.5 * (total + _restricted(observed, fixed))
         gram = np.eye(self._shared.num) + sum(u.T @ u for u in signatures)
         factor = np.linalg.cholesky(gram)
         total += 2.0 * float(np.log(np.diag(factor)).sum())
@@ -126,8 +128,9 @@ class JointLikelihood:
         return 0.5 * (total + float(square) + float(np.log(value[good]).sum()))
 
     def _whitened(self, c: int, own: np.ndarray) -> tuple[np.ndarray, float]:
-        # The chains stand without the rig's part, so that its variance does not matter here.
-        key = c, np.delete(own, RIG).tobytes()
+        # Where the chain stands without any part of the rig's, its variance does not matter here.
+        rig = self._shared.chains[c].rig
+        key = c, (own if np.any(rig) else np.delete(own, RIG)).tobytes()
         if key not in self._known:
             mine = [k for k in self._known if k[0] == c]
             for old in mine[: 1 - KEPT]:
@@ -136,6 +139,17 @@ class JointLikelihood:
             self._known[key] = whiten(self._shared.chains[c], variances, self._stacks[c])
         self._known[key] = self._known.pop(key)  # the latest one stands last
         return self._known[key]
+
+
+def _restricted(observed: Sequence[np.ndarray], fixed: Sequence[np.ndarray]) -> float:
+    """The residual's square and the logarithm of the information's determinant, chain by chain."""
+    total = 0.0
+    for y, x in zip(observed, fixed):
+        value, vector = np.linalg.eigh(x.T @ x)
+        good = value > 1e-11 * value[-1]
+        part = vector[:, good].T @ (x.T @ y)
+        total += float(y @ y - part @ (part / value[good]) + np.log(value[good]).sum())
+    return total
 
 
 def coupled_theta(noise: NoiseFit) -> tuple[np.ndarray, ...]:

@@ -63,11 +63,17 @@ def make(
     return System(base, tuple(chains), tuple(scales), frames, longer, nothing)
 
 
-def share(system: System, blocks: Blocks, reading: np.ndarray, angle: float, rate: float) -> System:
-    """The system with the rig's errors shared between the chains, and between plateaus of one positioning, where there
-    are such and not too many."""
+def share(
+    system: System,
+    blocks: Blocks,
+    reading: np.ndarray,
+    angle: float,
+    rate: float,
+    positioning: np.ndarray | None,
+) -> System:
+    """The system with the rig's errors shared between the chains, and between plateaus of one `positioning`, where
+    there are such and not too many."""
     white = np.stack([chain.white for chain in system.chains], axis=1)
-    positioning = _positionings(blocks)
     errors, own = signatures(reading, blocks.dwell, white, angle, rate, positioning)
     if errors.shape[2] > MOST and positioning is not None:  # those of positionings count most
         several = positioning >= 0
@@ -94,7 +100,7 @@ def share(system: System, blocks: Blocks, reading: np.ndarray, angle: float, rat
     )
 
 
-def _positionings(blocks: Blocks) -> np.ndarray | None:
+def positionings_of(blocks: Blocks) -> np.ndarray | None:
     """Number of the positioning that the block's plateau shares with others, −1 elsewhere; `None` without plateaus."""
     if blocks.reference_gyro is None:
         return None
@@ -105,7 +111,7 @@ def _positionings(blocks: Blocks) -> np.ndarray | None:
     for group in np.unique(number[number >= 0]):
         if len(np.unique(blocks.dwell[number == group])) == 1:
             number[number == group] = -1
-    return number
+    return number if np.any(number >= 0) else None
 
 
 class NoiseFit(eqx.Module):
