@@ -16,6 +16,10 @@ from .turned_direction import turned
 _UNEVEN = 0.05  # of the usual step: a sensor's own stamps vary by less
 _SHARE = 0.05  # of the steps that are uneven, at least
 _LOST = 2.5  # usual steps: rows are missing
+_ROWS = 100  # whose mean delay is looked at
+_WANDERS = (
+    0.5  # of the scatter of single stamps: means of so many independent delays scatter by a tenth
+)
 _FEWEST = 5  # motions; each says two numbers
 _BETTER = 0.8  # rms misfit with rows counted over that by the stamps; the same motions, so chance changes it little
 _LINEAR = 0.02  # usual size of a scale factor's or misalignment's error, which is fitted first
@@ -63,6 +67,20 @@ def counted(time: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
     return time[0] + level + slope * number
 
 
+def _rows_are_lost(time: Float[np.ndarray, " time"]) -> bool:
+    """Whether single rows are missing, so that rows tell no time: a count of rows is then a scale factor of all gyros.
+
+    A host's delays are about the same in every hundred rows. Behind a row that is missing all others are late: their
+    mean wanders by as much as single stamps scatter.
+    """
+    late = time - counted(time)
+    count = len(late) // _ROWS
+    if count < _FEWEST:
+        return False
+    wanders = late[: count * _ROWS].reshape(count, _ROWS).mean(axis=1).std()
+    return bool(wanders > _WANDERS * late.std())
+
+
 def motion_clock(
     time: Float[np.ndarray, " time"], gyro: Float[np.ndarray, "time 3"], turns: list[Turn]
 ) -> MotionClock:
@@ -72,7 +90,7 @@ def motion_clock(
     uncalibrated scale factor does not hide the difference.
     """
     jitter = uneven(time)
-    if jitter is None or len(turns) < _FEWEST:
+    if jitter is None or len(turns) < _FEWEST or _rows_are_lost(time):
         return MotionClock(time, None, "")
     even = counted(time)
     by_stamps, by_rows = (_misfit(clock, gyro, turns) for clock in (time, even))
