@@ -23,8 +23,9 @@ from ..procedure.single_device import Problem
 
 
 FEWEST = 8  # dwells more than unknowns of one axis, from which their correlation is looked at; convention
-# Twice the gain of log likelihood from which dwells are taken as alike: the 95 % point for one variance.
-LEAST_GAIN = float(chdtri(1, 0.05))
+# Twice the gain of log likelihood from which dwells are taken as alike: rarer than 1e-3 for one variance, as misfits
+# that follow something are (`misfit_pattern`), since a slow noise as long as the record leaves no bias known.
+LEAST_GAIN = float(chdtri(1, 1e-3))
 _SHARES = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.96])  # b / σ² that are tried
 _TIMES = 9  # values of τ that are tried
 

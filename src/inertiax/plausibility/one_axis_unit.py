@@ -105,6 +105,10 @@ def _by_ellipsoid(
     if not np.all(size > 0.0):
         return None
     m = output / size
+    if _on_a_sphere(
+        output
+    ):  # one unit explains all, as where gravity was hardly ever along one axis
+        return None
     design = np.column_stack([m**2, m])  # Σ p m² + q m = 1
     found, _, _, singular = np.linalg.lstsq(design, np.ones(len(m)), rcond=None)
     p, q = found[:3], found[3:]
@@ -116,3 +120,15 @@ def _by_ellipsoid(
     if np.sqrt(np.mean(left**2)) > _ROUND:
         return None
     return size * radius / gravity
+
+
+def _on_a_sphere(output: Float[np.ndarray, "rest 3"]) -> bool:
+    """Whether a sphere leaves no more than working sensors do: |m|² = 2 c·m + d."""
+    design = np.column_stack([2.0 * output, np.ones(len(output))])
+    found = np.linalg.lstsq(design, np.sum(output**2, axis=1), rcond=None)[0]
+    centre = found[:3]
+    square = found[3] + centre @ centre
+    if not square > 0.0:
+        return False
+    left = np.linalg.norm(output - centre, axis=1) / np.sqrt(square) - 1.0
+    return bool(np.sqrt(np.mean(left**2)) <= _ROUND)

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ...allan import deviations
 from ..candidates.signatures import Term
@@ -35,7 +35,7 @@ class AllanCheck(eqx.Module):
     @property
     def deviate(self) -> float:
         """Distance of the logarithms in standard deviations, by the interval's width."""
-        spread = (np.log(self.high) - np.log(self.low)) / (2.0 * norm.isf(0.5 - 0.5 * LEVEL))
+        spread = (np.log(self.high) - np.log(self.low)) / (2.0 * float(ndtri(0.5 + 0.5 * LEVEL)))
         return float((np.log(self.measured) - np.log(self.expected)) / spread)
 
     def line(self) -> str:

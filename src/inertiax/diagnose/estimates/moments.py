@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit
@@ -82,7 +82,7 @@ def _outside_rests(profile: Moments) -> Moments:
     `INSIDE`.
     """
     outside = np.where(profile.between, profile.gain, -np.inf)
-    chance = chi2.isf(INSIDE / len(profile.gain), 1)
+    chance = float(chdtri(1, INSIDE / len(profile.gain)))
     return (
         replace(profile, gain=outside) if outside.max() + chance >= profile.gain.max() else profile
     )

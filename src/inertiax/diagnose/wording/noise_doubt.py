@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ..estimates.allan_check import AllanCheck
 
@@ -17,7 +17,7 @@ def doubted(checks: Sequence[AllanCheck]) -> tuple[AllanCheck, ...]:
     """
     if not checks:
         return ()
-    limit = norm.isf(0.5 * CHANCE / len(checks))
+    limit = -float(ndtri(0.5 * CHANCE / len(checks)))
     worst: dict[str, AllanCheck] = {}
     for check in sorted(checks, key=lambda c: -abs(c.deviate)):
         if not check.agrees and abs(check.deviate) > limit:
