@@ -105,9 +105,8 @@ def _by_ellipsoid(
     if not np.all(size > 0.0):
         return None
     m = output / size
-    if _on_a_sphere(
-        output
-    ):  # one unit explains all, as where gravity was hardly ever along one axis
+    # One unit explains all, as where gravity was hardly ever along one axis.
+    if _on_gravitys_sphere(output, gravity):
         return None
     design = np.column_stack([m**2, m])  # Σ p m² + q m = 1
     found, _, _, singular = np.linalg.lstsq(design, np.ones(len(m)), rcond=None)
@@ -122,13 +121,13 @@ def _by_ellipsoid(
     return size * radius / gravity
 
 
-def _on_a_sphere(output: Float[np.ndarray, "rest 3"]) -> bool:
-    """Whether a sphere leaves no more than working sensors do: |m|² = 2 c·m + d."""
+def _on_gravitys_sphere(output: Float[np.ndarray, "rest 3"], gravity: float) -> bool:
+    """Whether a sphere of about gravity leaves no more than working sensors do: |m|² = 2 c·m + d."""
     design = np.column_stack([2.0 * output, np.ones(len(output))])
     found = np.linalg.lstsq(design, np.sum(output**2, axis=1), rcond=None)[0]
     centre = found[:3]
     square = found[3] + centre @ centre
-    if not square > 0.0:
+    if not 0.25 * gravity**2 < square < 4.0 * gravity**2:
         return False
     left = np.linalg.norm(output - centre, axis=1) / np.sqrt(square) - 1.0
     return bool(np.sqrt(np.mean(left**2)) <= _ROUND)
