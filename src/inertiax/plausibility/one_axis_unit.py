@@ -122,12 +122,10 @@ def _by_ellipsoid(
 
 
 def _on_gravitys_sphere(output: Float[np.ndarray, "rest 3"], gravity: float) -> bool:
-    """Whether a sphere of about gravity leaves no more than working sensors do: |m|² = 2 c·m + d."""
-    design = np.column_stack([2.0 * output, np.ones(len(output))])
-    found = np.linalg.lstsq(design, np.sum(output**2, axis=1), rcond=None)[0]
-    centre = found[:3]
-    square = found[3] + centre @ centre
-    if not 0.25 * gravity**2 < square < 4.0 * gravity**2:
+    """Whether gravity and one small offset leave no more than working sensors do: |m| = g + c·m/|m|."""
+    size = np.linalg.norm(output, axis=1)
+    if not np.all(size > 0.0):
         return False
-    left = np.linalg.norm(output - centre, axis=1) / np.sqrt(square) - 1.0
+    up, over = output / size[:, None], size / gravity - 1.0
+    left = over - up @ np.linalg.lstsq(up, over, rcond=None)[0]
     return bool(np.sqrt(np.mean(left**2)) <= _ROUND)
