@@ -1,5 +1,6 @@
 """The moment of a jump: a staircase of likelihood over the times between blocks, and one moment for one event."""
 
+import inspect
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,7 +45,7 @@ def tuned(monkeypatch, profiles, *, searched):
     monkeypatch.setattr(moments, "_profile", lambda *_: next(given))
     monkeypatch.setattr(moments, "searched", lambda _: searched)
     system = SimpleNamespace(num_rows=1000, chains=(0,))  # ln n = 6.9
-    judged = tuned_moments.__wrapped__  # without the check of types: a stand-in has no rows
+    judged = inspect.unwrap(tuned_moments)  # without the check of types: a stand-in has no rows
     terms = [p.members[0][0] for p in profiles]
     made = judged(SimpleNamespace(system=system), None, terms, [])
     return [(term.name, std) for term, std in made]

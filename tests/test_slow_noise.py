@@ -43,7 +43,7 @@ def coverage(tau, slow, number=200):
         found += result.slow_noise.alike > 0.0
         sigma = np.sqrt(np.diagonal(np.asarray(result.solution.covariance)))
         ratios.append(np.asarray(result.solution.curve.coefficients).ravel() / sigma)
-    bias = np.array([".bias" in name for name in result.estimator.names])
+    bias = np.array([".bias" in name for name in ReferenceAccel().names])
     inside = np.abs(ratios) < 1.959964
     return inside[:, bias].mean(), inside[:, ~bias].mean(), found / number
 
