@@ -3,7 +3,8 @@
 import numpy as np
 
 from inertiax.calibrate.pipeline import calibrate_device
-from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.calibrate.split_covariance import fit_of, HELD, NOISE, split
+from inertiax.data.recording import Campaign, Recording, Rig, Site
 
 
 GRAVITY = 9.80665
@@ -55,3 +56,15 @@ def test_level_faces_owe_next_to_nothing_to_held_misalignments():
     worst = [np.sqrt(np.diagonal(np.asarray(t.covariance))[:3]).max() for t in (on, off)]
     assert worst[0] < 1.5e-3  # m/s²: 0.02 / √400 / √2 of noise
     assert worst[1] > 5e-3  # 0.12 times 10 mrad of g
+
+
+def test_the_budget_names_what_held_misalignments_do():
+    """The parts sum to what is stated, and off-level faces owe most of it to the misalignments."""
+    campaign, _ = _device(np.random.default_rng(4), 1e-2)
+    fitted = calibrate_device(campaign, checked=True).accel
+    assert fitted is not None
+    parts = {p.source: p.covariance for p in split(fit_of(fitted), Rig())}
+    whole = np.asarray(fitted.solution.covariance)
+    np.testing.assert_allclose(sum(parts.values()), whole, rtol=1e-6, atol=1e-9 * whole.max())
+    variances = {k: np.diagonal(c)[:3].sum() for k, c in parts.items()}
+    assert variances[HELD] > 5.0 * variances[NOISE]

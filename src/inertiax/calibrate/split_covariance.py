@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.recording import Rig
-from ..estimators import AbstractEstimator
+from ..estimators import AbstractEstimator, Invariant
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import Curve
 from ..procedure.single_device import Problem
@@ -28,7 +28,7 @@ from .slow_noise import slow_part, SlowNoise
 
 
 NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
-SLOW = "slow noise"
+SLOW, HELD = "slow noise", "held misalignments"
 SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
 
 
@@ -80,11 +80,15 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     jacobian = problem.at(fit.curve.coefficients).jacobian
     covariance = fit.covariance
     slow = np.zeros_like(covariance)
-    if fit.slow.alike > 0.0:
+    held = isinstance(fit.estimator, Invariant) and not fit.estimator.misalignments
+    if fit.slow.alike > 0.0 or held:
         covariance = scaled_inverse(problem.normal(jacobian))
         slow = slow_part(problem, np.asarray(fit.curve.coefficients), covariance, fit.slow)
     again = fit.slow.own * (covariance @ problem.normal(jacobian) @ covariance) + slow
-    if not np.allclose(np.diagonal(again), np.diagonal(fit.covariance), rtol=same, atol=0.0):
+    beyond = fit.covariance - again  # what `held_misalignments` adds
+    if not held and not np.allclose(
+        np.diagonal(again), np.diagonal(fit.covariance), rtol=same, atol=0.0
+    ):
         return ()
     shares = _shares(fit, rig, jacobian.shape[1])
     # V⁻¹J, where dwells share errors; else V is the identity.
@@ -99,6 +103,7 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
         own = fit.slow.own * (covariance @ inner @ covariance)
         parts.append(Part(source, _degrees(source, fit, share), 0.5 * (own + own.T)))
     parts.append(Part(SLOW, float(max(residual_degrees(fit), 1)), slow))
+    parts.append(Part(HELD, np.inf, beyond if held else np.zeros_like(beyond)))
     return tuple(p for p in parts if np.any(np.diagonal(p.covariance) > 0.0))
 
 
