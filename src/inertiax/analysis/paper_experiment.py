@@ -18,7 +18,9 @@ from ..estimators import Invariant
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import Curve, Polynomial
 from ..procedure.convergence import convergence_rate, rate_warning
-from ..procedure.thermal_iterations import GaussNewtonIteration, iterate, joint_fit, PaperIteration
+from ..procedure.experiment_sets import ExperimentPass
+from ..procedure.single_device import iterate_one, joint_fit_one
+from ..procedure.thermal_iterations import PaperIteration
 from ..reduction.dwells import Dwells
 from ..simulate.bench import simulate_dwells, simulate_recordings
 from ..simulate.plan import paper_check, PAPER_GRAVITY, paper_set, Plan
@@ -154,31 +156,27 @@ def _calibrate_set(
     check_temperature: np.ndarray,
     check_outputs: np.ndarray,
 ) -> DemoSet:
+    # [0] is the constant start, [1] the traditional calibration, [3] two iterations on it.
+    by_experiment = ExperimentPass(estimator, basis, dwells)
+    passes = [by_experiment.problem.start()]
+    for _ in range(3):
+        passes.append(by_experiment.refine(passes[-1]))
+    default = iterate_one(estimator, basis, dwells)
+    joint = joint_fit_one(estimator, basis, dwells)
+    answer = np.asarray(default.curve.coefficients)
+    coefficients = np.stack([passes[1], passes[3], answer, np.asarray(joint.curve.coefficients)])
     paper = PaperIteration.plan(estimator, basis, dwells)
-    # history[0] is the constant start, [1] the traditional calibration, [3] two iterations on it.
-    by_paper = iterate(paper, dwells, max_iterations=3, tolerance=0.0)
-    default = iterate(GaussNewtonIteration(estimator, basis), dwells)
-    joint = joint_fit(estimator, basis, dwells)
-    coefficients = jnp.stack(
-        [
-            by_paper.history[1],
-            by_paper.history[3],
-            default.curve.coefficients,
-            joint.curve.coefficients,
-        ]
-    )
     rate = convergence_rate(paper, joint.curve.coefficients, dwells)
-    temperature, points = eqx.filter_jit(paper.experiments)(default.curve.coefficients, dwells)
     deviations = _deviations(basis, default.covariance, estimator.num_parameters, grid)
     misfit = _check_misfit(estimator, basis, coefficients, check_temperature, check_outputs)
     return DemoSet(
         change=change,
         plan=plan,
         dwells=dwells,
-        coefficients=np.asarray(coefficients),
+        coefficients=coefficients,
         deviations=deviations,
-        point_temperature=np.asarray(temperature),
-        points=np.asarray(points),
+        point_temperature=by_experiment.means,
+        points=by_experiment.sets(answer),
         check_misfit=np.asarray(misfit),
         paper_radius=rate.radius,
         iterations=int(default.num_iterations),

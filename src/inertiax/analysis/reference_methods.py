@@ -9,17 +9,15 @@
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
-from .._typing import AnyArray
 from ..estimators import AbstractEstimator
 from ..numerics.linear_algebra import scaled_inverse
-from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
+from ..physics.temperature import AbstractBasis, Curve, Polynomial
+from ..procedure.experiment_sets import ExperimentPass
 from ..procedure.single_device import Problem
-from ..procedure.thermal_iterations import PaperIteration
 from ..reduction.dwells import Dwells
 
 
@@ -57,24 +55,11 @@ def paper_passes(
     The same as `iterate(PaperIteration...)`'s history, driven from the host: compiled in seconds, without
     derivatives. Raises `ValueError` with fewer experiments than basis functions.
     """
-    rows = PaperIteration.plan(estimator, basis, dwells)
-    members = [np.asarray(r)[np.asarray(k)] for r, k in zip(rows.rows, rows.kept, strict=True)]
-    means = np.array([np.asarray(dwells.temperature)[m].mean() for m in members])
-    phi = np.asarray(jax.vmap(basis)(jnp.asarray(means)))
-    problem = Problem(estimator, basis, dwells)
-    history = [problem.start()]
+    by_experiment = ExperimentPass(estimator, basis, dwells)
+    history = [by_experiment.problem.start()]
     for _ in range(passes):
-        refined = problem.compensated(history[-1])
-        each = [Problem(estimator, Constant(), refined[m]) for m in members]
-        corrections = [p.solve(p.start())[0][0] for p in each]
-        composed = _compose(estimator, phi @ history[-1], np.stack(corrections))
-        history.append(np.linalg.lstsq(phi, np.asarray(composed), rcond=None)[0])
+        history.append(by_experiment.refine(history[-1]))
     return np.stack(history)
-
-
-@eqx.filter_jit
-def _compose(estimator: AbstractEstimator, first: AnyArray, second: AnyArray) -> Array:
-    return jax.vmap(estimator.compose)(first, second)
 
 
 def first_approach(

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .._typing import AnyArray
-from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
-from .thermal_iterations import AbstractIteration, curve_covariance
+from .experiment_sets import ExperimentPass
+from .single_device import Problem
+from .thermal_iterations import AbstractIteration, PaperIteration
 
 
 class ConvergenceRate(eqx.Module):
@@ -24,16 +25,21 @@ def convergence_rate(
     coefficients: Float[AnyArray, "size parameters"],
     dwells: Dwells,
 ) -> ConvergenceRate:
-    """Largest |eigenvalue| of ∂C[k+1]/∂C[k] by automatic differentiation of the whole pass.
+    """Largest |eigenvalue| of ∂C[k+1]/∂C[k]: by automatic differentiation of the whole pass, of the paper's by
+    `ExperimentPass.jacobian` where it can.
 
     Evaluate it at the joint fit's answer, which is (nearly) the fixed point even of an iteration that
     never gets there.
     """
-    jacobian = _pass_jacobian(procedure, jnp.asarray(coefficients), dwells)
-    values, vectors = np.linalg.eig(np.asarray(jacobian))
+    estimator, basis, jacobian = procedure.estimator, procedure.basis, None
+    if isinstance(procedure, PaperIteration):
+        jacobian = ExperimentPass(estimator, basis, dwells).jacobian(coefficients)
+    if jacobian is None:
+        jacobian = np.asarray(_pass_jacobian(procedure, jnp.asarray(coefficients), dwells))
+    values, vectors = np.linalg.eig(jacobian)
     worst = int(np.argmax(np.abs(values)))
-    curve = Curve(procedure.basis, jnp.asarray(coefficients))
-    sigma = np.sqrt(np.diagonal(curve_covariance(procedure.estimator, curve, dwells)))
+    covariance = Problem(estimator, basis, dwells).covariance(np.asarray(coefficients))
+    sigma = np.sqrt(np.diagonal(covariance))
     mode = np.real(vectors[:, worst]) / sigma
     return ConvergenceRate(
         radius=float(np.abs(values[worst])),

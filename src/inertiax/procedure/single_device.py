@@ -277,16 +277,24 @@ def _start_vector(estimator: AbstractEstimator, dwells: Dwells) -> Array:
     return estimator.start(dwells)
 
 
+def compose_on_host(
+    estimator: AbstractEstimator, first: np.ndarray, second: np.ndarray
+) -> Float[np.ndarray, "sets parameter"]:
+    """Equation (6) for sets of parameters, one a row."""
+    form = host_form(estimator)
+    return np.asarray(
+        _compose(estimator, first, second) if form is None else form.compose(first, second)
+    )
+
+
 def _composed(
     problem: Problem, first: np.ndarray, second: np.ndarray
 ) -> Float[np.ndarray, "size parameter"]:
     """Equation (6) at the basis' nodes."""
-    form, values = (
-        host_form(problem.estimator),
-        (problem.at_nodes @ first, problem.at_nodes @ second),
+    at_nodes = problem.at_nodes
+    return problem.interpolated(
+        compose_on_host(problem.estimator, at_nodes @ first, at_nodes @ second)
     )
-    composed = _compose(problem.estimator, *values) if form is None else form.compose(*values)
-    return problem.interpolated(np.asarray(composed))
 
 
 def _solution(
