@@ -9,7 +9,8 @@ import pytest
 from inertiax.estimators import Invariant, ReferenceGyro
 from inertiax.physics.temperature import CubicSpline, Curve, Polynomial
 from inertiax.procedure import thermal_iterations
-from inertiax.procedure.convergence import convergence_rate, rate_warning
+from inertiax.procedure.convergence import convergence_rate, pass_jacobian, rate_warning
+from inertiax.procedure.experiment_sets import ExperimentPass
 from inertiax.procedure.thermal_iterations import (
     dwell_residuals,
     GaussNewtonIteration,
@@ -112,10 +113,14 @@ def test_divergent_plan_is_predicted_and_named(device):
     procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
     solution = iterate(procedure, dwells)
     assert not bool(solution.succeeded)
-    rate = convergence_rate(
-        procedure, joint_fit(ESTIMATOR, BASIS, dwells).curve.coefficients, dwells
-    )
+    answer = joint_fit(ESTIMATOR, BASIS, dwells).curve.coefficients
+    rate = convergence_rate(procedure, answer, dwells)
     assert rate.radius > 1.5
+    # The pass' derivative on the host: automatic differentiation of the compiled pass gives the same.
+    on_host = ExperimentPass(ESTIMATOR, BASIS, dwells).jacobian(answer)
+    exact = np.asarray(pass_jacobian(procedure, answer, dwells))
+    assert on_host is not None
+    assert np.max(np.abs(on_host - exact)) < 1e-5 * np.max(np.abs(exact))
     warning = rate_warning(procedure, rate, dwells)
     assert warning is not None
     assert "diverges on this plan (spectral radius" in warning

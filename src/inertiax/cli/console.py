@@ -5,19 +5,14 @@ import sys
 import threading
 import time
 from types import TracebackType
-
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from typing import TYPE_CHECKING
 
 from ..report.terminal import Terminal
 from ..storage.harmless_text import harmless, one_line
+
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 _LONG = 2.0  # s; a stage shorter than this is not worth a line
@@ -89,7 +84,14 @@ class Stages:
         self._text = None
 
 
-def _live(console: Terminal) -> Progress:
+def _live(console: Terminal) -> "Progress":
+    from rich.progress import (
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )  # for terminals alone
+
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     return Progress(*columns, console=console, transient=True)
 
@@ -127,7 +129,15 @@ class Counter:
             self._console.print(f"{self._what}: {done} of {total}")
 
 
-def _bar(console: Terminal) -> Progress:
+def _bar(console: Terminal) -> "Progress":
+    from rich.progress import (  # for terminals alone
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     text = TextColumn("{task.description}", markup=False)
     count, left = MofNCompleteColumn(), TimeRemainingColumn(elapsed_when_finished=True)
     return Progress(text, BarColumn(), count, left, console=console, transient=True)

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import get_blas_funcs
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
@@ -17,7 +16,6 @@ from .moment import Online, without_memory
 from .signal import Signal
 
 
-(_SUBSTITUTE,) = get_blas_funcs(("tbsv",), dtype=np.float64)  # in a banded triangle
 MICRO_G = 9.80665e-6  # m/s²
 DEG_PER_HOUR = 4.84813681e-6  # rad/s
 DEG_PER_SECOND = 1.74532925e-2  # rad/s
@@ -227,8 +225,12 @@ def _followed_by_lapack(
     decay: Float[np.ndarray, " time"], driven: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
     """The same: forward substitution in a matrix of ones with -a below its diagonal."""
+    # Slow to import, and who reads or exports a calibration evaluates nothing.
+    from scipy.linalg import get_blas_funcs
+
+    (substitute,) = get_blas_funcs(("tbsv",), dtype=np.float64)  # in a banded triangle
     band = np.stack([np.ones_like(decay), -np.append(decay[1:], 0.0)])
-    return _SUBSTITUTE(1, np.asfortranarray(band), driven, lower=1, diag=1)
+    return substitute(1, np.asfortranarray(band), driven, lower=1, diag=1)
 
 
 def _weights(step: Any, time_constant: Scalar | float) -> tuple[Any, Any]:

@@ -10,7 +10,6 @@ from .._typing import AnyArray
 from ..calibration.calibration import Calibration
 from ..calibration.magnetometers import MagnetometerCalibration
 from ..data.recording import Recording
-from ..reduction.field_rows import held_current
 
 
 _CHUNK = 65536  # samples compensated at a time: one compilation, little memory
@@ -28,7 +27,11 @@ def compensated_field(
         return None
     count = recording.num_samples
     temperature = np.zeros(count) if recording.temperature is None else recording.temperature[:, 0]
-    current = np.zeros(count) if recording.current is None else held_current(recording)
+    current = np.zeros(count)
+    if recording.current is not None:
+        from ..reduction.field_rows import held_current  # brings in SciPy, which few logs need
+
+        current = held_current(recording)
     parts = []
     for start in range(0, count, _CHUNK):
         rows = slice(start, start + _CHUNK)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..calibration.calibration import Calibration
-from ..model_selection.select_model import LEAST_SPAN
+from ..model_selection.model_spec import LEAST_SPAN
 from ..physics.temperature import Constant
 
 

@@ -5,6 +5,10 @@ import msgspec
 from ..data.recording import ModelChoice
 
 
+# °C; over less, parameters are constants, and one pose tells nothing of an accelerometer
+LEAST_SPAN = 1.0
+
+
 class TriadSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is estimated of one triad."""
 

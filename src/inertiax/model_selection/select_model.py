@@ -18,14 +18,10 @@ from ..procedure.rank import has_full_rank
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import shortfall, Turns
-from .model_spec import ModelSpec
+from .model_spec import LEAST_SPAN, ModelSpec
 
 
 HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
-
-LEAST_SPAN = (
-    1.0  # °C; over less, parameters are constants, and one pose tells nothing of an accelerometer
-)
 
 
 class ChosenModel(eqx.Module):

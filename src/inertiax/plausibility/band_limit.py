@@ -13,7 +13,6 @@ tremor at the usual 100 Hz, and below them the noise may rise as it likes.
 from typing import cast
 
 import numpy as np
-import scipy.optimize
 from jaxtyping import Float
 
 from .dead_channels import triads
@@ -73,7 +72,9 @@ def corner(ratio: float) -> float | None:
 
     if ratio > of_one_pole(DEEPEST):
         return None
-    q = cast(float, scipy.optimize.brentq(lambda q: of_one_pole(q) - ratio, 0.0, DEEPEST))
+    from scipy.optimize import brentq  # slow to import, and seldom needed
+
+    q = cast(float, brentq(lambda q: of_one_pole(q) - ratio, 0.0, DEEPEST))
     cosine = 1.0 - (1.0 - q) ** 2 / (2.0 * q)
     return float(np.arccos(max(cosine, -1.0)) / np.pi)
 

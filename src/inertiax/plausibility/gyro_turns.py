@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 
 from . import remedies
 from .dead_channels import is_dead
@@ -141,6 +140,8 @@ def _refined(motions: Motions, best: _Best) -> float:
         after=motions.after[some],
     )
     score = lambda log: float(_score(misfit_as_given(moved, best.factor * float(np.exp(log)))))
+    from scipy.optimize import minimize_scalar  # slow to import, and seldom needed
+
     found = minimize_scalar(score, bounds=(-0.17, 0.17), method="bounded", options={"xatol": 3e-3})
     return best.factor * float(np.exp(found.x))
 

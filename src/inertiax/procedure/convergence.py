@@ -35,7 +35,7 @@ def convergence_rate(
     if isinstance(procedure, PaperIteration):
         jacobian = ExperimentPass(estimator, basis, dwells).jacobian(coefficients)
     if jacobian is None:
-        jacobian = np.asarray(_pass_jacobian(procedure, jnp.asarray(coefficients), dwells))
+        jacobian = np.asarray(pass_jacobian(procedure, jnp.asarray(coefficients), dwells))
     values, vectors = np.linalg.eig(jacobian)
     worst = int(np.argmax(np.abs(values)))
     covariance = Problem(estimator, basis, dwells).covariance(np.asarray(coefficients))
@@ -48,7 +48,8 @@ def convergence_rate(
 
 
 @eqx.filter_jit
-def _pass_jacobian(procedure: AbstractIteration, coefficients: Array, dwells: Dwells) -> PyTree:
+def pass_jacobian(procedure: AbstractIteration, coefficients: Array, dwells: Dwells) -> PyTree:
+    """∂C[k+1]/∂C[k] of any iteration, by automatic differentiation."""
     flat = lambda c: procedure.refine(c.reshape(coefficients.shape), dwells).reshape(-1)
     return jax.jacfwd(flat)(coefficients.reshape(-1))
 

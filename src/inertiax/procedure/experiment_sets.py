@@ -58,10 +58,11 @@ class ExperimentPass:
     def jacobian(
         self, coefficients: Float[AnyArray, "size parameters"]
     ) -> Float[np.ndarray, "unknowns unknowns"] | None:
-        """∂(next)/∂(coefficients), row-major; `None` for an estimator without a NumPy form, or where dwells share errors.
+        """∂(next)/∂(coefficients), row-major; `None` for an estimator without a NumPy form and for dwells
+        that share errors.
 
-        An experiment's correction c makes g(c, θ) = Σ Jᵀr zero, where θ are the dwells' parameters on the curve, so that
-        dc = −(∂g/∂c)⁻¹ (∂g/∂θ) dθ. Each dwell adds to g by its own θ alone: central differences over all dwells
+        An experiment's correction c makes g(c, θ) = Σ Jᵀr zero, where θ are the dwells' parameters on the curve, so
+        that dc = −(∂g/∂c)⁻¹ (∂g/∂θ) dθ. Each dwell adds to g by its own θ alone: central differences over all dwells
         at once, by as much as all dwells tell a parameter apart, give the slopes.
         """
         problem, form = self.problem, host_form(self.problem.estimator)

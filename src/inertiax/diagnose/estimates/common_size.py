@@ -14,7 +14,6 @@ well stays as it is.
 """
 
 import numpy as np
-import scipy.optimize
 from jaxtyping import Float
 
 
@@ -51,5 +50,7 @@ def _largest_size(along: np.ndarray, variance: np.ndarray) -> float:
     losses = np.array([loss(x) for x in grid])
     best = int(np.argmin(losses))
     limit = losses[best] + DROP
-    edge = scipy.optimize.root_scalar(lambda x: loss(x) - limit, bracket=(grid[best], high))
+    from scipy.optimize import root_scalar  # slow to import, and seldom needed
+
+    edge = root_scalar(lambda x: loss(x) - limit, bracket=(grid[best], high))
     return float(np.exp(edge.root))

@@ -20,7 +20,6 @@ from functools import cached_property
 
 import equinox as eqx
 import numpy as np
-import scipy.optimize
 from jaxtyping import Float
 
 from ...data.recording import Rig
@@ -162,12 +161,14 @@ class _Units:
 
 def learn_chain(systems: Sequence[System], chain: int, label: str) -> ChainNoise:
     """The log variances of one chain from several units' systems."""
+    from scipy.optimize import minimize  # slow to import, and a diagnosis does without
+
     scales = np.log([s.scales[chain] for s in systems]).mean(axis=0)
     low, high = np.transpose(BOUNDS) + scales
     units = _Units(tuple(systems), chain, scales + np.mean(STARTS, axis=0), low, high)
     modes = []
     for start in STARTS:
-        found = scipy.optimize.minimize(
+        found = minimize(
             units.all, start + scales, jac=True, method="L-BFGS-B",
             bounds=np.stack([low, high], axis=1), options={"maxiter": 60},
         )  # fmt: skip
