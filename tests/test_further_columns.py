@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from inertiax.estimators import Invariant
 from inertiax.model_selection.select_model import choose_degree
 from inertiax.numerics.further_columns import log_odds
+from inertiax.numerics.left_out import log_left_out
 from inertiax.reduction.dwells import Dwells
 
 
@@ -41,12 +42,25 @@ def test_with_many_rows_it_is_half_the_difference_of_bic():
     assert log_odds(rows, kept, further, left) == pytest.approx(-0.5 * bic, rel=0.02)
 
 
-def hand_rests(seed: int, *, slope: float) -> Dwells:
-    """Means of 31 rests that a device warms up over, its biases by `slope` (m/s² over the whole)."""
+def test_errors_of_groups_left_out_are_those_of_fits_without_them():
+    rng = np.random.default_rng(5)
+    design, right = rng.standard_normal((30, 7)), rng.standard_normal(30)
+    logs = []
+    for group in np.arange(30).reshape(10, 3):
+        others = np.setdiff1d(np.arange(30), group)
+        solution = np.linalg.lstsq(design[others], right[others], rcond=None)[0]
+        logs.append(np.log(np.linalg.norm(right[group] - design[group] @ solution)))
+    assert log_left_out(design, right, 3) == pytest.approx(np.mean(logs), rel=1e-9)
+
+
+def hand_rests(seed: int, *, slope: float, shaken: float = 0.0) -> Dwells:
+    """Means of 31 rests that a device warms up over, its biases by `slope` (m/s² over the whole); every fifth one is
+    off by `shaken` times a number of Student's t with two degrees of freedom."""
     rng = np.random.default_rng(seed)
     up = rng.standard_normal((31, 3))
     heat = np.linspace(0.0, 1.0, 31)
     force = 9.81 * up / np.linalg.norm(up, axis=1, keepdims=True) + slope * heat[:, None]
+    force[::5] += shaken * np.random.default_rng(100 + seed).standard_t(2.0, (7, 3))
     return Dwells(
         time=5.0 * np.arange(31),
         duration=np.full(31, 4.0),
@@ -66,6 +80,11 @@ def test_few_rests_of_a_device_that_warms_up_do_not_feign_a_dependence_on_temper
         Invariant(gravity=9.81), hand_rests(seed, slope=slope)
     )[0]
     assert [degree(seed, 0.0) for seed in range(20)].count(0) >= 19  # a chance of 1 % each at most
+    held = [
+        choose_degree(Invariant(gravity=9.81), hand_rests(k, slope=0.0, shaken=0.005))[0]
+        for k in range(20)
+    ]
+    assert held.count(0) >= 19  # what a hand does to single rests predicts no other one
     assert [degree(seed, 0.05) for seed in range(20)].count(1) >= 18
 
 

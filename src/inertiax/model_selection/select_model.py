@@ -12,6 +12,7 @@ from ..data.formats.columns import nearest
 from ..data.recording import Campaign, NOT_CALIBRATED, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..numerics.further_columns import log_odds
+from ..numerics.left_out import log_left_out
 from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
 from ..procedure.rank import has_full_rank
@@ -303,7 +304,8 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
 
     The problem is linearised once at the closed-form start, where the design of every degree is the
     Kronecker product of Chebyshev values and the dwells' Jacobians. Each degree is compared with the best one below it,
-    by the criterion's form for few rows (`numerics.further_columns`).
+    by the criterion's form for few rows (`numerics.further_columns`), and must predict each dwell from the others
+    better (`numerics.left_out`): what single rests of a hand hold beyond noise, few rests' temperatures follow by luck.
     No degree is considered that the number of different temperatures cannot carry, or whose unknowns the dwells do not
     determine.
     **Returns** the degree and the reason in words.
@@ -324,7 +326,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         )
     num_dwells, per_dwell, count = parameters.shape
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
-    best, least, highest = 0, 0.0, -1
+    best, least, predicted, highest = 0, 0.0, 0.0, -1
     for degree in range(min(HIGHEST_DEGREE, temperature_levels(temperature) - 1) + 1):
         unknowns = (degree + 1) * count
         if num_dwells * per_dwell < unknowns + 3:
@@ -338,14 +340,19 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         rss = float(np.sum((rows - design @ solution) ** 2))
         highest = degree
         if degree == 0:
-            least = rss
+            least, predicted = rss, log_left_out(design, rows, per_dwell)
             continue
         kept = (best + 1) * count
         left = rss / least if least > 0.0 else 1.0
         if log_odds(len(rows), kept, unknowns - kept, left) > 0.0:
-            best, least = degree, rss
-    if highest < 0:
-        return 0, "too few dwells for a dependence on temperature, so the parameters are constants"
+            error = log_left_out(design, rows, per_dwell)
+            if error < predicted:
+                best, least, predicted = degree, rss, error
+    if highest < 1:
+        return (
+            0,
+            "the dwells determine no dependence on temperature, so the parameters are constants",
+        )
     return best, f"temperature degree {best} by BIC among 0…{highest}"
 
 

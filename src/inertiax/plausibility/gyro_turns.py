@@ -223,7 +223,7 @@ def _small_factor(
             "warning",
             "gyro",
             f"{_names(logs)}: the integrated rates turn {1 / factor:.3g} times as far as gravity does in "
-            f"{_counted(motions, limits)}: look at the gyros' scale and at the clock.",
+            f"{_counted(motions, limits)}, about all axes alike: look at the clock, and at the gyros' range or scale.",
             ratio=1.0 / factor,
             pairs=motions.count,
             misfit=float(better),

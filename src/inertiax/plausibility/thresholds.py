@@ -20,7 +20,7 @@ class Thresholds:
     )
     least_tilt: float = 0.17  # rad, 10 degrees; smaller tilts tell nothing
     rate_off: float = (
-        0.06  # relative; MEMS scale factors are within 3 % (L3G4200D, MPU-6050 data sheets)
+        0.04  # relative, of all axes alike; MEMS scale factors are within 3 % (L3G4200D, MPU-6050)
     )
     resting_rate: float = 10.0  # rad/s; no gyro has a zero offset of 570 deg/s
     # Against a reference
