@@ -346,3 +346,18 @@ def test_quiet_stretches_that_are_too_short_for_rests_are_counted():
     assert len(found.start) == 8 and "; 3 stretches as quiet" in found.statement
     longer = Recording(time=recording.time[:6400], accel=force[:6400])
     assert "as quiet" not in find_rests(longer, window=1.0).statement
+
+
+@pytest.mark.parametrize("shortest, longest", [(1.1, 2.0), (2.5, 4.0)])
+def test_a_hand_that_rests_for_a_second_at_a_time_rests_as_often_as_it_does(shortest, longest):
+    """In a log of rests of 1.1 to 2 s a third of them was found, and eleven of them told no misalignment."""
+    rng = np.random.default_rng(4)
+    moving = np.zeros(0, bool)
+    for _ in range(25):
+        still = np.zeros(round(rng.uniform(shortest, longest) * RATE), bool)
+        moving = np.concatenate([moving, still, np.ones(round(1.2 * RATE), bool)])
+    shaken = moving[:, None] * rng.standard_normal((len(moving), 3))
+    force = [0.0, 0.0, G] + 2.0 * shaken + ACCEL * rng.standard_normal(shaken.shape)
+    found = segment(Recording(time=np.arange(len(moving)) / RATE, accel=force))
+    assert found.num_segments == 25
+    assert not any(moving[a:b].any() for a, b in zip(found.start, found.stop))

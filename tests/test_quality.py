@@ -91,6 +91,35 @@ def test_a_rest_that_was_touched_is_named_by_its_time():
     assert quality.verdict == "usable"
 
 
+def test_a_range_that_ends_below_gravity_is_the_reservation():
+    campaign = _campaign(G * _directions(24))
+    (recording,) = campaign.recordings
+    ended = recording.accel.copy()
+    ended[:, 0] = np.clip(ended[:, 0], -7.85, 7.85)  # 0.8 g
+    cut = eqx.tree_at(lambda r: r.accel, recording, ended)
+    quality, _ = _judged(Campaign((cut,), campaign.site))
+    assert (
+        quality.verdict == "usable"
+        and "accel_x ends at 7.85 and −7.85 m/s² at rest" in quality.answer
+    )
+
+
+def test_rests_of_one_pose_that_differ_by_many_times_their_noise_are_no_silent_success():
+    rng = np.random.default_rng(2)
+    level = np.repeat(0.05 * rng.standard_normal((5, 3)), 200, axis=0)
+    recording = Recording(
+        time=np.arange(1000) / 100.0,
+        accel=[0.0, 0.0, G] + level + 0.01 * rng.standard_normal((1000, 3)),
+        gyro=1e-3 * rng.standard_normal((1000, 3)),
+        position=np.repeat(np.arange(5), 200),
+    )
+    quality, result = _judged(Campaign((recording,), Site(gravity=G)))
+    spread = np.sqrt(np.mean((level - level.mean(axis=0)) ** 2))
+    (said,) = [f.text for f in quality.findings if f.topic == "misfit" and f.text[0] == "A"]
+    assert f"rests of one pose differ by {spread:.2g}"[:-1] in said and "outputs wandered" in said
+    assert quality.verdict == "usable" and said[1:] in quality.answer  # the gyros' biases are
+
+
 def test_what_to_record_next_is_the_orientation_that_is_missing():
     # Every orientation but those with z down.
     forces = _directions(60)

@@ -72,7 +72,8 @@ def judge(result: DeviceResult) -> Quality:
     findings += [Finding("plausibility", UNUSABLE, text) for text in forced]
     for triad, estimate in _both(result):
         name = TRIAD_NAMES[estimate.estimator.triad]
-        own = [*_mistakes(name, triad, estimate, result.calibration), _misfit(name, estimate)]
+        own = _mistakes(name, triad, estimate, result.calibration)
+        own += [*_ended(name, estimate, result), _misfit(name, triad, estimate)]
         for topic in (orientations, rates, temperatures, _weakest_finding):
             finding, wanted = topic(name, triad, estimate, result.calibration)
             own += [] if finding is None else [finding]
@@ -80,6 +81,10 @@ def judge(result: DeviceResult) -> Quality:
         own += _outliers(name, estimate)
         triads.append(_triad_verdict(name, own))
         findings += own
+    accel = result.accel
+    if accel is not None and result.calibration.accel is None:
+        if accel.chi2_per_dof > LIMITS.undecided_ratio**2:
+            findings.append(_one_pose(TRIAD_NAMES["accel"], accel, ATTENTION))
     if result.mag is not None:
         own = _magnetometers(result.mag)
         triads.append(_triad_verdict("Magnetometers", own))
@@ -93,8 +98,13 @@ def judge(result: DeviceResult) -> Quality:
     ranked = sorted(findings, key=lambda f: -f.grade)
     verdict, start = VERDICTS[ranked[0].grade], _WORDS[ranked[0].grade]
     rest = _GOOD if ranked[0].grade == FINE else _lower(ranked[0].text)
+    also = _further_misfit(ranked)
     return Quality(
-        verdict, f"{start}: {rest}", tuple(findings), tuple(dict.fromkeys(advice)), tuple(triads)
+        verdict,
+        f"{start}: {rest}{also}",
+        tuple(findings),
+        tuple(dict.fromkeys(advice)),
+        tuple(triads),
     )
 
 
@@ -117,6 +127,15 @@ def _triad_verdict(name: str, findings: list[Finding]) -> TriadVerdict:
         shown = [f for f in findings if f.topic in ("misfit", "weakest")]
     said = "; ".join(f.text.removeprefix(f"{name}: ").rstrip(".") for f in shown)
     return TriadVerdict(name, verdict, f"{name}: {_lower(start)}; {said}.")
+
+
+def _further_misfit(ranked: list[Finding]) -> str:
+    """What another triad's misfit asks for, beside the first finding."""
+    first = ranked[0].text.partition(":")[0]
+    if ranked[0].grade == FINE or first not in TRIAD_NAMES.values():
+        return ""
+    others = [f.text for f in ranked if f.topic == "misfit" and f.grade != FINE]
+    return "".join(f" {text}" for text in others if text.partition(":")[0] != first)
 
 
 def _both(result: DeviceResult) -> list[tuple[TriadCalibration, TriadResult]]:
@@ -155,9 +174,11 @@ def _magnetometers(mag: MagnetometerResult) -> list[Finding]:
 # Misfit ----------------------------------------------------------------------------------------------
 
 
-def _misfit(name: str, estimate: TriadResult) -> Finding:
+def _misfit(name: str, triad: TriadCalibration, estimate: TriadResult) -> Finding:
     ratio = math.sqrt(estimate.chi2_per_dof)  # NaN stays NaN
     unit, rms = estimate.misfit_unit, estimate.rms
+    if triad.mean_output is not None and ratio > LIMITS.undecided_ratio:
+        return _one_pose(name, estimate, UNUSABLE)
     words = misfit_words(unit, rms, ratio, estimate.scatter)
     grade = int(grade_misfit(unit, rms, ratio))
     if estimate.follows and grade != UNUSABLE:
@@ -173,6 +194,37 @@ def _misfit(name: str, estimate: TriadResult) -> Finding:
         )
         grade = ATTENTION
     return Finding("misfit", grade, f"{name}: {words}.")
+
+
+def _one_pose(name: str, estimate: TriadResult, grade: int) -> Finding:
+    """Rests of one pose that differ by far more than their noise."""
+    ratio = math.sqrt(estimate.chi2_per_dof)
+    beside = "beside the temperature's curve " if estimate.solution.curve.basis.size > 1 else ""
+    text = (
+        f"{name}: {beside}rests of one pose differ by {rms_text(estimate.misfit_unit, estimate.rms)} rms, "
+        f"{ratio:.3g} times the noise: the device tilted, or its outputs wandered, and no parameter holds that."
+    )
+    return Finding("misfit", grade, text)
+
+
+def _ended(name: str, estimate: TriadResult, result: DeviceResult) -> list[Finding]:
+    """Channels whose range ends within what rests feel: the poses that would tell them best are not told."""
+    ends: dict[str, list[str]] = {}
+    for found in result.plausibility:
+        evidence = dict(found.evidence)
+        if found.kind == "saturation" and found.what.startswith(estimate.estimator.triad):
+            if evidence.get("rows_at_rest"):
+                ends.setdefault(found.what, []).append(f"{evidence['value']:.3g}".replace("-", "−"))
+    unit = "m/s²" if estimate.estimator.triad == "accel" else "rad/s"
+    return [
+        Finding(
+            "range",
+            ATTENTION,
+            f"{name}: {channel} ends at {' and '.join(values)} {unit} at rest; such rests are left out, so that this "
+            "axis is told worst where it matters: record with a wider range.",
+        )
+        for channel, values in ends.items()
+    ]
 
 
 def _outliers(name: str, estimate: TriadResult) -> list[Finding]:
