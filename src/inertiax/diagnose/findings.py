@@ -223,10 +223,10 @@ def _persistent(prepared: Prepared, answer: Answer) -> Answer:
             not searched or predicts(prepared, term, others)
         )
 
-    terms = [n.candidate.term for n in answer.named]
-    kept = tuple(
-        n for k, n in enumerate(answer.named) if lasts(terms[k], terms[:k] + terms[k + 1 :])
-    )
+    kept, before = answer.named, -1
+    while len(kept) != before:  # without one, others may predict nothing
+        before, terms = len(kept), [n.candidate.term for n in kept]
+        kept = tuple(n for k, n in enumerate(kept) if lasts(terms[k], terms[:k] + terms[k + 1 :]))
     unlisted = answer.unlisted
     if unlisted is not None and not lasts(unlisted.term, [n.candidate.term for n in kept]):
         unlisted = None

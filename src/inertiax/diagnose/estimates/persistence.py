@@ -32,8 +32,15 @@ def persists(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
 
 
 def predicts(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
-    """Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it."""
-    return carried(gain_over_stretches(prepared, term, others))
+    """Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it.
+
+    Both where each error counts by the variance of such a prediction, and as they are, which is what a result states:
+    several coefficients that few rests tell may be right in all but the rests that matter.
+    """
+    if not carried(gain_over_stretches(prepared, term, others)):
+        return False
+    without = held_out_rms(prepared, list(others), term.chains)
+    return held_out_rms(prepared, [*others, term], term.chains) < without
 
 
 def carried(gain: Float[np.ndarray, " stretch"]) -> bool:
