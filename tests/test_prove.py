@@ -189,6 +189,28 @@ def test_what_acts_throughout_is_carried_by_more_than_one_dwell(second, carried)
 
 
 @pytest.mark.slow
+def test_what_raises_the_rms_of_data_left_out_predicts_nothing():
+    """Two coefficients beside errors that grow with the columns: most dwells gain, each by its own variance, and the few
+    that matter lose."""
+    with jax.enable_x64(True):
+        (prepared,) = prepare(tumble(seed=4)).triads
+        (term,) = [t for t in prepared.candidates if t.name == "second_order" and t.channels == (1,)]  # fmt: skip
+        dwell = np.unique(prepared.blocks.dwell, return_inverse=True)[1]
+        rng = np.random.default_rng(217)
+        size = np.exp(1.5 * rng.standard_normal(72))
+        columns = size[:, None] * rng.standard_normal((72, 2))
+        observed = columns.sum(axis=1) + 0.7 * size * rng.standard_normal(72)
+        term = replace(term, columns=(columns[dwell],))
+        base = eqx.tree_at(lambda b: b.observed, prepared.system.base, (observed[dwell],))
+        constant = (np.ones((len(dwell), 1)),)
+        system = eqx.tree_at(lambda s: (s.base, s.frames), prepared.system, (base, constant))
+        prepared = replace(prepared, system=system)
+        assert gain_over_stretches(prepared, term, []).sum() > 0.0
+        assert held_out_rms(prepared, [term]) > 1.2 * held_out_rms(prepared, [])
+        assert not predicts(prepared, term, [])
+
+
+@pytest.mark.slow
 def test_only_a_position_that_comes_again_has_a_level_of_its_own():
     with jax.enable_x64(True):
         levels = [
