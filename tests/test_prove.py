@@ -190,7 +190,7 @@ def test_what_acts_throughout_is_carried_by_more_than_one_dwell(second, carried)
 
 @pytest.mark.slow
 def test_what_raises_the_rms_of_data_left_out_predicts_nothing():
-    """Two coefficients beside errors that grow with the columns: most dwells gain, each by its own variance, and the few
+    """Two coefficients beside errors that grow with the columns: most dwells gain by their own variance, and the few
     that matter lose."""
     with jax.enable_x64(True):
         (prepared,) = prepare(tumble(seed=4)).triads
