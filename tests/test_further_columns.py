@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from inertiax.estimators import Invariant
-from inertiax.model_selection.select_model import choose_degree
+from inertiax.estimators import Invariant, ReferenceAccel
+from inertiax.model_selection.temperature_degree import choose_degree
 from inertiax.numerics.further_columns import log_odds
 from inertiax.numerics.left_out import log_left_out
 from inertiax.reduction.dwells import Dwells
@@ -86,6 +86,42 @@ def test_few_rests_of_a_device_that_warms_up_do_not_feign_a_dependence_on_temper
     ]
     assert held.count(0) >= 19  # what a hand does to single rests predicts no other one
     assert [degree(seed, 0.05) for seed in range(20)].count(1) >= 18
+
+
+def test_a_degree_is_told_by_temperatures_at_which_all_parameters_are():
+    """Four soaks of 24 attitudes each whose temperature creeps by 0.8 °C, ramps in one pose between them, and a bias
+    that follows one more power of temperature: all is told at four temperatures only. With a fifth soak it is told."""
+    rng = np.random.default_rng(7)
+
+    def degree(soaks) -> int:
+        up = rng.standard_normal((24, 3))
+        up /= np.linalg.norm(up, axis=1, keepdims=True)
+        heat, force = [], []
+        for low, high in zip(soaks, [*soaks[1:], None]):
+            heat.append(low - 0.8 * np.exp(-np.arange(24) / 8.0))
+            force.append(9.81 * up)
+            if high is not None:
+                heat.append(np.linspace(low, high, 12)[1:-1])
+                force.append(np.tile([0.0, 0.0, 9.81], (10, 1)))
+        t, f = np.concatenate(heat), np.concatenate(force)
+        n, x = len(t), (t - 15.0) / 45.0
+        accel = f + 0.01 * np.stack([x**4, x**3, x], axis=1) + 1e-4 * rng.standard_normal(f.shape)
+        dwells = Dwells(
+            time=20.0 * np.arange(n),
+            duration=np.full(n, 15.0),
+            count=np.full(n, 300.0),
+            temperature=t,
+            experiment=np.zeros(n, int),
+            position=np.arange(n),
+            valid=np.ones(n, bool),
+            accel=accel,
+            accel_covariance=np.tile(1e-8 * np.eye(3), (n, 1, 1)),
+            reference_accel=f,
+        )
+        return choose_degree(ReferenceAccel(), dwells)[0]
+
+    assert degree([-30.0, 0.0, 25.0, 60.0]) == 3
+    assert degree([-30.0, -10.0, 15.0, 40.0, 60.0]) == 4
 
 
 def test_no_degree_is_taken_whose_unknowns_the_dwells_do_not_determine():

@@ -2,31 +2,63 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from hand_log_data import G, hand_log
 from inertiax.calibrate.level_by_recording import levels
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.diagnose.wording.scatter import scatter_sentence
 
 
-def days(shift):
+def days(shift, force=0.0, seed=0):
     made = []
     for day in (0, 1):
-        time, accel, gyro = hand_log(rate=50.0, rests=14, seed=day)
-        made.append(Recording(time=86400.0 * day + time, accel=accel, gyro=gyro + day * shift))
+        time, accel, gyro = hand_log(rate=50.0, rests=14, seed=2 * seed + day)
+        made.append(
+            Recording(time=86400.0 * day + time, accel=accel + day * force, gyro=gyro + day * shift)
+        )
     return calibrate_device(Campaign(tuple(made), Site(G)))
 
 
-def test_a_second_day_s_bias_is_said_with_its_size():
+@pytest.fixture(scope="module")
+def apart():
+    return days(np.array([5e-4, 0.0, 0.0]), np.array([0.0, 0.03, 0.0]))
+
+
+def test_a_second_day_s_bias_is_said_with_its_size(apart):
     """5e-4 rad/s on x: two values stand 5e-4 / √2 about their mean, 72.9 °/h; the others differ by noise."""
-    found = days(np.array([5e-4, 0.0, 0.0]))
-    (said,) = [w for w in found.warnings if "the biases of the 2 recordings differ" in w]
+    found = apart
+    (said,) = [w for w in found.warnings if "gyros: the biases of the 2 recordings differ" in w]
     sizes = [float(x) for x in said.split("differ by ")[1].split(" °/h")[0].split(", ")]
     # A rest's mean of 200 samples of 0.05 °/s is known to 12.7 °/h, a day's of 14 rests to 3.4.
     assert sizes[0] == pytest.approx(72.9, abs=4 * 3.4)
     assert max(sizes[1:]) < 4 * 3.4
     level, error = levels(found.gyro, G)
     assert level[1, 0] - level[0, 0] == pytest.approx(5e-4, abs=4 * np.hypot(*error[:, 0]))
+
+
+def test_accelerometers_by_their_magnitude_alone_too(apart):
+    """0.03 m/s² on y, 0.0212 about the mean; least squares by SciPy of what each day's rests say by themselves."""
+    (said,) = [w for w in apart.warnings if w.startswith("accelerometers: the biases of the 2")]
+    sizes = [float(x) for x in said.split("differ by ")[1].split(" m/s²")[0].split(", ")]
+    assert sizes[1] == pytest.approx(0.03 / np.sqrt(2.0), rel=0.1)
+    assert max(sizes[0], sizes[2]) < 0.005
+    # By SciPy from magnitudes: the 9 parameters of the model common to both days, and 3 biases of the second.
+    means, number = np.asarray(apart.accel.dwells.accel), np.asarray(apart.accel.dwells.rows)[:, 0]
+
+    def misfit(p):
+        lower = np.zeros((3, 3))
+        lower[np.tril_indices(3)] = p[3:9]
+        force = np.linalg.solve(np.eye(3) + lower, (means - p[:3] - np.outer(number, p[9:])).T)
+        return np.linalg.norm(force, axis=0) - G
+
+    found = least_squares(misfit, np.zeros(12), x_scale="jac")
+    level, error = levels(apart.accel, G)
+    np.testing.assert_allclose(level[1] - level[0], found.x[9:], atol=2e-4)
+    spread = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / (len(means) - 12)
+    np.testing.assert_allclose(np.hypot(*error), np.sqrt(np.diag(spread))[9:], rtol=0.05)
+    assert "Taken as noise: accelerometers: the biases of the 2" in scatter_sentence(apart)
 
 
 def test_days_that_differ_by_noise_alone_are_not():

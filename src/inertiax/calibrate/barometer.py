@@ -19,7 +19,7 @@ from jaxtyping import Float
 from ..calibration.barometer import BarometerCalibration
 from ..data.recording import Recording
 from ..model_selection.model_spec import LEAST_SPAN
-from ..model_selection.select_model import temperature_levels
+from ..model_selection.temperature_degree import temperature_levels
 from ..physics.temperature import Curve, Polynomial
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..model_selection.model_spec import LEAST_SPAN
-from ..model_selection.select_model import HIGHEST_DEGREE, temperature_levels
+from ..model_selection.temperature_degree import HIGHEST_DEGREE, temperature_levels
 from .magnetic_fit import Fit, free_coefficients
 
 

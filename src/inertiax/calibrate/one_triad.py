@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..estimators import AbstractEstimator, ESTIMATORS
-from ..model_selection.select_model import choose_degree, ChosenModel, polynomial_basis
+from ..model_selection.select_model import ChosenModel, polynomial_basis
+from ..model_selection.temperature_degree import choose_degree
 from ..physics.temperature import AbstractBasis
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem

@@ -47,7 +47,7 @@ from .barometer import BarometerResult, calibrate_barometer
 from .earth_rate import earth_rate_words, with_earth_rate
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
-from .level_by_recording import level_words
+from .level_by_recording import triad_words
 from .magnetometers_of_device import calibrate_mag, has_magnetometers, magnetometer_calibration
 from .one_triad import Progress, with_refined_force
 from .results import (
@@ -154,13 +154,13 @@ def calibrate_device(
         )
         dwells = with_refined_force(accel_result, dwells)
         warnings.extend(_of_the_mean(accel_result))
+        warnings.extend(_of_levels(accel_result, campaign))
         one = one_attitude_over_temperature(raw)
         warnings.extend([] if one is None else [one])
     gyro_result, chosen, cross = calibrate_gyros(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
-    level = level_words(gyro_result, campaign.site.gravity)
-    warnings.extend([] if level is None else [level])
+    warnings.extend(_of_levels(gyro_result, campaign))
     effects: tuple[FittedEffect, ...] = ()
     if chosen.together:
         assert accel_result is not None and gyro_result is not None  # `choose_model` saw both
@@ -206,6 +206,12 @@ def calibrate_device(
         mag,
         baro,
     )
+
+
+def _of_levels(estimate: TriadResult | None, campaign: Campaign) -> list[str]:
+    """That a triad's biases differ from recording to recording, where they do."""
+    words = triad_words(estimate, campaign.site.gravity)
+    return [] if words is None else [words]
 
 
 def _barometer(campaign: Campaign) -> tuple[BarometerResult | None, tuple[str, ...]]:

@@ -14,10 +14,10 @@ from ..estimators import AbstractEstimator
 from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
 from ..model_selection.select_model import (
     build_estimators,
-    choose_degree,
     choose_model,
     ChosenModel,
 )
+from ..model_selection.temperature_degree import choose_degree
 from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import with_rig_errors
 from .population.population import Population, TriadPopulation

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...effects import Effect
 from ...effects.form_units import acts_on
+from ...effects.over_temperature import said_of_coefficients
 from ..candidates.signatures import Term
 from ..estimates.cross_validation import held_out_rms
 from ..estimates.parameters import parameters
@@ -82,9 +83,10 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
 
 def _sentences(effect: Effect, entries: list[_Entry], most: float | int) -> str:
     """A sentence for each thing that the effect acts on."""
-    groups: dict[str | None, list[_Entry]] = {}
+    groups: dict[tuple[str | None, str], list[_Entry]] = {}
     for e in entries:
-        groups.setdefault(acts_on(e.term.variant.settings), []).append(e)
+        settings = e.term.variant.settings
+        groups.setdefault((acts_on(settings), said_of_coefficients(settings)), []).append(e)
     return " ".join(
         sentence(effect, g[0].term.variant.settings, [e.said for e in g], most=most)
         for g in groups.values()

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from ...calibration.effect_units import shown_parameter
 from ...effects import Effect
 from ...effects.form_units import acts_on, Settings
+from ...effects.over_temperature import said_of_coefficients
 from ..observations.model_rows import ModelForm
 from ..result import Explanation, Parameter, Where
 
@@ -41,7 +42,7 @@ def sentence(
     on = acts_on(settings)
     acts = "" if on is None else f" It acts on {on}."
     text = effect.sentence.format(channels=", ".join(channels))
-    text += f"{acts} Model: {effect.equation}"
+    text += f"{acts}{said_of_coefficients(settings)} Model: {effect.equation}"
     apart = len(members) > 1
     if sum(len(m.values) for m in members) <= most:
         sizes = []

@@ -14,7 +14,7 @@ from ...calibrate.goodness_of_fit import (
     usual_size,
 )
 from ...estimators import AbstractEstimator
-from ...model_selection.select_model import separate_temperatures
+from ...model_selection.temperature_degree import separate_temperatures
 from ...physics.temperature import AbstractBasis
 from ..reduce.blocks import means_of_runs
 from .batch import FleetFit

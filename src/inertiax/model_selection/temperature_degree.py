@@ -1,0 +1,112 @@
+"""The degree of the polynomials in temperature, by what the dwells tell."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..estimators import AbstractEstimator
+from ..numerics.further_columns import log_odds
+from ..numerics.left_out import log_left_out
+from ..physics.temperature import Constant
+from ..procedure.rank import has_full_rank
+from ..procedure.single_device import Problem
+from ..reduction.dwells import Dwells
+from .model_spec import LEAST_SPAN
+
+
+HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than people run
+
+# Part of the information on a degree's own coefficients that must be left beside those of the lower degrees, over what
+# is left of them at degree 0. Five equal steps leave 0.6 at degree 4; four temperatures with ramps in one pose between
+# them 0.00 to 0.01. Where it is 0.01 their standard errors are ten times what temperatures spread for it give.
+# Convention.
+LEAST_TOLD = 0.01
+
+
+def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, str]:
+    """Degree of the temperature polynomials by the Bayesian information criterion.
+
+    The problem is linearised once at the closed-form start, where the design of every degree is the
+    Kronecker product of Chebyshev values and the dwells' Jacobians. Each degree is compared with the best one below it,
+    by the criterion's form for few rows (`numerics.further_columns`), and must predict each dwell from the others
+    better (`numerics.left_out`): what single rests of a hand hold beyond noise, few rests' temperatures follow by luck.
+    No degree is considered that the number of different temperatures cannot carry, or whose unknowns the dwells do not
+    determine, and none from the first on whose own coefficients they hardly tell (`LEAST_TOLD`).
+    **Returns** the degree and the reason in words.
+
+    Raises `ValueError` where a dwell has a channel without any scatter, whose weight would be infinite.
+    """
+    temperature = np.asarray(dwells.temperature)
+    span = float(np.ptp(temperature))
+    if span < LEAST_SPAN:
+        return 0, f"the temperature moves by only {span:.2f} °C, so the parameters are constants"
+    problem = Problem(estimator, Constant(), dwells)
+    now = problem.at(problem.start())
+    rows, parameters = problem.decorrelated(now.residual.reshape(-1)), now.jacobian
+    if not (np.isfinite(rows).all() and np.isfinite(parameters).all()):
+        raise ValueError(
+            f"{estimator.triad}: a channel has no scatter at all within a dwell, so that its weight would be infinite: "
+            "look for a dead or filled-in channel (`inertiax check`)."
+        )
+    num_dwells, per_dwell, count = parameters.shape
+    x = 2.0 * (temperature - temperature.min()) / span - 1.0
+    best, least, predicted, highest = 0, 0.0, 0.0, -1
+    alone = np.ones(count)
+    for degree in range(min(HIGHEST_DEGREE, temperature_levels(temperature) - 1) + 1):
+        unknowns = (degree + 1) * count
+        if num_dwells * per_dwell < unknowns + 3:
+            break
+        phi = np.polynomial.chebyshev.chebvander(x, degree)
+        design = np.einsum("na,nri->nrai", phi, parameters)
+        design = problem.decorrelated(design.reshape(-1, unknowns))
+        gram = design.T @ design
+        if degree and not has_full_rank(gram, estimator.names, degree + 1):
+            break
+        told = _told_beside_the_rest(gram)[-count:]
+        if degree == 0:
+            alone = told
+        elif (told < LEAST_TOLD * alone).any():
+            break
+        solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)
+        rss = float(np.sum((rows - design @ solution) ** 2))
+        highest = degree
+        if degree == 0:
+            least, predicted = rss, log_left_out(design, rows, per_dwell)
+            continue
+        kept = (best + 1) * count
+        left = rss / least if least > 0.0 else 1.0
+        if log_odds(len(rows), kept, unknowns - kept, left) > 0.0:
+            error = log_left_out(design, rows, per_dwell)
+            if error < predicted:
+                best, least, predicted = degree, rss, error
+    if highest < 1:
+        return (
+            0,
+            "the dwells determine no dependence on temperature, so the parameters are constants",
+        )
+    return best, f"temperature degree {best} by BIC among 0…{highest}"
+
+
+def _told_beside_the_rest(
+    gram: Float[np.ndarray, "unknown unknown"],
+) -> Float[np.ndarray, " unknown"]:
+    r"""The part $1/(G_{ii} (G^{-1})_{ii})$ of each unknown's information that is left beside the others'."""
+    scale = np.sqrt(np.diagonal(gram))
+    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-14, hermitian=True)
+    return 1.0 / np.diagonal(inverse)
+
+
+def temperature_levels(temperature: np.ndarray) -> int:
+    """How many temperatures there are apart, see `separate_temperatures`."""
+    return len(separate_temperatures(temperature))
+
+
+def separate_temperatures(temperature: np.ndarray) -> list[float]:
+    """The lowest of each group of temperatures at least 1/12 of the whole span apart, which is what a
+    polynomial of degree 6 can tell apart near its middle; °C."""
+    ordered = np.sort(temperature)
+    apart = (ordered[-1] - ordered[0]) / (2 * HIGHEST_DEGREE)
+    kept = [float(ordered[0])]
+    for value in ordered:
+        if value - kept[-1] >= apart and value > kept[-1]:
+            kept.append(float(value))
+    return kept
