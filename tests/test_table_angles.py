@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from command_runs import run
+from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.columns import Turntable
 from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings
@@ -98,11 +99,13 @@ axes = ["east", "north"]
 """
 
 
-def station(folder):
+PITCH = Turntable(axes=("east", "north"))  # carries roll
+
+
+def station(folder, table=PITCH):
     """Twelve positions of 4 s each, then six turns about the inner axis and six about the outer one; angles empty while
     the table moves from one to the next."""
     rng = np.random.default_rng(5)
-    table = Turntable(axes=("east", "north"))  # pitch that carries roll
     places = np.array([[a, b] for a in (0.0, 120.0, 240.0) for b in (0.0, 90.0, 180.0, 270.0)])
     rows = [(np.tile(p, (80, 1)), np.zeros((80, 2)), np.full(80, k)) for k, p in enumerate(places)]
     step = np.arange(80)[:, None] / 20.0
@@ -150,6 +153,28 @@ def test_a_campaign_of_angles_is_calibrated_by_reference(tmp_path, capsys, monke
         truth = np.concatenate([bias, (MATRIX - np.eye(3)).ravel()])
         sigma = np.sqrt(np.diagonal(triad["covariance"]))
         assert np.all(np.abs(triad["coefficients"][0] - truth) < 4.0 * sigma)
+
+
+@pytest.mark.parametrize("name", ["pitch that carries roll", *list(TABLES)[:2]])
+def test_init_finds_the_table_whose_angles_these_are(tmp_path, name):
+    """Up to a turn about the vertical, which changes no reading but the Earth's rate; here it is left out."""
+    ideal, label = station(tmp_path / "c", TABLES.get(name, PITCH))
+    log = tmp_path / "c" / "log.csv"
+    columns = pl.read_csv(log).with_columns(
+        pl.when(pl.col("position") < 0).then(0).otherwise(pl.col("position") + 1).alias("position")
+    )
+    columns.select(sorted(columns.columns, reverse=True)).write_csv(log)
+    (tmp_path / "c" / "campaign.toml").write_text(draft_campaign(log, tmp_path / "c").text)
+    (recording,) = load_campaign(tmp_path / "c").recordings
+    still = label >= 0
+    np.testing.assert_array_equal(recording.position >= 0, still)
+    size = np.linalg.norm(recording.reference_accel[still], axis=1)[:, None]
+    np.testing.assert_allclose(
+        G * recording.reference_accel[still] / size, ideal.force[still], atol=1e-9
+    )
+    attitude = attitudes(TABLES.get(name, PITCH), np.zeros((1, 2)))
+    earth = attitude.inv().apply(earth_in_room(Turntable()))
+    assert np.abs(recording.reference_gyro - ideal.rate).max() < 1.1 * np.linalg.norm(earth)
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,14 @@ from .column_roles import WITH_GRAVITY
 from .converters import middle, nearest, rounded, wraps
 from .further_columns import columns_table
 from .gravity_turns import gravity_turns, GravityTurns
-from .gyro_unit import clock_and_unit, gyro_unit, said_unit
+from .gyro_unit import clock_and_unit, gyro_unit
 from .mag_unit import field_unit
 from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
-from .references import force_unit, labels_of_positions, moving_labels, rate_unit
+from .references import force_unit
 from .resting import poses, Resting, resting
+from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
+from .table_angles import table_angles, TableAngles
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table, toml_text
 
@@ -36,7 +38,6 @@ _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
 _STANDARD = 9.80665  # m/s²
-_PROMISE = "How well the table is known belongs under [rig]: position_uncertainty (arcsec), rate_uncertainty (ppm)."
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
@@ -80,10 +81,17 @@ def draft_campaign(
     _require_alike(found.log, others)
     rests = _rests(found)
     found, turns = _with_clock(found, rests)
-    columns = columns_table(*_columns(found, rests, turns), found)
+    angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
+    columns = columns_table(*_columns(found, rests, turns, angles), found)
     if latitude is None:
         site = _site_of_reference(found) or site
-    return _draft(log, (site, _recordings(found, folder, paths), columns, _model(found, rests)))
+    tables = (
+        site,
+        _recordings(found, folder, paths),
+        columns,
+        *station_tables(found, angles, latitude),
+    )
+    return _draft(log, (*tables, _model(found, rests)))
 
 
 def _require_alike(log: RawLog, others: Sequence[Path]) -> None:
@@ -221,7 +229,7 @@ def _path(file: Path, folder: Path) -> str:
 
 
 def _columns(
-    found: RawTriads, rests: Resting, turns: GravityTurns | None
+    found: RawTriads, rests: Resting, turns: GravityTurns | None, angles: TableAngles | None
 ) -> tuple[tuple[Line, ...], tuple[str, ...]]:
     """`[columns]`, and remarks on what is left to others."""
     lines, remarks = [] if rests.single_rows else [_time(found)], []
@@ -234,11 +242,9 @@ def _columns(
             )
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         remarks += _on_poses(found.accel, rests)
-    if found.roles.reference_accel is not None or found.roles.reference_gyro is not None:
-        remarks.append(_PROMISE)
     if found.gyro is not None:
         unit = gyro_unit(found.gyro, turns, found.gyro_words)
-        unit, rate = _with_reference_rate(found, unit)
+        unit, rate = with_reference_rate(found, unit)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
     if found.roles.mag is not None:
@@ -247,8 +253,10 @@ def _columns(
         remarks += remark
     if rests.single_rows:
         lines.append(Line("position", {"row_index": True}, "each row is the mean of one pose"))
+    elif angles is not None:
+        lines += angle_lines(found, angles)
     else:
-        lines += _reference_force(found)
+        lines += reference_force(found)
     if found.roles.temperature is not None:
         name = found.roles.temperature
         told = temperature_unit(found.log, name)
@@ -286,51 +294,6 @@ def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]
             "directions; turn it so, away from steel, or write campaign.toml by hand."
         )
     return [], [f"{CHECK} mag: {', '.join(names)} do not tell their unit; they are left out"]
-
-
-def _reference_force(found: RawTriads) -> list[Line]:
-    """The reference of the accelerometers and the positions' labels, where the file has them."""
-    log, position, names = found.log, found.roles.position, found.roles.reference_accel
-    force = None
-    lines: list[Line] = []
-    if names is not None:
-        force = np.stack([log.numbers[n] for n in names], axis=1)
-        told = force_unit(force)
-        if told.unit is not None:
-            value = {"names": list(names), "unit": told.unit}
-            lines.append(Line("reference_accel", value, told.why))
-        taken = {log.names[0], *names, *(found.roles.accel or ()), *(found.roles.gyro or ())}
-        position = position or labels_of_positions(log, force, taken)
-    if position is None:
-        return lines
-    moving = [] if force is None else moving_labels(log, position, force)
-    if moving:
-        value = {"name": position, "moving": moving[0] if len(moving) == 1 else moving}
-        why = "the label with which reference_accel is zero or empty: the table moves"
-        return [*lines, Line("position", value, why)]
-    return lines if position == "position" else [*lines, Line("position", position)]
-
-
-def _with_reference_rate(found: RawTriads, unit: TriadUnit) -> tuple[TriadUnit, list[Line]]:
-    """The gyros' unit, sure where the reference agrees with what the file says, and the reference."""
-    names = found.roles.reference_gyro
-    if names is None or found.roles.gyro is None:
-        return unit, []
-    log = found.log
-    reference, output = (
-        np.stack([log.numbers[n] for n in triad], axis=1) for triad in (names, found.roles.gyro)
-    )
-    told = rate_unit(reference, output - (unit.offset or 0.0), unit.factor)
-    if told.unit is None:
-        return unit, []
-    said = said_unit(" ".join(log.hint(n) for n in names))
-    if not unit.certain and told.unit == unit.unit and "; by magnitude" in unit.why:
-        unit = unit._replace(
-            why=f"in the unit of reference_gyro, for {told.why}; which it is,{unit.why.split(';')[-1]}"
-        )
-    if not unit.certain and said_unit(found.gyro_words) == unit.unit and said in (None, told.unit):
-        unit = unit._replace(why=f"as the file says; {told.why} (reference_gyro)", certain=True)
-    return unit, [Line("reference_gyro", {"names": list(names), "unit": told.unit}, told.why)]
 
 
 def _time(found: RawTriads) -> Line:

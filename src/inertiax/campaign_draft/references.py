@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..data.formats.columns import ACCEL_UNITS, GYRO_UNITS
 from .raw_log import RawLog
@@ -13,6 +13,7 @@ _STANDARD = 9.80665  # m/s²
 _NEAR = 0.05  # of gravity, and of the outputs: a table's reference is no farther from an IMU's raw reading
 _SAME = 1e-5  # of gravity: what digits of a reference leave
 _TURNING = 0.3  # of the fastest rate, from which rows tell the unit
+_MOVING = 0.05  # part of a label's rows in which the table moves; of a position it is next to none
 _MOST_LABELS = 3  # that a station writes while it moves
 
 
@@ -78,6 +79,18 @@ def labels_of_positions(
         if len(moving) == 1 and moving[0] not in values[told] and np.ptp(values[told]) > 0:
             return name
     return None
+
+
+def labels_while_moving(
+    labels: Float[np.ndarray, " rows"], moving: Bool[np.ndarray, " rows"]
+) -> list[int]:
+    """Labels that rows have while a table moves, and that no position is; empty where rates are numbered, too."""
+    seen, place = np.unique(labels, return_inverse=True)
+    share = np.bincount(place, moving) / np.bincount(place)
+    found = seen[share > _MOVING]
+    if not np.all(np.isfinite(found)) or len(found) > _MOST_LABELS:
+        return []
+    return [int(k) for k in found if k >= 0 and k == round(k)]
 
 
 def moving_labels(log: RawLog, position: str, force: Float[np.ndarray, "rows 3"]) -> list[int]:

@@ -1,0 +1,239 @@
+"""A station's angles: which columns are the angles of which axis, where the axes point, and how the device stands.
+
+All tables of one, two or three axes at right angles are tried, with the device in each of its 24 attitudes: gravity at
+rest tells which one it is, up to a turn of the whole station about the vertical, and the gyros tell what gravity does
+not, an axis that stands upright.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..data.formats.columns import GYRO_UNITS, Turntable
+from ..data.formats.table_angles import DIRECTIONS, ideal_readings
+from .accel_unit import directions
+from .raw_triads import RawTriads
+from .references import labels_while_moving
+from .resting import Resting
+
+
+_NEAR = 0.1  # rms of the predicted minus the measured direction, rad: offsets and misalignments of consumer parts
+_BETTER = 3.0  # times as far as that must any other table be
+_SAME = 0.02  # rad: two tables that predict alike are one
+_ALIKE = 0.9  # correlation of the gyros with the rates of the angles
+_STILL = 0.02  # deg: within a rest, of an axis that stands
+_JUMP = 5.0  # times the usual change from row to row
+_FEWEST = 6  # rests in different directions
+_MOST_RESTS, _MOST_MOVING = 200, 400  # that are looked at
+_MOST_COLUMNS = 4
+_RADIANS = 7.0  # a whole turn is below; in degrees it would be no table's angle
+_UNITS = {"deg": np.pi / 180.0, "rad": 1.0}
+
+
+class TableAngles(NamedTuple):
+    """The angles' columns, the outermost first, their unit, those of the rates, and the table."""
+
+    names: tuple[str, ...]
+    unit: str
+    rates: tuple[str, ...] | None
+    rate_unit: str
+    table: Turntable
+    why: str
+    moving: list[int]  # labels of positions with which the table moves
+
+
+class _Fit(NamedTuple):
+    order: tuple[int, ...]
+    table: Turntable
+    force: Float[np.ndarray, "row 3"]  # predicted directions, of rests and of rows in motion
+    away: float  # rms from what gravity reads, rad
+    alike: float  # correlation with the gyros
+
+
+def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
+    """The table whose angles stand in a log's columns that nothing else reads; `None` where none fits alone.
+
+    Angles may be empty while the table moves.
+    """
+    log, accel = found.log, found.accel
+    rows = len(found.seconds)
+    if accel is None or rests.accel is None or rests.turned or rests.single_rows:
+        return None
+    if any(len(v) != rows for v in log.numbers.values()) or rests.num_rests < _FEWEST:
+        return None
+    start, stop = rests.start, rests.stop
+    candidates = [
+        n for n in log.names if n not in _read(found) and _is_angle(log.numbers[n], start, stop)
+    ]
+    if not 1 <= len(candidates) <= _MOST_COLUMNS:
+        return None
+    columns = np.stack([log.numbers[n] for n in candidates], axis=1)
+    middle = (start + stop) // 2
+    still = np.stack([np.ptp(columns[a:b], axis=0) for a, b in zip(start, stop)]).max(axis=1)
+    kept = np.flatnonzero(still < _STILL)[:: -(-rests.num_rests // _MOST_RESTS)]
+    up = directions(accel, rests.accel)[kept]
+    units = ["deg" if np.nanmax(np.abs(c)) > _RADIANS else "rad" for c in columns.T]
+    angles = columns * [_UNITS[u] for u in units]
+    moving, turn = _moving(columns), _turned(angles)
+    turning = moving & _steady(turn)
+    driven = np.flatnonzero(turning[1:-1]) + 1
+    driven = driven[:: max(1, -(-len(driven) // _MOST_MOVING))]
+    fits = [
+        fit
+        for size in range(1, min(len(candidates), 3) + 1)
+        for order in itertools.permutations(range(len(candidates)), size)
+        if len({units[k] for k in order}) == 1
+        for fit in _fits(found, order, angles, turn, middle[kept], up, driven)
+    ]
+    best = _the_one(fits)
+    if best is None:
+        return None
+    names = tuple(candidates[k] for k in best.order)
+    rates, rate_unit = _rates(found, turn[:, list(best.order)], turning, names)
+    label = found.roles.position
+    words = f"gravity at rest is where they put it to {np.degrees(best.away):.1f} deg"
+    labels = [] if label is None else labels_while_moving(log.numbers[label], moving)
+    return TableAngles(names, units[best.order[0]], rates, rate_unit, best.table, words, labels)
+
+
+def _read(found: RawTriads) -> set[str]:
+    """Columns that are something else."""
+    names: set[str] = {found.clock.name or ""}
+    for value in found.roles:
+        names.update((value,) if isinstance(value, str) else value or ())
+    return names
+
+
+def _is_angle(values: Float[np.ndarray, " row"], start: np.ndarray, stop: np.ndarray) -> bool:
+    """Whether a column stands still at rest, mostly, at three places or more."""
+    spread = np.array([np.ptp(values[a:b]) for a, b in zip(start, stop)])
+    places = np.unique(np.round(values[(start + stop) // 2][spread < _STILL], 1))
+    return bool(np.mean(spread < _STILL) > 0.5) and len(places) >= 3
+
+
+def _moving(columns: Float[np.ndarray, "row angle"]) -> Bool[np.ndarray, " row"]:
+    change = np.any(np.diff(columns, axis=0) != 0.0, axis=1)
+    return np.r_[False, change] & np.r_[change, False]
+
+
+def _steady(turn: Float[np.ndarray, "row angle"]) -> Bool[np.ndarray, " row"]:
+    """Rows whose change is none of a gap or of a jump from one plan's step to the next."""
+    size = np.linalg.norm(turn, axis=1)
+    usual = np.median(size[size > 0.0]) if np.any(size > 0.0) else 0.0
+    return np.isfinite(turn).all(axis=1) & (size <= _JUMP * usual)
+
+
+def _turned(angles: Float[np.ndarray, "row angle"]) -> Float[np.ndarray, "row angle"]:
+    """Turn from the row before to the row after, rad; angles may start anew after a whole turn."""
+    both = np.zeros_like(angles)
+    both[1:-1] = angles[2:] - angles[:-2]
+    return np.arctan2(np.sin(both), np.cos(both))
+
+
+def _fits(
+    found: RawTriads,
+    order: tuple[int, ...],
+    angles: Float[np.ndarray, "row angle"],
+    turn: Float[np.ndarray, "row angle"],
+    rest: np.ndarray,
+    up: Float[np.ndarray, "rest 3"],
+    driven: np.ndarray,
+) -> Iterator[_Fit]:
+    """Every table of these columns in this order that gravity at rest agrees with."""
+    rows = np.ix_(np.r_[rest, driven], order)
+    seen = None if found.gyro is None else found.gyro - np.median(found.gyro[rest], axis=0)
+    cases = _attitudes()
+    matrices = np.stack([np.stack([DIRECTIONS[d] for d in c], axis=1) for c in cases])
+    for axes in _axes(len(order)):
+        made = ideal_readings(Turntable(axes=axes), angles[rows], turn[rows], 1.0, None)
+        assert made.rate is not None
+        agree = np.einsum("ni,nj,mji->m", up, made.force[: len(rest)], matrices) / len(rest)
+        away = np.sqrt(np.maximum(2.0 - 2.0 * agree, 0.0))
+        for k in np.flatnonzero(away < _NEAR):
+            alike = 1.0
+            if seen is not None and len(driven):
+                alike = _correlation(made.rate[len(rest) :] @ matrices[k], seen[driven])
+            table = Turntable(axes=axes, case=cases[k])
+            yield _Fit(order, table, made.force @ matrices[k], float(away[k]), alike)
+
+
+def _axes(number: int) -> list[tuple[str, ...]]:
+    """Directions of so many axes, neighbours at right angles."""
+    square = lambda a, b: abs(np.dot(DIRECTIONS[a], DIRECTIONS[b])) < 0.5
+    return [
+        axes
+        for axes in itertools.product(DIRECTIONS, repeat=number)
+        if all(square(a, b) for a, b in itertools.pairwise(axes))
+    ]
+
+
+def _attitudes() -> list[tuple[str, str, str]]:
+    """The 24 ways a device's x, y and z can point; east, north and up first."""
+    made = [
+        c
+        for c in itertools.permutations(DIRECTIONS, 3)
+        if np.linalg.det(np.array([DIRECTIONS[d] for d in c])) > 0.5
+    ]
+    return sorted(made, key=lambda c: c != ("east", "north", "up"))
+
+
+def _correlation(one: np.ndarray, other: np.ndarray) -> float:
+    size = np.linalg.norm(one) * np.linalg.norm(other)
+    return float(np.sum(one * other) / size) if size > 0.0 else 0.0
+
+
+def _the_one(fits: Sequence[_Fit]) -> _Fit | None:
+    """The table that all others that fit are a turn of about the vertical; `None` where there are rivals.
+
+    Of those turns the one with the device's axes as the room's comes first.
+    """
+    fits = [f for f in fits if f.alike > _ALIKE]
+    if not fits:
+        return None
+    fewest = min(len(f.order) for f in fits)
+    fits = sorted((f for f in fits if len(f.order) == fewest), key=lambda f: f.away)
+    best = fits[0]
+    near = [f for f in fits if f.away < _BETTER * best.away + 1e-9]
+    same = [f for f in near if np.abs(f.force - best.force).max() < _SAME]
+    if any(f.alike > best.alike - 0.05 for f in near if not any(f is s for s in same)):
+        return None
+    plain = ("east", "north", "up")
+    return min(
+        (f for f in same if f.alike > best.alike - 1e-6),
+        key=lambda f: (
+            sum(a != b for a, b in zip(f.table.case, plain)),
+            [list(DIRECTIONS).index(a) for a in f.table.axes if isinstance(a, str)],
+        ),
+    )
+
+
+def _rates(
+    found: RawTriads,
+    turn: Float[np.ndarray, "row angle"],
+    moving: np.ndarray,
+    angles: tuple[str, ...],
+) -> tuple[tuple[str, ...] | None, str]:
+    """Columns of the axes' rates and their unit, by the change of the angles; `None` where one is missing."""
+    step = np.zeros(len(found.seconds))
+    step[1:-1] = found.seconds[2:] - found.seconds[:-2]
+    names, units = [], []
+    for k in range(turn.shape[1]):
+        rows = moving & (step > 0.0) & (turn[:, k] != 0.0)
+        rate = turn[rows, k] / step[rows]
+        for name in found.log.names:
+            if name in _read(found) or name in angles or name in names or not rows.any():
+                continue
+            values = found.log.numbers[name][rows]
+            size = float(values @ values)
+            ratio = float(rate @ values) / size if size > 0.0 else 0.0
+            unit = next((u for u, f in GYRO_UNITS.items() if abs(ratio / f - 1.0) < 0.02), None)
+            if unit is not None and _correlation(rate, values) > 0.98:
+                names.append(name)
+                units.append(unit)
+                break
+    if len(names) < turn.shape[1] or len(set(units)) > 1:
+        return None, ""
+    return tuple(names), units[0]
