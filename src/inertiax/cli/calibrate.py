@@ -8,6 +8,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
+from .next_step import after_calibrate
 
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def calibrate(
         loaded = load_campaign(campaign, in_parts=True)
         results = run(loaded, method=method, robust=robust, force=force, progress=stages)
         folders = write_results(results, loaded, output, stages)
-    _tell(results, folders, output, as_json=as_json, quiet=quiet)
+    _tell(results, folders, campaign, output, as_json=as_json, quiet=quiet)
 
 
 def _check_options(method: str, robust: float | None) -> None:
@@ -141,15 +142,22 @@ def write_results(
 
 
 def tell_results(
-    results: "tuple[DeviceResult | DeviceFailure, ...]", folders: dict[str, str], output: Path
+    results: "tuple[DeviceResult | DeviceFailure, ...]",
+    folders: dict[str, str],
+    output: Path,
+    campaign: Path | None = None,
 ) -> None:
-    """Table, choices and verdict of every device that was calibrated, and where its files are."""
+    """Table, choices and verdict of every device that was calibrated, and where its files are; of the one device of a
+    `campaign` the command to run next."""
     from ..calibrate.pipeline import DeviceFailure
     from ..report.text import print_result
 
     for result in results:
         if not isinstance(result, DeviceFailure):
-            print_result(result, output / folders[result.calibration.device])
+            verdict = print_result(result, output / folders[result.calibration.device])
+            if len(results) == 1 and campaign is not None:
+                table = result.accel is not None and result.accel.estimator.by_reference
+                console.say(after_calibrate(verdict, campaign, output, table=table))
 
 
 def command_line() -> str:
@@ -160,6 +168,7 @@ def command_line() -> str:
 def _tell(
     results: "tuple[DeviceResult | DeviceFailure, ...]",
     folders: dict[str, str],
+    campaign: Path,
     output: Path,
     *,
     as_json: bool,
@@ -174,7 +183,7 @@ def _tell(
 
         outputs.print_json(calibration_document(results, folders, output))
     elif not quiet:
-        tell_results(results, folders, output)
+        tell_results(results, folders, output, campaign)
     if not failed:
         return
     if len(results) == 1:

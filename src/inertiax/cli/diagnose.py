@@ -9,6 +9,7 @@ import typer
 
 from . import console, environment, outputs
 from .calibrate import AsJson, CampaignPath, command_line, Force, OutputFolder, Quiet
+from .next_step import after_diagnose
 
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def diagnose(
             outcomes = _diagnose_all(
                 loaded, calibration, noise, force, staging, folders, seen_from, stages, explore
             )
-    _tell(outcomes, folders, output, as_json=as_json, quiet=quiet)
+    _tell(outcomes, folders, campaign, output, as_json=as_json, quiet=quiet)
 
 
 def _diagnose_all(
@@ -175,6 +176,7 @@ def _diagnose_all(
 def _tell(
     outcomes: "dict[str, Diagnosis | str]",
     folders: dict[str, str],
+    campaign: Path,
     output: Path,
     *,
     as_json: bool,
@@ -191,6 +193,8 @@ def _tell(
     elif not quiet:
         for device, one in found.items():
             print_diagnosis(one, device, output / folders[device])
+            if len(found) == 1:
+                console.say(after_diagnose(one.verdict, campaign, output))
     if failed:
         reasons = "; ".join(f"{d}: {reason}" for d, reason in list(failed.items())[:3])
         console.warn(f"{len(failed)} of {len(outcomes)} devices not diagnosed: {reasons}")

@@ -7,6 +7,7 @@ import typer
 
 from . import console, environment, outputs
 from .calibrate import AsJson, Quiet
+from .next_step import after_init
 
 
 def init(
@@ -89,6 +90,8 @@ def init(
         for key, why in draft.untold.items():
             console.say(console.one_line(f"check {key}: {why}"))
         console.say(console.one_line(f"written: {file}"))
+        if problem is None:
+            console.say(console.one_line(after_init(folder, checks=bool(draft.untold))))
     if problem is not None:
         console.warn(f"the campaign is written, but: {problem}")
 

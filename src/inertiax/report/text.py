@@ -22,8 +22,8 @@ if TYPE_CHECKING:  # a command pays for what it uses alone
     from ..diagnose import Audit, Diagnosis, TypeNoise
 
 
-def print_result(result: "DeviceResult", folder: Path) -> None:
-    """Parameters at the middle temperature, misfit, choices, warnings, and where the files are."""
+def print_result(result: "DeviceResult", folder: Path) -> str:
+    """Parameters at the middle temperature, misfit, choices, warnings, and where the files are; the verdict."""
     console = _console()
     calibration = result.calibration
     if calibration.device:
@@ -56,6 +56,7 @@ def print_result(result: "DeviceResult", folder: Path) -> None:
     for wanted in quality.next:
         console.print(f"would improve it most: {wanted}")
     console.print(f"written: {folder / 'calibration.json'}, {folder / 'report.html'}")
+    return quality.verdict
 
 
 def print_demo(result: "DemoResult", folder: Path) -> None:
