@@ -154,10 +154,10 @@ def tell_results(
 
     for result in results:
         if not isinstance(result, DeviceFailure):
-            verdict = print_result(result, output / folders[result.calibration.device])
+            quality = print_result(result, output / folders[result.calibration.device])
             if len(results) == 1 and campaign is not None:
                 table = result.accel is not None and result.accel.estimator.by_reference
-                console.say(after_calibrate(verdict, campaign, output, table=table))
+                console.say(after_calibrate(quality, campaign, output, table=table))
 
 
 def command_line() -> str:

@@ -2,6 +2,11 @@
 
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from ..calibrate.fit_quality import Quality
 
 
 def after_init(folder: Path, *, checks: bool) -> str:
@@ -10,11 +15,11 @@ def after_init(folder: Path, *, checks: bool) -> str:
     return f"next: {first}inertiax calibrate {_path(folder)} -o RESULT"
 
 
-def after_calibrate(verdict: str, campaign: Path, output: Path, *, table: bool) -> str:
-    """By the verdict of `is it good?`; a station also wants a protocol."""
-    if verdict == "doubtful":
+def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: bool) -> str:
+    """By what `is it good?` says; a station also wants a protocol."""
+    if quality.verdict == "doubtful":
         return f"next: inertiax check {_path(campaign)}"
-    if verdict == "usable":
+    if any(f.topic == "misfit" and not f.fine for f in quality.findings):
         return f"next: inertiax diagnose {_path(campaign)} -o DIAGNOSIS"
     return f"next: {_compensate(campaign, output)}{_sign(output) if table else ''}"
 

@@ -247,7 +247,7 @@ def conclude_findings(
         qualities.append((finding, *_quality(prepared, answer, terms)))
         if answer.verdict != "unexplained":
             beside.append(_beside(prepared, stated, named_terms))
-        rows.append(residuals(prepared, _everything(answer, terms)))
+        rows.append(residuals(prepared, _everything(answer, terms), stated))
         if answer.alike:
             noise.append(TOLD.format(triad=prepared.form.triad))
         noise.extend(finding.remarks)

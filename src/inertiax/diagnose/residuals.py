@@ -7,10 +7,23 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .candidates.signatures import Term
+from .noise.observation_series import NoiseFit
 from .problem import Prepared
+from .selection.score_test import whiten_system
 
 
 TURN = "direction after a motion"
+
+
+class FittedCourse(eqx.Module):
+    """What a named effect adds to the rows by its fitted coefficients, block by block."""
+
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    values: Float[
+        np.ndarray, "block row"
+    ]  # in the unit of the residuals; 0 on rows that it leaves alone
+    sigma: Float[np.ndarray, "block row"]  # 1 sigma by the coefficients' covariance
 
 
 class Residuals(eqx.Module):
@@ -32,6 +45,7 @@ class Residuals(eqx.Module):
     after: Float[np.ndarray, "block row"]  # with the effects in the fit
     loads: Float[np.ndarray, "block 3"] | None = None  # of the outputs on a single row, |accel|
     position: Int[np.ndarray, " block"] | None = None  # −1 while it turns
+    fitted: tuple[FittedCourse, ...] = ()  # of each named effect
 
     @property
     def name(self) -> str:
@@ -49,8 +63,13 @@ class Residuals(eqx.Module):
         return self.channels.index(channel) if channel in self.channels else 0
 
 
-def residuals(prepared: Prepared, chosen: Sequence[Term]) -> Residuals:
-    """Weighted least squares of the baseline, alone and beside the chosen terms."""
+def residuals(
+    prepared: Prepared, chosen: Sequence[Term], noise: NoiseFit | None = None
+) -> Residuals:
+    """Weighted least squares of the baseline, alone and beside the chosen terms.
+
+    With the `noise` that coefficients are stated with, `fitted` has the course of each effect of the catalogue.
+    """
     system, blocks, coarse = prepared.system, prepared.blocks, prepared.coarse
     columns = [[], []]
     for c, chain in enumerate(system.chains):
@@ -85,4 +104,26 @@ def residuals(prepared: Prepared, chosen: Sequence[Term]) -> Residuals:
         after=np.stack(columns[1], axis=1),
         loads=None if len(system.chains) == 3 or prepared.motions else system.base.loads[0],
         position=blocks.position,
+        fitted=() if noise is None else _fitted(prepared, chosen, noise),
     )
+
+
+def _fitted(
+    prepared: Prepared, chosen: Sequence[Term], noise: NoiseFit
+) -> tuple[FittedCourse, ...]:
+    """The courses of effects that have coefficients, by generalised least squares beside the others."""
+    made = []
+    for k, term in enumerate(chosen):
+        others = [*chosen[:k], *chosen[k + 1 :]]
+        found = whiten_system(prepared.system, noise, [term], others).scores
+        if term.effect is None or not found:
+            continue
+        (score,) = found
+        shape = (prepared.blocks.num_blocks, len(prepared.system.chains))
+        values, sigma = np.zeros(shape), np.zeros(shape)
+        for c, x in zip(term.chains, term.columns, strict=True):
+            values[:, c] = x @ score.coefficients
+            square = np.einsum("bi,ij,bj->b", x, score.covariance, x)
+            sigma[:, c] = np.sqrt(np.maximum(square, 0.0))
+        made.append(FittedCourse(term.name, term.channel_names, values, sigma))
+    return tuple(made)

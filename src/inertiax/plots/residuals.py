@@ -95,7 +95,7 @@ def before_and_after(rows: Residuals, driver: str, channels: tuple[str, ...]) ->
                 ax.set_title("model as meant" if j == 0 else "with what was found in the model")
             if k == len(channels) - 1 or label != course(rows, driver, channels[-1])[1]:
                 ax.set_xlabel(label)
-        axes[2 * k].set_ylabel(f"{_row_name(rows, channel)}, {unit}")
+        axes[2 * k].set_ylabel(f"{row_name(rows, channel)}, {unit}")
     if axes[1].get_legend_handles_labels()[0]:
         axes[1].legend(loc="best", fontsize=8)
     return figure
@@ -123,7 +123,7 @@ def over_time(rows: Residuals) -> Figure:
                 text = "_" if n else name
                 ax.plot(at, mean, MARKERS[k], color=colour, ms=2.4, ls="none", label=text)
         ax.axhline(0.0, color=INK, lw=0.6)
-        ax.set_ylabel(f"{_row_name(rows, channel)}, {unit}")
+        ax.set_ylabel(f"{row_name(rows, channel)}, {unit}")
     axes[-1].set_xlabel(label)
     if not same:
         legend_above(axes[0], columns=2)
@@ -143,7 +143,8 @@ def scale(rows: Residuals) -> tuple[float, str]:
     return _DEG_PER_SECOND, "°/s"
 
 
-def _row_name(rows: Residuals, channel: str) -> str:
+def row_name(rows: Residuals, channel: str) -> str:
+    """A row of panels, in words."""
     if rows.channels == (TURN,):
         return TURN
     if channel.startswith("|"):

@@ -13,6 +13,7 @@ from ..diagnose.result import Moved
 from ..diagnose.wording.sentences import gain_on_left_out
 from ..effects import CATALOGUE
 from ..plots import diagnosis as plots, residuals as residual_plots
+from ..plots.partial_residuals import partial_residuals
 from ..plots.style import drawing
 from .audit import audit_sections, sizes_section, three_digits
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
@@ -113,7 +114,9 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
             lines.append(f"Experiment that would {word}: {effect.separating_experiment}.")
         title = f"{effect.name} on {', '.join(effect.channels)}"
         driver = next((e.driver for e in CATALOGUE if e.name == effect.name), "time")
-        figures = _driver_figures(found, driver, effect.channels, folder, f"effect-{number}")
+        figures = _driver_figures(
+            found, driver, effect.channels, folder, f"effect-{number}", effect.name
+        )
         sections.append(Section(title, lines=tuple(lines), tables=tuple(tables), figures=figures))
     if found.empirical is not None:
         lines = ("The best-found dependence; it describes the data and explains nothing.",)
@@ -127,9 +130,10 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
 
 
 def _driver_figures(
-    found: Diagnosis, driver: str, named: tuple[str, ...], folder: Path, name: str
+    found: Diagnosis, driver: str, named: tuple[str, ...], folder: Path, name: str, effect: str = ""
 ) -> tuple[Picture, ...]:
-    """Residuals of the named channels against a driver, before and after."""
+    """An effect's part of the named channels over its driver, and what is left; without a fitted course of it the
+    residuals before and after."""
     made = []
     # Rests and motions of one triad are rows of their own; an effect shows in those that it changes.
     changed = [r for r in found.residuals if r.changed]
@@ -145,7 +149,14 @@ def _driver_figures(
         if rows.loads is not None:
             caption += " The size of specific force is shown as the error of the channel that would make it."
         with drawing():
-            figure = residual_plots.before_and_after(rows, driver, channels)
+            figure = partial_residuals(rows, effect, driver, channels)
+            if figure is None:
+                figure = residual_plots.before_and_after(rows, driver, channels)
+            else:
+                caption = (
+                    f"Left: what {effect} does to the {_rows_name(rows)} (residual with everything named, plus this "
+                    f"effect); right: what is left of them. Dots are {dots}."
+                )
             made.append(picture(figure, folder, f"{name}-{rows.name}", caption, caption))
     return tuple(made)
 

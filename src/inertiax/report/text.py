@@ -18,12 +18,13 @@ from .terminal import Terminal
 
 if TYPE_CHECKING:  # a command pays for what it uses alone
     from ..analysis.paper_experiment import DemoResult
+    from ..calibrate.fit_quality import Quality
     from ..calibrate.pipeline import DeviceResult
     from ..diagnose import Audit, Diagnosis, TypeNoise
 
 
-def print_result(result: "DeviceResult", folder: Path) -> str:
-    """Parameters at the middle temperature, misfit, choices, warnings, and where the files are; the verdict."""
+def print_result(result: "DeviceResult", folder: Path) -> "Quality":
+    """Parameters at the middle temperature, misfit, choices, warnings, and where the files are; how good it is."""
     console = _console()
     calibration = result.calibration
     if calibration.device:
@@ -56,7 +57,7 @@ def print_result(result: "DeviceResult", folder: Path) -> str:
     for wanted in quality.next:
         console.print(f"would improve it most: {wanted}")
     console.print(f"written: {folder / 'calibration.json'}, {folder / 'report.html'}")
-    return quality.verdict
+    return quality
 
 
 def print_demo(result: "DemoResult", folder: Path) -> None:
