@@ -11,13 +11,16 @@ from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose.wording.scatter import scatter_sentence
 
 
-def days(shift, force=0.0, seed=0):
+def days(shift, force=0.0, slopes=None):
     made = []
     for day in (0, 1):
-        time, accel, gyro = hand_log(rate=50.0, rests=14, seed=2 * seed + day)
-        made.append(
-            Recording(time=86400.0 * day + time, accel=accel + day * force, gyro=gyro + day * shift)
-        )
+        time, accel, gyro = hand_log(rate=50.0, rests=14, seed=day)
+        accel, gyro, heat = accel + day * force, gyro + day * shift, None
+        if slopes is not None:
+            heat = 20.0 + 10.0 * time[:, None] / time[-1]
+            gyro = gyro + slopes[day] * (heat - 25.0)
+        time = 86400.0 * day + time
+        made.append(Recording(time=time, accel=accel, gyro=gyro, temperature=heat))
     return calibrate_device(Campaign(tuple(made), Site(G)))
 
 
@@ -70,3 +73,12 @@ def test_one_recording_tells_no_level():
     time, accel, gyro = hand_log(rate=50.0, rests=14)
     found = calibrate_device(Campaign((Recording(time=time, accel=accel, gyro=gyro),), Site(G)))
     assert levels(found.gyro, G) is None
+
+
+def test_slopes_over_temperature_that_contradict_each_other_are_said():
+    """+2e-4 and −2e-4 rad/s/°C with the same mean: 4e-4 rad/s/°C are 82.5 °/h/°C apart, and the levels are the same."""
+    found = days(np.zeros(3), slopes=(2e-4, -2e-4))
+    (said,) = [w for w in found.warnings if "slopes that differ" in w]
+    sizes = [float(x) for x in said.split("differ by up to ")[1].split(" °/h/°C")[0].split(", ")]
+    np.testing.assert_allclose(sizes, 82.5, atol=6.0)
+    assert "switching on" not in said

@@ -231,6 +231,21 @@ def test_one_pose_gives_gyros_that_are_missing_but_no_accelerometers(both):
     assert with_warm_up(alone, warm, 20.0).accel is None
 
 
+def test_a_few_degrees_of_the_first_log_are_held_at_its_temperature(both):
+    """Gyros with a slope over 20 to 24 °C: at 22 °C values and sigmas are theirs, by hand from the covariance."""
+    basis = Polynomial(1, 20.0, 24.0)
+    sloped = replace(both[0], gyro=triad("gyro", basis, seed=8), temperature_range=(20.0, 24.0))
+    warm = replace(both[1], gyro=triad("gyro", Polynomial(3, -10.0, 50.0), seed=6))
+    joined = with_warm_up(sloped, warm).gyro
+    count = len(joined.names)
+    values, sigmas = joined.over(np.array([22.0]))
+    np.testing.assert_allclose(values[0], np.asarray(sloped.gyro.curve.coefficients)[0], rtol=1e-9)
+    own = np.sqrt(
+        np.diagonal(np.asarray(sloped.gyro.covariance))[:count]
+    )  # T_1 is zero in the middle
+    np.testing.assert_allclose(sigmas[0], own, rtol=1e-6)
+
+
 def replace_covariance(one, covariance):
     return type(one)(one.curve, covariance, one.names, one.estimator)
 

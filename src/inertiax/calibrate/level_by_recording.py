@@ -10,6 +10,7 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from ..calibration.quantities import DEG_PER_HOUR
+from ..model_selection.temperature_degree import LEAST_SPAN
 from ..numerics.linear_algebra import scaled_inverse
 from ..numerics.paule_mandel import excess_deviation
 from ..physics.error_model import GyroErrors
@@ -39,42 +40,81 @@ def triad_words(estimate: TriadResult | None, gravity: float) -> str | None:
     found = None if estimate is None else levels(estimate, gravity)
     if estimate is None or found is None:
         return None
-    level, error = found
-    apart = np.abs(level[:, None] - level[None]) / np.hypot(error[:, None], error[None])
-    if apart.max() < _FAR:
-        return None
+    slopes = levels(estimate, gravity, slopes=True)
     triad = estimate.estimator.triad
     per, unit = (1.0, "m/s²") if triad == "accel" else (DEG_PER_HOUR, "°/h")
+    level, error = found
+    said = []
+    if slopes is not None and _apart(*slopes) >= _FAR:
+        sizes = ", ".join(f"{per * np.ptp(slopes[0][:, k]):.3g}" for k in range(3))
+        said.append(
+            f"{_NAMES[triad]}: over temperature the biases of the {len(slopes[0])} recordings have slopes that differ "
+            f"by up to {sizes} {unit}/°C in x, y, z: a lag behind the probe, hysteresis, or another device; the curve "
+            "is a mean of theirs"
+        )
+    if _apart(level, error) < _FAR:
+        return "; ".join(said) or None
     between = [excess_deviation(level[:, k] - level[:, k].mean(), error[:, k], 1) for k in range(3)]
     sizes = ", ".join(f"{s * per:.3g}" for s in between)
     cause = "as each day or switching on has a bias of its own"
     if _temperatures_apart(estimate):
         cause += ", or as temperature does what the model leaves out: each recording has temperatures of its own"
-    return (
+    said.append(
         f"{_NAMES[triad]}: the biases of the {len(level)} recordings differ by {sizes} {unit} in x, y, z (1 sigma "
         f"between recordings), {cause}; the stated bias and its interval are those of their mean, and the bias of one "
         "switching on is that far from it"
     )
+    return "; ".join(said)
 
 
-def levels(estimate: TriadResult, gravity: float) -> Levels | None:
+def _apart(
+    level: Float[np.ndarray, "recording 3"], error: Float[np.ndarray, "recording 3"]
+) -> float:
+    """The largest difference of two recordings in standard errors."""
+    apart = np.abs(level[:, None] - level[None]) / np.hypot(error[:, None], error[None])
+    return float(apart.max())
+
+
+def levels(estimate: TriadResult, gravity: float, *, slopes: bool = False) -> Levels | None:
     """Each recording's mean of the rests' outputs less the fit, and its standard error, m/s² or rad/s.
 
     `None` where there are not two recordings with rests enough, or where their poses do not tell all three axes.
     The levels of accelerometers sum to zero.
 
-    **Arguments:** `gravity` in m/s², which makes g-sensitivity's force dimensionless.
+    **Arguments:** `gravity` in m/s², which makes g-sensitivity's force dimensionless. With `slopes` those over
+    temperature beside the levels, per °C, where every recording has `LEAST_SPAN` of it.
     """
     dwells = estimate.dwells
     if dwells.rows is None:
         return None
     number = np.asarray(dwells.rows)[:, 0]
+    drivers = [np.ones(len(number))]
+    if slopes:
+        heat = _within(np.asarray(dwells.temperature), number)
+        if heat is None:
+            return None
+        drivers.append(heat)
     if estimate.estimator.triad == "accel":
-        return _of_rows(estimate, number)
-    return _of_means(estimate, number, gravity)
+        return _of_rows(estimate, number, drivers)
+    return _of_means(estimate, number, drivers, gravity)
 
 
-def _of_rows(estimate: TriadResult, number: Int[np.ndarray, " dwell"]) -> Levels | None:
+def _within(
+    temperature: Float[np.ndarray, " dwell"], number: Int[np.ndarray, " dwell"]
+) -> Float[np.ndarray, " dwell"] | None:
+    """Temperature less its mean in each recording; `None` where one has hardly any span."""
+    made = np.zeros(len(temperature))
+    for k in np.unique(number):
+        own = temperature[number == k]
+        if np.ptp(own) < LEAST_SPAN:
+            return None
+        made[number == k] = own - own.mean()
+    return made
+
+
+def _of_rows(
+    estimate: TriadResult, number: Int[np.ndarray, " dwell"], drivers: list[np.ndarray]
+) -> Levels | None:
     """By the accelerometers' rows, which may be of |a| alone: least squares of a bias of each recording's own beside
     the model's parameters, which would take up part of it.
 
@@ -94,8 +134,9 @@ def _of_rows(estimate: TriadResult, number: Int[np.ndarray, " dwell"]) -> Levels
         return None
     contrast = scipy.linalg.null_space(np.ones((1, len(kept))))
     mine = (number[:, None] == kept) @ contrast
-    own = np.einsum("ndi,nk->ndki", bias, mine).reshape(len(residual), -1)
-    both = np.concatenate([model, problem.decorrelated(own)], axis=1)
+    made = [np.einsum("ndi,nk->ndki", bias, d[:, None] * mine) for d in drivers]
+    own = [problem.decorrelated(x.reshape(len(residual), -1)) for x in made]
+    both = np.concatenate([model, *own], axis=1)
     size = np.linalg.norm(both, axis=0)
     freedom = len(residual) - both.shape[1]
     solution, _, rank, _ = np.linalg.lstsq(both / size, -residual, rcond=1e-10)
@@ -103,7 +144,7 @@ def _of_rows(estimate: TriadResult, number: Int[np.ndarray, " dwell"]) -> Levels
         return None
     square = float(np.square(residual + both / size @ solution).sum()) / freedom
     inverse = square * scaled_inverse(both.T @ both)
-    first = model.shape[1]
+    first = both.shape[1] - 3 * contrast.shape[1]  # of the last driver
     level = contrast @ (solution / size)[first:].reshape(-1, 3)
     spread = inverse[first:, first:].reshape(len(kept) - 1, 3, len(kept) - 1, 3)
     error = [_quasi_errors(contrast @ spread[:, i, :, i] @ contrast.T) for i in range(3)]
@@ -124,9 +165,13 @@ def _quasi_errors(
 
 
 def _of_means(
-    estimate: TriadResult, number: Int[np.ndarray, " dwell"], gravity: float
+    estimate: TriadResult,
+    number: Int[np.ndarray, " dwell"],
+    drivers: list[np.ndarray],
+    gravity: float,
 ) -> Levels | None:
-    """By the gyros' means at rest, which motions between rests do not have rows of."""
+    """By the gyros' means at rest, which motions between rests do not have rows of: in each recording by least squares
+    of the drivers, of the last of which this is."""
     dwells = estimate.dwells
     if dwells.gyro is None:
         return None
@@ -146,12 +191,15 @@ def _of_means(
         if dwells.reference_gyro is not None:
             known = known + (np.eye(3) + np.asarray(errors.matrix)) @ dwells.reference_gyro[k]
         left[k] = np.asarray(dwells.gyro)[k] - known
-    level = np.stack([left[rows].mean(axis=0) for rows in own])
-    inside = np.concatenate([left[rows] - left[rows].mean(axis=0) for rows in own])
-    degrees = len(inside) - len(own)
+    x = np.stack(drivers, axis=1)
+    fits = [np.linalg.lstsq(x[rows], left[rows], rcond=None)[0] for rows in own]
+    inside = np.concatenate([left[rows] - x[rows] @ f for rows, f in zip(own, fits, strict=True)])
+    degrees = len(inside) - len(drivers) * len(own)
+    if degrees < 1:
+        return None
     scatter = np.sqrt(np.sum(inside**2, axis=0) / degrees)
-    error = np.stack([scatter / np.sqrt(rows.sum()) for rows in own])
-    return level, error
+    spread = [np.sqrt(np.linalg.pinv(x[rows].T @ x[rows])[-1, -1]) for rows in own]
+    return np.stack([f[-1] for f in fits]), np.outer(spread, scatter)
 
 
 def _temperatures_apart(estimate: TriadResult) -> bool:

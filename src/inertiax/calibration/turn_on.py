@@ -1,7 +1,8 @@
 r"""How far two logs of a device differ at one temperature, its power having been off between them.
 
-Bias is another after each power cycle (repeatability, IEEE 528), and a log of one pose shows it: of
-gyros as the difference of the biases $\Delta = \nu_w(T_0) - \nu^0$; of accelerometers, whose constants one pose does
+Bias is another after each power cycle (repeatability, IEEE 528), and a log of one pose shows it, with what hysteresis
+or a lag behind the probe does: of gyros as the difference of the biases $\Delta = \nu_w(T_0) - \nu^0$; of
+accelerometers, whose constants one pose does
 not tell, along gravity alone,
 
 $$\Delta = |f| - g, \quad f = (E + \Gamma)^{-1} (\bar a' + b_w(T_0) - a^0),$$
@@ -65,7 +66,8 @@ class TurnOn(NamedTuple):
         if not self.seen:
             return said + "no more than their noise"
         return said + (
-            "this is what switching off and on changes (turn-on bias), and the least to expect of the next time"
+            "where the power was off between them that is turn-on bias, and the least to expect of the next time; "
+            "hysteresis, or a lag behind the probe as the board warms up, would explain it as well"
         )
 
 

@@ -35,18 +35,21 @@ def with_warm_up(
     Accelerometers that `calibration` lacks stay out, since one pose tells of them differences alone; gyros and a
     barometer are taken from the warm-up.
 
-    Raises `ValueError` where the devices have different names, where `calibration` has a temperature dependence of its
-    own or the warm-up has none, where no temperature is known, and where it lies outside of the warm-up's.
+    A temperature dependence of `calibration` over `WIDE` or less is held at that temperature.
+
+    Raises `ValueError` where the devices have different names, where `calibration` has a temperature dependence over
+    more or the warm-up has none, where no temperature is known, and where it lies outside of the warm-up's.
     """
     if calibration.device and warm_up.device and calibration.device != warm_up.device:
         raise ValueError(
             f"the warm-up is of device '{warm_up.device}', the calibration of '{calibration.device}'."
         )
-    for triad in calibration.triads:
-        if not isinstance(triad.curve.basis, Constant):
-            raise ValueError(
-                "the calibration depends on temperature itself; it needs no warm-up. Give the one with constants first."
-            )
+    moves = any(not isinstance(t.curve.basis, Constant) for t in calibration.triads)
+    covered = calibration.temperature_range
+    if moves and (covered is None or float(covered[1]) - float(covered[0]) > WIDE):
+        raise ValueError(
+            "the calibration depends on temperature itself; it needs no warm-up. Give the one with constants first."
+        )
     if all(isinstance(t.curve.basis, Constant) for t in warm_up.triads):
         raise ValueError(
             "the warm-up has no biases over temperature; give it `[model] temperature_degree`."
@@ -59,6 +62,12 @@ def with_warm_up(
     if not low <= at <= high:
         raise ValueError(
             f"the calibration was made at {at:.1f} °C, outside of the warm-up's {low:.1f} to {high:.1f} °C."
+        )
+    if moves:  # over a few degrees, that the device warmed by: the warm-up tells better
+        calibration = replace(
+            calibration,
+            accel=None if calibration.accel is None else _held(calibration.accel, at),
+            gyro=None if calibration.gyro is None else _held(calibration.gyro, at),
         )
     between = turn_on(calibration, warm_up, at).sentence
     said = (
@@ -92,6 +101,14 @@ def _temperature(calibration: Calibration, given: float | None) -> float:
             "for."
         )
     return 0.5 * (low + high)
+
+
+def _held(triad: TriadCalibration, at: float) -> TriadCalibration:
+    """A triad's parameters at one temperature as constants, φ(T₀) ⊗ E of its coefficients."""
+    weights = np.kron(triad.curve.basis.rows(np.array([at])), np.eye(len(triad.names)))
+    values = weights @ np.ravel(triad.curve.coefficients)
+    covariance = weights @ np.asarray(triad.covariance) @ weights.T
+    return replace(triad, curve=Curve(Constant(), values[None]), covariance=covariance)
 
 
 def _one(basis: AbstractBasis) -> Float[np.ndarray, " size"]:

@@ -27,7 +27,7 @@ from .mag_unit import field_unit
 from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
 from .references import force_unit
-from .resting import poses, Resting, resting
+from .resting import drifts_in_one_pose, poses, Resting, resting
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
 from .temperature_unit import temperature_unit
@@ -318,10 +318,11 @@ def _triad(key: str, names: tuple[str, str, str] | None, unit: TriadUnit) -> Lin
 
 def _model(found: RawTriads, rests: Resting) -> Table:
     """The estimator that one pose allows; with more of them the tool's own choice is right."""
-    if found.accel is None or rests.turned or _sections(found).is_file():
+    if found.accel is None or _sections(found).is_file():
         return Table("model", ())
-    if _poses(found.accel, rests) > 1:
-        return Table("model", ())
+    if rests.turned or _poses(found.accel, rests) > 1:
+        if found.roles.temperature is None or not drifts_in_one_pose(found.seconds, found.accel):
+            return Table("model", ())
     why = "one pose tells each output's offset from its mean alone"
     return Table("model", (Line("accel_estimator", "static", why),))
 

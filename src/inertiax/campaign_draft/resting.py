@@ -11,6 +11,9 @@ from ..reduction.rests import find_rests
 from ..reduction.segments import segment, Segments
 
 
+_LONG = 60  # s of a log that warms up
+_STEP = np.deg2rad(1.0)  # from one second to the next
+_DRIFT = 0.5  # of gravity: three times the largest drift of consumer parts from cold to warm
 _DIFFERENT = np.deg2rad(10.0)  # directions that are two poses
 
 
@@ -58,6 +61,22 @@ def resting(
     means = np.array([accel[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)])
     slowly = isinstance(found, Segments) and found.turning is not None
     return Resting(start, stop, means, False, turned, slowly)
+
+
+def drifts_in_one_pose(
+    time: Float[np.ndarray, " time"], accel: Float[np.ndarray, "time 3"]
+) -> bool:
+    """Whether a log is of one pose although its outputs drift: no two seconds that follow one another differ by what a
+    hand turns, and the first and the last ones by no more than drifting biases do."""
+    second = np.floor(time - time[0]).astype(int)
+    count = np.bincount(second)
+    kept = count > 0
+    means = np.stack([np.bincount(second, a)[kept] / count[kept] for a in accel.T], axis=1)
+    unit = means / np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1e-300)
+    if len(unit) < _LONG:
+        return False
+    step = np.linalg.norm(np.diff(unit, axis=0), axis=1)
+    return bool(step.max() < _STEP and np.linalg.norm(unit - unit[0], axis=1).max() < _DRIFT)
 
 
 def poses(up: Float[np.ndarray, "rest 3"]) -> int:

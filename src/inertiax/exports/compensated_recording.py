@@ -76,7 +76,8 @@ def compensate_file(
     where the temperature is outside `calibration.temperature_range` (by more than `extrapolation.margin`). `time`
     (s) and `temperature` (°C) are as they were read, so that the result is a recording in canonical columns. Of CSV
     and Parquet all other columns are kept as they are; any other format that `formats` reads gives its canonical
-    columns in SI, and a column `recording` where the file holds several of the device. `gyro_file` holds the gyros
+    columns in SI, and a column `recording` where the file holds several of the device; of a log of several IMUs those
+    of the calibration's. `gyro_file` holds the gyros
     where triads are logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
 
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
@@ -98,9 +99,10 @@ def compensate_file(
         counted = isinstance(columns.time, TimeColumn) and columns.time.rate is not None
         paired = pair(accel, gyro, counted=counted)
         found, notes = (paired.recording,), tuple(n for n in (paired.note,) if n is not None)
+    found = _of_device(found, path.name, calibration.device)
     parts = [
         _compensated_table(calibration, recording, _table_of(recording), path.name, any_device)
-        for recording in _of_device(found, path.name)
+        for recording in found
     ]
     if len(parts) > 1:
         names = (r.name for r in found)
@@ -309,11 +311,15 @@ def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
     return parquet.decode(path)
 
 
-def _of_device(recordings: tuple[Recording, ...], name: str) -> tuple[Recording, ...]:
-    """The recordings, which must be of one device."""
+def _of_device(
+    recordings: tuple[Recording, ...], name: str, wanted: str = ""
+) -> tuple[Recording, ...]:
+    """The recordings of the `wanted` device, which a log of several IMUs names; else all, which must be of one."""
     devices = tuple(dict.fromkeys(r.device for r in recordings))
     if len(devices) == 1:
         return recordings
+    if wanted and wanted in devices:
+        return tuple(r for r in recordings if r.device == wanted)
     shown = ", ".join([*devices[:5], *["…"] * (len(devices) > 5)])
     raise ValueError(
         f"{name}: holds {len(devices)} devices ({shown}), but a "
