@@ -161,6 +161,23 @@ def test_what_rounding_took_is_told_by_the_model_where_the_output_is_rounded_alr
     assert np.allclose(shape, taken, atol=1e-5)
 
 
+def test_coefficients_over_temperature_are_chebyshev_series_of_the_constant_form():
+    """By NumPy: D(T) f with D = D0 + D1 T_1(x) + D2 T_2(x); forms up to the model's degree, at most two."""
+    effect, signal = BY_NAME["g_sensitivity"], make_signal("gyro")
+    force, heat = np.asarray(signal.force), np.asarray(signal.temperature)
+    x = (2.0 * heat - signal.low - signal.high) / (signal.high - signal.low)
+    matrices = np.random.default_rng(2).standard_normal((3, 3))  # of D0, D1 and D2 a row each
+    found = np.asarray(effect.shape(signal, axes="xyz", over=2))[:, 0] @ matrices.ravel()
+    expected = sum(
+        np.polynomial.chebyshev.chebval(x, np.eye(3)[k]) * (force @ matrices[k]) for k in range(3)
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    forms_of = lambda degree: [
+        v.settings.get("over", 0) for v in effect.variants(make_signal("gyro", degree=degree))
+    ]
+    assert [max(forms_of(d)) for d in (0, 1, 3)] == [0, 1, 2]
+
+
 def test_second_order_of_one_g_is_its_coefficient():
     signal = make_signal("accel", num=2)
     signal = eqx.tree_at(lambda s: s.input, signal, np.array([[1.0, -1.0, 0.5]] * 2))

@@ -501,7 +501,7 @@ def test_a_station_s_references_and_its_label_for_moving(
     assert told["reference_gyro"] == {"names": [names[1].format(a) for a in "xyz"], "unit": rate}
     assert told["position"] == ({"name": "pose", "moving": 0} if moving == 0 else "pose")
     assert made["site"]["gravity"] == pytest.approx(G, rel=1e-5) and "gravity" not in found.untold
-    assert "gyro" not in found.untold and "[rig]: position_uncertainty" in found.text
+    assert "gyro" not in found.untold and "# [rig]\n# position_uncertainty" in found.text
     first, second = load_campaign(tmp_path).recordings
     np.testing.assert_allclose(first.reference_accel, ideal, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(second.reference_gyro, turn, rtol=1e-6, atol=1e-9)
