@@ -10,7 +10,7 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from ..calibration.quantities import DEG_PER_HOUR
-from ..model_selection.temperature_degree import LEAST_SPAN
+from ..model_selection.model_spec import LEAST_SPAN
 from ..numerics.linear_algebra import scaled_inverse
 from ..numerics.paule_mandel import excess_deviation
 from ..physics.error_model import GyroErrors
