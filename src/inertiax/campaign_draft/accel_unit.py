@@ -13,6 +13,8 @@ _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
 _UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0}  # what 1 g reads
 _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
 _TURNING = 0.9  # of the samples' norm: the means of a device that turned by 50° or more are shorter
+_BLOCK = 20  # rows
+_FEWEST_BLOCKS = 250
 _OFFSET_SHOWS = 0.25  # of the radius: no bias is as large, so it is an offset of the converter
 
 
@@ -63,11 +65,15 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit
     if not fitted and radius < _TURNING * samples:
         radius = samples
         what = f"|a| is {radius:.4g} in half of the samples; no rests were found"
+    calm = calm_norm(values)
+    if not fitted and _unit_of(calm) is not None and _unit_of(radius) is None:
+        radius = calm
+        what = f"|a| is {radius:.4g} in the rows that move least; no rests were found"
     offset = _offset(center, radius, fitted)
     if not whole(values) or nearest(radius, (1000.0,), 0.015):
-        for unit, reads in _UNITS.items():
-            if offset is None and abs(radius / reads - 1.0) < _NEAR:
-                return TriadUnit(unit, None, None, None, G / reads, what, True)
+        unit = _unit_of(radius)
+        if offset is None and unit is not None:
+            return TriadUnit(unit, None, None, None, G / _UNITS[unit], what, True)
     scale = nearest(radius, ACCEL_SCALES, _NEAR) if offset is None else None
     if scale is not None:
         text = f"{what}: counts, {scale:g} per g by the usual data sheets"
@@ -78,9 +84,27 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit
 
 
 def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:
-    """Whether the outputs are no counts and their norm goes from little to much: an acceleration without gravity."""
+    """Whether the outputs are no counts and their norm goes from little to much: an acceleration without gravity.
+
+    One with gravity that is shaken as much reads 1 g in the moments in which it moves least.
+    """
     low, size, high = np.quantile(np.linalg.norm(values, axis=1), [0.05, 0.5, 0.95])
-    return not whole(values) and bool(high - low > size)
+    shaken = not whole(values) and bool(high - low > size)
+    return shaken and _unit_of(calm_norm(values)) is None
+
+
+def calm_norm(values: Float[np.ndarray, "time 3"]) -> float:
+    """Median norm in the fiftieth of the blocks of rows that scatter least; not a number in a short log."""
+    count = len(values) // _BLOCK
+    if count < _FEWEST_BLOCKS:
+        return float("nan")
+    block = values[: count * _BLOCK].reshape(count, _BLOCK, 3)
+    calm = np.argsort(block.std(axis=1).sum(axis=1))[: count // 50]
+    return float(np.median(np.linalg.norm(block[calm].mean(axis=1), axis=1)))
+
+
+def _unit_of(radius: float) -> str | None:
+    return next((u for u, reads in _UNITS.items() if abs(radius / reads - 1.0) < _NEAR), None)
 
 
 def sphere(means: Float[np.ndarray, "rest 3"], offset: float) -> Sphere:

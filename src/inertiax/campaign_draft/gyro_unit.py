@@ -23,6 +23,10 @@ _QUIET_RAD = (
     0.012  # white noise of a sample: MEMS gyros have 0.02 to 0.5 deg/s, less than 0.01 rad/s
 )
 _BIAS_RAD = 0.35  # rad/s, 20 deg/s: no gyro's bias
+_BLOCK = 20  # rows
+_MOVES = 50.0  # times the quietest noise: the device is carried or turned
+_PEAK_RAD = 15.0  # as deg/s no hand turns so slowly throughout; as rad/s few gyros go further
+_QUIETEST_RAD = 0.02  # rad/s; in deg/s no MEMS gyro is quieter at the rates people log
 
 
 def said_unit(hint: str) -> str | None:
@@ -86,13 +90,25 @@ def _by_magnitude(
         scale = GYRO_SCALES[2]
         text = f"{missing}; counts of which the scale is not known: {scale:g} is the usual one for 250 deg/s"
         return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, False)
-    noise = (
-        float(np.median(np.abs(np.diff(values, axis=0)))) / 0.954
-    )  # of normal differences: 0.954 sigma
-    bias = float(np.abs(np.median(values, axis=0)).max())
-    unit = "rad/s" if noise < _QUIET_RAD and bias < _BIAS_RAD else "deg/s"
-    text = f"{missing}; by magnitude (noise {noise:.2g}, zero up to {bias:.2g}) likely {unit}"
+    noise, quietest = _noise(values)
+    zero = np.median(values, axis=0)
+    bias, peak = float(np.abs(zero).max()), float(np.quantile(np.abs(values - zero), 0.999))
+    carried = 0.0 < quietest < min(_QUIETEST_RAD, peak / _MOVES) and peak < _PEAK_RAD
+    unit = "rad/s" if bias < _BIAS_RAD and (noise < _QUIET_RAD or carried) else "deg/s"
+    of = f"rates up to {peak:.2g}, noise {quietest:.2g}" if carried else f"noise {noise:.2g}"
+    text = f"{missing}; by magnitude ({of}, zero up to {bias:.2g}) likely {unit}"
     return TriadUnit(unit, None, None, None, _UNITS[unit], text, False)
+
+
+def _noise(values: Float[np.ndarray, "time 3"]) -> tuple[float, float]:
+    """White noise of a sample over all rows, and over the quietest 20 of them, which a motion does not hide."""
+    change = np.abs(np.diff(values, axis=0))
+    blocks = len(change) // _BLOCK
+    if not blocks:
+        return 0.0, 0.0
+    block = np.median(change[: blocks * _BLOCK].reshape(blocks, -1), axis=1)
+    # Of normal differences the median is 0.954 sigma.
+    return float(np.median(change)) / 0.954, float(block.min()) / 0.954
 
 
 def clock_and_unit(

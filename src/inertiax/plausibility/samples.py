@@ -166,7 +166,7 @@ def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """Stretches of rows that occur twice, in one recording or in two."""
     length = limits.duplicate
     every = max(sum(r.num_samples for r in device.recordings) // _MOST_STRETCHES, 1)
-    keys, owner = [], []
+    keys, owner, row = [], [], []
     for number, log in enumerate(device.logs):
         outputs = [v for _, v in triads(log)]
         if not outputs or len(outputs[0]) < 2 * length:
@@ -174,7 +174,8 @@ def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         rows = np.concatenate(outputs, axis=1)
         hashes = _stretch_hashes(rows, length)
         # Of a long log a part of the stretches, the same wherever they stand.
-        keys.append(hashes[hashes % np.uint64(every) == 0])
+        row.append(np.flatnonzero(hashes % np.uint64(every) == 0))
+        keys.append(hashes[row[-1]])
         owner.append(np.full(len(keys[-1]), number))
     if not keys:
         return []
@@ -188,13 +189,21 @@ def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     where = np.isin(hashes, first[twice])
     names = [device.logs[k].name for k in dict.fromkeys(owners[where].tolist())]
     share = rows / (every * len(hashes))
+    row = np.concatenate(row)
+    one = int(np.argmax(where))  # of the earliest stretch that occurs again
+    again = one + 1 + int(np.argmax(hashes[one + 1 :] == hashes[one]))
+    began = [device.logs[owners[k]].recording.time[row[k]] for k in (one, again)]
+    said = [
+        device.logs[owners[k]].moment(float(t)) for k, t in zip((one, again), began, strict=True)
+    ]
     return [
         finding(
             "repeated_samples",
             "warning",
             "all",
-            f"{' and '.join(names[:3])}: {rows + length - 1} rows occur twice, sample for sample: a block was copied "
-            "or read twice, and counts double.",
+            f"{' and '.join(names[:3])}: {rows + length - 1} rows occur twice, sample for sample (from "
+            f"{said[0]} and again from {said[1]}): a block was copied or read twice, and counts double. Take the "
+            "second out.",
             rows=rows + length - 1,
             share=share,
         )

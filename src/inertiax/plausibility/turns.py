@@ -38,6 +38,7 @@ class Motions:
     angle: Float[np.ndarray, "motion step 3"]  # rad, step by step; zero beyond a motion's end
     before: Float[np.ndarray, "motion 3"]  # unit vectors of the specific force
     after: Float[np.ndarray, "motion 3"]
+    began: tuple[float, ...] = ()  # s, on the recording's clock
 
     @property
     def count(self) -> int:
@@ -48,6 +49,11 @@ class Motions:
     def tilt(self) -> Float[np.ndarray, " motion"]:
         """rad between the two directions."""
         return angle_between(self.before, self.after)
+
+    @property
+    def path(self) -> Float[np.ndarray, " motion"]:
+        """rad through which the device turned, step by step."""
+        return np.linalg.norm(self.angle, axis=2).sum(axis=1)
 
 
 def motions_of(logs: tuple[Log, ...], least_tilt: float) -> Motions | None:
@@ -60,11 +66,12 @@ def motions_of(logs: tuple[Log, ...], least_tilt: float) -> Motions | None:
         chosen = np.linspace(0, len(pieces) - 1, _MOST_MOTIONS).astype(int)
         pieces = [pieces[k] for k in chosen]
     longest = max(len(p[0]) for p in pieces)
-    angle = np.stack([np.pad(a, ((0, longest - len(a)), (0, 0))) for a, _, _ in pieces])
-    return Motions(angle, np.stack([b for _, b, _ in pieces]), np.stack([c for _, _, c in pieces]))
+    angle = np.stack([np.pad(a, ((0, longest - len(a)), (0, 0))) for a, *_ in pieces])
+    before, after = (np.stack([p[k] for p in pieces]) for k in (1, 2))
+    return Motions(angle, before, after, tuple(p[3] for p in pieces))
 
 
-def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
     recording = log.recording
     force, rate = log.over_rests("accel"), log.over_rests("gyro")
     if force is None or rate is None or recording.gyro is None:
@@ -85,7 +92,8 @@ def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         if np.linalg.norm(turn, axis=1).max() < _TURNING:
             continue
         step_angle = 0.5 * (turn[1:] + turn[:-1]) * steps[:, None]
-        found.append((step_angle, _unit(force.mean[k - 1]), _unit(force.mean[k])))
+        began = float(recording.time[first])
+        found.append((step_angle, _unit(force.mean[k - 1]), _unit(force.mean[k]), began))
     return found
 
 

@@ -105,16 +105,24 @@ def motion_clock(
     return MotionClock(even, rate, text)
 
 
-def _misfit(
+def step_angles(
     clock: Float[np.ndarray, " time"], gyro: Float[np.ndarray, "time 3"], turns: list[Turn]
-) -> float:
-    """rms misfit of the motions after small linear errors are fitted, rad."""
+) -> Float[np.ndarray, "motion step 3"]:
+    """φ = ω Δt of every step of the motions, rad; zero beyond a motion's end."""
     longest = max(t.last - t.first for t in turns)
     angle = np.zeros((len(turns), longest, 3))
     for k, t in enumerate(turns):
         rate = gyro[t.first : t.last + 1] - t.bias
         steps = np.diff(clock[t.first : t.last + 1])[:, None]
         angle[k, : t.last - t.first] = 0.5 * (rate[1:] + rate[:-1]) * steps
+    return angle
+
+
+def _misfit(
+    clock: Float[np.ndarray, " time"], gyro: Float[np.ndarray, "time 3"], turns: list[Turn]
+) -> float:
+    """rms misfit of the motions after small linear errors are fitted, rad."""
+    angle = step_angles(clock, gyro, turns)
     before, after = (np.stack([getattr(t, name) for t in turns]) for name in ("before", "after"))
 
     def misfit(error: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " numbers"]:

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from .._typing import Mask
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
+from .held_rows import held_rows
 
 
 PAUSE = 20  # usual steps; a longer pause in the stamps ends an interval
@@ -105,13 +106,13 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         return Rests(nothing, nothing, statement="no rest: it moves all along", levels=levels)
     # A thousandth of the log, and in a long one no more than a turn between two rests takes.
     rarest = min(1e-3, 2.0 * width / len(motion))
-    highest = float(np.quantile(motion, 1.0 - rarest))
+    highest = float(np.quantile(motion[np.isfinite(motion)], 1.0 - rarest))
     if highest <= STILL:
         whole = np.array([[0, recording.num_samples]])
         if _turned_slowly(recording, width) or _rates_wander(recording, whole):
             nothing = np.zeros(0, np.int64)
             return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}", levels=levels)
-        start, stop = _runs(np.ones(len(motion), bool), pauses, width)
+        start, stop = _runs(np.isfinite(motion), pauses, width)
         return Rests(start, stop, statement="one rest: no motion found", levels=levels)
     scan = _SCAN[_SCAN <= max(highest, 4.0)]
     counts = [len(_runs(motion <= m, pauses, width)[0]) for m in scan]
@@ -175,27 +176,31 @@ def _motion(recording: Recording, width: int) -> tuple[Float[np.ndarray, " time"
     mean square of the rate about its value at rest, so that a slow steady turn counts too; its
     quietest level is at least (5 mrad/s)² (0.3 deg/s), since a bias that depends on the pose (g-
     sensitivity) is no motion; nor is one that drifts over minutes (`_rate_at_rest`). The greater
-    of the two decides.
+    of the two decides. Rows that a logger held (`held_rows`) are at no rest and set no level.
     """
     accel = gyro = at_rest = level = least_gyro = None
     off: Float[np.ndarray, " time"] | float = 0.0
     parted = isinstance(recording, StoredRecording)
     least = recording.quietest if parted else (np.inf, np.inf)
+    held = held_rows(recording, width)
+    live = slice(None) if not held.any() else ~held
     if recording.accel is not None:
         _, accel = _window_moments(recording.accel, width)
-        level = _level(accel, least[0])
+        level = _level(accel[live], least[0])
         # Noise below a converter's step leaves rests without any scatter, and only motion varies.
         if np.quantile(accel, 0.3) <= 1e-12 * accel.max():
             level = min(level, _CONSTANT**2)
     if recording.gyro is not None:
         mean, gyro = _window_moments(recording.gyro, width)
         judge = gyro if accel is None else accel / level
-        quiet = judge <= max(np.quantile(judge, 0.3), 4.0 * _quietest(judge))
+        quiet = judge <= max(np.quantile(judge, 0.3), 4.0 * _quietest(judge[live]))
+        quiet &= ~held
         at_rest = _rate_at_rest(recording.time, mean, quiet)
         off = ((mean - at_rest) ** 2).sum(axis=1)
-        least_gyro = max(_level(gyro, least[1]), _RESTING_RATE**2)
+        least_gyro = max(_level(gyro[live], least[1]), _RESTING_RATE**2)
     levels = QuietLevels(level, least_gyro, None if at_rest is None else np.array(at_rest[-1]))
-    return levels.motion(accel, gyro, off), levels
+    motion = levels.motion(accel, gyro, off)
+    return np.where(held, np.inf, motion), levels
 
 
 def _rate_at_rest(

@@ -11,9 +11,11 @@ from ..data.recording import Recording
 from ..numerics.paule_mandel import excess_deviation
 from .clipping import clipped_rows
 from .dwells import Dwells
-from .motion_clock import motion_clock, MotionClock, Turn
+from .missed_turns import missed
+from .motion_clock import motion_clock, MotionClock, step_angles, Turn
 from .motions import Motions
 from .rests import PAUSE, usual_step
+from .turned_direction import turned
 
 
 _LONGEST = 60.0  # s; by then a consumer gyro's bias has wandered off by degrees
@@ -64,9 +66,9 @@ def with_motions(
       for g-sensitivity alone.
 
     A motion is left out where time pauses, where it is longer than a minute, where samples are
-    more than half a radian apart, where a gyro is at the end of its range, and where there are
-    fewer than four samples. Uneven stamps give way to counted rows where gravity says so (see
-    `motion_clock`). The variance of the
+    more than half a radian apart, where a gyro is at the end of its range, where there are
+    fewer than four samples, and where it alone misses gravity's turn (see `missed`). Uneven stamps
+    give way to counted rows where gravity says so (see `motion_clock`). The variance of the
     integrated rate about each axis is N² T + τ² T²: N² is the angle random walk that the rests'
     covariances imply, τ the scatter of the bias between rests (see `bias_scatter`), T the
     motion's duration; τ² is added to the covariance of the rests' mean rates too.
@@ -90,6 +92,14 @@ def with_motions(
         lambda d: d.gyro_covariance, dwells, np.asarray(dwells.gyro_covariance) + extra
     )
     pairs, dropped = _pairs(recordings, rests, np.asarray(dwells.gyro))
+    off = _missed(recordings, rests, pairs, dwells)
+    if off.any():
+        pairs &= ~off
+        began = sorted(
+            recordings[rests[k].recording].time[rests[k - 1].stop - 1] for k in np.flatnonzero(off)
+        )
+        where = ", ".join(f"{t:.1f} s" for t in began[:3]) + ", …" * (len(began) > 3)
+        dropped[f"that miss gravity's turn while the others do not (from {where})"] = int(off.sum())
     times, said = {}, {}  # of recordings whose stamps give way; the others' need not be held
     for k, recording in enumerate(recordings):
         clock = _clock(k, recording, rests, pairs, dwells)
@@ -234,13 +244,44 @@ def _clock(
 ) -> MotionClock:
     """By what one recording's motions are integrated."""
     assert recording.gyro is not None
-    up = _unit(dwells.accel)
-    turns = [
-        Turn(rests[k - 1].stop - 1, rests[k].start, up[k - 1], up[k], np.asarray(dwells.gyro)[k])
-        for k in np.flatnonzero(pairs)
-        if rests[k].recording == number
-    ]
+    turns = _turns_of(rests, np.flatnonzero(pairs & _of_recording(rests, number)), dwells)
     return motion_clock(recording.time, recording.gyro, turns)
+
+
+def _missed(
+    recordings: Sequence[Recording],
+    rests: list[_Rest],
+    pairs: Bool[np.ndarray, " dwell"],
+    dwells: Dwells,
+) -> Bool[np.ndarray, " dwell"]:
+    """Rests that a motion led to of which rows were lost or doubled: it misses gravity's turn, the others do not."""
+    misfit, path = np.zeros(len(rests)), np.zeros(len(rests))
+    for number, recording in enumerate(recordings):
+        led = np.flatnonzero(pairs & _of_recording(rests, number))
+        if not len(led):
+            continue
+        assert recording.gyro is not None
+        turns = _turns_of(rests, led, dwells)
+        angle = step_angles(recording.time, recording.gyro, turns)
+        before, after = (
+            np.stack([getattr(t, name) for t in turns]) for name in ("before", "after")
+        )
+        end = np.einsum("mij,mj->mi", turned(angle), before)
+        cross = np.linalg.norm(np.cross(end, after), axis=1)
+        misfit[led] = np.arctan2(cross, np.sum(end * after, axis=1))
+        path[led] = np.linalg.norm(angle, axis=2).sum(axis=1)
+    off, used = np.zeros(len(rests), bool), np.flatnonzero(pairs)
+    off[used] = missed(misfit[used], path[used])
+    return off
+
+
+def _of_recording(rests: list[_Rest], number: int) -> Bool[np.ndarray, " dwell"]:
+    return np.array([rest.recording == number for rest in rests], bool)
+
+
+def _turns_of(rests: list[_Rest], led: Int[np.ndarray, " motion"], dwells: Dwells) -> list[Turn]:
+    up, gyro = _unit(dwells.accel), np.asarray(dwells.gyro)
+    return [Turn(rests[k - 1].stop - 1, rests[k].start, up[k - 1], up[k], gyro[k]) for k in led]
 
 
 def _gather(

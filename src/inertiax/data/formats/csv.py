@@ -149,8 +149,8 @@ def _single_commas(data: bytes) -> bytes:
 
 
 def _without_empty_ends(table: pl.DataFrame, width: int) -> pl.DataFrame:
-    """Rows that end with a delimiter have an empty last field, which is no column."""
-    while table.width > width and table.to_series(-1).null_count() == table.height:
+    """Rows that end with a delimiter, and maybe a blank behind it, have an empty last field, which is no column."""
+    while table.width > width and (table.to_series(-1).fill_null("").str.strip_chars() == "").all():
         table = table[:, :-1]
     return table
 
