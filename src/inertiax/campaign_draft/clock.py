@@ -8,6 +8,7 @@ from jaxtyping import Float
 from ..reduction.host_stamps import host_stamps, usual_rate
 from .column_words import plain, said, TIME_UNITS
 from .raw_log import RawLog
+from .split_stamps import split_stamps
 
 
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -50,6 +51,11 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
             return found if certain else found._replace(certain=False)
     if rate is not None:
         return _counted(rate, rows, "a line above the header states the rate", True)
+    split = None if log.has_header else split_stamps(log)
+    if split is not None:
+        rate = (rows - 1) / float(split.seconds[-1] - split.seconds[0])
+        text = f"seconds and nanoseconds stand in two columns ({split.columns[0]}, {split.columns[1]}): their mean rate"
+        return _counted(usual_rate(rate), rows, text, True)
     return _counted(UNKNOWN_RATE, rows, "nothing in the file tells the rate", False)
 
 

@@ -10,14 +10,15 @@ from .column_words import FILES, means, plain, triad_of_words, UNIT, without, wi
 from .converters import G, whole
 from .mag_unit import mag_unit
 from .raw_log import RawLog
+from .split_stamps import EPOCH, split_stamps
 
 
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²
 _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
 _STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
-_EPOCH = (0.9e9, 2.5e9)  # s since 1970: 1998 to 2049
 _MOST_LABELS = 32
+_UNIT = 1e-3  # of a quaternion's norm, as it is printed
 _MOST_SENSORS = 8  # words in a column that names each row's sensor
 
 
@@ -255,6 +256,9 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     time = next(iter(log.stamps), None)
     if time is None and _is_clock(log.numbers[names[0]]):
         time = names.pop(0)
+    split = split_stamps(log) if time is None and log.has_header is False else None
+    if split is not None:
+        names = _of_message(log, [n for n in names if n not in split.columns])
     aside: list[str] = []
     while names and _is_no_output(log, names):
         aside.append(names.pop(0))
@@ -284,6 +288,13 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     return Roles(time, first, second, None, None, notes)
 
 
+def _of_message(log: RawLog, names: list[str]) -> list[str]:
+    """A ROS message printed field by field: without covariances, which are constant, and without an attitude."""
+    names = [n for n in names if np.ptp(log.numbers[n]) > 0]
+    norm = np.linalg.norm([log.numbers[n] for n in names[:4]], axis=0)
+    return names[4:] if len(names) > 4 and np.all(np.abs(norm - 1.0) < _UNIT) else names
+
+
 def _is_clock(values: Float[np.ndarray, " rows"]) -> bool:
     steps = np.diff(values)
     return len(steps) > 0 and bool(np.all(steps > 0)) and not _is_counter(values)
@@ -303,7 +314,7 @@ def _is_no_output(log: RawLog, names: list[str]) -> bool:
     told = first[np.isfinite(first)]
     if not _are_whole(told):
         return False
-    if len(told) and _EPOCH[0] < told.min() and told.max() < _EPOCH[1]:
+    if len(told) and EPOCH[0] < told.min() and told.max() < EPOCH[1]:
         return True
     others = [log.numbers[n] for n in names[1:]]
     few = bool(others) and len(np.unique(told)) <= _MOST_LABELS

@@ -173,6 +173,12 @@ def _unit(
         text = f"{turned}, and the usual step in time is {step:.3g} s: the unit of time is wrong{said}."
         return [finding("time_unit", "error", "time", text, remedy=remedy, step=step, **common)]
     remedy, unit = remedies.rescaled("gyro", device.columns, best.factor)
+    if unit == remedies.ANOTHER_SCALE and not remedies.is_usual(device.columns, best.factor):
+        # No converter has that scale. Where rows are counted at a rate, that is the weaker of the two assumptions.
+        counted = remedies.rate(device.columns)
+        remedy, unit = (
+            (remedy, unit) if counted is None else (remedies.rows_at(counted * ratio), None)
+        )
     said = "the gyros' unit or scale is wrong" + (
         f", or the sampling rate: {ratio / step:.3g} Hz would agree, {1.0 / step:.3g} Hz is given"
         if unit is None

@@ -18,6 +18,7 @@ _NEAR = 0.2  # relative; a unit's factor that is within this of what is asked fo
 # Usual ranges of 16-bit converters, counts per unit.
 _COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256)
 _COUNTS_PER_DPS = (131, 65.5, 32.8, 16.4, 114.2857, 57.142857, 28.571429, 14.285714, 14.375)
+ANOTHER_SCALE = "another scale"
 _PLAIN = ("s", "ms", "us", "ns")
 
 
@@ -37,11 +38,25 @@ def usual_counts(kind: str, si_factor: float) -> tuple[float, str] | None:
     return None
 
 
+def is_usual(columns: ColumnMap, factor: float) -> bool:
+    """Whether the gyros' counts, times `factor`, have the scale of a usual converter."""
+    said = columns.gyro or TriadColumns()
+    if not (said.scale_unit or "").startswith("count per deg/s"):
+        return True  # not known to be unusual
+    scales = np.ravel(np.asarray(said.scale, float)) / factor
+    return any(abs(scales[0] / usual - 1.0) < 0.1 for usual in _COUNTS_PER_DPS)
+
+
+def rate(columns: ColumnMap) -> float | None:
+    """Hz at which the campaign counts rows; `None` where it reads stamps."""
+    return columns.time.rate if isinstance(columns.time, TimeColumn) else None
+
+
 def rescaled(kind: str, columns: ColumnMap, factor: float) -> tuple[str | None, str | None]:
     """Remedy and unit in words for a triad whose values have to be multiplied by `factor`; `None` for unknown."""
     said: TriadColumns = getattr(columns, kind) or TriadColumns()
     if said.unit == "count":
-        return _rescaled_counts(kind, said, factor), "another scale"
+        return _rescaled_counts(kind, said, factor), ANOTHER_SCALE
     units = ACCEL_UNITS if kind.endswith("accel") else GYRO_UNITS
     now = units.get(said.unit or next(iter(units)), 1.0)
     unit = known_unit(kind, now * factor)

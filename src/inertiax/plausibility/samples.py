@@ -99,7 +99,9 @@ def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> l
     if len(jumps) < 3:
         return []
     unwrapped = np.abs(np.abs(np.diff(x)[jumps]) - span)
-    if np.median(unwrapped) > 0.05 * span:
+    # A converter's range has its middle at zero, or begins there; a shock's two extremes are where they happen to be.
+    lopsided = min(abs(low + high), abs(low), abs(high)) > 0.05 * span
+    if np.median(unwrapped) > 0.05 * span or lopsided:
         return []
     return [
         finding(

@@ -86,7 +86,14 @@ def _topics(reader: Any, kind: str) -> list[str]:
 
 def _damaged(path: Path, error: Exception) -> ValueError:
     reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
-    return ValueError(f"{path.name}: the bag is damaged or cut off: {reason[:200]}.")
+    cure = (
+        "mcap recover"
+        if path.suffix == ".mcap"
+        else "rosbag reindex (ROS 1), ros2 bag reindex (ROS 2)"
+    )
+    return ValueError(
+        f"{path.name}: the bag is damaged or cut off: {reason[:200]}. What is whole in it comes back with: {cure}."
+    )
 
 
 def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:

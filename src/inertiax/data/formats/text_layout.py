@@ -3,7 +3,8 @@
 The first lines decide. The data are the lines that share the greatest number of fields; what stands above them
 without as many fields is a preamble (settings of a logger, `sep=,`, comments). Comment lines start with `#`, `%` or
 `//`; a comment with as many names as the data have fields is the header (EuRoC's `#timestamp [ns],...`, `%time,...`
-of `rostopic echo -p`). Rows may end with a delimiter: an empty last field is no column.
+of `rostopic echo -p`). Names that stand twice in their line are told apart by the line of groups above it. Rows may
+end with a delimiter: an empty last field is no column.
 """
 
 import csv
@@ -179,8 +180,24 @@ def _header(
     if 2 * values > len(first):
         return None, None, top.number
     rows = _text_rows(itertools.chain([top], wide), split)
-    header = next((x for x in rows if _are_names(split[x.number])), top)
+    header = next((x for x in rows if _are_names(split[x.number])), None)
+    if header is None:
+        groups = [x for x in above[-1:] if not x.is_comment]
+        for group, line in itertools.pairwise([*groups, *rows]):
+            names = _grouped(group, line, delimiter)
+            if _are_names(list(names)):
+                return names, line.number, line.number + 1
+        header = top
     return _named(split[header.number]), header.number, header.number + 1
+
+
+def _grouped(group: _Line, line: _Line, delimiter: str) -> tuple[str, ...]:
+    """Names in two lines: a group stands once over its columns (`Gyroscope,,,` over `X,Y,Z`) or over each of them."""
+    above, names, last = fields(group.text, delimiter), [], ""
+    for k, name in enumerate(_named(fields(line.text, delimiter))):
+        last = (above[k] if k < len(above) else "") or last
+        names.append(f"{last} {name}".strip())
+    return tuple(names)
 
 
 def _text_rows(wide: Iterable[_Line], split: dict[int, list[str]]) -> list[_Line]:
@@ -226,4 +243,7 @@ def _said(
             f"{where}: [recordings] header_line = {number} holds numbers, {shown([short(line.text)])}; give the "
             "line that holds the column names, counted from 1."
         )
+    above = [x for x in lines if x.number < number and not x.is_comment]
+    if above and not _are_names(list(named)):
+        named = _grouped(above[-1], line, delimiter)
     return named, number, body[0].number
