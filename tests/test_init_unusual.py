@@ -4,9 +4,11 @@ import tomllib
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hand_log_data import DEGREE, G, hand_log
 from inertiax.campaign_draft import draft_campaign
+from inertiax.campaign_draft.accel_unit import lacks_gravity
 from inertiax.data.campaign import load_campaign
 
 
@@ -99,3 +101,43 @@ def test_gyros_beside_it_that_do_not_fit_are_left_alone(tmp_path):
     assert "gyro" not in draft(path)["columns"]
     with pytest.raises(ValueError, match=r"gyro\.csv: has no column 't_a'"):
         draft(path, gyro=other)
+
+
+def test_a_message_printed_field_by_field(tmp_path):
+    """As `ros2 topic echo --csv` prints sensor_msgs/Imu: stamps in two columns, an attitude, covariances, no names."""
+    stamp = 1_762_184_494.25 + TIME
+    whole = np.floor(stamp)
+    turn = Rotation.from_rotvec(
+        np.column_stack([np.sin(TIME), np.cos(TIME), TIME / 50.0])
+    ).as_quat()
+    covariance = np.tile([-1.0, *[0.0] * 8], (len(TIME), 1))
+    columns = (turn, covariance, GYRO, covariance, ACCEL, covariance)
+    path = tmp_path / "imu.csv"
+    path.write_text(
+        "".join(
+            f"{int(s)},{int(1e9 * (t - s))},imu," + ",".join(f"{v:.9g}" for v in row) + "\n"
+            for s, t, row in zip(whole, stamp, np.column_stack(columns), strict=True)
+        )
+    )
+    found = draft(path)["columns"]
+    assert found["accel"] == {"unit": "m/s^2"} and found["gyro"] == {"unit": "rad/s"}
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.gyro, GYRO, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(recording.accel, ACCEL, rtol=1e-6, atol=1e-9)
+    assert recording.time[-1] - recording.time[0] == pytest.approx(TIME[-1] - TIME[0], rel=1e-3)
+
+
+def test_a_device_that_is_carried_without_rest(tmp_path):
+    """No unit shows by gravity's turn: rates of 1.2 at most with quiet moments are rad/s, and shaken gravity is 1 g
+    in the moments that move least."""
+    rng = np.random.default_rng(5)
+    time = np.arange(12_000) / 100.0
+    shaking = np.abs(np.sin(2 * np.pi * time / 20.0))[:, None]
+    gyro = 0.5 * shaking * rng.normal(size=(12_000, 3)).clip(-2.4, 2.4) + 0.002 * rng.normal(
+        size=(12_000, 3)
+    )
+    accel = np.array([0.0, 0.0, G]) + 25.0 * shaking * rng.normal(size=(12_000, 3))
+    path = written(tmp_path / "walk.csv", (time, accel, gyro), f"t,{CANONICAL}")
+    found = draft(path)["columns"]
+    assert found["accel"]["unit"] == "m/s^2" and found["gyro"]["unit"] == "rad/s"
+    assert lacks_gravity(accel - [0.0, 0.0, G]) and not lacks_gravity(accel)

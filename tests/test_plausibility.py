@@ -17,6 +17,10 @@ from inertiax.plausibility import check_campaign, Finding
 from inertiax.plausibility.gravity import normal_gravity
 from inertiax.plausibility.samples import _stretch_hashes
 from inertiax.plausibility.turns import misfits, Motions, PERMUTATIONS
+from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.missed_turns import missed
+from inertiax.reduction.rests import find_rests
+from inertiax.reduction.rotations_between_rests import with_motions
 
 
 G = 9.81
@@ -182,7 +186,44 @@ def test_kinds_of_broken_samples():
     copied = columns["gyro"].copy(), columns["accel"].copy()
     for x in copied:
         x[2000:2200] = x[300:500]
-    assert only({**columns, "gyro": copied[0], "accel": copied[1]}, "repeated_samples", "warning")
+    found = only({**columns, "gyro": copied[0], "accel": copied[1]}, "repeated_samples", "warning")
+    assert "from 3 s and again from 20 s" in found.statement
+    shocks = np.clip(columns["accel"], -90.0, 150.0)
+    shocks[[800, 1500, 2300], 0], shocks[[801, 1501, 2301], 0] = -90.0, 150.0
+    assert "wrap" not in str(findings({**columns, "accel": shocks}))
+
+
+def test_one_motion_with_lost_rows_is_named_and_left_out():
+    """Its error would be spread over all gyro parameters; SciPy's rotations made the others."""
+    columns, motion = hand(), 3
+    first = motion * (REST + MOVE) + REST
+    kept = np.r_[0 : first + 20, first + 80 : len(columns["time"])]
+    lost = {k: v[kept] for k, v in columns.items()} | {"time": np.arange(len(kept)) / RATE}
+    found = only(lost, "motions", "warning")
+    assert dict(found.evidence)["motions"] == 1
+    assert dict(found.evidence)["began"] == (pytest.approx(first / RATE, abs=0.6),)
+    recording = Recording(**lost, name="a.csv")
+    turns = with_motions((recording,), reduce_to_dwells((recording,)))
+    assert turns.num_motions == RESTS - 2
+    assert "1 that miss gravity's turn" in turns.statement
+    assert not missed(
+        np.full(8, 0.5), np.full(8, 1.0)
+    ).any()  # all of them: no single motion's fault
+    assert not missed(np.array([*[0.02] * 8, 0.37]), np.full(9, 3.1)).any()  # a scale factor's
+
+
+def test_rows_that_a_logger_filled_in_are_no_rest():
+    """Seven seconds of placeholders before the first sample: they were the quietest rest, and the only one."""
+    columns, rows = hand(), 700
+    filled = {
+        "time": np.arange(rows + len(columns["time"])) / RATE,
+        "accel": np.concatenate([np.tile([0.0, 0.0, G], (rows, 1)), columns["accel"]]),
+        "gyro": np.concatenate([np.zeros((rows, 3)), columns["gyro"]]),
+    }
+    found, live = (find_rests(Recording(**c), window=1.0) for c in (filled, columns))
+    assert len(live.start) == RESTS
+    np.testing.assert_allclose(found.start, live.start + rows, atol=50)  # half a window
+    np.testing.assert_allclose(found.stop, live.stop + rows, atol=50)
 
 
 @pytest.mark.parametrize("taps", [0, 9])

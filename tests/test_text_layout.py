@@ -63,6 +63,9 @@ DRESSES = {
     "Xsens": "// Start Time: 0\n// Sample rate: 50.0Hz\n" + header("\t") + rows("\t", "\t"),
     "rows and header end with a delimiter": "t,ax,ay,az,gx,gy,gz,\n" + rows(",", ","),
     "rows end with two delimiters": header() + rows(",", ",,"),
+    "rows and header end with a delimiter and a blank": ",  ".join(NAMES)
+    + ", \n"
+    + rows(", ", ", "),
     "rostopic echo -p": "%" + header() + rows(),
     "names in a comment": "# by logger 3\n# t ax ay az gx gy gz\n" + rows(" "),
     "blanks in runs": "  ".join(NAMES) + "\n" + rows("    ", "  "),
@@ -80,6 +83,23 @@ def test_the_numbers_come_out_of_every_dress(tmp_path, text):
     recording = read(tmp_path, text)
     check(recording)
     np.testing.assert_array_equal(recording.time, TIME)
+
+
+@pytest.mark.parametrize(
+    ("groups", "names", "line"),
+    [
+        ("t,Force,,,Rate,,", ",x,y,z,x,y,z", 2),  # RepoIMU: a group stands once
+        ("n,Force,Force,Force,Rate,Rate,Rate", "t,x,y,z,x,y,z", 2),  # pandas: over each column
+        ("n,Force,Force,Force,Rate,Rate,Rate", "t,x,y,z,x,y,z", None),
+    ],
+)
+def test_names_in_two_lines_are_told_apart_by_their_group(tmp_path, groups, names, line):
+    columns = ColumnMap(
+        time=TimeColumn(name="t" if groups[0] == "t" else "n t"),
+        accel=TriadColumns(names=("Force x", "Force y", "Force z")),
+        gyro=TriadColumns(names=("Rate x", "Rate y", "Rate z")),
+    )
+    check(read(tmp_path, f"{groups}\n{names}\n{rows()}", columns, header_line=line))
 
 
 def test_text_columns_beside_the_numbers_are_left_alone(tmp_path):

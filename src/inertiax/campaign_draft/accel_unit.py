@@ -15,6 +15,7 @@ _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
 _TURNING = 0.9  # of the samples' norm: the means of a device that turned by 50° or more are shorter
 _BLOCK = 20  # rows
 _FEWEST_BLOCKS = 250
+_CALM = 0.3  # of the median norm: less is left where gravity was taken out
 _OFFSET_SHOWS = 0.25  # of the radius: no bias is as large, so it is an offset of the converter
 
 
@@ -90,7 +91,8 @@ def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:
     """
     low, size, high = np.quantile(np.linalg.norm(values, axis=1), [0.05, 0.5, 0.95])
     shaken = not whole(values) and bool(high - low > size)
-    return shaken and _unit_of(calm_norm(values)) is None
+    calm = calm_norm(values)
+    return bool(shaken and (calm < _CALM * size or _unit_of(calm) is None))
 
 
 def calm_norm(values: Float[np.ndarray, "time 3"]) -> float:

@@ -324,7 +324,7 @@ def _is_no_output(log: RawLog, names: list[str]) -> bool:
 def _is_mark(values: Float[np.ndarray, " rows"]) -> bool:
     """Whether a column is one whole number but zero throughout: what kind of sensor follows, as phone apps write it."""
     told = values[np.isfinite(values)]
-    return len(told) > 0 and told[0] != 0.0 and _are_whole(told) and bool(np.all(told == told[0]))
+    return bool(len(told) > 0 and told[0] != 0.0 and _are_whole(told) and np.all(told == told[0]))
 
 
 def _are_whole(values: Float[np.ndarray, " rows"]) -> bool:
