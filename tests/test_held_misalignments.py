@@ -1,10 +1,16 @@
 """Six faces off level: biases and scale factors err by what the misalignments do, which are held at zero."""
 
+import equinox as eqx
 import numpy as np
 
+from inertiax.calibrate.held_misalignments import stated_with_held, with_held
+from inertiax.calibrate.one_triad import estimate_triad
 from inertiax.calibrate.pipeline import calibrate_device
-from inertiax.calibrate.split_covariance import fit_of, HELD, NOISE, split
+from inertiax.calibrate.split_covariance import fit_of, HELD, NOISE, SLOW, split
 from inertiax.data.recording import Campaign, Recording, Rig, Site
+from inertiax.estimators import Invariant
+from inertiax.model_selection.select_model import ChosenModel
+from inertiax.reduction.dwells import Dwells
 
 
 GRAVITY = 9.80665
@@ -68,3 +74,37 @@ def test_the_budget_names_what_held_misalignments_do():
     np.testing.assert_allclose(sum(parts.values()), whole, rtol=1e-6, atol=1e-9 * whole.max())
     variances = {k: np.diagonal(c)[:3].sum() for k, c in parts.items()}
     assert variances[HELD] > 5.0 * variances[NOISE]
+
+
+def test_slow_noise_and_held_misalignments_both_are_in_the_covariance():
+    """Eight visits to six faces, a minute each, a bias that wanders within 300 s."""
+    rng, count = np.random.default_rng(2), 48
+    time = 60.0 * np.arange(count)
+    faces = FACES + rng.normal(0.0, 0.05, FACES.shape)
+    unit = np.tile(faces / np.linalg.norm(faces, axis=1, keepdims=True), (count // 6, 1))
+    alike = np.exp(-np.abs(time[:, None] - time) / 300.0) + 1e-12 * np.eye(count)
+    slow = 2e-2 * np.linalg.cholesky(alike) @ rng.standard_normal((count, 3))
+    output = GRAVITY * unit + slow + 2e-3 * rng.standard_normal((count, 3))
+    dwells = Dwells.from_arrays(output, temperature=np.full(count, 25.0), sigma=2e-3)
+    dwells = eqx.tree_at(lambda d: d.time, dwells, time)
+    chosen = ChosenModel("invariant", None, False, (0, None), (), accel_misalignments=False)
+    estimator = Invariant(gravity=GRAVITY, misalignments=False)
+    fitted = estimate_triad(estimator, dwells, chosen, "gauss-newton", lambda _: None, [], [])
+    stated = stated_with_held(fitted)
+    parts = {p.source: p.covariance for p in split(fit_of(stated), Rig())}
+    whole = np.asarray(stated.solution.covariance)
+    np.testing.assert_allclose(sum(parts.values()), whole, rtol=1e-6, atol=1e-9 * whole.max())
+    assert SLOW in parts
+    # By hand: |a| changes by u_i of a bias, g u_i² of a scale factor and g u_i u_j of a misalignment.
+    rows = np.hstack([unit, GRAVITY * unit**2])
+    held = GRAVITY * unit[:, [1, 2, 2]] * unit[:, [0, 0, 1]]
+    slope = np.linalg.lstsq(rows, held, rcond=None)[0]
+    by_hand = np.diagonal(1e-4 * slope @ slope.T)  # of 10 mrad each
+    # Directions come from outputs that are up to 2 % of g off.
+    np.testing.assert_allclose(
+        np.diagonal(parts[HELD]), by_hand, rtol=0.1, atol=1e-3 * by_hand.max()
+    )
+    # What gyros by gravity are told of the accelerometers is the same.
+    joint = with_held(stated)
+    own = [joint.names.index(n) for n in stated.estimator.names]
+    np.testing.assert_array_equal(joint.covariance[np.ix_(own, own)], whole)

@@ -36,40 +36,54 @@ class WithHeld(NamedTuple):
 
 
 def stated_with_held(accel: TriadResult) -> TriadResult:
-    """The accelerometers' estimate with C of the module in the place of P; as it is where nothing is held."""
+    """The accelerometers' estimate with C of the module in the place of P, the covariance that its dwells give, slow
+    noise included; as it is where nothing is held."""
     if not _holds(accel):
         return accel
-    whole = with_held(accel)
-    own = _places(accel, whole.names)
-    return eqx.tree_at(lambda r: r.solution.covariance, accel, whole.covariance[np.ix_(own, own)])
+    slope = _slope(accel)
+    own = np.asarray(accel.solution.covariance) + USUAL**2 * slope @ slope.T
+    return eqx.tree_at(lambda r: r.solution.covariance, accel, own)
 
 
 def with_held(accel: TriadResult) -> WithHeld:
-    """All coefficients with their joint covariance. A held misalignment is the same at all temperatures."""
+    """All coefficients of a `stated_with_held` estimate with their joint covariance. A held misalignment is the same at
+    all temperatures."""
     coefficients = np.asarray(accel.solution.curve.coefficients)
-    names = accel.estimator.names
+    names, stated = accel.estimator.names, np.asarray(accel.solution.covariance)
     if not _holds(accel):
-        return WithHeld(names, coefficients, np.asarray(accel.solution.covariance))
-    assert isinstance(accel.estimator, Invariant)  # `_holds`
-    larger = dataclasses.replace(accel.estimator, misalignments=True)
-    basis, count = accel.solution.curve.basis, larger.num_parameters
-    wide = np.zeros((len(coefficients), count))
-    wide[:, [larger.names.index(n) for n in names]] = coefficients
-    problem = Problem(larger, basis, accel.dwells)
-    design, _ = problem.rows(wide)
-    own = _places(accel, larger.names)
-    held = [
-        k for k, n in enumerate(larger.names) if n not in names
-    ]  # the basis' first function is 1
-    fitted = design[:, own]
-    slope = -np.linalg.lstsq(fitted, design[:, held], rcond=None)[0]
+        return WithHeld(names, coefficients, stated)
+    every = _larger(accel).names
+    wide = np.zeros((len(coefficients), len(every)))
+    wide[:, [every.index(n) for n in names]] = coefficients
+    own, held, slope = _places(accel, every), _held(accel, every), _slope(accel)
     made = np.zeros((wide.size, wide.size))
-    least = Problem(accel.estimator, basis, accel.dwells).covariance(coefficients)
-    made[np.ix_(own, own)] = least + USUAL**2 * slope @ slope.T
+    made[np.ix_(own, own)] = stated
     made[np.ix_(own, held)] = USUAL**2 * slope
     made[np.ix_(held, own)] = USUAL**2 * slope.T
     made[held, held] = USUAL**2
-    return WithHeld(larger.names, wide, made)
+    return WithHeld(every, wide, made)
+
+
+def _slope(accel: TriadResult) -> Float[np.ndarray, "unknowns held"]:
+    """S of the module."""
+    larger = _larger(accel)
+    coefficients = np.asarray(accel.solution.curve.coefficients)
+    wide = np.zeros((len(coefficients), larger.num_parameters))
+    wide[:, [larger.names.index(n) for n in accel.estimator.names]] = coefficients
+    design, _ = Problem(larger, accel.solution.curve.basis, accel.dwells).rows(wide)
+    fitted = design[:, _places(accel, larger.names)]
+    return -np.linalg.lstsq(fitted, design[:, _held(accel, larger.names)], rcond=None)[0]
+
+
+def _larger(accel: TriadResult) -> Invariant:
+    """The estimator with the misalignments."""
+    assert isinstance(accel.estimator, Invariant)  # `_holds`
+    return dataclasses.replace(accel.estimator, misalignments=True)
+
+
+def _held(accel: TriadResult, names: tuple[str, ...]) -> list[int]:
+    """Where the held ones' constants stand; the basis' first function is 1."""
+    return [k for k, n in enumerate(names) if n not in accel.estimator.names]
 
 
 def _holds(accel: TriadResult) -> bool:
