@@ -141,3 +141,18 @@ def test_a_device_that_is_carried_without_rest(tmp_path):
     found = draft(path)["columns"]
     assert found["accel"]["unit"] == "m/s^2" and found["gyro"]["unit"] == "rad/s"
     assert lacks_gravity(accel - [0.0, 0.0, G]) and not lacks_gravity(accel)
+
+
+def test_rows_of_several_sensors_are_refused_with_the_line_that_takes_the_imu_out(tmp_path):
+    """As a flight controller's replay has them: `4000,imu,...` between `4000,mag,...`."""
+    rows = [f"{k},imu,0,0,{G},0,0,0\n{k},mag,0.2,0.1,0.4,0,0,0\n" for k in range(50)]
+    (tmp_path / "replay.csv").write_text("".join(rows))
+    with pytest.raises(ValueError, match=r"grep -w imu replay\.csv > imu\.csv"):
+        draft(tmp_path / "replay.csv")
+
+
+def test_counts_without_names_may_be_of_a_magnetometer(tmp_path):
+    counts = np.round(ACCEL / G * 470.0 + [170.0, 10.0, -160.0])
+    path = written(tmp_path / "data.csv", (counts,))
+    assert draft(path)["columns"]["accel"]["unit"] == "count"
+    assert "may be a magnetometer's as well" in (tmp_path / "campaign.toml").read_text()

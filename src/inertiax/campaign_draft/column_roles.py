@@ -85,6 +85,13 @@ def _refuse_tagged(log: RawLog) -> None:
     """Raises `ValueError` where each row holds one sensor, named in a column of words: `acc 2060 0.03 0.00 0.97`."""
     for name, words in log.texts.items():
         kinds = {w: k for w in words for k in ("accel", "gyro", "mag") if means(k, w)}
+        imu = next((w for w in words if w.lower() == "imu"), None)
+        if imu is not None and 1 < len(words) <= _MOST_SENSORS:
+            tags = ", ".join(map(repr, words))
+            raise ValueError(
+                f"{log.path.name}: each row is of one sensor, named in {name} ({tags}): write the IMU's rows into a "
+                f"file of its own (grep -w {imu} {log.path.name} > imu.csv), then `inertiax init imu.csv`."
+            )
         if len(words) <= _MOST_SENSORS and len(set(kinds.values())) > 1:
             tags = ", ".join(map(repr, sorted(kinds)))
             raise ValueError(

@@ -19,7 +19,7 @@ from .accel_unit import accel_unit, directions, lacks_gravity, sphere, TriadUnit
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
-from .converters import middle, nearest, rounded, wraps
+from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
 from .further_columns import columns_table
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit
@@ -242,6 +242,13 @@ def _columns(
             )
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         remarks += _on_poses(found.accel, rests)
+        if (
+            found.gyro is None
+            and not named
+            and unit.unit == "count"
+            and unit.scale not in ACCEL_SCALES
+        ):
+            remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
         unit = gyro_unit(found.gyro, turns, found.gyro_words)
         unit, rate = with_reference_rate(found, unit)
@@ -336,6 +343,10 @@ def _sections(found: RawTriads) -> Path:
     """imucal's list of the labelled sections of a session, where there is one."""
     path = found.log.path
     return path.with_name(f"{path.stem}_list.json")
+
+
+# Of counts without names neither size nor sphere tells gravity from the Earth's field.
+_OR_A_FIELD = f"{CHECK} accel: counts without a name may be a magnetometer's as well; then call their columns mag"
 
 
 def _on_poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> list[str]:

@@ -225,7 +225,7 @@ def settle_accel(
         return chosen, None
     warning = (
         f"accelerometers are not calibrated: the rests show {found} directions of gravity and 'invariant' needs "
-        f"{FEWEST_DIRECTIONS}; record more positions, or give reference_accel_x/y/z"
+        f"{FEWEST_DIRECTIONS}; record more positions, at rest for 4 s in each, or give reference_accel_x/y/z"
     )
     return _with_accel(campaign, chosen, None, None), warning
 

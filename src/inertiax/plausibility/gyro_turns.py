@@ -96,7 +96,7 @@ def _judge(
         ]
     best = _search(motions, given, limits)
     if best is None:
-        return _unexplained(logs, motions, given, limits)
+        return _unexplained(device, logs, motions, given, limits)
     ratio = 1.0 / _refined(motions, best)
     found = []
     if best.factor != 1.0:
@@ -272,7 +272,11 @@ def _single_motions(logs: tuple[Log, ...], motions: Motions, limits: Thresholds)
 
 
 def _unexplained(
-    logs: tuple[Log, ...], motions: Motions, given: float, limits: Thresholds
+    device: DeviceLogs,
+    logs: tuple[Log, ...],
+    motions: Motions,
+    given: float,
+    limits: Thresholds,
 ) -> list[Finding]:
     # Where gravity turns by little, rates that turn nothing miss it by no more than that.
     blind = given > _BLIND * float(_score(motions.tilt)) and motions.count >= _MOTIONS_TO_SEE
@@ -284,6 +288,10 @@ def _unexplained(
         for log in logs
     )
     used = " They are not used, for references tell both triads." if on_table else ""
+    counted = remedies.rate(device.columns)
+    clock = (
+        "" if counted is None else f", another rate than {counted:g} Hz, at which rows are counted"
+    )
     return [
         finding(
             "axes",
@@ -291,7 +299,7 @@ def _unexplained(
             "gyro",
             f"{_names(logs)}: the integrated rates do not turn gravity as it turned in {_counted(motions, limits)} "
             f"({given:.2f} rad on average), and no exchange of axes or unit explains it: gyros "
-            f"clipped in the motions, lost rows, or rests that are not at rest.{used}",
+            f"clipped in the motions, lost rows{clock}, or rests that are not at rest.{used}",
             pairs=motions.count,
             as_given=given,
         )
