@@ -156,3 +156,11 @@ def test_counts_without_names_may_be_of_a_magnetometer(tmp_path):
     path = written(tmp_path / "data.csv", (counts,))
     assert draft(path)["columns"]["accel"]["unit"] == "count"
     assert "may be a magnetometer's as well" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_one_array_beside_its_stamps(tmp_path):
+    """A MATLAB file's `timestamps` and `imu_data`, n rows of six numbers."""
+    names = ",".join(["timestamps", *(f"imu_data_{k}" for k in range(6))])
+    found = draft(written(tmp_path / "log.csv", (TIME, ACCEL, GYRO), names))["columns"]
+    assert found["accel"]["names"] == ["imu_data_0", "imu_data_1", "imu_data_2"]
+    assert found["gyro"] == {"names": ["imu_data_3", "imu_data_4", "imu_data_5"], "unit": "rad/s"}

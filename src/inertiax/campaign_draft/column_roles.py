@@ -53,7 +53,10 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
     Raises `ValueError` where no triad is found.
     """
     _refuse_tagged(log)
-    named = log.has_header and log.format != "imu_tk" and not _is_one_array(log.names)
+    array = _is_one_array(log.names) or (
+        means("time", log.names[0]) and _is_one_array(log.names[1:])
+    )
+    named = log.has_header and log.format != "imu_tk" and not array
     roles = _by_name(log) if named else _by_numbers(log, only)
     if only is None:
         roles = _as_the_file_is_called(log, roles)
@@ -77,7 +80,7 @@ def _cure(names: tuple[str, ...]) -> str:
 
 def _is_one_array(names: tuple[str, ...]) -> bool:
     """Whether the columns are those of one array, as a MATLAB or HDF5 file holds it: numbered from 0, without names."""
-    first = names[0].removesuffix("_0")
+    first = names[0].removesuffix("_0") if names else ""
     return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
 
 
