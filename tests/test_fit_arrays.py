@@ -107,7 +107,7 @@ def test_derivatives_by_gravity_are_those_of_solving_again(made, found):
     # What the dwells' noise contributes is the fit's own covariance, but for scatter that was found.
     own = np.sqrt(np.diagonal(found.calibration.covariance[:, :9, :9], axis1=1, axis2=2))
     quiet = np.asarray(found.accel.scatter) == 0.0
-    assert quiet.sum() > DEVICES // 2
+    assert quiet.sum() > DEVICES // 4
     # The estimator weighs a dwell's noise along its output, as if the scale factors were one; these are off by 2 %.
     np.testing.assert_allclose(table.sigma[quiet, 1, :9], own[quiet], rtol=0.03)
 
@@ -193,15 +193,16 @@ def test_conditioned_is_the_fit_without_the_blocks_columns(thermal, sloped):
     for k in range(2):
         names, values, covariance, chi2 = _least_squares(sloped, thermal, k)
         place = [fewer.coefficient_names.index(n) for n in names]
-        # The covariance includes scatter where a fit in a hundred shows some by chance; these two do not.
-        assert sloped.accel.scatter[k] == 0.0
+        # The covariance includes the scatter that is found, to a noise of 1e-3 of every dwell.
+        wider = 1.0 + (float(sloped.accel.scatter[k]) / 1e-3) ** 2
+        covariance = wider * covariance
         np.testing.assert_allclose(fewer.coefficients[k][place], values, rtol=1e-9, atol=1e-12)
         own = fewer.covariance[k][np.ix_(place, place)]
         np.testing.assert_allclose(own, covariance, rtol=1e-7, atol=1e-9 * covariance.max())
         gone = [fewer.coefficient_names.index(f"accel.matrix[{i},{i}].c1") for i in range(3)]
         assert not fewer.coefficients[k][gone].any() and not fewer.covariance[k][gone].any()
         block = sloped.calibration.block("accel.matrix.c1")
-        more = block.mean[k] @ np.linalg.solve(block.covariance[k], block.mean[k])
+        more = wider * block.mean[k] @ np.linalg.solve(block.covariance[k], block.mean[k])
         assert sloped.chi2["accel"][k] + more == pytest.approx(chi2, rel=1e-6)
         assert sloped.dof["accel"][k] == 120 - 24
 

@@ -74,12 +74,12 @@ def test_constant_parameters_are_scipys():
     devices, _ = simulated_dwells(0, 3)
     fit = fit_fleet(Invariant(GRAVITY), Constant(), stack_dwells(devices))
     for k, d in enumerate(devices):
-        a = np.asarray(d.accel)
+        a, total = np.asarray(d.accel), np.hypot(SIGMA, fit.scatter[k])  # the noise, and scatter
 
-        def residual(p, a=a):
+        def residual(p, a=a, total=total):
             m = np.eye(3)
             m[ROWS, COLUMNS] += p[3:]
-            return (np.linalg.norm(np.linalg.solve(m, (a - p[:3]).T), axis=0) - GRAVITY) / SIGMA
+            return (np.linalg.norm(np.linalg.solve(m, (a - p[:3]).T), axis=0) - GRAVITY) / total
 
         best = least_squares(
             residual, np.zeros(9), method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15
@@ -97,9 +97,9 @@ def test_batched_fit_is_the_joint_fit(degree):
     devices, _ = simulated_dwells(degree, 5)
     basis = Polynomial(degree, LOW, HIGH) if degree else Constant()
     fit = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
-    solve = eqx.filter_jit(lambda d: joint_fit(Invariant(GRAVITY), basis, d))
+    solve = eqx.filter_jit(lambda d, s: joint_fit(Invariant(GRAVITY, scatter=s), basis, d))
     for k, d in enumerate(devices):
-        one = solve(jax.tree.map(jnp.asarray, d))
+        one = solve(jax.tree.map(jnp.asarray, d), jnp.asarray(fit.scatter[k]))
         sigma = np.sqrt(np.diag(np.asarray(one.covariance)))
         error = (fit.parameters[k] - np.asarray(one.curve.coefficients).ravel()) / sigma
         assert np.abs(error).max() < 1e-5  # ten times the tolerance of the batched steps
@@ -137,8 +137,12 @@ def test_errors_are_what_the_covariance_says():
     fit = fit_fleet(Invariant(GRAVITY), Constant(), stack_dwells(devices))
     error = fit.parameters - truth.reshape(400, -1)
     square = np.einsum("di,dij,dj->d", error, np.linalg.inv(fit.covariance), error)
-    # Mean of 400 χ² of 9 degrees: 9 ± 4.24 / 20, taken to four sigma.
-    assert abs(square.mean() - 9.0) < 0.85
+    # The noise is white and stated. Mean of 400 χ² of 9 degrees: 9 ± 4.24 / 20, taken to four sigma.
+    wider = 1.0 + np.square(fit.scatter / SIGMA)
+    assert abs(np.mean(square * wider) - 9.0) < 0.85
+    # Scatter that the rows do not exclude is in the intervals. Of 3600 parameters' 95 % are held at most:
+    sigma = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
+    assert 0.945 < np.mean(np.abs(error) < 1.959964 * sigma) < 0.98
 
 
 @pytest.mark.slow

@@ -49,9 +49,13 @@ def test_devices_of_other_files_keep_their_results(line, tmp_path):
     assert_frame_equal(after.filter(~same), before.filter(~same), check_exact=True)
     # As of a run that knows nothing of the first one, up to how many devices are solved side by side.
     run_fleet(source, tmp_path / "fresh")
-    columns = ["device", "accel_parameters", "accel_sigma"]
-    fresh = rows(tmp_path / "fresh").select(columns)
-    assert_frame_equal(after.select(columns), fresh, rel_tol=1e-9, abs_tol=1e-15)
+    fresh = rows(tmp_path / "fresh")
+    # Slow noise is read off residuals, which are those of where a batch's steps end: some 1e-6 of a sigma apart.
+    for column, near in (("accel_parameters", 1e-9), ("accel_sigma", 1e-6)):
+        columns = ["device", column]
+        assert_frame_equal(
+            after.select(columns), fresh.select(columns), rel_tol=near, abs_tol=1e-15
+        )
     now, then = (x.filter(same)["accel_parameters"].to_list() for x in (after, before))
     moved = [x[0] - y[0] for x, y in zip(now, then, strict=True)]
     assert moved == pytest.approx([1e-3, 1e-3], rel=1e-2)

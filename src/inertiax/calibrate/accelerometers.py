@@ -46,7 +46,9 @@ def calibrate_accelerometers(
         accel, _ = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
         assert accel is not None
         own = used if mine is None else mine
-        found = estimate_triad(accel, own, model, method, progress, said, warnings)
+        found = estimate_triad(
+            accel, own, model, method, progress, said, warnings, rig=campaign.rig
+        )
         return stated_with_held(found)
 
     rests = np.flatnonzero(np.asarray(used.position) >= 0)

@@ -72,7 +72,8 @@ def sensitivity(
     )  # a motion starts at the rest before
     by_accel = by_force[:, :, :3] @ here + by_force[:, :, 3:] @ before
     rows = problem.decorrelated(by_accel.reshape(-1, here.shape[2]))
-    return -np.asarray(gyro.solution.covariance) @ design.T @ rows
+    # P of the module, which slow noise has no part in: the estimate is that of least squares.
+    return -problem.covariance(coefficients) @ design.T @ rows
 
 
 def _force_by_coefficients(

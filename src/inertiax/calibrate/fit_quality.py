@@ -185,7 +185,7 @@ def _misfit(name: str, triad: TriadCalibration, estimate: TriadResult) -> Findin
         what = "rests differ" if unit == "rad" else words.partition(";")[0]
         held = (
             "The uncertainties take it for slow noise of the device"
-            if estimate.slow_noise.alike > 0.0
+            if estimate.slow_noise.probability > 0.5
             else "Parameters may be off by more than is stated"
         )
         words = (

@@ -46,7 +46,9 @@ def calibrate_gyros(
     def estimate(model: ChosenModel, used: Dwells) -> TriadResult:
         _, gyro = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
         assert gyro is not None
-        return estimate_triad(gyro, used, model, method, progress, choices, warnings)
+        return estimate_triad(
+            gyro, used, model, method, progress, choices, warnings, rig=campaign.rig
+        )
 
     if chosen.gyro_estimator is None:
         return None, chosen, None

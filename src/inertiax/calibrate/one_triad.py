@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
+from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..model_selection.select_model import ChosenModel, polynomial_basis
 from ..model_selection.temperature_degree import choose_degree
@@ -25,10 +26,11 @@ from .between_dwell_variance import (
 from .misfit_pattern import misfit_pattern
 from .observability import judge_normal, Observability
 from .results import TriadResult
-from .slow_noise import slow_noise_of, slow_part, SlowNoise
+from .slow_noise import SlowNoise, with_slow_noise
 
 
 Progress = Callable[[str], None]
+NO_RIG = Rig()  # that promises nothing
 
 
 def estimate_triad(
@@ -39,8 +41,12 @@ def estimate_triad(
     progress: Progress,
     choices: list[str],
     warnings: list[str],
+    *,
+    rig: Rig = NO_RIG,
 ) -> TriadResult:
     """The estimate of a triad over temperature, weighted by the scatter between dwells.
+
+    **Arguments:** `rig` is what the dwells' covariances hold of the rig's errors.
 
     What was chosen is added to `choices`, what gives doubt to `warnings`. Raises `ValueError` where the dwells do not
     determine the model, or the iteration does not converge.
@@ -73,11 +79,12 @@ def estimate_triad(
         warning = rate_warning(procedure, rate, dwells)
         warnings.extend([] if warning is None else [warning])
     scatter = float(estimator.scatter)
-    solution, slow = _with_slow_noise(estimator, solution, dwells)
+    solution, slow = _with_slow_noise(estimator, solution, dwells, rig)
+    kept = judged(dwells)
     return TriadResult(
         estimator=estimator,
         solution=solution,
-        dwells=dwells[judged(dwells)],
+        dwells=dwells[kept],
         misfit=misfit,
         sigma=np.sqrt(np.square(own_sigma) + scatter**2),
         observability=seen,
@@ -85,25 +92,19 @@ def estimate_triad(
         chi2_per_dof=own_chi2,
         follows=misfit_pattern(estimator, basis, np.asarray(solution.curve.coefficients), dwells),
         slow_noise=slow,
+        fitted=None if np.all(kept) else dwells,
     )
 
 
 def _with_slow_noise(
-    estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells
+    estimator: AbstractEstimator, solution: ThermalSolution, dwells: Dwells, rig: Rig
 ) -> tuple[ThermalSolution, SlowNoise]:
-    """The solution with the covariance of dwells that err alike, where they do.
-
-    Of dwells at rest and at constant rates: a motion between rests is compared with gravity's direction alone.
-    """
-    if dwells.motion is not None or not np.all(np.asarray(dwells.valid)):
+    """The solution with the covariance of dwells that err alike, where they do."""
+    if not np.all(np.asarray(dwells.valid)):
         return solution, SlowNoise()
     problem = Problem(estimator, solution.curve.basis, dwells)
-    coefficients = np.asarray(solution.curve.coefficients)
-    slow = slow_noise_of(problem, coefficients)
-    if slow.alike == 0.0:
-        return solution, slow
-    own = np.asarray(solution.covariance)
-    whole = slow.own * own + slow_part(problem, coefficients, own, slow)
+    coefficients, own = np.asarray(solution.curve.coefficients), np.asarray(solution.covariance)
+    whole, slow = with_slow_noise(problem, coefficients, own, rig)
     return eqx.tree_at(lambda s: s.covariance, solution, whole), slow
 
 

@@ -44,6 +44,7 @@ from ..reduction.segments import (
 from .accelerometers import calibrate_accelerometers
 from .attitudes_over_temperature import one_attitude_over_temperature
 from .barometer import BarometerResult, calibrate_barometer
+from .bias_moment import moment_words
 from .earth_rate import earth_rate_words, with_earth_rate
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
@@ -161,6 +162,7 @@ def calibrate_device(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
     warnings.extend(_of_levels(gyro_result, campaign))
+    choices.extend(w for r in (accel_result, gyro_result) for w in moment_words(r))
     effects: tuple[FittedEffect, ...] = ()
     if chosen.together:
         assert accel_result is not None and gyro_result is not None  # `choose_model` saw both

@@ -34,6 +34,7 @@ class TriadResult(eqx.Module):
     slow_noise: SlowNoise = eqx.field(
         static=True, default=SlowNoise()
     )  # within `solution.covariance`
+    fitted: Dwells | None = None  # all that were fitted, where `dwells` are not all of them
 
     @property
     def rms(self) -> float:

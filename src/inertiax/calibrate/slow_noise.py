@@ -5,10 +5,13 @@ then have the covariance
 
     T = a I + b K,     K_ij = exp(-|t_i - t_j| / τ) within one experiment, 0 between two,
 
-with a + b = σ². For misfits along the output alone, K_ij is times the cosine between the two outputs. a, b and τ are by
-restricted likelihood (Patterson and Thompson, Biometrika 58, 1971), which allows for what the unknowns take: T is its
-mean over shares b / σ² and logarithms of τ, for a record of a few τ does not tell them well, and the most likely ones
-are on average too small.
+with a + b = σ². For misfits along the output alone, K_ij is times the cosine between the two outputs. Of gyros by
+gravity's turn the rows are the rates at rest. a, b and τ are by restricted likelihood (Patterson and Thompson,
+Biometrika 58, 1971), which allows for what the unknowns take. T is its mean over shares b / σ², logarithms of τ and
+whether there is slow noise at all, for which the odds before are `ODDS`: a record of a few τ tells none of these well,
+and intervals from the most likely ones, or from slow noise that passes a test, are too short.
+What a rig is stated to do is in T as it is stated: with its mean share r of the rows' variance, the device's own
+noise has (a − r) / (1 − r) of what its rows were given.
 The estimate stays that of least squares, whose covariance is P Jᵀ T J P with P = (JᵀJ)⁻¹ (the sandwich of
 White, Econometrica 48, 1980).
 """
@@ -17,30 +20,84 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtri
 
+from ..data.recording import Rig
+from ..estimators import AbstractEstimator
 from ..procedure.single_device import Problem
+from ..reduction.dwells import Dwells
+from .covariance_shares import given, OF_THE_DEVICE, shares
 
 
 FEWEST = 8  # dwells more than unknowns of one axis, from which their correlation is looked at; convention
-# Twice the gain of log likelihood from which dwells are taken as alike: rarer than 1e-3 for one variance, as misfits
-# that follow something are (`misfit_pattern`), since a slow noise as long as the record leaves no bias known.
-LEAST_GAIN = float(chdtri(1, 1e-3))
+ODDS = 0.5  # that there is slow noise, before the rows are looked at; convention
+_LEAST = (
+    0.01  # probability of slow noise below which there is none; it would change no sigma by 1 %
+)
 _SHARES = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.96])  # b / σ² that are tried
 _TIMES = 9  # values of τ that are tried
+_HUGE = 600.0  # log likelihood, whose exponential a double holds
 
 
 class SlowNoise(NamedTuple):
-    """Covariance T of whitened rows: `own` I and for each time constant, s, what it has of `parts` times its K."""
+    """Covariance T of whitened rows: `own` of what the device does to each, and for each time constant, s, what it has
+    of `parts` times its K."""
 
     own: float = 1.0
     parts: tuple[float, ...] = ()
     times: tuple[float, ...] = ()
+    probability: float = 0.0  # that there is any
 
     @property
     def alike(self) -> float:
         """b, by how much variance dwells err alike."""
         return float(sum(self.parts))
+
+
+def with_slow_noise(
+    problem: Problem,
+    coefficients: Float[np.ndarray, "size parameter"],
+    covariance: Float[np.ndarray, "unknowns unknowns"],
+    rig: Rig,
+) -> tuple[Float[np.ndarray, "unknowns unknowns"], SlowNoise]:
+    """P Jᵀ T J P in the place of `covariance` P, and the slow noise that the residuals show."""
+    jacobian = problem.at(coefficients).jacobian
+    of_source = shares(
+        problem.estimator, problem.dwells[: problem.num_dwells], rig, jacobian.shape[1]
+    )
+    noise, scatter = (of_source[s] for s in OF_THE_DEVICE)
+    device = within(problem, noise + scatter)
+    kept = _kept(problem, jacobian.shape[1])
+    stated = 1.0 - float(np.mean(np.trace(device, axis1=1, axis2=2))) / kept
+    slow = slow_noise_of(problem, coefficients, min(max(stated, 0.0), 1.0))
+    if slow.alike == 0.0:
+        return covariance, slow
+    design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
+    changed = (slow.own - 1.0) * given(problem, device, design, covariance)
+    return covariance + changed + slow_part(problem, coefficients, covariance, slow), slow
+
+
+def wander(dwells: Dwells, estimator: AbstractEstimator, noise: SlowNoise) -> float:
+    """1 sigma, m/s² or rad/s, of what neighbouring dwells have in common."""
+    covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"), float)
+    # Rates at rest have their scatter in the covariance; the estimator's is of the tilts.
+    scatter = 0.0 if dwells.motion is not None else float(np.asarray(estimator.scatter))
+    variance = float(np.mean(np.trace(covariance, axis1=1, axis2=2))) / 3.0 + scatter**2
+    return float(np.sqrt(noise.alike * variance))
+
+
+def within(
+    problem: Problem, share: Float[np.ndarray, "dwell row row"]
+) -> Float[np.ndarray, "dwell row row"]:
+    """The part of a share that is of the rows which slow noise moves."""
+    kept = _kept(problem, share.shape[1])
+    part = np.zeros_like(share)
+    part[:, :kept, :kept] = share[:, :kept, :kept]
+    return part
+
+
+def _kept(problem: Problem, rows: int) -> int:
+    """Of a dwell's rows those, from the first, that slow noise moves: not the tilts of gravity after motions."""
+    return rows if problem.dwells.motion is None else 3
 
 
 def kernel(
@@ -67,17 +124,23 @@ def kernel_of(problem: Problem, rows: int, constant: float) -> Float[np.ndarray,
     return kernel(time, experiment, output, constant)
 
 
-def slow_noise_of(problem: Problem, coefficients: Float[np.ndarray, "size parameter"]) -> SlowNoise:
-    """The slow noise that a fit's residuals show; none where too few dwells or too small a gain tell it."""
+def slow_noise_of(
+    problem: Problem, coefficients: Float[np.ndarray, "size parameter"], stated: float = 0.0
+) -> SlowNoise:
+    """The slow noise that a fit's residuals show; none where too few dwells tell it.
+
+    **Arguments:** `stated` is the rig's mean share of the rows' variance, r of the module.
+    """
     design, residual = problem.rows(coefficients)
     count = problem.num_dwells
-    rows = len(residual) // count
-    unknowns = design.shape[1]
+    columns = np.column_stack([design, residual]).reshape(count, len(residual) // count, -1)
+    together = columns[:, : _kept(problem, columns.shape[1])]
+    size = np.sqrt(np.sum(np.square(together), axis=(0, 1)))
+    size[-1] = 1.0  # the residual's own
+    together = together[:, :, size > 0.0] / size[size > 0.0]
+    rows, unknowns = together.shape[1], together.shape[2] - 1
     if rows not in (1, 3) or count < unknowns / rows + FEWEST:
         return SlowNoise()
-    size = np.linalg.norm(design, axis=0)
-    columns = np.column_stack([design / np.where(size > 0.0, size, 1.0), residual])
-    together = columns.reshape(count, rows, -1)
     time = np.asarray(problem.dwells.time, float)[:count]
     steps = np.diff(np.sort(time))
     steps = steps[steps > 0.0]
@@ -90,17 +153,19 @@ def slow_noise_of(problem: Problem, coefficients: Float[np.ndarray, "size parame
     for constant in times:
         values, vectors = np.linalg.eigh(kernel_of(problem, rows, float(constant)))
         turned = (vectors.T @ together.reshape(count, -1)).reshape(together.shape)
-        shares = _SHARES[:, None]
-        tried.append(_likelihood(1.0 - shares + shares * np.maximum(values, 0.0), turned))
+        portion = _SHARES[:, None]
+        tried.append(_likelihood(1.0 - portion + portion * np.maximum(values, 0.0), turned))
     likelihood, variance = np.array(tried).transpose(1, 0, 2)
-    best = float(likelihood.max())
-    if best < float(white[0]) + 0.5 * LEAST_GAIN:
+    gain = np.exp(np.minimum(likelihood - white[0], _HUGE))
+    odds = ODDS * float(np.mean(gain))
+    probability = odds / (1.0 + odds)
+    if probability < _LEAST:
         return SlowNoise()
-    weight = np.exp(likelihood - best)
-    weight = variance * weight / np.sum(weight)
-    parts = np.sum(weight * _SHARES, axis=1)
-    own = float(np.sum(weight * (1.0 - _SHARES)))
-    return SlowNoise(own, tuple(parts.tolist()), tuple(times.tolist()))
+    weight = probability * gain / np.sum(gain)
+    parts = np.sum(weight * variance * _SHARES, axis=1)
+    alone = np.maximum(variance * (1.0 - _SHARES) - stated, 0.0) / max(1.0 - stated, 1e-12)
+    own = 1.0 - probability + float(np.sum(weight * alone))
+    return SlowNoise(own, tuple(parts.tolist()), tuple(times.tolist()), probability)
 
 
 def _likelihood(
@@ -131,12 +196,13 @@ def slow_part(
     if noise.alike == 0.0:
         return np.zeros_like(covariance)
     design, residual = problem.rows(coefficients)
-    rows = len(residual) // problem.num_dwells
+    rows = _kept(problem, len(residual) // problem.num_dwells)
     alike = sum(
         part * kernel_of(problem, rows, time)
         for part, time in zip(noise.parts, noise.times, strict=True)
     )
-    by_dwell = (design @ covariance).reshape(problem.num_dwells, rows, -1)
+    moved_by = (design @ covariance).reshape(problem.num_dwells, -1, len(covariance))
+    by_dwell = moved_by[:, :rows]
     moved = np.einsum("nm,mru->nru", alike, by_dwell)
     found = np.einsum("nru,nrv->uv", by_dwell, moved)
     return 0.5 * (found + found.T)

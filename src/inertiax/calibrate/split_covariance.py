@@ -1,12 +1,14 @@
 """The fit's covariance, part by part: noise within dwells, scatter between them, the rig's positions and rates.
 
-The weighted least squares has the whitened Jacobian J and the covariance P = (JᵀJ)⁻¹ of its coefficients. Where a
-dwell's covariance is a sum Σ = Σ₁ + Σ₂ + …, whitened by L Lᵀ = Σ, each part passes into the coefficients by
+The weighted least squares has the whitened Jacobian J and the covariance P = (JᵀJ)⁻¹ of its coefficients, to which each
+source gives its share (`covariance_shares`):
 
-    P_s = P (Σ_dwells Jᵀ L⁻¹ Σ_s L⁻ᵀ J) P,     Σ_s P_s = P.
+    P_s = P (Σ_dwells Jᵀ share_s J) P,     Σ_s P_s = P.
 
 Where dwells share errors of their positioning (`procedure.shared_errors`), the whitened rows have the covariance
-V = E + U Uᵀ; P is (JᵀV⁻¹J)⁻¹, V⁻¹J stands in the place of J, and P JᵀV⁻¹U UᵀV⁻¹J P joins the rig's positions.
+V = E + U Uᵀ; P is (JᵀV⁻¹J)⁻¹, V⁻¹J stands in the place of J, and P JᵀV⁻¹U UᵀV⁻¹J P joins the rig's positions. Slow
+noise (`slow_noise`) scales what the device gives and adds its own part; misalignments that are held and, of gyros by
+gravity's turn, the accelerometers' calibration are what the covariance has beyond its rows.
 """
 
 import math
@@ -21,14 +23,21 @@ from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import Curve
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
-from ..reduction.rig_errors import rig_covariance
 from .between_dwell_variance import num_judged
+from .covariance_shares import (
+    given,
+    NOISE as NOISE,
+    OF_THE_DEVICE,
+    POSITION as POSITION,
+    RATE as RATE,
+    SCATTER as SCATTER,
+    shares,
+)
 from .results import TriadResult
-from .slow_noise import slow_part, SlowNoise
+from .slow_noise import slow_part, SlowNoise, within
 
 
-NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
-SLOW, HELD = "slow noise", "held misalignments"
+SLOW, HELD, ACCEL = "slow noise", "held misalignments", "accelerometers' calibration"
 SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
 
 
@@ -46,17 +55,24 @@ class Fit(NamedTuple):
     estimator: AbstractEstimator  # with the scatter between dwells in its weights
     curve: Curve
     covariance: Float[np.ndarray, "unknowns unknowns"]
-    dwells: Dwells  # that have a misfit, the rig's errors in their covariances
+    dwells: Dwells  # that were fitted, the rig's errors in their covariances
     num_rows: int  # of the misfit
     slow: SlowNoise = SlowNoise()  # within the covariance
+    together: bool = False  # with the other triad, whose rows tell of this one, too
 
 
 def fit_of(result: TriadResult) -> Fit:
     """What `split` needs of a triad's result."""
     solution = result.solution
-    covariance = np.asarray(solution.covariance)
-    rows = int(np.size(result.misfit))
-    return Fit(result.estimator, solution.curve, covariance, result.dwells, rows, result.slow_noise)
+    return Fit(
+        result.estimator,
+        solution.curve,
+        np.asarray(solution.covariance),
+        result.dwells if result.fitted is None else result.fitted,
+        int(np.size(result.misfit)),
+        result.slow_noise,
+        solution.method == "together",
+    )
 
 
 def residual_degrees(fit: Fit) -> int:
@@ -66,76 +82,50 @@ def residual_degrees(fit: Fit) -> int:
 
 
 def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
-    """The parts of the fit's covariance; none where it is not that of the triad's own rows alone.
+    """The parts of the fit's covariance; none where both triads were fitted together.
 
-    That is so where both triads were fitted together, and where motions between rests count. The scatter between
-    dwells is what the residuals show beyond the dwells' own noise; being a difference, it is known with
-    ν (s² / (s² + σ²))² degrees of freedom, ν those of the residuals.
+    The scatter between dwells is what the residuals show beyond the dwells' own noise; being a difference, it is known
+    with ν (s² / (s² + σ²))² degrees of freedom, ν those of the residuals.
 
     **Arguments:** `same` is by how much, relative, the parts' sum may differ from the fit's variances.
     """
-    if fit.dwells.motion is not None:
+    if fit.together:
         return ()
     problem = Problem(fit.estimator, fit.curve.basis, fit.dwells)
-    jacobian = problem.at(fit.curve.coefficients).jacobian
-    covariance = fit.covariance
-    slow = np.zeros_like(covariance)
-    held = isinstance(fit.estimator, Invariant) and not fit.estimator.misalignments
-    if fit.slow.alike > 0.0 or held:
-        covariance = scaled_inverse(problem.normal(jacobian))
-        slow = slow_part(problem, np.asarray(fit.curve.coefficients), covariance, fit.slow)
-    again = fit.slow.own * (covariance @ problem.normal(jacobian) @ covariance) + slow
-    beyond = fit.covariance - again  # what `held_misalignments` adds
-    if not held and not np.allclose(
-        np.diagonal(again), np.diagonal(fit.covariance), rtol=same, atol=0.0
-    ):
-        return ()
-    shares = _shares(fit, rig, jacobian.shape[1])
+    coefficients = np.asarray(fit.curve.coefficients)
+    jacobian = problem.at(coefficients).jacobian
+    beyond = _beyond(fit)
+    alone = fit.slow.alike == 0.0 and beyond is None
+    covariance = fit.covariance if alone else scaled_inverse(problem.normal(jacobian))
     # V⁻¹J, where dwells share errors; else V is the identity.
     design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
-    by_dwell, parts = design.reshape(*jacobian.shape[:2], -1), []
-    for source, share in shares.items():
-        moved = np.einsum("nsr,nru->nsu", _root(share), by_dwell).reshape(-1, len(covariance))
-        inner = moved.T @ moved
+    parts = []
+    for source, share in shares(fit.estimator, fit.dwells, rig, jacobian.shape[1]).items():
+        own = given(problem, share, design, covariance)
+        if source in OF_THE_DEVICE and fit.slow.alike > 0.0:
+            part = given(problem, within(problem, share), design, covariance)
+            own = own + (fit.slow.own - 1.0) * part
         if source == POSITION and problem.shared is not None:
-            together = problem.shared.signatures.T @ design
-            inner = inner + together.T @ together
-        own = fit.slow.own * (covariance @ inner @ covariance)
-        parts.append(Part(source, _degrees(source, fit, share), 0.5 * (own + own.T)))
+            moved = problem.shared.signatures.T @ design @ covariance
+            own = own + moved.T @ moved
+        parts.append(Part(source, _degrees(source, fit, share), own))
+    slow = slow_part(problem, coefficients, covariance, fit.slow)
     parts.append(Part(SLOW, float(max(residual_degrees(fit), 1)), slow))
-    parts.append(Part(HELD, np.inf, beyond if held else np.zeros_like(beyond)))
+    left = fit.covariance - sum(p.covariance for p in parts)
+    off = np.diagonal(left) / np.diagonal(fit.covariance)
+    if np.any(off < -same) or (beyond is None and np.any(off > same)):
+        return ()
+    if beyond is not None:
+        parts.append(Part(beyond, math.inf, left))
     return tuple(p for p in parts if np.any(np.diagonal(p.covariance) > 0.0))
 
 
-def _shares(fit: Fit, rig: Rig, rows: int) -> dict[str, Float[np.ndarray, "dwells rows rows"]]:
-    """Each source's covariance of a dwell's rows, whitened with all of them: together they are the identity."""
-    triad, dwells = fit.estimator.triad, fit.dwells
-    given = np.asarray(getattr(dwells, f"{triad}_covariance"), float)
-    variance = float(np.asarray(fit.estimator.scatter)) ** 2
-    parts = {NOISE: given, SCATTER: np.broadcast_to(variance * np.eye(3), given.shape)}
-    reference = getattr(dwells, f"reference_{triad}")
-    if reference is not None:
-        u = np.asarray(reference, float)
-        angle = rig.position_uncertainty or 0.0
-        alone = 1.0 if dwells.shared_angle is None else np.asarray(dwells.shared_angle) == 0.0
-        position = rig_covariance(u, angle * np.broadcast_to(alone, len(u)))
-        rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
-        parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)
-        parts[NOISE] = given - parts[POSITION] - parts[RATE]
-    if rows == 1:  # along the output only
-        output = np.asarray(getattr(dwells, triad), float)
-        unit = output / np.linalg.norm(output, axis=1, keepdims=True)
-        parts = {
-            k: np.einsum("ni,nij,nj->n", unit, c, unit)[:, None, None] for k, c in parts.items()
-        }
-    root = np.linalg.inv(np.linalg.cholesky(sum(parts.values())))
-    return {k: root @ c @ np.swapaxes(root, 1, 2) for k, c in parts.items()}
-
-
-def _root(share: Float[np.ndarray, "dwells rows rows"]) -> Float[np.ndarray, "dwells rows rows"]:
-    """R with RᵀR = share, for shares that may be singular."""
-    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
-    return np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+def _beyond(fit: Fit) -> str | None:
+    """What the covariance has that is not of the fit's own rows."""
+    if fit.dwells.motion is not None:
+        return ACCEL
+    held = isinstance(fit.estimator, Invariant) and not fit.estimator.misalignments
+    return HELD if held else None
 
 
 def _degrees(source: str, fit: Fit, share: Float[np.ndarray, "dwells rows rows"]) -> float:

@@ -8,7 +8,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..calibrate.slow_noise import slow_noise_of, slow_part, SlowNoise
+from ..calibrate import slow_noise
+from ..calibrate.slow_noise import SlowNoise
 from ..calibrate.split_covariance import Fit, Part, residual_degrees, split
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator
@@ -36,22 +37,19 @@ def source_columns(
 
 
 def with_slow_noise(
-    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, fit: FleetFit
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, fit: FleetFit, rig: Rig
 ) -> FleetFit:
     """The fit with the slow noise that each device's dwells show in its covariance, as `calibrate` has it."""
     covariance, slow = fit.covariance.copy(), [SlowNoise()] * len(fit.valid)
-    if dwells.motion is not None:
-        return fit
     for k in range(len(fit.valid)):
         own = _own(dwells, fit, k)
         if not _solved(own, fit, k):
             continue
         problem = Problem(_weighed(estimator, fit, k), basis, own)
         coefficients = fit.parameters[k].reshape(basis.size, -1)
-        slow[k] = slow_noise_of(problem, coefficients)
-        if slow[k].alike > 0.0:
-            part = slow_part(problem, coefficients, covariance[k], slow[k])
-            covariance[k] = slow[k].own * covariance[k] + part
+        covariance[k], slow[k] = slow_noise.with_slow_noise(
+            problem, coefficients, covariance[k], rig
+        )
     return dataclasses.replace(fit, covariance=covariance, slow=tuple(slow))
 
 

@@ -87,7 +87,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         # A prior's share is no source of the device's own, and beyond some million rows it takes too long.
         by_source = manifest.documented and manifest.exact and manifest.prior is None
         if by_source:
-            fit = with_slow_noise(estimator, basis, mine, fit)
+            fit = with_slow_noise(estimator, basis, mine, fit, Rig(*manifest.rig))
         columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
         if by_source:
             parts = source_columns(estimator, basis, mine, fit, Rig(*manifest.rig))

@@ -8,7 +8,7 @@ there is one root or, where the stated noise explains the residuals already, non
 **Reference:** Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87: 377.
 """
 
-from typing import cast
+from typing import cast, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -16,8 +16,23 @@ from jaxtyping import Float
 from .._typing import AnyArray
 
 
+Freedom = TypeVar("Freedom", float, np.ndarray)
+
+
+def widened(freedom: Freedom) -> Freedom:
+    """ν / (1 + 2/ν), to set the sum to in the place of ν.
+
+    A variance from ν degrees of freedom is known with the relative variance 2/ν. Taken 1 + 2/ν times as large, which is
+    its mean over the posterior distribution, ν / (ν − 2), to first order, it makes intervals with the normal quantile
+    hold what they say: with τ = 0 … 2 s and ν = 6 … 40 those of 95 % hold 93.5 to 97 %, with ν itself 90 to 96 %.
+    """
+    return freedom * freedom / (freedom + 2.0)
+
+
 def excess_deviation(
-    residuals: Float[AnyArray, " rows"], sigmas: Float[AnyArray, " rows"], num_parameters: int
+    residuals: Float[AnyArray, " rows"],
+    sigmas: Float[AnyArray, " rows"],
+    num_parameters: int | float,
 ) -> float:
     """τ of one set of rows, in the unit of the residuals; by SciPy's `brentq`."""
     r2, s2 = np.square(np.asarray(residuals)), np.square(np.asarray(sigmas))

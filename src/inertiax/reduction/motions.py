@@ -27,6 +27,8 @@ class Motions(eqx.Module):
     noise: Float[AnyArray, " *dwell"]  # rad², of the integrated rate about each axis
     valid: Bool[AnyArray, " *dwell"]
     force: Float[AnyArray, "*dwell sample 3"] | None = None  # m/s², compensated, while it moves
+    # rad/s, 1 sigma of the bias between rests, which is within `noise` and the rests' covariances.
+    wander: Float[AnyArray, " *dwell"] | None = None
 
 
 def step_angle(first: Vec3, second: Vec3, step: Scalar | float) -> Float[Array, "3"]:

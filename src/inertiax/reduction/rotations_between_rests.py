@@ -314,9 +314,10 @@ def _gather(
         step=step,
         start_force=accel[before],
         start_covariance=covariance[before],
-        noise=0.5 * (walk + walk[before]) * duration + (wander * duration) ** 2,
+        noise=0.5 * (walk + walk[before]) * duration + (max(wander, _LEAST_SIGMA) * duration) ** 2,
         valid=pairs,
         force=None if force is None else _forces(force, recordings, rests, index),
+        wander=np.full(len(rests), max(wander, _LEAST_SIGMA)),
     )
 
 

@@ -87,7 +87,7 @@ class GravityRotationOnHost(AbstractHostForm):
     ]:
         """L⁻¹ of the rates at rest and of the tilts, none where no motion led to a rest, and the tilts' own sigma."""
         still = whitening(np.asarray(dwells.gyro_covariance), 0.0)
-        covariance = _tilt_covariance(dwells)
+        covariance = tilt_covariance(dwells)
         moved = whitening(covariance, self.scatter)
         moved = np.where(np.asarray(_motion(dwells).valid)[:, None, None], moved, 0.0)
         return still, moved, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -252,7 +252,7 @@ def _suffix_one_by_one(
     return np.moveaxis(products, 0, axis), running
 
 
-def _tilt_covariance(dwells: Dwells) -> Float[np.ndarray, "dwell 2 2"]:
+def tilt_covariance(dwells: Dwells) -> Float[np.ndarray, "dwell 2 2"]:
     """Of the tilt, rad²: both directions (the first one's taken alike about all axes) and the integrated rate."""
     motion = _motion(dwells)
     end = _across_covariance(dwells.accel, dwells.accel_covariance)

@@ -4,7 +4,6 @@ The invariant accelerometer problem has programs of its own; the reference and s
 linear in their parameters, share one.
 """
 
-import functools
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,11 +15,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import chdtri
 
 from ...calibrate.slow_noise import SlowNoise
 from ...estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
-from ...numerics.paule_mandel import batched_excess_deviation
+from ...numerics.paule_mandel import batched_excess_deviation, widened
 from ...physics.temperature import AbstractBasis, Constant
 from ...reduction.dwells import Dwells, with_harmless_padding
 from .invariant import BatchFit, fit_chunks
@@ -307,19 +305,10 @@ def _chi2(square: np.ndarray, variance: np.ndarray) -> Float[np.ndarray, " devic
 def _paule_mandel(
     square: np.ndarray, variance: np.ndarray, dof: np.ndarray, chi2: np.ndarray, known: np.ndarray
 ) -> Float[np.ndarray, " devices"]:
-    """Excess deviation of every device; 0 where χ² is within its 99 % point."""
-    used = np.maximum(dof, 1)
-    quiet = known & (chi2 <= _limits(square.shape[1])[used - 1])
+    """Excess deviation of every device; 0 where χ² is below its expectation (`widened`)."""
+    freedom = widened(np.maximum(dof, 1).astype(float))
     scatter = np.zeros(len(dof))
-    noisy = np.flatnonzero(~quiet & (dof > 0))
+    noisy = np.flatnonzero(~(known & (chi2 <= freedom)) & (dof > 0))
     if len(noisy):
-        scatter[noisy] = batched_excess_deviation(
-            square[noisy], variance[noisy], used[noisy].astype(float)
-        )
+        scatter[noisy] = batched_excess_deviation(square[noisy], variance[noisy], freedom[noisy])
     return scatter
-
-
-@functools.lru_cache(maxsize=64)
-def _limits(longest: int) -> Float[np.ndarray, " longest"]:
-    """99 % points of χ² for one degree of freedom and more."""
-    return chdtri(np.arange(1, longest + 1), 0.01)

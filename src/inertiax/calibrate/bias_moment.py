@@ -1,0 +1,22 @@
+"""Of what moment a bias' interval speaks, in words, where the device wanders during its log."""
+
+from ..calibration.quantities import rms_text
+from .results import TriadResult
+from .slow_noise import wander
+
+
+_LIKELY = 0.5  # probability of slow noise from which it is said; more likely than not
+_NAMES = {"accel": "accelerometers", "gyro": "gyros"}
+_UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
+
+
+def moment_words(result: TriadResult | None) -> tuple[str, ...]:
+    """One sentence where dwells more likely than not err alike; none else."""
+    if result is None or result.slow_noise.probability < _LIKELY:
+        return ()
+    triad, rows = result.estimator.triad, result.fitted
+    size = wander(result.dwells if rows is None else rows, result.estimator, result.slow_noise)
+    return (
+        f"{_NAMES[triad]}: dwells that follow one another err alike, by {rms_text(_UNITS[triad], size)} (1 sigma); the "
+        "intervals of the biases are those of the device beside such slow noise, and wider than of the log's own mean",
+    )
