@@ -13,7 +13,7 @@ from fleet_data import write_line
 from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREAD
 from inertiax.cli.app import app
 from inertiax.cli.outputs import folder_names
-from inertiax.fleet.overview.recalibration import drift_between
+from inertiax.fleet.overview.recalibration import common_rate_variance, drift_between
 from inertiax.fleet.overview.view import unlike_devices
 from inertiax.fleet.solve.triad_model import curve_covariance, curves, TriadModel
 from inertiax.physics.temperature import Curve, Polynomial
@@ -124,6 +124,17 @@ def test_curves_are_those_of_the_temperature_basis():
             np.testing.assert_allclose(
                 variance[d, t], np.diag(row @ covariance[d] @ row.T), rtol=1e-10
             )
+
+
+def test_a_change_of_the_table_s_rate_alone_is_no_change_of_a_gyro():
+    """By hand: 20 ppm in each run are √2 · 20 ppm of a difference, on scale factors of gyros by reference alone."""
+    names = ("gyro.bias[0]", "gyro.matrix[0,0]", "gyro.matrix[0,1]", "gyro.matrix[2,2]")
+    found = common_rate_variance(names, "reference", [20e-6, 20e-6])
+    np.testing.assert_allclose(
+        np.sqrt(found), [0.0, np.sqrt(2.0) * 20e-6, 0.0, np.sqrt(2.0) * 20e-6]
+    )
+    assert not common_rate_variance(names, "gravity", [20e-6, 20e-6]).any()
+    assert not common_rate_variance(("accel.matrix[0,0]",), "reference", [20e-6]).any()
 
 
 @pytest.mark.slow

@@ -42,7 +42,8 @@ def drift_between(
 ) -> Drift | None:
     """Changes of one triad's parameters from an earlier run to a later one.
 
-    **Arguments:** `temperatures` in °C; default: the lowest, middle and highest that both runs cover.
+    **Arguments:** `temperatures` in °C; default: the lowest, middle and highest that both runs cover. The error of the
+    table's rate is taken as another one in each run and common to all rates of a run, see `common_rate_variance`.
 
     `None` where one of the runs has no such triad, or no device is in both. Raises `ValueError` where the
     runs estimate different parameters or cover no common temperature.
@@ -61,6 +62,8 @@ def drift_between(
     new = [name for name in _names(Path(folder)) if name in old]
     if not new:
         return None
+    rates = [_rate(Path(f)) for f in (earlier, folder)]
+    common = common_rate_variance(after.names, after.estimator, rates)
     first = _at(Path(earlier), triad, before, grid, new)
     second = _at(Path(folder), triad, after, grid, new)
     return Drift(
@@ -68,8 +71,27 @@ def drift_between(
         tuple(new),
         grid,
         second[0] - first[0],
-        np.sqrt(first[1] + second[1]),
+        np.sqrt(first[1] + second[1] + common),
     )
+
+
+def _rate(folder: Path) -> float:
+    """The stated uncertainty of the table's rate in a run, a part of it, 1 sigma."""
+    manifest = read_manifest(folder)
+    return 0.0 if manifest is None else manifest.rig[1]
+
+
+def common_rate_variance(
+    names: Sequence[str], estimator: str, rates: Sequence[float]
+) -> Float[np.ndarray, " parameter"]:
+    """Variance that errors of the rate, common to all rates of a run, give to a change of each parameter.
+
+    An error ρ of all rates is one of all scale factors of gyros that are calibrated by reference, ρ E to first order;
+    `rates` are the stated ρ of the runs. Estimates have it as drawn anew for each rate in their covariance.
+    """
+    scale = [name.startswith("gyro.matrix") and name[-4] == name[-2] for name in names]
+    square = float(np.sum(np.square(rates))) if estimator == "reference" else 0.0
+    return np.where(scale, square, 0.0)
 
 
 def _model(folder: Path, triad: str) -> TriadModel | None:
