@@ -1,11 +1,12 @@
 """Two days in one campaign: a gyro bias of each day's own is said with its size, and noise is not."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from hand_log_data import G, hand_log
-from inertiax.calibrate.level_by_recording import levels
+from inertiax.calibrate.level_by_recording import levels, triad_words
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose.wording.scatter import scatter_sentence
@@ -62,6 +63,14 @@ def test_accelerometers_by_their_magnitude_alone_too(apart):
     spread = np.linalg.inv(found.jac.T @ found.jac) * 2.0 * found.cost / (len(means) - 12)
     np.testing.assert_allclose(np.hypot(*error), np.sqrt(np.diag(spread))[9:], rtol=0.05)
     assert "Taken as noise: accelerometers: the biases of the 2" in scatter_sentence(apart)
+
+
+def test_recordings_at_temperatures_of_their_own_tell_no_level(apart):
+    """One a temperature, as in a chamber: a curve over temperature that is too simple would differ, too."""
+    heat = np.where(np.asarray(apart.gyro.dwells.rows)[:, 0] == 0, 10.0, 40.0)
+    assert triad_words(apart.gyro, G) is not None
+    chamber = eqx.tree_at(lambda r: r.dwells.temperature, apart.gyro, heat)
+    assert triad_words(chamber, G) is None
 
 
 def test_days_that_differ_by_noise_alone_are_not():

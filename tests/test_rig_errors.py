@@ -6,7 +6,8 @@ import pytest
 
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
-from inertiax.reduction.rig_errors import rig_covariance
+from inertiax.reduction.dwells import Dwells
+from inertiax.reduction.rig_errors import rig_covariance, with_rig_errors
 
 
 G = 9.81
@@ -88,3 +89,28 @@ def test_a_probe_that_is_off_moves_the_curve_along_its_slope():
         sigma = dict(zip(triad.names, triad.standard_deviations(15.0)))
     assert float(sigma["accel.bias[0]"]) == pytest.approx(1e-3, rel=0.02)
     assert float(sigma["accel.bias[1]"]) < 1e-4
+
+
+def test_pieces_of_one_long_rest_share_its_positioning():
+    """Rest 3 is four dwells: one number for them. Three single rests have their own error in their covariance."""
+    segment = np.array([0, 1, 2, 3, 3, 3, 3])
+    rows = np.stack(
+        [np.zeros(7, int), 100 * np.arange(7), 100 * np.arange(7) + 90, segment], axis=1
+    )
+    up = np.concatenate([9.81 * np.eye(3), np.tile([0.0, 0.0, 9.81], (4, 1))])
+    noise = np.tile(1e-8 * np.eye(3), (7, 1, 1))
+    made = with_rig_errors(
+        Dwells(
+            time=np.arange(7.0), duration=np.full(7, 5.0), count=np.full(7, 90.0), temperature=np.full(7, 20.0),
+            experiment=np.zeros(7, int), position=np.array([0, 1, 2, 2, 2, 2, 2]), valid=np.ones(7, bool),
+            accel=up, accel_covariance=noise, reference_accel=up, rows=rows,
+        ),
+        Rig(position_uncertainty=1e-4),
+    )  # fmt: skip
+    np.testing.assert_array_equal(made.positioning, [-1, -1, -1, 0, 0, 0, 0])
+    np.testing.assert_array_equal(made.shared_angle, [0, 0, 0, 1e-4, 1e-4, 1e-4, 1e-4])
+    # By hand: 1e-4 rad turn 9.81 m/s² by 9.81e-4 across it.
+    np.testing.assert_allclose(
+        np.diagonal(made.accel_covariance[2]), [9.81e-4**2 + 1e-8, 9.81e-4**2 + 1e-8, 1e-8]
+    )
+    np.testing.assert_allclose(made.accel_covariance[3], noise[3])

@@ -36,9 +36,12 @@ def level_words(result: DeviceResult, gravity: float) -> dict[str, str]:
 
 
 def triad_words(estimate: TriadResult | None, gravity: float) -> str | None:
-    """The same of one triad; `None` where recordings differ by no more than chance."""
-    found = None if estimate is None else levels(estimate, gravity)
-    if estimate is None or found is None:
+    """The same of one triad; `None` where recordings differ by no more than chance, or have temperatures of their own:
+    levels could be those of what the curve over temperature leaves out."""
+    if estimate is None or _temperatures_apart(estimate):
+        return None
+    found = levels(estimate, gravity)
+    if found is None:
         return None
     slopes = levels(estimate, gravity, slopes=True)
     triad = estimate.estimator.triad
@@ -56,13 +59,10 @@ def triad_words(estimate: TriadResult | None, gravity: float) -> str | None:
         return "; ".join(said) or None
     between = [excess_deviation(level[:, k] - level[:, k].mean(), error[:, k], 1) for k in range(3)]
     sizes = ", ".join(f"{s * per:.3g}" for s in between)
-    cause = "as each day or switching on has a bias of its own"
-    if _temperatures_apart(estimate):
-        cause += ", or as temperature does what the model leaves out: each recording has temperatures of its own"
     said.append(
         f"{_NAMES[triad]}: the biases of the {len(level)} recordings differ by {sizes} {unit} in x, y, z (1 sigma "
-        f"between recordings), {cause}; the stated bias and its interval are those of their mean, and the bias of one "
-        "switching on is that far from it"
+        f"between recordings), as each day or switching on has a bias of its own; the stated bias and its "
+        "interval are those of their mean, and the bias of one switching on is that far from it"
     )
     return "; ".join(said)
 
@@ -203,10 +203,14 @@ def _of_means(
 
 
 def _temperatures_apart(estimate: TriadResult) -> bool:
-    """Whether no two recordings share a temperature, so that their levels may be those of temperatures."""
+    """Whether no two recordings share a temperature; those without any share theirs."""
+    if estimate.dwells.rows is None:
+        return False
     temperature = np.asarray(estimate.dwells.temperature)
     number = np.asarray(estimate.dwells.rows)[:, 0]
     ranges = sorted(
         (temperature[number == k].min(), temperature[number == k].max()) for k in np.unique(number)
     )
-    return all(high < low for (_, high), (low, _) in zip(ranges[:-1], ranges[1:]))
+    return len(ranges) > 1 and all(
+        high < low for (_, high), (low, _) in zip(ranges[:-1], ranges[1:])
+    )

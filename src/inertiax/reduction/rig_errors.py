@@ -5,7 +5,8 @@ rate that is off by the part ρ scales it:
 
     C = α² (|u|² E − u uᵀ) + ρ² u uᵀ
 
-Plateaus of one positioning (`positionings`) share its angles ε, so that two of them err together:
+Plateaus of one positioning (`positionings`) and the pieces that one long rest is cut into share its angles ε, so that
+two of them err together:
 
     δ_k = ε × u_k = −[u_k]× ε,     cov(δ_j, δ_k) = α² [u_j]× [u_k]×ᵀ
 """
@@ -13,7 +14,7 @@ Plateaus of one positioning (`positionings`) share its angles ε, so that two of
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .._typing import AnyArray
 from ..data.recording import Rig
@@ -49,19 +50,22 @@ def turned_by(reference: Float[AnyArray, "*dwell 3"]) -> Float[AnyArray, "*dwell
 def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
     """The dwells with the errors of their reference in the covariances of their means; any leading axes.
 
-    Plateaus that share their positioning say so in `positioning` and have its standard deviation in `shared_angle`:
+    Dwells that share their positioning say so in `positioning` and have its standard deviation in `shared_angle`:
     the covariance of their own mean is without it.
     """
     angle, rate = rig.position_uncertainty or 0.0, rig.rate_uncertainty or 0.0
     own_angle: float | np.ndarray = angle
-    if angle and dwells.reference_gyro is not None:
-        force = known_force(dwells.reference_accel, dwells.accel)
-        numbers = shared_positionings(
-            np.asarray(dwells.position),
-            np.asarray(dwells.reference_gyro),
-            None if force is None else np.asarray(force),
-            np.asarray(dwells.valid),
-        )
+    if angle:
+        numbers = np.full(np.shape(dwells.position), -1)
+        if dwells.reference_gyro is not None:
+            force = known_force(dwells.reference_accel, dwells.accel)
+            numbers = shared_positionings(
+                np.asarray(dwells.position),
+                np.asarray(dwells.reference_gyro),
+                None if force is None else np.asarray(force),
+                np.asarray(dwells.valid),
+            )
+        numbers = _with_long_rests(numbers, dwells)
         if np.any(numbers >= 0):
             own_angle = np.where(numbers >= 0, 0.0, angle)
             dwells = eqx.tree_at(
@@ -78,3 +82,19 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
         wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
     return dwells
+
+
+def _with_long_rests(
+    numbers: Int[np.ndarray, "*dwell"], dwells: Dwells
+) -> Int[np.ndarray, "*dwell"]:
+    """The numbers, with one for each rest that is several dwells; as they are where no rows tell rests."""
+    if dwells.rows is None or numbers.ndim != 1:
+        return numbers
+    rest = np.asarray(dwells.valid) & (np.asarray(dwells.position) >= 0) & (numbers < 0)
+    of_rest = np.asarray(dwells.rows)[:, [0, 3]]
+    _, place, count = np.unique(of_rest[rest], axis=0, return_inverse=True, return_counts=True)
+    several = count[place.reshape(-1)] > 1
+    _, renamed = np.unique(place.reshape(-1)[several], return_inverse=True)
+    made = numbers.copy()
+    made[np.flatnonzero(rest)[several]] = numbers.max(initial=-1) + 1 + renamed
+    return made
