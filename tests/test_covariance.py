@@ -25,7 +25,7 @@ from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
 from inertiax.physics.temperature import Curve, Polynomial
 
-runs = 200
+runs = 100
 # The truth's own basis, so that the truth has coefficients to compare with.
 device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))
 basis = device.accel.curve.series.basis
@@ -65,14 +65,14 @@ def monte_carlo():
 
 
 def test_normalised_errors_have_unit_variance(monte_carlo):
-    # 63 parameters over 200 runs: the sum of squares is chi-square with 200 degrees of freedom,
+    # 63 parameters over 100 runs: the sum of squares is chi-square with 100 degrees of freedom,
     # so a parameter's mean square lies within its 1e-5 tails (6e-4 for any of 63 to be outside).
     runs, variance = monte_carlo["runs"], np.array(monte_carlo["variance"])
     low, high = chi2.ppf([1e-5, 1 - 1e-5], runs) / runs
     assert len(variance) == 63
     assert np.all((low < variance) & (variance < high)), (variance.min(), variance.max())
-    # The mean of 63 such squares has a sigma of 0.013 or, as parameters are correlated, somewhat more.
-    assert abs(variance.mean() - 1.0) < 0.05
+    # The mean of 63 such squares has a sigma of 0.018 or, as parameters are correlated, somewhat more.
+    assert abs(variance.mean() - 1.0) < 0.07
 
 
 def test_errors_are_centred(monte_carlo):
@@ -82,8 +82,8 @@ def test_errors_are_centred(monte_carlo):
 
 def test_95_percent_bands_of_the_curves_cover_95_percent(monte_carlo):
     coverage = np.array(monte_carlo["coverage"])
-    # Of 200 curves, each of some five independent stretches, 0.7 % is one sigma: limits 10 % too wide or narrow show.
-    assert np.all(np.abs(coverage - 0.95) < 0.02), coverage
+    # Of 100 curves, each of some five independent stretches, 1 % is one sigma: limits 15 % too wide or narrow show.
+    assert np.all(np.abs(coverage - 0.95) < 0.03), coverage
 
 
 DEMO_SEEDS = """
@@ -98,7 +98,7 @@ from inertiax.simulate.plan import paper_check, PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
 from inertiax.physics.temperature import Curve, Polynomial
 
-runs = 24
+runs = 12
 device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))
 basis = Polynomial(6, -63.0, 68.0)
 estimator = Invariant(gravity=PAPER_GRAVITY)
@@ -148,7 +148,7 @@ print(json.dumps(answer))
 """
 
 
-def test_default_agrees_with_the_thermostatted_set_over_24_seeds():
+def test_default_agrees_with_the_thermostatted_set_over_12_seeds():
     found = json.loads(run_limited(DEMO_SEEDS, seconds=300.0, quick=True))
     for number in ("1", "2"):
         bias, scale = found[number]

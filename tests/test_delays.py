@@ -72,18 +72,18 @@ def test_a_delay_of_two_gyros_is_named_and_sized_and_the_third_left_alone():
 @pytest.mark.slow
 def test_stated_errors_are_those_of_repetitions():
     pulls = []
-    for seed in range(30):
+    for seed in range(20):
         delay = seen(rate_table((2e-3, 2e-3, 2e-3), seed=seed))
         pulls.append((np.asarray(delay.value) - 2e-3) / delay.std)
-    # 90 pulls of a t-distribution with about 20 degrees: a scatter of 1.05 ± 0.08; four of that.
-    assert 0.72 < np.std(pulls) < 1.38
-    assert abs(np.mean(pulls)) < 0.45  # 1.05 / sqrt(90), four of that
+    # 60 pulls of a t-distribution with about 20 degrees: a scatter of 1.05 ± 0.1; four of that.
+    assert 0.65 < np.std(pulls) < 1.45
+    assert abs(np.mean(pulls)) < 0.55  # 1.05 / sqrt(60), four of that
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("curve", [0.0, 2e-3])
 def test_no_delay_is_found_where_there_is_none_even_if_the_scale_factor_bends(curve):
-    delays = [seen(rate_table(curve=curve, seed=seed)) for seed in range(10)]
+    delays = [seen(rate_table(curve=curve, seed=seed)) for seed in range(6)]
     assert all(d.found == () for d in delays)
     with jax.enable_x64(True):
         found = diagnose(rate_table(curve=curve), effects=ALIKE)
@@ -103,7 +103,7 @@ def test_a_coarse_log_has_no_ramps_to_show():
 def test_the_augmented_calibration_takes_the_delay_away(tmp_path):
     campaign = rate_table((4e-3, 4e-3, 4e-3))
     with jax.enable_x64(True):
-        _, calibration = diagnose_campaign(campaign)
+        _, calibration = diagnose_campaign(campaign, effects=ALIKE)
     write_calibration(calibration, tmp_path / "calibration.json")
     stored = json.loads((tmp_path / "calibration.json").read_text())["effects"]
     assert [e["name"] for e in stored] == ["time_delay"] * 3

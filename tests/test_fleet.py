@@ -17,9 +17,17 @@ import pytest
 from scipy.optimize import least_squares
 
 from fleet_data import COLUMNS, GRAVITY, HIGH, LOW, ROWS, SIGMA, simulated_dwells, write_line
-from hard_limit import run_limited
+from hard_limit import run_here, run_limited
 from inertiax.estimators import Invariant, ReferenceAccel
-from inertiax.fleet import fit_fleet, fleet_calibration, read_parts, run_fleet, stack_dwells
+from inertiax.fleet import (
+    fit_fleet,
+    fleet_calibration,
+    pipeline,
+    read_parts,
+    run_fleet,
+    stack_dwells,
+)
+from inertiax.fleet.reduce.tasks import split
 from inertiax.numerics.lane_cholesky import inverse_blocks, invert_lanes
 from inertiax.physics.temperature import Constant, Polynomial
 from inertiax.procedure.thermal_iterations import joint_fit
@@ -92,10 +100,9 @@ def test_constant_parameters_are_scipys():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degree", [0, 2])
-def test_batched_fit_is_the_joint_fit(degree):
-    devices, _ = simulated_dwells(degree, 5)
-    basis = Polynomial(degree, LOW, HIGH) if degree else Constant()
+def test_batched_fit_over_temperature_is_the_joint_fit():
+    devices, _ = simulated_dwells(2, 5)
+    basis = Polynomial(2, LOW, HIGH)
     fit = fit_fleet(Invariant(GRAVITY), basis, stack_dwells(devices))
     solve = eqx.filter_jit(lambda d, s: joint_fit(Invariant(GRAVITY, scatter=s), basis, d))
     for k, d in enumerate(devices):
@@ -189,10 +196,9 @@ def test_single_precision_is_refused_to_other_estimators():
 @pytest.mark.slow
 def test_every_chunk_of_any_size_is_solved_in_double_precision_whatever_jax_is_set_to():
     """A Dask worker has JAX's defaults, and the chunks of a solve run in threads of their own; none may hang."""
-    out = run_limited(
+    out = run_here(
         """
-import sys; sys.path.insert(0, "tests")
-jax.config.update("jax_enable_x64", False)
+import numpy as np
 from fleet_data import simulated_dwells
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_fleet, stack_dwells
@@ -206,6 +212,7 @@ last = fit_fleet(Invariant(9.815), Constant(), stack_dwells(devices[297:300]))
 print(float(np.abs(fits[300].parameters[-3:] - last.parameters).max()))
 """,
         seconds=300,
+        wide=False,
     )
     assert float(out) < 1e-14
 
@@ -216,14 +223,31 @@ def line(tmp_path_factory):
     return folder, write_line(folder, 14)
 
 
+@pytest.fixture(scope="module")
+def whole(line, tmp_path_factory):
+    """An undisturbed run, and what it says of itself."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    return out, run_fleet(line[0], out)
+
+
+@pytest.fixture(scope="module")
+def by_device(line, tmp_path_factory):
+    """The table of a run with a task for each device."""
+    out = tmp_path_factory.mktemp("by-device") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pipeline, "split", lambda files, columns: split(files, columns, rows=1))
+        run_fleet(line[0], out, workers=1)
+    return read_parts(out).collect().sort("device")
+
+
 @pytest.mark.slow
-def test_raw_rows_to_calibrations_within_their_uncertainty(line, tmp_path):
-    folder, truth = line
-    summary = run_fleet(folder, tmp_path / "out")
+def test_raw_rows_to_calibrations_within_their_uncertainty(line, whole):
+    _, truth = line
+    out, summary = whole
     assert (summary.devices, summary.calibrated) == (14, 14)
     squares = []
     for name, coefficients in truth.items():
-        found = fleet_calibration(tmp_path / "out", name).accel
+        found = fleet_calibration(out, name).accel
         assert found is not None
         low, high = found.curve.basis.low, found.curve.basis.high
         # The true curves in the fitted basis: a straight line has one form in both.
@@ -289,12 +313,10 @@ def test_what_is_wrong_with_the_files_is_said_in_one_line(line, tmp_path, change
 
 
 @pytest.mark.slow
-def test_a_folder_with_another_run_is_refused(line, tmp_path):
-    folder, _ = line
-    run_fleet(folder, tmp_path / "out")
+def test_a_folder_with_another_run_is_refused(whole, tmp_path):
     write_line(tmp_path / "other", 3)
     with pytest.raises(ValueError, match="holds a run over other files"):
-        run_fleet(tmp_path / "other", tmp_path / "out")
+        run_fleet(tmp_path / "other", whole[0])
 
 
 KILLED = """
@@ -309,20 +331,19 @@ run.run_fleet(sys.argv[1], sys.argv[2], workers=1)
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
-    """Kill −9 at several moments; every device is there once, as in an undisturbed run."""
+def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, by_device, tmp_path):
+    """Kill −9 at two moments; every device is there once, as in an undisturbed run."""
     folder, truth = line
-    # Code with callbacks is not kept. The first run keeps all that there is, so no kill meets a program half written.
+    # Code with callbacks is not kept.
     environment = {**os.environ, "EQX_ON_ERROR": "nan"}
 
     def start(out: Path) -> subprocess.Popen:
         command = [sys.executable, "-c", KILLED, str(folder), str(out)]
         return subprocess.Popen(command, env=environment)
 
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert start(whole).wait(timeout=240) == 0
+    broken = tmp_path / "broken"
     kills = 0
-    for already in (0, 2, 5, 9):
+    for already in (0, 5):
         process = start(broken)
         deadline = time.monotonic() + 240
         while process.poll() is None and len(list(broken.glob("parts/part-*"))) <= already:
@@ -331,17 +352,16 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, tmp_path):
         kills += process.poll() is None
         process.send_signal(signal.SIGKILL)
         process.wait()
-    assert kills >= 3
+    assert kills >= 1  # the second may come when all is done
     assert start(broken).wait(timeout=240) == 0
-    tables = [read_parts(f).collect().sort("device") for f in (whole, broken)]
-    assert tables[1].get_column("device").to_list() == sorted(truth)
-    assert tables[0].equals(tables[1])
+    table = read_parts(broken).collect().sort("device")
+    assert table.get_column("device").to_list() == sorted(truth)
+    assert table.equals(by_device)
 
 
 @pytest.mark.slow
-def test_worker_processes_give_the_same_table(line, tmp_path):
+def test_worker_processes_give_the_same_table(line, whole, tmp_path):
     folder, _ = line
-    run_fleet(folder, tmp_path / "here")
     out = run_limited(
         f"""
 from inertiax.fleet import run_fleet
@@ -351,7 +371,7 @@ if __name__ == "__main__":
         seconds=240,
     )
     assert out.endswith("14\n")
-    tables = [read_parts(tmp_path / f).collect().sort("device") for f in ("here", "there")]
+    tables = [read_parts(f).collect().sort("device") for f in (whole[0], tmp_path / "there")]
     assert tables[0].equals(tables[1])
 
 
@@ -363,7 +383,6 @@ import inertiax.fleet.reduce.tasks as tasks
 if __name__ == "__main__":
     whole = tasks.split
     run.split = lambda files, columns: whole(files, columns, rows=1)  # a task for each device
-    run.run_fleet(sys.argv[1], sys.argv[2], workers=1)
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         killed = []
 
@@ -372,23 +391,23 @@ if __name__ == "__main__":
                 killed.append(next(iter(cluster.workers.values())).pid)
                 os.kill(killed[-1], signal.SIGKILL)
 
-        run.run_fleet(sys.argv[1], sys.argv[3], scheduler=cluster.scheduler_address, progress=progress)
+        run.run_fleet(sys.argv[1], sys.argv[2], scheduler=cluster.scheduler_address, progress=progress)
         print(len(set(killed)))
 """
 
 
 @pytest.mark.slow
-def test_killed_dask_workers_leave_the_table_as_it_is(line, tmp_path):
+def test_killed_dask_workers_leave_the_table_as_it_is(line, by_device, tmp_path):
     """Kill −9 of the only worker, twice, while it is at a task."""
     folder, truth = line
-    folders = [str(tmp_path / f) for f in ("whole", "broken")]
-    command = [sys.executable, "-c", WORKERS_KILLED, str(folder), *folders]
+    broken = tmp_path / "broken"
+    command = [sys.executable, "-c", WORKERS_KILLED, str(folder), str(broken)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout == "2\n"
-    tables = [read_parts(f).collect().sort("device") for f in folders]
-    assert tables[1].get_column("device").to_list() == sorted(truth)
-    assert tables[0].equals(tables[1])
+    table = read_parts(broken).collect().sort("device")
+    assert table.get_column("device").to_list() == sorted(truth)
+    assert table.equals(by_device)
 
 
 @pytest.mark.slow

@@ -1,9 +1,8 @@
 """The package reads from the top down: a folder imports only from folders above it, and nothing in circles."""
 
 import ast
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 import inertiax
 
@@ -35,12 +34,23 @@ def _name(path: Path) -> str:
 FILES = {_name(p): p for p in sorted(SOURCE.rglob("*.py")) if p != SOURCE / "__init__.py"}
 
 
+@cache
+def _text(name: str) -> str:
+    return FILES[name].read_text(encoding="utf-8")
+
+
+@cache
+def _tree(name: str) -> ast.AST:
+    return ast.parse(_text(name))
+
+
+@cache
 def _imported(name: str) -> set[str]:
     """Modules of the package that a file imports, at import time or later."""
     path = FILES[name]
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(name)):
         if not isinstance(node, ast.ImportFrom):
             continue
         if node.level:
@@ -56,31 +66,32 @@ def _imported(name: str) -> set[str]:
     return found - {name, ""}
 
 
-GRAPH = {name: _imported(name) for name in FILES}
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_imports_only_from_folders_above(name):
-    folder = name.split(".")[0]
-    assert folder in FOLDERS, f"list '{folder}' in FOLDERS and in docs/explanation/design.md"
-    allowed = FOLDERS[: FOLDERS.index(folder) + 1]
-    assert not [m for m in GRAPH[name] if m.split(".")[0] not in allowed]
+def test_imports_only_from_folders_above():
+    found = []
+    for name in FILES:
+        folder = name.split(".")[0]
+        assert folder in FOLDERS, f"list '{folder}' in FOLDERS and in docs/explanation/design.md"
+        allowed = FOLDERS[: FOLDERS.index(folder) + 1]
+        found += [f"{name}: {m}" for m in _imported(name) if m.split(".")[0] not in allowed]
+    assert not found
 
 
 def _stage(name: str) -> str:
     return (name.split(".") + ["__init__"])[1]
 
 
-@pytest.mark.parametrize("name", [n for n in FILES if n.split(".")[0] in STAGES])
-def test_imports_only_from_stages_above(name):
-    folder = name.split(".")[0]
-    order = STAGES[folder]
-    if _stage(name) == "__init__":
-        return
-    assert _stage(name) in order, f"list '{_stage(name)}' in STAGES['{folder}']"
-    allowed = order[: order.index(_stage(name)) + 1]
-    inside = [m for m in GRAPH[name] if m.split(".")[0] == folder]
-    assert not [m for m in inside if _stage(m) not in allowed]
+def test_imports_only_from_stages_above():
+    found = []
+    for name in FILES:
+        folder = name.split(".")[0]
+        if folder not in STAGES or _stage(name) == "__init__":
+            continue
+        order = STAGES[folder]
+        assert _stage(name) in order, f"list '{_stage(name)}' in STAGES['{folder}']"
+        allowed = order[: order.index(_stage(name)) + 1]
+        inside = [m for m in _imported(name) if m.split(".")[0] == folder]
+        found += [f"{name}: {m}" for m in inside if _stage(m) not in allowed]
+    assert not found
 
 
 def test_no_module_is_imported_in_a_circle():
@@ -89,11 +100,11 @@ def test_no_module_is_imported_in_a_circle():
     def visit(name: str, path: tuple[str, ...]) -> None:
         assert name not in path, " -> ".join((*path[path.index(name) :], name))
         if name not in done:
-            for other in sorted(GRAPH.get(name, ())):
+            for other in sorted(_imported(name) if name in FILES else ()):
                 visit(other, (*path, name))
             done.add(name)
 
-    for name in sorted(GRAPH):
+    for name in sorted(FILES):
         visit(name, ())
 
 
@@ -101,17 +112,15 @@ def test_no_module_is_imported_in_a_circle():
 LOADED_LATER = {"calibration.drawn": "inertiax.plots.calibration"}
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_only_what_is_listed_is_loaded_by_name(name):
-    strings = {
-        n.value
-        for n in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8")))
-        if isinstance(n, ast.Constant) and isinstance(n.value, str)
-    }
-    modules = {f"inertiax.{m}" for m in FILES}
-    loads = "import_module" in FILES[name].read_text(encoding="utf-8")
-    found = strings & modules if loads else set()
-    assert found == ({LOADED_LATER[name]} if name in LOADED_LATER else set())
+def test_only_what_is_listed_is_loaded_by_name():
+    modules, found = {f"inertiax.{m}" for m in FILES}, {}
+    for name in FILES:
+        if "import_module" not in _text(name):
+            continue
+        constants = [n.value for n in ast.walk(_tree(name)) if isinstance(n, ast.Constant)]
+        for loaded in modules & {c for c in constants if isinstance(c, str)}:
+            found[name] = loaded
+    assert found == LOADED_LATER
 
 
 def test_every_listed_folder_is_described():
@@ -120,19 +129,20 @@ def test_every_listed_folder_is_described():
         assert f"| `{folder}`" in design or f"| `{folder}/`" in design, folder
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_only_plots_import_matplotlib_and_only_cli_configures_jax(name):
-    text = FILES[name].read_text(encoding="utf-8")
-    folder = name.split(".")[0]
-    if folder != "plots":
-        assert "matplotlib" not in {n.split(".")[0] for n in _absolute_imports(text)}
-    if folder != "cli":
-        assert "jax.config.update" not in text
+def test_only_plots_import_matplotlib_and_only_cli_configures_jax():
+    found = []
+    for name in FILES:
+        folder, absolute = name.split(".")[0], _absolute_imports(_tree(name))
+        if folder != "plots" and "matplotlib" in {n.split(".")[0] for n in absolute}:
+            found.append(f"{name} imports matplotlib")
+        if folder != "cli" and "jax.config.update" in _text(name):
+            found.append(f"{name} configures JAX")
+    assert not found
 
 
-def _absolute_imports(text: str) -> set[str]:
+def _absolute_imports(tree: ast.AST) -> set[str]:
     names: set[str] = set()
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {a.name for a in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:

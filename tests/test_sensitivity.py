@@ -32,7 +32,7 @@ pytestmark = pytest.mark.slow
 
 
 ARCSEC = np.deg2rad(1.0 / 3600.0)
-RUNS = 4000
+RUNS = 1500
 
 
 class Bench:
@@ -142,11 +142,11 @@ def test_predicted_deviation_of_each_source_is_the_simulated_one(name, monte_car
     predicted, observed = monte_carlo[name]
     units = np.tile(UNITS if len(predicted) == 18 else [1.0] * 3 + [PAPER_GRAVITY] * 9, 2)
     predicted, observed = units * predicted, units * observed
-    # 4000 runs know a deviation to 1.1 %, so 5 % are 4.5 of these. What is below a thousandth of the
+    # 1500 runs know a deviation to 1.8 %, so 8 % are 4.4 of these. What is below a thousandth of the
     # largest effect is second order, and is only asked to be small.
     large = predicted > 1e-3 * predicted.max()
     assert large.any()
-    np.testing.assert_allclose(observed[large], predicted[large], rtol=0.05)
+    np.testing.assert_allclose(observed[large], predicted[large], rtol=0.08)
     assert np.all(observed[~large] < 2e-3 * predicted.max())
 
 

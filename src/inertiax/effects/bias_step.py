@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
+from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, over
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -59,16 +59,8 @@ EFFECT = Effect(
     equation="c H(t - t0)",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (5 * MICRO_G, 100 * MICRO_G),
-            "tactical": (50 * MICRO_G, 2000 * MICRO_G),
-            "consumer": (100 * MICRO_G, 5000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.003 * DEG_PER_HOUR, 0.03 * DEG_PER_HOUR),
-            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
-            "consumer": (5 * DEG_PER_HOUR, 200 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((5, 100), (50, 2000), (100, 5000), unit=MICRO_G),
+        "gyro": by_grade((0.003, 0.03), (1, 20), (5, 200), unit=DEG_PER_HOUR),
     },
     shape=shape,
     in_numpy=True,

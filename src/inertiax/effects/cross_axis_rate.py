@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, Variant
+from .effect import by_grade, Effect, Variant
 from .form_units import per_input, Settings
 from .signal import Signal
 
@@ -42,13 +42,7 @@ EFFECT = Effect(
     title="cross-axis rate sensitivity",
     equation="c w_j w_k",
     units={"gyro": "rad/s/(rad/s)^2"},
-    prior={
-        "gyro": {
-            "navigation": (1e-07, 0.0001),
-            "tactical": (1e-06, 0.001),
-            "consumer": (1e-05, 0.01),
-        }
-    },
+    prior={"gyro": by_grade((1e-07, 0.0001), (1e-06, 0.001), (1e-05, 0.01))},
     shape=shape,
     unit_of_form=_unit,
     in_numpy=True,

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, MICRO_G
+from .effect import by_grade, Effect, fixed, MICRO_G
 from .signal import Signal
 
 
@@ -21,13 +21,7 @@ EFFECT = Effect(
     title="Kip, Kio, Kpo, cross-coupling coefficients (IEEE 1293)",
     equation="Kip f_i f_p + Kio f_i f_o + Kpo f_p f_o",
     units={"accel": "m/s^2/g^2"},
-    prior={
-        "accel": {
-            "navigation": (1 * MICRO_G, 30 * MICRO_G),
-            "tactical": (10 * MICRO_G, 500 * MICRO_G),
-            "consumer": (50 * MICRO_G, 5000 * MICRO_G),
-        }
-    },
+    prior={"accel": by_grade((1, 30), (10, 500), (50, 5000), unit=MICRO_G)},
     shape=shape,
     in_numpy=True,
     variants=fixed(

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import Effect, Variant
+from .effect import any_grade, Effect, Variant
 from .signal import Signal
 
 
@@ -41,7 +41,7 @@ EFFECT = Effect(
     title="dead band, lock-in (IEEE 647)",
     equation="w_out = sign(w) sqrt(w^2 - w_L^2), 0 below w_L",
     units={"gyro": "1"},
-    prior={"gyro": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)}},
+    prior={"gyro": any_grade(0.3, 1.5)},
     shape=shape,
     in_numpy=True,
     variants=variants,

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, inputs, inputs_at
+from .effect import by_grade, Effect, fixed, inputs, inputs_at
 from .form_units import by_what_it_acts_on
 from .moment import Moment, Online
 from .signal import Signal
@@ -43,16 +43,8 @@ EFFECT = Effect(
     equation="c (t - t_m), t_m the middle of the recordings",
     units={"accel": "m/s^2/s", "gyro": "rad/s/s"},
     prior={
-        "accel": {
-            "navigation": (1e-10, 1e-07),
-            "tactical": (1e-09, 1e-06),
-            "consumer": (1e-08, 1e-05),
-        },
-        "gyro": {
-            "navigation": (1e-13, 1e-09),
-            "tactical": (1e-11, 1e-08),
-            "consumer": (1e-10, 1e-07),
-        },
+        "accel": by_grade((1e-10, 1e-07), (1e-09, 1e-06), (1e-08, 1e-05)),
+        "gyro": by_grade((1e-13, 1e-09), (1e-11, 1e-08), (1e-10, 1e-07)),
     },
     shape=shape,
     unit_of_form=by_what_it_acts_on,

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed
+from .effect import any_grade, Effect
 from .signal import Signal
 
 
@@ -18,10 +18,9 @@ EFFECT = Effect(
     title="Earth rate",
     equation="C^T w_E",
     units={"gyro": "1"},
-    prior={"gyro": {"navigation": (0.3, 1.1), "tactical": (0.3, 1.1), "consumer": (0.3, 1.1)}},
+    prior={"gyro": any_grade(0.3, 1.1)},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="rests in positions that turn the Earth rate in the device",
     driver="attitude",
     sentence="Earth's rate is missing from the reference rates.",

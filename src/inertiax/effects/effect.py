@@ -18,7 +18,6 @@ from .signal import Signal
 
 MICRO_G = 9.80665e-6  # m/s²
 DEG_PER_HOUR = 4.84813681e-6  # rad/s
-DEG_PER_SECOND = 1.74532925e-2  # rad/s
 PPM = 1e-6
 
 
@@ -27,6 +26,11 @@ class Variant(eqx.Module):
 
     label: str = eqx.field(static=True)
     settings: Mapping[str, float | int | str] = eqx.field(static=True)
+
+
+def one_form(_: Signal) -> tuple[Variant, ...]:
+    """An effect of one form, without settings."""
+    return (Variant("", {}),)
 
 
 class Effect(eqx.Module):
@@ -48,11 +52,11 @@ class Effect(eqx.Module):
     # By triad and grade: smallest and largest usual coefficient, SI.
     prior: Mapping[str, Mapping[str, tuple[float | int, float | int]]] = eqx.field(static=True)
     shape: Callable[..., Float[AnyArray, "time channels columns"]] = eqx.field(static=True)
-    variants: Callable[[Signal], tuple[Variant, ...]] = eqx.field(static=True)
     needs: str = eqx.field(static=True)  # the excitation, in words
     driver: str = eqx.field(static=True)  # the quantity that drives it
     sentence: str = eqx.field(static=True)  # template with {channels}
     separating: str = eqx.field(static=True)  # the experiment that tells it from its rivals
+    variants: Callable[[Signal], tuple[Variant, ...]] = eqx.field(static=True, default=one_form)
     requires: tuple[str, ...] = eqx.field(static=True, default=())  # fields of the signal
     common: bool = eqx.field(static=True, default=False)
     package: bool = eqx.field(static=True, default=False)  # all channels may have it in one form
@@ -109,6 +113,23 @@ class Effect(eqx.Module):
         if grade is not None and grade in by_grade:
             return by_grade[grade]
         return min(v[0] for v in by_grade.values()), max(v[1] for v in by_grade.values())
+
+
+def by_grade(
+    navigation: tuple[float | int, float | int],
+    tactical: tuple[float | int, float | int],
+    consumer: tuple[float | int, float | int],
+    *,
+    unit: float = 1.0,
+) -> Mapping[str, tuple[float, float]]:
+    """Smallest and largest usual coefficient of each grade, given in a `unit` of SI."""
+    sizes = {"navigation": navigation, "tactical": tactical, "consumer": consumer}
+    return {grade: (low * unit, high * unit) for grade, (low, high) in sizes.items()}
+
+
+def any_grade(low: float, high: float | int) -> Mapping[str, tuple[float, float]]:
+    """The same usual sizes for every grade, SI."""
+    return by_grade((low, high), (low, high), (low, high))
 
 
 def fixed(

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, Variant
 from .signal import Signal
 
 
@@ -30,13 +30,7 @@ EFFECT = Effect(
     title="g2-sensitivity, anisoelasticity (IEEE 517)",
     equation="f^T A f",
     units={"gyro": "rad/s/g^2"},
-    prior={
-        "gyro": {
-            "navigation": (0.001 * DEG_PER_HOUR, 0.1 * DEG_PER_HOUR),
-            "tactical": (0.05 * DEG_PER_HOUR, 5 * DEG_PER_HOUR),
-            "consumer": (1 * DEG_PER_HOUR, 500 * DEG_PER_HOUR),
-        }
-    },
+    prior={"gyro": by_grade((0.001, 0.1), (0.05, 5), (1, 500), unit=DEG_PER_HOUR)},
     shape=shape,
     in_numpy=True,
     variants=variants,

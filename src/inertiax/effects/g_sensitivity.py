@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, Variant
 from .over_temperature import forms_over_temperature, over_temperature
 from .signal import Signal
 
@@ -28,13 +28,7 @@ EFFECT = Effect(
     title="g-sensitivity, mass unbalance (IEEE 517, 1431)",
     equation="D f",
     units={"gyro": "rad/s/g"},
-    prior={
-        "gyro": {
-            "navigation": (0.001 * DEG_PER_HOUR, 10 * DEG_PER_HOUR),
-            "tactical": (0.5 * DEG_PER_HOUR, 30 * DEG_PER_HOUR),
-            "consumer": (10 * DEG_PER_HOUR, 1000 * DEG_PER_HOUR),
-        }
-    },
+    prior={"gyro": by_grade((0.001, 10), (0.5, 30), (10, 1000), unit=DEG_PER_HOUR)},
     shape=shape,
     in_numpy=True,
     variants=variants,

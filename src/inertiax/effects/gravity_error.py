@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed
+from .effect import any_grade, Effect
 from .signal import Signal
 
 
@@ -18,16 +18,9 @@ EFFECT = Effect(
     title="error of the reference gravity",
     equation="(g_true / g_assumed - 1) f",
     units={"accel": "1"},
-    prior={
-        "accel": {
-            "navigation": (1e-07, 0.003),
-            "tactical": (1e-07, 0.003),
-            "consumer": (1e-07, 0.003),
-        }
-    },
+    prior={"accel": any_grade(1e-07, 0.003)},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="a device whose scale factors are known otherwise",
     driver="specific_force",
     sentence="The assumed gravity is wrong.",

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, MICRO_G, over
+from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, over
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -47,16 +47,8 @@ EFFECT = Effect(
     equation="a sin(2 pi f t) + b cos(2 pi f t)",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (1 * MICRO_G, 100 * MICRO_G),
-            "tactical": (5 * MICRO_G, 500 * MICRO_G),
-            "consumer": (20 * MICRO_G, 2000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.001 * DEG_PER_HOUR, 1 * DEG_PER_HOUR),
-            "tactical": (0.5 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
-            "consumer": (5 * DEG_PER_HOUR, 200 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((1, 100), (5, 500), (20, 2000), unit=MICRO_G),
+        "gyro": by_grade((0.001, 1), (0.5, 20), (5, 200), unit=DEG_PER_HOUR),
     },
     shape=shape,
     in_numpy=True,

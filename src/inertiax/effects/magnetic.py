@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
 
@@ -61,16 +61,8 @@ EFFECT = Effect(
     equation="c b; b of unit size, along a field fixed to the room",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (0.5 * MICRO_G, 20 * MICRO_G),
-            "tactical": (5 * MICRO_G, 100 * MICRO_G),
-            "consumer": (10 * MICRO_G, 500 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.005 * DEG_PER_HOUR, 1 * DEG_PER_HOUR),
-            "tactical": (0.1 * DEG_PER_HOUR, 5 * DEG_PER_HOUR),
-            "consumer": (1 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((0.5, 20), (5, 100), (10, 500), unit=MICRO_G),
+        "gyro": by_grade((0.005, 1), (0.1, 5), (1, 100), unit=DEG_PER_HOUR),
     },
     shape=shape,
     in_numpy=True,

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, MICRO_G
+from .effect import by_grade, Effect, MICRO_G
 from .signal import Signal
 
 
@@ -19,16 +19,9 @@ EFFECT = Effect(
     title="Koq, odd quadratic coefficient (IEEE 1293)",
     equation="Koq f |f|",
     units={"accel": "m/s^2/g^2"},
-    prior={
-        "accel": {
-            "navigation": (1 * MICRO_G, 20 * MICRO_G),
-            "tactical": (10 * MICRO_G, 100 * MICRO_G),
-            "consumer": (20 * MICRO_G, 300 * MICRO_G),
-        }
-    },
+    prior={"accel": by_grade((1, 20), (10, 100), (20, 300), unit=MICRO_G)},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="at least three levels of |f| along the axis",
     driver="specific_force",
     sentence="The output of {channels} has an odd quadratic term in specific force.",

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, inputs, Variant
+from .effect import by_grade, Effect, inputs, Variant
 from .signal import Signal
 
 
@@ -51,16 +51,8 @@ EFFECT = Effect(
     equation="theta(t) x f, theta fixed to the room",
     units={"accel": "rad", "gyro": "rad"},
     prior={
-        "accel": {
-            "navigation": (1e-06, 2e-05),
-            "tactical": (1e-06, 5e-05),
-            "consumer": (1e-06, 0.0001),
-        },
-        "gyro": {
-            "navigation": (1e-06, 2e-05),
-            "tactical": (1e-06, 5e-05),
-            "consumer": (1e-06, 0.0001),
-        },
+        "accel": by_grade((1e-06, 2e-05), (1e-06, 5e-05), (1e-06, 0.0001)),
+        "gyro": by_grade((1e-06, 2e-05), (1e-06, 5e-05), (1e-06, 0.0001)),
     },
     shape=shape,
     in_numpy=True,

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed
+from .effect import any_grade, Effect
 from .signal import Signal
 
 
@@ -36,13 +36,9 @@ EFFECT = Effect(
     title="quantisation (IEEE 952)",
     equation="q round(x / q) - x",
     units={"accel": "1", "gyro": "1"},
-    prior={
-        "accel": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)},
-        "gyro": {"navigation": (0.3, 1.5), "tactical": (0.3, 1.5), "consumer": (0.3, 1.5)},
-    },
+    prior={"accel": any_grade(0.3, 1.5), "gyro": any_grade(0.3, 1.5)},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="noise below half a step of the outputs",
     driver="output",
     sentence="The output of {channels} is quantised more coarsely than its noise.",

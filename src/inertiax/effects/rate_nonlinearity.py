@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed
+from .effect import by_grade, Effect, fixed
 from .form_units import Settings
 from .signal import Signal
 
@@ -26,13 +26,7 @@ EFFECT = Effect(
     title="scale-factor nonlinearity (IEEE 952, 1431)",
     equation="c w |w| or c w^3",
     units={"gyro": "rad/s/(rad/s)^n"},
-    prior={
-        "gyro": {
-            "navigation": (1e-07, 5e-05),
-            "tactical": (1e-06, 0.0005),
-            "consumer": (1e-05, 0.005),
-        }
-    },
+    prior={"gyro": by_grade((1e-07, 5e-05), (1e-06, 0.0005), (1e-05, 0.005))},
     shape=shape,
     unit_of_form=_unit,
     in_numpy=True,

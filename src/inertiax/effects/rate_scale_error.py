@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed
+from .effect import by_grade, Effect
 from .signal import Signal
 
 
@@ -18,16 +18,9 @@ EFFECT = Effect(
     title="rate or clock error (IEEE 1554)",
     equation="eps w",
     units={"gyro": "1"},
-    prior={
-        "gyro": {
-            "navigation": (1e-06, 5e-05),
-            "tactical": (1e-06, 0.001),
-            "consumer": (1e-05, 0.02),
-        }
-    },
+    prior={"gyro": by_grade((1e-06, 5e-05), (1e-06, 0.001), (1e-05, 0.02))},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="gyros whose scale factors are known otherwise",
     driver="rate",
     sentence="The table's rate or the clock is wrong by the same part on all axes.",

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import Effect, inputs, Variant
+from .effect import any_grade, Effect, inputs, Variant
 from .signal import Signal
 
 
@@ -39,10 +39,7 @@ EFFECT = Effect(
     title="saturation",
     equation="clip(f, -L, L) - f",
     units={"accel": "1", "gyro": "1"},
-    prior={
-        "accel": {"navigation": (0.0001, 1), "tactical": (0.0001, 1), "consumer": (0.0001, 1)},
-        "gyro": {"navigation": (0.0001, 1), "tactical": (0.0001, 1), "consumer": (0.0001, 1)},
-    },
+    prior={"accel": any_grade(0.0001, 1), "gyro": any_grade(0.0001, 1)},
     shape=shape,
     in_numpy=True,
     variants=variants,

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, MICRO_G
+from .effect import by_grade, Effect, MICRO_G
 from .signal import Signal
 
 
@@ -19,20 +19,11 @@ EFFECT = Effect(
     equation="c |f| or c |w|; c = (K+ - K-)/2, half the difference of the two signs",
     units={"accel": "m/s^2/g", "gyro": "(rad/s)/(rad/s)"},
     prior={
-        "accel": {
-            "navigation": (5 * MICRO_G, 100 * MICRO_G),
-            "tactical": (50 * MICRO_G, 1000 * MICRO_G),
-            "consumer": (200 * MICRO_G, 3000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (1e-06, 5e-05),
-            "tactical": (1e-05, 0.0005),
-            "consumer": (0.0001, 0.003),
-        },
+        "accel": by_grade((5, 100), (50, 1000), (200, 3000), unit=MICRO_G),
+        "gyro": by_grade((1e-06, 5e-05), (1e-05, 0.0005), (0.0001, 0.003)),
     },
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="both signs of the input at several levels",
     driver="input",
     sentence="The scale factor of {channels} differs between positive and negative input.",

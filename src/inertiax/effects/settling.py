@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .form_units import per_input, Settings
 from .moment import Moment, Online
 from .signal import Signal
@@ -83,16 +83,8 @@ EFFECT = Effect(
     equation="c s exp(-t_s / tau); t_s since the move, s = 1 or the change of the input",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (1 * MICRO_G, 50 * MICRO_G),
-            "tactical": (5 * MICRO_G, 200 * MICRO_G),
-            "consumer": (10 * MICRO_G, 500 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.001 * DEG_PER_HOUR, 0.1 * DEG_PER_HOUR),
-            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
-            "consumer": (5 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((1, 50), (5, 200), (10, 500), unit=MICRO_G),
+        "gyro": by_grade((0.001, 0.1), (1, 20), (5, 100), unit=DEG_PER_HOUR),
     },
     shape=shape,
     unit_of_form=_unit,

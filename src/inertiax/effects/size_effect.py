@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, gradient
+from .effect import by_grade, Effect, gradient
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -50,12 +50,9 @@ EFFECT = Effect(
     title="size effect, inner lever arms",
     equation="w x (w x r) + dw/dt x r",
     units={"accel": "m"},
-    prior={
-        "accel": {"navigation": (0.001, 0.1), "tactical": (0.001, 0.05), "consumer": (0.0005, 0.02)}
-    },
+    prior={"accel": by_grade((0.001, 0.1), (0.001, 0.05), (0.0005, 0.02))},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="accelerometer rows while the table turns",
     driver="rate",
     sentence="The sensing element of {channels} sits a lever arm away from the centre of rotation.",

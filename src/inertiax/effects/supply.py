@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .signal import Signal
 
 
@@ -29,16 +29,8 @@ EFFECT = Effect(
     equation="c dV",
     units={"accel": "m/s^2/V", "gyro": "rad/s/V"},
     prior={
-        "accel": {
-            "navigation": (1 * MICRO_G, 20 * MICRO_G),
-            "tactical": (10 * MICRO_G, 200 * MICRO_G),
-            "consumer": (100 * MICRO_G, 2000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.001 * DEG_PER_HOUR, 0.1 * DEG_PER_HOUR),
-            "tactical": (0.1 * DEG_PER_HOUR, 5 * DEG_PER_HOUR),
-            "consumer": (1 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((1, 20), (10, 200), (100, 2000), unit=MICRO_G),
+        "gyro": by_grade((0.001, 0.1), (0.1, 5), (1, 100), unit=DEG_PER_HOUR),
     },
     shape=shape,
     in_numpy=True,

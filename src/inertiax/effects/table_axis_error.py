@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, inputs, Variant
+from .effect import by_grade, Effect, inputs, Variant
 from .signal import Signal
 
 
@@ -63,16 +63,8 @@ EFFECT = Effect(
     equation="d(phi) = a cos phi + b sin phi + ...",
     units={"accel": "rad", "gyro": "rad"},
     prior={
-        "accel": {
-            "navigation": (5e-06, 0.0002),
-            "tactical": (2e-05, 0.001),
-            "consumer": (0.0001, 0.005),
-        },
-        "gyro": {
-            "navigation": (5e-06, 0.0002),
-            "tactical": (2e-05, 0.001),
-            "consumer": (0.0001, 0.005),
-        },
+        "accel": by_grade((5e-06, 0.0002), (2e-05, 0.001), (0.0001, 0.005)),
+        "gyro": by_grade((5e-06, 0.0002), (2e-05, 0.001), (0.0001, 0.005)),
     },
     shape=shape,
     in_numpy=True,

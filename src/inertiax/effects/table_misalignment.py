@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, inputs
+from .effect import by_grade, Effect, inputs
 from .signal import Signal
 
 
@@ -24,20 +24,11 @@ EFFECT = Effect(
     equation="theta x f",
     units={"accel": "rad", "gyro": "rad"},
     prior={
-        "accel": {
-            "navigation": (5e-06, 0.001),
-            "tactical": (1e-05, 0.005),
-            "consumer": (0.0001, 0.02),
-        },
-        "gyro": {
-            "navigation": (5e-06, 0.001),
-            "tactical": (1e-05, 0.005),
-            "consumer": (0.0001, 0.02),
-        },
+        "accel": by_grade((5e-06, 0.001), (1e-05, 0.005), (0.0001, 0.02)),
+        "gyro": by_grade((5e-06, 0.001), (1e-05, 0.005), (0.0001, 0.02)),
     },
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="a reference, and a model without misalignments of its own",
     driver="attitude",
     sentence="The device stands on the table with a small constant rotation.",

@@ -4,19 +4,15 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import chebyshev, DEG_PER_HOUR, Effect, inputs, MICRO_G, Variant
+from .effect import by_grade, chebyshev, DEG_PER_HOUR, Effect, inputs, MICRO_G, Variant
 from .form_units import by_what_it_acts_on
 from .signal import Signal
 
 
-ON = {"bias": 0, "scale": 1, "misalignment": 2}
-
-
-def shape(signal: Signal, *, terms: int, on: str) -> Float[AnyArray, "time channels columns"]:
-    """Chebyshev terms of degree d + 1 … d + terms, on the bias, or times the input along or across the axis."""
-    order = range(signal.degree + 1, signal.degree + 1 + terms)
+def of_orders(signal: Signal, orders: range, on: str) -> Float[AnyArray, "time channels columns"]:
+    """Chebyshev terms of these degrees, on the bias, or times the input along or across the axis."""
     curve = xp.stack(
-        [chebyshev(xp.asarray(signal.temperature), k, signal.low, signal.high) for k in order],
+        [chebyshev(xp.asarray(signal.temperature), k, signal.low, signal.high) for k in orders],
         axis=-1,
     )
     if on == "bias":
@@ -25,6 +21,11 @@ def shape(signal: Signal, *, terms: int, on: str) -> Float[AnyArray, "time chann
     if on == "scale":
         return scaled
     return xp.concatenate([xp.roll(scaled, -1, axis=1), xp.roll(scaled, -2, axis=1)], axis=2)
+
+
+def shape(signal: Signal, *, terms: int, on: str) -> Float[AnyArray, "time channels columns"]:
+    """Terms of degree d + 1 … d + terms."""
+    return of_orders(signal, range(signal.degree + 1, signal.degree + 1 + terms), on)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -41,16 +42,8 @@ EFFECT = Effect(
     equation="c_k T_k(x), k > degree; x temperature scaled to [-1, 1]",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (5 * MICRO_G, 50 * MICRO_G),
-            "tactical": (50 * MICRO_G, 500 * MICRO_G),
-            "consumer": (200 * MICRO_G, 3000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.002 * DEG_PER_HOUR, 0.02 * DEG_PER_HOUR),
-            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
-            "consumer": (5 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((5, 50), (50, 500), (200, 3000), unit=MICRO_G),
+        "gyro": by_grade((0.002, 0.02), (1, 20), (5, 100), unit=DEG_PER_HOUR),
     },
     shape=shape,
     unit_of_form=by_what_it_acts_on,

@@ -7,7 +7,17 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, lag, lag_step, MICRO_G, Variant
+from .effect import (
+    by_grade,
+    DEG_PER_HOUR,
+    Effect,
+    inputs,
+    inputs_at,
+    lag,
+    lag_step,
+    MICRO_G,
+    Variant,
+)
 from .form_units import by_what_it_acts_on, Settings
 from .moment import Moment, Online
 from .signal import Signal
@@ -74,16 +84,8 @@ EFFECT = Effect(
     equation="c dT/dt (+ c2 d2T/dt2)",
     units={"accel": "m/s^2/(degC/min)", "gyro": "rad/s/(degC/min)"},
     prior={
-        "accel": {
-            "navigation": (5 * MICRO_G, 100 * MICRO_G),
-            "tactical": (20 * MICRO_G, 500 * MICRO_G),
-            "consumer": (100 * MICRO_G, 1000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.01 * DEG_PER_HOUR, 0.5 * DEG_PER_HOUR),
-            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
-            "consumer": (5 * DEG_PER_HOUR, 50 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((5, 100), (20, 500), (100, 1000), unit=MICRO_G),
+        "gyro": by_grade((0.01, 0.5), (1, 20), (5, 50), unit=DEG_PER_HOUR),
     },
     shape=shape,
     unit_of_form=_unit,

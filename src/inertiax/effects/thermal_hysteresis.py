@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, inputs, inputs_at, MICRO_G, play, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, inputs, inputs_at, MICRO_G, play, Variant
 from .form_units import by_what_it_acts_on
 from .moment import Moment, Online
 from .signal import Signal
@@ -104,16 +104,8 @@ EFFECT = Effect(
     ),
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (10 * MICRO_G, 60 * MICRO_G),
-            "tactical": (50 * MICRO_G, 1000 * MICRO_G),
-            "consumer": (300 * MICRO_G, 5000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.005 * DEG_PER_HOUR, 0.1 * DEG_PER_HOUR),
-            "tactical": (1 * DEG_PER_HOUR, 20 * DEG_PER_HOUR),
-            "consumer": (5 * DEG_PER_HOUR, 100 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((10, 60), (50, 1000), (300, 5000), unit=MICRO_G),
+        "gyro": by_grade((0.005, 0.1), (1, 20), (5, 100), unit=DEG_PER_HOUR),
     },
     shape=shape,
     unit_of_form=by_what_it_acts_on,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import Effect, lag, lag_step, over
+from .effect import any_grade, Effect, lag, lag_step, over
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -51,10 +51,7 @@ EFFECT = Effect(
     title="thermal lag between probe and element",
     equation="tau dT_s/dt = T_p - T_s; output at T_s instead of T_p",
     units={"accel": "1", "gyro": "1"},
-    prior={
-        "accel": {"navigation": (0.5, 1.5), "tactical": (0.5, 1.5), "consumer": (0.5, 1.5)},
-        "gyro": {"navigation": (0.5, 1.5), "tactical": (0.5, 1.5), "consumer": (0.5, 1.5)},
-    },
+    prior={"accel": any_grade(0.5, 1.5), "gyro": any_grade(0.5, 1.5)},
     shape=shape,
     in_numpy=True,
     variants=variants,

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, MICRO_G
+from .effect import by_grade, Effect, MICRO_G
 from .signal import Signal
 
 
@@ -19,16 +19,9 @@ EFFECT = Effect(
     title="K3, third-order coefficient (IEEE 1293)",
     equation="K3 f^3",
     units={"accel": "m/s^2/g^3"},
-    prior={
-        "accel": {
-            "navigation": (0.1 * MICRO_G, 5 * MICRO_G),
-            "tactical": (2 * MICRO_G, 50 * MICRO_G),
-            "consumer": (5 * MICRO_G, 100 * MICRO_G),
-        }
-    },
+    prior={"accel": by_grade((0.1, 5), (2, 50), (5, 100), unit=MICRO_G)},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="at least three levels of |f| along the axis",
     driver="specific_force",
     sentence="The output of {channels} has a third-order term in specific force.",

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, gradient, inputs, inputs_at
+from .effect import by_grade, Effect, gradient, inputs, inputs_at
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -42,20 +42,11 @@ EFFECT = Effect(
     equation="f(t - d) = f - d df/dt",
     units={"accel": "s", "gyro": "s"},
     prior={
-        "accel": {
-            "navigation": (0.0001, 0.005),
-            "tactical": (0.0001, 0.01),
-            "consumer": (0.001, 0.02),
-        },
-        "gyro": {
-            "navigation": (0.0001, 0.005),
-            "tactical": (0.0001, 0.01),
-            "consumer": (0.001, 0.02),
-        },
+        "accel": by_grade((0.0001, 0.005), (0.0001, 0.01), (0.001, 0.02)),
+        "gyro": by_grade((0.0001, 0.005), (0.0001, 0.01), (0.001, 0.02)),
     },
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="a reference and ramps of the input, in rows at most 50 ms apart",
     driver="rate_of_change",
     sentence="The output of {channels} lags the reference.",

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import Effect, fixed, MICRO_G
+from .effect import by_grade, Effect, MICRO_G
 from .signal import Signal
 
 
@@ -18,16 +18,9 @@ EFFECT = Effect(
     title="vibration rectification (VRE)",
     equation="K_v a_rms^2",
     units={"accel": "m/s^2/g^2"},
-    prior={
-        "accel": {
-            "navigation": (10 * MICRO_G, 60 * MICRO_G),
-            "tactical": (20 * MICRO_G, 500 * MICRO_G),
-            "consumer": (20 * MICRO_G, 2000 * MICRO_G),
-        }
-    },
+    prior={"accel": by_grade((10, 60), (20, 500), (20, 2000), unit=MICRO_G)},
     shape=shape,
     in_numpy=True,
-    variants=fixed(("", {})),
     needs="vibration that differs between rests",
     driver="vibration",
     sentence="The bias of {channels} shifts with the vibration level.",

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import DEG_PER_HOUR, Effect, MICRO_G, Variant
+from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, Variant
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -53,16 +53,8 @@ EFFECT = Effect(
     equation="c exp(-t / tau), t since power-on",
     units={"accel": "m/s^2", "gyro": "rad/s"},
     prior={
-        "accel": {
-            "navigation": (10 * MICRO_G, 300 * MICRO_G),
-            "tactical": (50 * MICRO_G, 1000 * MICRO_G),
-            "consumer": (100 * MICRO_G, 3000 * MICRO_G),
-        },
-        "gyro": {
-            "navigation": (0.01 * DEG_PER_HOUR, 0.5 * DEG_PER_HOUR),
-            "tactical": (2 * DEG_PER_HOUR, 50 * DEG_PER_HOUR),
-            "consumer": (10 * DEG_PER_HOUR, 200 * DEG_PER_HOUR),
-        },
+        "accel": by_grade((10, 300), (50, 1000), (100, 3000), unit=MICRO_G),
+        "gyro": by_grade((0.01, 0.5), (2, 50), (10, 200), unit=DEG_PER_HOUR),
     },
     shape=shape,
     in_numpy=True,
