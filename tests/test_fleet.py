@@ -387,24 +387,24 @@ if __name__ == "__main__":
         killed = []
 
         def progress(done, of):
-            if done in (2, 6):
+            if done == 2:
                 killed.append(next(iter(cluster.workers.values())).pid)
                 os.kill(killed[-1], signal.SIGKILL)
 
         run.run_fleet(sys.argv[1], sys.argv[2], scheduler=cluster.scheduler_address, progress=progress)
-        print(len(set(killed)))
+        print(len(killed))
 """
 
 
 @pytest.mark.slow
 def test_killed_dask_workers_leave_the_table_as_it_is(line, by_device, tmp_path):
-    """Kill −9 of the only worker, twice, while it is at a task."""
+    """Kill −9 of the only worker while it is at a task."""
     folder, truth = line
     broken = tmp_path / "broken"
     command = [sys.executable, "-c", WORKERS_KILLED, str(folder), str(broken)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert done.stdout == "2\n"
+    assert done.stdout == "1\n"
     table = read_parts(broken).collect().sort("device")
     assert table.get_column("device").to_list() == sorted(truth)
     assert table.equals(by_device)

@@ -34,15 +34,15 @@ def _device(rng: np.random.Generator, misalignment: float) -> tuple[Campaign, np
 
 
 def test_stated_sigmas_hold_what_held_misalignments_of_the_usual_size_do():
-    """rms of error over sigma of 60 devices, 6 numbers each: a standard error of 0.053 where half are alike."""
+    """rms of error over sigma of 30 devices, 6 numbers each: a standard error of 0.075 where half are alike."""
     z = []
-    for seed in range(60):
+    for seed in range(30):
         campaign, truth = _device(np.random.default_rng(seed), 1e-2)
         found = calibrate_device(campaign, checked=True).calibration.accel
         assert found is not None and len(found.names) == 6
         error = np.asarray(found.curve.coefficients).ravel() - truth
         z.append(error / np.sqrt(np.diagonal(np.asarray(found.covariance))))
-    assert 0.84 < np.sqrt(np.mean(np.square(z))) < 1.16
+    assert 0.77 < np.sqrt(np.mean(np.square(z))) < 1.23
 
 
 def test_level_faces_owe_next_to_nothing_to_held_misalignments():

@@ -50,8 +50,8 @@ TOGETHER = {
     "flight": ("ulog", "dataflash"),
     "ros": ("ros_1_bag", "ros_2_sqlite", "ros_2_mcap", "ros_2_metadata"),
     "documents": ("campaign_toml", "campaign_mapping", "scenario_toml", "calibration_json", "noise_json", "truth_json",
-                  "population_json", "fleet_manifest", "fleet_line"),
-    "other tools": tuple(name for name in TARGETS if name.startswith("from_")),
+                  "population_json", "fleet_manifest", "fleet_line",
+                  *(name for name in TARGETS if name.startswith("from_"))),
 }  # fmt: skip
 ATTEMPTS = """
 import json, random, resource, sys, time

@@ -377,27 +377,9 @@ def started(*arguments, **options):
 
 
 @pytest.mark.slow
-def test_the_command_reads_standard_input_and_writes_what_the_batch_command_gives(
+def test_the_command_ends_with_what_the_batch_command_says_and_writes(
     tmp_path, capsys, monkeypatch
 ):
-    folder, out = campaign(tmp_path), tmp_path / "out"
-    process = started(
-        folder, "-", "--json", "-o", out, "--target", "accel.bias=1 ug", stdin=subprocess.PIPE
-    )
-    said, errors = process.communicate((f"{HEADER}\n" + text(session_rows(12))).encode(), 240)
-    assert process.returncode == 0, errors.decode()
-    found = [json.loads(line) for line in said.decode().splitlines()]
-    assert found[-1]["event"] == "done" and accepted(found) == 12
-    assert (out / "report.html").is_file()
-    mine = json.loads((out / "calibration.json").read_text())
-    status, *_ = run_command(capsys, monkeypatch, "calibrate", out, "-o", tmp_path / "batch", "-q")
-    assert status == 0
-    batch = json.loads((tmp_path / "batch" / "calibration.json").read_text())
-    assert mine["accel"] == batch["accel"] and mine["gyro"] == batch["gyro"]
-
-
-@pytest.mark.slow
-def test_the_command_ends_with_what_the_batch_command_says(tmp_path, capsys, monkeypatch):
     folder, out = campaign(tmp_path), tmp_path / "out"
     process = started(folder, "-", "-o", out, stdin=subprocess.PIPE)
     said, errors = process.communicate((f"{HEADER}\n" + text(session_rows(12))).encode(), 240)
@@ -409,6 +391,11 @@ def test_the_command_ends_with_what_the_batch_command_says(tmp_path, capsys, mon
     batch = told.splitlines()
     assert any(line.startswith("is it good? ") for line in batch)
     assert lines[done + 2 : -1] == batch[:-1] and str(out / "report.html") in lines[-1]
+    assert (out / "report.html").is_file()
+    ours, theirs = (
+        json.loads((home / "calibration.json").read_text()) for home in (out, tmp_path / "batch")
+    )
+    assert ours["accel"] == theirs["accel"] and ours["gyro"] == theirs["gyro"]
 
 
 @pytest.mark.slow

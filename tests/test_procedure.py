@@ -218,7 +218,7 @@ def _perturbed(dwells, steps):
 STEPS = {"accel": 1e-4, "temperature": 1e-2, "gravity": 1e-4}
 
 
-# Those of the joint fit are compared in `test_sensitivity.py`.
+# Those of the joint fit are compared in `test_sensitivity.py`; in reverse and under vmap in `test_solve.py`.
 @pytest.mark.slow
 def test_derivatives_of_the_answer_are_finite_differences(device):
     dwells = _dwells(device, 1, "centred")
@@ -237,19 +237,3 @@ def test_derivatives_of_the_answer_are_finite_differences(device):
         size = np.abs(exact) * np.array([1.0] * 3 + [PAPER_GRAVITY] * 6)
         error = np.abs(numeric - exact) * np.array([1.0] * 3 + [PAPER_GRAVITY] * 6)
         assert np.max(error) < 1e-6 * np.max(size), which
-
-
-@pytest.mark.slow
-def test_derivatives_work_in_reverse_and_under_vmap(device):
-    dwells = _dwells(device, 1, "centred")
-
-    def one(shift):
-        estimator = eqx.tree_at(lambda e: e.gravity, ESTIMATOR, ESTIMATOR.gravity + shift)
-        return thermal_iterations.joint_fit(estimator, BASIS, dwells).curve.coefficients[0, 3]
-
-    shifts = jnp.array([0.0, 1e-3, -1e-3])
-    gradients = jax.jit(jax.vmap(jax.grad(one)))(shifts)
-    h, value = 1e-4, jax.jit(one)
-    for shift, gradient in zip(shifts, gradients, strict=True):
-        numeric = (value(shift + h) - value(shift - h)) / (2 * h)
-        np.testing.assert_allclose(gradient, numeric, rtol=1e-6)

@@ -12,9 +12,11 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+import jax
 import pytest
 
 from command_runs import run_in
+from hard_limit import run_here
 
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -23,12 +25,7 @@ NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 # Pages with commands, and pages whose Python runs.
 WALKED = ("hand-log", "chamber-table", "fleet")
 # Of the navigators' and the twin's time most is compiling; a diagnosis would take longer for being compiled quickly.
-SCRIPTS = {
-    "own-model": {},
-    "navigation": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
-    "navigation-filter": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
-    "twin": {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
-}
+SCRIPTS = {"own-model": False, "navigation": True, "navigation-filter": True, "twin": True}
 
 
 def _blocks(page: str) -> list[tuple[str, str, str]]:
@@ -118,21 +115,18 @@ def test_walk(page, tmp_path, capfd):
 # of 64 bits by `test_first_layer_precision.py`, and the other tests run it in 64.
 @pytest.mark.slow
 @pytest.mark.parametrize("page", SCRIPTS)
-def test_script_in_the_default_precision(page, tmp_path):
+def test_script_in_the_default_precision(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     code = "\n".join(text for kind, title, text in _blocks(page) if kind == "python" and not title)
-    ran = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env={**os.environ, **SCRIPTS[page], "JAX_ENABLE_X64": "0"},
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert ran.returncode == 0, ran.stderr[-2000:]
+    jax.config.update("jax_disable_most_optimizations", SCRIPTS[page])
+    try:
+        printed = run_here(code, seconds=600.0, wide=False)
+    finally:
+        jax.config.update("jax_disable_most_optimizations", False)
     shown = [
         line for kind, _, text in _blocks(page) if kind == "text" for line in text.splitlines()
     ]
-    assert not _missing(shown, ran.stdout), ran.stdout
+    assert not _missing(shown, printed), printed
 
 
 def test_outputs_are_compared_by_words_and_numbers():

@@ -7,8 +7,7 @@ experiments in which the temperature need not be held.
   each experiment as if its remaining parameters were constant (block 4), attribute the result to the
   experiment's mean temperature, compose by equation (6) (block 5), refit the curves. Faithful, but on
   some plans it crawls, stalls or diverges while the curves look harmless.
-* `GaussNewtonIteration` (default): the same, except that block 4 estimates the *curves'* correction
-  from all experiments at once, which makes the procedure a Gauss-Newton method.
+* `GaussNewtonIteration` (default): block 4 estimates the *curves'* correction from all experiments at once.
 * `joint_fit`: one least squares with the coefficients C as unknowns.
 
 `iterate` runs the first two as an optimistix fixed-point solve (init / step / terminate), so that
@@ -43,9 +42,7 @@ class ThermalSolution(eqx.Module):
     """Curves with their covariance, and how they were reached."""
 
     curve: Curve
-    covariance: Float[
-        AnyArray, "unknowns unknowns"
-    ]  # of coefficients, row-major (size, parameters)
+    covariance: Float[AnyArray, "unknowns unknowns"]  # of coefficients, row-major
     residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell was not used
     result: optx.RESULTS  # outcome as data; `outcome` in words
     num_iterations: Int[AnyArray, " *batch"]
@@ -192,7 +189,9 @@ class PaperIteration(AbstractIteration):
         self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
     ) -> Float[Array, "size parameters"]:
         temperature, composed = self.experiments(coefficients, dwells)
-        return _linear_fit(jax.vmap(self.basis)(temperature), composed)
+        design = lx.MatrixLinearOperator(jax.vmap(self.basis)(temperature))
+        solve = lambda column: lx.linear_solve(design, column, DenseNormal(), throw=False).value
+        return jax.vmap(solve, in_axes=1, out_axes=1)(composed)
 
     def experiments(
         self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
@@ -213,13 +212,6 @@ class PaperIteration(AbstractIteration):
             temperature, corrections
         )
         return temperature, composed
-
-
-def _linear_fit(design: Array, values: Array) -> Array:
-    """Least-squares coefficients of every column of `values`."""
-    operator = lx.MatrixLinearOperator(design)
-    solve = lambda column: lx.linear_solve(operator, column, DenseNormal(), throw=False).value
-    return jax.vmap(solve, in_axes=1, out_axes=1)(values)
 
 
 class GaussNewtonIteration(AbstractIteration):
@@ -278,7 +270,8 @@ def _check(
             f"`ix.fit`."
         )
     for triad in ("accel", "gyro") if estimator.triad == "imu" else (estimator.triad,):
-        wanted = (triad, f"reference_{triad}") if _by_reference(estimator) else (triad,)
+        by_reference = isinstance(estimator, ReferenceAccel | ReferenceGyro)
+        wanted = (triad, f"reference_{triad}") if by_reference else (triad,)
         missing = [k for k in wanted if getattr(dwells, k) is None]
         if missing:
             raise ValueError(
@@ -298,10 +291,6 @@ def _check_rests(call: str, estimator: AbstractEstimator, used: Dwells) -> None:
         f"`{call}`: {type(estimator).__name__} uses rests only, and none of the {used.num_dwells} dwells is one "
         f"(`position` -1 is a constant rate)."
     )
-
-
-def _by_reference(estimator: AbstractEstimator) -> bool:
-    return isinstance(estimator, ReferenceAccel | ReferenceGyro)
 
 
 def iterate(
