@@ -27,8 +27,8 @@ from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros, NAV
 from refit import refitted
 
 
-# All of it waits for the same Monte Carlo.
-pytestmark = pytest.mark.slow
+# All of it waits for the same Monte Carlo, which takes longer to compile than to run.
+pytestmark = [pytest.mark.slow, pytest.mark.compiled_quickly]
 
 
 ARCSEC = np.deg2rad(1.0 / 3600.0)

@@ -113,9 +113,8 @@ class NoiseModel(eqx.Module):
     # a₁, a₂, … of the sensor's filter at `rate`, y_k = (1 + Σ a) u_k − Σ a_j y_{k−j}; empty: the log shows none
     recursion: tuple[float, ...] = ()
     rounding: float = 0.0  # the step that values are rounded to, in their unit; 0: none seen
-    statement: str = eqx.field(
-        static=True, default=""
-    )  # one line: from which band, and where the model fails
+    # One line: from which band, and where the model fails
+    statement: str = eqx.field(static=True, default="")
 
     def deviation(self, tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:
         """Allan deviation that the model predicts, in the log's unit."""

@@ -37,17 +37,14 @@ class TriadNoise(eqx.Module):
     walk: Float[np.ndarray, "3"]  # K, m/s²/√s or rad/s/√s
     ramp: Float[np.ndarray, "3"]  # R, m/s³ or rad/s²
     quantisation: Float[np.ndarray, "3"]  # Q, m/s or rad
-    correlation_time: Float[
-        np.ndarray, "3"
-    ]  # s, of the Gauss–Markov process for B; infinite where B is zero
-    bandwidth: Float[
-        np.ndarray, "3"
-    ]  # Hz, the sensor's low-pass (−3 dB); infinite where none was seen
+    # s, of the Gauss–Markov process for B; infinite where B is zero
+    correlation_time: Float[np.ndarray, "3"]
+    # Hz, the sensor's low-pass (−3 dB); infinite where none was seen
+    bandwidth: Float[np.ndarray, "3"]
     rate: Float[np.ndarray, "3"]  # Hz, of the sensor's own samples
     duration: float  # s, of the log: of slower changes it tells nothing
-    upper: Float[
-        np.ndarray, "5 3"
-    ]  # 95 % limits in the order N, B, K, R, Q; infinite where there is none
+    # 95 % limits in the order N, B, K, R, Q; infinite where there is none
+    upper: Float[np.ndarray, "5 3"]
     determined: Bool[np.ndarray, "5 3"]  # in the same order
 
     @property

@@ -67,9 +67,8 @@ def sensitivity(
     design, _ = problem.rows(coefficients)
     by_force = form.by_force(problem.vectors(coefficients), problem.dwells)
     here = _force_by_coefficients(accel, problem.dwells)
-    before = np.concatenate(
-        [np.zeros_like(here[:1]), here[:-1]]
-    )  # a motion starts at the rest before
+    # A motion starts at the rest before
+    before = np.concatenate([np.zeros_like(here[:1]), here[:-1]])
     by_accel = by_force[:, :, :3] @ here + by_force[:, :, 3:] @ before
     rows = problem.decorrelated(by_accel.reshape(-1, here.shape[2]))
     # P of the module, which slow noise has no part in: the estimate is that of least squares.

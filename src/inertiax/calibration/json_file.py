@@ -42,9 +42,8 @@ class _Triad(msgspec.Struct, forbid_unknown_fields=True):
     names: list[str]  # of the parameters
     units: list[str]  # SI, of each
     basis: _Basis  # functions of temperature
-    coefficients: list[
-        list[float]
-    ]  # a row for each function of the basis, a column for each parameter
+    # A row for each function of the basis, a column for each parameter
+    coefficients: list[list[float]]
     covariance: list[list[float]]  # of the coefficients row by row, SI
 
 

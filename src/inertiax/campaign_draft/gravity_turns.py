@@ -24,9 +24,8 @@ _GRID = 1.08  # ratio of neighbours in a search without a start: a turn of 2 rad
 class GravityTurns(NamedTuple):
     """Motions between neighbouring rests whose gravity directions differ."""
 
-    output: Float[
-        np.ndarray, "motion step 3"
-    ]  # gyro output times step, less what it is at rest; 0 beyond the end
+    # Gyro output times step, less what it is at rest; 0 beyond the end
+    output: Float[np.ndarray, "motion step 3"]
     before: Float[np.ndarray, "motion 3"]
     after: Float[np.ndarray, "motion 3"]
 

@@ -59,12 +59,10 @@ class Recording(eqx.Module):
     )  # °C, column 0 is the device's probe; (time,) is made (time, 1)
     experiment: Int[np.ndarray, " time"] | None = None  # run of the programme (chamber setting)
     position: Int[np.ndarray, " time"] | None = None  # at rest; -1 while the table turns
-    reference_accel: Float[np.ndarray, "time 3"] | None = _matrix(
-        default=None
-    )  # m/s², an ideal triad's reading
-    reference_gyro: Float[np.ndarray, "time 3"] | None = _matrix(
-        default=None
-    )  # rad/s, Earth rate included
+    # m/s², an ideal triad's reading
+    reference_accel: Float[np.ndarray, "time 3"] | None = _matrix(default=None)
+    # rad/s, Earth rate included
+    reference_gyro: Float[np.ndarray, "time 3"] | None = _matrix(default=None)
     supply: Float[np.ndarray, " time"] | None = None  # V
     mag: Float[np.ndarray, "time 3"] | None = _matrix(default=None)  # T; NaN where it was not read
     current: Float[np.ndarray, " time"] | None = None  # A; NaN where it was not read
@@ -262,9 +260,8 @@ class Rig(eqx.Module):
     Raises `ValueError` for numbers that are negative or implausible in these units.
     """
 
-    position_uncertainty: float | None = eqx.field(
-        static=True, default=None
-    )  # rad, each positioning
+    # rad, each positioning
+    position_uncertainty: float | None = eqx.field(static=True, default=None)
     rate_uncertainty: float | None = eqx.field(static=True, default=None)  # relative to the rate
     temperature_uncertainty: float | None = eqx.field(static=True, default=None)  # °C
 

@@ -99,9 +99,8 @@ class Diagnosis(eqx.Module):
     empirical: str | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())  # what a reader should know
     handling: tuple[Disturbance, ...] = ()  # stretches of rests that were not judged
-    noise: tuple[str, ...] = eqx.field(
-        static=True, default=()
-    )  # where it was known from, and the fitted noise beside Allan deviations
+    # Where it was known from, and the fitted noise beside Allan deviations
+    noise: tuple[str, ...] = eqx.field(static=True, default=())
     # Channels whose fitted noise is not that within the longest rest, so that probabilities do not hold.
     noise_doubted: tuple[str, ...] = eqx.field(static=True, default=())
     plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced

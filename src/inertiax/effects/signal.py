@@ -17,9 +17,8 @@ class Signal(eqx.Module):
 
     triad: str = eqx.field(static=True)  # "accel" or "gyro"
     time: Float[AnyArray, " time"]  # s since the campaign began
-    input: Float[
-        AnyArray, "time 3"
-    ]  # g (accelerometers) or rad/s (gyros): what an ideal triad reads
+    # g (accelerometers) or rad/s (gyros): what an ideal triad reads
+    input: Float[AnyArray, "time 3"]
     output: Float[AnyArray, "time 3"]  # m/s² or rad/s: what the triad puts out; effects add to it
     since_power: Float[AnyArray, " time"]  # s since the power came on
     since_start: Float[AnyArray, " time"]  # s since the first power-on

@@ -10,9 +10,8 @@ from numpy.polynomial import chebyshev, polynomial
 _NODES = 64
 # Relative, below which a change is none: a few roundings of single precision, which the tools compute in.
 ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
-_DOUBLE = 64.0 * float(
-    np.finfo(float).eps
-)  # relative, what rounding leaves of a coefficient of zero
+# Relative, what rounding leaves of a coefficient of zero
+_DOUBLE = 64.0 * float(np.finfo(float).eps)
 
 
 class BiasCurve(NamedTuple):

@@ -26,9 +26,8 @@ AppliedField = Callable[
 class Export(NamedTuple):
     """Files of one format, and what is to be known about them."""
 
-    files: tuple[
-        tuple[str, bytes], ...
-    ]  # (tag put before the suffix, content); "" for the only one
+    # (tag put before the suffix, content); "" for the only one
+    files: tuple[tuple[str, bytes], ...]
     applied: Applied
     losses: tuple[str, ...] = ()  # what the calibration says and the files do not
     notes: tuple[str, ...] = ()  # what the user still has to do or to know

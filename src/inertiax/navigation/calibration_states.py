@@ -89,9 +89,8 @@ class CalibrationStates(eqx.Module):
     scale: Float[AnyArray, " states"]  # SI per state: prior standard deviations
     correlation: Float[AnyArray, "states states"]  # prior covariance of the states
     names: tuple[str, ...] = eqx.field(static=True)  # parameter of each state
-    rows: tuple[int, ...] = eqx.field(
-        static=True
-    )  # of the states among the calibration's coefficients
+    # Of the states among the calibration's coefficients
+    rows: tuple[int, ...] = eqx.field(static=True)
     functions: tuple[int, ...] = eqx.field(static=True)  # its function of temperature
     thermal: bool = eqx.field(static=True)
 

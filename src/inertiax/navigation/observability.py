@@ -49,13 +49,11 @@ class Observability(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)  # as `Filter.names`
     information: Float[np.ndarray, " directions"]  # λ, ascending, relative to the prior
     directions: Float[np.ndarray, "directions states"]  # each in prior standard deviations
-    share: Float[
-        np.ndarray, " states"
-    ]  # of each state's prior variance, in unobservable directions
+    # Of each state's prior variance, in unobservable directions
+    share: Float[np.ndarray, " states"]
     reduction: Float[np.ndarray, " states"]  # of each state's standard deviation, posterior/prior
-    unobservable: tuple[str, ...] = eqx.field(
-        static=True
-    )  # coefficients in unobservable directions
+    # Coefficients in unobservable directions
+    unobservable: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def parameters(self) -> tuple[str, ...]:

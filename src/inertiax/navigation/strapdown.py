@@ -44,9 +44,8 @@ class State(eqx.Module):
     attitude: Float[AnyArray, "*time 3 3"]  # case to level
     velocity: Float[AnyArray, "*time 3"]  # m/s: east, north, up
     origin: Float[AnyArray, "*time 3"]  # latitude and longitude, rad; height, m
-    position: Float[AnyArray, "*time 3"] = eqx.field(
-        default=None
-    )  # m from the origin: east, north, up
+    # m from the origin: east, north, up
+    position: Float[AnyArray, "*time 3"] = eqx.field(default=None)
 
     def __init__(
         self,

@@ -20,9 +20,8 @@ from .._typing import AnyArray, Mat3
 class Alignment(eqx.Module):
     """Rotation vector from the accelerometers' frame to the gyros', and what remains."""
 
-    rotation: Float[
-        AnyArray, "3"
-    ]  # ρ, rad: a vector of the one triad is exp([ρ]×) of it in the other
+    # ρ, rad: a vector of the one triad is exp([ρ]×) of it in the other
+    rotation: Float[AnyArray, "3"]
     covariance: Float[AnyArray, "3 3"]  # rad²
     symmetric: Float[AnyArray, "3 3"]  # S − E: scale-factor errors, and non-orthogonality off it
 

@@ -16,9 +16,8 @@ class InBudget(NamedTuple):
 
     source: str  # its name in the budgets
     stated: float | None  # 1 sigma, SI; None where it is not stated
-    contained: Literal[
-        "yes", "within fit", "no"
-    ]  # in the uncertainties; "no" as well where it is not stated
+    # In the uncertainties; "no" as well where it is not stated
+    contained: Literal["yes", "within fit", "no"]
 
 
 def in_budget(

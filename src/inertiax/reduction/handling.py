@@ -54,9 +54,8 @@ class Disturbance(eqx.Module):
     end: float = eqx.field(static=True)  # s
     kind: str = eqx.field(static=True)  # one of `KINDS`
     position: int = eqx.field(static=True)  # of the rest
-    left_out: bool = eqx.field(
-        static=True, default=True
-    )  # False: kept, since it is so in most rests
+    # False: kept, since it is so in most rests
+    left_out: bool = eqx.field(static=True, default=True)
 
     def as_dict(self) -> dict:
         """The entry of a result's `handling`."""

@@ -31,9 +31,8 @@ class HostStamps(NamedTuple):
     steps: int
     usual: float  # s, the median step
     mean: float  # s
-    rate: (
-        float | None
-    )  # Hz, of the sensor; `None` where rows were lost, so that no constant rate fits
+    # Hz, of the sensor; `None` where rows were lost, so that no constant rate fits
+    rate: float | None
 
 
 def host_stamps(time: Float[np.ndarray, " time"]) -> HostStamps | None:

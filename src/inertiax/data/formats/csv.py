@@ -124,9 +124,8 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
     blank = pl.all_horizontal(
         pl.nth(0).str.strip_chars().fill_null("") == "", pl.nth(*range(1, table.width)).is_null()
     )
-    table = (
-        table.filter(~blank) if table.width > 1 else table.drop_nulls()
-    )  # lines of nothing but blanks
+    # Lines of nothing but blanks
+    table = table.filter(~blank) if table.width > 1 else table.drop_nulls()
     if not table.height:
         raise ValueError(
             f"{where}: no rows of data, only separators; at least one sample is needed."

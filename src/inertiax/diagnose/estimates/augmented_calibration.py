@@ -126,8 +126,7 @@ def _slope(
         norm = np.linalg.norm(x * weight, axis=0) + 1e-300
         step = np.linalg.lstsq(x * weight / norm, columns * weight, rcond=1e-10)[0] / norm[:, None]
         number, power = np.divmod(system.base.index[c], size)
-        own = (
-            number < count
-        )  # lever arms are effects of the calibration, not parameters of the triad
+        # Lever arms are effects of the calibration, not parameters of the triad
+        own = number < count
         slope[power[own] * count + number[own]] = -step[own]
     return slope

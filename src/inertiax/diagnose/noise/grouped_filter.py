@@ -320,9 +320,8 @@ def gradient(
     behind = gain @ p
     w_bar -= 2.0 * behind
     inner += half * (2.0 * behind @ turned(gain))
-    by_own = (
-        turned(inverse) @ inner @ inverse
-    )  # to be multiplied by symmetric matrices: needs no mirroring
+    # To be multiplied by symmetric matrices: needs no mirroring
+    by_own = turned(inverse) @ inner @ inverse
     by_shared = turned(inverse) @ w_bar
     by_added = np.einsum("kss->ks", p)
     slope = groups.own @ by_own.reshape(-1)

@@ -72,9 +72,8 @@ class Blocks(eqx.Module):
     gyro: Float[np.ndarray, "block 3"] | None
     reference_accel: Float[np.ndarray, "block 3"] | None
     reference_gyro: Float[np.ndarray, "block 3"] | None
-    accel_white: (
-        Float[np.ndarray, "block 3"] | None
-    )  # variance of the mean by scatter inside blocks
+    # Variance of the mean by scatter inside blocks
+    accel_white: Float[np.ndarray, "block 3"] | None
     gyro_white: Float[np.ndarray, "block 3"] | None
 
     @property

@@ -73,13 +73,11 @@ class Baseline(eqx.Module):
     form: ModelForm
     coefficients: Float[np.ndarray, "parameter size"]
     observed: tuple[Float[np.ndarray, " block"], ...]  # residual rows, one chain each
-    columns: tuple[
-        Float[np.ndarray, "block column"], ...
-    ]  # minus the residual's Jacobian, chain by chain
+    # Minus the residual's Jacobian, chain by chain
+    columns: tuple[Float[np.ndarray, "block column"], ...]
     index: tuple[np.ndarray, ...]  # which flat coefficients the columns belong to
-    loads: tuple[
-        Float[np.ndarray, "block channel"], ...
-    ]  # how an output's change enters each chain
+    # How an output's change enters each chain
+    loads: tuple[Float[np.ndarray, "block channel"], ...]
     input: Float[np.ndarray, "block 3"]  # what the triad feels, m/s² or rad/s
 
     def rows(self, addition: Float[np.ndarray, "block 3 column"]) -> list[np.ndarray]:

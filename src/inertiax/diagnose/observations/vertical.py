@@ -34,9 +34,8 @@ def upright_axis(log: Log) -> np.ndarray | None:
     if not len(axes):
         return None
     axis = np.linalg.eigh(axes.T @ axes)[1][:, -1]
-    near = axes[
-        np.abs(axes @ axis) > 0.9
-    ]  # without the ways between positions, which pull a little
+    # Without the ways between positions, which pull a little
+    near = axes[np.abs(axes @ axis) > 0.9]
     axis = np.linalg.eigh(near.T @ near)[1][:, -1] if len(near) else axis
     earth = np.einsum("tij,ti->tj", device[rest], log.reference_gyro[rest]).mean(axis=0)
     size = np.linalg.norm(earth)

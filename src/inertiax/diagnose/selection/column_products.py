@@ -34,21 +34,18 @@ class _OneChain:
     columns: Float[np.ndarray, "row column"]
     place: Int[np.ndarray, " column"]  # of each column among all candidates'
     singles: int
-    several: dict[
-        int, tuple[slice, Int[np.ndarray, " term"]]
-    ]  # by size: columns, and which terms of it
+    # By size: columns, and which terms of it
+    several: dict[int, tuple[slice, Int[np.ndarray, " term"]]]
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
     """What the scores of all candidates are made of, under one set of variances."""
 
-    seen: Float[
-        np.ndarray, "3 column"
-    ]  # squares before and after the projection, products with the residual
-    grams: dict[
-        int, Float[np.ndarray, "term size size"]
-    ]  # by number of columns, of terms with several
+    # Squares before and after the projection, products with the residual
+    seen: Float[np.ndarray, "3 column"]
+    # By number of columns, of terms with several
+    grams: dict[int, Float[np.ndarray, "term size size"]]
 
     def __add__(self, other: "Sums") -> "Sums":
         grams = {size: gram + other.grams[size] for size, gram in self.grams.items()}

@@ -56,9 +56,8 @@ class Asked:
     between_all: Callable[[Term], list[Term]]
     renew: Callable[[NoiseFit, list[Term]], list[Term]]
     say: Callable[[str], None]
-    counted: set[Key] = field(
-        default_factory=set
-    )  # effects whose tests between the grid's points are counted
+    # Effects whose tests between the grid's points are counted
+    counted: set[Key] = field(default_factory=set)
 
     def chance(self, candidate: Candidate) -> float:
         """Chance of the candidate by noise alone, the search between the points of its grid included."""

@@ -72,9 +72,8 @@ class Score:
     """A term under one set of variances: its whitened columns beside the baseline, and its gain."""
 
     term: Term
-    chains: tuple[
-        int, ...
-    ]  # on which it shows: the term's, or all where the rig's errors couple them
+    # On which it shows: the term's, or all where the rig's errors couple them
+    chains: tuple[int, ...]
     # Whitened columns with the baseline projected out, per chain; none where they were not asked for.
     white: tuple[np.ndarray, ...]
     turn: np.ndarray  # white @ turn is orthonormal

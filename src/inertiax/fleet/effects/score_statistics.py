@@ -121,9 +121,8 @@ def _scores(
     total = np.sqrt(np.square(fit.own_sigma) + np.square(fit.scatter)[:, None, None])
     weight = np.where(fit.valid[:, :, None], 1.0 / total, 0.0).reshape(len(total), -1)
     jacobian, signature = (np.asarray(x) * weight[:, :, None] for x in rows)
-    residual = (
-        fit.misfit.reshape(len(total), -1) * weight
-    )  # without what dwells share, as the fit has it
+    # Without what dwells share, as the fit has it
+    residual = fit.misfit.reshape(len(total), -1) * weight
     jacobian, signature = _decorrelated(estimator, dwells, fit, (jacobian, signature))
     along = np.matmul(fit.covariance, np.matmul(np.swapaxes(jacobian, 1, 2), signature))
     left = signature - np.matmul(jacobian, along)

@@ -23,9 +23,8 @@ class Drift(eqx.Module):
     devices: tuple[str, ...] = eqx.field(static=True)
     temperatures: Float[np.ndarray, " grid"]  # °C
     change: Float[np.ndarray, "devices grid parameters"]
-    sigma: Float[
-        np.ndarray, "devices grid parameters"
-    ]  # of the change: both uncertainties together
+    # Of the change: both uncertainties together
+    sigma: Float[np.ndarray, "devices grid parameters"]
 
     @property
     def sigmas(self) -> Float[np.ndarray, "devices grid parameters"]:
