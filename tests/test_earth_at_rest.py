@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 from inertiax.diagnose import diagnose
-from inertiax.effects import CATALOGUE
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.earth_at_rest import horizontal_covariance, vertical_earth_rate
 
@@ -106,9 +105,7 @@ def test_what_became_of_it_is_said():
 
 @pytest.mark.slow
 def test_a_diagnosis_calls_it_no_g_sensitivity():
-    # Beside what else follows gravity in the case.
-    few = [e for e in CATALOGUE if e.name in ("g_sensitivity", "g2_sensitivity", "magnetic")]
-    without = diagnose(Campaign((log(1),), Site(G), grade="tactical"), effects=few)
+    without = diagnose(Campaign((log(1),), Site(G), grade="tactical"))
     assert "g_sensitivity" in [e.name for e in without.effects]
-    found = diagnose(Campaign((log(1),), SITE, grade="tactical"), effects=few)
+    found = diagnose(Campaign((log(1),), SITE, grade="tactical"))
     assert "g_sensitivity" not in [e.name for e in found.effects]
