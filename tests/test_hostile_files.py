@@ -1,4 +1,4 @@
-"""Thirty hostile files of each format that is read: none takes 10 s of a processor or 1 GB, and each is read or refused in one line.
+"""Thirty hostile files of each format: none takes 10 s of a processor or 1 GB, and each is read or refused in one line.
 
 Of each format: valid small files cut off, with bytes changed, inserted, repeated, or with odd values in the place of
 numbers and names (`fuzz.mutate`); and what no chance makes, files of kilobytes that claim gigabytes.
