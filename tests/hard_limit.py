@@ -67,17 +67,17 @@ def run_here(code: str, *, seconds: float, wide: bool = True) -> str:
 
     For code that needs no process of its own: it shares what is imported and compiled with the other tests.
     """
-    said = io.StringIO()
-    with (
-        jax.enable_x64(wide),
-        jax.numpy_rank_promotion("allow"),
-        jax.numpy_dtype_promotion("standard"),
-        contextlib.redirect_stdout(said),
-        ends_within(seconds),
-    ):
-        before = jax.config.jax_enable_x64
-        try:
+    said, before = io.StringIO(), jax.config.jax_enable_x64
+    try:
+        with (
+            jax.enable_x64(wide),
+            jax.numpy_rank_promotion("allow"),
+            jax.numpy_dtype_promotion("standard"),
+            contextlib.redirect_stdout(said),
+            ends_within(seconds),
+        ):
             exec(compile(code, "<code>", "exec"), {"__name__": "__main__"})
-        finally:
-            jax.config.update("jax_enable_x64", before)
+    finally:
+        # What the code sets is set for all; read within `enable_x64` it would be what is set there.
+        jax.config.update("jax_enable_x64", before)
     return said.getvalue()
