@@ -4,6 +4,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from inertiax.calibrate.alike_dwells import AlikeDwells
 from inertiax.calibrate.one_triad import estimate_triad
 from inertiax.calibrate.slow_noise import SlowNoise
 from inertiax.calibrate.split_covariance import fit_of, SLOW, split
@@ -46,6 +47,32 @@ def coverage(tau, slow, number=200):
     bias = np.array([".bias" in name for name in ReferenceAccel().names])
     inside = np.abs(ratios) < 1.959964
     return inside[:, bias].mean(), inside[:, ~bias].mean(), found / number
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_whitening_in_time_is_that_by_the_whole_matrix(rows):
+    rng, count, shares, times = np.random.default_rng(0), 300, np.array([0.1, 0.96]), [30.0, 9e3]
+    time, experiment = rng.uniform(0.0, 5e3, count), rng.integers(0, 3, count).astype(float)
+    output = rng.normal(size=(count, 3)) if rows == 1 else None
+    columns = rng.normal(size=(count, rows, 4))
+    dwells = AlikeDwells(time, experiment, output)
+    gram, volume = dwells.whitened(columns, shares, np.array(times))
+    wide = columns.reshape(count, -1)
+    for k, constant in enumerate(times):
+        alike = np.exp(-np.abs(time[:, None] - time) / constant) * (
+            experiment[:, None] == experiment
+        )
+        if output is not None:
+            size = np.linalg.norm(output, axis=1)
+            alike *= output @ output.T / np.outer(size, size)
+        whole = (1.0 - shares[k]) * np.eye(count) + shares[k] * alike
+        solved = np.linalg.solve(whole, wide).reshape(columns.shape)
+        np.testing.assert_allclose(gram[k], np.einsum("nri,nrj->ij", columns, solved), rtol=1e-9)
+        assert abs(volume[k] - rows * np.linalg.slogdet(whole)[1]) < 1e-8
+        moved = (alike @ wide).reshape(columns.shape)
+        found = dwells.product(columns, np.array([0.3]), np.array([constant]))
+        expected = 0.3 * np.einsum("nri,nrj->ij", columns, moved)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow

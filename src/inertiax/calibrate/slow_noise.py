@@ -25,6 +25,7 @@ from ..data.recording import Rig
 from ..estimators import AbstractEstimator
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
+from .alike_dwells import AlikeDwells
 from .covariance_shares import given, OF_THE_DEVICE, shares
 
 
@@ -100,28 +101,13 @@ def _kept(problem: Problem, rows: int) -> int:
     return rows if problem.dwells.motion is None else 3
 
 
-def kernel(
-    time: Float[np.ndarray, " dwell"],
-    experiment: Float[np.ndarray, " dwell"],
-    output: Float[np.ndarray, "dwell 3"] | None,
-    constant: float,
-) -> Float[np.ndarray, "dwell dwell"]:
-    """K: how alike dwells err. `output` where a row is along it, else `None`; `constant` is τ, s."""
-    found = np.exp(-np.abs(time[:, None] - time) / constant)
-    found = np.where(experiment[:, None] == experiment, found, 0.0)
-    if output is None:
-        return found
-    unit = output / np.linalg.norm(output, axis=1, keepdims=True)
-    return found * (unit @ unit.T)
-
-
-def kernel_of(problem: Problem, rows: int, constant: float) -> Float[np.ndarray, "dwell dwell"]:
+def _alike(problem: Problem, rows: int) -> AlikeDwells:
     """K of a problem's dwells with `rows` rows each."""
     dwells, triad = problem.dwells, problem.estimator.triad
     count = problem.num_dwells
     output = np.asarray(getattr(dwells, triad), float)[:count] if rows == 1 else None
     time, experiment = (np.asarray(x, float)[:count] for x in (dwells.time, dwells.experiment))
-    return kernel(time, experiment, output, constant)
+    return AlikeDwells(time, experiment, output)
 
 
 def slow_noise_of(
@@ -146,16 +132,15 @@ def slow_noise_of(
     steps = steps[steps > 0.0]
     if len(steps) == 0:
         return SlowNoise()
-    white, _ = _likelihood(np.ones((1, count)), together)
+    flat = together.reshape(-1, unknowns + 1)
+    white, _ = _likelihood((flat.T @ flat)[None], np.zeros(1), len(flat))
     longest = max(float(np.ptp(time)), 2.0 * float(np.median(steps)))
     times = np.geomspace(0.5 * float(np.median(steps)), longest, _TIMES)
-    tried = []
-    for constant in times:
-        values, vectors = np.linalg.eigh(kernel_of(problem, rows, float(constant)))
-        turned = (vectors.T @ together.reshape(count, -1)).reshape(together.shape)
-        portion = _SHARES[:, None]
-        tried.append(_likelihood(1.0 - portion + portion * np.maximum(values, 0.0), turned))
-    likelihood, variance = np.array(tried).transpose(1, 0, 2)
+    cases = np.tile(_SHARES, _TIMES), np.repeat(times, len(_SHARES))
+    whitened = _alike(problem, rows).whitened(together, *cases)
+    likelihood, variance = (
+        x.reshape(_TIMES, len(_SHARES)) for x in _likelihood(*whitened, len(flat))
+    )
     gain = np.exp(np.minimum(likelihood - white[0], _HUGE))
     odds = ODDS * float(np.mean(gain))
     probability = odds / (1.0 + odds)
@@ -169,20 +154,19 @@ def slow_noise_of(
 
 
 def _likelihood(
-    variances: Float[np.ndarray, "case dwell"],
-    together: Float[np.ndarray, "dwell row column"],
+    gram: Float[np.ndarray, "case column column"],
+    volume: Float[np.ndarray, " case"],
+    count: int,
 ) -> tuple[Float[np.ndarray, " case"], Float[np.ndarray, " case"]]:
-    """Restricted log likelihood at the most likely σ², and that σ², for variances of independent rows in units of it.
+    """Restricted log likelihood of `count` rows at the most likely σ², and that σ², by XᵀT⁻¹X and log det T.
 
-    The last column holds the residuals, the others the design.
+    The last column of X holds the residuals, the others the design.
     """
-    count, rows, columns = together.shape
-    gram = np.einsum("cd,dri,drj->cij", 1.0 / variances, together, together, optimize=True)
     normal, cross = gram[:, :-1, :-1], gram[:, :-1, -1:]
     taken = np.sum(cross * np.linalg.solve(normal, cross), axis=(1, 2))
-    dof = count * rows - columns + 1
+    dof = count - gram.shape[1] + 1
     variance = np.maximum(gram[:, -1, -1] - taken, np.finfo(float).tiny) / dof
-    spread = rows * np.sum(np.log(variances), axis=1) + np.linalg.slogdet(normal)[1]
+    spread = volume + np.linalg.slogdet(normal)[1]
     return -0.5 * (spread + dof * np.log(variance)), variance
 
 
@@ -197,12 +181,6 @@ def slow_part(
         return np.zeros_like(covariance)
     design, residual = problem.rows(coefficients)
     rows = _kept(problem, len(residual) // problem.num_dwells)
-    alike = sum(
-        part * kernel_of(problem, rows, time)
-        for part, time in zip(noise.parts, noise.times, strict=True)
-    )
     moved_by = (design @ covariance).reshape(problem.num_dwells, -1, len(covariance))
     by_dwell = moved_by[:, :rows]
-    moved = np.einsum("nm,mru->nru", alike, by_dwell)
-    found = np.einsum("nru,nrv->uv", by_dwell, moved)
-    return 0.5 * (found + found.T)
+    return _alike(problem, rows).product(by_dwell, np.array(noise.parts), np.array(noise.times))
