@@ -27,12 +27,12 @@ from .compensated_recording import (
     compensate_file,
     Extent,
     notes_on,
-    require_fit,
     source_of,
     units_of,
     with_outputs,
 )
 from .replaced_columns import replaced_columns
+from .required_columns import require_fit
 from .table_writer import full_disk_told, TableWriter
 from .text_columns import kinds_of, typed
 
