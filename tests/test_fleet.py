@@ -184,7 +184,8 @@ def test_single_precision_loses_what_is_said(degree):
     # 2⁻²⁴ = 6e-8 for each of the outputs and of the roundings of a dwell's residual.
     assert 1e-9 < loss.max() < 3e-7
     sigma = [np.sqrt(np.diagonal(f.covariance, axis1=1, axis2=2)) for f in (whole, single)]
-    np.testing.assert_allclose(sigma[1], sigma[0], rtol=1e-3)
+    # The scatter is a small difference between χ² and its freedom, whose roundings it magnifies.
+    np.testing.assert_allclose(sigma[1], sigma[0], rtol=5e-3)
 
 
 def test_single_precision_is_refused_to_other_estimators():

@@ -129,9 +129,9 @@ def test_covariance_of_both_triads_and_lever_arms_is_right():
         off = np.asarray(alignment.rotation) - between
         rotations.append(off @ np.linalg.solve(alignment.covariance, off))
     variance, mean = np.mean(np.square(signed), axis=0), np.mean(signed, axis=0)
-    # χ² with 42 degrees of freedom over 200 runs: 1 sigma of the mean √(84/200) = 0.65; scatter is never
-    # estimated below zero, which makes a run in a hundred a little wide.
-    assert 39.4 < np.mean(squares) < 44.6
+    # χ² with 42 degrees of freedom over 200 runs: 1 sigma of the mean √(84/200) = 0.65; scatter that chance does
+    # not exclude is counted, which makes variances a few per cent wide.
+    assert 38.0 < np.mean(squares) < 44.6
     # Every parameter's own variance: 1 sigma √(2/200) = 0.1, of 42 of them none beyond 3.5.
     assert len(variance) == 42 and np.all(np.abs(variance - 1.0) < 0.35), variance
     assert np.all(np.abs(mean) < 3.5 / np.sqrt(200))

@@ -320,10 +320,10 @@ def test_a_diagnosis_has_a_protocol(tmp_path, capsys, monkeypatch):
     said = _json_of(capsys, monkeypatch, tmp_path / "r", tmp_path / "p", "")
     verdict = json.loads((tmp_path / "r" / "diagnosis.json").read_text("utf-8"))["verdict"]
     assert verdict == "consistent"
-    assert {b["source"] for r in said["results"] for b in r["budget"]} == {
-        "dwell noise",
-        "probe offset",
-    }
+    sources = {b["source"] for r in said["results"] for b in r["budget"]}
+    # Scatter and slow noise are there where chance does not exclude them.
+    assert {"dwell noise", "probe offset"} <= sources
+    assert sources <= {"dwell noise", "probe offset", "re-positioning", "slow noise"}
 
 
 def _json_of(capsys, monkeypatch, results: Path, output: Path, device: str) -> dict:
