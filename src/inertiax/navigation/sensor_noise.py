@@ -10,7 +10,7 @@ The white noise goes through the sensor's low-pass filter, if there is one: y_k 
 and walk, which are slow, pass it as they are.
 
 Sums of Gauss-Markov processes have the spectrum s²/(2 f ln r) where their time constants lie, which is flicker noise's
-B²/(2π f) for s² = B² ln r/π.
+B²/(2π f) for s² = B² ln r/π. One normal number a sample makes their sum (`one_innovation`).
 
 **Reference:** IEEE Std 952-2020, annex C; Keshner, *1/f noise*, Proc. IEEE 70 (1982).
 """
@@ -28,6 +28,7 @@ from .._typing import AnyArray
 from ..data.plausible_units import farthest_outside, GREATEST_NOISE, PEAK_FORCE, PEAK_RATE
 from ..physics.leaves import is_traced
 from .counted_normals import normals
+from .one_innovation import one_innovation, OneInnovation
 
 
 RATIO = 6.0  # between time constants: the Allan variance is flat to 2 % (tested)
@@ -152,7 +153,7 @@ class NoiseState(eqx.Module):
 
     key: PRNGKeyArray
     walk: Float[Array, "6"]
-    markov: Float[Array, "processes 6"]
+    markov: tuple[Float[Array, "6"], ...]  # the flicker's processes for B = 1; apart, as `drawn`
     last: Float[Array, "6"]  # θ of the sample before
     white: Float[Array, "order 6"]  # behind the sensor's filter, the newest first
     # Normal numbers of the next sample, a vector for each term. Kept from step to step they are made once, where a
@@ -198,44 +199,41 @@ class SensorNoise(eqx.Module):
     def begin(self, key: PRNGKeyArray) -> NoiseState:
         """Flicker in equilibrium, the walk and the filter at zero."""
         key, first, second = jax.random.split(key, 3)
-        count = 0 if self.term("B") is None else len(self.time_constants)
         zero, kind = jnp.zeros((), jnp.int32), jnp.result_type(float)
-        markov = jnp.zeros((0, 6))
-        if count:
-            drawn = jnp.stack(normals(first, zero, count, 6)).astype(kind)
-            markov = drawn * self._flicker_sigma()[None]
+        markov = ()
+        if self.term("B") is not None:
+            start = self._flicker.start
+            drawn = jnp.stack(normals(first, zero, len(start), 6)).astype(kind)
+            markov = tuple((row[:, None] * drawn).sum(axis=0) for row in start.astype(drawn.dtype))
         last = normals(second, zero, 1, 6)[0].astype(kind)
-        drawn = self._draw(key, zero, bool(count))
         white = jnp.zeros(self.recursion.shape)
+        drawn = self._draw(key, zero)
         return NoiseState(key, jnp.zeros(6), markov, last * _or_zero(self.term("Q")), white, drawn)
 
-    def _draw(
-        self, key: PRNGKeyArray, count: Int[Array, ""], flicker: bool
-    ) -> tuple[Float[Array, "6"], ...]:
-        """Normal numbers of a sample: a vector for each of N, K and Q that there is, and two for the flicker."""
-        rows = len(self._drawn_terms) + 2 * flicker
+    def _draw(self, key: PRNGKeyArray, count: Int[Array, ""]) -> tuple[Float[Array, "6"], ...]:
+        """Normal numbers of a sample: a vector for each of N, K, Q and B that there is."""
         kind = jnp.result_type(float)
-        return tuple(d.astype(kind) for d in normals(key, count, rows, 6))
+        return tuple(d.astype(kind) for d in normals(key, count, len(self._drawn_terms), 6))
 
     @property
     def _drawn_terms(self) -> list[str]:
-        return [n for n in "NKQ" if self.term(n) is not None]
+        return [n for n in "NKQB" if self.term(n) is not None]
 
-    def _flicker_sigma(self) -> Float[Array, "6"]:
-        return _or_zero(self.term("B")) * np.sqrt(np.log(RATIO) / np.pi)
+    @property
+    def _flicker(self) -> OneInnovation:
+        return one_innovation(1.0 / (self.sample_rate * self.time_constants))
 
     def follow(
         self, state: NoiseState, count: Int[Array, ""]
     ) -> tuple[NoiseState, Float[Array, "6"]]:
         """The next state and the noise of sample `count` (from 0)."""
-        names, draws = self._drawn_terms, state.drawn
         total = jnp.zeros(6)
         ramp = self.term("R")
         if ramp is not None:
             total = total + ramp * (count.astype(total.dtype) / self.sample_rate)
-        if not draws:
+        if not state.drawn:
             return state, total
-        own = dict(zip(names, draws))
+        own = dict(zip(self._drawn_terms, state.drawn))
         rate, walk, last, markov = self.sample_rate, state.walk, state.last, state.markov
         white = state.white
         if "N" in own:
@@ -251,36 +249,16 @@ class SensorNoise(eqx.Module):
         if "Q" in own:
             angle = own["Q"] * _or_zero(self.term("Q"))
             total, last = total + (angle - last) * rate, angle
-        if len(markov):
-            sigma = self._flicker_sigma()
-            first, other = (sigma * d for d in draws[len(names) :])
-            markov = self._flicker(markov, first, other, count)
-            total = total + markov.sum(axis=0)
-        drawn = self._draw(state.key, count + 1, bool(len(markov)))
+        if "B" in own:
+            # The change is added last: the slowest processes keep 1 − 10⁻⁷ of themselves, which 32 bits do not hold.
+            markov = tuple(
+                x + (float(drive) * own["B"] - float(decay) * x)
+                for x, decay, drive in zip(markov, self._flicker.decay, self._flicker.drive)
+            )
+            size = _or_zero(self.term("B")) * np.sqrt(np.log(RATIO) / np.pi)
+            total = total + size * sum(markov[1:], markov[0])
+        drawn = self._draw(state.key, count + 1)
         return NoiseState(state.key, walk, markov, last, white, drawn), total
-
-    def _flicker(
-        self,
-        markov: Float[Array, "processes 6"],
-        first: Float[Array, "6"],
-        other: Float[Array, "6"],
-        count: Int[Array, ""],
-    ) -> Float[Array, "processes 6"]:
-        """The fastest process each sample and, of the others, number j every 2^j samples (Voss' order).
-
-        Their time constants grow by `RATIO` > 2, so that each is renewed often enough to be smooth.
-        """
-        last = len(self.time_constants) - 1
-        stretch = np.minimum(2.0 ** np.arange(last + 1), 2.0 ** (last - 1))
-        ratio = stretch / (self.sample_rate * self.time_constants)
-        column = lambda values: jnp.asarray(values, first.dtype)[:, None]
-        decay, drive = column(np.exp(-ratio)), column(np.sqrt(-np.expm1(-2.0 * ratio)))
-        zeros = 31 - jax.lax.clz(count & -count)  # at the end of the count's binary digits
-        number = jnp.arange(last + 1, dtype=zeros.dtype)
-        # All are computed and two kept: for many devices a choice is far quicker than picking and putting back.
-        renewed = (number == 0) | (number == jnp.clip(zeros + 1, 1, last))
-        drawn = jnp.where((number == 0)[:, None], first[None], other[None])
-        return jnp.where(renewed[:, None], decay * markov + drive * drawn, markov)
 
     def read_out(self, outputs: Float[Array, "6"]) -> Float[Array, "6"]:
         """The outputs within the range and on the grid of the read-out."""
