@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.linalg import solve_discrete_lyapunov, toeplitz
+from scipy.signal import freqz, lfilter
 
 from inertiax.allan import identify
 from inertiax.calibration.calibration import Calibration, TriadCalibration
@@ -114,6 +115,51 @@ def test_flicker_is_flat_as_ieee_952_has_it():
         total += 2.0 / x**2 * (x - 1.5 + 2.0 * np.exp(-x) - 0.5 * np.exp(-2.0 * x)) / 1.0
     variance = np.log(RATIO) / np.pi
     np.testing.assert_allclose(variance * total, 2.0 * np.log(2.0) / np.pi, rtol=0.02)
+
+
+@pytest.mark.parametrize("rate", [1.0, 100.0, 4000.0])
+def test_one_innovation_makes_the_sum_of_independent_processes(rate):
+    noise = SensorNoise(TriadNoise(B=1.0), TriadNoise(), rate)
+    keep = np.exp(-1.0 / (rate * noise.time_constants))
+    decay, drive, start = noise._flicker
+    np.testing.assert_allclose(1.0 - decay, keep, rtol=1e-15)
+    # Scaled by √(1 − a²), since SciPy's residuals are of the greatest variance.
+    size = np.sqrt(-np.expm1(2.0 * np.log1p(-decay)))
+    assert np.all(drive > 0.0)
+    states = solve_discrete_lyapunov(np.diag(keep), np.outer(drive, drive))
+    np.testing.assert_allclose(start @ start.T, states, rtol=2e-9 * rate)
+    for lag in (0, 1, 10, 1000, 10**6, 10**8):
+        assert np.sum(keep**lag @ states) == pytest.approx(np.sum(keep**lag), rel=2e-9 * rate)
+    # And at any frequency, against SciPy's responses of the filter and of each process by itself.
+    turns = np.geomspace(1e-6, np.pi, 50)
+    one = sum(freqz([r], [1.0, -a], turns)[1] for r, a in zip(drive, keep))
+    each = sum(np.abs(freqz([s], [1.0, -a], turns)[1]) ** 2 for s, a in zip(size, keep))
+    np.testing.assert_allclose(np.abs(one) ** 2, each, rtol=1e-8)
+
+
+def test_flicker_begins_in_equilibrium_and_needs_no_64_bits():
+    noise = SensorNoise(TriadNoise(B=1.0), TriadNoise(B=1.0), 100.0)
+
+    def run(key, samples):
+        step = lambda s, k: noise.follow(s, k)
+        return jax.lax.scan(step, noise.begin(key), jnp.arange(samples, dtype=jnp.int32))[1]
+
+    keys = jax.random.split(jax.random.PRNGKey(5), 5000)
+    drawn = np.asarray(jax.jit(jax.vmap(lambda k: run(k, 40)))(keys)).transpose(0, 2, 1)
+    drawn = drawn.reshape(-1, 40)
+    keep = np.exp(-0.01 / noise.time_constants)
+    want = toeplitz(np.log(RATIO) / np.pi * np.sum(keep ** np.arange(40)[:, None], axis=1))
+    found = drawn.T @ drawn / len(drawn)
+    # One sigma of a product's mean over n is √((C_ii C_jj + C_ij²)/n); the largest of 820 is below 4.5 of them.
+    spread = np.sqrt((want[0, 0] ** 2 + want**2) / len(drawn))
+    assert np.max(np.abs(found - want) / spread) < 4.5
+
+    both = []
+    for double in (True, False):
+        with jax.enable_x64(double):
+            both.append(np.asarray(jax.jit(run, static_argnums=1)(keys[0], 300_000), float))
+    # The numbers are the same in both precisions; what rounding adds is as nothing beside the steps.
+    assert np.max(np.abs(both[0] - both[1])) < 1e-3 * np.diff(both[0], axis=0).std()
 
 
 def test_white_walk_ramp_and_angle_noise_have_their_densities(getkey):

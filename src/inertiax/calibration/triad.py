@@ -1,6 +1,7 @@
 """One triad's error parameters as curves over temperature."""
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -107,10 +108,14 @@ class TriadCalibration(eqx.Module):
         refuse_stacked((self,), "triad.parameters(temperature)", MAPPED)
         values = self.curve(temperature)
         place = {slot(n): k for k, n in enumerate(self.names)}
-        # Read, not written to their slots, so that each device's numbers stay where they are.
-        taken = values[np.array([place.get(k, 0) for k in range(21)])]
-        fitted = np.array([k in place for k in range(21)])
-        return jnp.where(fitted, taken, jnp.zeros_like(taken))
+        # Runs of neighbours, neither gathered nor written to their slots: for many devices both are slow, and each
+        # device's numbers stay where they are.
+        runs = []
+        for ahead, run in groupby(range(21), lambda k: k - place[k] if k in place else None):
+            slots = list(run)
+            zero = jnp.zeros(len(slots), values.dtype)
+            runs.append(zero if ahead is None else values[slots[0] - ahead : slots[-1] + 1 - ahead])
+        return jnp.concatenate(runs)
 
     def standard_deviations(self, temperature: Scalar | float) -> Float[Array, " parameters"]:
         """1-sigma of the named parameters at one temperature: √diag(φ C φᵀ).

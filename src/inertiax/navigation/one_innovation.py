@@ -50,5 +50,7 @@ def one_innovation(rates: Float[np.ndarray, " processes"]) -> OneInnovation:
         ]
     )
     covariance = np.outer(drive, drive) / -np.expm1(-np.add.outer(rates, rates))
-    scale = np.sqrt(len(rates) / covariance.sum())  # the sum's variance is that of as many processes
+    scale = np.sqrt(
+        len(rates) / covariance.sum()
+    )  # the sum's variance is that of as many processes
     return OneInnovation(-np.expm1(-rates), scale * drive, scale * np.linalg.cholesky(covariance))

@@ -153,7 +153,7 @@ class NoiseState(eqx.Module):
 
     key: PRNGKeyArray
     walk: Float[Array, "6"]
-    markov: tuple[Float[Array, "6"], ...]  # the flicker's processes for B = 1; apart, as `drawn`
+    markov: Float[Array, "processes 6"]  # of the flicker, variance 1
     last: Float[Array, "6"]  # θ of the sample before
     white: Float[Array, "order 6"]  # behind the sensor's filter, the newest first
     # Normal numbers of the next sample, a vector for each term. Kept from step to step they are made once, where a
@@ -200,11 +200,11 @@ class SensorNoise(eqx.Module):
         """Flicker in equilibrium, the walk and the filter at zero."""
         key, first, second = jax.random.split(key, 3)
         zero, kind = jnp.zeros((), jnp.int32), jnp.result_type(float)
-        markov = ()
+        markov = jnp.zeros((0, 6))
         if self.term("B") is not None:
-            start = self._flicker.start
-            drawn = jnp.stack(normals(first, zero, len(start), 6)).astype(kind)
-            markov = tuple((row[:, None] * drawn).sum(axis=0) for row in start.astype(drawn.dtype))
+            start = self._flicker.start.astype(kind)
+            drawn = normals(first, zero, len(start), 6)
+            markov = sum(jnp.outer(c, d.astype(kind)) for c, d in zip(start.T, drawn))
         last = normals(second, zero, 1, 6)[0].astype(kind)
         white = jnp.zeros(self.recursion.shape)
         drawn = self._draw(key, zero)
@@ -250,13 +250,12 @@ class SensorNoise(eqx.Module):
             angle = own["Q"] * _or_zero(self.term("Q"))
             total, last = total + (angle - last) * rate, angle
         if "B" in own:
-            # The change is added last: the slowest processes keep 1 − 10⁻⁷ of themselves, which 32 bits do not hold.
-            markov = tuple(
-                x + (float(drive) * own["B"] - float(decay) * x)
-                for x, decay, drive in zip(markov, self._flicker.decay, self._flicker.drive)
-            )
+            decay, drive = (v.astype(total.dtype) for v in self._flicker[:2])
+            # The change is added last: 32 bits do not hold the 1 − 10⁻⁷ that the slowest process keeps of itself.
+            markov = markov + (jnp.outer(drive, own["B"]) - decay[:, None] * markov)
+            # Row by row, as a compiler adds along an axis of many devices several times slower.
             size = _or_zero(self.term("B")) * np.sqrt(np.log(RATIO) / np.pi)
-            total = total + size * sum(markov[1:], markov[0])
+            total = total + size * sum(markov)
         drawn = self._draw(state.key, count + 1)
         return NoiseState(state.key, walk, markov, last, white, drawn), total
 

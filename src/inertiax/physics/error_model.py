@@ -84,6 +84,12 @@ def _cross(a: Array, b: Array) -> Array:
     )
 
 
+def _times(matrix: Mat3, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    # Column by column: for many devices a compiler makes a slow loop of each small product of matrices.
+    m = jnp.asarray(matrix)
+    return m[:, 0] * vector[0] + m[:, 1] * vector[1] + m[:, 2] * vector[2]
+
+
 def _identity_plus(matrix: Mat3) -> Float[Array, "3 3"]:
     matrix = jnp.asarray(matrix)
     return jnp.eye(3, dtype=matrix.dtype) + matrix
@@ -95,7 +101,8 @@ def distort_accel(errors: AccelerometerErrors, force: Vec3) -> Float[Array, "3"]
     Raises `ValueError` for more than one sample, as its three companions do.
     """
     check_one("distort_accel(errors, force)", force=force)
-    return _identity_plus(errors.matrix) @ jnp.asarray(force) + errors.bias
+    force = jnp.asarray(force)
+    return force + _times(errors.matrix, force) + errors.bias
 
 
 def compensate_accel(errors: AccelerometerErrors, output: Vec3) -> Float[Array, "3"]:
@@ -113,8 +120,8 @@ def distort_gyro(
     `gravity` the reference g (m/s²) that makes a / g dimensionless.
     """
     check_one("distort_gyro(errors, rate, force, gravity)", rate=rate, force=force)
-    by_force = jnp.asarray(errors.g_sensitivity) @ (jnp.asarray(force) / gravity)
-    return _identity_plus(errors.matrix) @ jnp.asarray(rate) + errors.bias + by_force
+    rate, by_force = jnp.asarray(rate), _times(errors.g_sensitivity, jnp.asarray(force) / gravity)
+    return rate + _times(errors.matrix, rate) + errors.bias + by_force
 
 
 def compensate_gyro(
@@ -125,7 +132,7 @@ def compensate_gyro(
     `force` is the *compensated* specific force a (m/s²), which makes this the inverse of (1).
     """
     check_one("compensate_gyro(errors, output, force, gravity)", output=output, force=force)
-    by_force = jnp.asarray(errors.g_sensitivity) @ (jnp.asarray(force) / gravity)
+    by_force = _times(errors.g_sensitivity, jnp.asarray(force) / gravity)
     return solve3(_identity_plus(errors.matrix), jnp.asarray(output) - errors.bias - by_force)
 
 

@@ -265,7 +265,8 @@ class Curve(eqx.Module):
 
         Raises `ValueError` for an array of temperatures; `jax.vmap(curve)` takes many.
         """
-        return self.basis(temperature) @ self.coefficients
+        # Function by function: for many devices a compiler would turn their coefficients' matrices at every sample.
+        return sum(f * c for f, c in zip(self.basis(temperature), jnp.asarray(self.coefficients)))
 
 
 def interpolate(
