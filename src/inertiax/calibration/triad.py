@@ -108,13 +108,13 @@ class TriadCalibration(eqx.Module):
         refuse_stacked((self,), "triad.parameters(temperature)", MAPPED)
         values = self.curve(temperature)
         place = {slot(n): k for k, n in enumerate(self.names)}
-        # Runs of neighbours, neither gathered nor written to their slots: for many devices both are slow, and each
-        # device's numbers stay where they are.
-        runs = []
+        # Runs of neighbours, neither gathered nor written to their slots, which is slow for many devices. Zeros come
+        # from padding, so that under `vmap` they lie on the same accelerators as the others.
+        zero, runs = jnp.pad(values, (0, 1))[-1], []
         for ahead, run in groupby(range(21), lambda k: k - place[k] if k in place else None):
             slots = list(run)
-            zero = jnp.zeros(len(slots), values.dtype)
-            runs.append(zero if ahead is None else values[slots[0] - ahead : slots[-1] + 1 - ahead])
+            own = slice(slots[0] - (ahead or 0), slots[-1] + 1 - (ahead or 0))
+            runs.append(jnp.broadcast_to(zero, len(slots)) if ahead is None else values[own])
         return jnp.concatenate(runs)
 
     def standard_deviations(self, temperature: Scalar | float) -> Float[Array, " parameters"]:

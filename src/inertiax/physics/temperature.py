@@ -266,7 +266,8 @@ class Curve(eqx.Module):
         Raises `ValueError` for an array of temperatures; `jax.vmap(curve)` takes many.
         """
         # Function by function: for many devices a compiler would turn their coefficients' matrices at every sample.
-        return sum(f * c for f, c in zip(self.basis(temperature), jnp.asarray(self.coefficients)))
+        phi, c = self.basis(temperature), jnp.asarray(self.coefficients)
+        return sum(phi[k] * c[k] for k in range(self.basis.size))
 
 
 def interpolate(
