@@ -18,6 +18,7 @@ from inertiax.numerics.linear_algebra import (
     DenseNormal,
     scaled_inverse,
     spd_inverse,
+    symmetric_eigen,
 )
 
 
@@ -270,3 +271,32 @@ def test_gauss_newton_on_the_host_tells_that_it_did_not_converge():
     assert not found.converged and found.unknowns == [1.0]
     singular = solve_on_host(lambda p: (np.ones((5, 2)), np.arange(5.0) - p.sum()), np.zeros(2))
     assert not singular.converged and np.all(np.isfinite(singular.unknowns))
+
+
+def test_eigenvalues_in_turn_are_scipys_and_have_slopes():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(2, 5, 4, 4))
+    matrices = root @ root.swapaxes(-1, -2)
+    turn = rng.normal(size=(4, 4))
+    for values, vectors in (
+        symmetric_eigen(matrices),
+        symmetric_eigen(jnp.asarray(matrices)),
+        jax.jit(jax.vmap(jax.vmap(symmetric_eigen)))(jnp.asarray(matrices)),
+    ):
+        whole = [[scipy.linalg.eigvalsh(m) for m in row] for row in matrices]
+        np.testing.assert_allclose(values, whole, rtol=1e-10)
+        again = (np.asarray(vectors) * np.asarray(values)[..., None, :]) @ np.swapaxes(
+            vectors, -1, -2
+        )
+        np.testing.assert_allclose(again, matrices, rtol=1e-10, atol=1e-12)
+
+    def root_of(m):
+        values, vectors = symmetric_eigen(m)
+        return jnp.sum(jnp.asarray(turn) * ((vectors * jnp.sqrt(values)[None]) @ vectors.T))
+
+    slope = np.asarray(jax.vmap(jax.grad(root_of))(jnp.asarray(matrices[0])))
+    outside = lambda m: np.sum(turn * np.real(scipy.linalg.sqrtm(m)))
+    for m, found in zip(matrices[0], slope):
+        move = 1e-6 * (turn + turn.T)
+        finite = (outside(m + move) - outside(m - move)) / 2.0
+        assert np.sum(found * move) == pytest.approx(finite, rel=1e-6)

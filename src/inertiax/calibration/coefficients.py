@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._typing import AnyArray
+from ..numerics.linear_algebra import symmetric_eigen
 from .triad import TriadCalibration, unit_of
 
 
@@ -185,7 +186,10 @@ def conditional(
     scale = _positive(xp.sqrt(xp.diagonal(inside, axis1=-2, axis2=-1)))
     whole = scale[..., :, None] * scale[..., None, :]
     cut = xp.asarray(1e3 * len(known) * xp.finfo(spread.dtype).eps, spread.dtype)
-    inverse = xp.linalg.pinv(inside / whole, rcond=cut, hermitian=True) / whole
+    values, vectors = symmetric_eigen(inside / whole)
+    kept = xp.abs(values) > cut * xp.max(xp.abs(values), axis=-1, keepdims=True)
+    over = xp.where(kept, 1.0 / xp.where(kept, values, 1.0), 0.0)
+    inverse = (vectors * over[..., None, :]) @ xp.swapaxes(vectors, -1, -2) / whole
     gain = across @ inverse
     given = xp.broadcast_to(xp.asarray(given, mean.dtype), mean[..., known].shape)
     moved = mean + (gain @ (given - mean[..., known])[..., None])[..., 0]
@@ -269,7 +273,7 @@ def _principal(spread: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray
     spread = xp.asarray(spread)
     scale = xp.sqrt(xp.diagonal(spread))
     safe = _positive(scale)
-    eigenvalues, vectors = xp.linalg.eigh(spread / (safe[:, None] * safe[None, :]))
+    eigenvalues, vectors = symmetric_eigen(spread / (safe[:, None] * safe[None, :]))
     least = len(scale) * xp.finfo(spread.dtype).eps * xp.max(eigenvalues)
     kept = eigenvalues > least
     return scale, vectors, xp.sqrt(xp.where(kept, eigenvalues, xp.zeros_like(eigenvalues))), kept

@@ -24,6 +24,7 @@ from .._typing import AnyArray, Mat3, Vec3
 from ..calibration.calibration import Calibration
 from ..calibration.triad import MAPPED, refuse_stacked
 from ..data.plausible_units import check_from_zero
+from ..numerics.linear_algebra import cholesky, cholesky_solve
 from ..physics.shapes import check_one
 from .calibration_states import calibration_states, CalibrationStates
 from .checks import check_data, check_near, check_rotation, check_speed, FARTHEST, FASTEST
@@ -277,10 +278,8 @@ def _correct(
     y, slope = innovation(update, state.estimate, row.value)
     crossed = slope @ covariance
     spread = crossed @ slope.T + jnp.diag(row.variance)
-    factor = jnp.linalg.cholesky(spread)
-    unit = jnp.eye(y.shape[0], dtype=y.dtype)
-    half = jax.scipy.linalg.solve_triangular(factor, unit, lower=True)
-    information = half.T @ half
+    factor = cholesky(spread)
+    information = cholesky_solve(factor, jnp.eye(y.shape[0], dtype=y.dtype))
     nis = jnp.vdot(y, information @ y)
     used = row.valid if update.gate is None else row.valid & (nis <= update.gate)
     keep = jnp.where(used, 1.0, 0.0).astype(y.dtype)

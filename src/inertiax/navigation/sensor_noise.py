@@ -153,7 +153,8 @@ class NoiseState(eqx.Module):
 
     key: PRNGKeyArray
     walk: Float[Array, "6"]
-    markov: Float[Array, "processes 6"]  # of the flicker, variance 1
+    # Of the flicker's processes, variance 1, one after the other: in one row many devices' are computed quicker.
+    markov: Float[Array, " rows"]
     last: Float[Array, "6"]  # θ of the sample before
     white: Float[Array, "order 6"]  # behind the sensor's filter, the newest first
     # Normal numbers of the next sample, a vector for each term. Kept from step to step they are made once, where a
@@ -200,11 +201,12 @@ class SensorNoise(eqx.Module):
         """Flicker in equilibrium, the walk and the filter at zero."""
         key, first, second = jax.random.split(key, 3)
         zero, kind = jnp.zeros((), jnp.int32), jnp.result_type(float)
-        markov = jnp.zeros((0, 6))
+        markov = jnp.zeros(0)
         if self.term("B") is not None:
             start = self._flicker.start.astype(kind)
             drawn = normals(first, zero, len(start), 6)
-            markov = sum(jnp.outer(c, d.astype(kind)) for c, d in zip(start.T, drawn))
+            rows = [sum(c * d.astype(kind) for c, d in zip(row, drawn)) for row in start]
+            markov = jnp.concatenate(rows)
         last = normals(second, zero, 1, 6)[0].astype(kind)
         white = jnp.zeros(self.recursion.shape)
         drawn = self._draw(key, zero)
@@ -250,12 +252,12 @@ class SensorNoise(eqx.Module):
             angle = own["Q"] * _or_zero(self.term("Q"))
             total, last = total + (angle - last) * rate, angle
         if "B" in own:
-            decay, drive = (v.astype(total.dtype) for v in self._flicker[:2])
+            decay, drive = (np.repeat(v.astype(total.dtype), 6) for v in self._flicker[:2])
             # The change is added last: 32 bits do not hold the 1 − 10⁻⁷ that the slowest process keeps of itself.
-            markov = markov + (jnp.outer(drive, own["B"]) - decay[:, None] * markov)
-            # Row by row, as a compiler adds along an axis of many devices several times slower.
+            markov = markov + (drive * jnp.tile(own["B"], len(drive) // 6) - decay * markov)
             size = _or_zero(self.term("B")) * np.sqrt(np.log(RATIO) / np.pi)
-            total = total + size * sum(markov)
+            # One by one, as a compiler adds along an axis of many devices several times slower.
+            total = total + size * sum(markov[k : k + 6] for k in range(0, len(markov), 6))
         drawn = self._draw(state.key, count + 1)
         return NoiseState(state.key, walk, markov, last, white, drawn), total
 

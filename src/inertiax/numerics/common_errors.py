@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._typing import AnyArray
+from .linear_algebra import symmetric_eigen
 
 
 def inverse_root(
@@ -19,7 +20,7 @@ def inverse_root(
 ) -> Float[AnyArray, "*batch error error"]:
     """X of F = U X, from Uᵀ U; any leading axes. NumPy for NumPy, JAX for JAX."""
     xp = np if isinstance(gram, np.ndarray) else jnp
-    value, vector = xp.linalg.eigh(gram)
+    value, vector = symmetric_eigen(gram)
     value = xp.maximum(value, 0.0)
     small = value < 1e-8  # the limit of the factor is one half
     factor = xp.where(small, 0.5, (1.0 - 1.0 / xp.sqrt(1.0 + value)) / xp.where(small, 1.0, value))

@@ -1,4 +1,4 @@
-"""Small dense linear algebra: Cholesky without LAPACK under JAX, and the same inverse on the host.
+"""Small dense linear algebra: Cholesky without LAPACK under JAX, the same inverse on the host, eigenvalues in turn.
 
 Calibration problems are tall and narrow (tens to thousands of rows, 3 to 100 columns): normal equations with scaled
 columns are accurate enough there. Under JAX they are written out in plain `jnp`: a batch rides in the vector lanes,
@@ -12,6 +12,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 from numpy.typing import DTypeLike
+
+from .._typing import AnyArray
 
 
 # Up to this size a factorisation is unrolled into scalars (batch in the vector lanes); beyond it a
@@ -144,6 +146,40 @@ def scaled_factor(
         return None
     regular = np.min(np.diagonal(lower)) ** 2 > singular_pivot(normal.dtype)
     return (lower, scale) if regular else None
+
+
+def symmetric_eigen(
+    matrix: Float[AnyArray, "*batch n n"],
+) -> tuple[Float[AnyArray, "*batch n"], Float[AnyArray, "*batch n n"]]:
+    """Eigenvalues, which increase, and eigenvectors (columns) of symmetric matrices; NumPy for NumPy, JAX for JAX.
+
+    Under JAX one matrix after the other, also under `vmap`: two batched calls of LAPACK in one program can wait for
+    each other for good (jaxlib 0.10 on two cores). Equal eigenvalues, whose vectors have no derivative, count as
+    if they stayed equal.
+    """
+    if isinstance(matrix, np.ndarray):
+        return np.linalg.eigh(matrix)
+    return jnp.vectorize(_eigen_of_one, signature="(n,n)->(n),(n,n)")(matrix)
+
+
+@jax.custom_batching.sequential_vmap
+def _eigen_in_turn(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
+    values, vectors = jnp.linalg.eigh(matrix)
+    return values, vectors
+
+
+@jax.custom_jvp
+def _eigen_of_one(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
+    return _eigen_in_turn(matrix)
+
+
+@_eigen_of_one.defjvp
+def _eigen_slope(primals: tuple[Array], tangents: tuple[Array]):
+    values, vectors = _eigen_of_one(*primals)
+    change = vectors.T @ (0.5 * (tangents[0] + tangents[0].T)) @ vectors
+    gap = values[None, :] - values[:, None]
+    turn = jnp.where(gap == 0.0, 0.0, change / jnp.where(gap == 0.0, 1.0, gap))
+    return (values, vectors), (jnp.diagonal(change), vectors @ turn)
 
 
 class DenseNormal(lx.AbstractLinearSolver):

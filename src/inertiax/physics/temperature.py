@@ -267,7 +267,7 @@ class Curve(eqx.Module):
         """
         # Function by function: for many devices a compiler would turn their coefficients' matrices at every sample.
         phi, c = self.basis(temperature), jnp.asarray(self.coefficients)
-        return sum(phi[k] * c[k] for k in range(self.basis.size))
+        return sum((phi[k] * c[k] for k in range(1, self.basis.size)), phi[0] * c[0])
 
 
 def interpolate(

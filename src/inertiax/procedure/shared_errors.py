@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator, JointImu
+from ..estimators.base import whiten
 from ..numerics.common_errors import inverse_root
 from ..reduction.dwells import Dwells, is_told
 from ..reduction.rig_errors import turned_by
@@ -96,8 +97,8 @@ def _of_triad(estimator: AbstractEstimator, dwells: Dwells, library) -> tuple[An
         counted = counted & is_told(reference)
     angle = library.where(counted, library.asarray(dwells.shared_angle), 0.0)
     turned = angle[:, None, None] * turned_by(reference)
-    scatter = library.square(library.asarray(estimator.scatter))
-    total = (
-        library.asarray(getattr(dwells, f"{triad}_covariance")) + (scatter * library.eye(3))[None]
-    )
-    return library.linalg.inv(library.linalg.cholesky(total)) @ turned, turned
+    own = getattr(dwells, f"{triad}_covariance")
+    if library is jnp:
+        return jax.vmap(lambda c, t: whiten(c, estimator.scatter, t))(own, turned), turned
+    total = own + np.square(np.asarray(estimator.scatter)) * np.eye(3)
+    return np.linalg.inv(np.linalg.cholesky(total)) @ turned, turned
