@@ -6,22 +6,19 @@ Times are of the processor (all threads together), by the clock on an accelerato
 other work on the machine counts little; compilation is left out. The calibration has both triads with polynomials of
 degree 3.
 
-Measured on two cores of a shared AMD EPYC with JAX 0.10.2, before and after the noise was made by counting
-(`navigation.counted_normals`), in 32 bits:
+Measured on one core of an AMD EPYC and in brackets before flicker was made by one number a sample
+(`navigation.one_innovation`) and the error model without products of small matrices (JAX 0.10.2, 32 bits, the two in
+turn):
 
     noise        scan, µs a sample     vmap, samples a processor second
-    none         1.0 → 1.0             8.3e6 → 8.0e6
-    N            4.1 → 1.2             2.7e6 → 5.4e6
-    N, B and K   7.8 → 1.9             0.9e6 → 1.7e6
+    none         0.03 (0.73)           5.4e7 (1.1e7)
+    N            0.52 (0.92)           2.1e7 (0.81e7)
+    N, B and K   0.92 (1.44)           0.71e7 (0.32e7)
 
-Again, with the processor less busy: 0.8, 1.1 and 1.5 µs in scan; 1.1e7, 7.6e6 and 2.4e6 samples a processor second.
+Both cores without other work: 1.26e7 samples a second of the clock with all three for 4000 devices, 0.83 to 1.09e7 for
+1000 (0.30e7 before). Asked were 5 µs in `scan` and 10⁷ a second under `vmap`.
 
-With 20 000 devices on one NVIDIA H100 (JAX 0.11.2, 32 bits) `vmap` makes 8.5e8, 6.8e8 and 8.3e8 samples a second.
-
-Asked were 5 µs in `scan` and 10⁷ a second under `vmap`: with white noise it takes two cores of their own, with flicker
-four to six. Flicker's ten processes are ten numbers an axis to carry, and it takes four normal numbers an axis instead
-of one.
-Of the first line most is the error model of each device at each sample's temperature.
+Before, 20 000 devices on one NVIDIA H100 (JAX 0.11.2, 32 bits) made 8.5e8, 6.8e8 and 8.3e8 samples a second.
 """
 
 import argparse
