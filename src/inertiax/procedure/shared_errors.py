@@ -99,6 +99,7 @@ def _of_triad(estimator: AbstractEstimator, dwells: Dwells, library) -> tuple[An
     turned = angle[:, None, None] * turned_by(reference)
     own = getattr(dwells, f"{triad}_covariance")
     if library is jnp:
-        return jax.vmap(lambda c, t: whiten(c, estimator.scatter, t))(own, turned), turned
+        by_axis = jax.vmap(whiten, (None, None, 1), 1)
+        return jax.vmap(by_axis, (0, None, 0))(own, estimator.scatter, turned), turned
     total = own + np.square(np.asarray(estimator.scatter)) * np.eye(3)
     return np.linalg.inv(np.linalg.cholesky(total)) @ turned, turned
