@@ -83,6 +83,21 @@ def test_without_references_the_label_is_known_by_its_motion(tmp_path):
     assert any("position 0" in e.statement and "the device moves" in e.statement for e in errors)
 
 
+def test_a_position_that_is_shaken_is_none(tmp_path):
+    """Positions at random, three of four dwells of one shaken by 0.1 g: the others follow one another directly."""
+    rng = np.random.default_rng(5)
+    order = np.concatenate([rng.permutation(6) for _ in range(5)])
+    label = np.repeat(order, 200)
+    shaken = np.repeat((order == 1) & (np.arange(30) > 6), 200)
+    up = np.concatenate([np.eye(3), -np.eye(3)])[label]
+    accel = GRAVITY * up + np.where(shaken, 1.0, 3e-3)[:, None] * rng.standard_normal(up.shape)
+    columns = {"time": np.arange(len(label)) / RATE, "pose": label}
+    columns |= {f"accel_{a}": accel[:, k] for k, a in enumerate("xyz")}
+    pl.DataFrame(columns).write_csv(tmp_path / "a.csv")
+    seen = check_campaign(_campaign(tmp_path, '"pose"'))
+    assert not [f for f in seen.of("error") if "position 1" in f.statement]
+
+
 def test_a_home_position_between_all_others_is_none(tmp_path):
     _station(tmp_path / "a.csv", moving=0, loud=False)
     table = pl.read_csv(tmp_path / "a.csv")
