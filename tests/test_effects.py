@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.spatial.transform import Rotation
 
 from inertiax.effects import addition, apply, CATALOGUE, Signal, Variant
@@ -18,7 +19,7 @@ NAMES = """temperature_order thermal_lag temperature_rate thermal_hysteresis tem
 drift bias_step settling second_order third_order odd_quadratic scale_asymmetry cross_coupling size_effect
 vibration_rectification g_sensitivity g2_sensitivity rate_nonlinearity dead_band cross_axis_rate
 table_misalignment table_axis_error pier_tilt gravity_error earth_rate rate_scale_error time_delay
-quantization saturation interference magnetic supply""".split()
+quantization saturation interference magnetic supply probe_lag""".split()
 
 BY_NAME = {e.name: e for e in CATALOGUE}
 CASES = [(e, t) for e in CATALOGUE for t in e.triads]
@@ -111,6 +112,22 @@ def test_thermal_lag_is_the_models_slope_times_the_lag_of_a_ramp():
     shape = BY_NAME["thermal_lag"].shape(signal, time_constant=10.0)
     # Long after the start the element is r tau = 0.2 °C behind.
     assert np.allclose(shape[-1, :, 0], [-0.2, -0.4, -0.6], atol=1e-9)
+
+
+def test_a_probe_that_lags_leaves_the_elements_ahead():
+    """The probe's own first-order lag, integrated by SciPy, is undone: the elements are at their own temperature."""
+    signal = make_signal("accel")
+    tau, time = 12.0, np.asarray(signal.time)
+    element = 20.0 + 8.0 * np.sin(time / 40.0)
+    model = scipy.signal.StateSpace([[-1.0 / tau]], [[1.0 / tau]], [[1.0]], [[0.0]])
+    probe = 20.0 + scipy.signal.lsim(model, element - 20.0, time)[1]
+    slope = np.gradient(probe, time)
+    signal = eqx.tree_at(lambda s: (s.temperature, s.temperature_rate), signal, (probe, slope))
+    shape = BY_NAME["probe_lag"].shape(signal, time_constant=tau)
+    # Central differences of 1 s see a period of 251 s to 1e-4 of an amplitude of 2.4 °C; the start is five time
+    # constants long, and the last one is one-sided.
+    ahead = np.outer(element - probe, [1.0, 2.0, 3.0])
+    assert np.abs(np.asarray(shape)[60:-2, :, 0] - ahead[60:-2]).max() < 3e-3
 
 
 def test_size_effect_gives_the_centripetal_acceleration():

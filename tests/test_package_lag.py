@@ -18,8 +18,11 @@ G = 9.81
 LAG = [e for e in CATALOGUE if e.name == "thermal_lag"]
 
 
-def ramps(seed=0):
-    """Tumbles while the chamber goes up, down and up; the magnitude of the specific force is all that is known."""
+def ramps(seed=0, *, late_probe=False):
+    """Tumbles while the chamber goes up, down and up; the magnitude of the specific force is all that is known.
+
+    The elements are late by `TAU`, or with `late_probe` the probe is.
+    """
     rng = np.random.default_rng(seed)
     force = np.repeat(
         np.concatenate([poses()] * 6), 12, axis=0
@@ -32,6 +35,8 @@ def ramps(seed=0):
     probe = np.interp(time, turn, [-10.0, 50.0, 50.0, -10.0, -10.0, 40.0])
     matrix = np.array([[1e-3, 0, 0], [2e-3, -2e-3, 0], [-1e-3, 1e-3, 3e-3]])
     element = behind(time, probe, TAU)
+    if late_probe:
+        probe, element = element, probe
     output = G * force @ (np.eye(3) + matrix).T + (element[:, None] - 20.0) * SLOPE
     output = output + 1e-3 * rng.standard_normal(output.shape)
     recording = Recording(
@@ -79,9 +84,10 @@ def test_rows_of_three_channels_hold_the_joint_lag_in_each():
 
 
 @pytest.mark.slow
-def test_the_lag_of_a_package_is_named_with_one_time_constant():
-    found = diagnose(ramps(seed=1))
-    assert [e.name for e in found.effects] == ["thermal_lag"]
+@pytest.mark.parametrize("name", ["thermal_lag", "probe_lag"])
+def test_the_lag_of_a_package_is_named_with_one_time_constant(name):
+    found = diagnose(ramps(seed=1, late_probe=name == "probe_lag"))
+    assert [e.name for e in found.effects] == [name]
     (effect,) = found.effects
     assert effect.channels == ("accel_x", "accel_y", "accel_z")
     values = dict(effect.parameters)

@@ -14,6 +14,7 @@ from . import (
     magnetic,
     odd_quadratic,
     pier_tilt,
+    probe_lag,
     quantization,
     rate_nonlinearity,
     rate_scale_error,
@@ -50,6 +51,7 @@ from .signal import Signal as Signal
 CATALOGUE: tuple[Effect, ...] = (
     temperature_order.EFFECT,
     thermal_lag.EFFECT,
+    probe_lag.EFFECT,
     temperature_rate.EFFECT,
     thermal_hysteresis.EFFECT,
     temperature_dependence.EFFECT,

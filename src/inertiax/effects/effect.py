@@ -39,7 +39,7 @@ class Effect(eqx.Module):
     `shape(signal, **variant.settings)` gives what the effect adds to the outputs for unit coefficients, shape
     `(time, 3, columns)`, or `(time, 1, columns)` where it is the same on every channel. Coefficients are per
     channel, unless the effect is `common` (of the rig or the reference): then one set serves all channels. An
-    effect of the `package` may act on one channel, or on all with one set.
+    effect of the `package` may act on all channels with one set and, if `singly`, on one alone.
     The sum over columns of coefficient × shape vanishes at coefficients zero, and its Jacobian there is the
     signature that a diagnosis looks for.
     """
@@ -60,6 +60,7 @@ class Effect(eqx.Module):
     requires: tuple[str, ...] = eqx.field(static=True, default=())  # fields of the signal
     common: bool = eqx.field(static=True, default=False)
     package: bool = eqx.field(static=True, default=False)  # all channels may have it in one form
+    singly: bool = eqx.field(static=True, default=True)  # one channel alone may have it
     slow: bool = eqx.field(static=True, default=False)  # may be evaluated at block means
     nuisance: str = eqx.field(static=True, default="")  # the setting to refine and report, if any
     nuisance_unit: str = eqx.field(static=True, default="s")

@@ -9,7 +9,9 @@ from .thresholds import Thresholds
 
 
 _FEWEST = 4  # rests of the label
-_PARTS = 0.5  # rests of the label for each other one: rates may be labelled so as well, which joins them
+_PARTS = (
+    0.5  # rests of the label for each other one: rates may be labelled so as well, which joins them
+)
 _LOUDER = 5.0  # times the scatter of the other rests' samples
 
 

@@ -202,7 +202,7 @@ def terms(
         for variant, addition in zip(
             variants, block_shapes(effect, variants, signal, coarse, blocks)
         ):
-            if not effect.common:
+            if not effect.common and effect.singly:
                 found.extend(channel_terms(effect, variant, base, addition))
             if effect.common or effect.package:
                 found.extend(common_term(effect, variant, base, addition))
