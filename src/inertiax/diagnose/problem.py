@@ -122,7 +122,7 @@ def prepare(
             campaign, model=plain.model, checked=True, segments=plain.segments
         )
     prepared = []
-    for made in prepared_triads(campaign, log, fitted, catalogue):
+    for made in prepared_triads(campaign, log, fitted, catalogue, in_ramps=tuple(delays)):
         made = replace(made, delay=delays.get(made.form.triad))
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
@@ -134,8 +134,13 @@ def prepared_triads(
     fitted: DeviceResult,
     catalogue: Sequence[Effect],
     triads: Sequence[str] = ("accel", "gyro"),
+    in_ramps: Sequence[str] = (),
 ) -> list[Prepared]:
-    """Rows and candidates of a campaign, whose log this is, about a calibration; of the calibrated ones of `triads`."""
+    """Rows and candidates of a campaign, whose log this is, about a calibration; of the calibrated ones of `triads`.
+
+    A delay is no candidate of the triads `in_ramps`, whose ramps tell it to a fraction of a millisecond: what rows of
+    plateaus show in its shape, such as an axis off by an arc second, is something else.
+    """
     blocks, prepared = cut(log), []
     accel = calibrated(fitted, "accel")
     force = specific_force(log, blocks, accel)
@@ -147,8 +152,8 @@ def prepared_triads(
         expected = expected_output(model, log, blocks)
         seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
         mine = seen[usable(form, blocks)]
-
-        prepared.append(_of_blocks(campaign, log, model, force, catalogue, mine))
+        listed = [e for e in catalogue if not (e.stream_delay and triad in in_ramps)]
+        prepared.append(_of_blocks(campaign, log, model, force, listed, mine))
     return prepared
 
 
