@@ -116,12 +116,25 @@ def test_devices_far_out_are_named_and_do_not_enter():
     assert np.abs(away.sigmas[7]).argmax() == 4
 
 
+def test_a_batch_of_other_biases_is_far_out_as_a_group():
+    """Three biases 4, 3.2 and 4 standard deviations off: chi-square 42 of three, but two or three sigmas of 24."""
+    rng = np.random.default_rng(4)
+    estimates = rng.standard_normal((56, 24))
+    estimates[29, :3] = 4.0, 3.2, 4.0
+    covariances = np.tile(0.01 * np.eye(24), (56, 1, 1))
+    biases = np.arange(3)
+    alone = between_devices(estimates, covariances)
+    found = between_devices(estimates, covariances, groups=(biases, np.arange(3, 24)))
+    assert alone.kept.all() and np.flatnonzero(~found.kept).tolist() == [29]
+
+
 def test_small_fleets_raise_no_false_alarm():
     """Ten devices tell Σ badly, and are judged accordingly."""
     alarms = 0
     for seed in range(100):
         _, _, _, estimates, covariances = _line(np.random.default_rng(1000 + seed), 10, 9, 0.2)
-        alarms += not between_devices(estimates, covariances).kept.all()
+        groups = (np.arange(3), np.arange(3, 9))
+        alarms += not between_devices(estimates, covariances, groups=groups).kept.all()
     # 1 % of the fleets by construction; six or more of 100 by chance in 5 of 10 000 cases.
     assert alarms < 6
 

@@ -333,7 +333,7 @@ def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
     rows.sort(key=lambda row: -row[0])
     more = len(rows) - LISTED
     lines = [
-        "So far from the line's mean, in one parameter or in all together, that it would happen to any "
+        "So far from the line's mean, in one parameter, in all of a kind or in all together, that it would happen to any "
         "device of this fleet by a chance of 1 %. Shown is the parameter that is farthest out."
     ]
     lines += [f"The first {LISTED}; {more} more are in population.json."] if more > 0 else []

@@ -43,7 +43,7 @@ def _triad_population(folder: Path, triad: str, model: TriadModel | None) -> Tri
     chosen[np.linspace(0, light.height - 1, min(entering, light.height)).astype(int)] = True
     covariances = _chosen_covariances(folder, triad, chosen)
     estimates = matrix_of(light.get_column(f"{triad}_parameters"))
-    found = between_devices(estimates[chosen], covariances)
+    found = between_devices(estimates[chosen], covariances, groups=model.kinds)
     scatter = light.get_column(f"{triad}_scatter").to_numpy()
     return TriadPopulation(
         model=model,
@@ -95,6 +95,7 @@ def _outliers(
             found.mean_covariance,
             told_by=int(found.kept.sum()),
             fleet=fleet,
+            groups=model.kinds,
         )
         for k in np.flatnonzero(away.outlying):
             worst = int(np.abs(away.sigmas[k]).argmax())

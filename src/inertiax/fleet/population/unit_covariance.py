@@ -16,11 +16,11 @@ devices than unknowns, and vanishes with many. Devices far out do not enter.
 (2005) 32, target D (unequal variances); Anderson, *Ann. Math. Stat.* 17 (1946) 409.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri, fdtri, ndtri, stdtrit  # scipy.stats takes a second to import
 
 
@@ -54,10 +54,11 @@ def between_devices(
     covariances: Float[np.ndarray, "devices unknowns unknowns"],
     *,
     max_steps: int = 100,
+    groups: Sequence[Int[np.ndarray, " _"]] = (),
 ) -> Between:
     """Mean and covariance between devices from their estimates; see the module.
 
-    Units are the estimates' own. Raises `ValueError` for fewer than five devices.
+    Units are the estimates' own. `groups` are those of `deviation`, by which devices far out do not enter. Raises `ValueError` for fewer than five devices.
     """
     count = len(estimates)
     if count < FEWEST:
@@ -69,10 +70,13 @@ def between_devices(
     c = covariances / (scale[:, None] * scale[None, :])
     # Where many are far out in some coefficient it is the line's own heavy tail, and they stay.
     kept = np.abs(x).max(axis=1) < 6.0
+    for group in groups:  # else a device that widens the spread itself hides in it
+        chance = CHANCE / (3 * count * len(groups))
+        kept &= np.square(x[:, group]).sum(axis=1) < _furthest(len(group), None, chance)
     kept = kept if kept.sum() >= max(FEWEST, 0.7 * count) else np.ones(count, bool)
     found = _restricted(x[kept], c[kept], max_steps)
     for _ in range(ROUNDS):
-        near = ~deviation(x, c, *found[:3], told_by=int(kept.sum())).outlying
+        near = ~deviation(x, c, *found[:3], told_by=int(kept.sum()), groups=groups).outlying
         if np.array_equal(near, kept) or near.sum() < FEWEST:
             break
         kept = near
@@ -93,44 +97,56 @@ def deviation(
     *,
     told_by: int | None = None,
     fleet: int | None = None,
+    groups: Sequence[Int[np.ndarray, " _"]] = (),
 ) -> Deviation:
     """Distance of every device from N(μ, Σ).
 
-    A device is outlying where its distance, or one of its coefficients, is so far out that it would happen
-    to any device of a normal fleet with a chance of 1 %.
+    A device is outlying where its distance, that of a group of its coefficients, or one of them is so far out that it
+    would happen to any device of a normal fleet with a chance of 1 %. All biases a few sigmas off, as of another batch,
+    are far out as a group and neither alone nor among dozens of coefficients.
 
     **Arguments:** `told_by` so many devices were μ and Σ estimated (default: they are known); `fleet` is the
-    number of devices judged (default: these).
+    number of devices judged (default: these); `groups` are the places of coefficients that are judged together.
     """
     count, unknowns = estimates.shape
-    furthest, most = _limits(unknowns, told_by, max(fleet or count, 1))
+    chance = CHANCE / ((3 if groups else 2) * max(fleet or count, 1))  # tests of each device
+    furthest = _furthest(unknowns, told_by, chance)
+    most = _most(unknowns, told_by, chance)
     prior = covariance + mean_covariance
     square, sigmas = np.empty(count), np.empty((count, unknowns))
+    together = np.zeros(count, bool)
     for part in _parts(count):
         away = estimates[part] - mean
         total = prior + covariances[part]
         solved = np.linalg.solve(total, away[:, :, None])[:, :, 0]
         square[part] = np.einsum("di,di->d", away, solved)
         sigmas[part] = away / np.sqrt(np.diagonal(total, axis1=1, axis2=2))
-    far = (square > furthest) | (np.abs(sigmas).max(axis=1) > most)
+        for group in groups:
+            own, own_total = away[:, group], total[:, group[:, None], group]
+            far = np.einsum("di,di->d", own, np.linalg.solve(own_total, own[:, :, None])[:, :, 0])
+            together[part] |= far > _furthest(len(group), told_by, chance / len(groups))
+    far = (square > furthest) | (np.abs(sigmas).max(axis=1) > most) | together
     return Deviation(np.sqrt(np.maximum(square, 0.0)), sigmas, far)
 
 
-def _limits(unknowns: int, told_by: int | None, fleet: int) -> tuple[float, float]:
-    """Largest squared distance and largest coefficient, in standard deviations, of devices like the others.
+def _furthest(unknowns: int, told_by: int | None, chance: float) -> float:
+    """Largest squared distance of devices like the others: χ², or Hotelling's T² where as few devices told Σ.
 
-    χ² and normal where Σ is known; Hotelling's T² and Student's t where as few devices told it. A distance
-    in more dimensions than there were devices is no test.
+    A distance in more dimensions than there were devices is no test.
     """
-    chance = CHANCE / (2 * fleet)  # two tests of each device
     if told_by is None:
-        return float(chdtri(unknowns, chance)), float(-ndtri(chance / unknowns / 2))
-    most = float(-stdtrit(told_by - 1, chance / unknowns / 2))
+        return float(chdtri(unknowns, chance))
     if told_by <= unknowns + 1:
-        return np.inf, most
+        return np.inf
     scale = unknowns * (told_by - 1) / (told_by - unknowns)
     # F's upper tail is the lower one of its reciprocal.
-    return scale / float(fdtri(told_by - unknowns, unknowns, chance)), most
+    return scale / float(fdtri(told_by - unknowns, unknowns, chance))
+
+
+def _most(unknowns: int, told_by: int | None, chance: float) -> float:
+    """Largest coefficient, in standard deviations: normal, or Student's t where as few devices told its spread."""
+    each = chance / unknowns / 2
+    return float(-ndtri(each) if told_by is None else -stdtrit(told_by - 1, each))
 
 
 def _parts(count: int) -> Iterator[slice]:

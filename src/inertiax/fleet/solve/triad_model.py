@@ -2,7 +2,7 @@
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...physics.temperature import AbstractBasis, chebyshev_rows, Constant, Polynomial
 
@@ -20,6 +20,13 @@ class TriadModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def unknowns(self) -> int:
         """Coefficients of one device, row-major (degree + 1, parameters)."""
         return (self.degree + 1) * len(self.names)
+
+    @property
+    def kinds(self) -> tuple[Int[np.ndarray, " _"], ...]:
+        """Places of the coefficients of each kind (biases, matrix, g-sensitivity); none where there is but one kind."""
+        kind = np.array([name.partition("[")[0] for name in self.names] * (self.degree + 1))
+        found = tuple(np.flatnonzero(kind == k) for k in dict.fromkeys(kind.tolist()))
+        return found if len(found) > 1 else ()
 
 
 def basis_of(model: TriadModel) -> AbstractBasis:
