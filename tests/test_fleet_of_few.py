@@ -88,7 +88,7 @@ def test_the_verdict_on_the_fit_is_counted(few):
     assert [device_verdict(row, read_manifest(few)) for row in rows] == ["good", "usable"]
     report_fleet(few, "command", folder_names)
     text = (few / "report.html").read_text("utf-8")
-    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation." in text
+    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation (SN00001)." in text
 
 
 def test_files_that_are_not_there_are_not_listed(few):

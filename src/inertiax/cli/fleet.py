@@ -13,6 +13,7 @@ from .calibrate import AsJson, CampaignPath, command_line, OutputFolder, Quiet
 
 if TYPE_CHECKING:
     from ..fleet import FleetSummary
+    from ..report.fleet import FleetPage
 
 
 class Precision(StrEnum):
@@ -122,7 +123,7 @@ def fleet(
                 earlier=earlier,
                 temperatures=temperatures,
             )
-    _tell(summary, page.unlike_names, output, explain=explain, as_json=as_json, quiet=quiet)
+    _tell(summary, page, output, explain=explain, as_json=as_json, quiet=quiet)
     if not summary.calibrated:
         why = "; ".join(f"{count} × {reason}" for reason, count in summary.reasons[:3])
         console.warn(f"none of {summary.devices} devices was calibrated: {why}")
@@ -168,7 +169,7 @@ def _one_device(output: Path, device: str, *, as_json: bool) -> None:
 
 def _tell(
     summary: "FleetSummary",
-    unlike: tuple[str, ...],
+    page: "FleetPage",
     output: Path,
     *,
     explain: bool,
@@ -176,13 +177,16 @@ def _tell(
     quiet: bool,
 ) -> None:
     from ..fleet import read_line_file
-    from ..report.fleet import fit_sentence
+    from ..report.fleet import fit_sentence, odd_sentence
+    from ..report.fleet_drift import drift_sentence
     from ..report.fleet_mismatch import too_few_to_explain
 
-    line = (read_line_file(output) or ()) if explain else ()
+    line, unlike = (read_line_file(output) or ()) if explain else (), page.unlike_names
     if as_json:
         said: dict[str, object] = {"line": msgspec.to_builtins(line)} if explain else {}
         said["unlike"] = list(unlike)
+        said["reserved"] = list(page.reserved)
+        said["odd_recordings"] = {o.device: o.words for o in page.odd}
         outputs.print_json({**summary.as_dict(), **said, "output": str(output)})
     elif not quiet:
         console.say(
@@ -192,10 +196,14 @@ def _tell(
         for reason, count in summary.reasons:
             console.say(f"  {count} × {reason}")
         if summary.calibrated:
-            console.say(fit_sentence(dict(summary.fits)))
+            console.say(fit_sentence(dict(summary.fits), page.reserved))
         if unlike:
             more = ", …" if len(unlike) > 5 else ""
             console.say(f"unlike the others: {len(unlike)} ({', '.join(unlike[:5])}{more})")
+        if page.odd:
+            console.say(odd_sentence(page.odd))
+        for triad, drift in page.drifts.items():
+            console.say(drift_sentence(triad, drift))
         if explain and not line:
             console.say(too_few_to_explain(summary.calibrated))
         for sentence in (s for found in line for s in found.sentences):

@@ -32,15 +32,31 @@ UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 def count_verdicts(folder: Path, manifest: Manifest) -> dict[str, int]:
     """How many of the devices that were not set aside are "good", "usable" and "doubtful"."""
-    columns = ["temperature_low", "temperature_high"]
+    found = graded_devices(folder, manifest)
+    counted = Counter(found.get_column("verdict").to_list())
+    return {verdict: counted.get(verdict, 0) for verdict in VERDICTS.values()}
+
+
+def graded_devices(folder: Path, manifest: Manifest) -> pl.DataFrame:
+    """`device` and `verdict` ("good", "usable" or "doubtful") of the devices that were not set aside."""
+    columns = ["device", "temperature_low", "temperature_high"]
     columns += ["warnings"] if manifest.documented else []
     for triad in UNITS:
         if getattr(manifest, triad) is not None:
             columns += [f"{triad}_{k}" for k in ("parameters", "covariance", "rms", "chi2_per_dof")]
-    counted: Counter[int] = Counter()
-    for part in each_part(folder, columns):
-        counted.update(device_grades(part, manifest).tolist())
-    return {verdict: counted.get(grade, 0) for grade, verdict in VERDICTS.items()}
+    tables = [
+        part.select("device").with_columns(
+            verdict=pl.Series(
+                [VERDICTS[int(g)] for g in device_grades(part, manifest)], dtype=pl.String
+            )
+        )
+        for part in each_part(folder, columns)
+    ]
+    return (
+        pl.concat(tables)
+        if tables
+        else pl.DataFrame(schema={"device": pl.String, "verdict": pl.String})
+    )
 
 
 def device_grades(table: pl.DataFrame, manifest: Manifest) -> Int[np.ndarray, " devices"]:

@@ -11,13 +11,14 @@ from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.quantities import label, rms_text, with_sigma
 from ..fleet.effects.population_effects import LineMismatch
 from ..fleet.overview.explain import read_line_file
+from ..fleet.overview.odd_recordings import odd_recordings, OddRecording
 from ..fleet.overview.recalibration import Drift, drift_between
 from ..fleet.overview.view import triad_view, TriadView, Unlike, unlike_devices
 from ..fleet.population.population import Population, read_population
 from ..fleet.population.unit_covariance import FEWEST
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
-from ..fleet.verdicts import count_verdicts
+from ..fleet.verdicts import count_verdicts, graded_devices
 from ..plots import fleet as plots
 from ..plots.style import drawing
 from . import fleet_mismatch
@@ -27,6 +28,7 @@ from .fleet_mismatch import LISTED
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 
+NAMED = 10  # devices in a sentence
 PAGES = 20  # of single devices, of each kind
 DRAWN = 5  # of them with figures, which take most of the time
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
@@ -45,6 +47,10 @@ class FleetPage(eqx.Module):
     drifts: dict[str, Drift]
     line: tuple[LineMismatch, ...] = eqx.field(static=True)
     fits: dict[str, int] = eqx.field(static=True)  # devices by the verdict on their fit
+    reserved: tuple[str, ...] = eqx.field(
+        static=True
+    )  # devices whose fit is not good, doubtful first
+    odd: tuple[OddRecording, ...] = eqx.field(static=True)
 
     @property
     def units(self) -> dict[str, plots.Units]:
@@ -100,7 +106,10 @@ def fleet_page(
     unlike = {triad: unlike_devices(view) for triad, view in views.items()}
     line = read_line_file(folder) or ()
     fits = count_verdicts(folder, manifest)
-    return FleetPage(manifest, population, states, views, unlike, drifts, line, fits)
+    reserved = graded_devices(folder, manifest).filter(pl.col("verdict") != "good").sort("verdict")
+    names = tuple(reserved.get_column("device").to_list())
+    odd = odd_recordings(folder, manifest)
+    return FleetPage(manifest, population, states, views, unlike, drifts, line, fits, names, odd)
 
 
 def report_fleet(
@@ -173,7 +182,8 @@ def _verdict(page: FleetPage) -> Verdict:
         lines.append(
             f"{subject} unlike the others. The calibration stands, but look before shipping."
         )
-    lines += [fit_sentence(page.fits)] if total > aside else []
+    lines += [fit_sentence(page.fits, page.reserved)] if total > aside else []
+    lines += [odd_sentence(page.odd)] if page.odd else []
     for triad, drift in page.drifts.items():
         lines.append(drift_sentence(triad, drift))
     good = total - aside
@@ -184,17 +194,24 @@ def _verdict(page: FleetPage) -> Verdict:
         return Verdict("bad", headline, tuple(lines))
     drifted = any(beyond_chance(drift) for drift in page.drifts.values())
     reserved = page.fits["good"] < good
-    calm = not (aside or unlike or drifted or reserved)
+    calm = not (aside or unlike or drifted or reserved or page.odd)
     return Verdict("good" if calm else "attention", headline, tuple(lines))
 
 
-def fit_sentence(fits: dict[str, int]) -> str:
-    """How many devices' fits are good, by the rule of `calibrate`."""
+def odd_sentence(odd: Sequence[OddRecording]) -> str:
+    """Devices recorded unlike the others, each with what is unusual."""
+    each = "; ".join(f"{o.device}: {o.words}" for o in odd[:NAMED])
+    return f"Recorded unlike the others: {each}{'; …' if len(odd) > NAMED else ''}."
+
+
+def fit_sentence(fits: dict[str, int], reserved: Sequence[str] = ()) -> str:
+    """How many devices' fits are good, by the rule of `calibrate`; `reserved` are those whose is not."""
     words = {
         "good": "good", "usable": "usable with a reservation", "doubtful": "not to be used yet"
     }  # fmt: skip
     said = ", ".join(f"{fits[v]} {words[v]}" for v in words if fits[v])
-    return f"Fit by the rule of `calibrate`: {said}."
+    which = ", ".join(reserved[:NAMED]) + (", …" if len(reserved) > NAMED else "")
+    return f"Fit by the rule of `calibrate`: {said}{f' ({which})' if which else ''}."
 
 
 def _percent(part: int, whole: int) -> str:
@@ -333,8 +350,8 @@ def _unlike_section(page: FleetPage, files: dict[str, str]) -> list[Section]:
     rows.sort(key=lambda row: -row[0])
     more = len(rows) - LISTED
     lines = [
-        "So far from the line's mean, in one parameter, in all of a kind or in all together, that it would happen to any "
-        "device of this fleet by a chance of 1 %. Shown is the parameter that is farthest out."
+        "So far from the line's mean, in one parameter, in all of a kind or in all together, that it would happen to "
+        "any device of this fleet by a chance of 1 %. Shown is the parameter that is farthest out."
     ]
     lines += [f"The first {LISTED}; {more} more are in population.json."] if more > 0 else []
     head = ("device", "parameter", "at", "sigmas of the fleet")

@@ -15,6 +15,7 @@ from .page import picture, Section, Table
 
 
 BY_CHANCE = 0.0027  # of normal changes are beyond 3 sigma
+NAMED = 10  # devices in a sentence
 LISTED = 100  # changes in a table
 
 
@@ -25,10 +26,17 @@ def drift_sentence(triad: str, drift: Drift) -> str:
     by_chance = f"about {expected:.0f}" if expected >= 1.0 else "hardly any"
     devices = len(drift.devices)
     before = f"{devices} device{'s were' if devices != 1 else ' was'} calibrated before"
-    return (
+    said = (
         f"{TRIAD_NAMES[triad]}: {before}; {beyond} of {count} changes are beyond {FAR:g} sigma, where chance alone "
         f"gives {by_chance}."
     )
+    if drift.taken_for:
+        pairs = ", ".join(f"{new} as {old}" for new, old in drift.taken_for[:NAMED])
+        more = ", …" if len(drift.taken_for) > NAMED else ""
+        said += (
+            f" Read now as another did before (serial numbers or files exchanged?): {pairs}{more}."
+        )
+    return said
 
 
 def beyond_chance(drift: Drift) -> bool:

@@ -25,6 +25,8 @@ class Drift(eqx.Module):
     change: Float[np.ndarray, "devices grid parameters"]
     # Of the change: both uncertainties together
     sigma: Float[np.ndarray, "devices grid parameters"]
+    # Devices that now read as another one did before, with that one: serial numbers or files exchanged.
+    taken_for: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
 
     @property
     def sigmas(self) -> Float[np.ndarray, "devices grid parameters"]:
@@ -71,6 +73,7 @@ def drift_between(
         grid,
         second[0] - first[0],
         np.sqrt(first[1] + second[1] + common),
+        _taken_for(new, first, second, common),
     )
 
 
@@ -91,6 +94,24 @@ def common_rate_variance(
     scale = [name.startswith("gyro.matrix") and name[-4] == name[-2] for name in names]
     square = float(np.sum(np.square(rates))) if estimator == "reference" else 0.0
     return np.where(scale, square, 0.0)
+
+
+def _taken_for(
+    devices: Sequence[str],
+    before: tuple[np.ndarray, np.ndarray],
+    after: tuple[np.ndarray, np.ndarray],
+    common: Float[np.ndarray, " parameter"],
+) -> tuple[tuple[str, str], ...]:
+    """Devices whose parameters are within a few sigmas of another's earlier ones and far beyond that of their own."""
+    found = []
+    for k, device in enumerate(devices):
+        square = np.square(after[0][k] - before[0]) / (after[1][k] + before[1] + common)
+        # The rms, in standard deviations, to each device's earlier parameters.
+        away = np.sqrt(square.mean(axis=(1, 2)))
+        nearest = int(away.argmin())
+        if away[nearest] < FAR and away[k] > 10.0 * FAR:
+            found.append((device, devices[nearest]))
+    return tuple(found)
 
 
 def _model(folder: Path, triad: str) -> TriadModel | None:

@@ -58,7 +58,8 @@ def between_devices(
 ) -> Between:
     """Mean and covariance between devices from their estimates; see the module.
 
-    Units are the estimates' own. `groups` are those of `deviation`, by which devices far out do not enter. Raises `ValueError` for fewer than five devices.
+    Units are the estimates' own. `groups` are those of `deviation`, by which devices far out do not enter.
+    Raises `ValueError` for fewer than five devices.
     """
     count = len(estimates)
     if count < FEWEST:
