@@ -76,6 +76,24 @@ def test_positions_that_mean_other_poses_join_nothing():
     assert attitude(log) is None
 
 
+def test_rests_tell_the_room_where_the_table_was_moved_unseen():
+    """Between two experiments the table jumps by 80 degrees that no rate shows; gravity and the Earth's rate know."""
+    poses = Rotation.random(6, np.random.default_rng(9))
+    jump = Rotation.from_rotvec([0.0, 0.0, 1.4]) * poses[5]
+    log, path = _log([_session(poses[0], poses, range(6)), _session(jump, poses, range(6))], True)
+    whole = np.zeros_like(log.recording)
+    log = eqx.tree_at(lambda x: (x.recording, x.time), log, (whole, np.arange(len(whole)) * STEP))
+    assert attitude(log) is None
+    up = path @ np.array([0.0, 0.0, 1.0])
+    log = eqx.tree_at(lambda x: x.reference_accel, log, 9.81 * up, is_leaf=lambda x: x is None)
+    found = attitude(log)
+    # Of the room's axes the columns are what the device sees of north (0, 1, 0), west (-1, 0, 0) and up.
+    room = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    # Rests are told by their own references; a motion of up to half a turn by trapezes of 20 Hz from the rest before.
+    off = np.abs(found - path @ room).max(axis=(1, 2))
+    assert off[log.position >= 0].max() < 1e-5 and off.max() < 2e-3
+
+
 def test_a_session_alone_has_the_room_of_its_first_sample():
     poses = Rotation.random(4, np.random.default_rng(7))
     log, path = _log([_session(poses[0], poses, (0, 1, 2, 3))], True)

@@ -3,6 +3,12 @@
 Integration gives each recording's attitude from its own first sample. Recordings are put into one room by the
 positions that they share, a measuring position being one pose of the table; where they share none,
 the table may start every recording from its home, which the specific force must confirm.
+
+Where the table is moved unseen between experiments, or an integral over hundreds of slews drifts, references that hold
+both gravity and the Earth's rate tell each rest's attitude by themselves (the TRIAD method); rates are then integrated
+from rest to rest alone.
+
+**Reference:** Black, AIAA J. 2 (1964) 1350, for attitude from two vectors.
 """
 
 import numpy as np
@@ -13,6 +19,7 @@ from .blocks import EARTH_RATE, Log
 
 
 SAME_POSE = 0.01  # rad, between attitudes that one position number should have
+LOST = 0.02  # rad, by which a motion may miss the next rest: slews written with a sample too few
 SAME_UP = 0.998  # cosine between directions that should be one
 
 
@@ -21,8 +28,9 @@ def attitude(
 ) -> Float[np.ndarray, "time 3 3"] | None:
     """Rotation from the room to the device, `(time, 3, 3)`; the room's axes are the first sample's of the device.
 
-    `force` is the specific force in g. `None` without reference rates, where the recordings cannot be put into
-    one room, or where the integration does not bring the Earth rate of the rests back to one direction.
+    `force` is the specific force in g. Where the recordings cannot be put into one room, or where the integration does
+    not bring the Earth rate of the rests back to one direction, the references of the rests tell their attitudes, and
+    the room's axes are north, west and up. `None` where neither is possible.
     """
     if log.reference_gyro is None:
         return None
@@ -31,20 +39,95 @@ def attitude(
         return None
     pieces = [_integrated(log, k) for k in _recordings(log)]
     device = _in_one_room(log, pieces, force)
-    if device is None:
-        return None
+    return device if device is not None and _steady(log, device) else _from_rests(log)
+
+
+def _steady(log: Log, device: Float[np.ndarray, "time 3 3"]) -> bool:
+    """Whether the Earth rate of the rests keeps its direction in the room, where they hold it."""
+    assert log.reference_gyro is not None
+    rest = log.position >= 0
     earth = np.einsum("tij,ti->tj", device[rest], log.reference_gyro[rest])
     size = np.linalg.norm(earth, axis=1)
     if size.max() < 0.5 * EARTH_RATE:
-        return device  # rests without Earth rate: nothing to check against
+        return True  # rests without Earth rate: nothing to check against
     mean = earth.mean(axis=0)
-    return (
-        device if np.linalg.norm(earth - mean, axis=1).max() < 0.1 * np.linalg.norm(mean) else None
-    )
+    return bool(np.linalg.norm(earth - mean, axis=1).max() < 0.1 * np.linalg.norm(mean))
+
+
+def _from_rests(log: Log) -> Float[np.ndarray, "time 3 3"] | None:
+    """Each rest's attitude from its references of gravity and the Earth's rate, and the motions beside it.
+
+    `None` where a rest tells no two directions, where the angle between them is not one, or where a motion within an
+    experiment does not lead to the next rest.
+    """
+    if log.reference_accel is None or log.reference_gyro is None:
+        return None
+    place = log.position
+    change = np.diff(place) != 0
+    change |= (np.diff(log.recording) != 0) | (np.diff(log.experiment) != 0)
+    edges = np.r_[0, np.flatnonzero(change) + 1, len(place)]
+    rests = [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:]) if place[a] >= 0]
+    # Medians: rates that were differentiated or filtered reach into the first samples of a rest.
+    middle = lambda x: np.array([np.median(x[a:b], axis=0) for a, b in rests])
+    up, earth = middle(log.reference_accel), middle(log.reference_gyro)
+    poses = _two_vectors(up, earth)
+    if poses is None:
+        return None
+    run = np.cumsum(np.r_[True, (np.diff(log.recording) != 0) | (np.diff(log.experiment) != 0)])
+    middles = np.array([(a + b) // 2 for a, b in rests])
+    start, of_run = np.array([a for a, _ in rests]), run[middles]
+    # The rest before; at the beginning of an experiment the first one after.
+    near = np.clip(np.searchsorted(start, np.arange(len(place)), side="right") - 1, 0, None)
+    near += (of_run[np.minimum(near + 1, len(rests) - 1)] == run) & (of_run[near] != run)
+    moved = np.concatenate([_among_stars(log, k) for k in _recordings(log)])
+    earth_in_room = np.einsum("rij,ri->j", poses, earth) / len(rests)
+
+    def reached(row: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Attitude of rows from those of rests: the room turns among the stars meanwhile."""
+        passed = (log.time[row] - log.time[middles[rest]])[:, None]
+        room = Rotation.from_rotvec(passed * earth_in_room).as_matrix()
+        return moved[row] @ moved[middles[rest]].transpose(0, 2, 1) @ poses[rest] @ room
+
+    same = np.flatnonzero(np.diff(of_run) == 0)
+    missed = reached(middles[same + 1], same).transpose(0, 2, 1) @ poses[same + 1]
+    if len(same) and Rotation.from_matrix(missed).magnitude().max() > LOST:
+        return None
+    return reached(np.arange(len(place)), near)
+
+
+def _two_vectors(
+    up: Float[np.ndarray, "rest 3"], earth: Float[np.ndarray, "rest 3"]
+) -> Float[np.ndarray, "rest 3 3"] | None:
+    """Rotations from north, west and up to the device's axes, which see gravity and the Earth's rate so."""
+    sizes = np.linalg.norm(up, axis=1), np.linalg.norm(earth, axis=1) / EARTH_RATE
+    if not len(up) or sizes[0].min() == 0.0 or sizes[1].min() < 0.5 or sizes[1].max() > 1.5:
+        return None
+    up = up / sizes[0][:, None]
+    vertical = np.einsum("ri,ri->r", up, earth)
+    north = earth - vertical[:, None] * up
+    level = np.linalg.norm(north, axis=1)
+    if level.min() < 0.1 * EARTH_RATE or np.ptp(vertical) > LOST * EARTH_RATE:
+        return None
+    north = north / level[:, None]
+    return np.stack([north, np.cross(up, north), up], axis=2)
 
 
 def _recordings(log: Log) -> list[int]:
     return [int(k) for k in np.unique(log.recording)]
+
+
+def _among_stars(log: Log, recording: int) -> np.ndarray:
+    """Rotations of one recording from its first sample's axes: the integral of the rates as they are."""
+    assert log.reference_gyro is not None
+    mine = log.recording == recording
+    rate, time = log.reference_gyro[mine], log.time[mine]
+    step = np.diff(time)[:, None]
+    turns = Rotation.from_rotvec(0.5 * (rate[1:] + rate[:-1]) * step).as_matrix()
+    device = np.empty((len(rate), 3, 3))
+    device[0] = np.eye(3)
+    for k, turn in enumerate(turns):
+        device[k + 1] = turn.T @ device[k]
+    return device
 
 
 def _integrated(log: Log, recording: int) -> np.ndarray:
@@ -55,13 +138,7 @@ def _integrated(log: Log, recording: int) -> np.ndarray:
     """
     assert log.reference_gyro is not None
     mine = log.recording == recording
-    rate, time = log.reference_gyro[mine], log.time[mine]
-    step = np.diff(time)[:, None]
-    turns = Rotation.from_rotvec(0.5 * (rate[1:] + rate[:-1]) * step).as_matrix()
-    device = np.empty((len(rate), 3, 3))
-    device[0] = np.eye(3)
-    for k, turn in enumerate(turns):
-        device[k + 1] = turn.T @ device[k]
+    rate, time, device = log.reference_gyro[mine], log.time[mine], _among_stars(log, recording)
     rest = log.position[mine] >= 0
     if not rest.any():
         return device
