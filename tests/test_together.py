@@ -14,7 +14,7 @@ from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection import forward as choosing
 from inertiax.diagnose.selection.candidate_screening import rank
-from inertiax.diagnose.selection.constraints import causes, full, MOST_EFFECTS
+from inertiax.diagnose.selection.constraints import causes, full, MOST_EFFECTS, twice
 from inertiax.diagnose.selection.evidence import Bank, bank, Candidate, count_forms, judge
 from inertiax.diagnose.selection.forward import Asked, PAIR
 from inertiax.diagnose.selection.multiple_testing import Count, Family, family
@@ -83,6 +83,19 @@ def test_a_pair_brings_no_second_one_of_what_a_channel_has_once(monkeypatch):
     assert asked._pair(nothing, [], []) == both
     assert asked._pair(nothing, [], [of("bias_step")]) == both
     assert asked._pair(nothing, [], [of("warm_up", once)]) == []
+
+
+def test_elements_do_not_lag_behind_a_probe_that_lags_behind_them():
+    lag, probe = (
+        next(e for e in CATALOGUE if e.name == name) for name in ("thermal_lag", "probe_lag")
+    )
+
+    def of(effect, channel):
+        made = candidate(effect.name, channel, 40.0)
+        return replace(made, term=replace(made.term, effect=effect))
+
+    assert twice([of(probe, 0)], of(lag, 0)) and twice([of(lag, 0)], of(probe, 0))
+    assert not twice([of(probe, 0)], of(lag, 1))
 
 
 def _asked(drift, lag, seed=2):

@@ -68,6 +68,9 @@ class Effect(eqx.Module):
     # Its shape takes arrays of NumPy as they are (`effects.arrays`): a diagnosis need not compile it.
     in_numpy: bool = eqx.field(static=True, default=False)
     once: bool = eqx.field(static=True, default=False)  # a channel has one of it, of one setting
+    opposite: str = eqx.field(
+        static=True, default=""
+    )  # the effect that a channel has instead of it
     instant: bool = eqx.field(static=True, default=False)  # force, rate and temperature tell it
     # Whether dwell means show it, as a fleet has them; the others need the samples.
     seen_in_means: bool = eqx.field(static=True, default=False)

@@ -47,6 +47,7 @@ EFFECT = Effect(
     nuisance="time_constant",
     unit_amplitude=True,
     once=True,
+    opposite="thermal_lag",
     package=True,
     singly=False,  # one probe that lags does so for all channels; one channel's is `temperature_rate`
 )

@@ -63,6 +63,7 @@ EFFECT = Effect(
     nuisance="time_constant",
     unit_amplitude=True,
     once=True,
+    opposite="probe_lag",
     package=True,  # one probe serves the three elements
     online=Online(_begin, _follow),
 )

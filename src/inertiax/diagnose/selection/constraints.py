@@ -29,12 +29,12 @@ def causes(keys: Sequence[tuple[str, tuple[int, ...]]]) -> int:
 
 
 def twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
-    """Whether a channel would get a second one of an effect that it can only have once."""
+    """Whether a channel would get a second one of an effect that it can only have once, or its opposite beside it."""
     effect = new.term.effect
     if effect is None or not effect.once:
         return False
-    mine = set(new.term.channels)
-    return any(old.term.name == effect.name and mine & {*old.term.channels} for old in chosen)
+    mine, names = set(new.term.channels), (effect.name, effect.opposite)
+    return any(old.term.name in names and mine & {*old.term.channels} for old in chosen)
 
 
 def among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
