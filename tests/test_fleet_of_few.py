@@ -110,7 +110,7 @@ def test_explain_says_how_many_devices_it_needs(tmp_path):
     assert said in run.output
     page = (tmp_path / "run" / "report.html").read_text("utf-8")
     assert said in re.sub(r"<[^>]+>", "", page)
-    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation." in run.output
+    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation (U2)." in run.output
     summary = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
     assert summary["fits"] == {"good": 1, "usable": 1, "doubtful": 0}
     for device in ("U1", "U2"):
