@@ -1,14 +1,7 @@
-"""Gravity's rotation between rests: `GravityRotation`.
+"""Gravity's rotation between rests: `GravityRotation`, by the turns of `carried_direction`.
 
-A direction u is carried through the steps of a motion, u ← Rₖ u with Rₖ = exp(−[φₖ]×). To first order a change of the
-step's rotation vector turns the end by
-
-    δu = u × Σₖ Pₖ J(−φₖ) δφₖ,   Pₖ = Rₙ … Rₖ₊₁,
-
-with J the left Jacobian of the rotation group. Rates change by −(E + Θ)⁻¹ eᵢ x, where the parameter acts on output i
-through x: 1, a component of the compensated rate, or of the force in g.
-
-**Reference:** Solà, Deray, Atchuthan, *A micro Lie theory for state estimation in robotics*, arXiv:1812.01537, eq. 145.
+Rates change by −(E + Θ)⁻¹ eᵢ x, where the parameter acts on output i through x: 1, a component of the compensated
+rate, or of the force in g.
 """
 
 from collections.abc import Iterator
@@ -21,6 +14,7 @@ from jaxtyping import Float
 
 from ...reduction.dwells import Dwells
 from ...reduction.motions import Motions
+from .carried_direction import by_rates, Carried, carried
 from .form import AbstractHostForm, LinearisedDwells, Vectors, whitening
 from .layout import TriadErrors
 
@@ -65,7 +59,7 @@ class GravityRotationOnHost(AbstractHostForm):
             across = _across(_unit(some.accel))
             tilt[part] = ends.tilt
             by_end[part] = -across @ _by_length(some.accel)
-            by_start[part] = across @ ends.turn @ _by_length(_motion(some).start_force)
+            by_start[part] = across @ ends.turned.turn @ _by_length(_motion(some).start_force)
         at_rest = still @ (-errors.g_sensitivity / self.gravity)
         rows = [
             np.concatenate([at_rest, np.zeros_like(at_rest)], axis=2),
@@ -104,7 +98,7 @@ class GravityRotationOnHost(AbstractHostForm):
             some = TriadErrors(*(x[part] for x in errors))
             ends = self._ends(some, dwells[part])
             refine = np.linalg.inv(np.eye(3) + some.matrix)
-            yield from ends.by_turn[:, None] @ ends.by_rate @ refine[:, None]
+            yield from np.moveaxis(ends.by_rates(), 3, 1) @ refine[:, None]
 
     def start(self, dwells: Dwells) -> Float[np.ndarray, " parameter"]:
         mean = np.asarray(dwells.gyro)[np.asarray(dwells.valid)].mean(axis=0)
@@ -146,32 +140,35 @@ class GravityRotationOnHost(AbstractHostForm):
         force = np.zeros_like(ends.rates) if motion.force is None else np.asarray(motion.force)
         inputs = self.layout.inputs(ends.rates, force / self.gravity)
         refine = np.linalg.inv(np.eye(3) + errors.matrix)
-        flat = ends.by_rate.reshape(*ends.by_rate.shape[:2], 9)
-        by_input = -(np.swapaxes(inputs, 1, 2) @ flat).reshape(len(inputs), -1, 3, 3)
-        turned = np.einsum("npij,njp->nip", by_input, refine[:, :, self.layout.output])
-        return ends.tilt, ends.by_turn @ turned
+        flat = ends.by_rates().reshape(len(inputs), 6, -1)  # two tilts, three rates
+        by_input = (flat @ inputs).reshape(len(inputs), 2, 3, -1)
+        slope = -np.einsum("nkjp,njp->nkp", by_input, refine[:, :, self.layout.output])
+        return ends.tilt, slope
 
     def _ends(self, errors: TriadErrors, dwells: Dwells) -> "_Ends":
         motion = _motion(dwells)
         rates = self._rates(errors, motion)
-        turn, by_rate = _carried(rates, np.asarray(motion.step))
+        turned = carried(rates, np.asarray(motion.step))
         start, end = _unit(motion.start_force), _unit(dwells.accel)
-        predicted = np.einsum("nij,nj->ni", turn, start)
+        predicted = np.einsum("nij,nj->ni", turned.turn, start)
         across, along = _across(end), 1.0 + np.einsum("ni,ni->n", end, predicted)
         tilt = 2.0 * np.einsum("nki,ni->nk", across, predicted) / along[:, None]
         moved = 2.0 * across - tilt[:, :, None] * end[:, None, :]
         by_turn = moved @ _cross_matrix(predicted) / along[:, None, None]
-        return _Ends(rates, by_rate, tilt, by_turn, turn)
+        return _Ends(rates, tilt, by_turn, turned)
 
 
 class _Ends(NamedTuple):
     """Motions with the direction of gravity at their ends."""
 
     rates: Float[np.ndarray, "dwell sample 3"]  # compensated, rad/s
-    by_rate: Float[np.ndarray, "dwell sample 3 3"]  # Gₛ of `_carried`
     tilt: Float[np.ndarray, "dwell 2"]  # rad
     by_turn: Float[np.ndarray, "dwell 2 3"]  # its change by a small turn v at the end: u by u × v
-    turn: Float[np.ndarray, "dwell 3 3"]  # R, the whole motion's rotation
+    turned: Carried
+
+    def by_rates(self) -> Float[np.ndarray, "dwell 2 3 sample"]:
+        """The tilts' changes by each sample's compensated rate, s."""
+        return by_rates(self.turned, self.by_turn)
 
 
 def _whitened(
@@ -189,67 +186,6 @@ def _by_length(force) -> Float[np.ndarray, "dwell 3 3"]:
     force = np.asarray(force)
     unit, length = _unit(force), np.linalg.norm(force, axis=1)[:, None, None]
     return (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length
-
-
-def _carried(
-    rates: Float[np.ndarray, "dwell sample 3"], step: Float[np.ndarray, "dwell step"]
-) -> tuple[Float[np.ndarray, "dwell 3 3"], Float[np.ndarray, "dwell sample 3 3"]]:
-    """The whole motion's rotation, and Gₛ with Σₖ Pₖ J(−φₖ) δφₖ = Σₛ Gₛ δωₛ for changes of the samples' rates."""
-    first, second, h = rates[:, :-1], rates[:, 1:], step[..., None, None]
-    angle = 0.5 * step[..., None] * (first + second)
-    angle += step[..., None] ** 2 / 12.0 * np.cross(first, second)
-    rotation, jacobian = _rotation(-angle)
-    after, whole = _suffix_products(rotation)
-    moved = after @ jacobian
-    half, coning = 0.5 * h * np.eye(3), h**2 / 12.0
-    by_rate = np.zeros((*rates.shape, 3))
-    by_rate[:, :-1] = moved @ (half - coning * _cross_matrix(second))
-    by_rate[:, 1:] += moved @ (half + coning * _cross_matrix(first))
-    return whole, by_rate
-
-
-def _rotation(
-    angle: Float[np.ndarray, "dwell step 3"],
-) -> tuple[Float[np.ndarray, "dwell step 3 3"], Float[np.ndarray, "dwell step 3 3"]]:
-    """exp([φ]×) and the left Jacobian of rotation vectors, by the series of `motions.rotate`."""
-    s = np.sum(np.square(angle), axis=-1)[..., None, None]
-    sine = 1.0 + s / -6.0 * (1.0 + s / -20.0 * (1.0 + s / -42.0 * (1.0 + s / -72.0)))
-    cosine = 0.5 * (1.0 + s / -12.0 * (1.0 + s / -30.0 * (1.0 + s / -56.0 * (1.0 + s / -90.0))))
-    third = (1.0 + s / -20.0 * (1.0 + s / -42.0 * (1.0 + s / -72.0))) / 6.0  # (θ − sin θ) / θ³
-    once = _cross_matrix(angle)
-    twice = once @ once
-    return np.eye(3) + sine * once + cosine * twice, np.eye(3) + cosine * once + third * twice
-
-
-def _suffix_products(
-    rotation: Float[np.ndarray, "dwell step 3 3"],
-) -> tuple[Float[np.ndarray, "dwell step 3 3"], Float[np.ndarray, "dwell 3 3"]]:
-    """Rₙ … Rₖ₊₁ for every step k, and the product of all.
-
-    In blocks of about √n steps, all blocks side by side, so that Python runs 2 √n products instead of n.
-    """
-    count, steps = rotation.shape[:2]
-    length = int(np.ceil(np.sqrt(steps)))
-    blocks = -(-steps // length)
-    padded = np.broadcast_to(np.eye(3), (count, blocks * length, 3, 3)).copy()
-    padded[:, :steps] = rotation
-    padded = padded.reshape(count, blocks, length, 3, 3)
-    inside, ends = _suffix_one_by_one(padded, axis=2)
-    beyond, whole = _suffix_one_by_one(ends, axis=1)
-    products = beyond[:, :, None] @ inside
-    return products.reshape(count, blocks * length, 3, 3)[:, :steps], whole
-
-
-def _suffix_one_by_one(
-    rotation: Float[np.ndarray, "..."], *, axis: int
-) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    ordered = np.moveaxis(rotation, axis, 0)
-    products = np.empty_like(ordered)
-    running = np.broadcast_to(np.eye(3), ordered.shape[1:])
-    for k in range(len(ordered) - 1, -1, -1):
-        products[k] = running
-        running = running @ ordered[k]
-    return np.moveaxis(products, 0, axis), running
 
 
 def tilt_covariance(dwells: Dwells) -> Float[np.ndarray, "dwell 2 2"]:
