@@ -3,12 +3,13 @@
 import re
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 import pytest
 
 from every_form import every_form, signal
 from inertiax.calibration.effect_units import shown_parameter
-from inertiax.calibration.fitted_effects import from_entry, to_entry
+from inertiax.calibration.fitted_effects import EffectEntry, from_entry, to_entry
 from inertiax.diagnose.result import Parameter
 from inertiax.diagnose.wording.sentences import Said, sentence
 from inertiax.effects import CATALOGUE
@@ -138,6 +139,25 @@ def test_a_file_has_the_unit_of_the_form_and_another_is_refused():
     entry.unit = "m"
     with pytest.raises(ValueError, match="unit is 'm'; it must be 'rad'"):
         from_entry(entry, "file")
+
+
+def test_every_form_that_a_diagnosis_may_fit_is_read_back_from_its_file():
+    """What is written as JSON is the same effect when it is read; settings that no form has are refused."""
+    for known, triad, variant, columns in every_form():
+        settings = tuple(sorted(variant.settings.items()))
+        fitted = effect(
+            known.name, triad=triad, settings=settings, coefficients=np.arange(1.0, columns + 1),
+            covariance=np.eye(columns), unit=known.unit(triad, variant.settings),
+        )  # fmt: skip
+        text = msgspec.json.encode(to_entry(fitted))
+        back = from_entry(msgspec.json.decode(text, type=EffectEntry), "file")
+        assert (back.name, back.triad, back.channels) == (known.name, triad, fitted.channels)
+        assert dict(back.settings) == dict(settings), (known.name, variant.label)
+        np.testing.assert_array_equal(back.coefficients, fitted.coefficients)
+        entry = to_entry(fitted)
+        entry.settings = {**entry.settings, "colour": 1.0}
+        with pytest.raises(ValueError, match="colour"):
+            from_entry(entry, "file")
 
 
 def test_the_asymmetry_is_half_the_difference_of_the_two_signs():

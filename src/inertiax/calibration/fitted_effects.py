@@ -122,10 +122,11 @@ def from_entry(
     triad, channels = _channels(entry.channels, where)
     if triad not in effect.triads:
         raise ValueError(f"{where}: is one of {' and '.join(effect.triads)}, not of {triad}.")
-    expected = list(inspect.signature(effect.shape).parameters)[1:]
-    if set(entry.settings) != set(expected):
+    known = list(inspect.signature(effect.shape).parameters.values())[1:]
+    needed = {p.name for p in known if p.default is p.empty}
+    if not needed <= set(entry.settings) <= {p.name for p in known}:
         raise ValueError(
-            f"{where}: settings are {sorted(entry.settings)} but must be {sorted(expected)}."
+            f"{where}: settings are {sorted(entry.settings)} but must be {sorted(p.name for p in known)}."
         )
     unit = effect.unit(triad, entry.settings)
     # Files written before forms had units of their own name that of the form on the bias; the numbers are the same.

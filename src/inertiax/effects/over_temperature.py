@@ -1,5 +1,6 @@
 """An effect whose coefficients change with temperature: its columns times Chebyshev polynomials."""
 
+import inspect
 from collections.abc import Callable, Mapping
 
 from jaxtyping import Float
@@ -33,6 +34,10 @@ def over_temperature(shape: Shape) -> Shape:
         ]
         return xp.concatenate([columns * c[:, None, None] for c in curve], axis=2)
 
+    # The settings of a form are read from its signature: those of the shape, and `over`, which may be left out.
+    own = inspect.signature(shape)
+    degree = inspect.signature(formed).parameters["over"]
+    formed.__signature__ = own.replace(parameters=[*own.parameters.values(), degree])  # pyright: ignore[reportFunctionMemberAccess]
     return formed
 
 
