@@ -90,6 +90,31 @@ def test_the_campaign_says_names_units_and_the_first_row(tmp_path, start_row):
     assert whole.table.height == ROWS - start_row
 
 
+@pytest.mark.parametrize("effects", [(), (FittedEffect(
+    "g_sensitivity", "gyro", (1,), (("axes", "x"),), np.array([1e-3]), np.array([[1e-8]]), "rad/s/g"),
+)])  # fmt: skip
+@pytest.mark.parametrize("has_angles", [True, False])
+def test_the_campaign_of_a_table_reads_logs_with_and_without_its_angles(
+    tmp_path, effects, has_angles
+):
+    """What the station writes is not asked of a log from the device in service, and changes no sample."""
+    angles = {"outer": np.zeros(ROWS), "inner": np.zeros(ROWS)} if has_angles else {}
+    log().with_columns(**angles).write_csv(tmp_path / "log.csv")
+    log().write_csv(tmp_path / "plain.csv")
+    (tmp_path / "campaign.toml").write_text(
+        f"[site]\ngravity = {GRAVITY}\nlatitude = 48.0\n[recordings]\nfiles = ['log.csv']\n"
+        "[columns]\ntable_angles = { names = ['outer', 'inner'] }\n"
+        "position = { name = 'step', moving = 0 }\n[table]\naxes = ['east', 'up']\n"
+    )
+    made = compensate_file(calibration(*effects), tmp_path / "log.csv", campaign=tmp_path)
+    expected = compensate_file(calibration(*effects), tmp_path / "plain.csv")
+    assert_frame_equal(made.table.drop(*angles), expected.table)
+    written = write_compensated(
+        calibration(*effects), tmp_path / "log.csv", tmp_path / "out.parquet", campaign=tmp_path
+    )
+    assert written.rows == ROWS
+
+
 def test_an_effect_with_memory_is_taken_from_the_whole_log(tmp_path):
     lag = FittedEffect(
         "thermal_lag", "accel", (0,), (("time_constant", 2.0),), np.array([0.9]), np.array([[1e-4]]),

@@ -1,5 +1,7 @@
 """A calibration applied to a recording file: the same table with compensated columns."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -15,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 from ..calibration.calibration import Calibration
 from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
-from ..data.formats.columns import AXES, TimeColumn
+from ..data.formats.columns import AXES, TimeColumn, TriadColumns
 from ..data.frames import TRIADS
 from ..data.pairing import pair
 from ..data.recording import Recording
@@ -27,6 +29,9 @@ from .required_columns import require_fit
 from .text_columns import kinds_of, typed
 
 
+_OF_A_STATION = (
+    "reference_accel", "reference_gyro", "table_angles", "table_rates", "position", "experiment",
+)  # fmt: skip
 _CHUNK = 65536  # samples compensated at a time: one compilation, little memory
 
 
@@ -86,6 +91,7 @@ def compensate_file(
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     if chosen in (csv, parquet) and gyro_file is None:
         table = _read(path, chosen, layout)
+        columns = in_service(columns, table.columns)
         found = tables.to_recordings(table, columns, layout, name=path.name)
         (recording,) = _of_device(found, path.name)
         return _compensated_table(
@@ -297,11 +303,29 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
         name = said.pop("format", None)
         for key in ("files", "gyro_files"):
             said.pop(key, None)
-        layout = msgspec.convert({**said, "gravity": raw.get("site", {}).get("gravity")}, Layout)
+        site, table = raw.get("site", {}), raw.get("table", {})
+        latitude = site.get("latitude")
+        place = {"gravity": site.get("gravity"), "latitude": latitude and math.radians(latitude)}
+        layout = msgspec.convert({**said, **place, "turntable": table}, Layout)
         return columns, layout, msgspec.convert(name, str | None)
     except (msgspec.ValidationError, AttributeError, TypeError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise ValueError(f"{file}: [columns] or [recordings]: {reason}.") from None
+        raise ValueError(f"{file}: [columns], [recordings] or [table]: {reason}.") from None
+
+
+def in_service(columns: ColumnMap, there: Sequence[str] = ()) -> ColumnMap:
+    """`[columns]` of a log from outside the station: names that only a station writes and that are not `there` go."""
+    absent = {key: None for key in _OF_A_STATION if not _named(columns, key) <= set(there)}
+    return msgspec.structs.replace(columns, **absent)
+
+
+def _named(columns: ColumnMap, key: str) -> set[str]:
+    said = getattr(columns, key)
+    if isinstance(said, str):
+        return {said}
+    if isinstance(said, TriadColumns):
+        return set(said.names or (f"{key}_{axis}" for axis in AXES))
+    return set(getattr(said, "names", None) or [getattr(said, "name", None) or key])
 
 
 def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:

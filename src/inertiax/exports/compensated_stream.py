@@ -26,6 +26,7 @@ from .compensated_recording import (
     by_parameters,
     compensate_file,
     Extent,
+    in_service,
     notes_on,
     source_of,
     units_of,
@@ -93,6 +94,7 @@ def _in_pieces(
     any_device: bool,
 ) -> Written:
     """The pieces, compensated and written. Raises `ValueError` for what the whole table alone can tell."""
+    columns = in_service(columns)  # a sample is compensated without references and labels
     extent, last, replaced = Extent(), None, ()
     with write() as writer:
         for table in tables():
