@@ -177,6 +177,29 @@ def test_init_finds_the_table_whose_angles_these_are(tmp_path, name):
     assert np.abs(recording.reference_gyro - ideal.rate).max() < 1.1 * np.linalg.norm(earth)
 
 
+def test_init_finds_the_table_of_a_station_that_writes_a_file_for_each_step(tmp_path):
+    """No file alone tells the angles; each begins its clock anew, with decimal commas."""
+    ideal, label = station(tmp_path / "c")
+    folder = tmp_path / "c"
+    whole = pl.read_csv(folder / "log.csv").drop("position")
+    (folder / "log.csv").unlink()
+    for k, rows in enumerate(np.split(np.arange(len(label)), len(label) // 80)):
+        step = whole[rows].with_columns(time=np.arange(80) / 20.0)
+        step.write_csv(folder / f"step {k + 1}.csv", separator=";", decimal_comma=True)
+    logs = sorted(folder.glob("*.csv"), key=lambda p: int(p.stem.split()[1]))
+    draft = draft_campaign(logs[0], folder, others=logs[1:])
+    assert '"aussen", "innen"' in draft.text and '"rate aussen", "rate innen"' in draft.text
+    assert 'files = ["*.csv"]' in draft.text and "need 9 or more" not in draft.text
+    (folder / "campaign.toml").write_text(draft.text)
+    recordings = load_campaign(folder).recordings
+    force = np.concatenate([r.reference_accel for r in recordings])
+    rate = np.concatenate([r.reference_gyro for r in recordings])
+    np.testing.assert_allclose(
+        force / np.linalg.norm(force, axis=1, keepdims=True), ideal.force / G, atol=1e-9
+    )
+    assert np.abs(rate - ideal.rate).max() < 1e-4  # the Earth's rate is left out
+
+
 @pytest.mark.parametrize(
     "change, said",
     [

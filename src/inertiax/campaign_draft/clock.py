@@ -11,7 +11,7 @@ from .raw_log import RawLog
 from .split_stamps import split_stamps
 
 
-_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _USUAL = (8.0, 2200.0)  # Hz, IMUs that people log
 _POSSIBLE = (0.5, 20000.0)  # Hz
 _WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
@@ -47,7 +47,7 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
             return _counted(tenths, rows, f"{name} of an MTi counts tenths of a millisecond", True)
         unit, why, certain = _unit(log, name, values, rate, temperature)
         if unit is not None:
-            found = _checked(name, unit, _UNITS[unit] * (values - values[0]), why)
+            found = _checked(name, unit, UNITS[unit] * (values - values[0]), why)
             return found if certain else found._replace(certain=False)
     if rate is not None:
         return _counted(rate, rows, "a line above the header states the rate", True)
@@ -89,7 +89,7 @@ def _unit(
     mean = float((values[-1] - values[0]) / max(len(values) - 1, 1))
     if not (step > 0 or mean > 0) or not np.isfinite(mean):
         return None, "", False
-    steps = {u: mean * f for u, f in _UNITS.items()}
+    steps = {u: mean * f for u, f in UNITS.items()}
     if rate is not None:
         agree = [u for u, s in steps.items() if 0.9 < rate * s < 1.1]
         return (agree[0], "as the stated rate says", True) if agree else (None, "", False)

@@ -23,8 +23,8 @@ from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
 from .further_columns import columns_table
 from .gravity_turns import gravity_turns, GravityTurns
 from .gyro_unit import clock_and_unit, gyro_unit
+from .joined_logs import alike, followed_by
 from .mag_unit import field_unit
-from .raw_log import RawLog, read_log
 from .raw_triads import given_names, RawTriads, read_triads
 from .references import force_unit
 from .resting import drifts_in_one_pose, poses, Resting, resting
@@ -36,6 +36,7 @@ from .toml_text import CHECK, Line, Table, toml_text
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
+_MOST_FILES = 4  # that are named one by one where a glob would do
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
 _STANDARD = 9.80665  # m/s²
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
@@ -68,7 +69,7 @@ def draft_campaign(
     """
     site = _site(latitude, height)
     chosen = format_of(log).NAME
-    paths = [_path(p, folder) for p in (log, *others)]
+    paths = _files((log, *others), folder)
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         topics = topic_lines(log) if chosen == ros.NAME else ()
@@ -77,8 +78,8 @@ def draft_campaign(
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
         return _draft(log, (site, Table("recordings", (Line("files", paths, why),))))
     found = read_triads(log, gyro)
+    found = followed_by(found, alike(found.log, others))
     _refuse_wrapped(log, found)
-    _require_alike(found.log, others)
     rests = _rests(found)
     found, turns = _with_clock(found, rests)
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
@@ -89,21 +90,9 @@ def draft_campaign(
         site,
         _recordings(found, folder, paths),
         columns,
-        *station_tables(found, angles, latitude),
+        *station_tables(found, angles, latitude, serial=log.absolute().parent.name),
     )
     return _draft(log, (*tables, _model(found, rests)))
-
-
-def _require_alike(log: RawLog, others: Sequence[Path]) -> None:
-    """Raises `ValueError` where a further recording lacks a column of the first one."""
-    for path in others:
-        names = (*(other := read_log(path)).stamps, *other.names)
-        missing = [n for n in (*log.stamps, *log.names) if n not in names]
-        if missing:
-            raise ValueError(
-                f"{path}: has no column {', '.join(map(repr, missing[:4]))}, which {log.path.name} has; give logs of "
-                "the same columns together, and the others a campaign of their own."
-            )
 
 
 def _refuse_wrapped(log: Path, found: RawTriads) -> None:
@@ -219,6 +208,16 @@ def _words(found: RawTriads) -> str:
     return f"{between} between {fields} fields{settings}"
 
 
+def _files(logs: Sequence[Path], folder: Path) -> list[str]:
+    """The recordings as `campaign.toml` names them: by one glob where they are all of a kind in its own folder."""
+    glob = f"*{logs[0].suffix}"
+    if len(logs) > _MOST_FILES and {p.resolve() for p in folder.glob(glob)} == {
+        p.resolve() for p in logs
+    }:
+        return [glob]
+    return [_path(p, folder) for p in logs]
+
+
 def _path(file: Path, folder: Path) -> str:
     """A file as `campaign.toml` names it, relative where that is possible."""
     try:
@@ -241,7 +240,7 @@ def _columns(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
             )
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
-        remarks += _on_poses(found.accel, rests)
+        remarks += _on_poses(found, rests, references=angles is not None)
         if (
             found.gyro is None
             and not named
@@ -349,8 +348,11 @@ def _sections(found: RawTriads) -> Path:
 _OR_A_FIELD = f"{CHECK} accel: counts without a name may be a magnetometer's as well; then call their columns mag"
 
 
-def _on_poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> list[str]:
-    """What the log can calibrate of the accelerometers."""
+def _on_poses(found: RawTriads, rests: Resting, *, references: bool) -> list[str]:
+    """What the log can calibrate of the accelerometers; `references` of a table tell more than the norm of gravity."""
+    if references or found.roles.reference_accel is not None:
+        return []
+    assert found.accel is not None
     said = [
         "The sign of the accelerometers does not show: at rest the axis that points up must read +g."
     ]
@@ -359,7 +361,7 @@ def _on_poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> list[str]:
             *said,
             "No rest was found: accelerometers need rests of seconds in 9 orientations or more.",
         ]
-    count = _poses(accel, rests)
+    count = _poses(found.accel, rests)
     if rests.slowly:
         said.append(
             f"The device never lies still for long: {rests.num_rests} stretches in which it hardly turns stand for "

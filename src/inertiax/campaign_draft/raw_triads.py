@@ -51,15 +51,10 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
 def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     roles = roles_of(log, None if gyro_path is None else "accel")
     clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
-    accel, gyro = _columns(log, roles.accel), _columns(log, roles.gyro)
+    accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)
     if gyro_path is None:
-        rows = np.ones(len(clock.seconds), bool)
-        for x in (accel, gyro):
-            rows &= True if x is None else np.isfinite(x).all(axis=1)
-        only = lambda x: None if x is None else x[rows]
-        return RawTriads(
-            log, roles, clock, None, None, clock.seconds[rows], only(accel), only(gyro)
-        )
+        found = RawTriads(log, roles, clock, None, None, clock.seconds, None, None)
+        return in_rows(found, clock.seconds, accel, gyro)
     other = read_log(gyro_path)
     other_roles = roles_of(other, "gyro")
     other_clock = clock_of(
@@ -70,12 +65,26 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
             f"{gyro_path.name}: has no column {clock.name!r}, the stamps of {path.name}; write both files with one "
             "name for their stamps."
         )
-    gyro = _columns(other, other_roles.gyro)
+    gyro = columns(other, other_roles.gyro)
     assert accel is not None and gyro is not None
     first = Recording(time=_absolute(log, clock), accel=accel, name=path.name)
     second = Recording(time=_absolute(other, other_clock), gyro=gyro, name=gyro_path.name)
     both = pair(first, second, counted=clock.name is None).recording
     return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro)
+
+
+def in_rows(
+    found: RawTriads,
+    seconds: Float[np.ndarray, " rows"],
+    accel: Float[np.ndarray, "rows 3"] | None,
+    gyro: Float[np.ndarray, "rows 3"] | None,
+) -> RawTriads:
+    """The triads in those rows in which both have numbers."""
+    rows = np.ones(len(seconds), bool)
+    for x in (accel, gyro):
+        rows &= True if x is None else np.isfinite(x).all(axis=1)
+    only = lambda x: None if x is None else x[rows]
+    return found._replace(seconds=seconds[rows], accel=only(accel), gyro=only(gyro))
 
 
 def given_names(log: RawLog, roles: Roles) -> tuple[str, ...] | None:
@@ -98,7 +107,7 @@ def _absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
     return scale * log.numbers[clock.name]
 
 
-def _columns(log: RawLog, names: tuple[str, str, str] | None) -> Float[np.ndarray, "rows 3"] | None:
+def columns(log: RawLog, names: tuple[str, str, str] | None) -> Float[np.ndarray, "rows 3"] | None:
     return None if names is None else np.stack([log.numbers[n] for n in names], axis=1)
 
 

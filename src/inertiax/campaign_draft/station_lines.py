@@ -7,7 +7,7 @@ from .gyro_unit import said_unit
 from .raw_triads import RawTriads
 from .references import force_unit, labels_of_positions, moving_labels, rate_unit
 from .table_angles import TableAngles
-from .toml_text import Line, Table
+from .toml_text import Line, Table, value_text
 
 
 _PROMISE = (
@@ -17,6 +17,7 @@ _PROMISE = (
     "rate_uncertainty = 20.0         # ppm of the commanded rate",
     "temperature_uncertainty = 0.1   # degC",
 )
+_NAMED = "The device's serial number, which calibrations and certificates then name."
 
 
 def reference_force(found: RawTriads) -> list[Line]:
@@ -81,9 +82,12 @@ def angle_lines(found: RawTriads, angles: TableAngles) -> list[Line]:
 
 
 def station_tables(
-    found: RawTriads, angles: TableAngles | None, latitude: float | None
+    found: RawTriads, angles: TableAngles | None, latitude: float | None, serial: str
 ) -> tuple[Table, ...]:
-    """`[table]`, and what to write under `[rig]`, where there is a table."""
+    """`[table]`, and what to write under `[rig]` and `[device]`, where there is a table.
+
+    **Arguments:** `serial` is proposed where no column names the device.
+    """
     tables = []
     if angles is not None:
         why = "where each axis points with all angles zero, outermost first; any turn about the vertical is as good"
@@ -98,4 +102,8 @@ def station_tables(
     roles = found.roles
     if angles is not None or roles.reference_accel is not None or roles.reference_gyro is not None:
         tables.append(Table("rig", (), _PROMISE))
+        if roles.device is None:
+            tables.append(
+                Table("device", (), (_NAMED, "[device]", f"serial = {value_text(serial)}"))
+            )
     return tuple(tables)

@@ -219,6 +219,7 @@ def _rates(
     """Columns of the axes' rates and their unit, by the change of the angles; `None` where one is missing."""
     step = np.zeros(len(found.seconds))
     step[1:-1] = found.seconds[2:] - found.seconds[:-2]
+    step[step > _JUMP * np.median(step)] = 0.0  # a gap, or another recording
     names, units = [], []
     for k in range(turn.shape[1]):
         rows = moving & (step > 0.0) & (turn[:, k] != 0.0)

@@ -1,0 +1,58 @@
+"""Further recordings of a campaign behind its first one: a station often writes a file for each step of its plan."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from .clock import Clock, UNITS
+from .raw_log import RawLog, read_log
+from .raw_triads import columns, in_rows, RawTriads
+
+
+# Usual steps between two recordings: more than what ends a rest.
+_APART = 30
+
+
+def alike(log: RawLog, others: Sequence[Path]) -> tuple[RawLog, ...]:
+    """The further recordings. Raises `ValueError` where one lacks a column of numbers that the first one has."""
+    found = tuple(read_log(path) for path in others)
+    for other in found:
+        names = (*other.stamps, *other.names)
+        missing = [n for n in (*log.stamps, *log.names) if n not in names]
+        if missing:
+            raise ValueError(
+                f"{other.path}: has no column {', '.join(map(repr, missing[:4]))}, which {log.path.name} has; give "
+                "logs of the same columns together, and the others a campaign of their own."
+            )
+    return found
+
+
+def followed_by(first: RawTriads, others: Sequence[RawLog]) -> RawTriads:
+    """All recordings as one, the clock going on from each to the next, as the first one's columns and clock say."""
+    if not others or first.gyro_log is not None:
+        return first
+    logs = (first.log, *others)
+    log = first.log._replace(
+        numbers={n: np.concatenate([x.numbers[n] for x in logs]) for n in first.log.numbers},
+        stamps={n: np.concatenate([x.stamps[n] for x in logs]) for n in first.log.stamps},
+        texts={
+            n: tuple(sorted({w for x in logs for w in x.texts.get(n, ())})) for n in first.log.texts
+        },
+    )
+    apart = _APART * float(np.median(np.diff(first.clock.seconds)))
+    seconds, end = [], 0.0
+    for one in (first.clock.seconds, *(_seconds(x, first.clock) for x in others)):
+        seconds.append(end + one - one[0])
+        end = seconds[-1][-1] + apart
+    accel, gyro = columns(log, first.roles.accel), columns(log, first.roles.gyro)
+    return in_rows(first._replace(log=log), np.concatenate(seconds), accel, gyro)
+
+
+def _seconds(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
+    if clock.name is None:
+        return np.arange(len(next(iter(log.numbers.values())))) / (clock.rate or 1.0)
+    if clock.name in log.stamps:
+        return log.stamps[clock.name]
+    return UNITS[clock.unit or "s"] * log.numbers[clock.name]
