@@ -234,7 +234,9 @@ def test_one_pose_gives_gyros_that_are_missing_but_no_accelerometers(both):
 def test_a_few_degrees_of_the_first_log_are_held_at_its_temperature(both):
     """Gyros with a slope over 20 to 24 °C: at 22 °C values and sigmas are theirs, by hand from the covariance."""
     basis = Polynomial(1, 20.0, 24.0)
-    sloped = replace(both[0], gyro=triad("gyro", basis, seed=8), temperature_range=(20.0, 24.0))
+    turning = triad("gyro", basis, seed=8)
+    cross = np.zeros((len(both[0].accel.covariance), len(turning.covariance)))
+    sloped = replace(both[0], gyro=turning, temperature_range=(20.0, 24.0), cross_covariance=cross)
     warm = replace(both[1], gyro=triad("gyro", Polynomial(3, -10.0, 50.0), seed=6))
     joined = with_warm_up(sloped, warm).gyro
     count = len(joined.names)
@@ -244,6 +246,24 @@ def test_a_few_degrees_of_the_first_log_are_held_at_its_temperature(both):
         np.diagonal(np.asarray(sloped.gyro.covariance))[:count]
     )  # T_1 is zero in the middle
     np.testing.assert_allclose(sigmas[0], own, rtol=1e-6)
+
+
+def test_a_log_by_hand_may_be_a_little_warmer_than_the_warm_up(both):
+    """At 52 °C beside −10 to 50 °C the constants are its own, and the curve's differences those of a polynomial."""
+    fixed, moving = both
+    joined = with_warm_up(replace(fixed, temperature_range=(51.0, 53.0)), moving)
+    at = np.array([-10.0, 20.0, 52.0])
+    values, sigmas = joined.accel.over(at)
+    np.testing.assert_allclose(values[2, :3], fixed.accel.curve.coefficients[0, :3], rtol=1e-9)
+    curve = np.polynomial.chebyshev.chebval(
+        (2.0 * at - sum(moving.temperature_range)) / np.ptp(moving.temperature_range),
+        np.asarray(moving.accel.curve.coefficients)[:, :3],
+    ).T
+    np.testing.assert_allclose(values[:, :3] - values[2, :3], curve - curve[2], atol=1e-9)
+    assert np.all(sigmas[0, :3] > sigmas[2, :3])
+    assert joined.temperature_range[1] == 52.0
+    beyond = f"{52.0 - moving.temperature_range[1]:.1f}"
+    assert any(f"continued by {beyond} °C" in n for n in joined.notes)
 
 
 def replace_covariance(one, covariance):
@@ -257,7 +277,7 @@ def test_what_does_not_fit_together_is_refused_in_one_line(both):
     for one, other, words in (
         (moving, moving, "depends on temperature itself"),
         (fixed, fixed, "the warm-up has no biases over temperature"),
-        (cold, moving, "made at -29.0 °C, outside of the warm-up's"),
+        (cold, moving, "made at -29.0 °C, outside of the warm-up's .*let a warm-up reach -29 °C"),
         (wide, moving, "covers 0.0 to 40.0 °C with constants"),
         (replace(fixed, temperature_range=None), moving, "has no temperature"),
         (fixed, replace(moving, temperature_range=None), "the warm-up has no temperatures"),

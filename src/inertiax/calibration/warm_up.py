@@ -24,6 +24,9 @@ from .turn_on import turn_on
 
 
 WIDE = 10.0  # °C, beyond which a calibration by constants is not of one temperature
+# Of the warm-up's range: so far beyond its ends its curve is continued (convention). A board that is turned by hand
+# right after its warm-up still warms a little, and a curve that the range determines changes little so near to it.
+BEYOND = 0.05
 
 
 def with_warm_up(
@@ -35,10 +38,11 @@ def with_warm_up(
     Accelerometers that `calibration` lacks stay out, since one pose tells of them differences alone; gyros and a
     barometer are taken from the warm-up.
 
-    A temperature dependence of `calibration` over `WIDE` or less is held at that temperature.
+    A temperature dependence of `calibration` over `WIDE` or less is held at that temperature. Beyond the warm-up's ends
+    by no more than `BEYOND` of its range its curve is continued; its covariance grows there as a polynomial's does.
 
     Raises `ValueError` where the devices have different names, where `calibration` has a temperature dependence over
-    more or the warm-up has none, where no temperature is known, and where it lies outside of the warm-up's.
+    more or the warm-up has none, where no temperature is known, and where it lies farther outside of the warm-up's.
     """
     if calibration.device and warm_up.device and calibration.device != warm_up.device:
         raise ValueError(
@@ -59,20 +63,24 @@ def with_warm_up(
         raise ValueError("the warm-up has no temperatures; record them with it.")
     at = _temperature(calibration, temperature)
     low, high = map(float, ends)
-    if not low <= at <= high:
+    beyond = max(low - at, at - high, 0.0)
+    if beyond > BEYOND * (high - low):
         raise ValueError(
-            f"the calibration was made at {at:.1f} °C, outside of the warm-up's {low:.1f} to {high:.1f} °C."
+            f"the calibration was made at {at:.1f} °C, outside of the warm-up's {low:.1f} to {high:.1f} °C: let a "
+            f"warm-up reach {at:.0f} °C, or turn the device by hand at a temperature between."
         )
     if moves:  # over a few degrees, that the device warmed by: the warm-up tells better
         calibration = replace(
             calibration,
             accel=None if calibration.accel is None else _held(calibration.accel, at),
             gyro=None if calibration.gyro is None else _held(calibration.gyro, at),
+            cross_covariance=None,  # of coefficients that are no more; what is joined has none, see below
         )
     between = turn_on(calibration, warm_up, at).sentence
     said = (
         f"biases over temperature from a warm-up in one pose, joined at {at:.1f} °C: what scale factors do with "
         "temperature is counted as bias along gravity",
+        *((f"the warm-up's curve is continued by {beyond:.1f} °C to there",) if beyond else ()),
         *((between,) if between else ()),
     )
     return replace(
@@ -81,7 +89,7 @@ def with_warm_up(
         gyro=warm_up.gyro
         if calibration.gyro is None
         else _joined(calibration.gyro, warm_up.gyro, at),
-        temperature_range=ends,
+        temperature_range=(min(low, at), max(high, at)),
         notes=(*calibration.notes, *said),
         cross_covariance=None,
         baro=calibration.baro or warm_up.baro,
