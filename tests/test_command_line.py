@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from bad_inputs_cases import CSV, FLEET, good_calibration, TOML
@@ -123,6 +124,30 @@ def test_help_loads_nothing_large():
         "dask",
         "jinja2",
     }
+
+
+def test_noise_and_check_load_no_jax_and_find_the_same(tmp_path, capsys, monkeypatch):
+    rows = np.random.default_rng(5).normal([0.0, 0.0, 9.81, 0.0, 0.0, 0.0], 1e-3, (3000, 6))
+    names = "time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"
+    table = np.column_stack([np.arange(3000) / 50.0, rows])
+    np.savetxt(tmp_path / "still.csv", table, delimiter=",", header=names, comments="")
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["still.csv"]\n'
+    )
+    for command in (
+        ["noise", str(tmp_path), "-o", str(tmp_path / "out")],
+        ["check", str(tmp_path)],
+    ):
+        alone = subprocess.run(
+            [sys.executable, "-c", "import sys; from inertiax.cli import main\ntry: main(sys.argv[1:])\n"
+             "finally: print(*sorted(sys.modules), file=sys.stderr)", *command, "--json", "-q"],
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        loaded = set(alone.stderr.split())
+        assert "inertiax.data.recording" in loaded  # what was loaded is seen
+        assert not loaded & {"jax", "equinox"}
+        _, out, _ = run(capsys, monkeypatch, *command, "--json", "-q")  # where the tests loaded JAX
+        assert json.loads(alone.stdout) == json.loads(out)
 
 
 def test_shells_complete_commands_and_options():

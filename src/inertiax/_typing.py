@@ -1,14 +1,20 @@
 """Array aliases, so that signatures stay short and say the shape."""
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, TYPE_CHECKING, TypeAlias
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ._records import WITHOUT_JAX
 
-AnyArray: TypeAlias = jax.Array | np.ndarray
+
+if TYPE_CHECKING or not WITHOUT_JAX:
+    import jax
+
+    AnyArray: TypeAlias = jax.Array | np.ndarray
+else:
+    AnyArray = Any
 
 Scalar: TypeAlias = Float[AnyArray, ""]
 Vec3: TypeAlias = Float[AnyArray, "3"]

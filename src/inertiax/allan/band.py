@@ -9,11 +9,13 @@ more than chance gives them. What is stated comes from one coefficient more than
 small to be seen would otherwise take from N more than its uncertainty.
 """
 
-import equinox as eqx
+import dataclasses
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import chdtrc
 
+from .._records import field, Module
 from .likelihood import Fit, maximum_likelihood, Problem, spread_of_means
 from .spectrum import Spectrum
 
@@ -36,16 +38,16 @@ _OPENS = 2.0  # by how much a band must reach higher without its lowest ordinate
 _LOWEST = (0.0, 8.0, 16.0, 32.0, 64.0, 128.0)  # ordinates below which a band may begin, if it must
 
 
-class Band(eqx.Module):
+class Band(Module):
     """A band, the filter's shape in it, and how well the terms describe it."""
 
     kept: Bool[np.ndarray, " bin"]  # of the spectrum
     lines: Bool[np.ndarray, " bin"]  # in the band, but left out
-    lower: float = eqx.field(static=True)  # Hz; 0 where the band begins at the lowest ordinate
-    upper: float = eqx.field(static=True)  # Hz
-    order: int = eqx.field(static=True)  # coefficients of the filter that are fitted
-    seen: bool = eqx.field(static=True)  # whether there is a filter, as far as the log shows
-    passes: bool = eqx.field(static=True)
+    lower: float = field(static=True)  # Hz; 0 where the band begins at the lowest ordinate
+    upper: float = field(static=True)  # Hz
+    order: int = field(static=True)  # coefficients of the filter that are fitted
+    seen: bool = field(static=True)  # whether there is a filter, as far as the log shows
+    passes: bool = field(static=True)
 
     def problem(self, spectrum: Spectrum, rounding: float) -> tuple[Problem, tuple[str, ...]]:
         """The fit of this band with the names of its terms; Q has a place among them only without a filter."""
@@ -56,7 +58,7 @@ class Band(eqx.Module):
 
     def whole(self) -> "Band":
         """The band with its lines."""
-        return eqx.tree_at(lambda b: b.kept, self, self.kept | self.lines)
+        return dataclasses.replace(self, kept=self.kept | self.lines)
 
 
 def find_band(spectrum: Spectrum, rounding: float) -> Band:

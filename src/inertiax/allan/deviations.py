@@ -18,10 +18,10 @@ stay in the processor's cache, which is what makes ten million samples quick.
 from collections.abc import Callable, Iterator
 from functools import partial
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._records import field, Module
 from .stored_channel import BLOCK, Log
 
 
@@ -31,12 +31,12 @@ _TOTAL_BLOCK = 1 << 20  # numbers of a block of extended sequences
 _Phase = Float[np.ndarray, " phase"]
 
 
-class Deviations(eqx.Module):
+class Deviations(Module):
     """A deviation over averaging times; where fewer than two differences exist there is no row."""
 
-    kind: str = eqx.field(static=True)
-    rate: float = eqx.field(static=True)  # Hz
-    num_samples: int = eqx.field(static=True)  # of the log
+    kind: str = field(static=True)
+    rate: float = field(static=True)  # Hz
+    num_samples: int = field(static=True)  # of the log
     factor: Int[np.ndarray, " tau"]  # m, samples averaged
     tau: Float[np.ndarray, " tau"]  # s
     deviation: Float[np.ndarray, " tau"]  # unit of the log (tdev, ttotdev: times s)

@@ -4,10 +4,10 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._records import field, Module
 from ..data.recording import Recording
 from .confidence import interval
 from .deviations import Deviations, deviations, short_deviations, usual_factors
@@ -25,26 +25,26 @@ _THINNED = 16  # samples to such a mean
 UNLIKE = 5.0  # chi2_per_dof above which the terms do not describe a channel
 
 
-class ChannelNoise(eqx.Module):
+class ChannelNoise(Module):
     """One channel: its Allan deviation with 68 % limits, and the noise terms."""
 
-    channel: str = eqx.field(static=True)  # e.g. "gyro_x"
+    channel: str = field(static=True)  # e.g. "gyro_x"
     curve: Deviations
     lower: Float[np.ndarray, " tau"]
     upper: Float[np.ndarray, " tau"]
     model: NoiseModel
-    sample: float = eqx.field(static=True, default=math.nan)  # scatter of one sample, SI
+    sample: float = field(static=True, default=math.nan)  # scatter of one sample, SI
 
 
-class LogNoise(eqx.Module):
+class LogNoise(Module):
     """Noise of one recording's longest rest."""
 
-    recording: str = eqx.field(static=True)
-    device: str = eqx.field(static=True)
-    rate: float = eqx.field(static=True)  # Hz
-    duration: float = eqx.field(static=True)  # s
+    recording: str = field(static=True)
+    device: str = field(static=True)
+    rate: float = field(static=True)  # Hz
+    duration: float = field(static=True)  # s
     channels: tuple[ChannelNoise, ...]
-    notes: tuple[str, ...] = eqx.field(static=True)  # what a reader should know
+    notes: tuple[str, ...] = field(static=True)  # what a reader should know
 
 
 def noise_of(

@@ -6,10 +6,10 @@ All are *densities*: they do not depend on the sampling rate. What a filter or s
 "discrete" noise is another number; `NoiseTerm.discrete` names both so that they are not mixed.
 """
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._records import field, Module
 from .confidence import EXPONENTS
 
 
@@ -73,7 +73,7 @@ SAMPLE_UNITS = {"accel": ("mg", 1e3 / _G), "gyro": ("deg/s", _DEG)}  # of one sa
 _THROUGHOUT = 0.99  # of the Nyquist frequency: a band ends at its highest ordinate, a little below
 
 
-class NoiseTerm(eqx.Module):
+class NoiseTerm(Module):
     """One coefficient with its 95 % interval; it has a value only where the log determines it.
 
     Where it does not, `value` and `std` are `None`, `lower` is zero, and `upper` is what the log proves: infinity
@@ -98,12 +98,12 @@ class NoiseTerm(eqx.Module):
         return self.least if self.value is None else self.value
 
 
-class NoiseModel(eqx.Module):
+class NoiseModel(Module):
     """Noise of one channel as coefficients of IEEE Std 952, and how well they describe the log."""
 
-    triad: str = eqx.field(static=True)  # "accel" or "gyro": tells the units
-    rate: float = eqx.field(static=True)  # Hz, of the sensor's own samples
-    duration: float = eqx.field(static=True)  # s
+    triad: str = field(static=True)  # "accel" or "gyro": tells the units
+    rate: float = field(static=True)  # Hz, of the sensor's own samples
+    duration: float = field(static=True)  # s
     terms: dict[str, NoiseTerm]
     chi2_per_dof: float  # of the spectrum in the band, in parts of octaves; far above 1: something else is there
     band: tuple[float, float]  # Hz, in which the terms were fitted; N is from here
@@ -114,7 +114,7 @@ class NoiseModel(eqx.Module):
     recursion: tuple[float, ...] = ()
     rounding: float = 0.0  # the step that values are rounded to, in their unit; 0: none seen
     # One line: from which band, and where the model fails
-    statement: str = eqx.field(static=True, default="")
+    statement: str = field(static=True, default="")
 
     def deviation(self, tau: Float[np.ndarray, " tau"]) -> Float[np.ndarray, " tau"]:
         """Allan deviation that the model predicts, in the log's unit."""

@@ -11,11 +11,11 @@ and correlation time T, ḃ = −b/T + σ √(2/T) w. Its Allan deviation is gre
 
 from pathlib import Path
 
-import equinox as eqx
 import msgspec
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._records import Module
 from ..data.json_documents import decode
 from .model import FLICKER, NoiseModel
 
@@ -26,7 +26,7 @@ SCHEMA = "inertiax.noise/1"
 _PEAK_TIME, _PEAK = 1.8926, 0.6174
 
 
-class TriadNoise(eqx.Module):
+class TriadNoise(Module):
     """Noise of three axes; a term that the log can do without is zero, and `determined` says which the log tells.
 
     For a filter, which should not trust its sensor too much, `cautious` puts the 95 % limits there.

@@ -6,10 +6,10 @@ many samples as rows. The sensor's own samples are what noise is found from.
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._records import field, Module
 from ..reduction.mean_noise import quantisation_step
 from .stored_channel import BLOCK, Log, StoredChannel
 
@@ -22,11 +22,11 @@ _FINE = 4.0
 _STEADY = 0.95
 
 
-class OwnSamples(eqx.Module):
+class OwnSamples(Module):
     """Rows of a log in which the sensor gave a new value."""
 
     rows: Int[np.ndarray, " sample"] | None  # None: all
-    share: float = eqx.field(static=True)  # of the rows that repeat the one before
+    share: float = field(static=True)  # of the rows that repeat the one before
 
     def of(self, log: Log) -> Float[np.ndarray, " sample"] | StoredChannel:
         """The sensor's own samples of one channel; in memory where some are left out."""

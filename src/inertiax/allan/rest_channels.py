@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-import equinox as eqx
 import numpy as np
 
+from .._records import field, Module
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from ..reduction.host_stamps import remark
@@ -19,11 +19,11 @@ LONG = 2 * BLOCK  # samples of a rest from which on its channels stay on the dis
 _CUT = 2.5  # windows: what is cut off a rest's end at most, and a little
 
 
-class RestChannels(eqx.Module):
+class RestChannels(Module):
     """Rows of one log: those `[start, stop)` of each of its parts, which follow one another."""
 
     parts: tuple[Recording, ...]
-    ranges: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    ranges: tuple[tuple[int, int], ...] = field(static=True)
 
     @property
     def num_samples(self) -> int:

@@ -9,11 +9,11 @@ has under each term an expectation known exactly, leakage included, up to the co
 
 from functools import cache
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.fft import next_fast_len, rfft
 
+from .._records import field, Module
 from .stored_channel import Log
 
 
@@ -28,7 +28,7 @@ _THINNED_AT_ONCE = 1 << 14  # samples of the thinned log
 _SEAM = 1.0 / 128.0  # of the rate: where both meet, half the thinned log's Nyquist frequency
 
 
-class Spectrum(eqx.Module):
+class Spectrum(Module):
     """Averages over bins of ordinates, of differences in (unit)²."""
 
     power: Float[np.ndarray, " bin"]
@@ -36,7 +36,7 @@ class Spectrum(eqx.Module):
     width: Float[np.ndarray, " bin"]  # ordinates of the whole log in the bin
     frequency: Float[np.ndarray, " bin"]  # Hz, mean
     upper: Float[np.ndarray, " bin"]  # Hz, of the last ordinate
-    rate: float = eqx.field(static=True)  # Hz
+    rate: float = field(static=True)  # Hz
 
     def of(self, kept: Bool[np.ndarray, " bin"]) -> "Spectrum":
         """The bins `kept`."""

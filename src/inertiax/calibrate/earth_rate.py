@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import DEG_PER_HOUR
 from ..data.recording import Site
-from ..physics.earth import EARTH_RATE
+from ..physics.wgs84 import EARTH_RATE
 from ..reduction.dwells import Dwells
 from ..reduction.earth_at_rest import horizontal_covariance, is_known
 

@@ -19,7 +19,7 @@ def check(campaign: CampaignPath, as_json: AsJson = False, quiet: Quiet = False)
     outputs.require_campaign(campaign)
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
-        environment.prepare()
+        environment.prepare_without_jax()
         from ..data.campaign import load_campaign
         from ..plausibility import check_campaign
 

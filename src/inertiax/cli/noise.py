@@ -35,7 +35,7 @@ def noise(
     outputs.require_folder(output)
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
-        environment.prepare()
+        environment.prepare_without_jax()
         from ..allan import logs_of, name_of, noise_of
         from ..plausibility import require_plausible, statements
         from ..report.noise import noise_document, print_noise, write_figures

@@ -1,9 +1,9 @@
 """One recording from the two triads' files, put onto one time base where each has stamps of its own."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._records import field, Module
 from .._typing import Mask
 from .formats.streams import onto
 from .recording import Recording
@@ -14,11 +14,11 @@ _LONGEST_BRIDGE = (
 )
 
 
-class Paired(eqx.Module):
+class Paired(Module):
     """A recording of both triads, and what was done to make it."""
 
     recording: Recording
-    note: str | None = eqx.field(static=True)  # `None` where both files have the same stamps
+    note: str | None = field(static=True)  # `None` where both files have the same stamps
 
 
 def pair(accel: Recording, gyro: Recording, *, counted: bool = False) -> Paired:

@@ -7,10 +7,10 @@ import copy
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._records import field, Module
 from .._typing import Given
 from .frames import columns_of, Names, TRIADS
 from .plausible_units import (
@@ -40,10 +40,10 @@ def _probes(values: Any) -> Any:
 
 
 def _matrix(**given: Any) -> Any:
-    return eqx.field(converter=_by_column, **given)
+    return field(converter=_by_column, **given)
 
 
-class Recording(eqx.Module):
+class Recording(Module):
     """One continuous log of one device.
 
     Columns are those of the campaign format; a column that was not recorded is `None`.
@@ -54,7 +54,7 @@ class Recording(eqx.Module):
     time: Float[np.ndarray, " time"]  # s
     accel: Float[np.ndarray, "time 3"] | None = _matrix(default=None)  # m/s²
     gyro: Float[np.ndarray, "time 3"] | None = _matrix(default=None)  # rad/s
-    temperature: Float[np.ndarray, "time probes"] | None = eqx.field(
+    temperature: Float[np.ndarray, "time probes"] | None = field(
         converter=_probes, default=None
     )  # °C, column 0 is the device's probe; (time,) is made (time, 1)
     experiment: Int[np.ndarray, " time"] | None = None  # run of the programme (chamber setting)
@@ -67,8 +67,8 @@ class Recording(eqx.Module):
     mag: Float[np.ndarray, "time 3"] | None = _matrix(default=None)  # T; NaN where it was not read
     current: Float[np.ndarray, " time"] | None = None  # A; NaN where it was not read
     pressure: Float[np.ndarray, " time"] | None = None  # Pa; NaN where it was not read
-    device: str = eqx.field(static=True, default="")  # serial number
-    name: str = eqx.field(static=True, default="")  # where it came from, for messages
+    device: str = field(static=True, default="")  # serial number
+    name: str = field(static=True, default="")  # where it came from, for messages
 
     def __check_init__(self):
         where = f"recording '{self.name}'" if self.name else "`Recording(...)`"
@@ -235,15 +235,15 @@ def _check_units(call: str, made: dict[str, Any]) -> None:
             check_field(call, values, every)
 
 
-class Site(eqx.Module):
+class Site(Module):
     """The test place.
 
     Raises `ValueError` for a gravity that is none in m/s², a latitude in degrees or a magnetic field that is none in T.
     """
 
-    gravity: float = eqx.field(static=True, default=9.80665)  # m/s²
-    latitude: float | None = eqx.field(static=True, default=None)  # rad
-    magnetic_field: float | None = eqx.field(static=True, default=None)  # T, magnitude
+    gravity: float = field(static=True, default=9.80665)  # m/s²
+    latitude: float | None = field(static=True, default=None)  # rad
+    magnetic_field: float | None = field(static=True, default=None)  # T, magnitude
 
     def __check_init__(self):
         check_earth_field("Site", self.magnetic_field)
@@ -254,16 +254,16 @@ class Site(eqx.Module):
             )
 
 
-class Rig(eqx.Module):
+class Rig(Module):
     """What the station promises, 1 sigma. `None` where it says nothing.
 
     Raises `ValueError` for numbers that are negative or implausible in these units.
     """
 
     # rad, each positioning
-    position_uncertainty: float | None = eqx.field(static=True, default=None)
-    rate_uncertainty: float | None = eqx.field(static=True, default=None)  # relative to the rate
-    temperature_uncertainty: float | None = eqx.field(static=True, default=None)  # °C
+    position_uncertainty: float | None = field(static=True, default=None)
+    rate_uncertainty: float | None = field(static=True, default=None)  # relative to the rate
+    temperature_uncertainty: float | None = field(static=True, default=None)  # °C
 
     def __check_init__(self):
         # Beyond these a station promises nothing: 30° of attitude, half of the rate, 50 °C.
@@ -279,21 +279,21 @@ class Rig(eqx.Module):
 NOT_CALIBRATED = "none"  # as an estimator, of a triad that is left as it is
 
 
-class ModelChoice(eqx.Module):
+class ModelChoice(Module):
     """The model that the user means to fit; `None` lets the tool choose and say so."""
 
     # Invariant | reference | static | none; None: the tool chooses.
-    accel_estimator: str | None = eqx.field(static=True, default=None)
+    accel_estimator: str | None = field(static=True, default=None)
     # Reference | gravity | static | none; None: the tool chooses.
-    gyro_estimator: str | None = eqx.field(static=True, default=None)
-    g_sensitivity: bool | None = eqx.field(static=True, default=None)  # the gyros' matrix D
+    gyro_estimator: str | None = field(static=True, default=None)
+    g_sensitivity: bool | None = field(static=True, default=None)  # the gyros' matrix D
     # Of every parameter's polynomial; 0 = constant.
-    temperature_degree: int | None = eqx.field(static=True, default=None)
-    together: bool | None = eqx.field(static=True, default=None)  # both triads in one least squares
-    lever_arms: bool | None = eqx.field(static=True, default=None)  # of the accelerometers
-    misalignment: bool | None = eqx.field(static=True, default=None)  # of the gyros to them
+    temperature_degree: int | None = field(static=True, default=None)
+    together: bool | None = field(static=True, default=None)  # both triads in one least squares
+    lever_arms: bool | None = field(static=True, default=None)  # of the accelerometers
+    misalignment: bool | None = field(static=True, default=None)  # of the gyros to them
     # Field | none; None: field where there are magnetometers.
-    mag_estimator: str | None = eqx.field(static=True, default=None)
+    mag_estimator: str | None = field(static=True, default=None)
 
 
 def renamed(recording: Recording, device: str) -> Recording:
@@ -303,16 +303,16 @@ def renamed(recording: Recording, device: str) -> Recording:
     return own
 
 
-class Campaign(eqx.Module):
+class Campaign(Module):
     """Recordings of one or many devices, with the place, the rig and the model to fit."""
 
     recordings: tuple[Recording, ...]  # of all devices
     site: Site = Site()  # gravity and latitude
     rig: Rig = Rig()  # what the station promises, 1 sigma
     model: ModelChoice = ModelChoice()  # what the user wants to be fitted
-    grade: str | None = eqx.field(static=True, default=None)  # navigation | tactical | consumer
-    path: Path | None = eqx.field(static=True, default=None)  # campaign.toml, if read from one
-    notes: tuple[str, ...] = eqx.field(static=True, default=())  # what a reader should know
+    grade: str | None = field(static=True, default=None)  # navigation | tactical | consumer
+    path: Path | None = field(static=True, default=None)  # campaign.toml, if read from one
+    notes: tuple[str, ...] = field(static=True, default=())  # what a reader should know
 
     @property
     def devices(self) -> tuple[str, ...]:

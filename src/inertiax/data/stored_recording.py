@@ -11,10 +11,10 @@ import weakref
 from collections import OrderedDict
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._records import field
 from .recording import COLUMNS, Recording
 
 
@@ -105,11 +105,11 @@ class StoredRecording(Recording):
     reference_accel: Float[np.ndarray, "time 3"] | None = None
     reference_gyro: Float[np.ndarray, "time 3"] | None = None
     mag: Float[np.ndarray, "time 3"] | None = None
-    store: ColumnStore | None = eqx.field(static=True, default=None)
-    first: int = eqx.field(static=True, default=0)
-    stop: int = eqx.field(static=True, default=0)
-    whole: str = eqx.field(static=True, default="")
-    quietest: tuple[float, float] = eqx.field(static=True, default=(np.inf, np.inf))
+    store: ColumnStore | None = field(static=True, default=None)
+    first: int = field(static=True, default=0)
+    stop: int = field(static=True, default=0)
+    whole: str = field(static=True, default="")
+    quietest: tuple[float, float] = field(static=True, default=(np.inf, np.inf))
 
     def __getattribute__(self, name: str) -> Any:
         if name in COLUMNS:

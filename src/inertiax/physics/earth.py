@@ -1,4 +1,4 @@
-"""Gravity and Earth rate at a site; the package's only geodetic constants.
+"""Gravity and Earth rate at a site.
 
 The local level frame is ENU: x east, y north, z up. A triad at rest reads the specific force
 `(0, 0, +g)` there.
@@ -8,15 +8,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._typing import Scalar
-
-
-# WGS 84, NGA.STND.0036_1.0.0 (2014), tables 3.1, 3.5 and 3.6.
-SEMI_MAJOR_AXIS = 6378137.0  # a, m
-FLATTENING = 1.0 / 298.257223563  # f
-EARTH_RATE = 7.292115e-5  # rad/s
-EQUATOR_GRAVITY = 9.7803253359  # γ_e, m/s²
-POLE_GRAVITY = 9.8321849378  # γ_p, m/s²
-GRAVITY_RATIO = 0.00344978650684  # m = Ω² a² b / GM
+from .wgs84 import (
+    EARTH_RATE as EARTH_RATE,
+    EQUATOR_GRAVITY as EQUATOR_GRAVITY,
+    FLATTENING as FLATTENING,
+    GRAVITY_RATIO as GRAVITY_RATIO,
+    POLE_GRAVITY as POLE_GRAVITY,
+    SEMI_MAJOR_AXIS as SEMI_MAJOR_AXIS,
+)
 
 
 def gravity(latitude: Scalar | float, height: Scalar | float = 0.0) -> Float[Array, ""]:

@@ -1,9 +1,9 @@
 """Numbers as leaves of pytrees: 64 bits are kept whatever JAX is set to."""
 
+import sys
 from typing import Any
 
 import numpy as np
-from jax.core import Tracer
 
 
 def as_leaf(value: Any) -> Any:
@@ -18,4 +18,5 @@ def as_array(value: Any) -> Any:
 
 def is_traced(value: Any) -> bool:
     """Whether a value is not known, because a program is being made."""
-    return isinstance(value, Tracer)
+    jax = sys.modules.get("jax")  # where it is not loaded, there is nothing that it traces
+    return jax is not None and isinstance(value, jax.core.Tracer)

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from ..data.recording import Site
-from ..physics.earth import EARTH_RATE
+from ..physics.wgs84 import EARTH_RATE
 from .dwells import Dwells
 
 

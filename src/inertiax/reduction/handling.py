@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import SupportsIndex
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Int
 
+from .._records import field, Module
 from ..data.recording import Recording
 from .clipping import clipped
 from .hand_motion import moved_by_hand
@@ -46,16 +46,16 @@ THRESHOLDS = HandlingThresholds()
 MOST_SLIPS = 3  # of a rest that are looked for, one after another
 
 
-class Disturbance(eqx.Module):
+class Disturbance(Module):
     """A stretch of a rest that was disturbed."""
 
-    recording: str = eqx.field(static=True)  # its name
-    start: float = eqx.field(static=True)  # s, on the recording's clock
-    end: float = eqx.field(static=True)  # s
-    kind: str = eqx.field(static=True)  # one of `KINDS`
-    position: int = eqx.field(static=True)  # of the rest
+    recording: str = field(static=True)  # its name
+    start: float = field(static=True)  # s, on the recording's clock
+    end: float = field(static=True)  # s
+    kind: str = field(static=True)  # one of `KINDS`
+    position: int = field(static=True)  # of the rest
     # False: kept, since it is so in most rests
-    left_out: bool = eqx.field(static=True, default=True)
+    left_out: bool = field(static=True, default=True)
 
     def as_dict(self) -> dict:
         """The entry of a result's `handling`."""

@@ -9,25 +9,25 @@ towards the pooled one as far as the data say that dwells are alike.
 import weakref
 from collections.abc import Callable
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import digamma, polygamma
 
+from .._records import field, Module
 from .._typing import AnyArray
 
 
-class NoiseShape(eqx.Module):
+class NoiseShape(Module):
     """Autocorrelation of a stationary noise of unit variance, as shares of simple noises.
 
     `white` has no memory; `differenced` is the difference of successive white samples (angle noise in
     a gyro's increments; its sums do not grow); `red[i]` decays as `decay[i]`^h (Gauss-Markov).
     """
 
-    white: float = eqx.field(static=True, default=1.0)
-    differenced: float = eqx.field(static=True, default=0.0)
-    red: tuple[float, ...] = eqx.field(static=True, default=())
-    decay: tuple[float, ...] = eqx.field(static=True, default=())
+    white: float = field(static=True, default=1.0)
+    differenced: float = field(static=True, default=0.0)
+    red: tuple[float, ...] = field(static=True, default=())
+    decay: tuple[float, ...] = field(static=True, default=())
 
     def sum_variance(self, counts: AnyArray) -> Float[np.ndarray, " count"]:
         """S(n) in units of σ²; n for white noise."""

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
-from ..physics.earth import EARTH_RATE
+from ..physics.wgs84 import EARTH_RATE
 from .rests import usual_step
 
 

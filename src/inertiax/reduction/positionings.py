@@ -9,7 +9,7 @@ table was set anew. Where no force is known, another number of the rest's positi
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..physics.earth import EARTH_RATE
+from ..physics.wgs84 import EARTH_RATE
 from .plateaus import TURNING
 
 

@@ -6,10 +6,10 @@ recording; how little is read off the data too.
 
 from typing import TypeAlias
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._records import field, Module
 from .._typing import Mask
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
@@ -32,7 +32,7 @@ STILL = 16.0  # times the quietest level: a factor of 4 in standard deviation is
 Spread: TypeAlias = Float[np.ndarray, " window"]  # one number a window
 
 
-class QuietLevels(eqx.Module):
+class QuietLevels(Module):
     """What a recording's quietest windows read: the unit in which motion is told."""
 
     accel: float | None  # (m/s²)², variance within a window, summed over axes
@@ -59,13 +59,13 @@ class QuietLevels(eqx.Module):
         return float(self.motion(spread(window.accel), spread(window.gyro), off)[0])
 
 
-class Rests(eqx.Module):
+class Rests(Module):
     """Ranges `[start, stop)` of rows at rest, and how they were found."""
 
     start: Int[np.ndarray, " rest"]
     stop: Int[np.ndarray, " rest"]
-    threshold: float | None = eqx.field(static=True, default=None)  # times the quietest level
-    statement: str = eqx.field(static=True, default="")
+    threshold: float | None = field(static=True, default=None)  # times the quietest level
+    statement: str = field(static=True, default="")
     levels: QuietLevels | None = None  # `None` where no window was judged
 
 

@@ -4,17 +4,18 @@ What the recording says decides first: `position` (rests, and with `reference_gy
 rows of position −1), then `reference_gyro` alone; a recording with neither is searched for rests.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._records import field, Module
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
 from ..physics.directions import FEWEST_DIRECTIONS, num_directions
-from ..physics.earth import EARTH_RATE
+from ..physics.wgs84 import EARTH_RATE
 from .handling import Disturbance, undisturbed
 from .plateaus import plateaus, steady_steps, TURNING, without_ramps
 from .rests import find_rests, PAUSE, Rests, usual_step
@@ -29,7 +30,7 @@ _LYING = np.radians(
 _MORE = 1.25  # times as many rests, from which brief ones count (convention)
 
 
-class Segments(eqx.Module):
+class Segments(Module):
     """Ranges `[start, stop)` of rows, in order, at rest or at a constant rate, and which of the rows count."""
 
     start: Int[np.ndarray, " segment"]
@@ -37,10 +38,10 @@ class Segments(eqx.Module):
     position: Int[np.ndarray, " segment"]  # -1 at constant rate
     used: Bool[np.ndarray, " time"]  # rows of a segment that nothing disturbs
     disturbances: tuple[Disturbance, ...] = ()  # what was left out, and why
-    threshold: float | None = eqx.field(static=True, default=None)  # times the quietest level
-    statement: str = eqx.field(static=True, default="")  # how they were found, for a report
+    threshold: float | None = field(static=True, default=None)  # times the quietest level
+    statement: str = field(static=True, default="")  # how they were found, for a report
     # m/s², 1 sigma of each mean: the device turned slowly all along, and stretches of that stand for rests.
-    turning: float | None = eqx.field(static=True, default=None)
+    turning: float | None = field(static=True, default=None)
 
     @property
     def num_segments(self) -> int:
@@ -144,7 +145,7 @@ def numbered_through(
         if recording.position is None:  # numbers of our own: no two recordings share a position
             position = np.where(found.position >= 0, found.position + first, found.position)
             first = max(first, int(position.max(initial=-1)) + 1)
-            found = eqx.tree_at(lambda s: s.position, found, position)
+            found = dataclasses.replace(found, position=position)
         made.append(found)
     return tuple(made)
 

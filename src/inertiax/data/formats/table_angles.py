@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...physics.earth import EARTH_RATE
+from ...physics.wgs84 import EARTH_RATE
 from .columns import Direction, nearest, Turntable
 
 

@@ -15,7 +15,7 @@ from ...data.formats.columns import PositionColumn, ProbeColumns, triad_factors,
 from ...data.formats.table import to_recordings
 from ...data.recorded import recorded
 from ...data.recording import Recording
-from ...physics.earth import EARTH_RATE
+from ...physics.wgs84 import EARTH_RATE
 from ...reduction.dwell_means import reduce_to_dwells
 from ...reduction.plateaus import FEWEST, TURNING
 from ...reduction.segments import segment
