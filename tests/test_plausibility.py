@@ -66,6 +66,22 @@ def only(columns: dict[str, np.ndarray], kind: str, severity: str = "error") -> 
     return found[0]
 
 
+@pytest.mark.parametrize("degrees", [0.0, 8.0])
+def test_accelerometers_turned_against_the_gyros_halfway_are_found(degrees):
+    """Among errors of 1.5° that a zero of 0.2 m/s² makes; and a constant misalignment of 3° is none."""
+    columns = hand(seed=5)
+    half = np.arange(len(columns["time"])) >= 7 * (REST + MOVE) if degrees else slice(None)
+    turn = Rotation.from_rotvec([0.0, np.radians(degrees or 3.0), 0.0])
+    columns["accel"] = columns["accel"].copy()
+    columns["accel"][half] = turn.apply(columns["accel"][half])
+    found = [f for f in findings(columns) if f.kind == "remounted"]
+    assert len(found) == (degrees > 0.0)
+    for f in found:
+        evidence = dict(f.evidence)
+        assert evidence["angle"] == pytest.approx(np.radians(8.0), abs=np.radians(1.5))
+        assert "mostly about y" in f.statement and abs(evidence["motions_before"] - 6) <= 1
+
+
 def test_a_good_log_has_no_finding():
     assert findings(hand()) == []
 

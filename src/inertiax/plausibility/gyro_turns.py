@@ -13,6 +13,7 @@ from .evidence import DeviceLogs, Log
 from .exchanged_axes import taken_by_reference
 from .finding import Finding, finding
 from .thresholds import Thresholds
+from .turned_frame import turned_frame
 from .turns import (
     complexity,
     describe,
@@ -93,6 +94,7 @@ def _judge(
         return [
             *_small_factor(device, logs, motions, limits),
             *_single_motions(logs, motions, limits),
+            *turned_frame(logs, motions, limits),
         ]
     best = _search(motions, given, limits)
     if best is None:

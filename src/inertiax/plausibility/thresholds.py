@@ -48,6 +48,10 @@ class Thresholds:
     labels_off: float = 0.3  # share of rests that begin (end) with motion
     same_face: float = 0.35  # rad, 20 degrees
     remounted: float = 0.01  # rad, 0.6 degrees between runs
+    turned_frame: float = 0.026  # rad, 1.5 degrees of one triad against the other within a log
+    turned_by_chance: float = (
+        1e-4  # of that, over all moments; of 22 logs without it none below 0.2
+    )
     # Clock
     longest_step: float = 0.5  # s; slower logs of IMUs are not heard of, except hourly soaks
     shortest_step: float = 1e-5  # s; faster IMUs are not heard of

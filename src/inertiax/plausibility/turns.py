@@ -57,7 +57,7 @@ class Motions:
 
 
 def motions_of(logs: tuple[Log, ...], least_tilt: float) -> Motions | None:
-    """Motions that tilt by at least `least_tilt` (rad), the largest first; `None` without any."""
+    """Motions that tilt by at least `least_tilt` (rad), in the order of the logs; `None` without any."""
     pieces = [piece for log in logs for piece in _of_one(log)]
     pieces = [p for p in pieces if angle_between(p[1], p[2]) >= least_tilt]
     if not pieces:
