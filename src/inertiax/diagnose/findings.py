@@ -10,7 +10,7 @@ from ..reduction.handling import Disturbance
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .estimates import single_rests
-from .estimates.persistence import persists, predicts
+from .estimates.persistence import lowers_rms, persists, predicts
 from .estimates.predicted_rivals import named_instead, with_predicted_rivals
 from .estimates.separable import renewed
 from .estimates.transients import Burst, find_bursts, swallows
@@ -94,6 +94,42 @@ def find(
     prepared: Prepared, grade: str | None, progress: Progress, hint: str | None = None
 ) -> Finding:
     """Gate, locate and name for one triad; `hint` is a thermal effect that another triad has shown.
+
+    In a log whose rests were searched, no name stays that raises the rms of data left out. What was left out beside it
+    stays so: a name that goes earlier would decide which rests the others are asked with.
+    """
+    made = _without_single_rests(prepared, grade, progress, hint)
+    return _as_stated(made) if single_rests.searched(prepared) else made
+
+
+def _as_stated(made: Finding) -> Finding:
+    """The finding without names that raise the rms of data left out, one after another: without one, others may."""
+    prepared, kept = made.prepared, list(made.answer.named)
+    if made.answer.verdict != "missing-physics":
+        return made
+    while True:
+        terms = [n.candidate.term for n in kept]
+        raising = [
+            k
+            for k, t in enumerate(terms)
+            if not lowers_rms(prepared, t, terms[:k] + terms[k + 1 :])
+        ]
+        if not raising:
+            break
+        del kept[raising[-1]]  # which was named last
+    if len(kept) == len(made.answer.named):
+        return made
+    noise = fit_noise(prepared.system, terms) if kept else made.answer.null_noise
+    verdict = "missing-physics" if kept else "consistent"
+    return replace(
+        made, answer=replace(made.answer, named=tuple(kept), noise=noise, verdict=verdict)
+    )
+
+
+def _without_single_rests(
+    prepared: Prepared, grade: str | None, progress: Progress, hint: str | None
+) -> Finding:
+    """The finding without what single rests show alone.
 
     What single rests of a searched log show alone is left out, and the others are asked again. That something shook
     in one of them is never a reason to call it unexplained.
@@ -223,10 +259,10 @@ def _persistent(prepared: Prepared, answer: Answer) -> Answer:
             not searched or predicts(prepared, term, others)
         )
 
-    kept, before = answer.named, -1
-    while len(kept) != before:  # without one, others may predict nothing
-        before, terms = len(kept), [n.candidate.term for n in kept]
-        kept = tuple(n for k, n in enumerate(kept) if lasts(terms[k], terms[:k] + terms[k + 1 :]))
+    terms = [n.candidate.term for n in answer.named]
+    kept = tuple(
+        n for k, n in enumerate(answer.named) if lasts(terms[k], terms[:k] + terms[k + 1 :])
+    )
     unlisted = answer.unlisted
     if unlisted is not None and not lasts(unlisted.term, [n.candidate.term for n in kept]):
         unlisted = None

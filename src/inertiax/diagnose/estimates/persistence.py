@@ -32,13 +32,16 @@ def persists(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
 
 
 def predicts(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
-    """Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it.
+    """Whether a term beside the others lowers the squares of what is left out, and of more than one dwell of it."""
+    return carried(gain_over_stretches(prepared, term, others))
 
-    Both where each error counts by the variance of such a prediction, and as they are, which is what a result states:
-    several coefficients that few rests tell may be right in all but the rests that matter.
+
+def lowers_rms(prepared: Prepared, term: Term, others: Sequence[Term]) -> bool:
+    """Whether a term beside the others lowers the rms of what is left out, each error as it is.
+
+    That is what a result states. Several coefficients that few rests tell may predict most rests by their own variance,
+    and miss those that matter.
     """
-    if not carried(gain_over_stretches(prepared, term, others)):
-        return False
     without = held_out_rms(prepared, list(others), term.chains)
     return held_out_rms(prepared, [*others, term], term.chains) < without
 
