@@ -17,7 +17,8 @@ from .estimates.transients import Burst, find_bursts, swallows
 from .noise.reml import fit_noise
 from .observations.delay_ramps import Delay
 from .problem import between_all, finer, Prepared
-from .selection.score_test import Score
+from .selection.forward import STILL
+from .selection.score_test import Score, whiten_system
 from .selection.verdict import Answer, identify, Named
 from .wording.explain import formula
 
@@ -103,27 +104,36 @@ def find(
 
 
 def _as_stated(made: Finding) -> Finding:
-    """The finding without names that raise the rms of data left out, one after another: without one, others may."""
+    """The finding without names that raise the rms of data left out, one after another from the last.
+
+    What was named beside one that goes must be rare without it, too.
+    """
     prepared, kept = made.prepared, list(made.answer.named)
     if made.answer.verdict != "missing-physics":
         return made
-    while True:
-        terms = [n.candidate.term for n in kept]
-        raising = [
-            k
-            for k, t in enumerate(terms)
-            if not lowers_rms(prepared, t, terms[:k] + terms[k + 1 :])
-        ]
-        if not raising:
-            break
-        del kept[raising[-1]]  # which was named last
+
+    def stands(named: Named) -> bool:
+        others = [n.candidate.term for n in kept if n is not named]
+        lowers = lowers_rms(prepared, named.candidate.term, others)
+        return lowers and (len(kept) == len(made.answer.named) or _rare(made, named, others))
+
+    while fallen := [n for n in kept if not stands(n)]:
+        kept.remove(fallen[-1])
     if len(kept) == len(made.answer.named):
         return made
+    terms = [n.candidate.term for n in kept]
     noise = fit_noise(prepared.system, terms) if kept else made.answer.null_noise
     verdict = "missing-physics" if kept else "consistent"
-    return replace(
-        made, answer=replace(made.answer, named=tuple(kept), noise=noise, verdict=verdict)
-    )
+    answer = replace(made.answer, named=tuple(kept), noise=noise, verdict=verdict)
+    return replace(made, answer=answer)
+
+
+def _rare(made: Finding, named: Named, others: list[Term]) -> bool:
+    """Whether a name is no chance beside others, under the noise that is fitted without it."""
+    noise = fit_noise(made.prepared.system, others)
+    scores = whiten_system(made.prepared.system, noise, [named.candidate.term], others).scores
+    again = [replace(named.candidate, score=s, ratio=s.gain) for s in scores]
+    return bool(again) and made.answer.tests.p_value(again[0]) < STILL
 
 
 def _without_single_rests(
