@@ -97,6 +97,8 @@ def test_a_failed_calibration_is_not_written(calibration, tmp_path):
     path = tmp_path / "calibration.json"
     with pytest.raises(ValueError, match="numbers that are not finite, so .* was not written"):
         write_calibration(bad, path)
+    with pytest.raises(ValueError, match="the calibration comes first"):
+        write_calibration(path, calibration)
     assert list(tmp_path.iterdir()) == []
 
 

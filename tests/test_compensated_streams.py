@@ -11,7 +11,7 @@ from inertiax.data.formats import parquet, text_batches
 from inertiax.exports.compensated_recording import compensate_file
 from inertiax.exports.compensated_stream import write_compensated
 from inertiax.exports.text_columns import KINDS, kinds_of, typed
-from inertiax.physics.temperature import Curve, Polynomial
+from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
 ROWS = 700
@@ -113,6 +113,40 @@ def test_the_campaign_of_a_table_reads_logs_with_and_without_its_angles(
         calibration(*effects), tmp_path / "log.csv", tmp_path / "out.parquet", campaign=tmp_path
     )
     assert written.rows == ROWS
+
+
+def test_rests_tell_before_and_after(tmp_path):
+    """By hand: |f + b| − g and |b| of six rests of 25 s, moved between; nothing of a log that moves all along."""
+    rng = np.random.default_rng(8)
+    still = np.repeat(np.arange(6), 250)
+    moving = np.tile(np.arange(250) >= 200, 6)
+    up = np.concatenate([np.eye(3), -np.eye(3)])[still] * GRAVITY
+    bias, turn = np.array([0.2, -0.1, 0.15]), np.array([0.01, 0.02, -0.01])
+    shaken = np.where(moving[:, None], 3.0, 1e-3) * rng.standard_normal((1500, 3))
+    columns = {"time": 0.1 * np.arange(1500), "temperature": np.full(1500, 20.0)}
+    columns |= {f"accel_{a}": (up + bias + shaken)[:, k] for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}": (turn + 0.1 * shaken)[:, k] for k, a in enumerate("xyz")}
+    pl.DataFrame(columns).write_csv(tmp_path / "log.csv")
+    triads = [
+        TriadCalibration(Curve(Constant(), b[None]), np.zeros((3, 3)), names, "static")
+        for b, names in (
+            (bias, tuple(f"accel.bias[{k}]" for k in range(3))),
+            (turn, tuple(f"gyro.bias[{k}]" for k in range(3))),
+        )
+    ]
+    known = Calibration(gravity=GRAVITY, accel=triads[0], gyro=triads[1])
+    written = write_compensated(known, tmp_path / "log.csv", tmp_path / "out.csv", size=SIZE)
+    told = compensate_file(known, tmp_path / "log.csv").at_rest
+    off = np.linalg.norm(up[::250] + bias, axis=1) - GRAVITY
+    for found in (told, written.at_rest):
+        assert found.seconds == 6 * 20
+        np.testing.assert_allclose(found.force[0], np.sqrt(np.mean(off**2)), rtol=1e-2)
+        np.testing.assert_allclose(found.rate[0], np.linalg.norm(turn), rtol=1e-2)
+        assert found.force[1] < 1e-3 and found.rate[1] < 1e-4
+    np.testing.assert_allclose(told.force, written.at_rest.force, rtol=1e-9)
+    columns["gyro_x"] = columns["gyro_x"] + 1.0
+    pl.DataFrame(columns).write_csv(tmp_path / "log.csv")
+    assert compensate_file(known, tmp_path / "log.csv").at_rest is None
 
 
 def test_an_effect_with_memory_is_taken_from_the_whole_log(tmp_path):

@@ -244,9 +244,14 @@ def _matrix(rows: list[list[float]], shape: tuple[int, int], where: str) -> np.n
 def write_calibration(calibration: Calibration, path: Path) -> None:
     """Write `calibration.json`, beside its place and then renamed, so that it is never half there.
 
-    Raises `ValueError` where a number is not finite: a calibration that failed is not written; and for stacked
-    devices.
+    Raises `ValueError` where a number is not finite: a calibration that failed is not written; for stacked devices, and
+    for anything but a calibration.
     """
+    if not isinstance(calibration, Calibration):
+        raise ValueError(
+            "`write_calibration(calibration, path)`: the calibration comes first; it is a "
+            f"{type(calibration).__name__}."
+        )
     refuse_stacked(calibration.triads, "write_calibration(calibration, path)")
     # The dip of the field is not a number where no vertical was known.
     judged = calibration.changed(mag=None if calibration.mag is None else calibration.mag.triad)

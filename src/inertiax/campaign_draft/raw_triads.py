@@ -108,6 +108,7 @@ def _absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
 
 
 def columns(log: RawLog, names: tuple[str, str, str] | None) -> Float[np.ndarray, "rows 3"] | None:
+    """Three columns side by side, in the file's units."""
     return None if names is None else np.stack([log.numbers[n] for n in names], axis=1)
 
 

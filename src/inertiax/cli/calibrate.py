@@ -147,17 +147,18 @@ def tell_results(
     output: Path,
     campaign: Path | None = None,
 ) -> None:
-    """Table, choices and verdict of every device that was calibrated, and where its files are; of the one device of a
-    `campaign` the command to run next."""
+    """Table, choices and verdict of every device that was calibrated, and where its files are; of a
+    `campaign` the command to run next, too."""
     from ..calibrate.pipeline import DeviceFailure
     from ..report.text import print_result
 
     for result in results:
         if not isinstance(result, DeviceFailure):
-            quality = print_result(result, output / folders[result.calibration.device])
-            if len(results) == 1 and campaign is not None:
+            own = output / folders[result.calibration.device]
+            quality = print_result(result, own)
+            if campaign is not None:
                 table = result.accel is not None and result.accel.estimator.by_reference
-                console.say(after_calibrate(quality, campaign, output, table=table))
+                console.say(after_calibrate(quality, campaign, own, table=table))
 
 
 def command_line() -> str:

@@ -108,6 +108,7 @@ def _tell(result: "Written", output: Path, *, as_json: bool, quiet: bool) -> Non
                 "rows": result.rows,
                 "extrapolated": result.num_extrapolated,
                 "units": result.units,
+                "at_rest": None if result.at_rest is None else result.at_rest._asdict(),
                 "notes": list(result.notes),
             }
         )
@@ -115,3 +116,5 @@ def _tell(result: "Written", output: Path, *, as_json: bool, quiet: bool) -> Non
         axes = {name: name if name == "pressure" else f"{name}_x/y/z" for name in result.units}
         units = ", ".join(f"{axes[name]} in {unit}" for name, unit in result.units.items())
         console.say(f"{result.rows} rows compensated: {output} ({units})")
+        if result.at_rest is not None:
+            console.say(result.at_rest.sentence)

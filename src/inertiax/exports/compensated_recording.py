@@ -22,6 +22,7 @@ from ..data.frames import TRIADS
 from ..data.pairing import pair
 from ..data.recording import Recording
 from ..data.settings import read_toml
+from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .extrapolation import extrapolated, margin
 from .replaced_columns import replaced_columns
@@ -65,6 +66,7 @@ class Compensated(NamedTuple):
     num_extrapolated: int
     notes: tuple[str, ...]
     units: dict[str, str]  # of the columns that were made: `accel`, `gyro`, `mag`, `pressure`
+    at_rest: AtRest | None  # what its rests read before and after
 
 
 def compensate_file(
@@ -121,6 +123,7 @@ def compensate_file(
         sum(p.num_extrapolated for p in parts),
         tuple(dict.fromkeys((*notes, *(note for p in parts for note in p.notes)))),
         {name: unit for p in parts for name, unit in p.units.items()},
+        parts[0].at_rest,
     )
 
 
@@ -136,7 +139,9 @@ def _compensated_table(
     units = units_of(calibration, recording)
     notes += replaced_columns(table, recording, units, name)
     made = with_outputs(table, recording, force, rate, further, outside)
-    return Compensated(made, int(outside.sum()), notes, units)
+    tally = Tally(float(calibration.gravity))
+    tally.add(recording, force, rate)
+    return Compensated(made, int(outside.sum()), notes, units, tally.result())
 
 
 def units_of(calibration: Calibration, recording: Recording) -> dict[str, str]:

@@ -21,6 +21,7 @@ from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
 from ..storage.whole_files import written_beside
+from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .compensated_recording import (
     by_parameters,
@@ -48,6 +49,7 @@ class Written(NamedTuple):
     num_extrapolated: int
     notes: tuple[str, ...]
     units: dict[str, str]  # of the columns that were made: `accel`, `gyro`, `mag`, `pressure`
+    at_rest: AtRest | None  # what its rests read before and after
 
 
 def write_compensated(
@@ -82,7 +84,7 @@ def write_compensated(
         )
         with TableWriter(beside, output.suffix) as writer:
             writer.append(made.table)
-    return Written(made.table.height, made.num_extrapolated, made.notes, made.units)
+    return Written(made.table.height, made.num_extrapolated, made.notes, made.units, made.at_rest)
 
 
 def _in_pieces(
@@ -96,6 +98,7 @@ def _in_pieces(
     """The pieces, compensated and written. Raises `ValueError` for what the whole table alone can tell."""
     columns = in_service(columns)  # a sample is compensated without references and labels
     extent, last, replaced = Extent(), None, ()
+    tally = Tally(float(calibration.gravity))
     with write() as writer:
         for table in tables():
             (recording,) = to_recordings(table, columns, Layout(), name=name)
@@ -107,6 +110,7 @@ def _in_pieces(
             if feels_current(calibration) and _has_gaps(recording):
                 raise ValueError("a current that is held goes beyond a piece.")
             force, rate, outside = by_parameters(calibration, recording)
+            tally.add(recording, force, rate)
             further = further_columns(calibration, recording)
             if last is None:
                 units = units_of(calibration, recording)
@@ -117,7 +121,8 @@ def _in_pieces(
     if last is None:
         raise ValueError(f"{name}: no rows.")
     notes = (*notes_on(calibration, last, extent, name), *replaced)
-    return Written(extent.rows, extent.outside, notes, units_of(calibration, last))
+    units = units_of(calibration, last)
+    return Written(extent.rows, extent.outside, notes, units, tally.result())
 
 
 def _require_next(recording: Recording, last: Recording | None, columns: ColumnMap) -> None:
