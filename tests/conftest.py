@@ -30,6 +30,12 @@ if version("jaxlib").startswith("0.10."):
 import jax
 import pytest
 
+import typed_calls
+
+
+# Before the package is imported.
+typed_calls.install()
+
 
 # Files of the slow tier that take half a minute or more. They come first: begun last, one would keep a worker alone.
 LONG = (
@@ -53,6 +59,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Types are checked at the first calls in making what tests share."""
+    typed_calls.begin_anew()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_call() -> None:
+    """And again at the first calls of each test."""
+    typed_calls.begin_anew()
 
 
 @pytest.fixture(autouse=True, scope="module")
