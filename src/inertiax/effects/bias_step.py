@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, over
-from .moment import Moment, Online
+from .moment import Moment, of_the_moment
 from .signal import Signal
 
 
@@ -41,16 +41,9 @@ def _grid(signal: Signal) -> Float[np.ndarray, " moment"]:
 variants = over("time", _grid)
 
 
-def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
-    del settings, temperature
-    return ()
-
-
-def _follow(
-    state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
+def _now(moment: Moment, settings: Mapping[str, Any]) -> Float[AnyArray, "channels columns"]:
     zero = xp.zeros_like(xp.asarray(moment.temperature))
-    return state, xp.where(moment.time >= settings["time"], zero + 1.0, zero)[None, None]
+    return xp.where(moment.time >= settings["time"], zero + 1.0, zero)[None, None]
 
 
 EFFECT = Effect(
@@ -71,7 +64,7 @@ EFFECT = Effect(
     separating="repeat at the same temperature and position; log shocks and power",
     slow=True,
     nuisance="time",
-    online=Online(_begin, _follow),
+    online=of_the_moment(_now),
     clocked=True,
     jump=True,
 )

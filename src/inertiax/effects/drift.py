@@ -9,7 +9,7 @@ from .._typing import AnyArray
 from . import arrays as xp
 from .effect import by_grade, Effect, fixed, inputs, inputs_at
 from .form_units import by_what_it_acts_on
-from .moment import Moment, Online
+from .moment import Moment, of_the_moment
 from .signal import Signal
 
 
@@ -22,19 +22,12 @@ def shape(signal: Signal, *, on: str) -> Float[AnyArray, "time channels columns"
     return inputs(signal)[:, :, None] * time[:, None, None]
 
 
-def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
-    del settings, temperature
-    return ()
-
-
-def _follow(
-    state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
+def _now(moment: Moment, settings: Mapping[str, Any]) -> Float[AnyArray, "channels columns"]:
     """From the beginning of the data that it was fitted on, held at their end."""
     time = xp.minimum(moment.time, moment.duration) - 0.5 * xp.asarray(moment.duration)
     if settings["on"] == "bias":
-        return state, time[None, None]
-    return state, (inputs_at(moment.triad, moment.input) * time)[:, None]
+        return time[None, None]
+    return (inputs_at(moment.triad, moment.input) * time)[:, None]
 
 
 EFFECT = Effect(
@@ -55,7 +48,7 @@ EFFECT = Effect(
     sentence="The output of {channels} drifts linearly with time.",
     separating="return to the first temperature and position; temperatures in random order",
     slow=True,
-    online=Online(_begin, _follow),
+    online=of_the_moment(_now),
     seen_in_means=True,
     clocked=True,
 )

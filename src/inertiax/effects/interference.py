@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, over
-from .moment import Moment, Online
+from .moment import Moment, of_the_moment
 from .signal import Signal
 
 
@@ -29,16 +29,9 @@ def _grid(signal: Signal):
 variants = over("frequency", _grid)
 
 
-def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
-    del settings, temperature
-    return ()
-
-
-def _follow(
-    state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
+def _now(moment: Moment, settings: Mapping[str, Any]) -> Float[AnyArray, "channels columns"]:
     phase = 2.0 * xp.pi * settings["frequency"] * xp.asarray(moment.time)
-    return state, xp.stack([xp.sin(phase), xp.cos(phase)])[None, :]
+    return xp.stack([xp.sin(phase), xp.cos(phase)])[None, :]
 
 
 EFFECT = Effect(
@@ -60,6 +53,6 @@ EFFECT = Effect(
     nuisance="frequency",
     nuisance_unit="Hz",
     slow=True,
-    online=Online(_begin, _follow),
+    online=of_the_moment(_now),
     lost="its phase is known in the diagnosed recordings only",
 )

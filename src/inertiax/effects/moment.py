@@ -48,17 +48,22 @@ class Online(eqx.Module):
     follow: Callable[[Any, Moment, Mapping[str, Any]], tuple[Any, Shape]] = eqx.field(static=True)
 
 
-def without_memory(shape: Callable[..., Float[AnyArray, "time channels columns"]]) -> Online:
-    """The form of an effect that depends on nothing but the sample's force, rate and temperature."""
+def of_the_moment(rows: Callable[[Moment, Mapping[str, Any]], Shape]) -> Online:
+    """The form of an effect that remembers nothing: `rows(moment, settings)` is its shape in that sample."""
 
     def begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
         del settings, temperature
         return ()
 
     def follow(state: tuple, moment: Moment, settings: Mapping[str, Any]) -> tuple[tuple, Shape]:
-        return state, shape(_rows(moment), **settings)[0]
+        return state, rows(moment, settings)
 
     return Online(begin, follow)
+
+
+def without_memory(shape: Callable[..., Float[AnyArray, "time channels columns"]]) -> Online:
+    """The form of an effect that depends on nothing but the sample's force, rate and temperature."""
+    return of_the_moment(lambda moment, settings: shape(_rows(moment), **settings)[0])
 
 
 def _rows(moment: Moment) -> Signal:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .effect import by_grade, DEG_PER_HOUR, Effect, MICRO_G, Variant
-from .moment import Moment, Online
+from .moment import Moment, of_the_moment
 from .signal import Signal
 
 
@@ -36,15 +36,8 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     )
 
 
-def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple:
-    del settings, temperature
-    return ()
-
-
-def _follow(
-    state: tuple, moment: Moment, settings: Mapping[str, Any]
-) -> tuple[tuple, Float[AnyArray, "channels columns"]]:
-    return state, xp.exp(-xp.asarray(moment.time) / settings["time_constant"])[None, None]
+def _now(moment: Moment, settings: Mapping[str, Any]) -> Float[AnyArray, "channels columns"]:
+    return xp.exp(-xp.asarray(moment.time) / settings["time_constant"])[None, None]
 
 
 EFFECT = Effect(
@@ -66,5 +59,5 @@ EFFECT = Effect(
     nuisance="time_constant",
     slow=True,
     once=True,
-    online=Online(_begin, _follow),
+    online=of_the_moment(_now),
 )
