@@ -9,6 +9,7 @@ import typer
 
 from . import console, environment, outputs
 from .next_step import after_calibrate
+from .options import AsJson, CampaignPath, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
@@ -17,35 +18,6 @@ if TYPE_CHECKING:
 
 
 _METHODS = ("gauss-newton", "joint", "paper")  # as in ..calibrate, which needs JAX to import
-
-CampaignPath = Annotated[
-    Path,
-    typer.Argument(
-        metavar="CAMPAIGN",
-        exists=True,
-        help="Folder with campaign.toml and recordings, or that file.",
-    ),
-]
-OutputFolder = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="Folder for the results; made if absent. Files written before are replaced, others are "
-        "left alone.",
-    ),
-]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the result on standard output as one JSON document.")
-]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
-Force = Annotated[
-    bool,
-    typer.Option(
-        "--force", help="Go on although a plausibility check finds an error; it is a warning then."
-    ),
-]
 
 
 def calibrate(

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from . import console, environment, outputs
-from .calibrate import AsJson, CampaignPath, Quiet
+from .options import AsJson, CampaignPath, Quiet
 
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, Quiet
+from .options import AsJson, given_file, Quiet, written
 
 
 if TYPE_CHECKING:
@@ -33,12 +33,7 @@ def compensate(
     ],
     output: Annotated[
         Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Result, .parquet or .csv; replaced if it exists.",
-        ),
+        written("FILE", "Result, .parquet or .csv; replaced if it exists."),
     ],
     campaign: Annotated[
         Path | None,
@@ -51,13 +46,7 @@ def compensate(
     ] = None,
     gyro_file: Annotated[
         Path | None,
-        typer.Option(
-            "--gyro",
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="The gyros' file, where RECORDING holds the accelerometers alone.",
-        ),
+        given_file("The gyros' file, where RECORDING holds the accelerometers alone.", "--gyro"),
     ] = None,
     any_device: Annotated[
         bool, typer.Option("--any-device", help="Apply it to another device's recording, too.")

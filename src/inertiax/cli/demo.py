@@ -6,7 +6,8 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, command_line, Quiet
+from .calibrate import command_line
+from .options import AsJson, Quiet, written
 
 
 if TYPE_CHECKING:
@@ -16,12 +17,7 @@ if TYPE_CHECKING:
 def demo(
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder for the report and the figures [default: inertiax-demo].",
-        ),
+        written("DIR", "Folder for the report and the figures [default: inertiax-demo]."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Draws the device and the noise.")] = 0,
     as_json: AsJson = False,

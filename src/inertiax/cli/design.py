@@ -11,7 +11,7 @@ from typing import Annotated, TYPE_CHECKING, TypeVar
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, Quiet
+from .options import AsJson, Quiet, written
 
 
 if TYPE_CHECKING:
@@ -158,11 +158,9 @@ def design(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder for scenario.toml, checklist.md and separation.json.",
+        written(
+            "DIR",
+            "Folder for scenario.toml, checklist.md and separation.json.",
             rich_help_panel=_PART,
         ),
     ] = None,

@@ -8,8 +8,9 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, CampaignPath, command_line, Force, OutputFolder, Quiet
+from .calibrate import command_line
 from .next_step import after_diagnose
+from .options import AsJson, CampaignPath, Force, given_file, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
@@ -37,20 +38,14 @@ def diagnose(
     output: OutputFolder,
     calibration: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="A known calibration: it is taken away first, and only what it leaves is judged.",
+        given_file(
+            "A known calibration: it is taken away first, and only what it leaves is judged."
         ),
     ] = None,
     noise: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="What other units of the type told of its noise (`inertiax learn-noise`): smaller effects show.",
+        given_file(
+            "What other units of the type told of its noise (`inertiax learn-noise`): smaller effects show."
         ),
     ] = None,
     explore: Annotated[

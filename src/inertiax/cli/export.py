@@ -7,7 +7,7 @@ import typer
 
 from ..storage.whole_files import write_atomically
 from . import console, environment, outputs
-from .calibrate import AsJson, Quiet
+from .options import AsJson, given_file, Quiet, written
 
 
 if TYPE_CHECKING:
@@ -29,12 +29,7 @@ def export(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Result; without it, CALIBRATION's name with the format's suffix.",
-        ),
+        written("FILE", "Result; without it, CALIBRATION's name with the format's suffix."),
     ] = None,
     settings: Annotated[
         list[str] | None,
@@ -44,21 +39,15 @@ def export(
     ] = None,
     noise: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="noise.json of `inertiax noise`, for formats that hold noise (--set goes before it).",
+        given_file(
+            "noise.json of `inertiax noise`, for formats that hold noise (--set goes before it)."
         ),
     ] = None,
     warm_up: Annotated[
         Path | None,
-        typer.Option(
+        given_file(
+            "calibration.json of one pose over temperature; CALIBRATION, of one temperature, gets its biases.",
             "--warm-up",
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="calibration.json of one pose over temperature; CALIBRATION, of one temperature, gets its biases.",
         ),
     ] = None,
     made_at: Annotated[

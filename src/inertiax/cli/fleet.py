@@ -8,7 +8,8 @@ import msgspec
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, CampaignPath, command_line, OutputFolder, Quiet
+from .calibrate import command_line
+from .options import AsJson, CampaignPath, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, Quiet
 from .next_step import after_init
+from .options import AsJson, Quiet, written
 
 
 def init(
@@ -22,12 +22,7 @@ def init(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder for campaign.toml; the log's own without it.",
-        ),
+        written("DIR", "Folder for campaign.toml; the log's own without it."),
     ] = None,
     gyro: Annotated[
         Path | None,

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, Quiet
+from .options import AsJson, Quiet, written
 
 
 def learn_noise(
@@ -20,9 +20,7 @@ def learn_noise(
     ],
     output: Annotated[
         Path,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="File for the noise, such as type-noise.json."
-        ),
+        written("FILE", "File for the noise, such as type-noise.json."),
     ],
     consistent: Annotated[
         bool,

@@ -14,8 +14,8 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import calibrate as calibrate_command, console, environment, live_plan, outputs
-from .calibrate import CampaignPath, Force, Quiet
 from .live_lines import Words
+from .options import CampaignPath, Force, Quiet, written
 
 
 if TYPE_CHECKING:
@@ -72,11 +72,9 @@ def live(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="New folder for what is recorded and for the results; by default live-DATE-TIME beside the campaign.",
+        written(
+            "DIR",
+            "New folder for what is recorded and for the results; by default live-DATE-TIME beside the campaign.",
         ),
     ] = None,
     hold: Annotated[

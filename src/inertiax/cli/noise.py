@@ -6,7 +6,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, Force, OutputFolder, Quiet
+from .options import AsJson, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:

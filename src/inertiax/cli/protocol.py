@@ -6,7 +6,8 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .calibrate import AsJson, command_line, OutputFolder, Quiet
+from .calibrate import command_line
+from .options import AsJson, given_file, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
@@ -28,21 +29,13 @@ def protocol(
     output: OutputFolder,
     requirements: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help='TOML whose table "requirements" has lines such as "accel.bias" = "0.3 mg".',
-        ),
+        given_file('TOML whose table "requirements" has lines such as "accel.bias" = "0.3 mg".'),
     ] = None,
     station: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="TOML with the tables station (name, operator, gravity_uncertainty, …) and device (manufacturer, "
-            "model).",
+        given_file(
+            "TOML with the tables station (name, operator, gravity_uncertainty, …) and device (manufacturer, "
+            "model)."
         ),
     ] = None,
     operator: Annotated[

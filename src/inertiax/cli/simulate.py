@@ -7,7 +7,7 @@ import typer
 
 from ..storage.whole_files import MARK
 from . import console, environment, outputs
-from .calibrate import AsJson, OutputFolder, Quiet
+from .options import AsJson, OutputFolder, Quiet
 
 
 def simulate(
