@@ -28,7 +28,7 @@ from inertiax.simulate.plan import paper_check, PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
 
 few = 12  # of each set, and as many at a time as one program solves
-runs = 8 * few  # of the first set
+runs = 4 * few  # of the first set
 device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))
 # The truth's own basis, so that the truth has coefficients to compare with.
 basis = device.accel.curve.series.basis
@@ -105,14 +105,15 @@ def monte_carlo():
 
 
 def test_normalised_errors_have_unit_variance(monte_carlo):
-    # 63 parameters over 96 runs: the sum of squares is chi-square with 96 degrees of freedom,
+    # 63 parameters over 48 runs: the sum of squares is chi-square with 48 degrees of freedom,
     # so a parameter's mean square lies within its 1e-5 tails (6e-4 for any of 63 to be outside).
     runs, variance = monte_carlo["runs"], np.array(monte_carlo["variance"])
     low, high = chi2.ppf([1e-5, 1 - 1e-5], runs) / runs
     assert len(variance) == 63
     assert np.all((low < variance) & (variance < high)), (variance.min(), variance.max())
-    # The mean of 63 such squares has a sigma of 0.018 or, as parameters are correlated, somewhat more.
-    assert abs(variance.mean() - 1.0) < 0.07
+    # The mean of 63 such squares has a sigma of 0.026 or, as parameters are correlated, somewhat more: sigmas that are
+    # 5 % wrong are seen.
+    assert abs(variance.mean() - 1.0) < 0.1
 
 
 def test_errors_are_centred(monte_carlo):
@@ -122,8 +123,8 @@ def test_errors_are_centred(monte_carlo):
 
 def test_95_percent_bands_of_the_curves_cover_95_percent(monte_carlo):
     coverage = np.array(monte_carlo["coverage"])
-    # Of 96 curves, each of some five independent stretches, 1 % is one sigma: limits 15 % too wide or narrow show.
-    assert np.all(np.abs(coverage - 0.95) < 0.03), coverage
+    # Of 48 curves, each of some five independent stretches, 1.4 % is one sigma: limits 20 % too narrow show.
+    assert np.all(np.abs(coverage - 0.95) < 0.045), coverage
 
 
 def test_default_agrees_with_the_thermostatted_set_over_12_seeds(monte_carlo):

@@ -72,12 +72,13 @@ def test_a_delay_of_two_gyros_is_named_and_sized_and_the_third_left_alone():
 @pytest.mark.slow
 def test_stated_errors_are_those_of_repetitions():
     pulls = []
-    for seed in range(20):
+    for seed in range(12):
         delay = seen(rate_table((2e-3, 2e-3, 2e-3), seed=seed))
         pulls.append((np.asarray(delay.value) - 2e-3) / delay.std)
-    # 60 pulls of a t-distribution with about 20 degrees: a scatter of 1.05 ± 0.1; four of that.
-    assert 0.65 < np.std(pulls) < 1.45
-    assert abs(np.mean(pulls)) < 0.55  # 1.05 / sqrt(60), four of that
+    # 36 pulls of a t-distribution with about 20 degrees: a scatter of 1.05 ± 0.125; four of that, so that a factor of
+    # two is seen.
+    assert 0.55 < np.std(pulls) < 1.55
+    assert abs(np.mean(pulls)) < 0.7  # 1.05 / sqrt(36), four of that
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.compiled_quickly]
 
 
 ARCSEC = np.deg2rad(1.0 / 3600.0)
-RUNS = 1500
+RUNS = 400
 
 
 class Bench:
@@ -142,11 +142,11 @@ def test_predicted_deviation_of_each_source_is_the_simulated_one(name, monte_car
     predicted, observed = monte_carlo[name]
     units = np.tile(UNITS if len(predicted) == 18 else [1.0] * 3 + [PAPER_GRAVITY] * 9, 2)
     predicted, observed = units * predicted, units * observed
-    # 1500 runs know a deviation to 1.8 %, so 8 % are 4.4 of these. What is below a thousandth of the
-    # largest effect is second order, and is only asked to be small.
+    # 400 runs know a deviation to 3.5 %, so 15 % are 4.2 of these; a factor √2 or a term left out is more. What is
+    # below a thousandth of the largest effect is second order, and is only asked to be small.
     large = predicted > 1e-3 * predicted.max()
     assert large.any()
-    np.testing.assert_allclose(observed[large], predicted[large], rtol=0.08)
+    np.testing.assert_allclose(observed[large], predicted[large], rtol=0.15)
     assert np.all(observed[~large] < 2e-3 * predicted.max())
 
 
