@@ -60,11 +60,6 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         0  # devices of the first task whose results are those of an earlier run over other files
     )
 
-    @property
-    def num_devices(self) -> int:
-        """Devices in all tasks."""
-        return sum(len(t.devices) for t in self.tasks)
-
 
 def fingerprint(states: Iterable[str]) -> str:
     """Changes when a file is added, taken away, or written to; see `locations` for the states."""

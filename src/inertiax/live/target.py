@@ -72,10 +72,6 @@ class Target:
         found = [limit for name, limit in self.limits if covers(name, parameter)]
         return found[-1] if found else None
 
-    def asks_for(self, triad: str) -> bool:
-        """Whether any parameter of "accel" or "gyro" is named."""
-        return any(name.startswith(f"{triad}.") for name, _ in self.limits)
-
 
 def usual_target(grade: str | None) -> Target:
     """What is asked for where nobody says it, by the campaign's `[device] grade`."""

@@ -152,16 +152,3 @@ def left_jacobian(xi: Float[AnyArray, "9"]) -> Float[Array, "9 9"]:
     xi = jnp.asarray(xi)
     phi = xi[:3]
     return _blocks(so3_left_jacobian(phi), _coupling(phi, xi[3:6]), _coupling(phi, xi[6:]))
-
-
-def right_jacobian(xi: Float[AnyArray, "9"]) -> Float[Array, "9 9"]:
-    """J_r(ξ) = J_l(−ξ), with exp(ξ + δ) = exp ξ exp(J_r(ξ) δ) to first order in δ."""
-    return left_jacobian(-jnp.asarray(xi))
-
-
-def left_jacobian_inverse(xi: Float[AnyArray, "9"]) -> Float[Array, "9 9"]:
-    """J_l(ξ)⁻¹, for a rotation below 2π rad."""
-    xi = jnp.asarray(xi)
-    phi = xi[:3]
-    one = so3_left_jacobian_inverse(phi)
-    return _blocks(one, -one @ _coupling(phi, xi[3:6]) @ one, -one @ _coupling(phi, xi[6:]) @ one)

@@ -150,11 +150,6 @@ def numbered_through(
     return tuple(made)
 
 
-def disturbances_of(recordings: Sequence[Recording]) -> tuple[Disturbance, ...]:
-    """Where rests were disturbed, in the order of the recordings: what calibration and diagnosis leave out alike."""
-    return tuple(d for found in segment_all(recordings) for d in found.disturbances)
-
-
 def joined(segments: Sequence[Segments]) -> Segments:
     """The segments of recordings that are put behind each other, row after row."""
     sizes = [len(s.used) for s in segments]

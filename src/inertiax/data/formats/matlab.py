@@ -23,11 +23,6 @@ SUFFIXES = (".mat",)
 KEYS = ("group",)
 
 
-def is_matlab(head: bytes) -> bool:
-    """Whether a file's first bytes are those of a MATLAB v5 to v7.3 file."""
-    return head.startswith((b"MATLAB 5.0", b"MATLAB 7.3"))
-
-
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
     """Recordings in a MATLAB file. Raises `ValueError` naming file and variable."""
     arrays = _arrays(path, layout.group)
