@@ -4,11 +4,13 @@
 
 Logs are made by the lines below, which share no code with the package: attitudes, motions between them as mean rates,
 and noise that is white, or white with flicker, random walk and a transient after each motion (mems; wander: four times
-as strong), or white with a hand's tremor in the rests. Rests last 2, 6 or 20 s. The device is drawn anew in every log.
+as strong; walk, settling: its random walk or its transients alone, four times as strong), or white with a hand's tremor
+in the rests. Rests last 2, 6 or 20 s. The device is drawn anew in every log.
 
 | station | accelerometers | gyros |
 |---|---|---|
 | hand | invariant, 24 rests | by gravity between the rests |
+| few | as hand, 13 rests | by gravity |
 | faces | six faces, 4 rests each | by gravity |
 | table | by reference, 24 rests | by reference, a staircase of rates about each axis |
 
@@ -36,7 +38,12 @@ ACCEL, GYRO = 0.02, 1e-3  # noise of a sample, m/s², rad/s
 FACES = np.concatenate([np.eye(3), -np.eye(3)])
 STAIRS = np.deg2rad([20.0, -20.0, 100.0, -100.0])
 WITHIN = 1.959964
-SLOW = {"mems": 0.06, "wander": 0.25}  # slow noise in sigmas of a sample's white noise
+SLOW = {
+    "mems": 0.06,
+    "wander": 0.25,
+    "walk": 0.25,
+    "settling": 0.25,
+}  # slow noise in sigmas of a sample's white noise
 
 
 class Log(NamedTuple):
@@ -70,8 +77,11 @@ def slow_noise(rng: np.random.Generator, kind: str, sigma: float, since: np.ndar
         return np.zeros((count, 3))
     size = SLOW[kind] * sigma
     walk = np.cumsum(rng.standard_normal((count, 3)), axis=0) * 0.5 * size / np.sqrt(120.0 * RATE)
-    settle = size * rng.standard_normal(3) * np.exp(-since / 0.7)[:, None]
-    return flicker(rng, count, size / 4.0) + walk + settle
+    settle = (
+        size * rng.standard_normal(3) * np.exp(-since / 0.7)[:, None]
+    )  # of one size after every motion
+    alone = {"walk": walk, "settling": settle}
+    return alone[kind] if kind in alone else flicker(rng, count, size / 4.0) + walk + settle
 
 
 def carried(vector: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
@@ -91,8 +101,9 @@ def attitudes(rng: np.random.Generator, station: str) -> np.ndarray:
         ups = np.concatenate(
             [FACES, corners, edges, [[0, 1, -1], [1, 0, -1], [0, 1, 1], [0, -1, 1]]]
         )
-        spread = 0.15 if station == "hand" else 0.0
-        ups = ups[rng.permutation(len(ups))] + rng.normal(0.0, spread, (len(ups), 3))
+        spread = 0.0 if station == "table" else 0.15
+        ups = ups[rng.permutation(len(ups))][: 13 if station == "few" else None]
+        ups = ups + rng.normal(0.0, spread, (len(ups), 3))
     return ups / np.linalg.norm(ups, axis=1, keepdims=True)
 
 
@@ -171,7 +182,8 @@ def draw(station: str, kind: str, rest: float, rng: np.random.Generator) -> Log:
         extra = slow_noise(rng, kind, sigma, felt["since"])
         clean = felt[key] @ (np.eye(3) + matrix).T + bias
         outputs[triad] = clean + extra + rng.normal(0.0, sigma, clean.shape)
-        slow[triad] = extra[felt["still"]].mean(axis=0)
+        # A tremor is noise about the bias, as white noise is
+        slow[triad] = extra[felt["still"]].mean(axis=0) * (kind != "tremor")
         for i in range(3):
             truth[f"{triad}.bias[{i}]"] = float(bias[i])
             for j in range(3):

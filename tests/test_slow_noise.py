@@ -19,17 +19,20 @@ SPEC = ChosenModel("reference", None, False, (0, None), ())
 
 
 def table(rng, tau, slow):
-    """Six faces eight times, a dwell a minute; Gauss-Markov noise by its covariance, independent on each axis."""
+    """Six faces eight times, a dwell a minute; Gauss-Markov noise by its covariance, independent on each axis; and its
+    mean over the log."""
+    mean = np.zeros(3)
     faces = G * np.tile(np.concatenate([np.eye(3), -np.eye(3)]), (COUNT // 6, 1))
     time = STEP * np.arange(COUNT)
     output = faces + WHITE * rng.standard_normal((COUNT, 3))
     if slow:
         covariance = np.exp(-np.abs(time[:, None] - time) / tau) + 1e-12 * np.eye(COUNT)
-        output = output + slow * np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 3))
+        wander = slow * np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 3))
+        output, mean = output + wander, wander.mean(axis=0)
     made = Dwells.from_arrays(
         output, reference_accel=faces, temperature=np.full(COUNT, 25.0), sigma=WHITE
     )
-    return eqx.tree_at(lambda d: d.time, made, time)
+    return eqx.tree_at(lambda d: d.time, made, time), mean
 
 
 def estimated(dwells):
@@ -37,16 +40,26 @@ def estimated(dwells):
 
 
 def coverage(tau, slow, number=200):
-    """Shares of biases and of matrix elements (truth: zero) within 1.96 sigma, and of tables with slow noise found."""
+    """Shares of biases (truth: the log's mean) and of matrix elements (zero) within 1.96 sigma, and of tables with slow
+    noise found."""
     rng, ratios, found = np.random.default_rng(3), [], 0
     for _ in range(number):
-        result = estimated(table(rng, tau, slow))
+        dwells, mean = table(rng, tau, slow)
+        result = estimated(dwells)
         found += result.slow_noise.probability > 0.5
         sigma = np.sqrt(np.diagonal(np.asarray(result.solution.covariance)))
-        ratios.append(np.asarray(result.solution.curve.coefficients).ravel() / sigma)
+        error = np.asarray(result.solution.curve.coefficients).ravel()
+        error[:3] -= mean
+        ratios.append(error / sigma)
     bias = np.array([".bias" in name for name in ReferenceAccel().names])
     inside = np.abs(ratios) < 1.959964
     return inside[:, bias].mean(), inside[:, ~bias].mean(), found / number
+
+
+def alike_by_hand(time, experiment, constant):
+    """K of the module as a matrix."""
+    same = experiment[:, None] == experiment
+    return np.exp(-np.abs(time[:, None] - time) / constant) * same
 
 
 @pytest.mark.parametrize("rows", [1, 3])
@@ -59,9 +72,7 @@ def test_whitening_in_time_is_that_by_the_whole_matrix(rows):
     gram, volume = dwells.whitened(columns, shares, np.array(times))
     wide = columns.reshape(count, -1)
     for k, constant in enumerate(times):
-        alike = np.exp(-np.abs(time[:, None] - time) / constant) * (
-            experiment[:, None] == experiment
-        )
+        alike = alike_by_hand(time, experiment, constant)
         if output is not None:
             size = np.linalg.norm(output, axis=1)
             alike *= output @ output.T / np.outer(size, size)
@@ -80,9 +91,8 @@ def test_whitening_in_time_is_that_by_the_whole_matrix(rows):
 def test_intervals_hold_the_truth_under_slow_noise(tau):
     bias, matrix, found = coverage(tau, 5.0 * WHITE)
     assert found > 0.5
-    # The mean over time constants counts long ones that the record does not exclude: at 200 s, 1800 biases of 600
-    # tables have 97.4 %, more than asked for.
-    assert 0.93 < bias < 0.985
+    # What fades within a few dwells is hardly told from scatter, which is an error of the log's mean, too.
+    assert bias > 0.93
     assert 0.93 < matrix < 0.97
 
 
@@ -90,24 +100,29 @@ def test_intervals_hold_the_truth_under_slow_noise(tau):
 def test_white_noise_is_left_as_it_was():
     bias, matrix, found = coverage(1.0, 0.0)
     assert found < 0.1  # more likely than not, of a tenth of the tables at most
-    # What a table does not exclude is in its sigmas: 97.3 % of 300 biases.
-    assert 0.93 < bias < 0.985
+    assert 0.93 < bias < 0.97
     assert 0.93 < matrix < 0.97
 
 
-def test_the_parts_with_slow_noise_sum_to_the_covariance():
-    result = estimated(table(np.random.default_rng(1), 600.0, 10.0 * WHITE))
+@pytest.mark.parametrize("experiments", [1, 2])
+def test_the_parts_with_slow_noise_sum_to_the_covariance(experiments):
+    dwells, _ = table(np.random.default_rng(1), 600.0, 10.0 * WHITE)
+    experiment = np.arange(COUNT) * experiments // COUNT
+    result = estimated(eqx.tree_at(lambda d: d.experiment, dwells, experiment))
     parts = split(fit_of(result), Rig())
     assert SLOW in {p.source for p in parts}
     whole = sum(p.covariance for p in parts)
     np.testing.assert_allclose(whole, result.solution.covariance, rtol=1e-6, atol=1e-18)
-    # The bias is what it moves most: by hand, of n dwells with the correlations found the mean's variance is
-    # Σ K_ij / n² times that of one.
+    part = next(p for p in parts if p.source == SLOW).covariance
     slow: SlowNoise = result.slow_noise
-    time = STEP * np.arange(COUNT)
-    mean = sum(
-        b * np.exp(-np.abs(time[:, None] - time) / c).mean() for b, c in zip(slow.parts, slow.times)
+    time, own = STEP * np.arange(COUNT), np.asarray(result.sigma)[0, 0] ** 2
+    alike = sum(
+        b * alike_by_hand(time, experiment, c) for b, c in zip(slow.parts, slow.times, strict=True)
     )
-    part = next(p for p in parts if p.source == SLOW)
-    own = np.asarray(result.sigma)[0, 0] ** 2
-    assert part.covariance[0, 0] == pytest.approx(own * mean, rel=1e-3)
+    # By hand: a bias is the mean over n equal dwells, a scale factor Σ f a / Σ f².
+    along = np.asarray(dwells.reference_accel)[:, 0]
+    by_scale = along @ alike @ along / (along @ along) ** 2
+    assert part[3, 3] == pytest.approx(own * by_scale, rel=1e-3)
+    # In one experiment a bias is that of the log's mean, which the mean over the dwells is.
+    by_bias = 0.0 if experiments == 1 else alike.mean()
+    assert part[0, 0] == pytest.approx(own * by_bias, rel=1e-3, abs=1e-9 * own * alike.mean())

@@ -2,12 +2,20 @@
 
 from ..calibration.quantities import rms_text
 from .results import TriadResult
-from .slow_noise import wander
+from .slow_noise import of_one_log, wander
 
 
 _LIKELY = 0.5  # probability of slow noise from which it is said; more likely than not
 _NAMES = {"accel": "accelerometers", "gyro": "gyros"}
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
+_OF_LOG = (
+    "the intervals of the biases are those of their mean over this log: at one moment of it a bias is off by that "
+    "much, and after the next switching on by as much or more"
+)
+_OF_DEVICE = (
+    "the intervals of the biases are those of the device beside such slow noise, and wider than of the mean over these "
+    "experiments"
+)
 
 
 def moment_words(result: TriadResult | None) -> tuple[str, ...]:
@@ -16,7 +24,8 @@ def moment_words(result: TriadResult | None) -> tuple[str, ...]:
         return ()
     triad, rows = result.estimator.triad, result.fitted
     size = wander(result.dwells if rows is None else rows, result.estimator, result.slow_noise)
+    moment = _OF_LOG if of_one_log(result.dwells) else _OF_DEVICE
     return (
-        f"{_NAMES[triad]}: dwells that follow one another err alike, by {rms_text(_UNITS[triad], size)} (1 sigma); the "
-        "intervals of the biases are those of the device beside such slow noise, and wider than of the log's own mean",
+        f"{_NAMES[triad]}: dwells that follow one another err alike, by {rms_text(_UNITS[triad], size)} (1 sigma); "
+        f"{moment}",
     )

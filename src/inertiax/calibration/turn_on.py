@@ -67,7 +67,7 @@ class TurnOn(NamedTuple):
             return said + "no more than their noise"
         return said + (
             "where the power was off between them that is turn-on bias, and the least to expect of the next time; "
-            "hysteresis, or a lag behind the probe as the board warms up, would explain it as well"
+            "slow noise, hysteresis, or a lag behind the probe as the board warms up, would explain it as well"
         )
 
 

@@ -50,8 +50,8 @@ def not_known(
     if calibration.mag is not None:
         said += _of_field(calibration.mag)
     said.append(
-        "stability: what changes after the measurement (ageing, shocks, from one turn-on to the next) is not in these "
-        "uncertainties."
+        "stability: biases of one recording are those of its mean; what changes after the measurement (slow noise, "
+        "ageing, shocks, from one turn-on to the next) is not in these uncertainties."
     )
     return tuple(said)
 

@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 from scipy.special import digamma, polygamma
 
 from .._records import field, Module
@@ -21,13 +21,14 @@ class NoiseShape(Module):
     """Autocorrelation of a stationary noise of unit variance, as shares of simple noises.
 
     `white` has no memory; `differenced` is the difference of successive white samples (angle noise in
-    a gyro's increments; its sums do not grow); `red[i]` decays as `decay[i]`^h (Gauss-Markov).
+    a gyro's increments; its sums do not grow); `red[i]` decays as Re `decay[i]`^h: Gauss-Markov for a real decay, a
+    band about a frequency, as a hand's tremor or a motor have it, for a complex one.
     """
 
     white: float = field(static=True, default=1.0)
     differenced: float = field(static=True, default=0.0)
     red: tuple[float, ...] = field(static=True, default=())
-    decay: tuple[float, ...] = field(static=True, default=())
+    decay: tuple[complex | float, ...] = field(static=True, default=())
 
     def sum_variance(self, counts: AnyArray) -> Float[np.ndarray, " count"]:
         """S(n) in units of σ²; n for white noise."""
@@ -48,10 +49,11 @@ class NoiseShape(Module):
         ones (Bartlett)."""
         total = 1.0 + 0.5 * self.differenced**2
         for a, p in zip(self.red, self.decay, strict=True):
-            total += 2.0 * sum(
-                a * b * p * q / (1 - p * q) for b, q in zip(self.red, self.decay, strict=True)
-            )
-            total -= 2.0 * a * p * self.differenced
+            # Re p^h Re q^h = Re ((p q)^h + (p q*)^h) / 2
+            for b, q in zip(self.red, self.decay, strict=True):
+                both = (p * q, p * q.conjugate())
+                total += a * b * sum((z / (1 - z)).real for z in both)
+            total -= 2.0 * a * p.real * self.differenced
         return max(total, 1.0)
 
     def slope_variance(self, count: int) -> float:
@@ -67,15 +69,16 @@ class NoiseShape(Module):
         products = (second + lag * first) / (count * (count**2 - 1) / 12)
         total = self.white + self.differenced * (1.0 - products[0])
         for share, decay in zip(self.red, self.decay, strict=True):
-            total += share * (1.0 + 2.0 * float(decay**lag @ products))
+            total += share * (1.0 + 2.0 * float((decay**lag).real @ products))
         return float(total)
 
 
-def red_sum_variance(decay: float, counts: AnyArray) -> Float[np.ndarray, " count"]:
-    """Variance of a sum of n samples with ρ_h = decay^h:
+def red_sum_variance(decay: complex | np.ndarray, counts: AnyArray) -> Float[np.ndarray, "*shape"]:
+    """Variance of a sum of n samples with ρ_h = Re φ^h: the real part of
     n (1 + φ) / (1 − φ) − 2 φ (1 − φⁿ) / (1 − φ)²."""
     n = np.asarray(counts, float)
-    return n * (1 + decay) / (1 - decay) - 2 * decay * (1 - decay**n) / (1 - decay) ** 2
+    total = n * (1 + decay) / (1 - decay) - 2 * decay * (1 - decay**n) / (1 - decay) ** 2
+    return np.real(total)
 
 
 def second_differences(
@@ -113,9 +116,9 @@ def fit_noise_shape(
     """The noise shape whose Hadamard variances are those of the samples; white where none shows.
 
     Starts from white noise and adds, one at a time, the component that lowers χ² most, while
-    that is by more than 9 (3 sigma); all shares stay non-negative (NNLS). Memories tried: up to two
+    that is by more than its cost; all shares stay non-negative (NNLS). Memories tried: up to two
     thirds of the longest averages that can be judged; what is slower passes for a change from
-    dwell to dwell.
+    dwell to dwell. Bands tried have periods of such averages at most.
 
     For a noise with S(n), the second difference of sums of m has the variance
     15 S(m) − 6 S(2m) + S(3m).
@@ -127,16 +130,19 @@ def fit_noise_shape(
         return NoiseShape()
     longest = max(float(levels[-1]) / 1.5, 1.0)
     memories = np.geomspace(0.5, longest, max(2, int(6 * np.log2(longest / 0.5)) + 1))
-    decays = np.exp(-1.0 / memories)
+    bands = _bands(memories[::2], longest)
+    decays = np.concatenate([np.exp(-1.0 / memories), bands])
     columns = [_hadamard(lambda n: n, levels), _hadamard(lambda n: np.ones_like(n), levels)]
-    columns += [_hadamard(lambda n, d=d: red_sum_variance(d, n), levels) for d in decays]
-    design = np.stack(columns, axis=1)
+    by_decay = _hadamard(lambda n: red_sum_variance(decays[:, None], n), levels)
+    design = np.column_stack([*columns, by_decay.T])
+    cost = np.full(design.shape[1], _GAIN)
+    cost[len(cost) - len(bands) :] = _GAIN_OF_BAND
     shares, expected = np.zeros(design.shape[1]), variances
     for _ in range(3):
         # A variance is uncertain in proportion to what it should be; weighted with what it happens
         # to be, chance lows would count for more than chance highs.
         weight = np.sqrt(freedom / 2.0) / expected
-        shares = _grow(design * weight[:, None], variances * weight)
+        shares = _grow(design * weight[:, None], variances * weight, cost)
         expected = design @ shares
     shares = shares / shares.sum()
     red = np.flatnonzero(shares[2:])
@@ -144,61 +150,75 @@ def fit_noise_shape(
         white=float(shares[0]),
         differenced=float(shares[1]),
         red=tuple(shares[2 + red].tolist()),
-        decay=tuple(decays[red].tolist()),
+        decay=tuple(complex(d) for d in decays[red]),
     )
 
 
 def _hadamard(
     sum_variance: Callable[[np.ndarray], np.ndarray], levels: Int[np.ndarray, " level"]
-) -> Float[np.ndarray, " level"]:
+) -> Float[np.ndarray, "*component level"]:
     m = levels.astype(float)
     return (15 * sum_variance(m) - 6 * sum_variance(2 * m) + sum_variance(3 * m)) / (6 * m**2)
 
 
-_GAIN = 9.0  # in χ², for which another component is taken
+# In χ², for which another component is taken: 3 sigma, and 5 for a band, of whose hundreds some fit by chance.
+_GAIN, _GAIN_OF_BAND = 9.0, 25.0
 _DISTINCT = (
     1e-24  # part of a component's square that must lie outside those chosen: rounding leaves less
 )
+_PER_OCTAVE = 8  # frequencies of bands
+
+
+def _bands(memories: Float[np.ndarray, " memory"], longest: float) -> Complex[np.ndarray, " band"]:
+    """φ = exp(−1/memory + i ω) with periods 2π/ω from two samples to `longest`."""
+    octaves = max(np.log2(0.5 * longest), 0.0)
+    frequencies = np.pi / np.geomspace(1.0, 2.0**octaves, int(_PER_OCTAVE * octaves) + 1)
+    return np.exp(-1.0 / memories[:, None] + 1j * frequencies).ravel()
 
 
 def _most_gain(
     design: Float[np.ndarray, "level component"],
-    residual: Float[np.ndarray, " level"],
+    target: Float[np.ndarray, " level"],
     chosen: list[int],
-) -> float:
-    """By how much one more component lowers the sum of squares at most, shares of either sign allowed."""
+) -> Float[np.ndarray, " component"]:
+    """By how much each component beside those chosen lowers the sum of squares, shares of either sign allowed."""
     span, _ = np.linalg.qr(design[:, chosen])
     beside = design - span @ (span.T @ design)
     square = np.sum(np.square(beside), axis=0)
     new = square > _DISTINCT * np.sum(np.square(design), axis=0)
-    gain = np.square(beside.T @ residual)[new] / square[new]
-    return float(gain.max(initial=0.0))
+    gain = np.square(beside.T @ target) / np.where(new, square, np.inf)
+    return np.where(new, gain, 0.0)
 
 
 def _grow(
-    design: Float[np.ndarray, "level component"], target: Float[np.ndarray, " level"]
+    design: Float[np.ndarray, "level component"],
+    target: Float[np.ndarray, " level"],
+    cost: Float[np.ndarray, " component"],
 ) -> Float[np.ndarray, " component"]:
-    """Shares of the components chosen one at a time, from white noise on, by the drop in χ²."""
+    """Shares of the components chosen one at a time, from white noise on, by the drop in χ² beyond their cost."""
     chosen = [0]
     white = design[:, 0]
     shares = np.array([max(white @ target, 0.0) / (white @ white)])
-    residual = float(np.linalg.norm(target - shares[0] * white))
+    left = float(np.sum(np.square(target - shares[0] * white)))
     while len(chosen) < min(4, len(target)):
-        trials = [k for k in range(design.shape[1]) if k not in chosen]
         # Shares of either sign leave no more than positive ones: where they gain too little, these do.
         shown = target - design[:, chosen] @ np.linalg.lstsq(design[:, chosen], target)[0]
-        free = residual**2 - float(shown @ shown)
-        if free + _most_gain(design, shown, chosen) <= _GAIN:
-            break
-        # White noise alone needs none, and the import takes a quarter of a second.
-        from scipy.optimize import nnls
+        most = left - float(shown @ shown) + _most_gain(design, shown, chosen) - cost
+        most[chosen] = -np.inf
+        best, found = 0.0, None
+        for k in np.argsort(-most):
+            if most[k] <= best:
+                break
+            # White noise alone needs none, and the import takes a quarter of a second.
+            from scipy.optimize import nnls
 
-        fits = [nnls(design[:, [*chosen, k]], target) for k in trials]
-        best = int(np.argmin([f[1] for f in fits]))
-        if residual**2 - fits[best][1] ** 2 <= _GAIN:
+            values, norm = nnls(design[:, [*chosen, k]], target)
+            if left - norm**2 - cost[k] > best:
+                best, found = left - norm**2 - cost[k], (int(k), values, norm**2)
+        if found is None:
             break
-        chosen.append(trials[best])
-        shares, residual = fits[best]
+        chosen.append(found[0])
+        _, shares, left = found
     return np.bincount(chosen, shares, minlength=design.shape[1])
 
 
