@@ -382,16 +382,37 @@ def test_step_of_a_converter_is_found_only_where_there_is_one():
 
 
 def test_noise_shape_sums_as_the_toeplitz_matrix():
-    shape = NoiseShape(white=0.5, differenced=0.1, red=(0.4,), decay=(0.8,))
+    band = 0.7 * np.exp(1.1j)
+    shape = NoiseShape(white=0.2, differenced=0.1, red=(0.4, 0.3), decay=(0.8, complex(band)))
     h = np.arange(30)
-    rho = 0.5 * (h == 0) + 0.1 * ((h == 0) - 0.5 * (h == 1)) + 0.4 * 0.8**h
+    red = lambda h: 0.4 * 0.8**h + 0.3 * 0.7**h * np.cos(1.1 * h)
+    rho = 0.2 * (h == 0) + 0.1 * ((h == 0) - 0.5 * (h == 1)) + red(h)
     matrix = toeplitz(rho)
     assert shape.sum_variance(np.array([30]))[0] == pytest.approx(matrix.sum(), rel=1e-12)
     u = (h - 14.5) / np.linalg.norm(h - 14.5)
     assert shape.slope_variance(30) == pytest.approx(u @ matrix @ u, rel=1e-12)
     far = np.arange(1, 400)
-    rho = -0.05 * (far == 1) + 0.4 * 0.8**far
+    rho = -0.05 * (far == 1) + red(far)
     assert shape.squared_sum == pytest.approx(1 + 2 * np.sum(rho**2), rel=1e-9)
+
+
+@pytest.mark.parametrize("frequency", [0.06, 0.18])  # cycles a sample
+def test_a_tremor_averages_out_as_fast_as_its_spectrum_says(frequency):
+    rng, rests, samples, decay = np.random.default_rng(22), 24, 300, np.exp(-1.0 / 8.0)
+    pole = decay * np.exp(2j * np.pi * frequency)
+    drive = rng.standard_normal((40, rests * samples)) + 1j * rng.standard_normal(
+        (40, rests * samples)
+    )
+    tremor = 2.0 * np.real(lfilter([np.sqrt(1.0 - decay**2)], [1.0, -pole], drive))
+    outputs = (tremor + rng.standard_normal(tremor.shape)).reshape(40, rests, samples)
+    deviations = outputs - outputs.mean(axis=2, keepdims=True)
+    starts = np.arange(0, rests * samples, samples)
+    found = [
+        fit_noise_shape(d.ravel(), starts).mean_factor(np.array([samples]))[0] for d in deviations
+    ]
+    # 960 means know their variance to 5 %, three sigma.
+    true = samples * outputs.mean(axis=2).var() / outputs.var()
+    assert np.mean(found) == pytest.approx(true, rel=0.15)
 
 
 def test_white_noise_is_called_white():

@@ -73,7 +73,9 @@ class NoiseShape(Module):
         return float(total)
 
 
-def red_sum_variance(decay: complex | np.ndarray, counts: AnyArray) -> Float[np.ndarray, "*shape"]:
+def red_sum_variance(
+    decay: complex | float | np.ndarray, counts: AnyArray
+) -> Float[np.ndarray, "*component count"]:
     """Variance of a sum of n samples with ρ_h = Re φ^h: the real part of
     n (1 + φ) / (1 − φ) − 2 φ (1 − φⁿ) / (1 − φ)²."""
     n = np.asarray(counts, float)
