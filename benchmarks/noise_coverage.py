@@ -15,8 +15,8 @@ in the rests. Rests last 2, 6 or 20 s. The device is drawn anew in every log.
 | table | by reference, 24 rests | by reference, a staircase of rates about each axis |
 
 `--command diagnose` judges the calibrations that `diagnose` writes, of logs with a hidden effect; `fleet` those of one
-run over all logs. A bias is judged against the sensor's own beside its slow noise ("sensor") and against the mean over
-the rests' samples of this log ("log").
+run over all logs. A bias is judged against the sensor's own beside its slow noise ("sensor"), against the mean over the
+rests' samples of this log ("log"), and against that of its last second, with what dwells are said to err alike ("last").
 """
 
 import argparse
@@ -32,7 +32,8 @@ import numpy as np
 import polars
 from scipy.signal import lfilter
 
-from inertiax.calibrate.pipeline import calibrate_device
+from inertiax.calibrate.pipeline import calibrate_device, DeviceResult
+from inertiax.calibrate.slow_noise import wander
 from inertiax.calibration.calibration import Calibration
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 from inertiax.diagnose.pipeline import diagnose_campaign
@@ -59,6 +60,7 @@ class Log(NamedTuple):
     campaign: Campaign
     truth: dict[str, float]  # by parameter
     slow: dict[str, np.ndarray]  # mean of each triad's slow noise over the rests
+    last: dict[str, np.ndarray]  # and over the last second
 
 
 def flicker(rng: np.random.Generator, count: int, level: float) -> np.ndarray:
@@ -183,7 +185,7 @@ def draw(station: str, kind: str, rest: float, rng: np.random.Generator) -> Log:
         ),
         "gyro": (rng.normal(0.0, 0.015, 3), rng.normal(0.0, 0.006, (3, 3))),
     }
-    truth, slow, outputs = {}, {}, {}
+    truth, slow, last, outputs = {}, {}, {}, {}
     for triad, sigma, key in (("accel", ACCEL, "force"), ("gyro", GYRO, "rate")):
         bias, matrix = errors[triad]
         extra = slow_noise(rng, kind, sigma, felt["since"])
@@ -191,6 +193,7 @@ def draw(station: str, kind: str, rest: float, rng: np.random.Generator) -> Log:
         outputs[triad] = clean + extra + rng.normal(0.0, sigma, clean.shape)
         # A tremor is noise about the bias, as white noise is
         slow[triad] = extra[felt["still"]].mean(axis=0) * (kind != "tremor")
+        last[triad] = extra[-int(RATE) :].mean(axis=0) * (kind != "tremor")
         for i in range(3):
             truth[f"{triad}.bias[{i}]"] = float(bias[i])
             for j in range(3):
@@ -206,11 +209,13 @@ def draw(station: str, kind: str, rest: float, rng: np.random.Generator) -> Log:
     time = np.arange(len(felt["rate"])) / RATE
     recording = Recording(time=time, name="log", **outputs, **columns)  # pyright: ignore[reportArgumentType]
     model = ModelChoice(temperature_degree=None)
-    return Log(Campaign((recording,), Site(gravity=G), model=model), truth, slow)
+    return Log(Campaign((recording,), Site(gravity=G), model=model), truth, slow, last)
 
 
-def deviations(log: Log, calibration: Calibration) -> dict[str, float]:
-    """Errors in stated sigmas, by parameter; biases against both meanings."""
+def deviations(
+    log: Log, calibration: Calibration, alike: dict[str, float] | None = None
+) -> dict[str, float]:
+    """Errors in stated sigmas, by parameter; biases against all meanings, the last second's with the stated wander."""
     made = {}
     for triad in calibration.triads:
         sigma = np.sqrt(np.diagonal(np.asarray(triad.covariance)))
@@ -221,8 +226,22 @@ def deviations(log: Log, calibration: Calibration) -> dict[str, float]:
             made[name] = error / float(one)
             kind, _, index = name.partition(".bias[")
             if index:
-                made[f"{name} log"] = (error - log.slow[kind][int(index[0])]) / float(one)
+                axis = int(index[0])
+                made[f"{name} log"] = (error - log.slow[kind][axis]) / float(one)
+                if alike is not None:
+                    now = float(error - log.last[kind][axis])
+                    made[f"{name} last"] = now / float(np.hypot(one, alike[kind]))
     return made
+
+
+def stated_wander(result: DeviceResult) -> dict[str, float]:
+    """By how much dwells err alike, by triad."""
+    found = {}
+    for kind, triad in (("accel", result.accel), ("gyro", result.gyro)):
+        if triad is not None:
+            rows = triad.dwells if triad.fitted is None else triad.fitted
+            found[kind] = wander(rows, triad.estimator, triad.slow_noise)
+    return found
 
 
 def bent(log: Log) -> Log:
@@ -263,7 +282,8 @@ def kind_of(name: str) -> str:
     """Row of the table."""
     triad, _, rest = name.partition(".")
     if rest.startswith("bias"):
-        return f"{triad} bias, {'log' if rest.endswith('log') else 'sensor'}"
+        _, _, moment = rest.partition(" ")
+        return f"{triad} bias, {moment or 'sensor'}"
     return f"{triad} {'scale' if rest[7] == rest[9] else 'misalignment'}"
 
 
@@ -292,10 +312,11 @@ def judged(case: str, logs: int, seed: int, command: str) -> tuple[list[dict], d
     for log in drawn:
         try:
             if command == "diagnose":
-                calibration = diagnose_campaign(bent(log).campaign)[1]
+                calibration, stated = diagnose_campaign(bent(log).campaign)[1], None
             else:
-                calibration = calibrate_device(log.campaign, checked=True).calibration
-            found.append(deviations(log, calibration))
+                result = calibrate_device(log.campaign, checked=True)
+                calibration, stated = result.calibration, stated_wander(result)
+            found.append(deviations(log, calibration, stated))
         except ValueError as error:
             failed[str(error)[:90]] += 1
     return found, dict(failed)
