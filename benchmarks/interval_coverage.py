@@ -1,12 +1,13 @@
 """How often the 95 % intervals of a calibration cover the truth: those of `calibrate`, and those `diagnose` writes.
 
-    python benchmarks/interval_coverage.py [--runs 300] [--seed 0] [--part 1/2] -o COVERAGE
+    python benchmarks/interval_coverage.py [--runs 300] [--seed 0] [--part 1/2] [--calibrate-only] -o COVERAGE
 
 Stations and devices are those of `protocol_coverage.py`, which shares no code with the package: dwell noise, what each
 re-positioning does, the angles and the rate error of every positioning and the offset of the probe are drawn anew in
 every run, at their stated sizes. Errors of g and one common to all rates are what `protocol` adds, and are none here.
-In every second run one effect is hidden: a term in the square of an accelerometer's force. Where the diagnosis names
-what was hidden, its calibration is judged as that of the augmented model, else as it is.
+In every second run (none with `--calibrate-only`) one effect is hidden: a term in the square of an accelerometer's
+force. Where the diagnosis names what was hidden, its calibration is judged as that of the augmented model, else as it
+is.
 A run is kept in `COVERAGE` as it ends, so that a run goes on where it stopped.
 """
 
@@ -57,11 +58,14 @@ def covered(calibration: Calibration, truth: dict[str, stations.Truth]) -> dict[
     return found
 
 
-def run_one(station: str, seed: int, number: int) -> dict:
-    """One campaign through both commands."""
+def run_one(station: str, seed: int, number: int, *, calibrate_only: bool) -> dict:
+    """One campaign through both commands, or `calibrate` alone."""
     rng = np.random.default_rng([seed, number, len(station)])
     campaign, truth = stations.draw(station, rng, common=False)
     hidden = None
+    if calibrate_only:
+        found = covered(calibrate_device(campaign).calibration, truth)
+        return {"station": station, "hidden": None, "verdict": "not asked", "calibrate": found}
     if number % 2:
         campaign, hidden = hide(campaign, station, rng)
     plain = calibrate_device(campaign).calibration
@@ -89,7 +93,7 @@ def tell(results: list[dict]) -> None:
         )
         for station in stations.MOVED:
             for command in ("calibrate", "diagnose"):
-                rows = [r[command] for r in mine if r["station"] == station]
+                rows = [r[command] for r in mine if r["station"] == station and command in r]
                 if not rows:
                     continue
                 kinds = list(dict.fromkeys(k for r in rows for k in r))
@@ -110,6 +114,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=300, help="of each station")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--part", default="1/1", help="K/N: every N-th run from the K-th on")
+    parser.add_argument("--calibrate-only", action="store_true")
     parser.add_argument("-o", "--output", type=Path, required=True)
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
@@ -119,7 +124,11 @@ def main() -> None:
     for station, number in todo:
         path = given.output / f"{station.replace(' ', '-')}-{number:04d}.json"
         if not path.exists():
-            path.write_text(json.dumps(run_one(station, given.seed, number)))
+            path.write_text(
+                json.dumps(
+                    run_one(station, given.seed, number, calibrate_only=given.calibrate_only)
+                )
+            )
     tell([json.loads(p.read_text()) for p in sorted(given.output.glob("*.json"))])
 
 

@@ -16,7 +16,8 @@ in the rests. Rests last 2, 6 or 20 s. The device is drawn anew in every log.
 
 `--command diagnose` judges the calibrations that `diagnose` writes, of logs with a hidden effect; `fleet` those of one
 run over all logs. A bias is judged against the sensor's own beside its slow noise ("sensor"), against the mean over the
-rests' samples of this log ("log"), and against that of its last second, with what dwells are said to err alike ("last").
+rests' samples of this log ("log"), and against that of its last second, with the stated common error of dwells
+("last").
 """
 
 import argparse
