@@ -44,3 +44,17 @@ def test_what_no_turn_makes_is_a_rest(bias):
     found = find_rests(one_pose(bias, accel_noise=0.05, gyro_noise=np.radians(0.3)), window=1.0)
     kept = float(np.sum(found.stop - found.start)) / (RATE * SECONDS)
     assert kept > 0.8
+
+
+def test_a_bias_that_warms_up_quickly_is_no_motion_and_a_turn_about_the_vertical_is():
+    """From a freezer, in one pose: the gyros' biases move by 50 mrad/s, a quarter of it in the first minute."""
+    rng = np.random.default_rng(6)
+    time = np.arange(0.0, 900.0, 0.02)
+    warm = 1.0 - np.exp(-time / 200.0)
+    gyro = np.outer(warm, [0.035, -0.02, 0.03]) + 1e-3 * rng.standard_normal((len(time), 3))
+    accel = np.array([0.0, 0.0, 9.81]) + 0.02 * rng.standard_normal((len(time), 3))
+    found = find_rests(Recording(time=time, accel=accel, gyro=gyro), window=1.0)
+    assert found.start.tolist() == [0] and found.stop.tolist() == [len(time)]
+    gyro[(time > 300.0) & (time < 330.0), 2] += 0.05
+    found = find_rests(Recording(time=time, accel=accel, gyro=gyro), window=1.0)
+    assert not any(time[a] < 315.0 < time[b - 1] for a, b in zip(found.start, found.stop))

@@ -158,6 +158,24 @@ def _rates_wander(recording: Recording, edges: Int[np.ndarray, "rest 2"]) -> boo
     return bool(np.median(changes) > max(STILL * np.median(spreads), _RESTING_RATE**2))
 
 
+def _only_drifts(recording: Recording, width: int) -> bool:
+    """Whether the device lies in one pose and the gyros' means over seconds go on from one another as a bias does.
+
+    In the first minute of a warm-up a bias moves farther than `_rate_at_rest` follows, by 20 mrad/s and more, but in
+    seconds by less than 5 mrad/s, which no turn does that begins or ends.
+    """
+    step = usual_step(recording)
+    if recording.accel is None or recording.gyro is None or step <= 0.0:
+        return False
+    if _turned_slowly(recording, width):
+        return False
+    rows = max(int(round(_WANDER_SPAN / step)), 16)
+    count = recording.num_samples // rows
+    means = recording.gyro[: count * rows].reshape(count, rows, 3).mean(axis=1)
+    change = np.linalg.norm(np.diff(means, axis=0), axis=1)
+    return bool(count > _WINDOWS and change.max() < _RESTING_RATE)
+
+
 def _turned_slowly(recording: Recording, width: int) -> bool:
     """Whether the means of windows say that gravity's direction moves by more than a rest's could."""
     if recording.accel is None or isinstance(recording, StoredRecording):
@@ -200,6 +218,9 @@ def _motion(recording: Recording, width: int) -> tuple[Float[np.ndarray, " time"
         least_gyro = max(_level(gyro[live], least[1]), _RESTING_RATE**2)
     levels = QuietLevels(level, least_gyro, None if at_rest is None else np.array(at_rest[-1]))
     motion = levels.motion(accel, gyro, off)
+    if not parted and np.any(motion > STILL) and _only_drifts(recording, width):
+        still = levels.motion(accel, gyro, 0.0)
+        motion = still if np.quantile(still, 1.0 - 1e-3) <= STILL else motion
     return np.where(held, np.inf, motion), levels
 
 
