@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from inertiax.calibrate.one_triad import require_observable
 from inertiax.estimators import Invariant, ReferenceAccel
 from inertiax.model_selection.temperature_degree import choose_degree
 from inertiax.numerics.further_columns import log_odds
 from inertiax.numerics.left_out import log_left_out
+from inertiax.physics.temperature import Constant
 from inertiax.reduction.dwells import Dwells
 
 
@@ -122,6 +124,51 @@ def test_a_degree_is_told_by_temperatures_at_which_all_parameters_are():
 
     assert degree([-30.0, 0.0, 25.0, 60.0]) == 3
     assert degree([-30.0, -10.0, 15.0, 40.0, 60.0]) == 4
+
+
+def chamber_rests(seed: int, *, cubic: float = 0.0, warm: float = 0.0, poses: int = 12) -> Dwells:
+    """Means of rests in `poses` attitudes at each of nine temperatures of two days. Biases follow the third power by
+    `cubic` of their noise, and by `warm` of it the decay of a warm-up at the beginning of either day."""
+    rng = np.random.default_rng(seed)
+    up = np.eye(3)[[0, 1, 2, 0, 1, 2]] * np.repeat([1.0, -1.0], 3)[:, None]
+    up = np.concatenate([up, rng.standard_normal((6, 3))])[:poses]
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    x = np.repeat([-1.0, -0.5, 0.0, 0.5, 1.0, -0.4, 0.1, 0.6, 0.9], poses)
+    since = np.r_[: 5 * poses, : 4 * poses]
+    n, force = len(x), np.tile(9.81 * up, (9, 1))
+    bias = 1e-3 * (cubic * (4.0 * x**3 - 3.0 * x) + warm * np.exp(-since / poses))
+    return Dwells(
+        time=20.0 * np.arange(n),
+        duration=np.full(n, 15.0),
+        count=np.full(n, 300.0),
+        temperature=15.0 + 45.0 * x,
+        experiment=np.repeat(np.arange(9), poses),
+        position=np.tile(np.arange(poses), 9),
+        valid=np.ones(n, bool),
+        accel=force * (1.0 + 0.002 * x[:, None])
+        + bias[:, None]
+        + 1e-3 * rng.standard_normal((n, 3)),
+        accel_covariance=np.tile(1e-6 * np.eye(3), (n, 1, 1)),
+        reference_accel=force,
+    )
+
+
+def test_curvature_of_the_biases_alone_is_a_degree_and_a_lag_is_none():
+    """Half the noise in 108 rests is worth three columns and not twelve: 0.5 · 3 · 27 · 0.5² = 20 of log likelihood,
+    against 0.5 ln 325 = 2.9 for each."""
+    said = [choose_degree(ReferenceAccel(), chamber_rests(k, cubic=0.5)) for k in range(10)]
+    assert sum(d == 3 and "of the biases alone" in words for d, words in said) >= 8
+    for other in ({}, {"warm": 2.0}):
+        degrees = [choose_degree(ReferenceAccel(), chamber_rests(k, **other))[0] for k in range(10)]
+        assert degrees.count(1) >= 9, other
+
+
+def test_references_of_one_pose_tell_biases_and_the_refusal_says_how():
+    dwells = chamber_rests(0, poses=1)
+    degree, words = choose_degree(ReferenceAccel(), dwells)
+    assert degree == 0 and "determine no dependence" in words
+    with pytest.raises(ValueError, match='accel_estimator = "static" under'):
+        require_observable(ReferenceAccel(), Constant(), dwells)
 
 
 def test_no_degree_is_taken_whose_unknowns_the_dwells_do_not_determine():

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS
@@ -162,9 +162,29 @@ def require_observable(
         raise ValueError(
             f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
             f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; add positions in "
-            f"other orientations (or temperatures)."
+            f"other orientations (or temperatures){_biases_alone(estimator, problem, ideal.jacobian)}."
         )
     return seen
+
+
+def _biases_alone(
+    estimator: AbstractEstimator, problem: Problem, jacobian: Float[np.ndarray, "dwell row unknown"]
+) -> str:
+    """The way out where references are of too few poses for a matrix, and determine biases."""
+    biases = [k for k, name in enumerate(estimator.names) if ".bias[" in name]
+    names = tuple(estimator.names[k] for k in biases)
+    if not estimator.by_reference or "static" not in ESTIMATORS[estimator.triad] or not biases:
+        return ""
+    normal = problem.normal(jacobian)
+    size = len(normal) // estimator.num_parameters
+    kept = np.ravel(np.arange(size)[:, None] * estimator.num_parameters + biases)
+    alone = judge_normal(normal[np.ix_(kept, kept)], names, size)
+    if alone.rank < alone.unknowns:
+        return ""
+    return (
+        f', or write {estimator.triad}_estimator = "static" under [model], for biases against their references '
+        "alone"
+    )
 
 
 def rows_for(triad: str, chosen: ChosenModel, dwells: Dwells) -> Dwells:

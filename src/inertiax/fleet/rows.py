@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import polars as pl
+from jaxtyping import Float
 
 from ..calibration.probe_error import probe_covariance
 from ..data.recorded import Recorded
@@ -89,6 +90,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         if by_source:
             fit = with_slow_noise(estimator, basis, mine, fit, Rig(*manifest.rig))
         columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
+        columns[f"{triad}_noise"] = noise_at_rest(stack.dwells, triad)
         if by_source:
             parts = source_columns(estimator, basis, mine, fit, Rig(*manifest.rig))
             columns |= {f"{triad}_{suffix}": values for suffix, values in parts.items()}
@@ -195,6 +197,18 @@ def recorded_columns(found: Sequence[Recorded | None]) -> Columns:
     }
 
 
+def noise_at_rest(dwells: Dwells, triad: str) -> Float[np.ndarray, "devices 3"]:
+    """Each channel's noise within rests, as the standard deviation of a mean over one second: the median over the
+    device's rests, in m/s² √s or rad/s √s; no number where nothing tells it."""
+    covariance = getattr(dwells, f"{triad}_covariance")
+    rest = np.asarray(dwells.valid) & (np.asarray(dwells.position) >= 0)
+    if covariance is None or not rest.any(axis=1).all():
+        return np.full((len(rest), 3), np.nan)
+    variance = np.diagonal(np.asarray(covariance), axis1=-2, axis2=-1)
+    density = np.sqrt(np.maximum(variance, 0.0) * np.asarray(dwells.duration)[..., None])
+    return np.nanmedian(np.where(rest[..., None], density, np.nan), axis=1)
+
+
 # --- the table -----------------------------------------------------------------------------------
 
 
@@ -216,7 +230,7 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
         schema |= {k: pl.Float64() for k in ("begin", "end", "sample_rate")}
     for triad in ("accel", "gyro"):
         if getattr(manifest, triad) is not None:
-            schema |= {f"{triad}_{k}": many for k in ("parameters", "sigma", "covariance")}
+            schema |= {f"{triad}_{k}": many for k in ("parameters", "sigma", "covariance", "noise")}
             schema |= {f"{triad}_{k}": pl.Float64() for k in ("rms", "scatter", "chi2_per_dof")}
             if manifest.documented:
                 kinds = (*[pl.Int64()] * 3, pl.List(pl.String), many, many)

@@ -21,6 +21,8 @@ HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than
 # Convention.
 LEAST_TOLD = 0.01
 
+STRETCHES = 8  # of a campaign's time, each predicted from the others
+
 
 def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, str]:
     """Degree of the temperature polynomials by the Bayesian information criterion.
@@ -29,6 +31,10 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     Kronecker product of Chebyshev values and the dwells' Jacobians. Each degree is compared with the best one below it,
     by the criterion's form for few rows (`numerics.further_columns`), and must predict each dwell from the others
     better (`numerics.left_out`): what single rests of a hand hold beyond noise, few rests' temperatures follow by luck.
+    The criterion prices every parameter of a degree, a matrix with twenty coefficients included. A degree is taken as
+    well where the biases' coefficients alone are worth their number and predict stretches of time from the others
+    better: biases off by a curvature are in no uncertainty; but biases follow a lag or a warm-up as well, which is
+    another one when the same temperature comes again.
     No degree is considered that the number of different temperatures cannot carry, or whose unknowns the dwells do not
     determine, and none from the first on whose own coefficients they hardly tell (`LEAST_TOLD`).
     **Returns** the degree and the reason in words.
@@ -50,7 +56,9 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     num_dwells, per_dwell, count = parameters.shape
     x = 2.0 * (temperature - temperature.min()) / span - 1.0
     best, least, predicted, highest = 0, 0.0, 0.0, -1
-    alone = np.ones(count)
+    biases = np.array([".bias[" in name for name in estimator.names])
+    stretch = per_dwell * -(-num_dwells // STRETCHES)
+    alone, asked, ahead = np.ones(count), "", 0.0
     for degree in range(min(HIGHEST_DEGREE, temperature_levels(temperature) - 1) + 1):
         unknowns = (degree + 1) * count
         if num_dwells * per_dwell < unknowns + 3:
@@ -59,7 +67,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         design = np.einsum("na,nri->nrai", phi, parameters)
         design = problem.decorrelated(design.reshape(-1, unknowns))
         gram = design.T @ design
-        if degree and not has_full_rank(gram, estimator.names, degree + 1):
+        if not has_full_rank(gram, estimator.names, degree + 1):
             break
         told = _told_beside_the_rest(gram)[-count:]
         if degree == 0:
@@ -71,19 +79,38 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
         highest = degree
         if degree == 0:
             least, predicted = rss, log_left_out(design, rows, per_dwell)
+            ahead = log_left_out(design, rows, stretch)
             continue
         kept = (best + 1) * count
-        left = rss / least if least > 0.0 else 1.0
-        if log_odds(len(rows), kept, unknowns - kept, left) > 0.0:
+        own = np.r_[np.ones(kept, bool), np.tile(biases, degree - best)]
+        worth = _worth(design, rows, kept, least)
+        told_by_biases = not worth and _worth(design[:, own], rows, kept, least)
+        if worth or told_by_biases:
             error = log_left_out(design, rows, per_dwell)
-            if error < predicted:
+            if error < predicted and (worth or log_left_out(design[:, own], rows, stretch) < ahead):
                 best, least, predicted = degree, rss, error
+                ahead = log_left_out(design, rows, stretch)
+                asked = " of the biases alone" if told_by_biases else ""
     if highest < 1:
         return (
             0,
             "the dwells determine no dependence on temperature, so the parameters are constants",
         )
-    return best, f"temperature degree {best} by BIC among 0…{highest}"
+    return best, f"temperature degree {best} by BIC{asked} among 0…{highest}"
+
+
+def _worth(
+    design: Float[np.ndarray, "row unknown"],
+    rows: Float[np.ndarray, " row"],
+    kept: int,
+    least: float,
+) -> bool:
+    """Whether the columns beyond the first `kept` ones, which leave the sum of squares `least`, are worth their
+    number."""
+    solution, *_ = np.linalg.lstsq(design, rows, rcond=1e-10)
+    rss = float(np.sum((rows - design @ solution) ** 2))
+    left = rss / least if least > 0.0 else 1.0
+    return log_odds(len(rows), kept, design.shape[1] - kept, left) > 0.0
 
 
 def _told_beside_the_rest(

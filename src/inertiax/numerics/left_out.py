@@ -21,7 +21,8 @@ def log_left_out(
     and the result is the mean of $\tfrac12 \ln e_g^T e_g$. A mean of squares would be that of the one group that the
     others hardly tell; logarithms weigh groups alike, whatever the unit.
 
-    **Arguments:** a design of full rank; rows of one variance, those of a group one after another. **Returns** a
+    **Arguments:** a design of full rank; rows of one variance, those of a group one after another, the last group
+    of what is left. **Returns** a
     number, larger where the fit predicts worse.
 
     **Reference:** Cook and Weisberg, *Residuals and Influence in Regression*, 1982, eq. 2.2.7 and 3.2.6.
@@ -32,6 +33,9 @@ def log_left_out(
     ```
     """
     basis = np.linalg.qr(design)[0]
+    # Rows of nothing fill the last group up.
+    basis = np.concatenate([basis, np.zeros((-len(basis) % size, basis.shape[1]))])
+    right = np.concatenate([right, np.zeros(-len(right) % size)])
     residual = (right - basis @ (basis.T @ right)).reshape(-1, size)
     groups = basis.reshape(len(residual), size, -1)
     share, axes = np.linalg.eigh(np.einsum("gik,gjk->gij", groups, groups))

@@ -38,6 +38,21 @@ def rig_covariance(
     return turned * (square * np.eye(3) - outer) + rate**2 * outer
 
 
+def rate_words(estimator: str, rig: Rig) -> tuple[str, ...]:
+    """That the covariance of gyros has the rate's error as drawn anew for each rate; nothing where none is stated.
+
+    Not as a common one, which no row tells and which devices on one table share: a fleet's devices would look alike
+    to within it.
+    """
+    rate = rig.rate_uncertainty
+    if rate is None or estimator != "reference":
+        return ()
+    return (
+        f"± holds the table's {1e6 * rate:.3g} ppm as an error drawn anew for each rate. As far as all rates share it, "
+        "every scale factor is off by that much (1 sigma) beside ±; `inertiax protocol` adds it.",
+    )
+
+
 def turned_by(reference: Float[AnyArray, "*dwell 3"]) -> Float[AnyArray, "*dwell 3 3"]:
     """−[u]×: what small angles of the case's position, rad, add to the reference; column k is e_k × u."""
     library = np if isinstance(reference, np.ndarray) else jnp

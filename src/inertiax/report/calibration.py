@@ -14,6 +14,7 @@ from ..data.recording import Campaign, Rig
 from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.style import drawing
+from ..reduction.rig_errors import rate_words
 from ..reduction.segments import rests_are_searched
 from .barometer import barometer_sections, FIGURE as BAROMETER_FIGURE
 from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
@@ -147,13 +148,9 @@ def _parameter_sections(
 
 def _common_errors(triad: TriadCalibration, rig: Rig) -> tuple[str, ...]:
     """What the station states, and ± does not hold as an error that all dwells share."""
-    rate = rig.rate_uncertainty
-    if rate is None or triad.estimator != "reference" or not triad.names[0].startswith("gyro"):
+    if not triad.names[0].startswith("gyro"):
         return ()
-    return (
-        f"± holds the table's {1e6 * rate:.3g} ppm as an error drawn anew for each rate. As far as all rates share it, "
-        "every scale factor is off by that much (1 sigma) beside ±; `inertiax protocol` adds it.",
-    )
+    return rate_words(triad.estimator, rig)
 
 
 def parameter_table(triad: TriadCalibration, calibration: Calibration) -> Table:

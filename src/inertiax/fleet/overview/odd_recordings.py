@@ -1,7 +1,6 @@
 """Devices that were recorded unlike the others: fewer rests, or a channel that is noisier.
 
-Neither moves a parameter, so that the distribution of parameters does not show it. The noise of a channel is what the
-noise within dwells leaves in its bias, times the root of the number of dwells; devices of one plan have it alike.
+Neither moves a parameter, so that the distribution of parameters does not show it.
 """
 
 from pathlib import Path
@@ -13,13 +12,12 @@ from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
 from ..population.unit_covariance import CHANCE
-from ..store import each_part, Manifest
+from ..store import each_part, Manifest, part_files
 
 
 FEWEST = 8  # devices
 FEWER = 0.75  # of the usual number of dwells; dwells that are cut as the temperature moves differ by a tenth
 LOUDER = 1.5  # times the usual noise, and beyond what chance and the spread of the line make of it
-SOURCE = "dwell noise"
 
 
 class OddRecording(msgspec.Struct, frozen=True):
@@ -30,14 +28,12 @@ class OddRecording(msgspec.Struct, frozen=True):
 
 
 def odd_recordings(folder: Path, manifest: Manifest) -> tuple[OddRecording, ...]:
-    """The devices of a run that were recorded unlike the others; none of fewer than eight, or of a run of many rows,
-    which keeps no covariance by source."""
-    triads = [t for t in ("accel", "gyro") if getattr(manifest, t) is not None]
-    columns = [f"{t}_{k}" for t in triads for k in ("sources", "source_covariances")]
-    if not manifest.documented or not triads:
-        return ()
-    table = pl.concat(each_part(folder, ["device", "dwells", *columns]))
-    if table.height < FEWEST:
+    """The devices of a run that were recorded unlike the others; none of fewer than eight, or of a run of an older
+    version, which keeps no noise."""
+    kept = pl.read_parquet_schema(part_files(folder)[0])
+    triads = [t for t in ("accel", "gyro") if getattr(manifest, t) and f"{t}_noise" in kept]
+    table = pl.concat(each_part(folder, ["device", "dwells", *(f"{t}_noise" for t in triads)]))
+    if not triads or table.height < FEWEST:
         return ()
     devices, dwells = table.get_column("device"), table.get_column("dwells").to_numpy()
     usual = float(np.median(dwells))
@@ -47,27 +43,13 @@ def odd_recordings(folder: Path, manifest: Manifest) -> tuple[OddRecording, ...]
         for k in np.flatnonzero(few)
     ]
     for triad in triads:
-        unknowns = getattr(manifest, triad).unknowns
-        sources = (
-            table.get_column(f"{triad}_sources"),
-            table.get_column(f"{triad}_source_covariances"),
-        )
-        noise = np.array([_of_biases(*row, unknowns) for row in zip(*sources, strict=True)])
-        noise *= np.sqrt(dwells)[:, None]
+        values = table.get_column(f"{triad}_noise").to_list()
+        noise = np.array([[np.nan] * 3 if v is None else v for v in values], float)
         for k, c in np.argwhere(_louder(noise) & ~few[:, None]):
             times = noise[k, c] / np.nanmedian(noise[:, c])
-            words = f"noise makes the bias of {triad}_{'xyz'[c]} {times:.2g} times as uncertain as usual"
+            words = f"{triad}_{'xyz'[c]} has {times:.2g} times the usual noise at rest"
             found.append(OddRecording(devices[int(k)], words))
     return tuple(found)
-
-
-def _of_biases(sources: pl.Series | None, lower: pl.Series | None, unknowns: int) -> list[float]:
-    """Standard deviations by the noise within dwells of the biases' first coefficients."""
-    size = unknowns * (unknowns + 1) // 2
-    if sources is None or lower is None or SOURCE not in (names := sources.to_list()):
-        return [np.nan] * 3
-    mine = lower.to_numpy()[names.index(SOURCE) * size :]
-    return [float(np.sqrt(mine[k * (k + 1) // 2 + k])) for k in range(3)]
 
 
 def _louder(noise: Float[np.ndarray, "devices 3"]) -> Bool[np.ndarray, "devices 3"]:
