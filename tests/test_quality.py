@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from inertiax.calibrate.data_coverage import empty_cone
-from inertiax.calibrate.fit_quality import judge, Quality
+from inertiax.calibrate.fit_quality import _of_one_wish, judge, Quality, TriadVerdict
 from inertiax.calibrate.goodness_of_fit import (
     ATTENTION,
     FINE,
@@ -15,6 +15,7 @@ from inertiax.calibrate.goodness_of_fit import (
 )
 from inertiax.calibrate.pipeline import calibrate, DeviceResult
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.report.calibration import _beside
 
 
 G = 9.81
@@ -151,6 +152,25 @@ def test_a_gap_in_temperature_is_told():
     (found,) = [f for f in quality.findings if f.topic == "temperature"]
     assert not found.fine and "nothing between -18 and 52 °C" in found.text
     assert any("an experiment at about 17 °C" in n for n in quality.next)
+
+
+def test_what_two_triads_share_is_said_once():
+    """By hand: one wish of both triads is a line, one of its own stays, and the page repeats no reason."""
+    same, own = "an experiment at about 17 °C.", "a rest with +x up."
+    advice = [
+        f"Accelerometers: {same}",
+        f"Accelerometers: {own}",
+        f"Gyros: {same}",
+        "A log by hand.",
+    ]
+    assert _of_one_wish(advice) == (
+        f"Accelerometers and gyros: {same}", f"Accelerometers: {own}", "A log by hand.",
+    )  # fmt: skip
+    why = "nothing between -18 and 52 °C."
+    triads = [TriadVerdict(n, "usable", f"{n}: usable; {why}") for n in ("Accelerometers", "Gyros")]
+    triads.append(TriadVerdict("Magnetometers", "good", "Magnetometers: good; 1 nT is left."))
+    quality = Quality("usable", f"Usable: accelerometers: {why}", (), (), tuple(triads))
+    assert _beside(quality) == ["Gyros: the same.", "Magnetometers: good; 1 nT is left."]
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def judge(result: DeviceResult) -> Quality:
         verdict,
         f"{start}: {rest}{also}",
         tuple(findings),
-        tuple(dict.fromkeys(advice)),
+        _of_one_wish(advice),
         tuple(triads),
     )
 
@@ -127,6 +127,17 @@ def _triad_verdict(name: str, findings: list[Finding]) -> TriadVerdict:
         shown = [f for f in findings if f.topic in ("misfit", "weakest")]
     said = "; ".join(f.text.removeprefix(f"{name}: ").rstrip(".") for f in shown)
     return TriadVerdict(name, verdict, f"{name}: {_lower(start)}; {said}.")
+
+
+def _of_one_wish(advice: list[str]) -> tuple[str, ...]:
+    """What to record next; what several triads ask for alike is one line with all their names."""
+    names: dict[str, list[str]] = {}
+    for line in dict.fromkeys(advice):
+        name, between, wanted = line.partition(": ")
+        named = name in TRIAD_NAMES.values() and bool(between)
+        names.setdefault(wanted if named else line, []).extend([name] * named)
+    joined = lambda who: " and ".join([who[0], *map(str.lower, who[1:])])
+    return tuple(f"{joined(who)}: {line}" if who else line for line, who in names.items())
 
 
 def _further_misfit(ranked: list[Finding]) -> str:

@@ -92,11 +92,23 @@ _HEADLINES = {
 
 def _verdict(result: DeviceResult, quality: Quality) -> Verdict:
     tone, headline = _HEADLINES[quality.verdict]
-    lines = [f"Is it good? {quality.answer}", *(t.text for t in quality.triads)]
+    lines = [f"Is it good? {quality.answer}", *_beside(quality)]
     lines += [coverage_sentence(result.calibration, r) for _, r in triads(result).values()]
     lines += [f"Warning: {w}" for w in result.warnings]
     lines += [f"Would improve it most: {n}" for n in quality.next]
     return Verdict(tone, headline, tuple(lines))
+
+
+def _beside(quality: Quality) -> list[str]:
+    """What of each triad the answer does not say yet."""
+    lines = []
+    for triad in quality.triads:
+        why = triad.text.partition("; ")[2]
+        if not why or why not in quality.answer:
+            lines.append(triad.text)
+        elif f"{triad.name}: {why}".lower() not in quality.answer.lower():
+            lines.append(f"{triad.name}: the same.")
+    return lines
 
 
 def _keys(result: DeviceResult) -> list[Key]:
