@@ -16,7 +16,7 @@ in the rests. Rests last 2, 6 or 20 s. The device is drawn anew in every log.
 
 `--command diagnose` judges the calibrations that `diagnose` writes, of logs with a hidden effect; `fleet` those of one
 run over all logs. A bias is judged against the sensor's own beside its slow noise ("sensor"), against the mean over the
-rests' samples of this log ("log"), and against that of its last second, with the stated common error of dwells
+rests' samples of this log ("log"), and against that of its last second, by what is said of the log's end
 ("last").
 """
 
@@ -33,6 +33,7 @@ import numpy as np
 import polars
 from scipy.signal import lfilter
 
+from inertiax.calibrate.bias_moment import moment_words
 from inertiax.calibrate.pipeline import calibrate_device, DeviceResult
 from inertiax.calibrate.slow_noise import wander
 from inertiax.calibration.calibration import Calibration
@@ -229,19 +230,20 @@ def deviations(
             if index:
                 axis = int(index[0])
                 made[f"{name} log"] = (error - log.slow[kind][axis]) / float(one)
-                if alike is not None:
+                if alike is not None and kind in alike:
                     now = float(error - log.last[kind][axis])
                     made[f"{name} last"] = now / float(np.hypot(one, alike[kind]))
     return made
 
 
 def stated_wander(result: DeviceResult) -> dict[str, float]:
-    """By how much dwells err alike, by triad."""
+    """How far a bias is said to be off at the log's end, by triad; none where nothing is said."""
     found = {}
     for kind, triad in (("accel", result.accel), ("gyro", result.gyro)):
         if triad is not None:
             rows = triad.dwells if triad.fitted is None else triad.fitted
-            found[kind] = wander(rows, triad.estimator, triad.slow_noise)
+            if moment_words(triad):
+                found[kind] = wander(rows, triad.estimator, triad.slow_noise)
     return found
 
 

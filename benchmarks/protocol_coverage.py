@@ -87,14 +87,16 @@ def draw(
     really = G + (rng.normal(0.0, G_SIGMA) if common else 0.0)
     offset, scale = rng.normal(0.0, PROBE), 1.0 + rng.normal(0.0, RATE)
     columns = defaultdict(list)
-    number = 0
+    number, angles = 0, np.zeros(3)
     for heat in TEMPERATURES:
         plan = [(u, np.zeros(3)) for u in UP]
         if table:  # about each axis, both ways, with gravity along it
             plan += [(u, SPEED * s * u) for u in np.eye(3) for s in (1.0, -1.0)]
         for up, rate in plan:
             moving = bool(np.any(rate))
-            angles = rng.normal(0.0, ANGLE, 3) if table else np.zeros(3)
+            back = moving and rate @ up < 0.0  # the table turns the other way, in the same position
+            if table and not back:
+                angles = rng.normal(0.0, ANGLE, 3)
             force = turned(really * up, angles)
             level = truth["accel"].output(heat, force) + rng.normal(0.0, MOVED[station], 3)
             columns["accel"].append(level + rng.normal(0.0, ACCEL_NOISE, (SAMPLES, 3)))

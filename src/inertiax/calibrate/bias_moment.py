@@ -9,12 +9,12 @@ _LIKELY = 0.5  # probability of slow noise from which it is said; more likely th
 _NAMES = {"accel": "accelerometers", "gyro": "gyros"}
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 _OF_LOG = (
-    "the intervals of the biases are those of their mean over this log: at one moment of it a bias is off by that "
-    "much, and after the next switching on by as much or more"
+    "; the intervals of the biases are those of their mean over this log, at whose end a bias is off by {} (1 sigma); "
+    "later, and after the next switching on, it may be off by more"
 )
 _OF_DEVICE = (
-    "the intervals of the biases are those of the device beside such slow noise, and wider than of the mean over these "
-    "experiments"
+    ", by {} (1 sigma); the intervals of the biases are those of the device beside such slow noise, and wider than of "
+    "the mean over these experiments"
 )
 
 
@@ -25,7 +25,5 @@ def moment_words(result: TriadResult | None) -> tuple[str, ...]:
     triad, rows = result.estimator.triad, result.fitted
     size = wander(result.dwells if rows is None else rows, result.estimator, result.slow_noise)
     moment = _OF_LOG if of_one_log(result.dwells) else _OF_DEVICE
-    return (
-        f"{_NAMES[triad]}: dwells that follow one another err alike, by {rms_text(_UNITS[triad], size)} (1 sigma); "
-        f"{moment}",
-    )
+    said = moment.format(rms_text(_UNITS[triad], size))
+    return (f"{_NAMES[triad]}: dwells that follow one another err alike{said}",)

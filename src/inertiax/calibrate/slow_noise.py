@@ -28,6 +28,7 @@ from jaxtyping import Float
 
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator
+from ..numerics.paule_mandel import widened
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .alike_dwells import AlikeDwells
@@ -39,7 +40,8 @@ ODDS = 0.5  # that there is slow noise, before the rows are looked at; conventio
 _LEAST = (
     0.01  # probability of slow noise below which there is none; it would change no sigma by 1 %
 )
-_SHARES = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.96])  # b / σ² that are tried
+_SHARES = np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.82, 0.92, 0.97, 0.99])  # b / σ² that are tried
+_LONGEST = 4.0  # τ over the length of the record; of a random walk 85 % of the variance at that lag, 63 % with one
 _TIMES = 9  # values of τ that are tried
 _HUGE = 600.0  # log likelihood, whose exponential a double holds
 
@@ -83,12 +85,19 @@ def with_slow_noise(
 
 
 def wander(dwells: Dwells, estimator: AbstractEstimator, noise: SlowNoise) -> float:
-    """1 sigma, m/s² or rad/s, of what neighbouring dwells have in common."""
+    """1 sigma, m/s² or rad/s, of what neighbouring dwells have in common; in one experiment of the last, about its mean."""
     covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"), float)
     # Rates at rest have their scatter in the covariance; the estimator's is of the tilts.
     scatter = 0.0 if dwells.motion is not None else float(np.asarray(estimator.scatter))
     variance = float(np.mean(np.trace(covariance, axis1=1, axis2=2))) / 3.0 + scatter**2
-    return float(np.sqrt(noise.alike * variance))
+    alike = noise.alike
+    if alike > 0.0 and of_one_log(dwells):
+        time = np.asarray(dwells.time, float)
+        rows = np.full((len(time), 1, 1), -1.0 / len(time))
+        rows[np.argmax(time)] += 1.0
+        in_time = AlikeDwells(time, np.zeros(len(time)), None)
+        alike = in_time.product(rows, np.array(noise.parts), np.array(noise.times))[0, 0]
+    return float(np.sqrt(alike * variance))
 
 
 def of_one_log(dwells: Dwells) -> bool:
@@ -141,7 +150,7 @@ def slow_noise_of(
     flat = together.reshape(-1, unknowns + 1)
     white, _ = _likelihood((flat.T @ flat)[None], np.zeros(1), len(flat))
     longest = max(float(np.ptp(time)), 2.0 * float(np.median(steps)))
-    times = np.geomspace(0.5 * float(np.median(steps)), longest, _TIMES)
+    times = np.geomspace(0.5 * float(np.median(steps)), _LONGEST * longest, _TIMES)
     cases = np.tile(_SHARES, _TIMES), np.repeat(times, len(_SHARES))
     whitened = _alike(problem, rows).whitened(together, *cases)
     likelihood, variance = (
@@ -153,6 +162,9 @@ def slow_noise_of(
     if probability < _LEAST:
         return SlowNoise()
     weight = probability * gain / np.sum(gain)
+    # As the scatter between dwells, which these rows are whitened with: their mean over what the residuals leave open.
+    freedom = float(len(flat) - unknowns)
+    variance = variance * (freedom / widened(freedom))
     parts = np.sum(weight * variance * _SHARES, axis=1)
     alone = np.maximum(variance * (1.0 - _SHARES) - stated, 0.0) / max(1.0 - stated, 1e-12)
     own = 1.0 - probability + float(np.sum(weight * alone))
