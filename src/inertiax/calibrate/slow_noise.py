@@ -85,7 +85,7 @@ def with_slow_noise(
 
 
 def wander(dwells: Dwells, estimator: AbstractEstimator, noise: SlowNoise) -> float:
-    """1 sigma, m/s² or rad/s, of what neighbouring dwells have in common; in one experiment of the last, about its mean."""
+    """1 sigma, m/s² or rad/s, of what dwells that follow one another have in common; in one experiment at its end."""
     covariance = np.asarray(getattr(dwells, f"{estimator.triad}_covariance"), float)
     # Rates at rest have their scatter in the covariance; the estimator's is of the tilts.
     scatter = 0.0 if dwells.motion is not None else float(np.asarray(estimator.scatter))
