@@ -13,7 +13,15 @@ import inertiax
 DOCS = Path(__file__).parents[1] / "docs"
 BENCHMARKS = DOCS.parent / "benchmarks"
 SOURCE = Path(inertiax.__file__).parent
-INNER = {"_typing", "plots", "report", "cli", "__main__"}  # nobody builds on these
+INNER = {
+    "_typing",
+    "_records",
+    "_without_jax",
+    "plots",
+    "report",
+    "cli",
+    "__main__",
+}  # nobody builds on these
 PICTURES = sorted(p for p in DOCS.rglob("*") if p.suffix in (".png", ".svg", ".jpg", ".gif"))
 
 

@@ -14,6 +14,7 @@ from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
 from ..reduction.rig_errors import rig_covariance
+from ..reduction.segments import numbered_through, segment_each
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
 from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
@@ -111,7 +112,10 @@ def prepare(
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
-    log, plain = join(campaign), calibrate_device(campaign, checked=True, model=model)
+    found = segment_each(campaign.recordings)
+    log = join(campaign, found=found)
+    segments = numbered_through(campaign.recordings, found)
+    plain = calibrate_device(campaign, checked=True, model=model, segments=segments)
     fitted = plain
     delays: dict[str, Delay] = {}
     if any(e.stream_delay for e in catalogue):

@@ -10,6 +10,7 @@ from .thresholds import Thresholds
 
 
 _AROUND = 10  # rows to either side
+_NEIGHBOURS = np.delete(np.arange(-_AROUND, _AROUND + 1), _AROUND)
 _TIMES = 12.0  # of the neighbours' standard deviation: a tap rings for several rows
 _OF_ALL = 6.0  # of the 98 % quantile of all rows' distances from their neighbours
 _LEAST = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
@@ -35,15 +36,15 @@ def _rows(values: Float[np.ndarray, "time 3"], least: float) -> Int[np.ndarray, 
     off[1:-1] = np.abs(values[1:-1] - 0.5 * (values[2:] + values[:-2]))
     limit = np.maximum(_OF_ALL * np.quantile(off, 0.98, axis=0), least)
     hits = []
-    for row, axis in zip(*np.nonzero(off > limit), strict=True):
-        if not _AROUND < row < len(values) - _AROUND:
-            continue
-        x = values[row - _AROUND : row + _AROUND + 1, axis]
-        others = np.delete(x, _AROUND)
-        quiet = 1.4826 * np.median(np.abs(others - np.median(others))) + np.std(others)
-        if abs(x[_AROUND] - np.median(others)) > _TIMES * quiet:
-            hits.append(int(row))
-    return np.unique(np.array(hits, np.int64))
+    for axis in range(values.shape[1]):
+        rows = np.flatnonzero(off[:, axis] > limit[axis])
+        rows = rows[(rows > _AROUND) & (rows < len(values) - _AROUND)]
+        around = values[rows[:, None] + _NEIGHBOURS, axis]
+        middle = np.median(around, axis=1)
+        distance = np.median(np.abs(around - middle[:, None]), axis=1)
+        quiet = 1.4826 * distance + around.std(axis=1)
+        hits.append(rows[np.abs(values[rows, axis] - middle) > _TIMES * quiet])
+    return np.unique(np.concatenate(hits))
 
 
 def _told(log: Log, name: str, rows: Int[np.ndarray, " spike"]) -> Finding:

@@ -123,11 +123,22 @@ def _among_stars(log: Log, recording: int) -> np.ndarray:
     rate, time = log.reference_gyro[mine], log.time[mine]
     step = np.diff(time)[:, None]
     turns = Rotation.from_rotvec(0.5 * (rate[1:] + rate[:-1]) * step).as_matrix()
-    device = np.empty((len(rate), 3, 3))
-    device[0] = np.eye(3)
-    for k, turn in enumerate(turns):
-        device[k + 1] = turn.T @ device[k]
-    return device
+    return np.concatenate([np.eye(3)[None], _one_after_another(turns.transpose(0, 2, 1))])
+
+
+def _one_after_another(turns: Float[np.ndarray, "step 3 3"]) -> Float[np.ndarray, "step 3 3"]:
+    """Tₖ … T₁ for every k: within blocks of about √n steps side by side, and then over the blocks."""
+    count = len(turns)
+    length = max(int(np.sqrt(count)), 1)
+    blocks = -(-count // length)
+    made = np.broadcast_to(np.eye(3), (blocks * length, 3, 3)).copy()
+    made[:count] = turns
+    made = made.reshape(blocks, length, 3, 3)
+    for k in range(1, length):
+        made[:, k] = made[:, k] @ made[:, k - 1]
+    for k in range(1, blocks):
+        made[k] = made[k] @ made[k - 1, -1]
+    return made.reshape(-1, 3, 3)[:count]
 
 
 def _integrated(log: Log, recording: int) -> np.ndarray:

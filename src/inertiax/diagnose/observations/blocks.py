@@ -17,7 +17,13 @@ from ...data.recording_order import in_order
 from ...physics.earth import EARTH_RATE as EARTH_RATE
 from ...reduction.dwells import is_told
 from ...reduction.earth_at_rest import vertical_earth_rate
-from ...reduction.segments import joined, rests_are_searched, segment_all, Segments
+from ...reduction.segments import (
+    joined,
+    numbered_through,
+    rests_are_searched,
+    segment_each,
+    Segments,
+)
 
 
 MOST_BLOCKS = 1600
@@ -111,10 +117,13 @@ def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.nd
     return np.add.reduceat(values, edges, axis=0)[::2] / (stop - start).reshape(shape)
 
 
-def join(campaign: Campaign, *, handling: bool = True) -> Log:
+def join(
+    campaign: Campaign, *, handling: bool = True, found: Sequence[Segments] | None = None
+) -> Log:
     """Put the recordings of a one-device campaign behind each other.
 
     With `handling`, rows in which a rest was disturbed have no part in blocks, and what is cut off its ends is no rest.
+    `found` are the segments of each recording (`segment_each`), where they are known already.
     A recording whose clock starts again is set 60 s after the one before. Raises `ValueError`
     where recordings of several devices come together, or where only some carry a column.
     """
@@ -135,7 +144,10 @@ def join(campaign: Campaign, *, handling: bool = True) -> Log:
         for k, r in enumerate(recordings)
     ]
     probe = _column(recordings, "temperature")
-    segments = segment_all(recordings, handling=handling)
+    if found is None:
+        found = segment_each(campaign.recordings, handling=handling)
+    of_recording = {id(r): s for r, s in zip(campaign.recordings, found, strict=True)}
+    segments = numbered_through(recordings, [of_recording[id(r)] for r in recordings])
     for recording, part in zip(recordings, segments):
         if part.turning is not None:
             raise ValueError(
