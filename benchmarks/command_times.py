@@ -5,7 +5,7 @@ peer reads the same Xsens files, finds the rests and fits both triads with `scip
 nothing and writes no page. "Cold" has an empty cache of compiled programs, as a first run has. Peer and commands take
 turns, so that both meet the same machine.
 
-    INERTIAX_RECORDINGS=... python benchmarks/command_times.py [--runs 5] [--json FILE]
+    INERTIAX_RECORDINGS=... python benchmarks/command_times.py [--runs 5] [--only NAME ...] [--json FILE]
 """
 
 import argparse
@@ -160,6 +160,7 @@ def prepare(folder: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="such as 'SciPy script' noise")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--peer", type=Path, help=argparse.SUPPRESS)
     asked = parser.parse_args()
@@ -176,15 +177,26 @@ def main() -> None:
                 shutil.rmtree(folder / "out", ignore_errors=True)
                 (folder / "out").mkdir()
                 for label, command in commands(folder).items():
+                    if asked.only and label not in asked.only:
+                        continue
                     now = timed(command, folder / "cache")
                     found.setdefault(label, {}).setdefault(kind, []).append(now)
-    print(f"{'':18}{'cold, s':>9}{'warm, s':>9}{'processor':>11}{'× SciPy':>9}")
-    peers = statistics.median(w for runs in found["SciPy script"].values() for w, _ in runs)
-    for label, kinds in found.items():
-        cold, warm = (statistics.median(w for w, _ in kinds[k]) for k in ("cold", "warm"))
-        used = statistics.median(u for _, u in kinds["warm"])
-        ratio = f"{warm / peers:9.2f}" if "Xsens" in label else ""
-        print(f"{label:18}{cold:9.2f}{warm:9.2f}{used:11.2f}{ratio}")
+    wall, used = (
+        {
+            label: {k: statistics.median(run[n] for run in runs) for k, runs in kinds.items()}
+            for label, kinds in found.items()
+        }
+        for n in (0, 1)
+    )
+    print(f"{'':18}{'wall, s':>16}{'processor, s':>18}{'× SciPy':>16}")
+    print(f"{'':18}" + f"{'cold':>8}{'warm':>8}{'':2}" * 2 + f"{'wall':>8}{'used':>8}")
+    for label in found:
+        row = "".join(f"{x[label]['cold']:8.2f}{x[label]['warm']:8.2f}  " for x in (wall, used))
+        peers = [x.get("SciPy script", {}).get("warm") for x in (wall, used)]
+        ratios = "".join(
+            f"{x[label]['warm'] / peer:8.2f}" for x, peer in zip((wall, used), peers) if peer
+        )
+        print(f"{label:18}{row}{ratios}")
     if asked.json is not None:
         asked.json.write_text(json.dumps(found, indent=1))
 
