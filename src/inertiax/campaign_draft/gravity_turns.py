@@ -11,8 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..physics.vectors import angle_between
 from ..reduction.clipping import clipped_rows
 from ..reduction.rests import PAUSE
+from ..reduction.turned_direction import turned
 
 
 _MOST = 12  # motions: enough for a factor to a few percent
@@ -36,8 +38,8 @@ class GravityTurns(NamedTuple):
 
     def misfit(self, factor: float) -> float:
         """Median angle (rad) between gravity at a rest and gravity brought there from the rest before."""
-        turned = np.einsum("mij,mj->mi", _product(_rotations(-factor * self.output)), self.before)
-        return float(np.median(_angle(turned, self.after)))
+        ends = np.einsum("mij,mj->mi", turned(factor * self.output), self.before)
+        return float(np.median(angle_between(ends, self.after)))
 
     def best(self, factors: Iterable[float]) -> tuple[float, float]:
         """The factor of least misfit, refined, and that misfit."""
@@ -74,7 +76,7 @@ def gravity_turns(
         useless = rows.stop - rows.start < 4 or missed or ended[rows].any()
         if useless or time[rows.stop] - time[rows.start] > _LONGEST:
             continue
-        tilt = float(_angle(up[k : k + 1], up[k + 1 : k + 2])[0])
+        tilt = float(angle_between(up[k], up[k + 1]))
         if tilt < _LEAST_TILT:
             continue
         zero = 0.5 * (rest[k] + rest[k + 1])
@@ -86,32 +88,3 @@ def gravity_turns(
     for k, piece in enumerate(pieces):
         output[k, : len(piece[0])] = piece[0]
     return GravityTurns(output, np.array([p[1] for p in pieces]), np.array([p[2] for p in pieces]))
-
-
-def _angle(
-    one: Float[np.ndarray, "motion 3"], other: Float[np.ndarray, "motion 3"]
-) -> Float[np.ndarray, " motion"]:
-    sine = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.arctan2(sine, (one * other).sum(axis=1))
-
-
-def _rotations(vector: Float[np.ndarray, "motion step 3"]) -> Float[np.ndarray, "motion step 3 3"]:
-    """Rodrigues' formula for every rotation vector."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    cross = np.zeros((*vector.shape, 3))
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -z, y, -x
-    cross[..., 1, 0], cross[..., 2, 0], cross[..., 2, 1] = z, -y, x
-    sine = np.sinc(angle / np.pi)
-    versine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.eye(3) + sine * cross + versine * (cross @ cross)
-
-
-def _product(rotations: Float[np.ndarray, "motion step 3 3"]) -> Float[np.ndarray, "motion 3 3"]:
-    """The rotations one after the other, the first at the right; in pairs, so that no loop runs over steps."""
-    while rotations.shape[1] > 1:
-        if rotations.shape[1] % 2:
-            last = np.broadcast_to(np.eye(3), (len(rotations), 1, 3, 3))
-            rotations = np.concatenate([rotations, last], axis=1)
-        rotations = rotations[:, 1::2] @ rotations[:, ::2]
-    return rotations[:, 0]

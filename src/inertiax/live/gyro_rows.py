@@ -11,7 +11,9 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
+from ..physics.vectors import axes_across, cross_matrix
 from .posterior import Rows
 
 
@@ -50,7 +52,7 @@ def integrated(turn: Turn, matrix: Float[np.ndarray, "3 3"]) -> Turned:
     """The turn by the rates that a matrix Θ makes of the outputs."""
     inverse = np.linalg.inv(np.eye(3) + matrix)
     rate = turn.rate @ inverse.T
-    steps = exponentials(rate * turn.step)
+    steps = Rotation.from_rotvec(rate * turn.step).as_matrix()
     later, change = np.eye(3), np.zeros((3, 3, 3))
     for step, omega in zip(steps[::-1], rate[::-1]):
         change -= (later.T @ inverse)[:, :, None] * (omega * turn.step)
@@ -69,9 +71,9 @@ def turn_rows(
     for one, start, end in zip(turned, before, after):
         m = end / np.linalg.norm(end)
         p = one.rotation.T @ (start / np.linalg.norm(start))
-        across = _across(m[None])[0]
-        jacobian.append(across @ _cross(p) @ one.change)
-        residual = 2.0 * (across @ p) / (1.0 + m @ p)
+        sideways = axes_across(m)
+        jacobian.append(sideways @ cross_matrix(p) @ one.change)
+        residual = 2.0 * (sideways @ p) / (1.0 + m @ p)
         value.append(jacobian[-1] @ one.matrix.reshape(9) - residual)
     if not jacobian:
         return Rows(np.zeros((0, 9)), np.zeros(0), np.zeros(0))
@@ -88,31 +90,9 @@ def planned_rows(
     axis = axis / np.maximum(size, 1e-12)[:, None]
     change = np.zeros((len(up), 3, 3, 3))
     for share in (np.arange(_STEPS) + 0.5) / _STEPS:
-        later = exponentials(axis * (angle * (1.0 - share))[:, None])
+        later = Rotation.from_rotvec(axis * (angle * (1.0 - share))[:, None]).as_matrix()
         rate = axis * (angle / _STEPS)[:, None]
         change -= np.einsum("cji,cb->cijb", later, rate)
-    crosses = np.stack([_cross(u) for u in up])
-    return np.einsum("crk,ckl,clp->crp", _across(up), crosses, change.reshape(-1, 3, 9))
-
-
-def exponentials(vectors: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "time 3 3"]:
-    """Rotation matrices of rotation vectors (Rodrigues)."""
-    angle = np.linalg.norm(vectors, axis=1)
-    axis = vectors / np.maximum(angle, 1e-300)[:, None]
-    k = np.zeros((len(vectors), 3, 3))
-    k[:, 0, 1], k[:, 0, 2], k[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
-    k -= np.swapaxes(k, 1, 2)
-    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + sine * k + (1.0 - cosine) * (k @ k)
-
-
-def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _across(up: Float[np.ndarray, "candidate 3"]) -> Float[np.ndarray, "candidate 2 3"]:
-    """Two unit vectors across each direction."""
-    least = np.eye(3)[np.argmin(np.abs(up), axis=1)]
-    first = np.cross(up, least)
-    first = first / np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(up, first)], axis=1)
+    return np.einsum(
+        "crk,ckl,clp->crp", axes_across(up), cross_matrix(up), change.reshape(-1, 3, 9)
+    )

@@ -5,10 +5,10 @@ import re
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..physics.vectors import angle_between
 from .evidence import DeviceLogs
 from .finding import Finding, finding
 from .thresholds import Thresholds
-from .turns import angle_between
 
 
 _FACES = np.concatenate([np.eye(3), -np.eye(3)])

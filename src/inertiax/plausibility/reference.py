@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import AXES
+from ..physics.vectors import cross_matrix
 from . import remedies
 from .dead_channels import is_dead
 from .evidence import DeviceLogs
@@ -208,7 +209,7 @@ def _remounted(rows: ReferenceRows, limits: Thresholds) -> list[Finding]:
     for r in runs:
         ideal = rows.ideal[r] @ matrix.T
         left = rows.output[r] - bias - ideal
-        design = np.concatenate([_cross_matrix(-v) for v in ideal])  # φ × f
+        design = cross_matrix(-ideal).reshape(-1, 3)  # φ × f
         if np.linalg.svd(design, compute_uv=False)[-1] < 0.5 * np.linalg.norm(ideal[0]):
             return []
         turn = np.linalg.lstsq(design, left.ravel(), rcond=None)[0]
@@ -244,7 +245,3 @@ def _line_fit(
         return np.zeros(3), None
     solution = np.linalg.lstsq(design, rows.output, rcond=None)[0]
     return solution[0], solution[1:].T
-
-
-def _cross_matrix(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

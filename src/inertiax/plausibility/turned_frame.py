@@ -16,6 +16,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Float
 
+from ..physics.vectors import cross_matrix
 from ..reduction.turned_direction import turned
 from .evidence import Log
 from .finding import Finding, finding
@@ -81,12 +82,7 @@ def _rows(
     missed = motions.after - np.einsum("mij,mj->mi", turn, before)
     pair = lambda k: (ends(1.0 + _STEP * np.eye(3)[k]) - ends(1.0 - _STEP * np.eye(3)[k])) / 2.0
     scales = np.stack([pair(k) / _STEP for k in range(3)], axis=2)
-    return missed, _cross(motions.after) - turn @ _cross(before), scales
-
-
-def _cross(v: Float[np.ndarray, "motion 3"]) -> Float[np.ndarray, "motion 3 3"]:
-    """[v]×, so that [v]× w = v × w."""
-    return np.cross(v[:, None, :], np.eye(3)[None]).transpose(0, 2, 1)
+    return missed, cross_matrix(motions.after) - turn @ cross_matrix(before), scales
 
 
 def _fit(

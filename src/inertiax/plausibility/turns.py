@@ -10,6 +10,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..physics.vectors import angle_between, unit_vector
 from ..reduction.clipping import clipped_rows
 from ..reduction.turned_direction import turned
 from .evidence import Log
@@ -93,7 +94,9 @@ def _of_one(log: Log) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
             continue
         step_angle = 0.5 * (turn[1:] + turn[:-1]) * steps[:, None]
         began = float(recording.time[first])
-        found.append((step_angle, _unit(force.mean[k - 1]), _unit(force.mean[k]), began))
+        found.append(
+            (step_angle, unit_vector(force.mean[k - 1]), unit_vector(force.mean[k]), began)
+        )
     return found
 
 
@@ -111,16 +114,6 @@ def misfit_as_given(motions: Motions, factor: float = 1.0) -> Float[np.ndarray, 
     """The same for the axes as they are."""
     end = np.einsum("mij,mj->mi", turned(factor * motions.angle), motions.before)
     return angle_between(end, motions.after)
-
-
-def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """rad between directions along the last axis."""
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.asarray(np.arctan2(cross, np.sum(a * b, axis=-1)))
-
-
-def _unit(force: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    return force / max(float(np.linalg.norm(force)), 1e-300)
 
 
 def complexity(p: Float[np.ndarray, "3 3"]) -> int:

@@ -9,6 +9,7 @@ table was set anew. Where no force is known, another number of the rest's positi
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..physics.vectors import unit_vector
 from ..physics.wgs84 import EARTH_RATE
 from .plateaus import TURNING
 
@@ -42,7 +43,7 @@ def shared_positionings(
     open_, moved = np.zeros(len(position), bool), np.zeros(len(position), bool)
     for k in range(count):
         resting, turns = kept[:, k] & (position[:, k] >= 0), turning[:, k]
-        along = None if force is None else np.einsum("di,di->d", _unit(fastest), force[:, k])
+        along = None if force is None else np.einsum("di,di->d", unit_vector(fastest), force[:, k])
         tilted = moved if along is None else np.abs(along - lean) > TILTED
         if along is None:
             moved = moved | (resting & (last >= 0) & (position[:, k] != last))
@@ -54,7 +55,7 @@ def shared_positionings(
         faster = turns & (~same | (speed[:, k] > np.linalg.norm(fastest, axis=1)))
         fastest = np.where(faster[:, None], rate[:, k], fastest)
         if force is not None:
-            lean = np.where(faster, np.einsum("di,di->d", _unit(fastest), force[:, k]), lean)
+            lean = np.where(faster, np.einsum("di,di->d", unit_vector(fastest), force[:, k]), lean)
         numbers[:, k] = np.where(turns, number, -1)
         open_, moved = open_ | turns, moved & ~turns
     return _of_several(numbers).reshape(*lead, count)
@@ -69,10 +70,6 @@ def _parallel(
         np.maximum(*sizes), 1e-300
     )
     return across <= ACROSS * np.minimum(*sizes) + EARTHS * EARTH_RATE
-
-
-def _unit(vectors: Float[np.ndarray, "device 3"]) -> Float[np.ndarray, "device 3"]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
 
 
 def _of_several(numbers: Int[np.ndarray, "device dwell"]) -> Int[np.ndarray, "device dwell"]:

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
 from ..numerics.paule_mandel import excess_deviation
+from ..physics.vectors import angle_between, unit_vector
 from .clipping import clipped_rows
 from .dwells import Dwells
 from .missed_turns import missed
@@ -145,10 +146,12 @@ def shortfall(turns: Turns) -> str | None:
     """
     motion = _motions(turns.dwells)
     used = np.asarray(motion.valid)
-    before, after = _unit(motion.start_force)[used], _unit(turns.dwells.accel)[used]
+    before, after = (
+        unit_vector(motion.start_force)[used],
+        unit_vector(np.asarray(turns.dwells.accel))[used],
+    )
     axes = np.cross(before, after)
-    sine, cosine = np.linalg.norm(axes, axis=1), np.sum(before * after, axis=1)
-    tilted = np.arctan2(sine, cosine) > _DIFFERENT_TILT
+    tilted = angle_between(before, after) > _DIFFERENT_TILT
     if tilted.sum() < 5:
         others = turns.statement.partition("; ")[2]
         return (
@@ -161,11 +164,6 @@ def shortfall(turns: Turns) -> str | None:
             "the motions between rests turn about axes in one plane; tilts about a third are needed"
         )
     return None
-
-
-def _unit(force) -> Float[np.ndarray, "dwell 3"]:
-    force = np.asarray(force)
-    return force / np.linalg.norm(force, axis=1, keepdims=True)
 
 
 def _motions(dwells: Dwells) -> Motions:
@@ -267,8 +265,7 @@ def _missed(
             np.stack([getattr(t, name) for t in turns]) for name in ("before", "after")
         )
         end = np.einsum("mij,mj->mi", turned(angle), before)
-        cross = np.linalg.norm(np.cross(end, after), axis=1)
-        misfit[led] = np.arctan2(cross, np.sum(end * after, axis=1))
+        misfit[led] = angle_between(end, after)
         path[led] = np.linalg.norm(angle, axis=2).sum(axis=1)
     off, used = np.zeros(len(rests), bool), np.flatnonzero(pairs)
     off[used] = missed(misfit[used], path[used])
@@ -280,7 +277,7 @@ def _of_recording(rests: list[_Rest], number: int) -> Bool[np.ndarray, " dwell"]
 
 
 def _turns_of(rests: list[_Rest], led: Int[np.ndarray, " motion"], dwells: Dwells) -> list[Turn]:
-    up, gyro = _unit(dwells.accel), np.asarray(dwells.gyro)
+    up, gyro = unit_vector(np.asarray(dwells.accel)), np.asarray(dwells.gyro)
     return [Turn(rests[k - 1].stop - 1, rests[k].start, up[k - 1], up[k], gyro[k]) for k in led]
 
 

@@ -15,6 +15,7 @@ from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
 from ..physics.directions import FEWEST_DIRECTIONS, num_directions
+from ..physics.vectors import angle_between
 from ..physics.wgs84 import EARTH_RATE
 from .handling import Disturbance, undisturbed
 from .plateaus import plateaus, steady_steps, TURNING, without_ramps
@@ -222,8 +223,7 @@ def _lies(accel: Float[np.ndarray, "time 3"], found: Rests) -> bool:
     if num_directions(halves.reshape(-1, 2, 3).mean(axis=1)) < FEWEST_DIRECTIONS:
         return False
     first, second = halves[:, 0], halves[:, 1]
-    across = np.linalg.norm(np.cross(first, second), axis=1)
-    return bool(np.median(np.arctan2(across, np.sum(first * second, axis=1))) < _LYING)
+    return bool(np.median(angle_between(first, second)) < _LYING)
 
 
 def _inside(

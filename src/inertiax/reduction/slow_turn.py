@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from .._typing import Mask
 from ..physics.directions import num_directions
+from ..physics.vectors import angle_between
 from .clipping import clipped_rows
 
 
@@ -85,11 +86,6 @@ def _centre(points: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "3"]:
     return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
 
-def _angles(a: Float[np.ndarray, "row 3"], b: Float[np.ndarray, "row 3"]) -> np.ndarray:
-    cross, dot = np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)
-    return np.arctan2(cross, dot)
-
-
 def _length(accel: Float[np.ndarray, "time 3"]) -> int:
     """The most rows over which the device usually turns by 5° or less; one row turns by nothing."""
     apart = accel - _centre(accel)
@@ -98,7 +94,7 @@ def _length(accel: Float[np.ndarray, "time 3"]) -> int:
         if count < _FEWEST:
             continue
         means = apart[: count * length].reshape(count, length, 3).mean(axis=1)
-        if np.quantile(_angles(means[1:], means[:-1]), 0.75) <= _STEADY:
+        if np.quantile(angle_between(means[1:], means[:-1]), 0.75) <= _STEADY:
             return length
     return 1
 
@@ -109,7 +105,7 @@ def _steady(parts: Float[np.ndarray, "stretch row 3"], centre: Float[np.ndarray,
     if not half:
         return np.ones(len(parts), bool)
     apart = parts - centre
-    return _angles(apart[:, :half].mean(axis=1), apart[:, half:].mean(axis=1)) <= _JUMP
+    return angle_between(apart[:, :half].mean(axis=1), apart[:, half:].mean(axis=1)) <= _JUMP
 
 
 def _all_around(apart: Float[np.ndarray, "row 3"]) -> bool:

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ...physics.vectors import axes_across, cross_matrix, unit_vector
 from ...reduction.dwells import Dwells
 from ...reduction.motions import Motions
 from .carried_direction import by_rates, Carried, carried
@@ -56,7 +57,7 @@ class GravityRotationOnHost(AbstractHostForm):
         for part in self._chunks(dwells):
             some = dwells[part]
             ends = self._ends(TriadErrors(*(x[part] for x in errors)), some)
-            across = _across(_unit(some.accel))
+            across = axes_across(unit_vector(np.asarray(some.accel)))
             tilt[part] = ends.tilt
             by_end[part] = -across @ _by_length(some.accel)
             by_start[part] = across @ ends.turned.turn @ _by_length(_motion(some).start_force)
@@ -149,12 +150,12 @@ class GravityRotationOnHost(AbstractHostForm):
         motion = _motion(dwells)
         rates = self._rates(errors, motion)
         turned = carried(rates, np.asarray(motion.step))
-        start, end = _unit(motion.start_force), _unit(dwells.accel)
+        start, end = unit_vector(motion.start_force), unit_vector(np.asarray(dwells.accel))
         predicted = np.einsum("nij,nj->ni", turned.turn, start)
-        across, along = _across(end), 1.0 + np.einsum("ni,ni->n", end, predicted)
+        across, along = axes_across(end), 1.0 + np.einsum("ni,ni->n", end, predicted)
         tilt = 2.0 * np.einsum("nki,ni->nk", across, predicted) / along[:, None]
         moved = 2.0 * across - tilt[:, :, None] * end[:, None, :]
-        by_turn = moved @ _cross_matrix(predicted) / along[:, None, None]
+        by_turn = moved @ cross_matrix(predicted) / along[:, None, None]
         return _Ends(rates, tilt, by_turn, turned)
 
 
@@ -184,7 +185,7 @@ def _whitened(
 def _by_length(force) -> Float[np.ndarray, "dwell 3 3"]:
     """∂u/∂f of u = f / |f|: (E − u uᵀ) / |f|."""
     force = np.asarray(force)
-    unit, length = _unit(force), np.linalg.norm(force, axis=1)[:, None, None]
+    unit, length = unit_vector(force), np.linalg.norm(force, axis=1)[:, None, None]
     return (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length
 
 
@@ -201,30 +202,9 @@ def _across_covariance(force, covariance) -> Float[np.ndarray, "dwell 2 2"]:
     force = np.asarray(force)
     if covariance is None:
         return np.zeros((len(force), 2, 2))
-    basis = _across(_unit(force))
+    basis = axes_across(unit_vector(force))
     square = np.sum(np.square(force), axis=1)[:, None, None]
     return basis @ np.asarray(covariance) @ np.swapaxes(basis, 1, 2) / square
-
-
-def _across(direction: Float[np.ndarray, "dwell 3"]) -> Float[np.ndarray, "dwell 2 3"]:
-    """Two unit vectors that are perpendicular to a unit vector and to each other."""
-    axis = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
-    first = _unit(np.cross(direction, axis))
-    return np.stack([first, np.cross(direction, first)], axis=1)
-
-
-def _unit(vector) -> Float[np.ndarray, "dwell 3"]:
-    vector = np.asarray(vector)
-    return vector / np.linalg.norm(vector, axis=1, keepdims=True)
-
-
-def _cross_matrix(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """[v]× with [v]× w = v × w."""
-    result = np.zeros((*vector.shape, 3))
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -z, y, -x
-    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = z, -y, x
-    return result
 
 
 def _motion(dwells: Dwells) -> Motions:
