@@ -13,14 +13,16 @@ import msgspec
 
 from ..calibrate.pipeline import calibrate_device
 from ..model_selection.model_spec import ModelSpec
+from .candidates.signatures import Term
 from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import Beside, without_effects
+from .estimates.separable import refined
 from .findings import Finding
 from .problem import Problem, with_outputs
 
 
 # Drivers begin so of what a higher degree may explain instead, such as a loop that stands for curvature: it stays in
-# the outputs.
+# the outputs. Not so a lag, which theory gives an amplitude: curvature has no reason to have that one.
 BY_TEMPERATURE = "temperature"
 
 
@@ -65,10 +67,16 @@ class Again:
         }
 
 
+def _leaves_the_degree(term: Term) -> bool:
+    """Whether a named effect is taken away before the degree is chosen again."""
+    effect = term.known
+    return effect.unit_amplitude or not effect.driver.startswith(BY_TEMPERATURE)
+
+
 def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
     """The higher degrees that BIC chooses on outputs without what was named; `None` where they stay.
 
-    Only of triads whose degree the tool chose, and on which something was named that temperature does not drive.
+    Only of triads whose degree the tool chose, and on which something was named that no curvature stands for.
     Where outputs without the effects cannot be calibrated, the degrees stay as well.
     """
     before, log = problem.plain.model, problem.log
@@ -78,9 +86,13 @@ def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
         open_to = chosen_by.get(f"{triad}.temperature_degree") == "tool"
         if not open_to or finding.verdict != "missing-physics" or prepared.motions:
             continue
+        noise = finding.answer.noise
         terms = [n.candidate.term for n in finding.answer.named]
-        pairs = fitted_effects(prepared, finding.answer.noise, terms)
-        pairs = [(t, s) for t, s in pairs if not t.known.driver.startswith(BY_TEMPERATURE)]
+        if not any(map(_leaves_the_degree, terms)):
+            continue
+        prepared, terms, _ = refined(prepared, noise, terms)
+        pairs = fitted_effects(prepared, noise, terms)
+        pairs = [(t, s) for t, s in pairs if _leaves_the_degree(t)]
         if pairs:
             taken = Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs))
             log = without_effects(log, taken)

@@ -9,7 +9,7 @@ import numpy as np
 from ...reduction.dwells import known_force
 from ...reduction.positionings import shared_positionings
 from ..candidates.columns import lengthen, span
-from ..observations.blocks import Blocks
+from ..observations.blocks import Blocks, SHAKEN
 from ..observations.model_rows import Baseline
 from .common_mode import MOST, SharedErrors, signatures
 from .state_space import Chain, Known, unpack, Variances
@@ -55,7 +55,7 @@ def make(
         else:
             level = white[:, c]
         chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c], heated[c]))
-        mean = float(np.mean(level))
+        mean = float(np.mean(level[level <= SHAKEN * np.median(level)]))
         scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5, 1.0]))
     frames = tuple(span(x / np.linalg.norm(x, axis=0)) for x in base.columns)
     longer = tuple(jax.tree.map(lengthen, chain) for chain in chains)

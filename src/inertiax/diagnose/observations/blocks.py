@@ -29,6 +29,9 @@ from ...reduction.segments import (
 MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
+# Times the usual variance of a dwell, on every axis, from which it is shaken: an amplitude of ten. Steps of a converter
+# make variances of quiet dwells differ by less, and not on all axes at once. Convention.
+SHAKEN = 100.0
 
 
 class Log(eqx.Module):
@@ -272,8 +275,8 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         gyro=gyro,
         reference_accel=stated,
         reference_gyro=mean(log.reference_gyro),
-        accel_white=_white(log.accel, log.reference_accel, start, stop, moving),
-        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, moving),
+        accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving),
+        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving),
     )
 
 
@@ -284,7 +287,9 @@ def with_scatter_about(
 
     While a device turns, an error of its matrix makes output less reference follow the turn: that is no noise.
     """
-    white = _white(getattr(log, triad), expected, blocks.start, blocks.stop, blocks.moving)
+    white = _white(
+        getattr(log, triad), expected, blocks.start, blocks.stop, blocks.dwell, blocks.moving
+    )
     return eqx.tree_at(lambda b: getattr(b, f"{triad}_white"), blocks, white)
 
 
@@ -293,6 +298,7 @@ def _white(
     reference: np.ndarray | None,
     start: np.ndarray,
     stop: np.ndarray,
+    dwell: np.ndarray,
     moving: np.ndarray,
 ) -> np.ndarray | None:
     """Variance of each block's mean: scatter about the block's mean, pooled over rests and over plateaus."""
@@ -314,7 +320,23 @@ def _white(
     kind = moving + 2 * (moving & ~told)
     for number in np.unique(kind):
         group = kind == number
-        weight = (count[group] - 1)[:, None]
-        pooled[group] = (scatter[group] * weight).sum(axis=0) / max(weight.sum(), 1)
+        pooled[group] = _pooled(scatter[group], count[group] - 1, dwell[group])
     floor = 1e-30 + 1e-12 * pooled.max()
     return np.maximum(pooled, floor) / count[:, None]
+
+
+def _pooled(
+    scatter: Float[np.ndarray, "block 3"],
+    freedom: Float[np.ndarray, " block"],
+    dwell: Float[np.ndarray, " block"],
+) -> Float[np.ndarray, "block 3"]:
+    """The mean variance of all blocks; of those dwells that are shaken, on all axes, each dwell's own. With theirs in
+    the mean, the quiet ones would weigh nothing either."""
+    place = np.unique(dwell, return_inverse=True)[1]
+    total = np.bincount(place, freedom)
+    sums = np.stack([np.bincount(place, freedom * s) for s in scatter.T], axis=1)
+    by_dwell = sums / np.maximum(total, 1.0)[:, None]
+    usual = np.median(by_dwell, axis=0)
+    shaken = np.all((by_dwell > SHAKEN * usual) & (usual > 0.0), axis=1)
+    quiet = sums[~shaken].sum(axis=0) / max(float(total[~shaken].sum()), 1.0)
+    return np.where(shaken[:, None], by_dwell, quiet)[place]

@@ -1,7 +1,7 @@
 """What may stand beside effects that were chosen already."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from .evidence import Candidate
 
@@ -42,14 +42,24 @@ def among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:
     return any(not set(c.term.chains).isdisjoint(chains) for c in chosen)
 
 
-def explained_beside(chosen: Sequence[Candidate], new: Candidate) -> float:
+def explained_beside(
+    chosen: Sequence[Candidate], new: Candidate, parts: Mapping[int, Mapping[int, float]]
+) -> float:
     """Drop of the sum of squares by the effects chosen already on the rows that a candidate acts on.
 
     Without those of the rig and the reference that geometry gives forms, and no course in time: of an angle of 40
     arcsec the linear form leaves a part of 2e-4, and of its drop the square of that.
+
+    **Arguments:** `parts` of each chosen one's gain by chain, by the identity of its term; all counts where they are
+    not given.
     """
-    inexact = [c for c in chosen if not _geometric(c)]
-    return float(sum(c.score.gain for c in inexact if among([c], new.term.chains)))
+    total, mine = 0.0, set(new.term.chains)
+    for c in chosen:
+        if among([c], new.term.chains) and not _geometric(c):
+            by_chain = parts.get(id(c.term))
+            here = 1.0 if by_chain is None else sum(p for k, p in by_chain.items() if k in mine)
+            total += c.score.gain * here
+    return float(total)
 
 
 def _geometric(one: Candidate) -> bool:

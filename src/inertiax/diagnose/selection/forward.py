@@ -13,6 +13,7 @@ from .constraints import among, causes, explained_beside, full, MOST_EFFECTS, tw
 from .evidence import Bank, bank, Candidate, judge, shortlist
 from .multiple_testing import Family, Key
 from .pairs import best_pair
+from .score_test import parts_by_chain
 from .thermal import Remembered
 from .trials_factor import recounted
 
@@ -81,11 +82,14 @@ class Asked:
     ) -> Found:
         """Take effects one after the other beside those given, until none passes."""
         noise = fuller.leader if chosen else None
+        parts: dict[int, dict[int, float]] = {}
         while causes([c.key for c in chosen]) < 2 * MOST_EFFECTS and ranked:
             terms = [c.term for c in chosen]
             ranked = [c for c in ranked if is_open(c) or not full(chosen, c)]
             ranked = [c for c in ranked if not twice(chosen, c)]
-            ranked = [c for c in ranked if c.score.gain > TRACE * explained_beside(chosen, c)]
+            ranked = [
+                c for c in ranked if c.score.gain > TRACE * explained_beside(chosen, c, parts)
+            ]
             leading = ranked[:TRIED]
             if memory is not None:
                 paying = first_of_both(c for c in leading if memory.pays(c.term, terms))
@@ -112,6 +116,10 @@ class Asked:
             noise = fit_noise(self.system, [c.term for c in chosen], noise)
             terms, noise = self._renewed(chosen, noise)
             noise = self.relearn(noise, terms)
+            parts = {
+                id(t): parts_by_chain(self.system, noise, t, [o for o in terms if o is not t])
+                for t in terms
+            }
             for new in found:
                 self.say(f"{new.term.name} on {', '.join(new.term.channel_names)}")
             self.look_again(noise, terms)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -142,6 +142,24 @@ def whiten_system(
         place = {id(t): k for k, t in enumerate(candidates)}
         scores.sort(key=lambda s: -1 if s is None else place[id(s.term)])
     return Whitened(tuple(residual), fitted, tuple(s for s in scores if s is not None))
+
+
+def parts_by_chain(
+    system: System, noise: NoiseFit, term: Term, chosen: Sequence[Term]
+) -> dict[int, float]:
+    """Parts of a term's gain beside the chosen ones that its coefficients make on each chain's own rows; they add up
+    to 1. One with the fitted sign for the wrong reason loses on a chain, which counts as nothing."""
+    if len(term.chains) == 1:
+        return {term.chains[0]: 1.0}
+    made = whiten_system(replace(system, shared=None), noise, [term], chosen)
+    if not made.scores:
+        return {}
+    score, gains = made.scores[0], {}
+    for c, white in zip(score.chains, score.white):
+        fitted = white @ score.coefficients
+        gains[c] = max(2.0 * float(fitted @ made.residual[c]) - float(fitted @ fitted), 0.0)
+    total = sum(gains.values())
+    return {c: gain / total for c, gain in gains.items()} if total > 0.0 else {}
 
 
 def _white_rows(
