@@ -65,7 +65,7 @@ def test_a_shaken_rest_keeps_its_noise_to_itself():
     scatter, dwell = np.ones((32, 3)), np.repeat(np.arange(8), 4)
     scatter[dwell == 2] = 1e4
     scatter[dwell == 5, 0] = 1e4
-    made = _pooled(scatter, np.full(32, 9.0), dwell)
+    made = _pooled(scatter, np.full(32, 9), dwell)
     assert made[dwell == 2] == pytest.approx(1e4)
     quiet = made[dwell != 2]
     assert quiet[:, 1:] == pytest.approx(1.0)

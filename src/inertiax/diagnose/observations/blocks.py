@@ -327,8 +327,8 @@ def _white(
 
 def _pooled(
     scatter: Float[np.ndarray, "block 3"],
-    freedom: Float[np.ndarray, " block"],
-    dwell: Float[np.ndarray, " block"],
+    freedom: Int[np.ndarray, " block"],
+    dwell: Int[np.ndarray, " block"],
 ) -> Float[np.ndarray, "block 3"]:
     """The mean variance of all blocks; of those dwells that are shaken, on all axes, each dwell's own. With theirs in
     the mean, the quiet ones would weigh nothing either."""
