@@ -50,6 +50,13 @@ def triads_of(effect: dict[str, Any]) -> set[str]:
     return {channel.split("_")[0] for channel in effect["channels"]}
 
 
+def named_in(found: dict[str, Any] | None, case: dict[str, Any]) -> bool:
+    """Whether an answer's set on the triad holds the hidden effect."""
+    triad = case["channel"].split("_")[0]
+    effects_ = [] if found is None else found["effects"]
+    return any(case["effect"] in names_of(e) and triad in triads_of(e) for e in effects_)
+
+
 def as_they_are(runs: Path, known: list[logs.Log]) -> None:
     """A table of the unchanged logs."""
     good = 0
@@ -101,9 +108,8 @@ def hidden(cases: Path, answers: Path, runs: Path, baseline: Path) -> None:
             for n in names_of(e)
             for t in triads_of(e)
         }
-        triad = case["channel"].split("_")[0]
         effects_ = [] if found is None else found["effects"]
-        hit = any(case["effect"] in names_of(e) and triad in triads_of(e) for e in effects_)
+        hit = named_in(found, case)
         false = [
             e["name"]
             for e in effects_
