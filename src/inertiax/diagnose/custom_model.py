@@ -111,6 +111,7 @@ def prepare_model(
             f"`diagnose_model(triad={triad!r})`: the recording has no {triad} columns."
         )
     blocks = cut(log)
+    blocks = blocks[~blocks.held]
     means = of_means(triad, blocks, campaign.site.gravity)
     form = means.form
     force = specific_force(log, blocks, None)

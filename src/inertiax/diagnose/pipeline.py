@@ -55,6 +55,7 @@ from .wording.sentences import summary
 
 
 DEFAULT_SITE = Site()
+HELD_KEPT = "Rests held by hand are kept in the accelerometers' |a|, which a turn does not change."
 
 
 @one_blas_thread()
@@ -228,8 +229,10 @@ def conclude_findings(
         stated = interval_noise(prepared.system, answer.noise, _everything(answer, found))
         prepared, named_terms = tuned(prepared, answer, stated)
         terms = [t for _, t, _ in named_terms]
+        explained = _apart_from_unlisted(answer, named_terms)
+        if explained:
+            explanations.extend(explain(prepared, answer, explained, stated))
         if answer.named and answer.verdict != "unexplained":
-            explanations.extend(explain(prepared, answer, named_terms, stated))
             shifted.extend(moved(prepared.system, stated, terms))
         if finding.delay is not None and finding.verdict != "unexplained":
             assert prepared.log is not None
@@ -268,6 +271,7 @@ def conclude_findings(
         noise_sentence(doubtful),
         left_out_sentence(handling),
         kept_sentence(handling),
+        HELD_KEPT if any(f.prepared.blocks.held.any() for f in findings) else None,
     )
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -314,6 +318,17 @@ def tuned(
             named = Named(candidate, named.p_value, named.rivals)
         made.append((named, term, std))
     return about, made
+
+
+def _apart_from_unlisted(
+    answer: Answer, named: list[tuple[Named, Term, float | None]]
+) -> list[tuple[Named, Term, float | None]]:
+    """The names on channels that no unlisted dependence acts on: what is not known of one channel takes no name from
+    another."""
+    if answer.verdict != "unexplained" or answer.unlisted is None:
+        return named
+    unlisted = set(answer.unlisted.term.chains)
+    return [one for one in named if unlisted.isdisjoint(one[1].chains)]
 
 
 def _quality(prepared: Prepared, answer: Answer, terms: list) -> tuple[Quality, Quality]:

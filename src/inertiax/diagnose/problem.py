@@ -112,9 +112,10 @@ def prepare(
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
-    found = segment_each(campaign.recordings)
+    found = segment_each(campaign.recordings, held=True)
     log = join(campaign, found=found)
-    segments = numbered_through(campaign.recordings, found)
+    numbered = numbered_through(campaign.recordings, found)
+    segments = tuple(s.without_held() for s in numbered)
     plain = calibrate_device(campaign, checked=True, model=model, segments=segments)
     fitted = plain
     delays: dict[str, Delay] = {}

@@ -43,6 +43,8 @@ class Segments(Module):
     statement: str = field(static=True, default="")  # how they were found, for a report
     # m/s², 1 sigma of each mean: the device turned slowly all along, and stretches of that stand for rests.
     turning: float | None = field(static=True, default=None)
+    # By hand: good for the magnitude of the force alone.
+    held: Bool[np.ndarray, " segment"] | None = None
 
     @property
     def num_segments(self) -> int:
@@ -53,6 +55,28 @@ class Segments(Module):
     def resting(self) -> Bool[np.ndarray, " segment"]:
         """Which segments are rests; the others are plateaus of constant rate."""
         return self.position >= 0
+
+    @property
+    def held_by_hand(self) -> Bool[np.ndarray, " segment"]:
+        """Which segments are rests held by hand; none where they were left out."""
+        return np.zeros(self.num_segments, bool) if self.held is None else self.held
+
+    def without_held(self) -> "Segments":
+        """The same without the rests held by hand."""
+        if not self.held_by_hand.any():
+            return dataclasses.replace(self, held=None)
+        held, kept = self.held_by_hand, ~self.held_by_hand
+        used = self.used & ~_inside(self.start[held], self.stop[held], len(self.used))
+        return Segments(
+            self.start[kept],
+            self.stop[kept],
+            self.position[kept],
+            used,
+            self.disturbances,
+            self.threshold,
+            self.statement,
+            self.turning,
+        )
 
     def runs(
         self,
@@ -72,13 +96,16 @@ def rests_are_searched(recording: Recording) -> bool:
     return recording.position is None and recording.reference_gyro is None
 
 
-def segment(recording: Recording, *, window: float = 1.0, handling: bool = True) -> Segments:
+def segment(
+    recording: Recording, *, window: float = 1.0, handling: bool = True, held: bool = False
+) -> Segments:
     """Rests and constant-rate plateaus of one recording.
 
     **Arguments:** `window` (s) is used only where rests are searched in the data: over how long the
     motion is judged, the shortest rest, and twice what is cut off a rest's two ends together. It is half of that
     where most rests are hardly longer and half of it finds a quarter more of them. With
-    `handling`, rows in which a rest was disturbed are left out (`handling.undisturbed`).
+    `handling`, rows in which a rest was disturbed are left out (`handling.undisturbed`), but with `held` rests that
+    were held by hand stay, and are marked.
 
     Raises `ValueError` for a window that is not positive. A recording without any rest gives no
     segments and says so in `statement`.
@@ -86,13 +113,14 @@ def segment(recording: Recording, *, window: float = 1.0, handling: bool = True)
     if not window > 0:
         raise ValueError(f"`segment(window=...)` must be positive seconds; got {window}.")
     found = _found(recording, window)
-    return without_disturbances(recording, found) if handling else found
+    return without_disturbances(recording, found, held=held) if handling else found
 
 
-def without_disturbances(recording: Recording, found: Segments) -> Segments:
+def without_disturbances(recording: Recording, found: Segments, *, held: bool = False) -> Segments:
     """The segments of a recording without the rows in which a rest was disturbed (`handling.undisturbed`).
 
-    Stretches of a slow turn stay as they are: what a hand adds there is in their scatter.
+    Stretches of a slow turn stay as they are: what a hand adds there is in their scatter. With `held`, rests that were
+    held by hand stay as a whole, and are marked.
     """
     if found.turning is not None:
         return found
@@ -104,28 +132,54 @@ def without_disturbances(recording: Recording, found: Segments) -> Segments:
         np.append(a, b[len(rests) :]) for a, b in ((start, kept.start), (stop, kept.stop))
     )
     position = np.append(found.position, kept.position[len(rests) :])
+    used = kept.used.copy()
+    marked = np.zeros(len(start), bool)
+    if held:
+        gone = {d.position for d in kept.disturbances if d.kind == "held" and d.left_out}
+        marked[rests] = (
+            np.isin(found.position[rests], list(gone)) & (kept.start == kept.stop)[: len(rests)]
+        )
+        start[marked], stop[marked] = (
+            found.start[marked[: len(found.start)]],
+            found.stop[marked[: len(found.start)]],
+        )
+        used[_inside(start[marked], stop[marked], recording.num_samples)] = True
     order = np.argsort(start, kind="stable")
     order = order[start[order] < stop[order]]
-    start, stop = start[order], stop[order]
-    used = _inside(start, stop, recording.num_samples) & kept.used
+    start, stop, marked = start[order], stop[order], marked[order]
     return Segments(
-        start, stop, position[order], used, kept.disturbances, found.threshold, found.statement
+        start,
+        stop,
+        position[order],
+        _inside(start, stop, recording.num_samples) & used,
+        kept.disturbances,
+        found.threshold,
+        found.statement,
+        held=marked if held else None,
     )
 
 
 def segment_all(
-    recordings: Sequence[Recording], *, window: float = 1.0, handling: bool = True
+    recordings: Sequence[Recording],
+    *,
+    window: float = 1.0,
+    handling: bool = True,
+    held: bool = False,
 ) -> tuple[Segments, ...]:
     """The segments of each recording; positions that no recording states are numbered through all of them."""
-    found = segment_each(recordings, window=window, handling=handling)
+    found = segment_each(recordings, window=window, handling=handling, held=held)
     return numbered_through(recordings, found)
 
 
 def segment_each(
-    recordings: Sequence[Recording], *, window: float = 1.0, handling: bool = True
+    recordings: Sequence[Recording],
+    *,
+    window: float = 1.0,
+    handling: bool = True,
+    held: bool = False,
 ) -> list[Segments]:
     """`segment` of each recording, of long ones side by side."""
-    one = lambda r: segment(r, window=window, handling=handling)
+    one = lambda r: segment(r, window=window, handling=handling, held=held)
     return side_by_side(one, recordings, rows=sum(r.num_samples for r in recordings))
 
 
@@ -161,6 +215,7 @@ def joined(segments: Sequence[Segments]) -> Segments:
         np.concatenate([s.position for s in segments]),
         np.concatenate([s.used for s in segments]),
         tuple(d for s in segments for d in s.disturbances),
+        held=np.concatenate([s.held_by_hand for s in segments]),
     )
 
 

@@ -32,6 +32,7 @@ FEWEST_SAMPLES = 4  # in a block
 # Times the usual variance of a dwell, on every axis, from which it is shaken: an amplitude of ten. Steps of a converter
 # make variances of quiet dwells differ by less, and not on all axes at once. Convention.
 SHAKEN = 100.0
+PARTS = 8  # of a rest held by hand, whose scatter is that of its mean: a tremor is slower than the samples
 
 
 class Log(eqx.Module):
@@ -72,6 +73,7 @@ class Blocks(eqx.Module):
     stop: Int[np.ndarray, " block"]  # one past the last
     dwell: Int[np.ndarray, " block"]
     moving: Bool[np.ndarray, " block"]  # on a constant-rate plateau
+    held: Bool[np.ndarray, " block"]  # a rest held by hand, one block each
     time: Float[np.ndarray, " block"]  # s, middle
     experiment: Int[np.ndarray, " block"]
     position: Int[np.ndarray, " block"]
@@ -125,8 +127,9 @@ def join(
 ) -> Log:
     """Put the recordings of a one-device campaign behind each other.
 
-    With `handling`, rows in which a rest was disturbed have no part in blocks, and what is cut off its ends is no rest.
-    `found` are the segments of each recording (`segment_each`), where they are known already.
+    With `handling`, rows in which a rest was disturbed have no part in blocks, and what is cut off its ends is no rest;
+    rests held by hand stay, marked. `found` are the segments of each recording (`segment_each(..., held=True)`), where
+    they are known already.
     A recording whose clock starts again is set 60 s after the one before. Raises `ValueError`
     where recordings of several devices come together, or where only some carry a column.
     """
@@ -148,7 +151,7 @@ def join(
     ]
     probe = _column(recordings, "temperature")
     if found is None:
-        found = segment_each(campaign.recordings, handling=handling)
+        found = segment_each(campaign.recordings, handling=handling, held=True)
     of_recording = {id(r): s for r, s in zip(campaign.recordings, found, strict=True)}
     segments = numbered_through(recordings, [of_recording[id(r)] for r in recordings])
     for recording, part in zip(recordings, segments):
@@ -234,6 +237,7 @@ def cut(log: Log) -> Blocks:
         )
     total = sum(b - a for a, b, _ in runs)
     coarsest = max(FEWEST_SAMPLES, -(-total // MOST_BLOCKS))
+    held = log.segments.held_by_hand
     start, stop, dwell = [], [], []
     for a, b, number in runs:
         pieces = max(
@@ -243,6 +247,8 @@ def cut(log: Log) -> Blocks:
                 max(PER_DWELL, (b - a) // (4 * coarsest) + 1, round((b - a) * MOST_BLOCKS / total)),
             ),
         )
+        if held[number]:
+            pieces = 1
         cuts = np.linspace(a, b, pieces + 1).round().astype(int)
         start.extend(cuts[:-1])
         stop.extend(cuts[1:])
@@ -255,7 +261,7 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         return None if values is None else block_mean(values, start, stop)
 
     position = log.segments.position[dwell]
-    moving = position < 0
+    moving, held = position < 0, log.segments.held_by_hand[dwell]
     stated = mean(log.reference_accel)
     if stated is not None and log.reference_accel is not None:
         lacking = np.asarray(~is_told(log.reference_accel), float)
@@ -266,6 +272,7 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         stop=stop,
         dwell=dwell,
         moving=moving,
+        held=held,
         time=time,
         experiment=log.experiment[start],
         position=position,
@@ -275,8 +282,8 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         gyro=gyro,
         reference_accel=stated,
         reference_gyro=mean(log.reference_gyro),
-        accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving),
-        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving),
+        accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving, held),
+        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving, held),
     )
 
 
@@ -288,7 +295,13 @@ def with_scatter_about(
     While a device turns, an error of its matrix makes output less reference follow the turn: that is no noise.
     """
     white = _white(
-        getattr(log, triad), expected, blocks.start, blocks.stop, blocks.dwell, blocks.moving
+        getattr(log, triad),
+        expected,
+        blocks.start,
+        blocks.stop,
+        blocks.dwell,
+        blocks.moving,
+        blocks.held,
     )
     return eqx.tree_at(lambda b: getattr(b, f"{triad}_white"), blocks, white)
 
@@ -300,8 +313,12 @@ def _white(
     stop: np.ndarray,
     dwell: np.ndarray,
     moving: np.ndarray,
+    held: np.ndarray,
 ) -> np.ndarray | None:
-    """Variance of each block's mean: scatter about the block's mean, pooled over rests and over plateaus."""
+    """Variance of each block's mean: scatter about the block's mean, pooled over rests and over plateaus.
+
+    Of a rest held by hand, that of the means of its parts.
+    """
     if values is None:
         return None
     values = values if reference is None else values - reference
@@ -317,12 +334,17 @@ def _white(
     told = np.ones(len(count), bool)
     if reference is not None:
         told = block_mean(np.asarray(is_told(reference), float), start, stop) > 0.0
-    kind = moving + 2 * (moving & ~told)
+    kind = moving + 2 * (moving & ~told) + 4 * held
     for number in np.unique(kind):
         group = kind == number
         pooled[group] = _pooled(scatter[group], count[group] - 1, dwell[group])
     floor = 1e-30 + 1e-12 * pooled.max()
-    return np.maximum(pooled, floor) / count[:, None]
+    white = np.maximum(pooled, floor) / count[:, None]
+    for k in np.flatnonzero(held & (count >= 2 * PARTS)):
+        edges = np.linspace(start[k], stop[k], PARTS + 1).astype(int)
+        parts = block_mean(values, edges[:-1], edges[1:])
+        white[k] = np.maximum(white[k], parts.var(axis=0, ddof=1) / PARTS)
+    return white
 
 
 def _pooled(

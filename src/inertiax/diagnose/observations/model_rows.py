@@ -138,9 +138,14 @@ def _of_rests(estimator: AbstractEstimator) -> AbstractEstimator:
 
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
-    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests."""
-    if not form.by_reference:
+    """Which blocks the form has rows for: all where a reference tells what is felt, otherwise the rests.
+
+    A hand that holds a device turns it, which gyros see; it pushes it nowhere for long, so |a| stays that of gravity.
+    """
+    if form.by_magnitude:
         return ~blocks.moving
+    if not form.by_reference:
+        return ~blocks.moving & ~blocks.held
     if form.triad == "accel" and blocks.reference_accel is not None:
         return np.asarray(is_told(blocks.reference_accel))
     return np.ones(blocks.num_blocks, bool)
