@@ -3,12 +3,14 @@
 import jax
 import numpy as np
 import pytest
+import scipy.stats
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose.noise.observation_series import variances
 from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.observations.blocks import cut, EARTH_RATE, join
 from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.selection.lack_of_fit import log_chance
 
 
 G = 9.81
@@ -40,6 +42,26 @@ def faces(misalignment, *, turns, degree, bias_slope=0.0, rig=None, seed=1):
 def prepared(campaign):
     with jax.enable_x64(True):
         return prepare(campaign, ()).triads[0]
+
+
+@pytest.mark.parametrize(("dwells", "size"), [(8, 3), (14, 1), (200, 4)])
+def test_the_chance_of_a_likelihood_ratio_is_that_of_an_ordinary_regression(dwells, size):
+    """Beside a constant, by least squares; where dwells are many it is that of χ²."""
+    rng = np.random.default_rng(dwells)
+    constant, columns = np.ones((dwells, 1)), rng.standard_normal((dwells, size))
+    y = rng.standard_normal(dwells) + columns[:, 0]
+    squares = [
+        np.linalg.lstsq(x, y, rcond=None)[1][0] for x in (constant, np.hstack([constant, columns]))
+    ]
+    free = dwells - 1
+    fisher = (squares[0] / squares[1] - 1.0) * (free - size) / size
+    ratio = free * np.log(squares[0] / squares[1])
+    expected = scipy.stats.f.logsf(fisher, size, free - size)
+    assert log_chance(ratio, size, free) == pytest.approx(expected, rel=1e-9)
+    many = scipy.stats.chi2.logsf(ratio, size)
+    assert log_chance(ratio, size, 10**7) == pytest.approx(many, rel=1e-4)
+    assert log_chance(ratio, size) == pytest.approx(many, rel=1e-9)
+    assert log_chance(ratio, size, size) == 0.0
 
 
 @pytest.mark.slow

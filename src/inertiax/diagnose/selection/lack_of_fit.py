@@ -14,6 +14,7 @@ from .evidence import bank, Candidate, judge, refine
 
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
+WITHIN = 0.01  # of a term's squares that lie within dwells, up to which the dwells alone tell it (convention)
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
 
 
@@ -44,22 +45,65 @@ def left_over(
     chains = {c for t in terms for c in t.chains}
     asked = [t for t in flexible if chains.issuperset(t.chains) or (not terms and on_input(t))]
     start = bank(system, [noise], terms)
-    ranked = sorted(judge(system, start, asked, terms, {}, grade), key=_rareness)
-    if not terms and (not ranked or _rareness(ranked[0]) > np.log(UNSEEN)):
+    rareness = lambda c: _rareness(system, terms, c)
+    ranked = sorted(judge(system, start, asked, terms, {}, grade), key=rareness)
+    if not terms and (not ranked or rareness(ranked[0]) > np.log(UNSEEN)):
         return None
     fuller = refine(system, start, ranked[:6], terms, most=3)
     ranked = judge(system, fuller, [c.term for c in ranked[:6]], terms, {}, grade)
     if not ranked:
         return None
-    worst = min(ranked, key=_rareness)
-    p = float(np.exp(min(_rareness(worst) + np.log(len(asked)), 0.0)))
+    worst = min(ranked, key=rareness)
+    p = float(np.exp(min(rareness(worst) + np.log(len(asked)), 0.0)))
     mine = sum(c.ratio for c in chosen if set(c.term.chains) & set(worst.term.chains))
     share = (worst.ratio - worst.score.size) / max(mine, 1e-300)
     say(f"left over: {share:.2f} of the explained, p {p:.1e} ({worst.term.variant.label})")
     return LeftOver(worst, p) if p < (LEFT if terms else UNSEEN) and share > SHARE else None
 
 
-def _rareness(candidate: Candidate) -> float:
-    """Logarithm of the chance of such a likelihood ratio by noise alone."""
+def _rareness(system: System, chosen: Sequence[Term], candidate: Candidate) -> float:
+    """Logarithm of the chance of such a likelihood ratio by noise alone.
+
+    Of what has one value a dwell the dwells alone tell, and their scatter is told by them as well.
+    """
+    size, ratio = candidate.score.size, max(candidate.ratio, 0.0)
+    if _by_dwell(system, candidate.term):
+        return log_chance(ratio, size, _dwells_free(system, chosen, candidate.term))
+    return log_chance(ratio, size)
+
+
+def log_chance(ratio: float, size: int, free: float | int = np.inf) -> float:
+    r"""Logarithm of the chance that q = `size` coefficients reach a likelihood ratio λ by noise alone.
+
+    With n = `free` observations more than the coefficients before, whose variance is told by them alone,
+    $F = (e^{\lambda / n} - 1) (n - q) / q$ is Fisher's with q and n − q degrees of freedom; for many, λ is $\chi^2_q$.
+    """
     with np.errstate(divide="ignore"):  # no chance at all
-        return float(np.log(scipy.special.chdtrc(candidate.score.size, max(candidate.ratio, 0.0))))
+        if np.isinf(free):
+            return float(np.log(scipy.special.chdtrc(size, ratio)))
+        if free <= size:
+            return 0.0
+        fisher = np.expm1(ratio / free) * (free - size) / size
+        return float(np.log(scipy.special.fdtrc(size, free - size, fisher)))
+
+
+def _by_dwell(system: System, term: Term) -> bool:
+    """Whether a term's columns hardly change within dwells."""
+    for c, columns in zip(term.chains, term.columns, strict=True):
+        dwell = np.cumsum(system.chains[c].new_dwell > 0.0) - 1
+        means = np.add.reduceat(columns, np.flatnonzero(system.chains[c].new_dwell > 0.0), axis=0)
+        within = columns - (means / np.bincount(dwell)[:, None])[dwell]
+        if np.sum(within**2) > WITHIN * np.sum((columns - columns.mean(axis=0)) ** 2):
+            return False
+    return True
+
+
+def _dwells_free(system: System, chosen: Sequence[Term], term: Term) -> int:
+    """Dwells on a term's chains, less the model's parameters and the coefficients of chosen terms there."""
+    made = 0
+    for c in term.chains:
+        mine = [t for t in chosen if c in t.chains]
+        columns = sum(t.columns[t.chains.index(c)].shape[1] for t in mine)
+        made += int(np.count_nonzero(system.chains[c].new_dwell))
+        made -= system.frames[c].shape[1] + columns
+    return made
