@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import by_grade, Effect, fixed, inputs, inputs_at
+from .effect import by_grade, DEG_PER_HOUR, Effect, fixed, inputs, inputs_at, MICRO_G
 from .form_units import by_what_it_acts_on
 from .moment import Moment, of_the_moment
 from .signal import Signal
@@ -38,6 +38,11 @@ EFFECT = Effect(
     prior={
         "accel": by_grade((1e-10, 1e-07), (1e-09, 1e-06), (1e-08, 1e-05)),
         "gyro": by_grade((1e-13, 1e-09), (1e-11, 1e-08), (1e-10, 1e-07)),
+    },
+    # In minutes a warm-up is a straight line, and its slope is far above that of months.
+    change={
+        "accel": by_grade((10, 300), (50, 1000), (100, 3000), unit=MICRO_G),
+        "gyro": by_grade((0.01, 0.5), (2, 50), (10, 200), unit=DEG_PER_HOUR),
     },
     shape=shape,
     unit_of_form=by_what_it_acts_on,

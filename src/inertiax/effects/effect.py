@@ -33,6 +33,9 @@ def one_form(_: Signal) -> tuple[Variant, ...]:
     return (Variant("", {}),)
 
 
+Sizes = Mapping[str, tuple[float | int, float | int]]  # smallest and largest by grade
+
+
 class Effect(eqx.Module):
     """A physical effect on one triad's outputs.
 
@@ -50,7 +53,7 @@ class Effect(eqx.Module):
     # Of a coefficient by triad, in the form that acts on the bias where there are several: see `unit`.
     units: Mapping[str, str] = eqx.field(static=True)
     # By triad and grade: smallest and largest usual coefficient, SI.
-    prior: Mapping[str, Mapping[str, tuple[float | int, float | int]]] = eqx.field(static=True)
+    prior: Mapping[str, Sizes] = eqx.field(static=True)
     shape: Callable[..., Float[AnyArray, "time channels columns"]] = eqx.field(static=True)
     needs: str = eqx.field(static=True)  # the excitation, in words
     driver: str = eqx.field(static=True)  # the quantity that drives it
@@ -83,6 +86,8 @@ class Effect(eqx.Module):
     wants_rests: bool = eqx.field(static=True, default=False)  # to be computed for a recording
     # Of the outputs of one stream as a whole: measured and taken out before the rest is looked for.
     stream_delay: bool = eqx.field(static=True, default=False)
+    # Of a coefficient per second, by triad and grade: usual change of the output over a whole log, SI.
+    change: Mapping[str, Sizes] | None = eqx.field(static=True, default=None)
     lost: str = eqx.field(static=True, default="")  # why it cannot be compensated, if so
     # Units of forms whose coefficients are in others than `units`.
     unit_of_form: UnitOfForm | None = eqx.field(static=True, default=None)
@@ -109,14 +114,26 @@ class Effect(eqx.Module):
         made = self.unit_of_form
         return unit if made is None else made(unit, triad, settings, column)
 
-    def usual(self, triad: str, grade: str | None) -> tuple[float | int, float | int] | None:
-        """Usual range of a coefficient's size for a grade; all grades together where none is given."""
-        by_grade = self.prior.get(triad)
-        if not by_grade:
-            return None
-        if grade is not None and grade in by_grade:
-            return by_grade[grade]
-        return min(v[0] for v in by_grade.values()), max(v[1] for v in by_grade.values())
+    def usual(
+        self, triad: str, grade: str | None, seconds: float = np.inf
+    ) -> tuple[float | int, float | int] | None:
+        """Usual range of a coefficient's size for a grade; all grades together where none is given.
+
+        In a log of so many `seconds` a coefficient per second is usual up to a usual change over the log.
+        """
+        usual = _of_grade(self.prior.get(triad), grade)
+        change = None if self.change is None else _of_grade(self.change.get(triad), grade)
+        if usual is None or change is None or not seconds > 0.0:
+            return usual
+        return usual[0], max(usual[1], change[1] / seconds)
+
+
+def _of_grade(sizes: Sizes | None, grade: str | None) -> tuple[float | int, float | int] | None:
+    if not sizes:
+        return None
+    if grade is not None and grade in sizes:
+        return sizes[grade]
+    return min(v[0] for v in sizes.values()), max(v[1] for v in sizes.values())
 
 
 def by_grade(

@@ -24,7 +24,7 @@ from ..noise.reml import fit_noise
 from ..observations.model_rows import ModelForm
 from ..problem import prepare, Prepared
 from ..problem_of_motions import prepared_motions
-from ..selection.evidence import count_forms, observations
+from ..selection.evidence import count_forms, duration, observations
 from ..selection.forward import GATE
 from ..selection.multiple_testing import Family, family
 from ..selection.score_test import Score, whiten_system
@@ -166,7 +166,7 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
             size, unit = smallest_setting(members), effect.nuisance_unit
         else:
             size, unit = smallest_coefficient(members)
-            usual = effect.usual(one.prepared.form.triad, None)
+            usual = effect.usual(one.prepared.form.triad, None, duration(one.prepared.system))
             size = np.inf if usual and size > BEYOND * usual[1] else size
         if np.isfinite(size):
             made.append(Detectable(name, channels, float(size), unit))
@@ -237,7 +237,7 @@ def _absorbed(one: Audited) -> list[Absorbed]:
 
 def _felt(system: System, term: Term) -> bool:
     """Whether the effect at its largest usual size would reach the rows at all."""
-    usual = term.known.usual(term.triad, None)
+    usual = term.known.usual(term.triad, None, duration(system))
     size = usual[1] if usual else 1.0
     return any(
         size * float(np.abs(c).max(initial=0.0)) > 1e-3 * float(system.scales[k][1]) ** 0.5

@@ -47,9 +47,9 @@ class Usual:
     largest: float | None  # usual size, SI
 
     @classmethod
-    def of(cls, effect: Effect, triad: str, grade: str | None) -> "Usual":
-        """Of a catalogued effect."""
-        usual = effect.usual(triad, grade)
+    def of(cls, effect: Effect, triad: str, grade: str | None, seconds: float = np.inf) -> "Usual":
+        """Of a catalogued effect, in a log of so many seconds."""
+        usual = effect.usual(triad, grade, seconds)
         return cls(effect.unit_amplitude, None if usual is None else float(usual[1]))
 
 
@@ -129,6 +129,11 @@ def observations(system: System, term: Term) -> int:
     return max(int(sum(dwells if term.follows_input else rows)), 2)
 
 
+def duration(system: System) -> float:
+    """Seconds from a triad's first row to its last."""
+    return max(float(np.sum(chain.gap)) for chain in system.chains)
+
+
 def judge(
     system: System,
     bank: Bank,
@@ -149,18 +154,20 @@ def judge(
     """
     found = _best_scores(system, bank, candidates, chosen, columns, products)
     made, usual, seen = [], {}, {}
+    seconds = duration(system)
     for ratio, score in found:
         alike = score.term.chains, score.term.follows_input
         if alike not in seen:
             seen[alike] = np.log(observations(system, score.term))
         effect, triad = score.term.effect, score.term.triad
-        if effect is not None and (id(effect), triad) not in usual:
-            usual[id(effect), triad] = Usual.of(effect, triad, grade)
+        key = id(effect), triad, score.term.scales_input
+        if effect is not None and key not in usual:
+            usual[key] = Usual.of(effect, triad, grade, np.inf if key[2] else seconds)
         cost = 0.5 * score.size * seen[alike]
         cost += np.log(forms.get((score.term.name, score.term.channels), 1))
         if score.term.name.startswith(PREFIX):
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
-        evidence = 0.5 * ratio - cost + plausibility(score, usual.get((id(effect), triad)))
+        evidence = 0.5 * ratio - cost + plausibility(score, usual.get(key))
         made.append(Candidate(score.term, score, float(ratio), float(evidence)))
     # Forms that are one in these data, as a bias and a scale factor in one pose, keep the catalogue's order.
     return sorted(made, key=lambda c: -round(c.evidence, ROUNDING))
