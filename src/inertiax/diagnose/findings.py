@@ -119,13 +119,29 @@ def _as_stated(made: Finding) -> Finding:
 
     while fallen := [n for n in kept if not stands(n)]:
         kept.remove(fallen[-1])
-    if len(kept) == len(made.answer.named):
+    return _with_names(made, kept)
+
+
+def _as_at_first(made: Finding, first: Finding) -> Finding:
+    """The finding with the names that it had before rests were left out, where those that stay are no cleaner."""
+    if made is first:
+        return made
+    if first.answer.verdict == "consistent":
+        return first
+    before = {n.candidate.key for n in first.answer.named}
+    return _with_names(made, [n for n in made.answer.named if n.candidate.key in before])
+
+
+def _with_names(made: Finding, kept: list[Named]) -> Finding:
+    """The finding with some of its names, under the noise that is fitted beside those."""
+    if len(kept) == len(made.answer.named) or made.answer.verdict != "missing-physics":
         return made
     terms = [n.candidate.term for n in kept]
-    noise = fit_noise(prepared.system, terms) if kept else made.answer.null_noise
+    noise = fit_noise(made.prepared.system, terms) if kept else made.answer.null_noise
     verdict = "missing-physics" if kept else "consistent"
-    answer = replace(made.answer, named=tuple(kept), noise=noise, verdict=verdict)
-    return replace(made, answer=answer)
+    return replace(
+        made, answer=replace(made.answer, named=tuple(kept), noise=noise, verdict=verdict)
+    )
 
 
 def _rare(made: Finding, named: Named, others: list[Term]) -> bool:
@@ -151,14 +167,16 @@ def _without_single_rests(
         return replace(made, bursts=())
     first, kept = made, np.ones(prepared.blocks.num_blocks, bool)
     for _ in range(MOST_PASSES):
-        now = made.prepared
+        now, before = made.prepared, kept.copy()
         marked = single_rests.alone_in_one_rest(now, made.answer.noise, _asked(made.answer))
         marked |= single_rests.disturbed(now, bursts)
         kept[np.flatnonzero(kept)[marked]] = False
         if not marked.any():
             break
         if not single_rests.few(~kept):
-            return replace(first, bursts=())  # no exceptions any more
+            kept = before  # further ones are no exceptions any more
+            made = _as_at_first(made, first)
+            break
         progress(f"{now.form.triad}: again without what single rests show alone")
         made, bursts = find_once(prepared.only(kept), grade, progress, hint)
     return replace(made, bursts=(), left_out=single_rests.left_out(prepared, ~kept))
