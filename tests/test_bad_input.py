@@ -383,6 +383,16 @@ def write(folder, toml, files):
     return folder
 
 
+@pytest.mark.parametrize("none", [",,", "nan,nan,nan", " , ,"])
+def test_rows_of_another_sensor_are_left_out_and_counted(tmp_path, none):
+    lines = PLAIN.splitlines()
+    lines[6:6] = [f"0.43,{none}", f"0.46,{none}"]
+    campaign = load_campaign(write(tmp_path, GOOD, {"a.csv": "\n".join(lines)}))
+    (recording,) = campaign.recordings
+    np.testing.assert_allclose(recording.time, 0.1 * np.arange(40), atol=1e-12)
+    assert campaign.notes == ("a.csv: 2 rows without a value in any channel are left out.",)
+
+
 def refusal(folder):
     with pytest.raises(ValueError) as caught:
         require_plausible(load_campaign(folder))

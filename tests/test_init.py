@@ -6,6 +6,7 @@ Logs are made here with NumPy and SciPy's rotations; the right units are the one
 # pyright: reportOptionalSubscript=false, reportOptionalMemberAccess=false
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -335,6 +336,20 @@ def test_the_command_replaces_nothing_unasked(tmp_path, capfd):
     assert status == 2 and "is there already; --replace replaces it" in said.err
     assert run(["init", log, "--replace", "--latitude", "50"], capfd)[0] == 0
     assert (tmp_path / "campaign.toml").read_text() != first
+
+
+def test_numbers_behind_labels_are_refused_with_a_cure_that_works(tmp_path, capfd):
+    samples = np.column_stack([TIME, ACCEL])
+    row = "{:.2f},ACCEL: X={:.4f},Y={:.4f},Z={:.4f}"
+    log, cured = tmp_path / "a.log", tmp_path / "numbers_a.csv"
+    log.write_text("\n".join(row.format(*values) for values in samples))
+    status, said = run(["init", log], capfd)
+    expression = re.search("sed -E 's/(.*)//g' a.log > numbers_a.csv", said.err)
+    assert status == 1 and "behind labels ('ACCEL: X=" in said.err and expression
+    cured.write_text(re.sub(expression[1], "", log.read_text()))
+    assert run(["init", cured], capfd)[0] == 0
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-4)
 
 
 def test_a_log_that_is_none_is_refused_in_a_line(tmp_path, capfd):

@@ -39,11 +39,16 @@ def converter_step(values: np.ndarray) -> float:
     return step if np.abs(multiples - np.round(multiples)).max() < 0.02 else 0.0
 
 
-def added_to(values: np.ndarray, addition: np.ndarray) -> np.ndarray:
-    """A channel with an addition, on its converter's steps."""
+def added_to(values: np.ndarray, addition: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A channel with an addition, on its converter's steps.
+
+    What the first rounding took is drawn anew: readings that lie on the steps would pass a slope on as a staircase.
+    """
     step = converter_step(values)
-    moved = values + addition
-    return moved if step == 0.0 else values[0] + step * np.round((moved - values[0]) / step)
+    if step == 0.0:
+        return values + addition
+    moved = values + addition + step * rng.uniform(-0.5, 0.5, len(values))
+    return values[0] + step * np.round((moved - values[0]) / step)
 
 
 def write(log: logs.Log, accel: np.ndarray, gyro: np.ndarray, folder: Path) -> None:
@@ -96,7 +101,7 @@ def hide(
     addition = size * menu[name](drive, axis)
     accel, gyro = log.accel.copy(), log.gyro.copy()
     target = accel if triad == "accel" else gyro
-    target[:, axis] = added_to(target[:, axis], addition)
+    target[:, axis] = added_to(target[:, axis], addition, rng)
     answer = {
         "log": log.name,
         "device": log.device,

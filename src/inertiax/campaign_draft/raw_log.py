@@ -1,6 +1,7 @@
 """A log as it lies in its file: named columns of numbers, in units that nobody has told yet."""
 
 import re
+import shlex
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from ..data.formats import csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
 from ..data.formats.text_layout import find_layout, is_value, TextLayout
 from ..data.formats.time_stamps import seconds_of
+from ..storage.harmless_text import short
 
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
@@ -21,6 +23,8 @@ _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
     re.IGNORECASE,
 )
+_LABEL = "[A-Za-z][^,;=]*= *"  # before a number that was printed for people, such as "GYRO: X="
+_LABELLED = re.compile(rf"{_LABEL}[-+]?\.?\d")
 _RATES = (1.0, 20000.0)  # Hz: what an IMU may be read at
 
 
@@ -104,6 +108,12 @@ def _from_table(
             elif column.null_count() < len(column):
                 words_of = column.head(_FIRST_ROWS).drop_nulls().unique().head(_MOST_WORDS)
                 texts[column.name] = tuple(sorted(words_of.str.strip_chars()))
+    labelled = [w for w in texts.values() if all(_LABELLED.match(word) for word in w)]
+    if len(numbers) < len("xyz") <= len(labelled):
+        take_out = f"sed -E 's/{_LABEL}//g' {shlex.quote(path.name)} > {shlex.quote(f'numbers_{path.stem}.csv')}"
+        raise ValueError(
+            f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: {take_out}"
+        )
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
     return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts)

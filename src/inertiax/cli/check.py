@@ -31,6 +31,8 @@ def check(campaign: CampaignPath, as_json: AsJson = False, quiet: Quiet = False)
         outputs.print_json(seen.as_dict())
     elif not quiet:
         _print(seen)
+        for note in loaded.notes:
+            console.say(f"note: {console.one_line(note)}")
 
 
 def _print(seen: "Plausibility") -> None:

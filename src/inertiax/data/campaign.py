@@ -37,6 +37,7 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         recordings, notes = _read_all(table, file, read_long if in_parts else read_recordings)
         check_model_columns(_model(table.model), recordings)
         recordings = _named(recordings, table.device.serial)
+        notes += tuple(_note_on_empty_rows(r) for r in recordings if r.empty_rows)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return Campaign(
@@ -47,6 +48,14 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         grade=table.device.grade,
         path=file,
         notes=notes,
+    )
+
+
+def _note_on_empty_rows(recording: Recording) -> str:
+    several = recording.empty_rows > 1
+    return (
+        f"{recording.name}: {recording.empty_rows} row{'s' * several} without a value in any channel "
+        f"{'are' if several else 'is'} left out."
     )
 
 

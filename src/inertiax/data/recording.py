@@ -69,6 +69,7 @@ class Recording(Module):
     pressure: Float[np.ndarray, " time"] | None = None  # Pa; NaN where it was not read
     device: str = field(static=True, default="")  # serial number
     name: str = field(static=True, default="")  # where it came from, for messages
+    empty_rows: int = field(static=True, default=0)  # of its file without any value, left out
 
     def __check_init__(self):
         where = f"recording '{self.name}'" if self.name else "`Recording(...)`"
