@@ -29,6 +29,10 @@ _LYING = np.radians(
 
 
 _MORE = 1.25  # times as many rests, from which brief ones count (convention)
+_ENOUGH, _SEVERAL = (
+    9,
+    4.0,
+)  # long rests, and times as many brief ones as of fewer (nine parameters; convention)
 
 
 class Segments(Module):
@@ -237,15 +241,29 @@ def _found(recording: Recording, window: float) -> Segments:
 
 
 def _long_or_brief(recording: Recording, found: Rests, window: float) -> Rests:
-    """The rests by half the window, where most that were found are hardly longer than it can find and half of it finds
-    a quarter more: a hand that lays the device down for a second at a time."""
+    """The rests by half the window, for a hand that lays the device down for a second at a time.
+
+    Where most that were found are hardly longer than it can find, and half of it finds a quarter more of them; where
+    they are long, but lie in too few directions to calibrate by, and half of it finds several times as many that do
+    not.
+    """
     if not len(found.start) or isinstance(recording, StoredRecording):
         return found  # parts of a long log are cut alike
-    length = np.median(found.stop - found.start) * usual_step(recording)
-    if length >= 2.0 * window:
+    long = np.median(found.stop - found.start) * usual_step(recording) >= 2.0 * window
+    if long and (recording.accel is None or _lies_about(recording.accel, found)):
         return found
     brief = find_rests(recording, window=0.5 * window)
+    if long:
+        several = len(brief.start) >= _SEVERAL * len(found.start)
+        assert recording.accel is not None
+        return brief if several and _lies_about(recording.accel, brief) else found
     return brief if len(brief.start) >= _MORE * len(found.start) else found
+
+
+def _lies_about(accel: Float[np.ndarray, "time 3"], found: Rests) -> bool:
+    """Whether rests lie in directions enough."""
+    means = [accel[a:b].mean(axis=0) for a, b in zip(found.start, found.stop, strict=True)]
+    return num_directions(np.array(means)) >= FEWEST_DIRECTIONS
 
 
 def _slow_turn(recording: Recording, found: Rests) -> Segments | None:
