@@ -159,6 +159,9 @@ def test_a_rest_held_by_hand_counts_for_the_magnitude_of_the_force_alone():
     recording = hand.recording(labelled=False)
     left = segment(recording)
     assert [d.kind for d in left.disturbances] == ["held"] and left.num_segments == 11
+    again = segment(recording, held=True).without_held()  # what the calibration is given
+    for name in ("start", "stop", "position", "used"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(left, name))
     log = join(hand.campaign(labelled=False))
     blocks = cut(log)
     held = blocks[blocks.held]
