@@ -29,10 +29,10 @@ _LYING = np.radians(
 
 
 _MORE = 1.25  # times as many rests, from which brief ones count (convention)
-_ENOUGH, _SEVERAL = (
-    9,
-    4.0,
-)  # long rests, and times as many brief ones as of fewer (nine parameters; convention)
+_SEVERAL = 4.0  # times as many brief rests as of long ones in too few directions (convention)
+# s, of a rest held by hand that is kept: at its ends the hand may move by millimetres a second, which over a second
+# is as many mm/s² (convention).
+_HELD = 1.5
 
 
 class Segments(Module):
@@ -124,7 +124,7 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
     """The segments of a recording without the rows in which a rest was disturbed (`handling.undisturbed`).
 
     Stretches of a slow turn stay as they are: what a hand adds there is in their scatter. With `held`, rests that were
-    held by hand stay as a whole, and are marked.
+    held by hand for long enough stay as a whole, and are marked.
     """
     if found.turning is not None:
         return found
@@ -140,9 +140,9 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
     marked = np.zeros(len(start), bool)
     if held:
         gone = {d.position for d in kept.disturbances if d.kind == "held" and d.left_out}
-        marked[rests] = (
-            np.isin(found.position[rests], list(gone)) & (kept.start == kept.stop)[: len(rests)]
-        )
+        long = (found.stop - found.start)[rests] * usual_step(recording) >= _HELD
+        empty = (kept.start == kept.stop)[: len(rests)]
+        marked[rests] = np.isin(found.position[rests], list(gone)) & empty & long
         start[marked], stop[marked] = (
             found.start[marked[: len(found.start)]],
             found.stop[marked[: len(found.start)]],
