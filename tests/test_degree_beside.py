@@ -41,8 +41,10 @@ def table(arms=ARM) -> Campaign:
     force, rate, temperature, position, experiment = [], [], [], [], []
 
     def add(f, w, t, number, k):
-        force.extend(f), rate.extend(np.broadcast_to(w, (len(f), 3)))
-        temperature.extend([t] * len(f)), position.extend([number] * len(f))
+        force.extend(f)
+        rate.extend(np.broadcast_to(w, (len(f), 3)))
+        temperature.extend([t] * len(f))
+        position.extend([number] * len(f))
         experiment.extend([k] * len(f))
 
     for k, t in enumerate(TEMPERATURES):

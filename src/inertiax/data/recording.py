@@ -133,7 +133,7 @@ class Recording(Module):
         unknown = sorted(set(given) - set(COLUMNS))
         if unknown:
             raise ValueError(f"`{call}({unknown[0]}=...)`: is no column of a recording.")
-        made = {k: _samples(call, k, v) for k, v in given.items() if v is not None}
+        made: dict[str, Any] = {k: _samples(call, k, v) for k, v in given.items() if v is not None}
         if (time is None) == (sample_rate is None):
             raise ValueError(f"`{call}(time=...)`: give either `time` (s) or `sample_rate` (Hz).")
         if sample_rate is not None:
