@@ -42,7 +42,7 @@ def given(
 ) -> Float[np.ndarray, "unknowns unknowns"]:
     """What a source with this share gives to the coefficients; `design` is V⁻¹J, `covariance` P."""
     by_dwell = design.reshape(problem.num_dwells, share.shape[1], -1)
-    moved = np.einsum("nsr,nru->nsu", _root(share), by_dwell).reshape(-1, design.shape[1])
+    moved = np.einsum("nsr,nru->nsu", root(share), by_dwell).reshape(-1, design.shape[1])
     made = covariance @ (moved.T @ moved) @ covariance
     return 0.5 * (made + made.T)
 
@@ -96,11 +96,12 @@ def _turned(
 def _relative(
     parts: dict[str, Float[np.ndarray, "dwell row row"]],
 ) -> dict[str, Float[np.ndarray, "dwell row row"]]:
-    root = np.linalg.inv(np.linalg.cholesky(sum(parts.values())))
-    return {k: root @ c @ np.swapaxes(root, 1, 2) for k, c in parts.items()}
+    inverse = np.linalg.inv(np.linalg.cholesky(sum(parts.values())))
+    return {k: inverse @ c @ np.swapaxes(inverse, 1, 2) for k, c in parts.items()}
 
 
-def _root(share: Float[np.ndarray, "dwells rows rows"]) -> Float[np.ndarray, "dwells rows rows"]:
-    """R with RᵀR = share, for shares that may be singular."""
+def root(share: Float[np.ndarray, "dwells rows rows"]) -> Float[np.ndarray, "dwells rows rows"]:
+    """The symmetric R with R R = share, for shares that may be singular."""
     values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
-    return np.sqrt(np.maximum(values, 0.0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+    scaled = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    return scaled @ np.swapaxes(vectors, 1, 2)

@@ -16,7 +16,8 @@ The estimate stays that of least squares, whose covariance is P Jᵀ T J P with 
 White, Econometrica 48, 1980).
 
 In one experiment the biases are those of its mean: with x the whitened slow noise of the dwells and Mᵀ x its mean over
-their samples, added to the biases at all temperatures, K gives (J P + M)ᵀ K (J P + M). How far the device was off all
+their samples, added to the biases at all temperatures, K gives (J P + M)ᵀ K (J P + M). In M stands what the device
+has of the rows' covariance, since what a rig errs is no bias of the device. How far the device was off all
 along no row of the log can tell, and intervals that extrapolate it held 87 to 92 % under flicker and a random walk.
 What several experiments have each of its own they do tell: their biases are those of the device, and M is zero.
 """
@@ -32,7 +33,7 @@ from ..numerics.paule_mandel import widened
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .alike_dwells import AlikeDwells
-from .covariance_shares import given, OF_THE_DEVICE, shares
+from .covariance_shares import given, OF_THE_DEVICE, root, shares
 
 
 FEWEST = 8  # dwells more than unknowns of one axis, from which their correlation is looked at; convention
@@ -81,7 +82,7 @@ def with_slow_noise(
         return covariance, slow
     design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
     changed = (slow.own - 1.0) * given(problem, device, design, covariance)
-    return covariance + changed + slow_part(problem, coefficients, covariance, slow), slow
+    return covariance + changed + slow_part(problem, coefficients, covariance, slow, device), slow
 
 
 def wander(dwells: Dwells, estimator: AbstractEstimator, noise: SlowNoise) -> float:
@@ -193,8 +194,12 @@ def slow_part(
     coefficients: Float[np.ndarray, "size parameter"],
     covariance: Float[np.ndarray, "unknowns unknowns"],
     noise: SlowNoise,
+    device: Float[np.ndarray, "dwell row row"],
 ) -> Float[np.ndarray, "unknowns unknowns"]:
-    """b (J P + M)ᵀ K (J P + M): what slow noise gives to the coefficients; `covariance` is P."""
+    """b (J P + M)ᵀ K (J P + M): what slow noise gives to the coefficients; `covariance` is P.
+
+    **Arguments:** `device` is the device's share of the rows (`covariance_shares`), within what slow noise moves.
+    """
     if noise.alike == 0.0:
         return np.zeros_like(covariance)
     design, residual = problem.rows(coefficients)
@@ -203,7 +208,7 @@ def slow_part(
     if rows == 1:  # each axis moves the row as far as the output is along it
         moved_by = _directions(problem)[:, :, None] * moved_by
     if of_one_log(problem.dwells):
-        moved_by = moved_by + _of_log(problem, rows)
+        moved_by = moved_by + _of_log(problem, device[:, :rows, :rows])
     return AlikeDwells(*_when(problem), None).product(
         moved_by, np.array(noise.parts), np.array(noise.times)
     )
@@ -222,7 +227,9 @@ def _directions(problem: Problem) -> Float[np.ndarray, "dwell 3"]:
     return output / np.linalg.norm(output, axis=1, keepdims=True)
 
 
-def _of_log(problem: Problem, rows: int) -> Float[np.ndarray, "dwell 3 unknowns"]:
+def _of_log(
+    problem: Problem, device: Float[np.ndarray, "dwell row row"]
+) -> Float[np.ndarray, "dwell 3 unknowns"]:
     """M of the module."""
     estimator, count = problem.estimator, problem.num_dwells
     weight = np.asarray(problem.dwells.count, float)[:count]
@@ -230,12 +237,12 @@ def _of_log(problem: Problem, rows: int) -> Float[np.ndarray, "dwell 3 unknowns"
     # Rates at rest have their scatter in the covariance; the estimator's is of the tilts.
     scatter = 0.0 if problem.dwells.motion is not None else float(np.asarray(estimator.scatter))
     total = given + scatter**2 * np.eye(3)
-    if rows == 1:
+    if device.shape[1] == 1:
         unit = _directions(problem)
-        sigma = np.sqrt(np.einsum("ni,nij,nj->n", unit, total, unit))
+        sigma = np.sqrt(np.einsum("ni,nij,nj->n", unit, total, unit) * device[:, 0, 0])
         deviation = sigma[:, None, None] * np.eye(3)
     else:
-        deviation = np.linalg.cholesky(total)
+        deviation = np.linalg.cholesky(total) @ root(device)
     own = [estimator.names.index(f"{estimator.triad}.bias[{axis}]") for axis in range(3)]
     constant = problem.interpolated(np.ones((problem.basis.size, 1)))[:, 0]
     made = np.zeros((count, 3, problem.basis.size, estimator.num_parameters))

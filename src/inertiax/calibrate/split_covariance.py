@@ -100,7 +100,8 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     # V⁻¹J, where dwells share errors; else V is the identity.
     design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
     parts = []
-    for source, share in shares(fit.estimator, fit.dwells, rig, jacobian.shape[1]).items():
+    by_source = shares(fit.estimator, fit.dwells, rig, jacobian.shape[1])
+    for source, share in by_source.items():
         own = given(problem, share, design, covariance)
         if source in OF_THE_DEVICE and fit.slow.alike > 0.0:
             part = given(problem, within(problem, share), design, covariance)
@@ -109,7 +110,8 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
             moved = problem.shared.signatures.T @ design @ covariance
             own = own + moved.T @ moved
         parts.append(Part(source, _degrees(source, fit, share), own))
-    slow = slow_part(problem, coefficients, covariance, fit.slow)
+    device = within(problem, np.sum([by_source[s] for s in OF_THE_DEVICE], axis=0))
+    slow = slow_part(problem, coefficients, covariance, fit.slow, device)
     parts.append(Part(SLOW, float(max(residual_degrees(fit), 1)), slow))
     left = fit.covariance - sum(p.covariance for p in parts)
     off = np.diagonal(left) / np.diagonal(fit.covariance)
