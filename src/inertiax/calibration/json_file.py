@@ -241,7 +241,7 @@ def _matrix(rows: list[list[float]], shape: tuple[int, int], where: str) -> np.n
     return np.asarray(rows, float).reshape(shape)
 
 
-def write_calibration(calibration: Calibration, path: Path) -> None:
+def write_calibration(calibration: Calibration, path: str | Path) -> None:
     """Write `calibration.json`, beside its place and then renamed, so that it is never half there.
 
     Raises `ValueError` where a number is not finite: a calibration that failed is not written; for stacked devices, and
@@ -279,7 +279,7 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         mag=msgspec.UNSET if calibration.mag is None else _mag_to_json(calibration.mag),
         baro=msgspec.UNSET if calibration.baro is None else _baro_to_json(calibration.baro),
     )
-    write_atomically(path, encode(content, str(path), indent=1))
+    write_atomically(Path(path), encode(content, str(path), indent=1))
 
 
 def _range(calibration: Calibration) -> tuple[float, float] | None:
@@ -289,7 +289,7 @@ def _range(calibration: Calibration) -> tuple[float, float] | None:
     return float(low), float(high)
 
 
-def read_calibration(path: Path, *, effects: Sequence[Effect] = CATALOGUE) -> Calibration:
+def read_calibration(path: str | Path, *, effects: Sequence[Effect] = CATALOGUE) -> Calibration:
     """Read `calibration.json`. Raises `ValueError`, one line naming file and key, for anything that
     is not exactly this schema, or for a named effect that the catalogue `effects` lacks."""
     path = Path(path)
