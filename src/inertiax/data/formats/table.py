@@ -32,6 +32,7 @@ from .columns import (
     triad_factors,
     TriadColumns,
 )
+from .empty_rows import without_empty_rows
 from .table_angles import ideal_readings
 from .time_stamps import seconds_of
 
@@ -50,7 +51,7 @@ def to_recordings(
             f"{name}: no rows of data after start_row = {layout.start_row} (the file has "
             f"{table.height}); at least one sample is needed."
         )
-    table, empty = _without_empty_rows(table.slice(layout.start_row), columns, layout)
+    table, empty = without_empty_rows(table.slice(layout.start_row), columns, layout)
     position = _position(table, columns, name)
     moving = None if position is None else position < 0
     values = {
@@ -84,39 +85,6 @@ def to_recordings(
         mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
         parts.append(Recording(**mine, device=device, name=label, empty_rows=empty))
     return tuple(parts)
-
-
-def _without_empty_rows(
-    table: pl.DataFrame, columns: ColumnMap, layout: Layout
-) -> tuple[pl.DataFrame, int]:
-    """The rows in which any channel of the triads has a value, and how many have none: rows of another sensor.
-
-    Where no row has one, all stay, to be refused.
-    """
-    names = []
-    for triad, said in (("accel", columns.accel), ("gyro", columns.gyro)):
-        if layout.triad in (None, triad):
-            own = (said.names if said is not None else None) or [f"{triad}_{x}" for x in AXES]
-            names += [n for n in own if n in table.columns]
-    if not names:
-        return table, 0
-    empty = np.ones(table.height, bool)
-    for name in names:
-        values = table.get_column(name)
-        none = values.is_null()
-        if values.dtype.is_float():
-            none |= values.is_nan().fill_null(value=True)
-        elif values.dtype == pl.String:
-            none |= (
-                values.str.strip_chars().str.to_lowercase().is_in(_NO_VALUE).fill_null(value=True)
-            )
-        empty &= none.to_numpy()
-        if not empty.any():
-            return table, 0
-    return (table, 0) if empty.all() else (table.filter(pl.Series(~empty)), int(empty.sum()))
-
-
-_NO_VALUE = ["", "nan", "null", "none"]
 
 
 def _by_angles(
