@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..candidates.signatures import Term
 from ..noise.observation_series import System
@@ -29,10 +29,12 @@ STRETCHES = 8.0  # that count as independent observations
 WEAK = 1e-9  # part of a direction's square that must remain beside a stretch for a coefficient
 
 
-def stretches(time: Float[np.ndarray, " block"], number: int) -> Int[np.ndarray, " block"]:
-    """Number of the stretch of each block: contiguous, of equal duration."""
+def stretches(time: Float[np.ndarray, " block"], number: int) -> tuple[slice, ...]:
+    """The blocks of each stretch that has any: contiguous, of equal duration."""
     part = (time - time[0]) / max(float(time[-1] - time[0]), 1e-9)
-    return np.minimum((part * number).astype(int), number - 1)
+    of_block = np.minimum((part * number).astype(int), number - 1)
+    edges = np.r_[0, np.flatnonzero(np.diff(of_block)) + 1, len(time)].tolist()
+    return tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class Foresight:
     """
 
     weight: Float[np.ndarray, " block"]
-    stretch: tuple[Int[np.ndarray, " block"], ...]  # of every partition
+    stretches: tuple[tuple[slice, ...], ...]  # of every partition
     frame: Float[np.ndarray, "block size"]  # orthonormal columns of the weighted baseline
     rows: Float[np.ndarray, " block"]  # weighted, the baseline taken away
 
@@ -55,10 +57,10 @@ class Foresight:
         if columns is not None:
             z = np.concatenate([z, self._beside(columns)], axis=1)
         gram, part = z.T @ z, z.T @ self.rows
-        total = np.zeros(len(self.stretch))
-        for n, stretch in enumerate(self.stretch):
-            for k in np.unique(stretch):
-                x, y = z[stretch == k], self.rows[stretch == k]
+        total = np.zeros(len(self.stretches))
+        for n, partition in enumerate(self.stretches):
+            for here in partition:
+                x, y = z[here], self.rows[here]
                 solution = np.linalg.lstsq(gram - x.T @ x, part - x.T @ y, rcond=WEAK)[0]
                 total[n] += np.square(y - x @ solution).sum()
         return total
@@ -77,10 +79,9 @@ class Foresight:
         z = z / np.maximum(np.linalg.norm(z, axis=0), 1e-300)
         f = self.frame
         gram, part, along = f.T @ f, f.T @ self.rows, z.T @ self.rows
-        total = np.zeros((len(self.stretch), z.shape[1]))
-        for n, stretch in enumerate(self.stretch):
-            for k in np.unique(stretch):
-                here = stretch == k
+        total = np.zeros((len(self.stretches), z.shape[1]))
+        for n, partition in enumerate(self.stretches):
+            for here in partition:
                 x, y, own = f[here], self.rows[here], z[here]
                 border = -(x.T @ own)
                 right = np.concatenate([(part - x.T @ y)[:, None], border], axis=1)
