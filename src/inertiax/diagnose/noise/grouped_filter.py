@@ -24,13 +24,13 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import get_lapack_funcs
 
-from .state_space import Chain, NUM_VARIANCES, TIME_CONSTANTS, WANDER
+from .processes import processes, WHITE
+from .state_space import Chain, NUM_VARIANCES
 
 
 ROWS = (
@@ -42,36 +42,6 @@ WIDE = (
     64  # columns whitened at once: with the rows of all groups they stay in the processor's cache
 )
 _FACTOR, _INVERT = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
-WHITE, FLICKER, WALK, DWELL, CYCLE, PROBE, RIG = range(NUM_VARIANCES)
-
-
-class _Process(NamedTuple):
-    """One process of the state: how it decays, what each variance adds to it, and how it is seen."""
-
-    decay: np.ndarray  # (row,)
-    added: dict[int, np.ndarray]  # by the place of a variance, (row,) for a unit of it
-    seen: np.ndarray  # (row, state): one state for each column
-
-
-def _processes(chain: Chain, num: int) -> list[_Process]:
-    gap, cycle, dwell, rig = (
-        np.asarray(x, float)[:num] for x in (chain.gap, chain.new_cycle, chain.new_dwell, chain.rig)
-    )
-    loads, heated = (np.asarray(x, float)[:num] for x in (chain.loads, chain.heated))
-    later = np.ones(num)
-    later[0] = 0.0
-    relaxing = lambda tau: np.exp(-gap / tau) * later
-    made = [
-        _Process(relaxing(tau), {FLICKER: 1.0 - relaxing(tau) ** 2}, loads)
-        for tau in TIME_CONSTANTS
-    ]
-    made.append(_Process(later, {WALK: gap}, loads))
-    made.append(_Process(1.0 - cycle, {CYCLE: cycle}, loads))
-    if heated.shape[1]:
-        made.append(_Process(relaxing(WANDER), {PROBE: 1.0 - relaxing(WANDER) ** 2}, heated))
-        made.append(_Process(1.0 - cycle, {PROBE: cycle}, heated))
-    made.append(_Process(1.0 - dwell, {DWELL: dwell, RIG: dwell * rig}, np.ones((num, 1))))
-    return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +67,14 @@ class Groups:
         num = int(np.count_nonzero(np.asarray(chain.white) > 0.0))
         count = -(-num // ROWS)
         fold = lambda x, fill: _folded(x, count, fill)
-        processes = _processes(chain, num)
-        size = sum(p.seen.shape[1] for p in processes)
+        parts = processes(chain, num)
+        size = sum(p.seen.shape[1] for p in parts)
         own = np.zeros((NUM_VARIANCES, count, ROWS, ROWS))
         seen, decay = np.zeros((count, ROWS, size)), np.zeros((count, size))
         added = np.zeros((NUM_VARIANCES, count, size))
         shared = np.zeros((NUM_VARIANCES, count, ROWS, size))
         at = 0
-        for process in processes:
+        for process in parts:
             here = slice(at, at + process.seen.shape[1])
             at = here.stop
             a, h = fold(process.decay, 1.0), fold(process.seen, 0.0)

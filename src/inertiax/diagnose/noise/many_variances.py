@@ -5,40 +5,69 @@ short contiguous lines that the compiler turns into vector instructions and that
 with them outermost, as `jax.vmap` has it, it is many products of small matrices, and takes twice as long.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..._typing import AnyArray
-from .state_space import Chain, transition, unpack
+from .processes import processes
+from .state_space import Chain, NUM_VARIANCES
 
 
 TOGETHER = 16  # variances that one call takes: so many columns' states fit into the nearest cache
 
 
-@jax.jit
-def whiten_under_each(
-    thetas: Float[AnyArray, "lane 7"],
-    scale: Float[AnyArray, "7"],
-    chain: Chain,
-    columns: Float[AnyArray, "block column"],
-) -> tuple[Float[Array, "block column lane"], Float[Array, " lane"]]:
-    """Whitened columns and log determinants as of `state_space.whiten`, under each of some log variances.
+class Steps(NamedTuple):
+    """What a filter needs of every row, for a unit of each variance; rows of padding are seen with no state."""
 
-    **Arguments:** `thetas` relative to `scale`, as `state_space.unpack` takes them; columns in the observation's unit.
+    white: Float[np.ndarray, " row"]  # 0 where a row is padding
+    decay: Float[np.ndarray, "row state"]
+    added: Float[np.ndarray, "variance row state"]
+    seen: Float[np.ndarray, "row state"]
+
+    @classmethod
+    def of(cls, chain: Chain) -> "Steps":
+        """The steps of a chain."""
+        white = np.asarray(chain.white, float)
+        num = int(np.count_nonzero(white > 0.0))
+        parts = [
+            (decay, added, seen[:, k])
+            for decay, added, seen in processes(chain, num)
+            for k in range(seen.shape[1])
+        ]
+        made = cls(
+            white,
+            np.zeros((len(white), len(parts))),
+            np.zeros((NUM_VARIANCES, len(white), len(parts))),
+            np.zeros((len(white), len(parts))),
+        )
+        for state, (decay, added, seen) in enumerate(parts):
+            made.decay[:num, state], made.seen[:num, state] = decay, seen
+            for variance, unit in added.items():
+                made.added[variance, :num, state] = unit
+        return made
+
+
+@jax.jit
+def grams_under_each(
+    variances: Float[AnyArray, "lane 7"], steps: Steps, columns: Float[AnyArray, "row column"]
+) -> tuple[Float[Array, "lane column column"], Float[Array, " lane"]]:
+    """Products of the whitened columns with each other, and log determinants, as of `state_space.whiten`, under each
+    of some variances.
+
+    **Arguments:** variances and columns in the observation's unit.
     """
-    columns = jnp.asarray(columns)
-    # Decays and observation rows do not depend on the variances.
-    made = jax.vmap(lambda t: transition(unpack(t, scale), chain), out_axes=(None, 2, None))
-    a, q, h = made(jnp.asarray(thetas))
-    level = jnp.exp(jnp.asarray(thetas)[:, 0]) * jnp.asarray(scale)[0]
-    # Rows of padding are seen with unit variance and no state: they add nothing to the likelihood.
-    white = jnp.asarray(chain.white)[:, None]
-    r = jnp.where(white > 0.0, level[None, :] * white, 1.0)
-    h = jnp.where(white > 0.0, h, 0.0)
+    variances, columns = jnp.asarray(variances), jnp.asarray(columns)
+    a, h = jnp.asarray(steps.decay), jnp.asarray(steps.seen)
+    q = jnp.einsum("lv,vrs->rsl", variances, jnp.asarray(steps.added))
+    white = jnp.asarray(steps.white)[:, None]
+    r = jnp.where(white > 0.0, white * variances[:, 0], 1.0)
 
     def step(carried, row):
-        x, p = carried
+        x, p, gram, logs = carried
         a, q, h, r, c = row
         p = p * (a[:, None] * a[None, :])[:, :, None] + jnp.eye(len(a))[:, :, None] * q[:, None, :]
         ph = jnp.sum(p * h[:, None, None], axis=0)
@@ -48,9 +77,16 @@ def whiten_under_each(
         x = x * a[:, None, None]
         innovation = c[:, None] - jnp.sum(x * h[:, None, None], axis=0)
         x = x + gain[:, None, :] * innovation[None, :, :]
-        return (x, p), (innovation / jnp.sqrt(s)[None, :], s)
+        white = innovation / jnp.sqrt(s)[None, :]
+        gram = gram + white[:, None, :] * white[None, :, :]
+        return (x, p, gram, logs + jnp.log(s)), None
 
-    size, lanes = a.shape[1], len(thetas)
-    start = jnp.zeros((size, columns.shape[1], lanes)), jnp.zeros((size, size, lanes))
-    _, (made, s) = jax.lax.scan(step, start, (a, q, h, r, columns))
-    return made, jnp.sum(jnp.log(s), axis=0)
+    size, lanes, width = a.shape[1], len(variances), columns.shape[1]
+    start = (
+        jnp.zeros((size, width, lanes)),
+        jnp.zeros((size, size, lanes)),
+        jnp.zeros((width, width, lanes)),
+        jnp.zeros(lanes),
+    )
+    (_, _, gram, logs), _ = jax.lax.scan(step, start, (a, q, h, r, columns))
+    return gram.transpose(2, 0, 1), logs

@@ -24,9 +24,9 @@ from jaxtyping import Float
 from ...numerics.student_t import HeavyTails
 from ..candidates.columns import lengthen
 from ..candidates.signatures import Term
-from .many_variances import TOGETHER, whiten_under_each
+from .many_variances import grams_under_each, Steps, TOGETHER
 from .observation_series import BOUNDS, NoiseFit, System
-from .reml import EXTRA, LEARNED, likelihood_inputs
+from .reml import LEARNED, likelihood_inputs
 from .state_space import Known, NUM_VARIANCES
 
 
@@ -40,7 +40,7 @@ FIRST = 256  # draws over all that is possible
 ROUNDS = 3  # further ones, each around what was found before
 DRAWS = 64  # in each of them for each pair of channels
 PAIRS = ((1, 2), (2, 0), (0, 1))
-COLUMNS = 5  # the baseline's columns are padded to a multiple
+COLUMNS = 4  # columns are padded to a multiple
 HIGHEST = 4.0  # log variance over the scale up to which the first round looks
 LEAST_WIDTH = 0.15  # standard deviation of a log variance, where few draws of a round are useful
 
@@ -139,32 +139,27 @@ def _log_likelihood(
     unit: np.ndarray,
 ) -> Float[np.ndarray, " draw"]:
     """Restricted log likelihood of one channel's rows at log variances (SI) of its slow noise."""
-    # Padded, so that one compiled program serves the three channels and later campaigns.
     observed, columns, extra = inputs
-    observed = lengthen(observed)
-    columns = lengthen(columns, -(-columns.shape[1] // COLUMNS) * COLUMNS)
-    extra = lengthen(extra, EXTRA if extra.shape[1] else 0)
+    rows = np.concatenate([observed[:, None], columns, extra], axis=1)
+    # Padded, so that few compiled programs serve the three channels and later campaigns.
+    padded = lengthen(rows, -(-rows.shape[1] // COLUMNS) * COLUMNS)
     theta = np.tile(noise.theta[chain], (-(-len(logs) // TOGETHER) * TOGETHER, 1))
     theta[: len(logs), LEARNED] = logs - unit
-    rows = np.concatenate([observed[:, None], columns, extra], axis=1)
-    scale, blocks = system.scales[chain], system.longer[chain]
-    grams, logdets = [], []
-    for k in range(0, len(theta), TOGETHER):
-        white, logdet = whiten_under_each(theta[k : k + TOGETHER], scale, blocks, rows)
-        each = np.ascontiguousarray(np.asarray(white).transpose(2, 0, 1))
-        grams.append(each.transpose(0, 2, 1) @ each)
-        logdets.append(np.asarray(logdet))
-    gram, logdet = np.concatenate(grams)[: len(logs)], np.concatenate(logdets)[: len(logs)]
+    variances = np.exp(theta) * system.scales[chain]
+    steps = Steps.of(system.longer[chain])
+    made = [
+        grams_under_each(variances[k : k + TOGETHER], steps, padded)
+        for k in range(0, len(variances), TOGETHER)
+    ]
+    gram = np.concatenate([g for g, _ in made])[: len(logs), : rows.shape[1], : rows.shape[1]]
+    logdet = np.concatenate([d for _, d in made])[: len(logs)]
     finite = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(logdet)
-    used = np.flatnonzero(np.diag(gram[np.argmax(finite)])[1:] > 0.0)  # the others are padding
-    places = [0, *(used + 1)]
-    gram = gram[:, places][:, :, places]
-    gram[~finite] = np.eye(len(places))
+    gram[~finite] = np.eye(rows.shape[1])
     norm = np.sqrt(np.einsum("dkk->dk", gram))[:, 1:]
     scaled = gram[:, 1:, 1:] / (norm[:, :, None] * norm[:, None, :]) + 1e-11 * np.eye(norm.shape[1])
     factor = np.linalg.cholesky(scaled)
     part = np.linalg.solve(factor, (gram[:, 1:, 0] / norm)[:, :, None])[:, :, 0]
-    num = np.count_nonzero(used < columns.shape[1])
+    num = columns.shape[1]
     logs_of = np.log(np.einsum("dkk->dk", factor)[:, :num]) + np.log(norm[:, :num])
     square = gram[:, 0, 0] - np.square(part).sum(axis=1)
     return np.where(finite, -0.5 * (logdet + square) - logs_of.sum(axis=1), -np.inf)

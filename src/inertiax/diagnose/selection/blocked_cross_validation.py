@@ -12,6 +12,7 @@ stretch counts as a single observation of the logarithm of the ratio.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -57,13 +58,22 @@ class Foresight:
         if columns is not None:
             z = np.concatenate([z, self._beside(columns)], axis=1)
         gram, part = z.T @ z, z.T @ self.rows
-        total = np.zeros(len(self.stretches))
+        every = [here for partition in self.stretches for here in partition]
+        own = np.stack([z[here].T @ z[here] for here in every])
+        along = np.stack([z[here].T @ self.rows[here] for here in every])
+        solution = _least_squares(gram - own, part - along)
+        total, first = np.zeros(len(self.stretches)), 0
         for n, partition in enumerate(self.stretches):
-            for here in partition:
-                x, y = z[here], self.rows[here]
-                solution = np.linalg.lstsq(gram - x.T @ x, part - x.T @ y, rcond=WEAK)[0]
-                total[n] += np.square(y - x @ solution).sum()
+            mine = solution[first : first + len(partition)]
+            first += len(partition)
+            of_row = np.repeat(mine, [here.stop - here.start for here in partition], axis=0)
+            total[n] = np.square(self.rows - np.einsum("nk,nk->n", z, of_row)).sum()
         return total
+
+    @cached_property
+    def alone(self) -> Float[np.ndarray, " partition"]:
+        """`errors` of the baseline."""
+        return self.errors(None)
 
     def errors_each(
         self, columns: Float[np.ndarray, "block column"]
@@ -103,6 +113,18 @@ class Foresight:
         return z @ (vector[:, kept] / np.sqrt(value[kept]))
 
 
+def _least_squares(
+    gram: Float[np.ndarray, "stretch size size"], part: Float[np.ndarray, "stretch size"]
+) -> Float[np.ndarray, "stretch size"]:
+    """The shortest solution of each normal equation, without directions of which next to nothing is told."""
+    value, vector = np.linalg.eigh(gram)
+    size = np.abs(value)
+    told = size > WEAK * size.max(axis=1, keepdims=True)
+    along = (vector.transpose(0, 2, 1) @ part[:, :, None])[:, :, 0]
+    scaled = np.where(told, along / np.where(told, value, 1.0), 0.0)
+    return (vector @ scaled[:, :, None])[:, :, 0]
+
+
 def foresights(system: System) -> list[Foresight]:
     """One `Foresight` per chain of the observed rows."""
     made = []
@@ -128,7 +150,7 @@ def skill(one: Foresight, columns: Float[np.ndarray, "block column"] | None) -> 
     over partitions."""
     if columns is None:
         return 0.0
-    return float(np.mean(0.5 * np.log(one.errors(None) / one.errors(columns))))
+    return float(np.mean(0.5 * np.log(one.alone / one.errors(columns))))
 
 
 def skills(one: Foresight, terms: Sequence[Term], chain: int) -> Float[np.ndarray, " term"]:
@@ -138,7 +160,7 @@ def skills(one: Foresight, terms: Sequence[Term], chain: int) -> Float[np.ndarra
     single = [k for k, c in enumerate(columns) if c.shape[1] == 1]
     if single:
         errors = one.errors_each(np.concatenate([columns[k] for k in single], axis=1))
-        made[single] = np.mean(0.5 * np.log(one.errors(None)[:, None] / errors), axis=0)
+        made[single] = np.mean(0.5 * np.log(one.alone[:, None] / errors), axis=0)
     for k, column in enumerate(columns):
         if column.shape[1] != 1:
             made[k] = skill(one, column)
