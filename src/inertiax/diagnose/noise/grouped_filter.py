@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import get_lapack_funcs
 
+from ...numerics.quasi_newton import Minimum
 from .processes import processes, WHITE
 from .state_space import Chain, NUM_VARIANCES
 
@@ -55,6 +56,7 @@ class Groups:
     added: Float[np.ndarray, "variance group state"]  # q
     shared: Float[np.ndarray, "variance group row state"]  # X
     known: dict[bytes, "Gains"] = field(default_factory=dict)  # the last filters, by the variances
+    fitted: dict[tuple, Minimum] = field(default_factory=dict)  # searches, by all that they ask
 
     @property
     def count(self) -> int:

@@ -113,6 +113,27 @@ def _maximise(
     lean: float,
     curvature: np.ndarray | None,
 ) -> Minimum:
+    """The likeliest variances of a chain; what was asked before is known.
+
+    Beside each choice the leading candidates of all chains are fitted again, of which most chains have not changed.
+    """
+    known, mine = system.known[c], tuple(t for t in chosen if c in t.chains)
+    asked = [known.center, known.precision, *starts, *([] if curvature is None else [curvature])]
+    key = (mine, lean, curvature is None, *(np.asarray(a).tobytes() for a in asked))
+    fitted = groups_of(system.chains[c]).fitted
+    if key not in fitted:
+        fitted[key] = _searched(system, c, chosen, starts, lean, curvature)
+    return fitted[key]
+
+
+def _searched(
+    system: System,
+    c: int,
+    chosen: Sequence[Term],
+    starts: Sequence[np.ndarray],
+    lean: float,
+    curvature: np.ndarray | None,
+) -> Minimum:
     rows = restricted(system, c, chosen)
     slant = np.zeros(NUM_VARIANCES)
     if not system.known[c].precision.any():

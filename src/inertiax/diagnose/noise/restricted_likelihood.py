@@ -4,7 +4,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from .grouped_filter import filter_of, gains, gradient, Groups, remember
+from .grouped_filter import filter_of, Gains, gains, gradient, Groups, remember
 from .state_space import FREEDOM, Known, WALK
 
 
@@ -54,7 +54,7 @@ class RestrictedLikelihood:
         """The same with the derivative by the log variances."""
         variances = np.exp(theta) * self._scale
         try:
-            found = gains(self._groups, variances)
+            found = self._filter(variances)
             value, slope = gradient(found, self._rows, self._by_gram)
         except np.linalg.LinAlgError:
             return np.inf, np.zeros(len(theta))
@@ -62,6 +62,15 @@ class RestrictedLikelihood:
         if value + prior < self._least:
             self._least, self._best = value + prior, (variances, found)
         return value + prior, slope * variances + its_slope
+
+    def _filter(self, variances: Float[np.ndarray, "7"]) -> Gains:
+        """One that is kept, or a new one. Where a search begins is kept: others begin there beside other columns."""
+        found = self._groups.known.get(variances.tobytes())
+        if found is None:
+            found = gains(self._groups, variances)
+            if self._best is None:
+                remember(variances, found)
+        return found
 
     def keep_best(self) -> None:
         """Keep the filter of the likeliest variances whose slope was asked for: what follows a search begins there."""
