@@ -9,11 +9,12 @@ import scipy.optimize
 
 from inertiax.diagnose.noise import grouped_filter
 from inertiax.diagnose.noise.grouped_filter import groups_of, ROWS, whiten
-from inertiax.diagnose.noise.many_variances import whiten_under_each
+from inertiax.diagnose.noise.many_variances import grams_under_each, Steps
 from inertiax.diagnose.noise.restricted_likelihood import RestrictedLikelihood
 from inertiax.diagnose.noise.state_space import (
     Chain,
     Known,
+    TIME_CONSTANTS,
     unpack,
     value_and_gradient,
     whiten as whiten_row_by_row,
@@ -130,8 +131,23 @@ def test_many_variances_side_by_side_give_what_each_gives_alone(channels, heated
     columns = np.random.default_rng(6).standard_normal((NUM + 9, 4))
     columns[NUM:] = 0.0
     with jax.enable_x64(True):
-        white, logs = whiten_under_each(THETAS, SCALE, padded, columns)
+        grams, logs = grams_under_each(np.exp(THETAS) * SCALE, Steps.of(padded), columns)
         for k, theta in enumerate(THETAS):
             alone, its_logs = whiten_row_by_row(unpack(theta, SCALE), padded, columns)
-            np.testing.assert_allclose(white[:, :, k], np.asarray(alone), rtol=0.0, atol=1e-11)
+            gram = np.asarray(alone).T @ np.asarray(alone)
+            np.testing.assert_allclose(grams[k], gram, rtol=1e-11, atol=1e-11 * np.max(gram))
             np.testing.assert_allclose(logs[k], float(its_logs), rtol=1e-12)
+
+
+def test_processes_that_decay_and_are_seen_alike_are_one_state():
+    # One dwell, one power cycle: walk, level and the dwell's error go together, and the filter is the same.
+    one = chain(1, False)
+    first = np.r_[1.0, np.zeros(NUM - 1)]
+    one = Chain(one.white, one.loads, one.gap, first, first, one.rig, one.heated)
+    assert groups_of(one).decay.shape[1] == len(TIME_CONSTANTS) + 1
+    columns = np.random.default_rng(7).standard_normal((NUM, 3))
+    with jax.enable_x64(True):
+        other, logs = whiten_row_by_row(unpack(THETAS[0], SCALE), one, columns)
+    mine, own_logs = whiten(one, np.exp(THETAS[0]) * SCALE, columns)
+    np.testing.assert_allclose(mine, np.asarray(other), rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(own_logs, float(logs), rtol=1e-12)

@@ -57,6 +57,7 @@ class Groups:
     shared: Float[np.ndarray, "variance group row state"]  # X
     known: dict[bytes, "Gains"] = field(default_factory=dict)  # the last filters, by the variances
     fitted: dict[tuple, Minimum] = field(default_factory=dict)  # searches, by all that they ask
+    drawn: dict[tuple, dict[bytes, float]] = field(default_factory=dict)  # likelihoods of draws
 
     @property
     def count(self) -> int:

@@ -64,7 +64,7 @@ def grams_under_each(
     a, h = jnp.asarray(steps.decay), jnp.asarray(steps.seen)
     q = jnp.einsum("lv,vrs->rsl", variances, jnp.asarray(steps.added))
     white = jnp.asarray(steps.white)[:, None]
-    r = jnp.where(white > 0.0, white * variances[:, 0], 1.0)
+    r = jnp.where(white > 0.0, white * variances[None, :, 0], 1.0)
 
     def step(carried, row):
         x, p, gram, logs = carried

@@ -24,6 +24,7 @@ from jaxtyping import Float
 from ...numerics.student_t import HeavyTails
 from ..candidates.columns import lengthen
 from ..candidates.signatures import Term
+from .grouped_filter import groups_of
 from .many_variances import grams_under_each, Steps, TOGETHER
 from .observation_series import BOUNDS, NoiseFit, System
 from .reml import LEARNED, likelihood_inputs
@@ -139,7 +140,29 @@ def _log_likelihood(
     logs: np.ndarray,
     unit: np.ndarray,
 ) -> Float[np.ndarray, " draw"]:
-    """Restricted log likelihood of one channel's rows at log variances (SI) of its slow noise."""
+    """Restricted log likelihood of one channel's rows at log variances (SI) of its slow noise.
+
+    What was asked before is known: beside each choice the draws are asked of all channels, of which most have not
+    changed.
+    """
+    rest = np.delete(noise.theta[chain], LEARNED)
+    asked = rest.tobytes(), inputs[2].tobytes()
+    known = groups_of(system.chains[chain]).drawn.setdefault(asked, {})
+    fresh = np.array([one.tobytes() not in known for one in logs])
+    if fresh.any():
+        made = _evaluated(system, noise, chain, inputs, logs[fresh], unit)
+        known.update((one.tobytes(), value) for one, value in zip(logs[fresh], made))
+    return np.array([known[one.tobytes()] for one in logs])
+
+
+def _evaluated(
+    system: System,
+    noise: NoiseFit,
+    chain: int,
+    inputs: tuple[np.ndarray, ...],
+    logs: np.ndarray,
+    unit: np.ndarray,
+) -> Float[np.ndarray, " draw"]:
     observed, columns, extra = inputs
     rows = np.concatenate([observed[:, None], columns, extra], axis=1)
     # Padded, so that few compiled programs serve the three channels and later campaigns.
