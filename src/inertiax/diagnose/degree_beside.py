@@ -80,6 +80,8 @@ def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
     Where outputs without the effects cannot be calibrated, the degrees stay as well.
     """
     before, log = problem.plain.model, problem.log
+    if log.temperature is None:
+        return None
     chosen_by, names = dict(before.chosen_by), dict[str, str]()
     for finding in findings:
         prepared, triad = finding.prepared, finding.prepared.form.triad

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Float
+from scipy.linalg import get_lapack_funcs
 
 from .linear_algebra import scaled_factor
 
@@ -20,6 +20,7 @@ _FIRST_DAMPING = (
     1e-3  # of each column's own square; what Levenberg and Marquardt's descendants start from
 )
 _LAST_DAMPING = 1e8  # beyond, a step is shorter than rounding
+(_SOLVE,) = get_lapack_funcs(("potrs",), dtype=np.float64)
 _WORSE = 1e-9  # relative: a cost that rounding alone makes larger
 
 
@@ -101,7 +102,7 @@ def linear_step(
     lower, scale = factor
 
     def solve(right: np.ndarray) -> np.ndarray:
-        return scale * scipy.linalg.cho_solve((lower, True), scale * (design.T @ right))
+        return scale * _SOLVE(lower, scale * (design.T @ right), lower=1)[0]
 
     step = -solve(residual)
     return step - solve(design @ step + residual)

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
-from ..estimators.host_forms import host_form, LinearisedDwells
+from ..estimators.host_forms import AbstractHostForm, host_form, LinearisedDwells
 from ..numerics.gauss_newton import solve_on_host
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis, Curve
@@ -36,6 +36,7 @@ class Problem:
         self.basis = basis
         self.num_dwells = dwells.num_dwells
         self._given = np.asarray(dwells.valid)
+        self.form = host_form(estimator)
         self.dwells = _prepared(estimator, dwells)
         self.phi = basis.rows(np.asarray(self.dwells.temperature))
         self.at_nodes = basis.at_nodes
@@ -48,14 +49,15 @@ class Problem:
     def at(self, coefficients: AnyArray, dwells: Dwells | None = None) -> LinearisedDwells:
         """Linearised at a curve's coefficients; `dwells` may stand in for the problem's own."""
         dwells = self.dwells if dwells is None else dwells
-        parts = linearise(self.estimator, self.vectors(coefficients), dwells)
+        parts = linearise(self.estimator, self.vectors(coefficients), dwells, self.form)
         return LinearisedDwells(*(part[: self.num_dwells] for part in parts))
 
     def start(self) -> Float[np.ndarray, "size parameter"]:
         """Block 2: a curve constant over temperature at the closed-form start."""
-        form = host_form(self.estimator)
         start = (
-            _start_vector(self.estimator, self.dwells) if form is None else form.start(self.dwells)
+            _start_vector(self.estimator, self.dwells)
+            if self.form is None
+            else self.form.start(self.dwells)
         )
         vector = np.asarray(start)
         return self.interpolated(np.tile(vector, (self.basis.size, 1)))
@@ -110,9 +112,9 @@ class Problem:
 
     def refined(self, coefficients: AnyArray) -> Dwells:
         """As `compensated`, with the padding."""
-        vectors, form = self.vectors(coefficients), host_form(self.estimator)
-        if form is not None:
-            return form.compensate(vectors, self.dwells)
+        vectors = self.vectors(coefficients)
+        if self.form is not None:
+            return self.form.compensate(vectors, self.dwells)
         return _compensate(self.estimator, vectors, self.dwells)
 
     def normal(self, jacobian: Float[np.ndarray, "dwell row parameter"]) -> np.ndarray:
@@ -227,9 +229,17 @@ def padded(dwells: Dwells) -> Dwells:
     return eqx.tree_at(lambda d: d.valid, result, valid)
 
 
-def linearise(estimator: AbstractEstimator, vectors: AnyArray, dwells: Dwells) -> LinearisedDwells:
-    """Residuals, their Jacobians, misfits and sigmas of dwells, each at its own parameters (dwell, parameter)."""
-    form, vectors = host_form(estimator), np.asarray(vectors, float)
+def linearise(
+    estimator: AbstractEstimator,
+    vectors: AnyArray,
+    dwells: Dwells,
+    form: AbstractHostForm | None = None,
+) -> LinearisedDwells:
+    """Residuals, their Jacobians, misfits and sigmas of dwells, each at its own parameters (dwell, parameter).
+
+    `form` is the estimator's NumPy form where that was made before.
+    """
+    form, vectors = form or host_form(estimator), np.asarray(vectors, float)
     if form is not None:
         return form.linearise(vectors, dwells)
     longer = padded(dwells)
