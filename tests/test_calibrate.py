@@ -157,15 +157,18 @@ def test_what_was_chosen_is_said(recordings):
 def test_a_bad_device_does_not_stop_the_others(recordings):
     _, made = recordings
     good = tuple(_without_references(r) for r in made)
-    # Device B stood in three positions only.
+    # Device B stood in three positions only; C in six, the first time: 18 equations for 18 unknowns, which any data fit.
     few = [_without_references(r, "B", r.position < 3) for r in made]
+    just = [_without_references(r, "C", r.position < 3 + 3 * (k == 0)) for k, r in enumerate(made)]
     campaign = Campaign(
-        (*few, *good),
+        (*few, *just, *good),
         Site(gravity=PAPER_GRAVITY),
         model=ModelChoice(accel_estimator="invariant", temperature_degree=1),
     )
-    bad, fine = calibrate(campaign)
+    bad, exact, fine = calibrate(campaign)
     assert isinstance(bad, DeviceFailure) and bad.device == "B"
+    assert isinstance(exact, DeviceFailure) and exact.device == "C"
+    assert "18 dwells give 18 equations, so that nothing is left to judge the fit" in exact.reason
     assert isinstance(fine, DeviceResult) and fine.calibration.device == "A"
     assert "too few positions: 15 dwells give 15 equations for 18 unknowns" in bad.reason
 

@@ -1,6 +1,7 @@
 """Requirements on a triad whose uncertainties do not hold are not decided; limits in µrad; temperatures outside."""
 
 import json
+import shutil
 
 import numpy as np
 import polars as pl
@@ -67,6 +68,21 @@ def test_rests_that_differ_by_fifty_times_their_noise_decide_nothing(tmp_path):
     assert all("times the noise" in r["reason"] for r in made["requirements"])
     page = (tmp_path / "p" / "protocol.html").read_text()
     assert "not decided, because" in page and "rule of `calibrate`" not in page
+
+
+def test_a_calibration_not_to_be_used_yet_says_so_wherever_it_goes(sound, tmp_path, capfd):
+    shutil.copytree(sound, tmp_path / "r")
+    file, record = tmp_path / "r" / "calibration.json", tmp_path / "r" / "record.json"
+    export = ("export", file, "--to", "c", "-o", tmp_path / "a.h")
+    assert run(*export) == 0
+    assert "do not use it" not in capfd.readouterr().err
+    doubt = {"verdict": "doubtful", "findings": ["Accelerometers: axis z has the wrong sign."]}
+    record.write_text(json.dumps(json.loads(record.read_text()) | doubt))
+    line = f"{file}: do not use it yet: Accelerometers: axis z has the wrong sign."
+    assert run(*export) == 0
+    assert line in capfd.readouterr().err
+    assert run("compensate", file, sound.parent / "c" / "0.csv", "-o", tmp_path / "o.csv") == 0
+    assert line in capfd.readouterr().err
 
 
 def test_results_go_on_outside_the_range_by_two_percent_and_the_page_says_so(

@@ -17,6 +17,7 @@ from .one_triad import (
     Progress,
     require_observable,
     rows_for,
+    TooHighDegree,
 )
 from .results import TriadResult
 
@@ -69,6 +70,8 @@ def calibrate_accelerometers(
     if first:
         try:
             found = estimate(chosen, said)
+        except TooHighDegree:
+            raise  # misalignments are not at fault
         except ValueError:
             why = f"so badly that the estimation with them does not converge; {_BETWEEN}"
         else:

@@ -27,6 +27,7 @@ from .goodness_of_fit import (
     UNUSABLE,
     usual_size,
 )
+from .misfit_pattern import follows_temperature
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
@@ -78,6 +79,8 @@ def judge(result: DeviceResult) -> Quality:
             finding, wanted = topic(name, triad, estimate, result.calibration)
             own += [] if finding is None else [finding]
             advice += [] if wanted is None else [wanted]
+        if follows_temperature(estimate.follows):
+            advice.insert(0, f"{name}: rests after the device has reached its temperature.")
         own += _outliers(name, estimate)
         triads.append(_triad_verdict(name, own))
         findings += own
@@ -199,9 +202,14 @@ def _misfit(name: str, triad: TriadCalibration, estimate: TriadResult) -> Findin
             if estimate.slow_noise.probability > 0.5
             else "Parameters may be off by more than is stated"
         )
+        cause = (
+            "constants leave out what biases do with temperature"
+            if follows_temperature(estimate.follows)
+            else "'inertiax diagnose' looks for the cause"
+        )
         words = (
             f"{what}, and most of it follows {estimate.follows}, so that it does not average out. "
-            f"{held}; 'inertiax diagnose' looks for the cause"
+            f"{held}; {cause}"
         )
         grade = ATTENTION
     return Finding("misfit", grade, f"{name}: {words}.")

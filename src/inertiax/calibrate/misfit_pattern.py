@@ -3,6 +3,9 @@
 Scatter between dwells is taken into the uncertainties as if it were drawn anew for each dwell. Where it follows the
 running time, the force or its square it is the same wherever that is the same, and a bias may be ten of the stated
 sigmas off while everything else looks well. `diagnose` tells what it is; here is asked only whether it is there.
+
+Over less than `LEAST_SPAN` parameters are constants, and what biases do with temperature is in none of them. Few rests
+hide most of it: nine parameters of 18 rests follow it, and what is left may be as noise predicts.
 """
 
 from collections.abc import Iterator
@@ -13,7 +16,8 @@ import scipy.special
 from jaxtyping import Float
 
 from ..estimators import AbstractEstimator, Invariant, ReferenceAccel, ReferenceGyro
-from ..physics.temperature import AbstractBasis
+from ..model_selection.model_spec import LEAST_SPAN
+from ..physics.temperature import AbstractBasis, Constant
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 
@@ -26,7 +30,13 @@ MOST = 0.5
 # rad/s: slower references show no scale factor, and so nothing that goes with the square of the rate. Convention.
 SLOW = 0.1
 
+# °C; over less a usual bias (0.2 mg/°C) moves by less than 0.2 mm/s², the noise of a rest of some seconds. Convention.
+WARMED = 0.1
+# Chance of a false word where the temperature moved: there a slope is what to expect, 5 mm/s² per °C in cheap sensors.
+EXPECTED = 0.05
+
 _FORCE = "the specific force"
+_TEMPERATURE = "the temperature, which moved by"
 
 
 def misfit_pattern(
@@ -40,21 +50,29 @@ def misfit_pattern(
     For each driver d (the running time, the square of the input) a bias of each axis in proportion to it is tried:
     columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns. Said is the
     driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
-    dwells' noise. Of gyros that are calibrated by gravity's rotation the means at rest are tried against the specific
+    dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
+    first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Of gyros that are calibrated by gravity's rotation the means at rest are tried against the specific
     force, where no g-sensitivity is estimated.
 
     **Arguments:** the estimator with the scatter between dwells that was found, and the curve that was fitted. Nothing
-    is looked for without scatter, nor in a static fit, which has no input. An ordinary F test; no source.
+    else is looked for without scatter, nor anything in a static fit, which has no input. An ordinary F test; no source.
     """
     if dwells.motion is not None:
         return _of_rests(estimator, basis, dwells)
-    if not float(estimator.scatter) > 0.0 or not isinstance(
-        estimator, (Invariant, ReferenceAccel, ReferenceGyro)
-    ):
+    if not isinstance(estimator, (Invariant, ReferenceAccel, ReferenceGyro)):
         return ""
     problem = Problem(estimator, basis, dwells)
     model, residual = problem.rows(coefficients)
     now = problem.at(coefficients)
+    temperature = np.asarray(dwells.temperature)
+    span = float(np.ptp(temperature))
+    if isinstance(basis, Constant) and WARMED <= span < LEAST_SPAN:
+        columns = _biases(estimator, now.jacobian, (temperature - temperature.mean())[:, None])
+        chance, share = _f_test(model, residual, columns)
+        if chance < EXPECTED and share > MOST:
+            return f"{_TEMPERATURE} {span:.2f} °C"
+    if not float(estimator.scatter) > 0.0:
+        return ""
     beyond = 1.0 - np.square(now.sigma).sum() / max(np.square(now.misfit).sum(), 1e-300)
     found = [
         (*_f_test(model, residual, columns), name)
@@ -62,6 +80,11 @@ def misfit_pattern(
     ]
     chance, share, name = min(found, default=(1.0, 0.0, ""))
     return name if chance < RARE and share > MOST * beyond else ""
+
+
+def follows_temperature(follows: str) -> bool:
+    """Whether an answer of `misfit_pattern` is that the biases moved with a temperature that constants leave out."""
+    return follows.startswith(_TEMPERATURE)
 
 
 def _f_test(
@@ -87,8 +110,7 @@ def _trials(
     jacobian: Float[np.ndarray, "dwell row parameter"],
 ) -> Iterator[tuple[str, Float[np.ndarray, "row axis"]]]:
     """What may be followed, in words, with whitened columns of a bias in proportion to it."""
-    places = [estimator.names.index(f"{estimator.triad}.bias[{i}]") for i in range(3)]
-    scaled = lambda driver: (jacobian[:, :, places] * driver[:, None, :]).reshape(-1, 3)
+    scaled = lambda driver: _biases(estimator, jacobian, driver)
     dwells, many = problem.dwells, problem.num_dwells
     time = np.asarray(dwells.time)[:many]
     yield "the running time", scaled((time - time.mean())[:, None] / (np.ptp(time) + 1e-300))
@@ -98,6 +120,16 @@ def _trials(
     rate = np.asarray(dwells.reference_gyro)[:many]
     if np.abs(rate).max() > SLOW:
         yield "the square of the rate", scaled(np.square(rate))
+
+
+def _biases(
+    estimator: AbstractEstimator,
+    jacobian: Float[np.ndarray, "dwell row parameter"],
+    driver: Float[np.ndarray, "dwell one_or_three"],
+) -> Float[np.ndarray, "rows 3"]:
+    """Whitened columns of biases in proportion to a driver, of each axis or (dwell, 1) of all."""
+    places = [estimator.names.index(f"{estimator.triad}.bias[{i}]") for i in range(3)]
+    return (jacobian[:, :, places] * driver[:, None, :]).reshape(-1, 3)
 
 
 def _of_rests(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> str:

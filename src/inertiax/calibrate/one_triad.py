@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..model_selection.select_model import ChosenModel, polynomial_basis
-from ..model_selection.temperature_degree import choose_degree
+from ..model_selection.temperature_degree import choose_degree, SPARE
 from ..physics.temperature import AbstractBasis
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
@@ -31,6 +31,10 @@ from .slow_noise import SlowNoise, with_slow_noise
 
 Progress = Callable[[str], None]
 NO_RIG = Rig()  # that promises nothing
+
+
+class TooHighDegree(ValueError):
+    """A degree over temperature that leaves nothing to judge the fit by."""
 
 
 def estimate_triad(
@@ -54,11 +58,12 @@ def estimate_triad(
     estimator = with_provisional_scatter(estimator, dwells)
     dwells = jax.tree.map(np.asarray, dwells)
     degree = chosen.degree(estimator.triad)
+    asked = bool(degree) and not chosen.fixed  # by `[model]`; what the tool takes has equations to spare
     if degree is None:
         degree, reason = choose_degree(estimator, dwells)
         choices.append(f"{estimator.triad}: {reason}")
     basis = polynomial_basis(degree, dwells)
-    seen = require_observable(estimator, basis, dwells)
+    seen = require_observable(estimator, basis, dwells, spare=SPARE if asked else 0)
     progress(f"estimating {estimator.triad} ({basis.size * estimator.num_parameters} unknowns)")
     try:
         settled = _settled(estimator, basis, dwells, method)
@@ -137,11 +142,12 @@ def _settled(
 
 
 def require_observable(
-    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, *, spare: int = 0
 ) -> Observability:
     """What the dwells show of the model at the ideal triad.
 
-    Raises `ValueError` where they do not determine all unknowns, with the combinations that are not seen.
+    Raises `ValueError` where they do not determine all unknowns, with the combinations that are not seen;
+    `TooHighDegree` where they do, with fewer than `spare` equations more.
     """
     problem = Problem(estimator, basis, dwells)
     ideal = problem.at(np.zeros((basis.size, estimator.num_parameters)))
@@ -156,6 +162,12 @@ def require_observable(
         raise ValueError(
             f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "
             f"for {unknowns} unknowns{temperature}; record more positions in different orientations."
+        )
+    if rows < unknowns + spare:
+        raise TooHighDegree(
+            f"{estimator.triad}: temperature_degree = {basis.size - 1} asks for {unknowns} unknowns{temperature}, and "
+            f"{dwells.num_dwells} dwells give {rows} equations, so that nothing is left to judge the fit by; use a lower "
+            "degree (0 for constants), or record more positions."
         )
     seen = judge_normal(problem.normal(ideal.jacobian), estimator.names, basis.size)
     if seen.rank < seen.unknowns:

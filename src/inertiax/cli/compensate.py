@@ -73,6 +73,7 @@ def compensate(
         from ..calibration.calibration import read_calibration
         from ..data.campaign import campaign_beside
         from ..exports.compensated_stream import write_compensated
+        from ..protocol.record import doubt_about
 
         stages("compensating")
         result = write_compensated(
@@ -83,6 +84,8 @@ def compensate(
             campaign=campaign or campaign_beside(recording),
             any_device=any_device,
         )
+    doubt = doubt_about(calibration)
+    result = result._replace(notes=(*([doubt] if doubt else []), *result.notes))
     _tell(result, output, as_json=as_json, quiet=quiet)
 
 

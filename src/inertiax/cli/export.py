@@ -122,6 +122,10 @@ def export(
             joined = with_warm_up(known, read_calibration(warm_up), made_at)
             joining, known = joined.notes[len(known.notes) :], joined
         stages("exporting")
+        from ..protocol.record import doubt_about
+
+        files = [calibration] if warm_up is None else [calibration, warm_up]
+        joining = (*filter(None, map(doubt_about, files)), *joining)
         notes: tuple[str, ...] = ()
         of_record, said = _of_record(to, calibration, values)
         if noise is not None:

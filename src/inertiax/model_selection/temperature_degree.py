@@ -21,6 +21,8 @@ HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than
 # Convention.
 LEAST_TOLD = 0.01
 
+SPARE = 3  # equations beyond the unknowns, so that something is left to judge a degree by. Convention.
+
 STRETCHES = 8  # of a campaign's time, each predicted from the others
 
 
@@ -61,7 +63,7 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     alone, asked, ahead = np.ones(count), "", 0.0
     for degree in range(min(HIGHEST_DEGREE, temperature_levels(temperature) - 1) + 1):
         unknowns = (degree + 1) * count
-        if num_dwells * per_dwell < unknowns + 3:
+        if num_dwells * per_dwell < unknowns + SPARE:
             break
         phi = np.polynomial.chebyshev.chebvander(x, degree)
         design = np.einsum("na,nri->nrai", phi, parameters)

@@ -78,7 +78,7 @@ def record_of(
         # The judge begins a warning with a capital letter and counts it among its findings.
         findings=tuple(
             f.text
-            for f in quality.findings
+            for f in sorted(quality.findings, key=lambda f: -f.grade)
             if not f.fine and f.text.casefold() not in {w.casefold() for w in result.warnings}
         ),
         choices=tuple(result.choices),

@@ -128,6 +128,19 @@ def read_record(folder: Path) -> Record:
     return record
 
 
+def doubt_about(calibration: Path) -> str | None:
+    """That the record beside a `calibration.json` says not to use it yet, and why; `None` where it does not, or where
+    there is none."""
+    try:
+        known = read_record(calibration.parent)
+    except ValueError:
+        return None
+    if calibration.name != "calibration.json" or known.verdict != "doubtful":
+        return None
+    why = next(iter((*known.findings, *known.warnings)), "")
+    return f"{calibration}: do not use it yet{': ' if why else ''}{why}"
+
+
 def digest_of(file: Path) -> str:
     """SHA-256 of a file's content, in hexadecimal digits."""
     return hashlib.sha256(file.read_bytes()).hexdigest()
