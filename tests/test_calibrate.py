@@ -157,7 +157,7 @@ def test_what_was_chosen_is_said(recordings):
 def test_a_bad_device_does_not_stop_the_others(recordings):
     _, made = recordings
     good = tuple(_without_references(r) for r in made)
-    # Device B stood in three positions only; C in six, the first time: 18 equations for 18 unknowns, which any data fit.
+    # Device B stood in three positions only; C in six, the first time: 18 equations for 18 unknowns.
     few = [_without_references(r, "B", r.position < 3) for r in made]
     just = [_without_references(r, "C", r.position < 3 + 3 * (k == 0)) for k, r in enumerate(made)]
     campaign = Campaign(

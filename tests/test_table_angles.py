@@ -2,6 +2,7 @@
 
 import json
 
+import msgspec
 import numpy as np
 import polars as pl
 import pytest
@@ -11,8 +12,9 @@ from command_runs import run
 from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.columns import Turntable
-from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings
+from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings, rates_by_axis
 from inertiax.physics.earth import earth_rate
+from inertiax.plausibility import check_campaign
 
 
 G, LATITUDE = 9.81, np.deg2rad(48.2)
@@ -82,6 +84,46 @@ def test_north_by_azimuth():
     table = Turntable(axes=("up",), azimuth=90.0)
     found = ideal_readings(table, np.zeros((1, 1)), np.zeros((1, 1)), G, 0.0)
     np.testing.assert_allclose(found.rate, [[-7.292115e-5, 0.0, 0.0]], atol=1e-17)
+
+
+def test_one_column_of_rates_is_that_of_the_axis_that_turns():
+    """Laps at 60 °/s of the inner axis and −25 °/s of the outer one, angles within a turn with an encoder's noise of
+    0.0001°; between them both move to a position by 90° (1 − cos) / 2, for which the column is zero."""
+    t = np.arange(0.0, 40.0, 0.01)
+    told = np.select([(t > 5.0) & (t < 15.0), t > 25.0], [60.0, -25.0], 0.0)
+    lap = lambda begin, end, rate: rate * np.clip(t - begin, 0.0, end - begin)
+    u = np.clip((t - 17.0) / 5.0, 0.0, 1.0)
+    position = 45.0 * (1.0 - np.cos(np.pi * u))
+    moving = np.where((u > 0.0) & (u < 1.0), 45.0 * np.pi / 5.0 * np.sin(np.pi * u), 0.0)  # °/s
+    angles = np.stack([position + lap(25.0, 40.0, -25.0), position + lap(5.0, 15.0, 60.0)], axis=1)
+    angles = (angles + 1e-4 * np.random.default_rng(3).standard_normal(angles.shape)) % 360.0
+    found = np.rad2deg(rates_by_axis(np.deg2rad(angles), np.deg2rad(told[:, None]), t))
+    right = np.stack([moving + np.where(t > 25.0, -25.0, 0.0), moving], axis=1)
+    right[:, 1] += np.where((t > 5.0) & (t < 15.0), 60.0, 0.0)
+    still = (right == 0.0).all(axis=1)
+    assert np.mean(found[still] == 0.0) > 0.999  # but for a row beside a plateau
+    np.testing.assert_allclose(found[told != 0.0], right[told != 0.0], atol=1e-9)
+    # The change of two angles over 20 ms: 0.0001° · √2 / 0.02 s is 0.007 °/s, five of which are rare in 1000 numbers.
+    between = moving > 0.5
+    np.testing.assert_allclose(found[between], right[between], atol=0.036)
+    with pytest.raises(ValueError, match="not the change of any of table_angles"):
+        rates_by_axis(np.deg2rad(angles), np.deg2rad(told[:, None] * 3.0), t)
+
+
+def test_an_azimuth_that_the_gyros_contradict_is_said_with_the_right_one(tmp_path):
+    """At 48° the horizontal part is 10 °/h, 4.9e-5 rad/s; a rest's mean is known to 1e-5 / √80 = 1.1e-6 rad/s."""
+    station(tmp_path / "c", msgspec.structs.replace(PITCH, azimuth=-37.0))
+    azimuth = lambda file: [
+        f for f in check_campaign(load_campaign(file)).findings if f.kind == "azimuth"
+    ]
+    (said,) = azimuth(tmp_path / "c")
+    assert said.severity == "warning" and said.remedy is not None
+    numbers = dict(said.evidence)
+    assert abs(np.degrees(numbers["angle"]) + 37.0) < 3.0 * np.degrees(numbers["std"]) < 9.0
+    better = float(said.remedy.removeprefix("[table]\nazimuth = "))
+    file = tmp_path / "c" / "campaign.toml"
+    file.write_text(TOML + f"azimuth = {better}\n")
+    assert not azimuth(file)
 
 
 TRUTH = np.array([0.1, -0.2, 0.05])
@@ -177,6 +219,18 @@ def test_init_finds_the_table_whose_angles_these_are(tmp_path, name):
     assert np.abs(recording.reference_gyro - ideal.rate).max() < 1.1 * np.linalg.norm(earth)
 
 
+def test_init_finds_one_column_of_rates_for_whichever_axis_turns(tmp_path):
+    ideal, _ = station(tmp_path / "c")
+    log = tmp_path / "c" / "log.csv"
+    rate = pl.col("rate aussen") + pl.col("rate innen")
+    pl.read_csv(log).with_columns(rate=rate).drop("rate aussen", "rate innen").write_csv(log)
+    text = draft_campaign(log, tmp_path / "c").text
+    assert 'table_rates = { names = ["rate"], unit = "deg/s" }' in text
+    (tmp_path / "c" / "campaign.toml").write_text(text)
+    (recording,) = load_campaign(tmp_path / "c").recordings
+    assert np.abs(recording.reference_gyro - ideal.rate).max() < 1e-4  # the Earth's is left out
+
+
 def test_init_finds_the_table_of_a_station_that_writes_a_file_for_each_step(tmp_path):
     """No file alone tells the angles; each begins its clock anew, with decimal commas."""
     ideal, label = station(tmp_path / "c")
@@ -209,7 +263,7 @@ def test_init_finds_the_table_of_a_station_that_writes_a_file_for_each_step(tmp_
         (('"north"]\n', '"north"]\ncase = ["east", "up", "north"]\n'), "are left-handed"),
         (('"north"]\n', '"north"]\ncase = ["east", "up", "up"]\n'), "must be at right angles"),
         (('"aussen", "innen"] }', '"aussen", "innen"], unit = "gon" }'), "unit 'gon' is not known"),
-        (('["rate aussen", "rate innen"]', '["rate innen"]'), "name one column for each of table_angles"),
+        (('["rate aussen", "rate innen"]', '["innen", "aussen", "innen"]'), "name one column for each of table_angles"),
         (('"aussen", "innen"', '"aussen", "inne"'), "column 'inne' is missing; did you mean 'innen'?"),
         (("[table]", 'reference_accel = { names = ["accel_x", "accel_y", "accel_z"] }\n[table]'), "leave one out"),
     ],

@@ -51,8 +51,9 @@ def misfit_pattern(
     columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns. Said is the
     driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
     dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
-    first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Of gyros that are calibrated by gravity's rotation the means at rest are tried against the specific
-    force, where no g-sensitivity is estimated.
+    first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Of gyros that are
+    calibrated by gravity's rotation the means at rest are tried against the specific force, where no g-sensitivity is
+    estimated.
 
     **Arguments:** the estimator with the scatter between dwells that was found, and the curve that was fitted. Nothing
     else is looked for without scatter, nor anything in a static fit, which has no input. An ordinary F test; no source.

@@ -58,7 +58,9 @@ def estimate_triad(
     estimator = with_provisional_scatter(estimator, dwells)
     dwells = jax.tree.map(np.asarray, dwells)
     degree = chosen.degree(estimator.triad)
-    asked = bool(degree) and not chosen.fixed  # by `[model]`; what the tool takes has equations to spare
+    asked = (
+        bool(degree) and not chosen.fixed
+    )  # by `[model]`; what the tool takes has equations to spare
     if degree is None:
         degree, reason = choose_degree(estimator, dwells)
         choices.append(f"{estimator.triad}: {reason}")
@@ -166,8 +168,8 @@ def require_observable(
     if rows < unknowns + spare:
         raise TooHighDegree(
             f"{estimator.triad}: temperature_degree = {basis.size - 1} asks for {unknowns} unknowns{temperature}, and "
-            f"{dwells.num_dwells} dwells give {rows} equations, so that nothing is left to judge the fit by; use a lower "
-            "degree (0 for constants), or record more positions."
+            f"{dwells.num_dwells} dwells give {rows} equations, so that nothing is left to judge the fit by; use a "
+            "lower degree (0 for constants), or record more positions."
         )
     seen = judge_normal(problem.normal(ideal.jacobian), estimator.names, basis.size)
     if seen.rank < seen.unknowns:

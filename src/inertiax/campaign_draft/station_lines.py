@@ -71,7 +71,10 @@ def angle_lines(found: RawTriads, angles: TableAngles) -> list[Line]:
     lines = [Line("table_angles", names, f"{angles.why}; the outermost axis first")]
     if angles.rates is not None:
         names = {"names": list(angles.rates), "unit": angles.rate_unit}
-        lines.append(Line("table_rates", names, "the rates at which the angles change"))
+        why = "the rates at which the angles change"
+        if len(angles.rates) < len(angles.names):
+            why = "the rate of the axis that turns; where it is zero, that of the angles is taken"
+        lines.append(Line("table_rates", names, why))
     label, moving = found.roles.position, angles.moving
     if label is not None and moving:
         value = {"name": label, "moving": moving[0] if len(moving) == 1 else moving}
@@ -96,7 +99,10 @@ def station_tables(
             Line("case", list(angles.table.case), "where the device's x, y and z point then"),
         ]
         if latitude is not None:
-            why = "where that north points, deg clockwise of true north; it matters for the Earth's rate, 15 deg/h"
+            why = (
+                "where that north points, deg clockwise of true north; it matters for the Earth's rate, 15 deg/h, and "
+                "`inertiax check` tells it where the gyros do"
+            )
             lines.append(Line("azimuth", 0.0, why, certain=False))
         tables.append(Table("table", tuple(lines)))
     roles = found.roles

@@ -210,31 +210,59 @@ def _the_one(fits: Sequence[_Fit]) -> _Fit | None:
     )
 
 
+def _rate_of_any(
+    found: RawTriads,
+    turn: Float[np.ndarray, "row angle"],
+    step: Float[np.ndarray, " row"],
+    moving: np.ndarray,
+    angles: tuple[str, ...],
+) -> tuple[tuple[str, ...] | None, str]:
+    """The column that is the rate of whichever axis turns, and its unit; `None` where there is none."""
+    rows = moving & (step > 0.0)
+    fastest = np.abs(turn).argmax(axis=1)
+    rate = turn[np.arange(len(turn)), fastest][rows] / step[rows]
+    for name in found.log.names:
+        if name not in _read(found) and name not in angles:
+            unit = _unit_of(found.log.numbers[name][rows], rate)
+            if unit is not None:
+                return (name,), unit
+    return None, ""
+
+
+def _unit_of(values: Float[np.ndarray, " row"], rate: Float[np.ndarray, " row"]) -> str | None:
+    """The unit in which a column is the rate, rad/s, wherever it is not zero, as it is while a table moves to a
+    position; `None` where it is not that rate."""
+    said = values != 0.0
+    values, rate = values[said], rate[said]
+    size = float(values @ values)
+    ratio = float(rate @ values) / size if size > 0.0 else 0.0
+    unit = next((u for u, f in GYRO_UNITS.items() if abs(ratio / f - 1.0) < 0.02), None)
+    return unit if _correlation(rate, values) > 0.98 else None
+
+
 def _rates(
     found: RawTriads,
     turn: Float[np.ndarray, "row angle"],
     moving: np.ndarray,
     angles: tuple[str, ...],
 ) -> tuple[tuple[str, ...] | None, str]:
-    """Columns of the axes' rates and their unit, by the change of the angles; `None` where one is missing."""
+    """Columns of the axes' rates and their unit, by the change of the angles; one where it is the rate of whichever
+    axis turns; `None` where one is missing."""
     step = np.zeros(len(found.seconds))
     step[1:-1] = found.seconds[2:] - found.seconds[:-2]
     step[step > _JUMP * np.median(step)] = 0.0  # a gap, or another recording
     names, units = [], []
     for k in range(turn.shape[1]):
-        rows = moving & (step > 0.0) & (turn[:, k] != 0.0)
+        rows = moving & (step > 0.0)
         rate = turn[rows, k] / step[rows]
         for name in found.log.names:
             if name in _read(found) or name in angles or name in names or not rows.any():
                 continue
-            values = found.log.numbers[name][rows]
-            size = float(values @ values)
-            ratio = float(rate @ values) / size if size > 0.0 else 0.0
-            unit = next((u for u, f in GYRO_UNITS.items() if abs(ratio / f - 1.0) < 0.02), None)
-            if unit is not None and _correlation(rate, values) > 0.98:
+            unit = _unit_of(found.log.numbers[name][rows], rate)
+            if unit is not None:
                 names.append(name)
                 units.append(unit)
                 break
     if len(names) < turn.shape[1] or len(set(units)) > 1:
-        return None, ""
+        return _rate_of_any(found, turn, step, moving, angles)
     return tuple(names), units[0]

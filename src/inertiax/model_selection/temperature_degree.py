@@ -21,7 +21,9 @@ HIGHEST_DEGREE = 6  # of the founding paper; more asks for more experiments than
 # Convention.
 LEAST_TOLD = 0.01
 
-SPARE = 3  # equations beyond the unknowns, so that something is left to judge a degree by. Convention.
+SPARE = (
+    3  # equations beyond the unknowns, so that something is left to judge a degree by. Convention.
+)
 
 STRETCHES = 8  # of a campaign's time, each predicted from the others
 

@@ -99,6 +99,7 @@ class DeviceLogs:
     columns: ColumnMap
     device: str = ""
     left_alone: frozenset[str] = frozenset()  # triads that [model] does not calibrate
+    azimuth: float = 0.0  # deg, of [table]
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -132,11 +133,13 @@ def look_at(
         as_recorded = segment_each(recordings, handling=False)
     # A campaign outlives its file, which only says how to write a remedy.
     file = campaign.path if campaign.path is not None and campaign.path.is_file() else None
-    columns = ColumnMap() if file is None else read_table(file).columns
+    said = None if file is None else read_table(file)
+    columns = ColumnMap() if said is None else said.columns
     logs = tuple(look_at_one(r, s) for r, s in zip(recordings, as_recorded, strict=True))
     asked = {"accel": campaign.model.accel_estimator, "gyro": campaign.model.gyro_estimator}
     left_alone = frozenset(triad for triad, name in asked.items() if name == NOT_CALIBRATED)
-    return DeviceLogs(logs, campaign.site, columns, device, left_alone)
+    azimuth = 0.0 if said is None else said.table.azimuth
+    return DeviceLogs(logs, campaign.site, columns, device, left_alone, azimuth)
 
 
 def look_at_one(recording: Recording, found: Segments | None = None) -> Log:

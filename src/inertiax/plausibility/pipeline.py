@@ -9,6 +9,7 @@ from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
 from ..reduction.segments import Segments
 from .accel_unit import check_accel_unit
+from .azimuth import check_azimuth
 from .band_limit import check_band_limit
 from .clock import check_clock
 from .converter import check_converter
@@ -48,6 +49,7 @@ CHECKS: tuple[Check, ...] = (
     check_gyro_rest,
     check_gyro_turns,
     check_references,
+    check_azimuth,
     check_gravity,
     check_clock,
     check_temperature,

@@ -29,7 +29,14 @@ class Thresholds:
     reference_gravity: float = (
         3e-4  # relative, 0.3 cm/s²: rounding of 9.81 against the place's value
     )
+    # Heading of the Earth's rate (conventions)
+    earth_rate: float = 7e-6  # rad/s, horizontal, below which its heading does not matter
+    azimuth_by_chance: float = 1e-6
+    azimuth_sigmas: float = 5.0  # of its own standard deviation
+    azimuth_share: float = 0.5  # of the Earth's rate that gyros must read at least; twice at most
+    azimuth_spare: int = 12  # equations beyond the unknowns
     # Temperature, °C
+    one_temperature: float = 1.0  # up to which biases do not move
     absolute_zero: float = -273.15
     coldest: float = -100.0  # no part is specified below
     kelvin: float = 215.0  # no part is specified above; 215 K is -58 °C

@@ -33,7 +33,7 @@ from .columns import (
     TriadColumns,
 )
 from .empty_rows import without_empty_rows
-from .table_angles import ideal_readings
+from .table_angles import ideal_readings, rates_by_axis
 from .time_stamps import seconds_of
 
 
@@ -72,7 +72,7 @@ def to_recordings(
         "current": _quantity(table, columns.current, "current", current_scale, name),
         "pressure": _quantity(table, columns.pressure, "pressure", pressure_scale, name),
     }
-    values |= _by_angles(table, columns, layout, name, moving)
+    values |= _by_angles(table, columns, layout, name, moving, values["time"])
     if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
             f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
@@ -93,6 +93,7 @@ def _by_angles(
     layout: Layout,
     where: str,
     moving: Bool[np.ndarray, " rows"] | None,
+    stamps: Float[np.ndarray, " rows"],
 ) -> dict[str, Float[np.ndarray, "rows 3"]]:
     """References that a table's angles (and rates) make; none where `[columns]` names no angles.
 
@@ -117,9 +118,8 @@ def _by_angles(
     turning = columns.table_rates
     rates = None
     if turning is not None:
-        if len(turning.names) != len(said.names):
-            raise ValueError("[columns] table_rates: name one column for each of table_angles.")
-        rates = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
+        stated = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
+        rates = rates_by_axis(angles, stated, stamps)
     found = ideal_readings(layout.turntable, angles, rates, layout.gravity, layout.latitude)
     force, rate = found
     force[np.isnan(force).any(axis=1) if moving is None else moving] = 0.0

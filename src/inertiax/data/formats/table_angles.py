@@ -8,13 +8,16 @@ $$R = \\exp(\\theta_1 [a_1]_\\times) \\cdots \\exp(\\theta_n [a_n]_\\times) \\, 
 
 since an outer axis carries the inner ones along. Ideal triads read $R^T (0, 0, g)$ and $R^T \\Omega + \\sum_k
 R_k^T \\dot\\theta_k a_k$, where $R_k$ is the product of the factors from the k-th on.
+
+A station may state one rate, that of the axis it commands, and zero while it moves to a position: `rates_by_axis` tells
+by the angles which axis that is, and how fast the others turn.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...physics.wgs84 import EARTH_RATE
 from .columns import Direction, nearest, Turntable
@@ -24,6 +27,11 @@ DIRECTIONS = {
     "east": (1.0, 0.0, 0.0), "west": (-1.0, 0.0, 0.0), "north": (0.0, 1.0, 0.0),
     "south": (0.0, -1.0, 0.0), "up": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0),
 }  # fmt: skip
+_WHILE = 0.01  # s to either side: an encoder's noise of 0.001° is 0.1 °/s then
+# The smallest tenth of changes is at rest; of a Gaussian 0.126 σ is the quantile of the absolute value.
+_STANDS, _STANDS_SIGMA = 0.1, 0.126
+_SLOW = math.radians(0.1)  # rad/s, below which an axis stands
+_OTHER = 0.5  # of the turn that a rate makes: further off it is not that of any axis
 _SQUARE = 1e-6  # by which the device's axes may miss being orthogonal, as digits of vectors do
 
 
@@ -72,6 +80,103 @@ def ideal_readings(
         if rate is not None and rates is not None:
             rate = _turned(rate, axis, -angles[:, k]) + rates[:, k : k + 1] * axis
     return Readings(force @ case, None if rate is None else rate @ case)
+
+
+def rates_by_axis(
+    angles: Float[np.ndarray, "rows axes"],
+    stated: Float[np.ndarray, "rows columns"],
+    time: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, "rows axes"]:
+    """The rate of each axis, rad/s, where a station states all of them, or one alone, that of the axis that turns.
+
+    That is the axis k with which the change of the angles over two rows, up to whole turns, is nearest to what the rate
+    makes of it. Where all stated rates are zero and an angle changes, the table moves to a position: there the rate is
+    the angle's change.
+
+    **Arguments:** `angles` in rad, NaN where they are not told; `stated` in rad/s, one column or one for each angle;
+    `time` in s.
+
+    Raises `ValueError` for another number of columns, and for one rate that is not the change of any angle.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.table_angles import rates_by_axis
+
+    time = 0.1 * np.arange(5)
+    angles = np.stack([np.full(5, 0.7), 2.0 * time], axis=1)    # the second axis turns by 2 rad/s
+    print(rates_by_axis(angles, np.full((5, 1), 2.0), time)[2])    # [0. 2.]
+    ```
+    """
+    many = angles.shape[1]
+    if stated.shape[1] not in (1, many):
+        raise ValueError(
+            "[columns] table_rates: name one column for each of table_angles, or one alone, the rate of the axis that "
+            "turns."
+        )
+    if len(time) < 3:
+        return np.broadcast_to(stated, angles.shape).copy()
+    near = max(1, math.ceil(_WHILE / max(float(np.median(np.diff(time))), 1e-9) - 1e-6))
+    turn, spent = _change(angles, time, near)
+    rates = np.array(stated)
+    if stated.shape[1] < many:
+        rates = np.zeros(angles.shape)
+        miss = np.abs(_whole_turns_away(turn - stated * spent[:, None]))
+        stands = np.abs(turn)
+        cost = miss + stands.sum(axis=1, keepdims=True) - stands
+        told = np.isfinite(cost).all(axis=1)
+        asked = told & (np.abs(stated[:, 0]) > _SLOW)
+        away = cost[asked].min(axis=1) / np.abs(stated[asked, 0] * spent[asked])
+        if asked.any() and np.median(away) > _OTHER:
+            raise ValueError(
+                "[columns] table_rates: one column for several axes is the rate of the axis that turns, and here it is "
+                "not the change of any of table_angles; name one column for each of them."
+            )
+        rows = np.flatnonzero(told)
+        rates[rows, cost[rows].argmin(axis=1)] = stated[rows, 0]
+    unsaid = _turning(angles, time, near, np.all(stated == 0.0, axis=1)) & np.isfinite(spent)
+    rates[unsaid] = turn[unsaid] / spent[unsaid, None]
+    return rates
+
+
+def _turning(
+    angles: Float[np.ndarray, "rows axes"],
+    time: Float[np.ndarray, " rows"],
+    near: int,
+    unsaid: Bool[np.ndarray, " rows"],
+) -> Bool[np.ndarray, " rows"]:
+    """Rows before and after which an axis turns the same way, by more than an encoder's noise, and their neighbours: no
+    jump from one part of a log to the next, and no rest beside a plateau."""
+    here = np.arange(len(time))
+    before, after = np.maximum(here - near, 0), np.minimum(here + near, len(time) - 1)
+    came, goes = (
+        _whole_turns_away(angles - angles[before]),
+        _whole_turns_away(angles[after] - angles),
+    )
+    quiet = np.abs(came[unsaid & np.isfinite(came).all(axis=1)])
+    noise = np.quantile(quiet, _STANDS, axis=0) / _STANDS_SIGMA if len(quiet) else 0.0
+    with np.errstate(invalid="ignore"):
+        least = np.maximum(_SLOW * (time[after] - time)[:, None], 5.0 * noise)
+        turns = lambda part: np.abs(part) > least
+        inside = unsaid & (turns(came) & turns(goes) & (came * goes > 0.0)).any(axis=1)
+        some = (turns(came) | turns(goes)).any(axis=1)
+    ends = inside[before] | inside[after]
+    return unsaid & (inside | ends & some) & np.isfinite(came + goes).all(axis=1)
+
+
+def _change(
+    angles: Float[np.ndarray, "rows axes"], time: Float[np.ndarray, " rows"], rows: int
+) -> tuple[Float[np.ndarray, "rows axes"], Float[np.ndarray, " rows"]]:
+    """Change of the angles between so many rows before and after each, within half a turn, and the seconds between;
+    NaN where the clock goes back (another device)."""
+    here = np.arange(len(time))
+    before, after = np.maximum(here - rows, 0), np.minimum(here + rows, len(time) - 1)
+    spent = time[after] - time[before]
+    spent = np.where(spent > 0.0, spent, np.nan)
+    return _whole_turns_away(angles[after] - angles[before]), spent
+
+
+def _whole_turns_away(angles: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "rows axes"]:
+    return angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
 
 
 def _turned(
