@@ -51,6 +51,7 @@ def _write_results(
                 "dwells": [18] * len(rows),
                 "temperature_low": [-30.0] * len(rows),
                 "temperature_high": [60.0] * len(rows),
+                "reservation": pl.Series([None] * len(rows), dtype=pl.String),
                 "accel_parameters": [estimates[k].tolist() for k in rows],
                 "accel_sigma": [sigma.tolist()] * len(rows),
                 "accel_covariance": [lower] * len(rows),

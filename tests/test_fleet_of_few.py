@@ -5,6 +5,7 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import polars as pl
 import pytest
@@ -14,10 +15,12 @@ from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREA
 from inertiax.cli.app import app
 from inertiax.cli.outputs import folder_names
 from inertiax.fleet.overview.view import triad_view
+from inertiax.fleet.rows import _gaps
 from inertiax.fleet.store import read_manifest, read_parts
-from inertiax.fleet.verdicts import count_verdicts, device_verdict
+from inertiax.fleet.verdicts import count_verdicts, device_findings, device_verdict
 from inertiax.plots.fleet import distributions
 from inertiax.plots.style import drawing
+from inertiax.reduction.dwells import Dwells
 from inertiax.report.fleet import report_fleet
 from protocol_fleet_cases import write_line
 
@@ -89,6 +92,25 @@ def test_the_verdict_on_the_fit_is_counted(few):
     report_fleet(few, "command", folder_names)
     text = (few / "report.html").read_text("utf-8")
     assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation (SN00001)." in text
+
+
+def test_what_calibrate_has_a_reservation_about_a_fleet_has_too(few):
+    """Of -30, 20 and 60 °C half of the range is empty, of five temperatures a quarter; 0.3 is the limit."""
+    manifest = read_manifest(few)
+    temperature = np.array([[20.0, -30.0, 60.0, 60.0, 60.0], [-30.0, -7.0, 15.0, 38.0, 60.0]])
+    dwells = Dwells.from_arrays(np.full((2, 5, 3), 5.6), temperature=temperature, sigma=1e-3)
+    said = "Accelerometers: -30 to 60 °C, but nothing between -30 and 20 °C."
+    moving = msgspec.structs.replace(
+        manifest, accel=msgspec.structs.replace(manifest.accel, degree=1)
+    )
+    assert _gaps(dwells, moving) == [said, None]
+    assert _gaps(dwells, manifest) == [None, None]  # constants follow no temperature
+    (part,) = (few / "parts").iterdir()
+    reserved = pl.Series([said, None], dtype=pl.String)
+    pl.read_parquet(part).with_columns(reservation=reserved).write_parquet(part)
+    assert count_verdicts(few, manifest) == {"good": 0, "usable": 2, "doubtful": 0}
+    first, _ = read_parts(few).collect().iter_rows(named=True)
+    assert [f.text for f in device_findings(first, manifest)] == [said]
 
 
 def test_files_that_are_not_there_are_not_listed(few):

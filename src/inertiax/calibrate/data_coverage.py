@@ -167,22 +167,35 @@ def temperatures(
     if calibration.temperature_range is None or isinstance(triad.curve.basis, Constant):
         return None, None
     ordered = np.sort(np.asarray(estimate.dwells.temperature))
-    span = float(ordered[-1] - ordered[0])
+    found = gap_finding(name, ordered, each_of_one=_a_temperature_each(estimate))
+    if found.fine:
+        return found, None
+    at = int(np.argmax(np.diff(ordered)))
+    return (
+        found,
+        f"{name}: an experiment at about {0.5 * (ordered[at] + ordered[at + 1]):.0f} °C.",
+    )
+
+
+def gap_finding(
+    name: str, ordered: Float[np.ndarray, " dwell"], *, each_of_one: bool = False
+) -> Finding:
+    """Whether rising temperatures, °C, leave a large part of their range out.
+
+    **Arguments:** `name` as in `fit_quality.TRIAD_NAMES`; `each_of_one` says that each recording has one temperature.
+    """
     gaps = np.diff(ordered)
     at = int(np.argmax(gaps))
     text = f"{name}: {round(float(ordered[0]))} to {round(float(ordered[-1]))} °C"  # never -0
-    if gaps[at] <= LIMITS.temperature_gap * span:
-        return Finding("temperature", FINE, f"{text} without a large gap."), None
+    if gaps[at] <= LIMITS.temperature_gap * (ordered[-1] - ordered[0]):
+        return Finding("temperature", FINE, f"{text} without a large gap.")
     between = f"{ordered[at]:.0f} and {ordered[at + 1]:.0f} °C"
-    if _a_temperature_each(estimate):
+    if each_of_one:
         between += (
             ", and each recording has one temperature: where the device was switched off between them, what a "
             "switching on changes cannot be told from what the temperature does, and is in the slopes"
         )
-    return (
-        Finding("temperature", ATTENTION, f"{text}, but nothing between {between}."),
-        f"{name}: an experiment at about {0.5 * (ordered[at] + ordered[at + 1]):.0f} °C.",
-    )
+    return Finding("temperature", ATTENTION, f"{text}, but nothing between {between}.")
 
 
 def _a_temperature_each(estimate: TriadResult) -> bool:

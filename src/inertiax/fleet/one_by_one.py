@@ -14,7 +14,7 @@ import polars as pl
 from msgspec import structs
 
 from ..calibrate.fit_quality import judge
-from ..calibrate.goodness_of_fit import UNUSABLE
+from ..calibrate.goodness_of_fit import ATTENTION, UNUSABLE
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.split_covariance import fit_of, residual_degrees, split
@@ -166,7 +166,9 @@ def _of_degree(spec: TriadSpec | None, model: TriadModel | None) -> TriadSpec | 
 
 def _row(result: DeviceResult, manifest: Manifest) -> Columns:
     """What a device's calibration is in the results' table."""
-    worst = max(judge(result).findings, key=lambda f: f.grade)
+    findings = judge(result).findings
+    worst = max(findings, key=lambda f: f.grade)
+    reserved = [f.text for f in findings if f.grade == ATTENTION and f.topic != "warning"]
     low, high = result.calibration.temperature_range or (0.0, 0.0)
     triads = [r for r in (result.accel, result.gyro) if r is not None]
     columns: Columns = {
@@ -174,6 +176,7 @@ def _row(result: DeviceResult, manifest: Manifest) -> Columns:
         "dwells": np.array([max(len(np.asarray(r.dwells.time)) for r in triads)]),
         "temperature_low": np.array([low]),
         "temperature_high": np.array([high]),
+        "reservation": [reserved[0] if reserved else None],
         MARK: marks_of(jax.tree.map(lambda x: np.asarray(x)[None], triads[0].dwells)),
     }
     for triad in ("accel", "gyro"):

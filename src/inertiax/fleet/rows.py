@@ -10,6 +10,9 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
+from ..calibrate.data_coverage import gap_finding
+from ..calibrate.fit_quality import TRIAD_NAMES
+from ..calibrate.goodness_of_fit import LIMITS
 from ..calibration.probe_error import probe_covariance
 from ..data.recorded import Recorded
 from ..data.recording import Rig
@@ -76,6 +79,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         "temperature_low": temperature.min(axis=1),  # padding repeats a dwell
         "temperature_high": temperature.max(axis=1),
     }
+    columns["reservation"] = _gaps(together, manifest)
     reasons: list[str] = [""] * len(stack.members)
     for estimator, model in estimators_of(manifest, together):
         triad, basis = estimator.triad, basis_of(model)
@@ -100,6 +104,20 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         if triad == "accel" and manifest.g_sensitivity:
             together = with_force(estimator, basis, fit, together)
     return columns | {"reason": reasons}
+
+
+def _gaps(dwells: Dwells, manifest: Manifest) -> list[str | None]:
+    """For each device what its temperatures leave out, where a triad follows them, by the rule of `calibrate`."""
+    moving = [t for t in ("accel", "gyro") if (m := getattr(manifest, t)) and m.degree > 0]
+    temperature = np.sort(np.asarray(dwells.temperature), axis=1)  # padding repeats a dwell
+    found: list[str | None] = [None] * len(temperature)
+    if not moving or temperature.shape[1] < 2:
+        return found
+    span = temperature[:, -1] - temperature[:, 0]
+    wide = np.diff(temperature, axis=1).max(axis=1) > LIMITS.temperature_gap * span
+    for k in np.flatnonzero(wide):
+        found[k] = gap_finding(TRIAD_NAMES[moving[0]], temperature[k]).text
+    return found
 
 
 def _with_probe_error(fit: FleetFit, basis: AbstractBasis, sigma: float) -> FleetFit:
@@ -222,6 +240,7 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
         "dwells": pl.Int64(),
         "temperature_low": pl.Float64(),
         "temperature_high": pl.Float64(),
+        "reservation": pl.String(),  # what else asks for attention, in words; null where nothing
         MARK: pl.String(),
     }
     if manifest.documented:

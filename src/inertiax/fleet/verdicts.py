@@ -1,7 +1,8 @@
 """How good the fit of each of a fleet's devices is, by the rule of `calibrate.goodness_of_fit`.
 
-What a run keeps of a device decides: misfit, uncertainties over its own temperatures, and warnings of the plausibility
-checks. `calibrate` looks at single dwells and at what the positions cover beside that.
+What a run keeps of a device decides: misfit, uncertainties over its own temperatures, warnings of the plausibility
+checks, and a reservation: of a device that was calibrated for itself the first of `calibrate`, else a large part of its
+temperatures without a dwell. Of others `calibrate` looks at single dwells and at what the positions cover beside that.
 """
 
 import math
@@ -39,7 +40,7 @@ def count_verdicts(folder: Path, manifest: Manifest) -> dict[str, int]:
 
 def graded_devices(folder: Path, manifest: Manifest) -> pl.DataFrame:
     """`device` and `verdict` ("good", "usable" or "doubtful") of the devices that were not set aside."""
-    columns = ["device", "temperature_low", "temperature_high"]
+    columns = ["device", "temperature_low", "temperature_high", "reservation"]
     columns += ["warnings"] if manifest.documented else []
     for triad in UNITS:
         if getattr(manifest, triad) is not None:
@@ -67,6 +68,7 @@ def device_grades(table: pl.DataFrame, manifest: Manifest) -> Int[np.ndarray, " 
     if manifest.documented:
         warned = table.get_column("warnings").list.len().fill_null(0).to_numpy() > 0
         grades[warned] = ATTENTION
+    grades[table.get_column("reservation").is_not_null().to_numpy()] = ATTENTION
     low, high = (_numbers(table, f"temperature_{end}") for end in ("low", "high"))
     grid = np.linspace(low, high, GRID, axis=1)
     for triad, unit in UNITS.items():
@@ -81,7 +83,8 @@ def device_grades(table: pl.DataFrame, manifest: Manifest) -> Int[np.ndarray, " 
 
 def device_findings(row: dict, manifest: Manifest) -> tuple[Finding, ...]:
     """What of one device asks for attention, the worst first, in the words of `calibrate`; without its warnings."""
-    found = []
+    reserved = row.get("reservation")
+    found = [Finding("reservation", ATTENTION, reserved)] if reserved else []
     calibration = calibration_of(row, manifest)
     for triad, unit in UNITS.items():
         own = getattr(calibration, triad)
@@ -93,7 +96,8 @@ def device_findings(row: dict, manifest: Manifest) -> tuple[Finding, ...]:
         found.append(Finding("misfit", int(grade_misfit(unit, rms, ratio)), f"{name}: {words}."))
         unsure = unsure_finding(name, own, calibration.temperature_range)
         found += [] if unsure is None else [unsure]
-    return tuple(sorted((f for f in found if not f.fine), key=lambda f: -f.grade))
+    asked = {f.text: f for f in reversed(found) if not f.fine}
+    return tuple(sorted(reversed(asked.values()), key=lambda f: -f.grade))
 
 
 def device_verdict(row: dict, manifest: Manifest) -> str:
