@@ -43,6 +43,18 @@ def test_second_order_is_a_parabola_over_the_force_with_the_residuals_about_it()
     assert np.std(left.lines[0].get_ydata()) == pytest.approx(10.0, rel=0.15)
 
 
+def test_of_an_effect_of_all_axes_of_the_force_the_part_of_one_is_a_straight_line():
+    noise = NOISE * rng.standard_normal((240, 3))
+    course = 0.5 * K2 * FORCE[:, 0] + 0.2 * K2 * FORCE[:, 1]
+    figure = partial_residuals(rows(course, noise), "second_order", "specific_force", ("accel_x",))
+    effect = figure.axes[0]
+    assert effect.get_xlabel() == "specific force x, g"
+    x, y = next(x for x in effect.lines if x.get_label() == "fitted").get_data()
+    np.testing.assert_allclose(y, 75.0 * x, atol=0.5)  # 75 µg/g; FORCE has a mean of some 0.005
+    x, y = effect.lines[0].get_data()
+    assert np.std(y - 75.0 * x) == pytest.approx(10.0, rel=0.15)
+
+
 def test_an_effect_of_the_branch_has_a_curve_for_each_and_another_its_own_axis():
     noise = NOISE * rng.standard_normal((240, 3))
     loop = rows(np.where(TIME < 120.0, K2, -K2), noise)

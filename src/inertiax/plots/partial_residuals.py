@@ -14,6 +14,7 @@ from .style import COLOURS, INK, MARKERS, new_figure, QUIET
 
 
 FUNCTION = 0.9  # part of an effect's scatter that a variable must tell to be drawn over it
+LINEAR = 1e-6  # part of an effect's square that is left of one in proportion to the force: rounding
 SIGMAS = 2.0  # of the band
 
 
@@ -35,7 +36,8 @@ def partial_residuals(
 
     A partial residual is the residual beside all named effects plus what this one adds, $r + X\\hat\\beta$: about the
     curve $X\\hat\\beta$ it scatters as the residuals do. It is drawn over the effect's driver where that tells the
-    effect (by each branch of the temperature where these are told apart), else over the fitted effect itself.
+    effect (by each branch of the temperature where these are told apart), else over the fitted effect itself. Of an
+    effect in proportion to the specific force the part along the axis that is drawn is shown.
 
     **Reference:** Larsen and McCleary (1972), Technometrics 14: 781.
     """
@@ -80,9 +82,30 @@ def _panel(rows: Residuals, name: str, driver: str, channel: str, factor: float)
         groups = tuple(g for g in both if g[0].any())
     middle = float(effect[seen].mean()) if seen.any() else 0.0
     effect = effect - middle
+    square = np.square(sigma)
+    along = _along(rows.force, x, effect)
+    if along is not None:  # the other axes' parts would be steps in a curve over this one
+        effect, square = along, np.polyval(np.polyfit(x, square, 2), x)
     if _told(x, effect, groups) < FUNCTION:
         x, label, groups = effect, "fitted effect, {unit}", ((seen, ""),)
-    return _Panel(x, label, effect, np.abs(sigma), left, groups)
+    return _Panel(x, label, effect, np.sqrt(np.maximum(square, 0.0)), left, groups)
+
+
+def _along(
+    force: Float[np.ndarray, "block 3"] | None,
+    x: Float[np.ndarray, " block"],
+    effect: Float[np.ndarray, " block"],
+) -> Float[np.ndarray, " block"] | None:
+    """What an effect in proportion to the specific force is by the axis of it that x is; `None` for others."""
+    axes = [] if force is None else [k for k in range(3) if np.array_equal(force[:, k], x)]
+    if not axes or force is None:
+        return None
+    design = np.column_stack([np.ones(len(force)), force])
+    parts, *_ = np.linalg.lstsq(design, effect, rcond=None)
+    left = float(np.square(effect - design @ parts).sum())
+    if left > LINEAR * float(np.square(effect).sum()):
+        return None
+    return parts[1 + axes[0]] * (x - x.mean())
 
 
 def _told(

@@ -39,6 +39,19 @@ async function start() {
   const figure = named("figure"), points = named("points"), colours = named("colours");
   const of = (columns, name) => columns.find((c) => c.name === name);
 
+  // The plot is drawn on a canvas, which no style sheet reaches.
+  function dress() {
+    const style = getComputedStyle(document.documentElement);
+    const [ground, ink, soft, line] = ["ground", "ink", "soft", "line"].map((n) => style.getPropertyValue(`--${n}`).trim());
+    figure.setv({ background_fill_color: ground, border_fill_color: ground, outline_line_color: line });
+    for (const axis of [figure.below[0], figure.left[0]])
+      axis.setv({
+        axis_label_text_color: ink, major_label_text_color: soft, axis_line_color: soft,
+        major_tick_line_color: soft, minor_tick_line_color: soft,
+      });
+    for (const grid of figure.center) grid.setv({ grid_line_color: line });
+  }
+
   function show() {
     const t = layout.find((one) => one.triad === pick("triad").value);
     const get = (said) => column(words, said, t.blocks);
@@ -72,6 +85,8 @@ async function start() {
   options(pick("triad"), layout.map((one) => one.triad), clearest.triad);
   pick("triad").addEventListener("change", renew);
   for (const id of ["channel", "which", "over", "colour"]) pick(id).addEventListener("change", show);
+  dress();
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", dress);
   renew();
 }
 
