@@ -39,8 +39,11 @@ async function start() {
   const figure = named("figure"), points = named("points"), colours = named("colours");
   const of = (columns, name) => columns.find((c) => c.name === name);
 
-  // The plot is drawn on a canvas, which no style sheet reaches.
+  const dark = matchMedia("(prefers-color-scheme: dark)"), palette = [...colours.palette];
+
+  // The plot is drawn on a canvas, which no style sheet reaches. Viridis ends in the ground's own colours.
   function dress() {
+    colours.palette = dark.matches ? palette.slice(80) : palette.slice(0, 236);
     const style = getComputedStyle(document.documentElement);
     const [ground, ink, soft, line] = ["ground", "ink", "soft", "line"].map((n) => style.getPropertyValue(`--${n}`).trim());
     figure.setv({ background_fill_color: ground, border_fill_color: ground, outline_line_color: line });
@@ -86,7 +89,7 @@ async function start() {
   pick("triad").addEventListener("change", renew);
   for (const id of ["channel", "which", "over", "colour"]) pick(id).addEventListener("change", show);
   dress();
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", dress);
+  dark.addEventListener("change", dress);
   renew();
 }
 
