@@ -10,6 +10,7 @@ FEWEST = 4  # further attitudes, from which a campaign is one of poses
 WIDER = 3.0  # times the range of the poses, from which the one attitude tells the temperature alone
 ENOUGH = 200  # rests, about which others are counted
 LEAST = 5.0  # °C, of which it must be wider
+_ONE = "the device stands in one attitude only"
 
 
 def one_attitude_over_temperature(dwells: Dwells) -> str | None:
@@ -30,8 +31,13 @@ def one_attitude_over_temperature(dwells: Dwells) -> str | None:
     if max(spans) < max(WIDER * (high - low), high - low + LEAST):
         return None
     return (
-        f"from {probe[mine].min():.0f} to {probe[mine].max():.0f} °C the device stands in one attitude only, and its "
+        f"from {probe[mine].min():.0f} to {probe[mine].max():.0f} °C {_ONE}, and its "
         f"other attitudes are from {low:.0f} to {high:.0f} °C: what scale factors and misalignments do with "
         "temperature does not show. Calibrate the two as campaigns of their own and join them "
         "(`inertiax export --warm-up`), or record the attitudes at several temperatures."
     )
+
+
+def is_of_one_attitude(warning: str) -> bool:
+    """Whether a warning is the remark of `one_attitude_over_temperature`."""
+    return _ONE in warning

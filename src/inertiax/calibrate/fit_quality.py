@@ -14,6 +14,7 @@ import numpy as np
 
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
+from .attitudes_over_temperature import is_of_one_attitude
 from .data_coverage import input_of, Judged, orientations, rates, temperatures
 from .goodness_of_fit import (
     ATTENTION,
@@ -96,7 +97,7 @@ def judge(result: DeviceResult) -> Quality:
     if held.accel is None and held.gyro is None and held.mag is None and held.baro is None:
         findings.append(Finding("empty", UNUSABLE, _EMPTY))
     said = [w for w in result.warnings if w not in forced]
-    findings += [Finding("warning", ATTENTION, w[0].upper() + w[1:]) for w in said]
+    findings += [_of_warning(w, result) for w in said]
     # The sort is stable: of like grade, the first that was looked at.
     ranked = sorted(findings, key=lambda f: -f.grade)
     verdict, start = VERDICTS[ranked[0].grade], _WORDS[ranked[0].grade]
@@ -111,6 +112,20 @@ def judge(result: DeviceResult) -> Quality:
     )
 
 
+def _of_warning(warning: str, result: DeviceResult) -> Finding:
+    """A warning; unusable where constants were fitted to a warm-up in one pose beside others, and do not fit."""
+    text = warning[0].upper() + warning[1:]
+    constant = [r for c, r in _both(result) if c.curve.basis.size == 1]
+    if is_of_one_attitude(warning) and any(
+        math.sqrt(r.chi2_per_dof) >= LIMITS.noise_ratio for r in constant
+    ):
+        return Finding(
+            ONE_ATTITUDE, UNUSABLE, f"Constants are right at none of its temperatures. {text}"
+        )
+    return Finding("warning", ATTENTION, text)
+
+
+ONE_ATTITUDE = "one_attitude"  # topic: a hand log and a warm-up in one campaign
 _GOOD = "the uncertainties hold what the model leaves, and the data cover what the model needs."
 _EMPTY = (
     "The calibration holds no parameter, for one pose at one temperature tells none; rest in six orientations or more, "

@@ -17,6 +17,11 @@ def after_init(folder: Path, *, checks: bool) -> str:
 
 def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: bool) -> str:
     """By what `is it good?` says; a station also wants a protocol."""
+    if any(f.topic == "one_attitude" for f in quality.findings):
+        return (
+            "next: inertiax init and inertiax calibrate of each log into a folder of its own, then inertiax export "
+            "HAND/calibration.json --warm-up WARM/calibration.json --to FORMAT"
+        )
     if quality.verdict == "doubtful":
         return f"next: inertiax check {_path(campaign)}"
     if any(f.topic == "misfit" and not f.fine for f in quality.findings):
