@@ -14,6 +14,7 @@ by the angles which axis that is, and how fast the others turn.
 """
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -89,9 +90,9 @@ def rates_by_axis(
 ) -> Float[np.ndarray, "rows axes"]:
     """The rate of each axis, rad/s, where a station states all of them, or one alone, that of the axis that turns.
 
-    That is the axis k with which the change of the angles over two rows, up to whole turns, is nearest to what the rate
-    makes of it. Where all stated rates are zero and an angle changes, the table moves to a position: there the rate is
-    the angle's change.
+    That is the axis with which the change of the angles, up to whole turns, is nearest to what the rate makes of it.
+    Where all stated rates are zero and an angle changes, the table moves to a position: there the rate is the angle's
+    change.
 
     **Arguments:** `angles` in rad, NaN where they are not told; `stated` in rad/s, one column or one for each angle;
     `time` in s.
@@ -120,12 +121,11 @@ def rates_by_axis(
     rates = np.array(stated)
     if stated.shape[1] < many:
         rates = np.zeros(angles.shape)
-        miss = np.abs(_whole_turns_away(turn - stated * spent[:, None]))
-        stands = np.abs(turn)
-        cost = miss + stands.sum(axis=1, keepdims=True) - stands
+        # By the side that fits better: a plateau may begin with a jump from the part of the log before.
+        cost = np.fmin(*(_misses(side, stated) for side in _sides(angles, time, near)))
         told = np.isfinite(cost).all(axis=1)
         asked = told & (np.abs(stated[:, 0]) > _SLOW)
-        away = cost[asked].min(axis=1) / np.abs(stated[asked, 0] * spent[asked])
+        away = cost[asked].min(axis=1) / np.abs(stated[asked, 0])
         if asked.any() and np.median(away) > _OTHER:
             raise ValueError(
                 "[columns] table_rates: one column for several axes is the rate of the axis that turns, and here it is "
@@ -136,6 +136,29 @@ def rates_by_axis(
     unsaid = _turning(angles, time, near, np.all(stated == 0.0, axis=1)) & np.isfinite(spent)
     rates[unsaid] = turn[unsaid] / spent[unsaid, None]
     return rates
+
+
+def _sides(
+    angles: Float[np.ndarray, "rows axes"], time: Float[np.ndarray, " rows"], near: int
+) -> Iterator[tuple[Float[np.ndarray, "rows axes"], Float[np.ndarray, " rows"]]]:
+    """Change of the angles from so many rows before to each, then from each to as many after, and the seconds; NaN
+    where there are none."""
+    for back, on in ((near, 0), (0, near)):
+        turn, spent = np.full(angles.shape, np.nan), np.full(len(time), np.nan)
+        turn[back : len(time) - on] = angles[near:] - angles[:-near]
+        spent[back : len(time) - on] = time[near:] - time[:-near]
+        yield _whole_turns_away(turn), np.where(spent > 0.0, spent, np.nan)
+
+
+def _misses(
+    side: tuple[Float[np.ndarray, "rows axes"], Float[np.ndarray, " rows"]],
+    stated: Float[np.ndarray, "rows 1"],
+) -> Float[np.ndarray, "rows axes"]:
+    """How far off the angles' changes are, rad/s, if that axis alone turns at the stated rate."""
+    turn, spent = side
+    miss = np.abs(_whole_turns_away(turn - stated * spent[:, None]))
+    stands = np.abs(turn)
+    return (miss + stands.sum(axis=1, keepdims=True) - stands) / spent[:, None]
 
 
 def _turning(
