@@ -50,13 +50,14 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         return []
     off = 2.0 * abs(math.sin(0.5 * angle)) * size
     hours = math.degrees(off) * 3600.0
-    stated, remedy = "The heading of reference_gyro's Earth rate", None
+    stated, right, remedy = "the heading of reference_gyro's Earth rate", "", None
     if device.columns.table_angles is not None:
         better = (device.azimuth + math.degrees(angle) + 180.0) % 360.0 - 180.0
-        stated, remedy = "[table] azimuth", f"[table]\nazimuth = {better:.1f}"
+        stated, right = "[table] azimuth", f" ({better:.1f} is right)"
+        remedy = f"[table]\nazimuth = {better:.1f}"
     text = (
-        f"{device.logs[0].name}: {stated} is off by {math.degrees(angle):.0f} ± {math.degrees(sigma):.1f}°, as the "
-        f"gyros read it in {len(rests.up)} rests; {hours:.1f} °/h of the Earth's rate go into biases."
+        f"{device.logs[0].name}: {stated} is off by {math.degrees(angle):.0f} ± {math.degrees(sigma):.1f}°{right}, as "
+        f"the gyros read it in {len(rests.up)} rests; {hours:.1f} °/h of the Earth's rate go into biases."
     )
     return [
         finding(
