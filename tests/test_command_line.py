@@ -11,6 +11,7 @@ import pytest
 
 from bad_inputs_cases import CSV, FLEET, good_calibration, TOML
 from command_runs import place, run, run_in
+from hand_log_data import G, hand_log
 from inertiax.cli.app import app
 
 
@@ -126,28 +127,53 @@ def test_help_loads_nothing_large():
     }
 
 
-def test_noise_and_check_load_no_jax_and_find_the_same(tmp_path, capsys, monkeypatch):
-    rows = np.random.default_rng(5).normal([0.0, 0.0, 9.81, 0.0, 0.0, 0.0], 1e-3, (3000, 6))
+ALONE = """
+import json, sys
+from inertiax.cli import main
+for command in json.loads(sys.argv[1]):
+    sys.argv = ["inertiax", *command]
+    try:
+        main(command)
+    except SystemExit as end:
+        assert not end.code, command
+    print("---")
+print(*sorted(sys.modules), file=sys.stderr)
+"""
+
+
+def test_commands_of_the_host_load_no_jax_and_find_the_same(tmp_path, capsys, monkeypatch):
+    time, accel, gyro = hand_log(rate=100.0)
     names = "time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"
-    table = np.column_stack([np.arange(3000) / 50.0, rows])
-    np.savetxt(tmp_path / "still.csv", table, delimiter=",", header=names, comments="")
+    table = np.column_stack([time, accel, gyro])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
     (tmp_path / "campaign.toml").write_text(
-        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["still.csv"]\n'
+        f'[site]\ngravity = {G}\n[recordings]\nfiles = ["log.csv"]\n'
     )
-    for command in (
-        ["noise", str(tmp_path), "-o", str(tmp_path / "out")],
-        ["check", str(tmp_path)],
-    ):
-        alone = subprocess.run(
-            [sys.executable, "-c", "import sys; from inertiax.cli import main\ntry: main(sys.argv[1:])\n"
-             "finally: print(*sorted(sys.modules), file=sys.stderr)", *command, "--json", "-q"],
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-        loaded = set(alone.stderr.split())
-        assert "inertiax.data.recording" in loaded  # what was loaded is seen
-        assert not loaded & {"jax", "equinox"}
-        _, out, _ = run(capsys, monkeypatch, *command, "--json", "-q")  # where the tests loaded JAX
-        assert json.loads(alone.stdout) == json.loads(out)
+    made = tmp_path / "out" / "calibration.json"
+    commands = [
+        [*command.split(), "--json", "-q"]
+        for command in (
+            f"noise {tmp_path} -o {tmp_path / 'noise'}",
+            f"check {tmp_path}",
+            f"calibrate {tmp_path} -o {tmp_path / 'out'}",
+            f"compensate {made} {tmp_path / 'log.csv'} -o {tmp_path / 'rows.csv'}",
+            f"export {made} --to imucal -o {tmp_path / 'imucal.json'}",
+        )
+    ]
+    alone = subprocess.run(
+        [sys.executable, "-c", ALONE, json.dumps(commands)],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert alone.returncode == 0, alone.stderr
+    loaded = set(alone.stderr.split())
+    assert "inertiax.data.recording" in loaded  # what was loaded is seen
+    assert not loaded & {"jax", "equinox", "optimistix"}
+    files = [made, tmp_path / "rows.csv", tmp_path / "imucal.json"]
+    there = [f.read_bytes() for f in files]
+    for command, told in zip(commands, alone.stdout.split("---\n"), strict=False):
+        _, out, _ = run(capsys, monkeypatch, *command)  # where the tests loaded JAX
+        assert json.loads(told) == json.loads(out)
+    assert [f.read_bytes() for f in files] == there
 
 
 def test_shells_complete_commands_and_options():

@@ -1,5 +1,8 @@
 """A log compensated in pieces is what the whole table gives, and bad input ends in the same line."""
 
+from dataclasses import replace
+
+import jax
 import numpy as np
 import polars as pl
 import pytest
@@ -7,6 +10,7 @@ from polars.testing import assert_frame_equal
 
 from inertiax.calibration.calibration import Calibration, TriadCalibration
 from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.calibration.over_rows import compensated_rows
 from inertiax.data.formats import parquet, text_batches
 from inertiax.exports.compensated_recording import compensate_file
 from inertiax.exports.compensated_stream import write_compensated
@@ -257,3 +261,15 @@ def test_kinds_of_columns_widen_from_piece_to_piece():
     assert seen == [None, pl.Int64, pl.Int64, pl.Int64, pl.Float64, pl.String]
     whole = pl.DataFrame({"a": column[:4]})
     assert typed(whole, kinds_of(whole))["a"].to_list() == [1.0, None, 2.0, 2.5]
+
+
+def test_rows_by_numpy_are_what_the_calibration_makes_of_each_sample():
+    own, rng = calibration(), np.random.default_rng(7)
+    names = tuple(f"gyro.g_sensitivity[{i},{j}]" for i in range(3) for j in range(3))
+    constant = Curve(Constant(), 0.01 * rng.standard_normal((1, 9)))
+    by_force = TriadCalibration(constant, np.zeros((9, 9)), names, "reference")
+    samples = rng.standard_normal((20, 3)), rng.standard_normal((20, 3)), np.linspace(5.0, 40.0, 20)
+    for device in (own, replace(own, gyro=by_force), Calibration(GRAVITY, accel=own.accel)):
+        expected = jax.vmap(device)(*samples)
+        for made, sample in zip(compensated_rows(device, *samples), expected, strict=True):
+            np.testing.assert_allclose(made, sample, rtol=0.0, atol=1e-14)  # of order 1

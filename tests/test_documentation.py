@@ -15,6 +15,8 @@ BENCHMARKS = DOCS.parent / "benchmarks"
 SOURCE = Path(inertiax.__file__).parent
 INNER = {
     "_typing",
+    "_host_trees",
+    "_jax",
     "_records",
     "_without_jax",
     "plots",

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from bad_inputs_cases import good_calibration
 from inertiax.cli import environment
 
 
@@ -91,3 +92,36 @@ def test_a_damaged_entry_of_the_cache_is_written_anew_without_a_word(tmp_path):
         [sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, env=cache
     )
     assert "other" in done.stderr and "Error reading" not in done.stderr
+
+
+LATER = """
+import sys
+from pathlib import Path
+from inertiax.cli.environment import prepare_without_jax
+prepare_without_jax()
+import numpy as np
+from inertiax.calibration.calibration import read_calibration
+from inertiax.calibration.over_rows import compensated_rows
+from inertiax.reduction.dwells import Dwells
+calibration = read_calibration(Path(sys.argv[1]))
+rng = np.random.default_rng(0)
+samples = rng.normal(size=(5, 3)), rng.normal(size=(5, 3)), np.linspace(15.0, 25.0, 5)
+host = compensated_rows(calibration, *samples)
+assert "jax" not in sys.modules
+import jax
+device = jax.jit(jax.vmap(calibration))(*samples)
+print(max(float(abs(a - b).max()) for a, b in zip(host, device)))
+print(jax.tree.leaves(calibration.accel)[0].shape, jax.config.jax_enable_x64)
+"""
+
+
+@pytest.mark.slow
+def test_records_that_were_made_without_jax_are_pytrees_once_it_is_loaded(tmp_path):
+    path = tmp_path / "calibration.json"
+    path.write_bytes(good_calibration(thermal=True))
+    done = subprocess.run(
+        [sys.executable, "-c", LATER, str(path)], capture_output=True, text=True, check=True
+    )
+    difference, told = done.stdout.splitlines()
+    assert float(difference) < 1e-14  # inputs of order 1
+    assert told.endswith(") True") and told.startswith("(")

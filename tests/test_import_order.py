@@ -10,7 +10,7 @@ import inertiax
 SOURCE = Path(inertiax.__file__).parent
 
 # Folders (and single modules) from the top down; `docs/explanation/design.md` says what each holds.
-FOLDERS = """_without_jax _records _typing storage
+FOLDERS = """_without_jax _records _host_trees _jax _typing storage
 physics numerics data reduction campaign_draft plausibility effects estimators procedure allan model_selection
 calibration calibrate simulate analysis navigation design diagnose exports fleet live plots
 report protocol cli __main__""".split()

@@ -10,12 +10,12 @@ import scipy.linalg
 import scipy.optimize
 
 from hard_limit import run_limited
+from inertiax.numerics.dense_normal import DenseNormal
 from inertiax.numerics.gauss_newton import linear_step, solve_on_host
 from inertiax.numerics.least_squares import least_squares, levenberg_marquardt
 from inertiax.numerics.linear_algebra import (
     cholesky,
     cholesky_solve,
-    DenseNormal,
     scaled_inverse,
     spd_inverse,
     symmetric_eigen,

@@ -14,10 +14,10 @@ it in the directions, so that the two do not go together.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx
 from ..estimators.host_forms import host_form
 from ..estimators.host_forms.gravity_rotation import GravityRotationOnHost
 from ..estimators.host_forms.layout import Layout

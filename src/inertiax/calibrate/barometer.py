@@ -12,10 +12,10 @@ takes into account.
 import math
 from collections.abc import Sequence
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._records import field, Module
 from ..calibration.barometer import BarometerCalibration
 from ..data.recording import Recording
 from ..model_selection.model_spec import LEAST_SPAN
@@ -31,14 +31,14 @@ _SEPARATE = 0.1
 _WEATHER = 50.0  # Pa an hour, of a passing front (100 Pa an hour is a storm)
 
 
-class BarometerResult(eqx.Module):
+class BarometerResult(Module):
     """A barometer's calibration, what was left of the averages, and words about it."""
 
     calibration: BarometerCalibration
-    rms: float = eqx.field(static=True)  # Pa, of the averages that were fitted
-    drift: float | None = eqx.field(static=True)  # Pa/s; None: not told apart from temperature
-    statements: tuple[str, ...] = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
+    rms: float = field(static=True)  # Pa, of the averages that were fitted
+    drift: float | None = field(static=True)  # Pa/s; None: not told apart from temperature
+    statements: tuple[str, ...] = field(static=True)
+    warnings: tuple[str, ...] = field(static=True)
     temperature: Float[np.ndarray, " row"]  # °C, of the averages
     offset: Float[
         np.ndarray, " row"

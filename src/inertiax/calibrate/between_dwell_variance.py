@@ -2,10 +2,10 @@
 
 from typing import TypeAlias
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._jax import eqx
 from ..estimators import AbstractEstimator, NOMINAL_SIGMA
 from ..numerics.paule_mandel import excess_deviation, widened
 from ..reduction.dwells import Dwells

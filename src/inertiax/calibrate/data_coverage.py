@@ -1,10 +1,9 @@
 """What the dwells cover: orientations, rates and temperatures, and what to record next."""
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx, jax
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..physics.directions import nearest_by_hand, up_in_words

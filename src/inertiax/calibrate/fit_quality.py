@@ -9,9 +9,9 @@ count as well.
 import math
 from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 
+from .._records import field, Module
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
 from .attitudes_over_temperature import is_of_one_attitude
@@ -44,15 +44,15 @@ class TriadVerdict(NamedTuple):
     text: str
 
 
-class Quality(eqx.Module):
+class Quality(Module):
     """The answer. `verdict` is "good", "usable" (something asks for attention) or "doubtful" (a sign of
     a mistake, which no uncertainty allows for, or data that do not determine it)."""
 
-    verdict: str = eqx.field(static=True)
-    answer: str = eqx.field(static=True)  # one sentence
+    verdict: str = field(static=True)
+    answer: str = field(static=True)  # one sentence
     findings: tuple[Finding, ...]
-    next: tuple[str, ...] = eqx.field(static=True)  # what to record next, most useful first
-    triads: tuple[TriadVerdict, ...] = eqx.field(static=True)
+    next: tuple[str, ...] = field(static=True)  # what to record next, most useful first
+    triads: tuple[TriadVerdict, ...] = field(static=True)
 
 
 class Weakest(NamedTuple):

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._jax import eqx
 from .._typing import AnyArray
 from ..calibration.quantities import rms_text
 from ..calibration.triad import slot

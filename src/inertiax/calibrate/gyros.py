@@ -2,11 +2,10 @@
 
 import dataclasses
 
-import equinox as eqx
-import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax
 from .._typing import AnyArray
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator

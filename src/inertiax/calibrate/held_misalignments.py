@@ -14,10 +14,10 @@ Systems 3, 1966.
 import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx
 from ..estimators import Invariant
 from ..procedure.single_device import Problem
 from .goodness_of_fit import LIMITS

@@ -6,13 +6,10 @@ lever arms at degree 0. Scatter between dwells is found for each triad from its 
 
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Bool, Float
 
+from .._jax import eqx, jax, jnp, optx
 from .._typing import AnyArray
 from ..calibration.fitted_effects import FittedEffect
 from ..estimators import JointImu, ReferenceAccel

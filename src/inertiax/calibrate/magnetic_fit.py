@@ -3,10 +3,10 @@
 import math
 from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._jax import eqx
 from ..estimators.magnetic_field import MagneticField, VERTICAL
 from ..numerics.linear_algebra import scaled_inverse
 from ..physics.temperature import AbstractBasis

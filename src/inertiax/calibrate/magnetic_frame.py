@@ -2,10 +2,10 @@
 
 import math
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx
 from ..estimators.magnetic_field import turn_to_vertical
 from ..physics.temperature import Constant
 from ..reduction.dwells import Dwells

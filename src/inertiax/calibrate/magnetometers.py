@@ -8,9 +8,9 @@ Bayesian information criterion.
 
 import dataclasses
 
-import equinox as eqx
 import numpy as np
 
+from .._jax import eqx
 from ..data.plausible_units import (
     field_unit_guess,
     GREATEST_EARTH_FIELD,

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._jax import eqx
 from ..calibration.magnetometers import MagnetometerCalibration
 from ..calibration.probe_error import probe_covariance
 from ..calibration.triad import TriadCalibration

@@ -1,11 +1,9 @@
 """What the data do not tell: null space and weak combinations, in words; covariance of outputs."""
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Scalar, Vec3
 from ..calibration.calibration import Calibration
 from ..estimators import AbstractEstimator

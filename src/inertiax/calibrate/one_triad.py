@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._jax import eqx, jax
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..model_selection.select_model import ChosenModel, polynomial_basis

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import jax
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.fitted_effects import FittedEffect
 from ..calibration.probe_error import probe_covariance

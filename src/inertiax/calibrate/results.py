@@ -1,9 +1,9 @@
 """What a calibration run gives for each device: the calibration with what is needed to judge and draw it."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._records import field, Module
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration
 from ..estimators import AbstractEstimator, MagneticField
@@ -19,7 +19,7 @@ from .observability import Observability
 from .slow_noise import SlowNoise
 
 
-class TriadResult(eqx.Module):
+class TriadResult(Module):
     """One triad's estimate with what is needed to judge and draw it."""
 
     estimator: AbstractEstimator
@@ -28,12 +28,10 @@ class TriadResult(eqx.Module):
     misfit: Float[AnyArray, "dwells rows"]  # after the fit, in `misfit_unit`
     sigma: Float[AnyArray, "dwells rows"]  # of each misfit, dwell noise and scatter together
     observability: Observability
-    scatter: float = eqx.field(static=True)  # found between dwells, in `misfit_unit`
-    chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
-    follows: str = eqx.field(static=True, default="")  # what the misfit follows, if anything
-    slow_noise: SlowNoise = eqx.field(
-        static=True, default=SlowNoise()
-    )  # within `solution.covariance`
+    scatter: float = field(static=True)  # found between dwells, in `misfit_unit`
+    chi2_per_dof: float = field(static=True)  # with the dwells' own noise only; NaN if unknown
+    follows: str = field(static=True, default="")  # what the misfit follows, if anything
+    slow_noise: SlowNoise = field(static=True, default=SlowNoise())  # within `solution.covariance`
     fitted: Dwells | None = None  # all that were fitted, where `dwells` are not all of them
 
     @property
@@ -49,7 +47,7 @@ class TriadResult(eqx.Module):
         return "m/s^2" if self.estimator.triad == "accel" else "rad/s"
 
 
-class MagnetometerResult(eqx.Module):
+class MagnetometerResult(Module):
     """The magnetometers' estimate with what is needed to judge and draw it."""
 
     estimator: MagneticField  # with the field, the weights and the scatter that were found
@@ -62,12 +60,12 @@ class MagnetometerResult(eqx.Module):
         AnyArray, "dwells 2"
     ]  # of magnitude and upward part, T; 0 for the latter in motion
     sigma: Float[AnyArray, "dwells 2"]  # dwell noise and scatter together, T
-    scatter: float = eqx.field(static=True)  # found between dwells, T
-    chi2_per_dof: float = eqx.field(static=True)  # with the dwells' own noise only; NaN if unknown
-    frame: str = eqx.field(static=True)  # "accel", or "own" where no vertical was known
-    field_given: bool = eqx.field(static=True)  # else the scale is by convention
-    statements: tuple[str, ...] = eqx.field(static=True)  # what was found, for people
-    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    scatter: float = field(static=True)  # found between dwells, T
+    chi2_per_dof: float = field(static=True)  # with the dwells' own noise only; NaN if unknown
+    frame: str = field(static=True)  # "accel", or "own" where no vertical was known
+    field_given: bool = field(static=True)  # else the scale is by convention
+    statements: tuple[str, ...] = field(static=True)  # what was found, for people
+    warnings: tuple[str, ...] = field(static=True, default=())
 
     @property
     def rms(self) -> float:
@@ -93,24 +91,24 @@ class MagnetometerResult(eqx.Module):
         return int(np.sum(np.asarray(self.dwells.position) >= 0))
 
 
-class DeviceResult(eqx.Module):
+class DeviceResult(Module):
     """A calibrated device."""
 
     calibration: Calibration
     accel: TriadResult | None
     gyro: TriadResult | None
-    model: ModelSpec = eqx.field(static=True)
-    choices: tuple[str, ...] = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
-    plausibility: tuple[Finding, ...] = eqx.field(static=True, default=())  # errors only if forced
+    model: ModelSpec = field(static=True)
+    choices: tuple[str, ...] = field(static=True)
+    warnings: tuple[str, ...] = field(static=True)
+    plausibility: tuple[Finding, ...] = field(static=True, default=())  # errors only if forced
     handling: tuple[Disturbance, ...] = ()  # where rests were disturbed
     segments: tuple[Segments, ...] = ()  # of each recording
     mag: MagnetometerResult | None = None  # None: not calibrated
     baro: BarometerResult | None = None  # None: not calibrated
 
 
-class DeviceFailure(eqx.Module):
+class DeviceFailure(Module):
     """A device that could not be calibrated, and why, in one line."""
 
-    device: str = eqx.field(static=True)
-    reason: str = eqx.field(static=True)
+    device: str = field(static=True)
+    reason: str = field(static=True)

@@ -1,16 +1,16 @@
 """A barometer's error over temperature: a polynomial that is zero at a reference temperature."""
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import field, Module
 from .._typing import AnyArray, Scalar
 from ..physics.leaves import as_leaf
 from ..physics.temperature import Curve
 
 
-class BarometerCalibration(eqx.Module):
+class BarometerCalibration(Module):
     """p = p' − B(T) + B(T_ref): what a barometer reads beyond what it would at the reference temperature.
 
     Its absolute offset needs a second barometer and is no part of it.
@@ -20,7 +20,7 @@ class BarometerCalibration(eqx.Module):
 
     curve: Curve  # B, Pa, one parameter
     covariance: Float[AnyArray, "size size"]  # of the coefficients, Pa²
-    reference: Scalar | float = eqx.field(converter=as_leaf)  # T_ref, °C
+    reference: Scalar | float = field(converter=as_leaf)  # T_ref, °C
 
     def __check_init__(self):
         size, count = jnp.shape(self.curve.coefficients)[-2:]

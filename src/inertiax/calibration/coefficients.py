@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jax, jnp
+from .._records import field, Module
 from .._typing import AnyArray
 from ..numerics.linear_algebra import symmetric_eigen
 from .triad import TriadCalibration, unit_of
@@ -22,13 +21,13 @@ from .triad import TriadCalibration, unit_of
 Triads = tuple[TriadCalibration, ...]
 
 
-class Block(eqx.Module):
+class Block(Module):
     """Some of a calibration's coefficients, with their covariance."""
 
     # Places among all coefficients; `indices` is the same as an array.
-    rows: tuple[int, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)  # such as accel.bias[0].c1
-    units: tuple[str, ...] = eqx.field(static=True)  # SI
+    rows: tuple[int, ...] = field(static=True)
+    names: tuple[str, ...] = field(static=True)  # such as accel.bias[0].c1
+    units: tuple[str, ...] = field(static=True)  # SI
     mean: Float[AnyArray, "*batch coefficients"]  # values of the coefficients, in `units`
     # Of the coefficients, products of `units`.
     covariance: Float[AnyArray, "*batch coefficients coefficients"]

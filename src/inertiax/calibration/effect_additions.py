@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
 from .._typing import AnyArray, Scalar
 from ..effects import Moment, Online
 from ..physics.temperature import Polynomial

@@ -3,18 +3,18 @@
 import inspect
 from collections.abc import Sequence
 
-import equinox as eqx
 import msgspec
 import numpy as np
 from jaxtyping import Float
 
+from .._records import field, Module
 from .._typing import AnyArray
 from ..effects import CATALOGUE, Effect
 from ..physics.leaves import as_leaf
 from .labels import pair, Settings
 
 
-class FittedEffect(eqx.Module):
+class FittedEffect(Module):
     """One effect of the catalogue with its fitted coefficients.
 
     It adds $\\sum_q c_q S_{iq}$ to the outputs of each of its channels i, with S the effect's `shape` under
@@ -23,22 +23,22 @@ class FittedEffect(eqx.Module):
     Raises `ValueError` for another triad, channels that are none, and sizes that do not fit each other.
     """
 
-    name: str = eqx.field(static=True)  # of the catalogue
-    triad: str = eqx.field(static=True)  # accel or gyro
-    channels: tuple[int, ...] = eqx.field(static=True)  # 0, 1, 2 for x, y, z
+    name: str = field(static=True)  # of the catalogue
+    triad: str = field(static=True)  # accel or gyro
+    channels: tuple[int, ...] = field(static=True)  # 0, 1, 2 for x, y, z
     # Such as a time constant, s.
-    settings: tuple[tuple[str, float | int | str], ...] = eqx.field(converter=Settings)
+    settings: tuple[tuple[str, float | int | str], ...] = field(converter=Settings)
     coefficients: Float[AnyArray, " column"]  # in `unit`
     covariance: Float[AnyArray, "column column"]  # in `unit` squared
     # SI, of the coefficients; of the first, where a form mixes units (`Effect.unit`).
-    unit: str = eqx.field(static=True)
-    clock: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # s, start and end
-    temperature: tuple[float, float] | None = eqx.field(converter=pair, default=None)  # °C
-    greatest_input: float = eqx.field(converter=as_leaf, default=0.0)  # g or rad/s
+    unit: str = field(static=True)
+    clock: tuple[float, float] | None = field(converter=pair, default=None)  # s, start and end
+    temperature: tuple[float, float] | None = field(converter=pair, default=None)  # °C
+    greatest_input: float = field(converter=as_leaf, default=0.0)  # g or rad/s
     # The model that it was fitted beside: its degree, and the temperatures (°C) at ±1 of its polynomials.
-    degree: int | None = eqx.field(static=True, default=None)
+    degree: int | None = field(static=True, default=None)
     # °C at −1 and +1 of its polynomials.
-    scale: tuple[float, float] | None = eqx.field(converter=pair, default=None)
+    scale: tuple[float, float] | None = field(converter=pair, default=None)
 
     def __check_init__(self):
         if self.triad not in ("accel", "gyro"):

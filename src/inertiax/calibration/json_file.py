@@ -5,11 +5,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
-import equinox as eqx
-import jax
 import msgspec
 import numpy as np
 
+from .._jax import eqx, jax
 from ..data.json_documents import decode, encode
 from ..effects import CATALOGUE, Effect
 from ..model_selection.model_spec import ModelEntry, to_model_entry

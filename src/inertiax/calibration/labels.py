@@ -8,8 +8,9 @@ code, where one program serves all devices: a result of `jit` or `vmap` never be
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import jax
-
+from .. import _host_trees
+from .._jax import jax
+from .._records import when_loaded
 from ..physics.leaves import as_leaf, is_traced
 
 
@@ -61,7 +62,10 @@ def register_labelled(
             object.__setattr__(node, name, value)
         return node
 
-    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    _host_trees.LEAVES[cls] = leaves
+    when_loaded(
+        lambda: jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    )
 
 
 def pair(values: Any) -> Any:
@@ -93,4 +97,6 @@ def _unflatten_settings(fixed: tuple, children: Iterable[Any]) -> Settings:
     return tuple.__new__(Settings, ((k, next(values) if v is None else v) for k, v in fixed))
 
 
-jax.tree_util.register_pytree_node(Settings, _flatten_settings, _unflatten_settings)
+when_loaded(
+    lambda: jax.tree_util.register_pytree_node(Settings, _flatten_settings, _unflatten_settings)
+)

@@ -1,8 +1,8 @@
 """The magnetometers' part of a calibration: hard and soft iron over temperature, and the field they rest on."""
 
-import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx
 from .._typing import Scalar, Vec3
 from ..physics.leaves import as_leaf
 from ..physics.magnetic_model import compensate_mag, MagnetometerErrors

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import polars as pl
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Scalar, Vec3
 from ..data.plausible_units import check_gravity, check_sample, check_temperature
 from ..model_selection.model_spec import ModelSpec

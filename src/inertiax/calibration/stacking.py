@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
+
+from .._jax import jax, jnp
 
 
 Tree = TypeVar("Tree")

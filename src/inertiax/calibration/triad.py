@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from itertools import groupby
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import field, Module
 from .._typing import AnyArray, Scalar
 from ..physics.parameter_names import parse
 from ..physics.shapes import check_covariance
@@ -66,7 +66,7 @@ def _on_host(values: object) -> bool:
     return isinstance(values, np.ndarray)
 
 
-class TriadCalibration(eqx.Module):
+class TriadCalibration(Module):
     """One triad's error parameters as curves over temperature, with their covariance.
 
     Raises `ValueError` for a name that is no parameter's, a matrix that is no covariance, or sizes that do not fit each
@@ -76,8 +76,8 @@ class TriadCalibration(eqx.Module):
     curve: Curve  # parameters over temperature, SI
     # Of the coefficients, row-major (size, parameters).
     covariance: Float[AnyArray, "*batch unknowns unknowns"]
-    names: tuple[str, ...] = eqx.field(static=True)  # of the curve's columns
-    estimator: str = eqx.field(static=True)  # how it was estimated: invariant, reference, ...
+    names: tuple[str, ...] = field(static=True)  # of the curve's columns
+    estimator: str = field(static=True)  # how it was estimated: invariant, reference, ...
     # m/s², the outputs that an accelerometer bias counts from; None: from a reference or from zero.
     mean_output: Float[AnyArray, "*batch 3"] | None = None
 

@@ -51,7 +51,10 @@ def calibrate(
     outputs.require_folder(output)
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
-        environment.prepare()
+        if method == "gauss-newton":
+            environment.prepare_without_jax()
+        else:  # compiled
+            environment.prepare()
         from ..calibrate.pipeline import calibrate as run
         from ..data.campaign import load_campaign
 

@@ -69,7 +69,7 @@ def compensate(
         outputs.require_campaign(campaign)
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
-        environment.prepare()
+        environment.prepare_without_jax()
         from ..calibration.calibration import read_calibration
         from ..data.campaign import campaign_beside
         from ..exports.compensated_stream import write_compensated

@@ -40,8 +40,7 @@ def demo(
 
 
 def _write(result: "DemoResult", folder: Path) -> None:
-    from ..report.demo import report_demo
-    from ..report.document import demo_document
+    from ..report.demo import demo_document, report_demo
 
     with outputs.staged_folder(folder) as staging:
         report_demo(result, staging, command_line())
@@ -49,7 +48,7 @@ def _write(result: "DemoResult", folder: Path) -> None:
 
 
 def _tell(result: "DemoResult", folder: Path, *, as_json: bool, quiet: bool) -> None:
-    from ..report.document import demo_document
+    from ..report.demo import demo_document
     from ..report.text import print_demo
 
     if as_json:

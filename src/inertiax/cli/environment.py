@@ -30,6 +30,13 @@ def prepare(*, accelerator: bool = False) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    _keep_programs()
+
+
+def _keep_programs() -> None:
+    """Have JAX keep what it compiles."""
+    import jax
+
     own = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if own is not None:  # the user's own choice, which JAX reads itself
         _renew_damaged(Path(own))
@@ -45,7 +52,7 @@ def prepare(*, accelerator: bool = False) -> None:
 def prepare_without_jax() -> None:
     """As `prepare`, for a command whose work is done by NumPy: it starts in half the time.
 
-    Data that need JAX all the same load it, with 64-bit arithmetic.
+    Data that need JAX all the same load it, as `prepare` would have.
     """
     if "jax" in sys.modules:
         prepare()
@@ -53,7 +60,11 @@ def prepare_without_jax() -> None:
     _settle_process()
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     os.environ.setdefault("JAX_ENABLE_X64", "1")
+    _compile_sooner()
     from .. import _without_jax as _without_jax
+    from .._records import when_loaded
+
+    when_loaded(_keep_programs)
 
 
 def _settle_process() -> None:

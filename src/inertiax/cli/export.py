@@ -101,7 +101,7 @@ def export(
         outputs.require_file(output)
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
-        environment.prepare()
+        environment.prepare_without_jax()
         from ..exports import by_name, export as write, measure_loss
         from ..exports.registry import read_calibration_of
 
@@ -262,7 +262,7 @@ def _tell(
 
 
 def _list(*, as_json: bool) -> None:
-    environment.prepare()
+    environment.prepare_without_jax()
     import msgspec
 
     from ..exports import FORMATS

@@ -8,10 +8,9 @@ they are. The names are those that both libraries have.
 from collections.abc import Callable
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from .._jax import jax, jnp
 from .._typing import AnyArray
 
 
@@ -26,11 +25,11 @@ def of_jax(*values: Any) -> bool:
 
 
 def _either(name: str) -> Callable[..., Any]:
-    host, device = getattr(np, name), getattr(jnp, name)
+    host = getattr(np, name)
 
     def call(*arguments: Any, **options: Any) -> Any:
         if of_jax(*arguments):
-            return device(*arguments, **options)
+            return getattr(jnp, name)(*arguments, **options)
         made = host(*arguments, **options)
         # Of Python's numbers alone comes one again: beside an array of JAX it does not widen the array's type.
         plain = all(isinstance(a, (bool, float, int)) for a in arguments)
@@ -42,10 +41,10 @@ def _either(name: str) -> Callable[..., Any]:
 
 
 def _new(name: str) -> Callable[..., Any]:
-    host, device = getattr(np, name), getattr(jnp, name)
+    host = getattr(np, name)
 
     def call(*arguments: Any, **options: Any) -> Any:
-        return (device if of_jax(*arguments) else host)(*arguments, **options)
+        return (getattr(jnp, name) if of_jax(*arguments) else host)(*arguments, **options)
 
     call.__name__ = call.__qualname__ = name
     call.__doc__ = f"`numpy.{name}`, or `jax.numpy.{name}`."

@@ -3,12 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx, jax, jnp
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
 from .form_units import UnitOfForm

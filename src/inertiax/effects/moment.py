@@ -3,18 +3,18 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import equinox as eqx
 from jaxtyping import Bool, Float
 
+from .._records import field, Module
 from .._typing import AnyArray, Scalar, Vec3
 from . import arrays as xp
 from .signal import Signal
 
 
-class Moment(eqx.Module):
+class Moment(Module):
     """Inputs and circumstances of one triad in one sample, with the extent of the data of a fitted effect."""
 
-    triad: str = eqx.field(static=True)  # "accel" or "gyro"
+    triad: str = field(static=True)  # "accel" or "gyro"
     time: Scalar | float  # s since power-on
     step: Scalar | float  # s since the sample before
     first: Bool[AnyArray, ""]  # whether there was none before
@@ -25,7 +25,7 @@ class Moment(eqx.Module):
     at_rest: Bool[AnyArray, ""]
     # The model's outputs at another temperature, m/s² or rad/s.
     at_temperature: Callable[[Scalar | float], Float[AnyArray, "3"]]
-    degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
+    degree: int = field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1
     coldest: Scalar | float = 0.0  # °C, of the data that the effect was fitted on
@@ -37,15 +37,15 @@ class Moment(eqx.Module):
 Shape = Float[AnyArray, "channels columns"]
 
 
-class Online(eqx.Module):
+class Online(Module):
     """An effect sample by sample, with what it remembers.
 
     `begin(settings, temperature)` is the state in equilibrium at a temperature (°C); `follow(state, moment,
     settings)` gives the next state and the effect's `shape` in that sample, `(3, columns)` or `(1, columns)`.
     """
 
-    begin: Callable[[Mapping[str, Any], AnyArray], Any] = eqx.field(static=True)
-    follow: Callable[[Any, Moment, Mapping[str, Any]], tuple[Any, Shape]] = eqx.field(static=True)
+    begin: Callable[[Mapping[str, Any], AnyArray], Any] = field(static=True)
+    follow: Callable[[Any, Moment, Mapping[str, Any]], tuple[Any, Shape]] = field(static=True)
 
 
 def of_the_moment(rows: Callable[[Moment, Mapping[str, Any]], Shape]) -> Online:

@@ -6,16 +6,16 @@ effect that needs one of them is not testable there.
 
 from collections.abc import Callable
 
-import equinox as eqx
 from jaxtyping import Float, Shaped
 
+from .._records import field, Module
 from .._typing import AnyArray, Scalar
 
 
-class Signal(eqx.Module):
+class Signal(Module):
     """Inputs, outputs and circumstances of one triad, along time, in the device's frame."""
 
-    triad: str = eqx.field(static=True)  # "accel" or "gyro"
+    triad: str = field(static=True)  # "accel" or "gyro"
     time: Float[AnyArray, " time"]  # s since the campaign began
     # g (accelerometers) or rad/s (gyros): what an ideal triad reads
     input: Float[AnyArray, "time 3"]
@@ -30,8 +30,8 @@ class Signal(eqx.Module):
     force: Float[AnyArray, "time 3"] | None = None  # g
     rate: Float[AnyArray, "time 3"] | None = None  # rad/s
     room: Float[AnyArray, "time 3 3"] | None = None  # columns: the room's axes seen by the device
-    upright: bool = eqx.field(static=True, default=False)  # whether the last of those axes is up
-    oriented: bool = eqx.field(static=True, default=False)  # whether they are north, west and up
+    upright: bool = field(static=True, default=False)  # whether the last of those axes is up
+    oriented: bool = field(static=True, default=False)  # whether they are north, west and up
     vibration: Float[AnyArray, " time"] | None = (
         None  # g², mean square of the specific force's scatter
     )
@@ -40,7 +40,7 @@ class Signal(eqx.Module):
     supply: Float[AnyArray, " time"] | None = None  # V
     expected: Float[AnyArray, "time 3"] | None = None  # m/s² or rad/s: outputs by the fitted model
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[AnyArray, "time 3"]] | None = None
-    degree: int = eqx.field(static=True, default=0)  # of the model's polynomials in temperature
+    degree: int = field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1
 

@@ -9,11 +9,9 @@ stages combine (equation 6, block 5).
 import abc
 from typing import ClassVar, Generic, TypeVar
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Mat3, Scalar
 from ..physics.error_model import AccelerometerErrors, GyroErrors, solve3
 from ..physics.magnetic_model import MagnetometerErrors

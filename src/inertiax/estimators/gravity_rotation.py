@@ -21,11 +21,9 @@ with the opposite sign.
 without external equipments*, ICRA 2014 (who take the bias from the first rest alone, and no D).
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Mat3, Scalar, Vec3
 from ..physics.error_model import GyroErrors, solve3
 from ..physics.leaves import as_array

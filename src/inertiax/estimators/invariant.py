@@ -14,10 +14,10 @@ second lies in its xy plane. Misalignment of the triad to the case or the table 
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import field
 from .._typing import AnyArray, Scalar
 from ..numerics.linear_algebra import cholesky, cholesky_solve
 from ..physics.error_model import AccelerometerErrors, compensate_accel
@@ -36,10 +36,10 @@ class Invariant(AccelEstimator):
 
     by_magnitude: ClassVar[bool] = True
 
-    gravity: Scalar = eqx.field(converter=as_array)  # m/s²
-    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
-    robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
-    misalignments: bool = eqx.field(static=True, default=True)  # False: Γ is diagonal
+    gravity: Scalar = field(converter=as_array)  # m/s²
+    scatter: Scalar = field(converter=as_array, default=0.0)  # m/s², 1 sigma
+    robust: float | None = field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    misalignments: bool = field(static=True, default=True)  # False: Γ is diagonal
 
     @property
     def _elements(self) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -21,12 +21,10 @@ Rests tell none, and hand motion none without the hand's own acceleration.
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Mat3, Scalar, Vec3
 from ..physics.composition import compose_imu
 from ..physics.error_model import AccelerometerErrors, compensate_accel, GyroErrors

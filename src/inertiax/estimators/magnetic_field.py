@@ -21,11 +21,10 @@ sensors*, IEEE Sensors J. 16 (2016) 5679.
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from .._jax import Array, eqx, jnp
 from .._typing import AnyArray, Scalar
 from ..physics.composition import compose_accel
 from ..physics.error_model import AccelerometerErrors, solve3

@@ -9,10 +9,9 @@ factor not from an error of g.
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jnp
 from .._typing import AnyArray, Scalar
 from ..physics.error_model import AccelerometerErrors, distort_accel
 from ..physics.leaves import as_array

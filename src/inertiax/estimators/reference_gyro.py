@@ -12,10 +12,10 @@ dependence on attitude unless the reference contains it.
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import field
 from .._typing import AnyArray, Scalar
 from ..physics.error_model import distort_gyro, GyroErrors
 from ..physics.leaves import as_array
@@ -29,10 +29,10 @@ class ReferenceGyro(GyroEstimator):
 
     by_reference: ClassVar[bool] = True
 
-    gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
-    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
-    g_sensitivity: bool = eqx.field(static=True, default=False)  # estimate D, too
-    robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    gravity: Scalar = field(converter=as_array)  # m/s², makes D's force dimensionless
+    scatter: Scalar = field(converter=as_array, default=0.0)  # rad/s, 1 sigma
+    g_sensitivity: bool = field(static=True, default=False)  # estimate D, too
+    robust: float | None = field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property
     def names(self) -> tuple[str, ...]:

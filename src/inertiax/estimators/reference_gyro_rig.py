@@ -16,10 +16,10 @@ a pass of an iterative procedure: use `joint_fit`.
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import field
 from .._typing import AnyArray, Scalar
 from ..physics.error_model import distort_gyro, GyroErrors
 from ..physics.leaves import as_array
@@ -39,12 +39,12 @@ class ReferenceGyroRig(AbstractEstimator[GyroErrors]):
     triad: ClassVar[str] = "gyro"
     by_reference: ClassVar[bool] = True
 
-    gravity: Scalar = eqx.field(converter=as_array)  # m/s²
-    rate_uncertainty: Scalar = eqx.field(converter=as_array)  # σ_s, relative
-    num_dwells: int = eqx.field(static=True)  # n, of the whole fit
-    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
-    g_sensitivity: bool = eqx.field(static=True, default=False)
-    robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    gravity: Scalar = field(converter=as_array)  # m/s²
+    rate_uncertainty: Scalar = field(converter=as_array)  # σ_s, relative
+    num_dwells: int = field(static=True)  # n, of the whole fit
+    scatter: Scalar = field(converter=as_array, default=0.0)  # rad/s, 1 sigma
+    g_sensitivity: bool = field(static=True, default=False)
+    robust: float | None = field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property
     def _form(self) -> ReferenceGyro:

@@ -11,10 +11,10 @@ for gyros zero, so that Earth rate is part of the bias.
 indistinguishable from bias.
 """
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import field
 from .._typing import AnyArray, Scalar, Vec3
 from ..physics.error_model import AccelerometerErrors, GyroErrors
 from ..physics.leaves import as_array
@@ -26,9 +26,9 @@ from .triads import AccelEstimator, dwell_force, GyroEstimator
 class StaticAccel(AccelEstimator):
     """Accelerometer bias against a known or mean output; 3 parameters. See the module."""
 
-    nominal: Vec3 = eqx.field(converter=as_array)  # m/s², used where there is no reference_accel
-    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # m/s², 1 sigma
-    robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    nominal: Vec3 = field(converter=as_array)  # m/s², used where there is no reference_accel
+    scatter: Scalar = field(converter=as_array, default=0.0)  # m/s², 1 sigma
+    robust: float | None = field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -61,10 +61,10 @@ class StaticAccel(AccelEstimator):
 class StaticGyro(GyroEstimator):
     """Gyro bias, optionally with D, from rests; 3 or 12 parameters. See the module."""
 
-    gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
-    scatter: Scalar = eqx.field(converter=as_array, default=0.0)  # rad/s, 1 sigma
-    g_sensitivity: bool = eqx.field(static=True, default=False)  # estimate D, too
-    robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    gravity: Scalar = field(converter=as_array)  # m/s², makes D's force dimensionless
+    scatter: Scalar = field(converter=as_array, default=0.0)  # rad/s, 1 sigma
+    g_sensitivity: bool = field(static=True, default=False)  # estimate D, too
+    robust: float | None = field(static=True, default=None)  # pseudo-Huber threshold, sigmas
 
     @property
     def names(self) -> tuple[str, ...]:

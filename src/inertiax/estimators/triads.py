@@ -3,10 +3,9 @@
 import abc
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jnp
 from .._typing import AnyArray, Scalar
 from ..physics.composition import compose_accel, compose_gyro
 from ..physics.error_model import (

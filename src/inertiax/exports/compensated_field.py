@@ -1,18 +1,14 @@
 """A recording's magnetometers compensated: the field in T, sample by sample."""
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._typing import AnyArray
 from ..calibration.calibration import Calibration
-from ..calibration.magnetometers import MagnetometerCalibration
+from ..calibration.over_rows import compensated_field_rows
 from ..data.recording import Recording
 
 
-_CHUNK = 65536  # samples compensated at a time: one compilation, little memory
+_CHUNK = 65536  # samples compensated at a time: little memory
 
 
 def compensated_field(
@@ -35,14 +31,8 @@ def compensated_field(
     parts = []
     for start in range(0, count, _CHUNK):
         rows = slice(start, start + _CHUNK)
-        pad = (0, _CHUNK - len(outputs[rows]))  # one program serves logs of every length
-        found = _compensate(
-            mag,
-            np.pad(outputs[rows], (pad, (0, 0))),
-            np.pad(temperature[rows], pad),
-            np.pad(current[rows], pad),
-        )
-        parts.append(np.asarray(found)[: len(outputs[rows])])
+        samples = (outputs[rows], temperature[rows], current[rows])
+        parts.append(compensated_field_rows(mag, *samples))
     return np.concatenate(parts)
 
 
@@ -61,10 +51,3 @@ def feels_current(calibration: Calibration) -> bool:
     """Whether the field of a current is part of the calibration."""
     mag = calibration.mag
     return mag is not None and any(".current" in n for n in mag.triad.names)
-
-
-@eqx.filter_jit
-def _compensate(
-    mag: MagnetometerCalibration, outputs: AnyArray, temperature: AnyArray, current: AnyArray
-) -> Float[Array, "time 3"]:
-    return jax.vmap(mag)(jnp.asarray(outputs), jnp.asarray(temperature), jnp.asarray(current))

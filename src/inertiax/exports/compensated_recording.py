@@ -6,15 +6,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import msgspec
 import numpy as np
 import polars as pl
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from ..calibration.calibration import Calibration
+from ..calibration.over_rows import compensated_rows
 from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from ..data.formats.columns import AXES, TimeColumn, TriadColumns
@@ -33,7 +31,7 @@ from .text_columns import kinds_of, typed
 _OF_A_STATION = (
     "reference_accel", "reference_gyro", "table_angles", "table_rates", "position", "experiment",
 )  # fmt: skip
-_CHUNK = 65536  # samples compensated at a time: one compilation, little memory
+_CHUNK = 65536  # samples compensated at a time: little memory
 
 
 class Extent(NamedTuple):
@@ -243,16 +241,7 @@ def by_parameters(
     parts = []
     for start in range(0, count, _CHUNK):
         rows = slice(start, start + _CHUNK)
-        length = len(accel[rows])
-        # The last chunk is padded: one program serves logs of every length, and gives pieces what the whole gets.
-        pad = ((0, _CHUNK - length), (0, 0))
-        out = _compensate_chunk(
-            calibration,
-            np.pad(accel[rows], pad),
-            np.pad(gyro[rows], pad),
-            np.pad(temperature[rows], pad[0]),
-        )
-        parts.append([np.asarray(x)[:length] for x in out])
+        parts.append(compensated_rows(calibration, accel[rows], gyro[rows], temperature[rows]))
     force, rate = (np.concatenate(x) for x in zip(*parts, strict=True))
     outside = np.zeros(count, bool)
     if recording.temperature is not None:
@@ -261,18 +250,6 @@ def by_parameters(
         None if recording.accel is None else force,
         None if recording.gyro is None else rate,
         outside,
-    )
-
-
-@eqx.filter_jit
-def _compensate_chunk(
-    calibration: Calibration,
-    accel: Float[np.ndarray | Array, "time 3"],
-    gyro: Float[np.ndarray | Array, "time 3"],
-    temperature: Float[np.ndarray | Array, " time"],
-) -> tuple[Array, Array]:
-    return jax.vmap(calibration.without_effects())(
-        jnp.asarray(accel), jnp.asarray(gyro), jnp.asarray(temperature)
     )
 
 

@@ -1,9 +1,9 @@
 """A calibration from the numbers of another tool's file."""
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import jnp
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..physics.temperature import AbstractBasis, Constant, Curve, interpolate
 

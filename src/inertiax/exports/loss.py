@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -11,6 +9,7 @@ from ..calibration.calibration import Calibration
 from ..calibration.magnetometers import MagnetometerCalibration
 from .cubic import ROUNDING
 from .export import AppliedField, Export
+from .magnetometer_parameters import field_errors
 from .parameters import parameters_over, temperature_span
 
 
@@ -137,13 +136,13 @@ def _field_loss(
 ) -> FieldLoss:
     """The same for the magnetometers: outputs m' = (E + S) m + b + c I of known fields, compensated by the tool."""
     size = float(mag.field)
-    errors = jax.vmap(mag.errors)(jnp.asarray(temperature, float))
-    currents = np.array([0.0, CURRENT]) if np.asarray(errors.current).any() else np.zeros(1)
+    errors = field_errors(mag, temperature)
+    currents = np.array([0.0, CURRENT]) if errors.current.any() else np.zeros(1)
     field = size * _directions()
     # [temperature, current, direction, 3]
-    outputs = (field @ np.swapaxes(np.eye(3) + np.asarray(errors.matrix), 1, 2))[:, None]
-    outputs = outputs + np.asarray(errors.bias)[:, None, None]
-    outputs = outputs + (currents[:, None] * np.asarray(errors.current)[:, None])[:, :, None]
+    outputs = (field @ np.swapaxes(np.eye(3) + errors.matrix, 1, 2))[:, None]
+    outputs = outputs + errors.bias[:, None, None]
+    outputs = outputs + (currents[:, None] * errors.current[:, None])[:, :, None]
     heat, flowing = (
         np.broadcast_to(x, outputs.shape[:3]).ravel()
         for x in (temperature[:, None, None], currents[:, None])

@@ -7,17 +7,33 @@ and leaves the rotation R to the accelerometers out.
 import math
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..calibration.magnetometers import MagnetometerCalibration
+from ..calibration.over_rows import row_parameters
 from ..physics.temperature import CubicSpline, Polynomial
 from .cubic import moves, ROUNDING
 
 
 GAUSS = 1e4  # in a T
+
+
+class FieldErrors(NamedTuple):
+    """The parameters over temperatures, SI."""
+
+    bias: Float[np.ndarray, "*temperature 3"]
+    matrix: Float[np.ndarray, "*temperature 3 3"]
+    current: Float[np.ndarray, "*temperature 3"]
+
+
+def field_errors(
+    mag: MagnetometerCalibration, temperature: Float[np.ndarray, " temperature"]
+) -> FieldErrors:
+    """The parameters at each temperature, °C."""
+    own = row_parameters(mag.triad, temperature)
+    spread = lambda x: np.broadcast_to(np.moveaxis(x, -1, 0), (len(temperature), *x.shape[:-1]))
+    return FieldErrors(spread(own.bias), spread(own.matrix), spread(own.further[:3]))
 
 
 class SymmetricField(NamedTuple):
@@ -50,9 +66,10 @@ def symmetric_field(
     mag: MagnetometerCalibration, temperature: Float[np.ndarray, " temperature"]
 ) -> SymmetricField:
     """The parameters at each temperature, °C, with the matrix at their middle."""
-    errors = jax.vmap(mag.errors)(jnp.asarray(temperature, float))
-    middle = mag.errors(0.5 * float(temperature.min() + temperature.max()))
-    left, sizes, right = np.linalg.svd(np.linalg.inv(np.eye(3) + np.asarray(middle.matrix)))
+    errors = field_errors(mag, temperature)
+    middle = 0.5 * float(temperature.min() + temperature.max())
+    middle = FieldErrors(*(x[0] for x in field_errors(mag, np.array([middle]))))
+    left, sizes, right = np.linalg.svd(np.linalg.inv(np.eye(3) + middle.matrix))
     cosine = 0.5 * (float(np.trace(left @ right)) - 1.0)
     turned = math.acos(min(max(cosine, -1.0), 1.0))
     losses = []
@@ -60,14 +77,14 @@ def symmetric_field(
         losses.append(
             f"the magnetometers' rotation of {math.degrees(turned):.2g}° against the accelerometers"
         )
-    if moves(np.eye(3) + np.asarray(errors.matrix)):
+    if moves(np.eye(3) + errors.matrix):
         losses.append("temperature dependence of the soft iron")
-    if moves(np.asarray(errors.current)):
+    if moves(errors.current):
         losses.append("temperature dependence of the current's field")
     return SymmetricField(
-        np.asarray(errors.bias, float),
+        errors.bias,
         right.T @ np.diag(sizes) @ right,
-        np.asarray(middle.current, float),
+        middle.current,
         turned,
         tuple(losses),
     )

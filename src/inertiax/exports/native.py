@@ -1,8 +1,8 @@
 """Our own `calibration.json`, so that files of other tools can be brought in."""
 
-import jax
 import numpy as np
 
+from .._jax import jax
 from ..calibration.calibration import Calibration, read_calibration, write_calibration
 from ..storage.whole_files import scratch_folder
 from .export import Export, Settings as Common

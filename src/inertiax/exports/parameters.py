@@ -2,12 +2,11 @@
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
+from ..calibration.over_rows import row_parameters
 from ..physics.temperature import Constant
 from .cubic import cubic_misfit, moves, nodes, ROUNDING
 
@@ -30,17 +29,16 @@ def parameters_over(
     calibration: Calibration, temperature: Float[np.ndarray, " temperature"]
 ) -> Parameters:
     """The parameters at each temperature, °C; an ideal triad where one is not calibrated."""
-    t = jnp.asarray(temperature, float)
-    accel = jax.vmap(calibration.accel_errors)(t)
-    gyro = jax.vmap(calibration.gyro_errors)(t)
-    identity = np.eye(3)
-    spread = lambda x, shape: np.broadcast_to(np.asarray(x, float), (len(temperature), *shape))
+    accel = row_parameters(calibration.accel, temperature)
+    gyro = row_parameters(calibration.gyro, temperature)
+    identity, count = np.eye(3), len(temperature)
+    spread = lambda x: np.broadcast_to(np.moveaxis(x, -1, 0), (count, *x.shape[:-1]))
     return Parameters(
-        identity + spread(accel.matrix, (3, 3)),
-        spread(accel.bias, (3,)),
-        identity + spread(gyro.matrix, (3, 3)),
-        spread(gyro.bias, (3,)),
-        spread(gyro.g_sensitivity, (3, 3)) / float(calibration.gravity),
+        identity + spread(accel.matrix),
+        spread(accel.bias),
+        identity + spread(gyro.matrix),
+        spread(gyro.bias),
+        spread(gyro.further.reshape(3, 3, -1)) / float(calibration.gravity),
     )
 
 

@@ -7,15 +7,17 @@ not needed there.
 **Reference:** JAX documentation, *Exporting and serializing staged-out computations*.
 """
 
-from typing import Literal
+from typing import Literal, TYPE_CHECKING
 
-import jax
-import jax.export
-import jax.numpy as jnp
 import numpy as np
 
+from .._jax import jax, jnp
 from ..calibration.calibration import Calibration
 from .export import Export, Settings as Common
+
+
+if TYPE_CHECKING:
+    from jax.export import Exported
 
 
 NAME = "stablehlo"
@@ -35,6 +37,8 @@ class Settings(Common, frozen=True, kw_only=True):
 
 def write(calibration: Calibration, settings: Settings) -> Export:
     """The serialized program. Raises `ValueError` for float64 where JAX's 64-bit mode is off."""
+    from jax import export as programs
+
     # What a plain array becomes says whether the mode is on.
     if settings.dtype == "float64" and jnp.zeros(0).dtype != jnp.float64:
         raise ValueError(
@@ -43,14 +47,14 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         )
     dtype = jnp.dtype(settings.dtype)
     cast = jax.tree.map(lambda x: jnp.asarray(x, dtype), calibration)
-    (n,) = jax.export.symbolic_shape("n")
+    (n,) = programs.symbolic_shape("n")
     shapes = [jax.ShapeDtypeStruct(s, dtype) for s in ((n, 3), (n, 3), (n,))]
     compensate = lambda accel, gyro, temperature: jax.vmap(cast)(accel, gyro, temperature)
-    exported = jax.export.export(jax.jit(compensate), platforms=_PLATFORMS)(*shapes)
+    exported = programs.export(jax.jit(compensate), platforms=_PLATFORMS)(*shapes)
     content = _serialized(exported)
 
     def applied(accel: np.ndarray, gyro: np.ndarray, temperature: np.ndarray):
-        program = jax.export.deserialize(bytearray(content))
+        program = programs.deserialize(bytearray(content))
         force, rate = program.call(*(jnp.asarray(x, dtype) for x in (accel, gyro, temperature)))
         return np.asarray(force, float), np.asarray(rate, float)
 
@@ -58,7 +62,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     return Export(files=(("", content),), applied=applied, losses=single)
 
 
-def _serialized(exported: jax.export.Exported) -> bytes:
+def _serialized(exported: "Exported") -> bytes:
     try:
         return bytes(exported.serialize())
     except ImportError:

@@ -4,10 +4,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
+from .._records import field, Module
 from ..data.formats.columns import nearest
 from ..data.recording import Campaign, NOT_CALIBRATED, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
@@ -18,26 +17,22 @@ from ..reduction.rotations_between_rests import shortfall, Turns
 from .model_spec import LEAST_SPAN, ModelSpec
 
 
-class ChosenModel(eqx.Module):
+class ChosenModel(Module):
     """What is fitted, and why. `None` for a triad that is not recorded or not calibrated."""
 
-    accel_estimator: str | None = eqx.field(static=True)
-    gyro_estimator: str | None = eqx.field(static=True)
-    g_sensitivity: bool = eqx.field(static=True)
+    accel_estimator: str | None = field(static=True)
+    gyro_estimator: str | None = field(static=True)
+    g_sensitivity: bool = field(static=True)
     # Of the accelerometers' and the gyros' polynomials; None: chosen from the data, see `choose_degree`.
-    degrees: tuple[int | None, int | None] = eqx.field(static=True)
-    reasons: tuple[str, ...] = eqx.field(static=True)
-    together: bool = eqx.field(static=True, default=False)  # both triads in one least squares
-    lever_arms: bool = eqx.field(static=True, default=False)
-    misalignment: bool = eqx.field(
-        static=True, default=True
-    )  # of the triads; False holds it at zero
-    accel_misalignments: bool = eqx.field(static=True, default=True)  # of 'invariant'
-    fixed: bool = eqx.field(
-        static=True, default=False
-    )  # was fitted before; nothing is left to choose
+    degrees: tuple[int | None, int | None] = field(static=True)
+    reasons: tuple[str, ...] = field(static=True)
+    together: bool = field(static=True, default=False)  # both triads in one least squares
+    lever_arms: bool = field(static=True, default=False)
+    misalignment: bool = field(static=True, default=True)  # of the triads; False holds it at zero
+    accel_misalignments: bool = field(static=True, default=True)  # of 'invariant'
+    fixed: bool = field(static=True, default=False)  # was fitted before; nothing is left to choose
     # Accelerometers that the user does not want to be calibrated count as calibrated before.
-    accel_as_recorded: bool = eqx.field(static=True, default=False)
+    accel_as_recorded: bool = field(static=True, default=False)
 
     def degree(self, triad: str) -> int | None:
         """Degree over temperature of one triad's polynomials; `None` where the data are to decide."""
@@ -301,7 +296,7 @@ def build_estimators(
         "gravity": gravity,
         "robust": robust,
         "misalignments": chosen.accel_misalignments,
-        "nominal": None if mean is None else jnp.asarray(mean),
+        "nominal": None if mean is None else mean,
         "g_sensitivity": chosen.g_sensitivity,
     }
     return (

@@ -7,10 +7,10 @@ $$S = I - F F^T, \\qquad F = U W \\,\\mathrm{diag}\\Big(\\frac{1 - (1 + \\lambda
 U^T U = W \\,\\mathrm{diag}(\\lambda)\\, W^T.$$
 """
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import jnp
 from .._typing import AnyArray
 from .linear_algebra import symmetric_eigen
 

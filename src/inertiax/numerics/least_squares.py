@@ -7,25 +7,24 @@ iteration driven from the host.
 """
 
 from collections.abc import Callable
+from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Bool, Float, Int
 
+from .._jax import Array, jax, jnp, optx, PyTree
+from .._records import Module
 from .._typing import AnyArray
 from ..physics.leaves import is_traced
-from .linear_algebra import DenseNormal, spd_inverse
+from .linear_algebra import spd_inverse
 
 
-class Solution(eqx.Module):
+class Solution(Module):
     """Result of one least-squares solve; every field gains leading axes under `vmap`."""
 
     parameters: Float[AnyArray, "*batch parameters"]
     residuals: Float[AnyArray, "*batch rows"]  # whitened, at the solution
     covariance: Float[AnyArray, "*batch parameters parameters"]  # (JᵀJ)⁻¹; NaN where rank deficient
-    result: optx.RESULTS  # outcome as data; `outcome` in words
+    result: "optx.RESULTS"  # outcome as data; `outcome` in words
     num_steps: Int[AnyArray, " *batch"]
 
     @property
@@ -40,7 +39,7 @@ class Solution(eqx.Module):
         return outcome("solution.outcome", self.result, self.succeeded)
 
 
-def outcome(call: str, result: optx.RESULTS, succeeded: AnyArray | bool) -> str:
+def outcome(call: str, result: "optx.RESULTS", succeeded: AnyArray | bool) -> str:
     """How a solve ended, in words."""
     if is_traced(succeeded) or jnp.ndim(succeeded):
         raise ValueError(
@@ -53,22 +52,30 @@ def outcome(call: str, result: optx.RESULTS, succeeded: AnyArray | bool) -> str:
     return " ".join(optx.RESULTS[result].split())
 
 
-def gauss_newton(*, tolerance: float = 1e-7) -> optx.AbstractLeastSquaresSolver:
+def gauss_newton(*, tolerance: float = 1e-7) -> "optx.AbstractLeastSquaresSolver":
     """Gauss-Newton with the dense solver: quick where the start is good, as closed-form starts are.
 
     `tolerance` is in standard deviations: the last step of every parameter, in units of its own
     scale 1/‖J column‖, and the change of every whitened residual must be below it.
     """
     return optx.GaussNewton(
-        rtol=1e-12, atol=tolerance, norm=optx.max_norm, linear_solver=DenseNormal()
+        rtol=1e-12, atol=tolerance, norm=optx.max_norm, linear_solver=_dense_normal()
     )
 
 
-def levenberg_marquardt(*, tolerance: float = 1e-7) -> optx.AbstractLeastSquaresSolver:
+def levenberg_marquardt(*, tolerance: float = 1e-7) -> "optx.AbstractLeastSquaresSolver":
     """Levenberg-Marquardt with the dense solver: slower, for starts that are far off."""
     return optx.LevenbergMarquardt(
-        rtol=1e-12, atol=tolerance, norm=optx.max_norm, linear_solver=DenseNormal()
+        rtol=1e-12, atol=tolerance, norm=optx.max_norm, linear_solver=_dense_normal()
     )
+
+
+def _dense_normal() -> Any:
+    from .dense_normal import (
+        DenseNormal,  # made of a solver of lineax, for which the host need not wait
+    )
+
+    return DenseNormal()
 
 
 def least_squares(
@@ -76,7 +83,7 @@ def least_squares(
     start: Float[AnyArray, " parameters"],
     args: PyTree = None,
     *,
-    solver: optx.AbstractLeastSquaresSolver | None = None,
+    solver: "optx.AbstractLeastSquaresSolver | None" = None,
     max_steps: int = 50,
 ) -> Solution:
     """Minimise ½ ‖r(p, args)‖² from `start`; never raises for numerical reasons.
@@ -102,7 +109,7 @@ def least_squares(
         jax.lax.stop_gradient(start) / scale,
         (scale, args),
         max_steps=max_steps,
-        adjoint=optx.ImplicitAdjoint(linear_solver=DenseNormal()),
+        adjoint=optx.ImplicitAdjoint(linear_solver=_dense_normal()),
         throw=False,
     )
     parameters = inner.value * scale

@@ -5,14 +5,11 @@ columns are accurate enough there. Under JAX they are written out in plain `jnp`
 and LAPACK-backed solves under `vmap` dead-lock in some jaxlib versions on CPU.
 """
 
-import jax
-import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Float
 from numpy.typing import DTypeLike
 
+from .._jax import Array, jax, jnp
 from .._typing import AnyArray
 
 
@@ -102,10 +99,10 @@ def singular_pivot(dtype: DTypeLike) -> float:
     so that a test of its sign alone misses some (53 of 600 random ones). At the limit (condition numbers of $10^6$
     in float64, 400 in float32) a solution of the normal equations keeps a quarter of its digits.
     """
-    return float(jnp.finfo(dtype).eps) ** 0.75
+    return float(np.finfo(dtype).eps) ** 0.75
 
 
-def _regular_cholesky(scaled: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def regular_cholesky(scaled: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """`cholesky` of a matrix of unit diagonal; NaN throughout where it is singular but for rounding."""
     lower = cholesky(scaled)
     smallest = jnp.min(jnp.square(jnp.diagonal(lower)))
@@ -118,7 +115,7 @@ def spd_inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     scale = jax.lax.rsqrt(jnp.diagonal(matrix))
     scaled = matrix * scale[:, None] * scale[None, :]
     identity = jnp.eye(matrix.shape[0], dtype=matrix.dtype)
-    inverse = cholesky_solve(_regular_cholesky(scaled), identity)
+    inverse = cholesky_solve(regular_cholesky(scaled), identity)
     return inverse * scale[:, None] * scale[None, :]
 
 
@@ -159,69 +156,6 @@ def symmetric_eigen(
     """
     if isinstance(matrix, np.ndarray):
         return np.linalg.eigh(matrix)
-    return jnp.vectorize(_eigen_of_one, signature="(n,n)->(n),(n,n)")(matrix)
+    from .eigen_in_turn import eigen_of_one  # needs JAX to be imported
 
-
-@jax.custom_batching.sequential_vmap
-def _eigen_in_turn(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
-    values, vectors = jnp.linalg.eigh(matrix)
-    return values, vectors
-
-
-@jax.custom_jvp
-def _eigen_of_one(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
-    return _eigen_in_turn(matrix)
-
-
-@_eigen_of_one.defjvp
-def _eigen_slope(primals: tuple[Array], tangents: tuple[Array]):
-    values, vectors = _eigen_of_one(*primals)
-    change = vectors.T @ (0.5 * (tangents[0] + tangents[0].T)) @ vectors
-    gap = values[None, :] - values[:, None]
-    turn = jnp.where(gap == 0.0, 0.0, change / jnp.where(gap == 0.0, 1.0, gap))
-    return (values, vectors), (jnp.diagonal(change), vectors @ turn)
-
-
-class DenseNormal(lx.AbstractLinearSolver):
-    """Dense least squares or square solve A x = b by scaled normal equations.
-
-    Columns are scaled to unit length, which bounds the condition number to within $\\sqrt n$ of the
-    best diagonal scaling (van der Sluis 1969), then AᵀA is factorised by `cholesky`. Accuracy is
-    about cond(A)² ε; calibration Jacobians have scaled condition numbers of 3 to 300.
-    A singular A yields NaN, which lineax reports as `RESULTS.singular`.
-    """
-
-    def init(
-        self, operator: lx.AbstractLinearOperator, options: dict
-    ) -> tuple[Array, Array, Array]:
-        del options
-        return self._factorise(operator.as_matrix())
-
-    def _factorise(self, matrix: Array) -> tuple[Array, Array, Array]:
-        squares = jnp.sum(jnp.square(matrix), axis=0)
-        # A zero column stays zero, so that its pivot shows the singularity.
-        scale = jax.lax.rsqrt(jnp.where(squares > 0, squares, jnp.ones_like(squares)))
-        scaled = matrix * scale[None, :]
-        # A square operator is the Hessian JᵀJ of a derivative, and its normal matrix goes with cond(J)⁴:
-        # whether the rows determine the unknowns was decided at J.
-        square = matrix.shape[0] == matrix.shape[1]
-        factorise = cholesky if square else _regular_cholesky
-        return matrix, scale, factorise(scaled.T @ scaled)
-
-    def compute(self, state: tuple[Array, Array, Array], vector: PyTree, options: dict):
-        del options
-        matrix, scale, lower = state
-        flat, _ = ravel_pytree(vector)
-        solution = scale * cholesky_solve(lower, scale * (matrix.T @ flat))
-        return solution, lx.RESULTS.successful, {}
-
-    def transpose(self, state: tuple[Array, Array, Array], options: dict):
-        if state[0].shape[0] != state[0].shape[1]:
-            raise ValueError("`DenseNormal` transposes square operators only.")
-        return self._factorise(state[0].T), options
-
-    def conj(self, state: tuple[Array, Array, Array], options: dict):
-        return state, options
-
-    def assume_full_rank(self) -> bool:
-        return True
+    return jnp.vectorize(eigen_of_one, signature="(n,n)->(n),(n,n)")(matrix)

@@ -8,16 +8,15 @@ mounting as unknown), the rotation that Θ holds is the triads' misalignment:
 To first order ρ is the skew part of Θ; this is the exact polar factor.
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jax, jnp
+from .._records import Module
 from .._typing import AnyArray, Mat3
 
 
-class Alignment(eqx.Module):
+class Alignment(Module):
     """Rotation vector from the accelerometers' frame to the gyros', and what remains."""
 
     # ρ, rad: a vector of the one triad is exp([ρ]×) of it in the other
@@ -71,7 +70,9 @@ def _between(matrices: Float[Array, " entries"]) -> Float[Array, "3"]:
     return _rotation(factors[0] if len(factors) == 1 else factors[0] @ factors[1].T)
 
 
-_derivative = jax.jit(jax.jacfwd(_between))
+@jax.jit
+def _derivative(matrices: Float[Array, " entries"]) -> Float[Array, "3 entries"]:
+    return jax.jacfwd(_between)(matrices)
 
 
 def _rotation(turn: Float[Array, "3 3"]) -> Float[Array, "3"]:

@@ -14,9 +14,9 @@ Because b₁ → 0 the iteration reaches the same fixed point all the same. The 
 under its own name for study.
 """
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
 from .._typing import Mat3, Scalar, Vec3
 from .error_model import AccelerometerErrors, GyroErrors, solve3
 

@@ -9,15 +9,15 @@ output a' although (1) has the true a; the exact form is the default here, and t
 kept under its own name for study (it leaves an error D (Γ a + a⁰) / g).
 """
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import Module
 from .._typing import Mat3, Scalar, Vec3
 from .shapes import check_ends, check_one
 
 
-class AccelerometerErrors(eqx.Module):
+class AccelerometerErrors(Module):
     """Parameters of an accelerometer triad at one temperature.
 
     Raises `ValueError` for other shapes.
@@ -36,7 +36,7 @@ class AccelerometerErrors(eqx.Module):
         return AccelerometerErrors(jnp.zeros(3), jnp.zeros((3, 3)))
 
 
-class GyroErrors(eqx.Module):
+class GyroErrors(Module):
     """Parameters of a gyro triad at one temperature.
 
     Raises `ValueError` for other shapes.

@@ -11,16 +11,16 @@ domain*, J. Aerospace Eng. 19 (2006) 87; Renaudin, Afzal, Lachapelle, *Complete 
 the magnetic domain*, J. Sensors (2010) 967245.
 """
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jnp
+from .._records import Module
 from .._typing import Mat3, Scalar, Vec3
 from .error_model import AccelerometerErrors, compensate_accel, distort_accel
 from .shapes import check_ends
 
 
-class MagnetometerErrors(eqx.Module):
+class MagnetometerErrors(Module):
     """Parameters of a magnetometer triad at one temperature.
 
     Raises `ValueError` for other shapes.

@@ -11,12 +11,10 @@ polynomial of degree 6 well conditioned; powers of T appear only on export.
 
 import abc
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Scalar
 from .celsius import not_celsius
 from .leaves import as_array, as_leaf, is_traced

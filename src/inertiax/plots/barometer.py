@@ -1,10 +1,9 @@
 """The figure of a barometer's calibration: averages over temperature, and the curve through them."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..calibrate.barometer import BarometerResult
-from .style import COLOURS, INK, legend_above, new_figure, QUIET
+from .style import COLOURS, Figure, INK, legend_above, new_figure, QUIET
 
 
 _NORMAL_95 = 1.959964

@@ -5,9 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from ..calibrate.pipeline import TriadResult
 from ..calibration.calibration import Calibration, TriadCalibration
@@ -16,10 +13,12 @@ from ..data.recording import Recording
 from ..reduction.dwells import Dwells
 from ..reduction.segments import Segments
 from .style import (
+    Axes,
     AXIS_NAMES,
     COLOURS,
     DASHES,
     drawing,
+    Figure,
     INK,
     legend_above,
     MARKERS,
@@ -173,6 +172,8 @@ def misfits(result: TriadResult) -> Figure:
     if reach > 0.0:
         axes[0].set_ylim(-reach, reach)
     _mark_experiments(axes[0], order, np.asarray(dwells.experiment))
+    from matplotlib.ticker import MaxNLocator
+
     axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 

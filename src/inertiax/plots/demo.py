@@ -1,10 +1,19 @@
 """Figures in the manner of the founding paper's figures 2 to 6."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..analysis.paper_experiment import DemoResult, METHODS
-from .style import AXIS_NAMES, COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
+from .style import (
+    AXIS_NAMES,
+    COLOURS,
+    DASHES,
+    Figure,
+    INK,
+    legend_above,
+    MARKERS,
+    new_figure,
+    QUIET,
+)
 
 
 _BIAS = (0, 1, 2)

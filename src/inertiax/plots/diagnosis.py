@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..data.recording import Recording
 from ..diagnose import Diagnosis
-from .style import COLOURS, DASHES, INK, legend_above, MARKERS, new_figure, QUIET
+from .style import COLOURS, DASHES, Figure, INK, legend_above, MARKERS, new_figure, QUIET
 
 
 def places(found: Diagnosis, recordings: Sequence[Recording]) -> Figure:

@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import label
 from ..fleet.overview.recalibration import Drift, FAR
 from ..fleet.overview.view import TriadView
 from ..fleet.population.population import TriadPopulation
-from .style import COLOURS, INK, new_figure, QUIET
+from .style import Axes, COLOURS, Figure, INK, new_figure, QUIET
 
 
 MOST_BINS = 40

@@ -2,10 +2,9 @@
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.figure import Figure
 
 from ..calibrate.results import MagnetometerResult
-from .style import COLOURS, INK, legend_above, new_figure, QUIET
+from .style import COLOURS, Figure, INK, legend_above, new_figure, QUIET
 
 
 _MICRO = 1e6  # µT in a T

@@ -1,11 +1,9 @@
 """Figure of a log's noise: Allan deviations with their limits, and the terms that explain them."""
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 
 from ..allan import ChannelNoise, LogNoise
-from .style import COLOURS, legend_above, new_figure
+from .style import COLOURS, Figure, legend_above, new_figure
 
 
 _LABELS = {"accel": "Allan deviation, m/s²", "gyro": "Allan deviation, rad/s"}
@@ -30,6 +28,8 @@ def allan(noise: LogNoise) -> Figure:
         # Plain labels and few ticks: mathematical text and minor ticks take most of the drawing's time.
         ax.minorticks_off()
         for axis in (ax.xaxis, ax.yaxis):
+            from matplotlib.ticker import FuncFormatter
+
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.set_xlabel("averaging time τ, s")
         ax.set_ylabel(_LABELS[triad])

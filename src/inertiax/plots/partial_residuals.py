@@ -4,13 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from ..diagnose.residuals import Residuals
 from .residuals import BINS, branch, course, grouped, MOST_POINTS, on_channel, row_name, scale
-from .style import COLOURS, INK, MARKERS, new_figure, QUIET
+from .style import Axes, COLOURS, Figure, INK, MARKERS, new_figure, QUIET
 
 
 FUNCTION = 0.9  # part of an effect's scatter that a variable must tell to be drawn over it
@@ -157,4 +154,6 @@ def _draw(ax: Axes, panel: _Panel, y: Float[np.ndarray, " block"], *, curve: boo
             lw=1.5,
             label="fitted" if k == 0 else "_",
         )
+    from matplotlib.ticker import MaxNLocator
+
     ax.xaxis.set_major_locator(MaxNLocator(6))

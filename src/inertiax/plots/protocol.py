@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from .style import COLOURS, INK, new_figure
+from .style import COLOURS, Figure, INK, new_figure
 
 
 class AgainstLimit(NamedTuple):

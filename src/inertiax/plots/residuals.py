@@ -2,13 +2,10 @@
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from ..calibration.quantities import DEG_PER_HOUR
 from ..diagnose.residuals import Residuals, TURN
-from .style import COLOURS, INK, legend_above, MARKERS, new_figure, QUIET
+from .style import Axes, COLOURS, Figure, INK, legend_above, MARKERS, new_figure, QUIET
 
 
 MOST_POINTS = 260  # drawn in a panel; more cannot be told apart and make a page heavy
@@ -90,6 +87,8 @@ def before_and_after(rows: Residuals, driver: str, channels: tuple[str, ...]) ->
             ax = axes[2 * k + j]
             y, weight = on_channel(rows, factor * values[:, rows.of(channel)], channel)
             _cloud(ax, rows, x, y, weight, by_branch and rows.temperature_rate is not None)
+            from matplotlib.ticker import MaxNLocator
+
             ax.xaxis.set_major_locator(MaxNLocator(6))
             if k == 0:
                 ax.set_title("model as meant" if j == 0 else "with what was found in the model")

@@ -7,11 +7,14 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TYPE_CHECKING
 
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:  # matplotlib is imported where something is drawn: `drawing.drawn_aside`
+    Axes = Figure = Any
 
 
 # Okabe and Ito (2008), Color Universal Design: told apart with every kind of colour vision.
@@ -59,26 +62,11 @@ _STYLE = {
 }
 
 
-_RAISED = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-class Numbers(ScalarFormatter):
-    """Numbers along an axis as plain text, a common power of ten as ×10⁻⁵.
-
-    matplotlib's own typesets every label as mathematics, which takes longer than all else in a figure.
-    """
-
-    def __init__(self):
-        super().__init__(useOffset=False, useMathText=False)
-
-    def get_offset(self) -> str:
-        power = super().get_offset()  # such as 1e−5, or nothing
-        return f"×10{power[2:].translate(_RAISED)}" if power else ""
-
-
 @contextmanager
 def drawing() -> Iterator[None]:
     """The style, for the time of drawing only: a user's own settings stay as they are."""
+    import matplotlib as mpl
+
     with mpl.rc_context(_STYLE):  # pyright: ignore[reportArgumentType]
         yield
 
@@ -93,6 +81,10 @@ def new_figure(
     sharey: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with its axes in reading order. Sizes in inches."""
+    from matplotlib.figure import Figure
+
+    from .axis_numbers import Numbers
+
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).flat)
     for ax in axes:
@@ -158,5 +150,7 @@ def _styles_once(svg: str) -> str:
 
 def font_files() -> dict[str, Path]:
     """Files of the figures' font by style ("", "B"), for documents that stand beside them."""
+    import matplotlib as mpl
+
     folder = Path(mpl.get_data_path()) / "fonts" / "ttf"
     return {"": folder / "DejaVuSans.ttf", "B": folder / "DejaVuSans-Bold.ttf"}

@@ -1,11 +1,9 @@
 """Does an iteration converge on this plan? Its spectral radius, and the combination that goes wrong."""
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax, jnp, PyTree
 from .._typing import AnyArray
 from ..reduction.dwells import Dwells
 from .experiment_sets import ExperimentPass

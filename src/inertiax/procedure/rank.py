@@ -5,10 +5,10 @@ determined parameter of each, so that a weak one stays weak. Scaled to unit leng
 as any other, however small it was.
 """
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from .._jax import Array, jnp
 from .._typing import AnyArray
 from ..numerics.linear_algebra import cholesky, singular_pivot
 

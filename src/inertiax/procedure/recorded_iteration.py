@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
-import jax.numpy as jnp
-import optimistix as optx
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
+
+from .._jax import Array, jnp, optx
+from .._records import field, Module
 
 
-class _RecordState(eqx.Module):
+class _RecordState(Module):
     index: Int[Array, ""]
     step_size: Float[Array, ""]
     history: Float[Array, "iterations unknowns"]
@@ -18,10 +18,10 @@ class _RecordState(eqx.Module):
 class RecordedIteration(optx.AbstractFixedPointSolver):
     """Plain fixed-point iteration that keeps every iterate and tests the step in sigmas, the third of `args`."""
 
-    atol: float = eqx.field(static=True)  # standard deviations
-    max_iterations: int = eqx.field(static=True)
-    rtol: float = eqx.field(static=True, default=0.0)
-    norm: Callable = eqx.field(static=True, default=optx.max_norm)
+    atol: float = field(static=True)  # standard deviations
+    max_iterations: int = field(static=True)
+    rtol: float = field(static=True, default=0.0)
+    norm: Callable = field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _RecordState:
         del fn, args, options, f_struct, aux_struct, tags

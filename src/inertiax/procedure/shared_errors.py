@@ -9,12 +9,11 @@ A dwell is of one positioning at most, so that U falls into blocks of three angl
 where they are estimated together, their rows share its angles. NumPy for NumPy, JAX for JAX.
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import jax, jnp
+from .._records import Module
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator, JointImu
 from ..estimators.base import whiten
@@ -23,7 +22,7 @@ from ..reduction.dwells import Dwells, is_told
 from ..reduction.rig_errors import turned_by
 
 
-class SharedErrors(eqx.Module):
+class SharedErrors(Module):
     """What one standard deviation of each shared angle does to the rows of one device."""
 
     whitened: Float[AnyArray, "dwell row 3"]

@@ -9,13 +9,10 @@ such as a user's own, are compiled; their dwells are padded to a few lengths, so
 size share those programs (and the cache of compiled code).
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from .._jax import Array, eqx, jax, jnp, optx
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator
 from ..estimators.host_forms import AbstractHostForm, host_form, LinearisedDwells

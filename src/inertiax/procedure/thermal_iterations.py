@@ -17,25 +17,20 @@ derivatives of the answer come from the implicit function theorem.
 import abc
 from typing import ClassVar
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
+from .._jax import Array, eqx, jax, jnp, lx, optx
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator, ReferenceAccel, ReferenceGyro
 from ..estimators.base import check_estimator
 from ..numerics.least_squares import least_squares, outcome
-from ..numerics.linear_algebra import DenseNormal, spd_inverse
+from ..numerics.linear_algebra import spd_inverse
 from ..numerics.wide_arithmetic import in_64_bits
 from ..physics.leaves import is_traced
 from ..physics.temperature import AbstractBasis, Curve, interpolate
 from ..reduction.dwells import by_experiment, check_dwells, Dwells, experiment_rows
 from .rank import determines_all
-from .recorded_iteration import RecordedIteration
 
 
 class ThermalSolution(eqx.Module):
@@ -44,7 +39,7 @@ class ThermalSolution(eqx.Module):
     curve: Curve
     covariance: Float[AnyArray, "unknowns unknowns"]  # of coefficients, row-major
     residuals: Float[AnyArray, "*batch dwells rows"]  # whitened; zero where the dwell was not used
-    result: optx.RESULTS  # outcome as data; `outcome` in words
+    result: "optx.RESULTS"  # outcome as data; `outcome` in words
     num_iterations: Int[AnyArray, " *batch"]
     history: Float[AnyArray, "*batch iterations size parameters"]  # NaN beyond `num_iterations`
     step_sizes: Float[AnyArray, "*batch iterations"]  # largest change, in standard deviations
@@ -188,6 +183,8 @@ class PaperIteration(AbstractIteration):
     def refine(
         self, coefficients: Float[AnyArray, "size parameters"], dwells: Dwells
     ) -> Float[Array, "size parameters"]:
+        from ..numerics.dense_normal import DenseNormal
+
         temperature, composed = self.experiments(coefficients, dwells)
         design = lx.MatrixLinearOperator(jax.vmap(self.basis)(temperature))
         solve = lambda column: lx.linear_solve(design, column, DenseNormal(), throw=False).value
@@ -324,6 +321,10 @@ def _iterate(
     max_iterations: int,
     tolerance: float,
 ) -> ThermalSolution:
+    # Made of optimistix' solvers, for which a solve on the host need not wait.
+    from ..numerics.dense_normal import DenseNormal
+    from .recorded_iteration import RecordedIteration
+
     estimator, basis = procedure.estimator, procedure.basis
     first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
     first = jax.lax.stop_gradient(first)
@@ -359,7 +360,7 @@ def joint_fit(
     dwells: Dwells,
     *,
     start: Float[AnyArray, "size parameters"] | None = None,
-    solver: optx.AbstractLeastSquaresSolver | None = None,
+    solver: "optx.AbstractLeastSquaresSolver | None" = None,
 ) -> ThermalSolution:
     """Least squares over all dwells with the curves' coefficients as the unknowns.
 
@@ -380,7 +381,7 @@ def _joint_fit(
     basis: AbstractBasis,
     dwells: Dwells,
     start: Float[AnyArray, "size parameters"] | None,
-    solver: optx.AbstractLeastSquaresSolver | None,
+    solver: "optx.AbstractLeastSquaresSolver | None",
 ) -> ThermalSolution:
     first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
     solution = least_squares(

@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._records import Module
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
@@ -113,7 +113,7 @@ def _experiments(recordings: Sequence[Recording]) -> Iterator[Int[np.ndarray, " 
         yield np.broadcast_to(fresh, recording.num_samples)
 
 
-class _Blocks(eqx.Module):
+class _Blocks(Module):
     """Ranges of rows of one recording, one for each dwell, and which rows of the recording count."""
 
     start: Int[np.ndarray, " block"]

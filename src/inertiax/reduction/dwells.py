@@ -7,12 +7,10 @@ milliseconds.
 
 import dataclasses
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._jax import eqx, jax, jnp
 from .._typing import AnyArray, Given
 from ..data.recording import Recording
 from . import arrays

@@ -9,10 +9,10 @@ repeats are averaged as they are, and the noise of the mean knows of it by their
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._jax import eqx
 from ..data.recording import Recording
 from .dwells import Dwells
 from .mean_covariance import covariances_of_means

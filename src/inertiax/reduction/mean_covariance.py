@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._records import field, Module
 from .mean_noise import fit_noise_shape, NoiseShape, prior_freedom, quantisation_floor
 
 
 _SAMPLES_FOR_SHAPE = 1 << 18
 
 
-class Scatter(eqx.Module):
+class Scatter(Module):
     """Samples of one triad in each dwell, as deviations from what the dwell should read."""
 
     counts: Int[np.ndarray, " dwell"]  # samples in each dwell
@@ -21,7 +21,7 @@ class Scatter(eqx.Module):
     step: Float[np.ndarray, "dwell 3"]  # LSB of the converter, 0 where it does not show
     number: Int[np.ndarray, " dwell"]  # of the dwell, as `first` counts them
     # Deviations (row, 3) of the first samples of some dwells: their numbers, and how many of each.
-    first: Callable[[np.ndarray, np.ndarray], np.ndarray] = eqx.field(static=True)
+    first: Callable[[np.ndarray, np.ndarray], np.ndarray] = field(static=True)
 
     @property
     def squares(self) -> Float[np.ndarray, "dwell 3"]:

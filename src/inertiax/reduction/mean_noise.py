@@ -15,6 +15,7 @@ from scipy.special import digamma, polygamma
 
 from .._records import field, Module
 from .._typing import AnyArray
+from ..numerics.nonnegative import nonnegative_least_squares
 
 
 class NoiseShape(Module):
@@ -211,12 +212,9 @@ def _grow(
         for k in np.argsort(-most):
             if most[k] <= best:
                 break
-            # White noise alone needs none, and the import takes a quarter of a second.
-            from scipy.optimize import nnls
-
-            values, norm = nnls(design[:, [*chosen, k]], target)
-            if left - norm**2 - cost[k] > best:
-                best, found = left - norm**2 - cost[k], (int(k), values, norm**2)
+            values, rest = nonnegative_least_squares(design[:, [*chosen, k]], target)
+            if left - rest - cost[k] > best:
+                best, found = left - rest - cost[k], (int(k), values, rest)
         if found is None:
             break
         chosen.append(found[0])

@@ -5,15 +5,14 @@ fourth order of the step for that rate. The noise of hand-held motion at 100 Hz 
 leaves out.
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
+from .._jax import Array, jax, jnp
+from .._records import Module
 from .._typing import AnyArray, Scalar, Vec3
 
 
-class Motions(eqx.Module):
+class Motions(Module):
     """The motions that led to each of a number of rests. The leading axis counts rests.
 
     All have the same number of samples: shorter ones repeat their last sample at steps of no

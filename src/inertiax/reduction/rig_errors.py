@@ -11,11 +11,10 @@ two of them err together:
     δ_k = ε × u_k = −[u_k]× ε,     cov(δ_j, δ_k) = α² [u_j]× [u_k]×ᵀ
 """
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._jax import eqx, jnp
 from .._typing import AnyArray
 from ..data.recording import Rig
 from .dwells import Dwells, known_force

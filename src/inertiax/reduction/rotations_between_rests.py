@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import NoReturn
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._jax import eqx
 from ..data.recording import Recording
 from ..numerics.paule_mandel import excess_deviation
 from ..physics.vectors import angle_between, unit_vector

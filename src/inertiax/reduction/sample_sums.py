@@ -6,10 +6,10 @@ Sums of recordings are put side by side, so that no more than the samples of one
 from collections.abc import Sequence
 from typing import Literal
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._records import Module
 from ..data.recording import Recording
 from .dwells import is_told
 from .mean_covariance import Scatter
@@ -21,7 +21,7 @@ _COLUMNS = ("time", "accel", "gyro", "temperature", "reference_accel", "referenc
 _TRIADS = ("accel", "gyro", "mag")
 
 
-class Line(eqx.Module):
+class Line(Module):
     """What a triad (less its reference, where there is one) should read in each dwell: a straight line in time.
 
     A steady drift through a dwell, such as temperature brings, belongs to the dwell's mean time and temperature and is
@@ -35,7 +35,7 @@ class Line(eqx.Module):
     step: Float[np.ndarray, "3"]  # LSB of the converter
 
 
-class Reduced(eqx.Module):
+class Reduced(Module):
     """The sums of one recording, and where its samples are."""
 
     recording: Recording

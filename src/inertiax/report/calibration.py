@@ -13,7 +13,7 @@ from ..calibration.quantities import middle_temperature, quantities, rms_text, w
 from ..data.recording import Campaign, Rig
 from ..physics.temperature import Constant
 from ..plots import calibration as plots
-from ..plots.style import drawing
+from ..plots.figure_workers import Drawing
 from ..reduction.rig_errors import rate_words
 from ..reduction.segments import rests_are_searched
 from .barometer import barometer_sections, FIGURE as BAROMETER_FIGURE
@@ -185,17 +185,16 @@ def _curve_picture(
     name: str, triad: TriadCalibration, calibration: Calibration, folder: Path
 ) -> Picture:
     title = TRIAD_NAMES[name]
-    with drawing():
-        if isinstance(triad.curve.basis, Constant) or calibration.temperature_range is None:
-            figure = plots.constant_parameters(triad)
-            caption = "Constant parameters with their 95 % intervals."
-        else:
-            figure = plots.parameter_curves(triad, calibration.temperature_range)
-            caption = (
-                "Parameters over temperature with their 95 % bands (often thinner than the line). "
-                "Shaded: outside the temperatures that the data covered."
-            )
-        return picture(figure, folder, f"curves-{name}", caption, f"{title}: {caption}")
+    if isinstance(triad.curve.basis, Constant) or calibration.temperature_range is None:
+        figure = Drawing(plots.constant_parameters, triad)
+        caption = "Constant parameters with their 95 % intervals."
+    else:
+        figure = Drawing(plots.parameter_curves, triad, calibration.temperature_range)
+        caption = (
+            "Parameters over temperature with their 95 % bands (often thinner than the line). "
+            "Shaded: outside the temperatures that the data covered."
+        )
+    return picture(figure, folder, f"curves-{name}", caption, f"{title}: {caption}")
 
 
 def _magnetometer_sections(result: DeviceResult, folder: Path) -> list[Section]:
@@ -214,9 +213,9 @@ def _misfit_sections(result: DeviceResult, folder: Path) -> list[Section]:
             f"scatter between dwells together; far longer bars are cut; dotted lines part the "
             f"experiments). A trend is physics that the model leaves out."
         )
-        with drawing():
-            figure = plots.misfits(estimate)
-            figures.append(picture(figure, folder, f"misfit-{name}", caption, caption))
+        figures.append(
+            picture(Drawing(plots.misfits, estimate), folder, f"misfit-{name}", caption, caption)
+        )
     rows = tuple(_misfit_row(name, r) for name, (_, r) in triads(result).items())
     head = (
         "triad",
@@ -251,9 +250,8 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
                 "Directions of the specific force in the case frame at rest (equal-area projection, "
                 "circles 30° apart). Large empty regions leave parameters uncertain."
             )
-            with drawing():
-                figure = plots.coverage(directions)
-                figures.append(picture(figure, folder, "coverage", caption, caption))
+            figure = Drawing(plots.coverage, directions)
+            figures.append(picture(figure, folder, "coverage", caption, caption))
             break
     recordings = () if campaign is None else campaign.recordings
     pairs = [p for p in zip(recordings, result.segments) if rests_are_searched(p[0])]
@@ -261,9 +259,8 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
         searched, found = zip(*pairs)
         lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
         caption = "Raw outputs with the rests that were found (shaded)."
-        with drawing():
-            figure = plots.rests(searched[:3], found[:3])
-            figures.append(picture(figure, folder, "rests", caption, caption))
+        figure = Drawing(plots.rests, searched[:3], found[:3])
+        figures.append(picture(figure, folder, "rests", caption, caption))
     return Section("Data", lines=tuple(lines), figures=tuple(figures))
 
 

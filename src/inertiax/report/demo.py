@@ -4,8 +4,9 @@ from pathlib import Path
 
 from ..analysis.paper_experiment import DemoResult, METHODS
 from ..plots import demo as plots
-from ..plots.style import drawing
+from ..plots.figure_workers import Drawing
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
+from .values import Value
 
 
 _DEFAULT = METHODS[2]
@@ -14,8 +15,7 @@ PAPER_BIAS, PAPER_SCALE, PAPER_CHECK = 2e-4, 25e-6, 16.0  # m/s², 1, arcsec: th
 
 def report_demo(result: DemoResult, folder: Path, command: str) -> None:
     """Write `report.html` and `figures/`."""
-    with drawing():
-        pictures = _pictures(result, folder)
+    pictures = _pictures(result, folder)
     write_page(
         folder / "report.html",
         title="Calibration while the temperature changes",
@@ -118,34 +118,56 @@ def _table(result: DemoResult) -> Table:
 def _pictures(result: DemoResult, folder: Path) -> dict[str, Picture]:
     drawn = {
         "temperatures": (
-            plots.temperatures(result),
+            Drawing(plots.temperatures, result),
             "As the paper's figure 2: the temperature within each of the 13 experiments.",
         ),
         "curves": (
-            plots.curves(result),
+            Drawing(plots.curves, result),
             "As figure 3: bias and scale-factor error of set 3 over temperature; lines by the default "
             "method, points by each experiment alone.",
         ),
         "set1": (
-            plots.signed_differences(result, 1),
+            Drawing(plots.signed_differences, result, 1),
             "As figure 4: curves of set 1 (15 °C) less set 3 (0.5 °C) by the default method; shaded, "
             "the 95 % band of the noise.",
         ),
         "set2": (
-            plots.signed_differences(result, 2),
+            Drawing(plots.signed_differences, result, 2),
             "As figure 5: curves of set 2 (4 °C) less set 3 by the default method.",
         ),
         "methods": (
-            plots.differences(result, 1),
+            Drawing(plots.differences, result, 1),
             "Set 1 less set 3 by three ways of calibration: greatest difference of the three axes, on "
             "a logarithmic scale.",
         ),
         "check": (
-            plots.check(result),
+            Drawing(plots.check, result),
             "As figure 6: |a| − g over the check, by the models of the three sets.",
         ),
     }
     return {
         name: picture(figure, folder, f"demo-{name}", caption, caption)
         for name, (figure, caption) in drawn.items()
+    }
+
+
+def demo_document(result: DemoResult) -> dict[str, Value]:
+    """The demo's table, schema `inertiax.demo/1`."""
+    return {
+        "schema": "inertiax.demo/1",
+        "units": {"bias": "m/s^2", "scale": "1", "check": "m/s^2", "change": "degC"},
+        "rows": [
+            {
+                "change": float(row.change),
+                "method": row.method,
+                "bias_from_truth": float(row.bias_from_truth),
+                "scale_from_truth": float(row.scale_from_truth),
+                "bias_from_set3": float(row.bias_from_set3),
+                "scale_from_set3": float(row.scale_from_set3),
+                "check": float(row.check),
+                "check_arcsec": float(row.check_arcsec),
+            }
+            for row in result.table
+        ],
+        "paper_iteration_spectral_radius": [float(s.paper_radius) for s in result.sets],
     }

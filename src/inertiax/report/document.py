@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.paper_experiment import DemoResult
 from ..calibrate.fit_quality import judge, Quality
 from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
 from ..calibration.calibration import TriadCalibration
@@ -84,26 +83,4 @@ def _triad(triad: TriadCalibration, result: TriadResult, temperature: float) -> 
             {"name": name, "value": value, "std": sigma, "unit": si_unit(name)}
             for name, value, sigma in zip(triad.names, values, sigmas, strict=True)
         ],
-    }
-
-
-def demo_document(result: DemoResult) -> dict[str, Value]:
-    """The demo's table, schema `inertiax.demo/1`."""
-    return {
-        "schema": "inertiax.demo/1",
-        "units": {"bias": "m/s^2", "scale": "1", "check": "m/s^2", "change": "degC"},
-        "rows": [
-            {
-                "change": float(row.change),
-                "method": row.method,
-                "bias_from_truth": float(row.bias_from_truth),
-                "scale_from_truth": float(row.scale_from_truth),
-                "bias_from_set3": float(row.bias_from_set3),
-                "scale_from_set3": float(row.scale_from_set3),
-                "check": float(row.check),
-                "check_arcsec": float(row.check_arcsec),
-            }
-            for row in result.table
-        ],
-        "paper_iteration_spectral_radius": [float(s.paper_radius) for s in result.sets],
     }

@@ -9,8 +9,9 @@ from rich.table import Table
 
 from ..allan import ChannelNoise, LogNoise, NoiseTerm, TERMS
 from ..allan.model import NAMES, SAMPLE_UNITS, SI_UNITS, USUAL_UNITS
+from ..plots.figure_workers import Drawing, drawn
 from ..plots.noise import allan
-from ..plots.style import drawing, save_png
+from ..plots.style import save_png
 from .terminal import Terminal
 
 
@@ -88,11 +89,17 @@ def _term(found: ChannelNoise, name: str) -> dict[str, object]:
 def write_figures(logs: Sequence[LogNoise], folder: Path) -> list[str]:
     """`noise.png`, or `noise-1.png` … where there are several logs; their names."""
     names = ["noise.png"] if len(logs) == 1 else [f"noise-{k + 1}.png" for k in range(len(logs))]
-    for name, found in zip(names, logs, strict=True):
-        with drawing():
-            figure = allan(found)
-        save_png(figure, folder / name)
+    begun = [
+        drawn(_draw, Drawing(allan, found), folder / name)
+        for name, found in zip(names, logs, strict=True)
+    ]
+    for finish in begun:
+        finish()
     return names
+
+
+def _draw(drawing: Drawing, path: Path) -> None:
+    save_png(drawing.figure(), path)
 
 
 def print_noise(logs: Sequence[LogNoise]) -> None:

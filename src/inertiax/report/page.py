@@ -6,14 +6,15 @@ outside; only figures, which this package drew itself, are put in as they are.
 
 import platform
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-import equinox as eqx
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
+from .._records import Module
+from ..plots.figure_workers import Drawing, drawn
 from ..plots.style import COLOURS, drawing, Figure, save_png, to_svg
 from ..storage.whole_files import write_atomically
 
@@ -21,7 +22,7 @@ from ..storage.whole_files import write_atomically
 SHORT = 28  # characters that a cell keeps in one line
 
 
-class Verdict(eqx.Module):
+class Verdict(Module):
     """What the reader should take away. `tone` is good, attention or bad."""
 
     tone: str
@@ -29,7 +30,7 @@ class Verdict(eqx.Module):
     lines: tuple[str, ...] = ()
 
 
-class Key(eqx.Module):
+class Key(Module):
     """One key figure."""
 
     name: str
@@ -37,14 +38,14 @@ class Key(eqx.Module):
     detail: str = ""
 
 
-class Link(eqx.Module):
+class Link(Module):
     """A table cell that leads to a file beside the page."""
 
     text: str
     href: str
 
 
-class Table(eqx.Module):
+class Table(Module):
     """Rows of text; columns listed in `numeric` are set to the right."""
 
     head: tuple[str, ...]
@@ -53,7 +54,7 @@ class Table(eqx.Module):
     caption: str = ""
 
 
-class _Laid(eqx.Module):
+class _Laid(Module):
     """A table as the template takes it: with every cell the class of its column."""
 
     head: tuple[tuple[str, str], ...]
@@ -61,15 +62,20 @@ class _Laid(eqx.Module):
     caption: str
 
 
-class Picture(eqx.Module):
+class Picture(Module):
     """A figure in a page; `alt` says in words what it shows."""
 
-    svg: Markup
+    drawn: Callable[[], Markup]
     caption: str
     alt: str
 
+    @property
+    def svg(self) -> Markup:
+        """The figure as it stands in the page; waits until it is drawn."""
+        return self.drawn()
 
-class Section(eqx.Module):
+
+class Section(Module):
     """A part of the page."""
 
     title: str
@@ -145,10 +151,25 @@ def versions() -> str:
     )
 
 
-def picture(figure: Figure, folder: Path, name: str, caption: str, alt: str) -> Picture:
-    """Put a figure into the page and write it as `figures/NAME.png` and `.svg`."""
+def picture(figure: Drawing | Figure, folder: Path, name: str, caption: str, alt: str) -> Picture:
+    """Put a figure into the page and write it as `figures/NAME.png` and `.svg`.
+
+    One that is still to be drawn may be drawn by another process meanwhile (`figure_workers.drawn_aside`).
+    """
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
+    if isinstance(figure, Drawing):
+        return Picture(drawn(_draw, figure, figures, name), caption, alt)
+    made = _written(figure, figures, name)
+    return Picture(lambda: made, caption, alt)
+
+
+def _draw(drawing: Drawing, figures: Path, name: str) -> Markup:
+    return _written(drawing.figure(), figures, name)
+
+
+def _written(figure: Figure, figures: Path, name: str) -> Markup:
+    """Write both files; the figure for the page."""
     layout = figure.get_layout_engine()
     if layout is not None:
         with drawing():
@@ -163,7 +184,7 @@ def picture(figure: Figure, folder: Path, name: str, caption: str, alt: str) -> 
     inside = _own_ids(svg, name).replace("<svg ", f'<svg style="--full:{8 * width:.0f}rem" ', 1)
     for number, colour in enumerate(COLOURS):
         inside = inside.replace(colour.lower(), f"var(--c{number})")  # lighter on a dark ground
-    return Picture(Markup(inside), caption, alt)
+    return Markup(inside)
 
 
 def _own_ids(svg: str, name: str) -> str:

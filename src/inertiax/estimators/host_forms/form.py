@@ -3,10 +3,10 @@
 import abc
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import eqx
 from ...reduction.dwells import Dwells, known_force
 from .layout import Layout
 

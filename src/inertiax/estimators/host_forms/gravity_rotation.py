@@ -7,11 +7,11 @@ rate, or of the force in g.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import eqx, jax
+from ...numerics.recent_answers import RecentAnswers
 from ...physics.vectors import axes_across, cross_matrix, unit_vector
 from ...reduction.dwells import Dwells
 from ...reduction.motions import Motions
@@ -20,6 +20,8 @@ from .form import AbstractHostForm, LinearisedDwells, Vectors, whitening
 from .layout import TriadErrors
 
 
+# Fits of other weights begin, end and are judged at points where the turns are known: half of all.
+_TILTS: RecentAnswers[tuple[np.ndarray, np.ndarray]] = RecentAnswers(16)
 _SAMPLES_AT_ONCE = 100_000  # of motions; about 60 MB of rotations and their derivatives
 
 
@@ -122,6 +124,15 @@ class GravityRotationOnHost(AbstractHostForm):
         self, errors: TriadErrors, dwells: Dwells
     ) -> tuple[Float[np.ndarray, "dwell 2"], Float[np.ndarray, "dwell 2 parameter"]]:
         """The two angles of `gravity_rotation.tilt`, rad, and their Jacobian; few motions at a time."""
+        motion = _motion(dwells)
+        known = (motion.gyro, motion.force, motion.step, motion.start_force, dwells.accel)
+        own = (np.array(self.layout.names), np.array(self.gravity))
+        arrays = (*errors, *own, *(None if x is None else np.asarray(x) for x in known))
+        return _TILTS(arrays, lambda: self._tilts_in_parts(errors, dwells))
+
+    def _tilts_in_parts(
+        self, errors: TriadErrors, dwells: Dwells
+    ) -> tuple[Float[np.ndarray, "dwell 2"], Float[np.ndarray, "dwell 2 parameter"]]:
         parts = [
             self._tilts_of(TriadErrors(*(x[part] for x in errors)), dwells[part])
             for part in self._chunks(dwells)

@@ -27,6 +27,7 @@ class Layout:
     def __init__(self, names: tuple[str, ...]):
         found = [parts for parts in map(parse, names) if parts is not None]
         assert len(found) == len(names)  # the names of the estimators themselves
+        self.names = names
         self.output = np.array([parts.row for parts in found])
         self._column = np.array([parts.column for parts in found])
         self._of = {
