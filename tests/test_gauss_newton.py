@@ -1,9 +1,13 @@
 """Gauss-Newton on the host against SciPy, and where plain steps diverge."""
 
 import numpy as np
+import pytest
+import scipy.optimize
 from scipy.optimize import least_squares, rosen
 
 from inertiax.numerics.gauss_newton import solve_on_host
+from inertiax.numerics.nonnegative import nonnegative_least_squares
+from inertiax.numerics.recent_answers import RecentAnswers
 
 
 def rosenbrock(x):
@@ -71,3 +75,22 @@ def test_six_faces_end_at_scipys_cost():
 def test_undetermined_unknowns_do_not_pass():
     rows = lambda x: (np.array([[1.0, 1.0], [2.0, 2.0]]), np.array([1.0, 3.0]))
     assert not solve_on_host(rows, np.zeros(2)).converged
+
+
+@pytest.mark.parametrize("unknowns", [1, 4])
+def test_nonnegative_shares_are_scipys(unknowns):
+    rng = np.random.default_rng(unknowns)
+    for _ in range(50):
+        design, target = np.abs(rng.normal(size=(9, unknowns))), rng.normal(size=9)
+        shares, left = nonnegative_least_squares(design, target)
+        expected, length = scipy.optimize.nnls(design, target)
+        np.testing.assert_allclose(shares, expected, rtol=0.0, atol=1e-12)  # of order 1
+        assert left == pytest.approx(length**2, rel=1e-12)
+
+
+def test_an_answer_is_worked_out_once_while_it_is_kept():
+    asked, answers = [], RecentAnswers(2)
+    for number in (1.0, 1.0, 2.0, 3.0, 2.0, 1.0):  # the first is forgotten with the third
+        question = (np.full(3, number), None)
+        assert answers(question, lambda n=number: asked.append(n) or n) == number
+    assert asked == [1.0, 2.0, 3.0, 1.0]
