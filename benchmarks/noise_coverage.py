@@ -14,16 +14,17 @@ in the rests. Rests last 2, 6 or 20 s. The device is drawn anew in every log.
 | faces | six faces, 4 rests each | by gravity |
 | table | by reference, 24 rests | by reference, a staircase of rates about each axis |
 
-`--command diagnose` judges the calibrations that `diagnose` writes, of logs with a hidden effect; `fleet` those of one
-run over all logs. A bias is judged against the sensor's own beside its slow noise ("sensor"), against the mean over the
-rests' samples of this log ("log"), and against that of its last second, by what is said of the log's end
-("last").
+`--command diagnose` judges the calibrations that `diagnose` writes, of logs with a hidden effect, by what was named;
+`fleet` those of one run over all logs. A bias is judged against the sensor's own beside its slow noise ("sensor"),
+against the mean over the rests' samples of this log ("log"), and against that of its last second, by what is said of
+the log's end ("last").
 """
 
 import argparse
 import json
 import tempfile
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -291,38 +292,50 @@ def kind_of(name: str) -> str:
 
 
 def tell(case: str, found: list[dict]) -> str:
-    """One line of shares within 95 % intervals, and root mean squares."""
-    kinds = defaultdict(list)
-    for one in found:
-        for name, z in one.items():
-            kinds[kind_of(name)].append(z)
-    said = [
-        f"{k} {100 * np.mean(np.abs(z) < WITHIN):.1f} ({np.sqrt(np.mean(np.square(z))):.2f})"
-        for k, z in kinds.items()
-    ]
+    """One line of shares within 95 % intervals ± their standard errors, by logs, and root mean squares."""
+    kinds = sorted({kind_of(name) for one in found for name in one})
+    said = []
+    for kind in kinds:
+        logs = [[z for name, z in one.items() if kind_of(name) == kind] for one in found]
+        held = [100.0 * np.mean(np.abs(z) < WITHIN) for z in logs if z]
+        within, all_z = np.mean(held), np.concatenate(logs)
+        error = np.std(held) / np.sqrt(max(len(held) - 1, 1))
+        said.append(f"{kind} {within:.1f} ± {error:.1f} ({np.sqrt(np.mean(all_z**2)):.2f})")
     return f"{case}, {len(found)} logs: {'; '.join(said)}"
 
 
-def judged(case: str, logs: int, seed: int, command: str) -> tuple[list[dict], dict[str, int]]:
-    """Deviations of each log of a case by a command, and how many were refused for which reason."""
+def as_named(names: Sequence[str]) -> str:
+    """Under what a hidden second-order term is counted."""
+    if not names:
+        return " nothing named"
+    return " named so" if "second_order" in names else " under another name"
+
+
+def judged(
+    case: str, logs: int, seed: int, command: str
+) -> tuple[dict[str, list[dict]], dict[str, int]]:
+    """Deviations of each log of a case by a command, of `diagnose` by what it named, and how many were refused for
+    which reason."""
     station, kind, rest = case.split("/")
     rngs = [np.random.default_rng([seed, number, sum(map(ord, case))]) for number in range(logs)]
     drawn = (draw(station, kind, float(rest), rng) for rng in rngs)
     if command == "fleet":
         every = list(drawn)
-        return [deviations(*pair) for pair in zip(every, in_a_fleet(every), strict=True)], {}
-    found, failed = [], defaultdict(int)
+        pairs = zip(every, in_a_fleet(every), strict=True)
+        return {"": [deviations(*pair) for pair in pairs]}, {}
+    found, failed = defaultdict(list), defaultdict(int)
     for log in drawn:
         try:
             if command == "diagnose":
-                calibration, stated = diagnose_campaign(bent(log).campaign)[1], None
+                told, calibration = diagnose_campaign(bent(log).campaign)
+                stated, label = None, as_named([effect.name for effect in told.effects])
             else:
                 result = calibrate_device(log.campaign, checked=True)
-                calibration, stated = result.calibration, stated_wander(result)
-            found.append(deviations(log, calibration, stated))
+                calibration, stated, label = result.calibration, stated_wander(result), ""
+            found[label].append(deviations(log, calibration, stated))
         except ValueError as error:
             failed[str(error)[:90]] += 1
-    return found, dict(failed)
+    return dict(found), dict(failed)
 
 
 def main() -> None:
@@ -349,10 +362,14 @@ def main() -> None:
     ]
     for case in cases:
         found, failed = judged(case, given.logs, given.seed, given.command)
-        print(tell(case, found) if found else case, failed or "", flush=True)
+        for label, ones in sorted(found.items()):
+            print(tell(case + label, ones), flush=True)
+        every = [one for ones in found.values() for one in ones]
+        if len(found) != 1 or failed:
+            print(tell(case, every) if every else case, failed or "", flush=True)
         if given.output is not None:
             with given.output.open("a") as file:
-                file.write(json.dumps({"case": case, "by": given.command, "logs": found}) + "\n")
+                file.write(json.dumps({"case": case, "by": given.command, "logs": every}) + "\n")
 
 
 if __name__ == "__main__":
