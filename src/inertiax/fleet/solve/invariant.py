@@ -82,33 +82,33 @@ def fit_invariant(
     a = outputs / gravity
     squared = jnp.square(weights * gravity)
     lanes = a.shape[2]
-    unit = jnp.broadcast_to(jnp.eye(3, 4, dtype=a.dtype)[:, :, None], (3, 4, lanes))
-    none, zero = jnp.zeros((lanes,), bool), jnp.zeros((9, lanes), a.dtype)
-    count = jnp.zeros((lanes,), jnp.int32)
-
-    def factorised(kept: _Factor, x: Array, f: Array) -> _Factor:
-        normal = normal_matrix(f, squared)
-        scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
-        return _Factor(invert_lanes(normal), scale, x)
+    none, count = jnp.zeros((lanes,), bool), jnp.ones((lanes,), jnp.int32)
+    normal = normal_matrix(a, squared)
+    scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
+    inverse = invert_lanes(normal)
+    p = _product(inverse, gradient(a, 0.5 * squared * (square(a) - 1.0)))
 
     def improve(state):
-        x, f, factor, k, done, steps, before = state
-        full = (k == 0) | (k == SECOND)
-        factor = jax.lax.cond(full, factorised, lambda kept, x, f: kept, factor, x, f)
-        step = _product(factor.inverse, gradient(f, squared))
-        size = jnp.max(jnp.abs(step) * factor.scale, axis=0)
+        p, centre, shrink, k, done, steps, before = state
+        beyond = (_form(p, a) - 1.0) * shrink  # ‖f‖² − 1
+        inverse_length = jax.lax.rsqrt(1.0 + beyond)
+        pull = squared * beyond * inverse_length / (1.0 + 1.0 / inverse_length)
+        slope = gradient(a, pull) + _total(pull * beyond) * _monomials(centre)
+        step = _product(inverse, slope) / shrink
+        size = jnp.max(jnp.abs(step) * scale, axis=0) * shrink
         small = (_left(size, before) < tolerance) | is_rounding(step) | jnp.isnan(size)
-        x = _moved(x, jnp.where(done[None], jnp.zeros_like(step), step))
+        p = p + jnp.where(done[None], jnp.zeros_like(step), step)
         left = jnp.where(done, 0, 1).astype(jnp.int32)
-        return x, _forces(x, a), factor, k + 1, done | (small & (k > SECOND)), steps + left, size
+        return p, *_centre(p), k + 1, done | small, steps + left, size
 
-    factor = _Factor(jnp.zeros((9, 9, lanes), a.dtype), zero, unit)
-    begin = (unit, a, factor, 0, none, count, zero[0])
+    begin = (p, *_centre(p), 1, none, count, jnp.zeros((lanes,), a.dtype))
     going = lambda state: (state[3] < max_steps) & jnp.any(~state[4])
-    x, f, factor, _, done, steps, _ = jax.lax.while_loop(going, improve, begin)
-    misfit = jnp.where(weights > 0, jnp.sqrt(square(f)) - 1.0, jnp.zeros_like(weights)) * gravity
+    p, centre, shrink, _, done, steps, _ = jax.lax.while_loop(going, improve, begin)
+    x = _map(p, centre, shrink)
+    length = jnp.sqrt(square(_forces(x, a)))
+    misfit = jnp.where(weights > 0, length - 1.0, jnp.zeros_like(weights)) * gravity
     units = jnp.concatenate([jnp.full((3,), gravity, a.dtype), jnp.ones((6,), a.dtype)])
-    covariance = _spread(_matrix(factor.frame), factor.inverse)
+    covariance = _spread(_matrix(x), centre, inverse)
     return BatchFit(
         parameters=_parameters(x).T * units[None],
         covariance=jnp.moveaxis(covariance, 2, 0) * (units[:, None] * units[None, :])[None],
@@ -146,14 +146,6 @@ def fit_chunks(
     return jax.lax.fori_loop(jnp.zeros((), used.dtype), used, one, empty)
 
 
-class _Factor(eqx.Module):
-    """A normal matrix's inverse, the norms of the Jacobian's columns, and the map X in whose frame they are."""
-
-    inverse: Float[Array, "9 9 batch"]
-    scale: Float[Array, "9 batch"]
-    frame: Float[Array, "3 4 batch"]
-
-
 def is_small(
     step: Array, scale: Array, tolerance: float, *, axis: int | tuple[int, ...]
 ) -> Bool[Array, " batch"]:
@@ -185,16 +177,53 @@ def _forces(x: Array, a: Array) -> Array:
     return jnp.stack([f0, f1, f2])
 
 
-def _moved(x: Array, step: Array) -> Array:
-    """The map after a step: (E + G)⁻¹ (X − (0 β)), forwards as (E + G) is triangular."""
-    shift, (g00, g10, g20, g11, g21, g22) = step[:3], step[3:]
-    last = jnp.array([0.0, 0.0, 0.0, 1.0], x.dtype)[None, :, None]
-    x = x - shift[:, None] * last
-    d0, d1, d2 = 1.0 / (1.0 + g00), 1.0 / (1.0 + g11), 1.0 / (1.0 + g22)
-    y0 = x[0] * d0[None]
-    y1 = (x[1] - g10[None] * y0) * d1[None]
-    y2 = (x[2] - g20[None] * y0 - g21[None] * y1) * d2[None]
-    return jnp.stack([y0, y1, y2])
+def _form(p: Array, a: Array) -> Array:
+    """F = aᵀ a − 2 p · φ(a) of every dwell, which is 1 on the ellipsoid."""
+    b0, b1, b2, g00, g10, g20, g11, g21, g22 = 2.0 * p[:, None]
+    form = a[0] * (a[0] - (b0 + g00 * a[0] + g10 * a[1] + g20 * a[2]))
+    form = form + a[1] * (a[1] - (b1 + g11 * a[1] + g21 * a[2]))
+    return form + a[2] * (a[2] - (b2 + g22 * a[2]))
+
+
+def _total(y: Float[Array, "dwells batch"]) -> Float[Array, " batch"]:
+    return jnp.sum(y, axis=0)
+
+
+def _monomials(u: Float[Array, "3 batch"]) -> Float[Array, "9 batch"]:
+    """φ(u)."""
+    return jnp.concatenate([u, u * u[None, 0], u[1:] * u[None, 1], u[2:] * u[None, 2]])
+
+
+def _quadratic(p: Array) -> list[Array]:
+    """Q = E − (G + Gᵀ): elements 00, 10, 20, 11, 21, 22."""
+    g00, g10, g20, g11, g21, g22 = p[3:]
+    return [1.0 - 2.0 * g00, -g10, -g20, 1.0 - 2.0 * g11, -g21, 1.0 - 2.0 * g22]
+
+
+def _centre(p: Array) -> tuple[Float[Array, "3 batch"], Float[Array, " batch"]]:
+    """Centre b = Q⁻¹ β of the ellipsoid and 1/ρ, ρ = 1 + β · b."""
+    q00, q10, q20, q11, q21, q22 = _quadratic(p)
+    c00, c10, c20 = q11 * q22 - q21 * q21, q21 * q20 - q10 * q22, q10 * q21 - q11 * q20
+    c11, c21, c22 = q00 * q22 - q20 * q20, q10 * q20 - q00 * q21, q00 * q11 - q10 * q10
+    inverse = 1.0 / (q00 * c00 + q10 * c10 + q20 * c20)
+    b0 = (c00 * p[0] + c10 * p[1] + c20 * p[2]) * inverse
+    b1 = (c10 * p[0] + c11 * p[1] + c21 * p[2]) * inverse
+    b2 = (c20 * p[0] + c21 * p[1] + c22 * p[2]) * inverse
+    return jnp.stack([b0, b1, b2]), 1.0 / (1.0 + b0 * p[0] + b1 * p[1] + b2 * p[2])
+
+
+def _map(p: Array, centre: Array, shrink: Array) -> Float[Array, "3 4 batch"]:
+    """X with f = X (a; 1): lower triangular, ‖f‖² − 1 = (F − 1)/ρ. NaN where it is no ellipsoid."""
+    q00, q10, q20, q11, q21, q22 = (q * shrink for q in _quadratic(p))
+    y22 = jnp.sqrt(q22)
+    y20, y21 = q20 / y22, q21 / y22
+    y11 = jnp.sqrt(q11 - y21 * y21)
+    y10 = (q10 - y21 * y20) / y11
+    y00 = jnp.sqrt(q00 - y10 * y10 - y20 * y20)
+    zero = jnp.zeros_like(y00)
+    rows = jnp.stack([y00, zero, zero, y10, y11, zero, y20, y21, y22]).reshape(3, 3, -1)
+    shift = -jnp.sum(rows * centre[None], axis=1)
+    return jnp.concatenate([rows, shift[:, None]], axis=1)
 
 
 def _matrix(x: Array) -> Array:
@@ -218,11 +247,34 @@ def _parameters(x: Array) -> Array:
 _ORDER = np.array([0, 1, 2, 3, 4, 6, 5, 7, 8])
 
 
-def _spread(matrix: Array, covariance: Array) -> Array:
-    """Covariance of the estimator's parameters from that of the frame's unknowns."""
-    half = _turned(matrix, covariance)
-    whole = _turned(matrix, jnp.swapaxes(half, 0, 1))
-    return whole[_ORDER][:, _ORDER]
+# Pairs of components, in the order of the unknowns.
+_FIRST, _SECOND = np.array([0, 1, 2, 1, 2, 2]), np.array([0, 0, 0, 1, 1, 2])
+_EQUAL = _FIRST == _SECOND
+
+
+def _spread(matrix: Array, bias: Array, inverse: Array) -> Array:
+    """Covariance of the estimator's parameters from (Σ w² φφᵀ)⁻¹ of the outputs' φ.
+
+    With a = M f + b and ‖f‖ = 1, φ(a) = H φ(f); a change p of the form moves the frame by Hᵀ p, and that the
+    parameters (`_turned`).
+    """
+    whole = jnp.asarray(_EQUAL, matrix.dtype)[None, :, None]
+    low = jnp.concatenate([matrix, bias[:, None] * whole], axis=1)
+    one, other = matrix[_FIRST], matrix[_SECOND]
+    b, c = bias[_FIRST][:, None], bias[_SECOND][:, None]
+    crossed = one[:, _SECOND] * other[:, _FIRST] * (1.0 - whole)
+    squares = one[:, _FIRST] * other[:, _SECOND] + crossed + b * c * whole
+    high = jnp.concatenate([b * other + c * one, squares], axis=1)
+    turn = _turned(matrix, jnp.swapaxes(jnp.concatenate([low, high]), 0, 1))[_ORDER]
+
+    def half(_, state):
+        turn, inner = state
+        total = turn[:, 0, None] * inner[None, 0]
+        for k in range(1, 9):
+            total = total + turn[:, k, None] * inner[None, k]
+        return turn, jnp.swapaxes(total, 0, 1)
+
+    return jax.lax.fori_loop(0, 2, half, (turn, inverse))[1]
 
 
 def _turned(matrix: Array, rows: Array) -> Array:

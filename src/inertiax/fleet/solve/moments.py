@@ -29,11 +29,11 @@ def square(u: Float[Array, "3 *rest"]) -> Float[Array, "*rest"]:
 
 
 def normal_matrix(
-    u: Float[Array, "3 dwells batch"], squared: Float[Array, "dwells batch"]
+    u: Float[Array, "3 dwells batch"], weights: Float[Array, "dwells batch"]
 ) -> Float[Array, "9 9 batch"]:
-    """JᵀJ of the nine unknowns; `squared` are the weights w²."""
+    """Σ v φφᵀ; `weights` are v."""
     pairs = jnp.concatenate([u * u[None, 0], u[1:] * u[None, 1], u[2:] * u[None, 2]])
-    weighted = pairs * (squared / square(u))[None]
+    weighted = pairs * weights[None]
     second, fourth = _total(weighted), _sums(pairs, weighted)
     third = _sums(u, weighted)
     corner = second[_SYMMETRIC]
@@ -42,12 +42,9 @@ def normal_matrix(
 
 
 def gradient(
-    u: Float[Array, "3 dwells batch"], squared: Float[Array, "dwells batch"]
+    u: Float[Array, "3 dwells batch"], pull: Float[Array, "dwells batch"]
 ) -> Float[Array, "9 batch"]:
-    """−Jᵀr of the nine unknowns; `squared` are the weights w²."""
-    length = square(u)
-    inverse = jax.lax.rsqrt(length)
-    pull = squared * (length * inverse - 1.0) * inverse
+    """Σ p φ; `pull` is p."""
     pulled = u * pull[None]
     sums = _sums(u, pulled)
     return jnp.concatenate([_total(pulled), sums[0], sums[1, 1:], sums[2, 2:]])
