@@ -9,7 +9,7 @@ from fleet_data import COLUMNS, dwell_means, GRAVITY, parameters, ROWS
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_invariant
 from inertiax.fleet.solve.invariant import fit_chunks, predicted
-from inertiax.fleet.solve.moments import gradient, normal_matrix
+from inertiax.fleet.solve.moments import monomials, normal_matrix, total
 from inertiax.fleet.solve.refined_noise import refined_sigma
 from inertiax.fleet.solve.thermal import normal_matrices
 from inertiax.physics.temperature import Polynomial
@@ -17,6 +17,13 @@ from inertiax.reduction.dwells import Dwells
 
 
 DIRECTIONS = ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2))
+
+
+def _sums(u: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """JᵀJ and −Jᵀr in the frame of `u`."""
+    phi, length = monomials(jnp.asarray(u)), np.linalg.norm(u, axis=0)
+    normal = normal_matrix(phi, jnp.asarray((weight / length) ** 2))
+    return np.asarray(normal), np.asarray(total(phi, jnp.asarray(weight**2 * (1 - 1 / length))))
 
 
 @pytest.mark.slow
@@ -33,8 +40,7 @@ def test_moments_are_the_normal_matrix_of_numerical_derivatives(dwells):
         moved = u[:, :, lane] - step[:3, None] - change @ u[:, :, lane]
         return weight[:, lane] * (np.linalg.norm(moved, axis=0) - 1.0)
 
-    normal = np.asarray(normal_matrix(jnp.asarray(u), jnp.asarray(weight**2)))
-    pull = np.asarray(gradient(jnp.asarray(u), jnp.asarray(weight**2)))
+    normal, pull = _sums(u, weight)
     for lane in range(5):
         jacobian = np.stack(
             [(residual(h, lane) - residual(-h, lane)) / 2e-5 for h in 1e-5 * np.eye(9)], axis=1
@@ -107,9 +113,7 @@ def test_the_frame_of_moments_gives_the_estimators_normal_matrix(first_form):
     matrix = np.eye(3)
     matrix[ROWS, COLUMNS] += theta[3:]
     force = np.linalg.solve(matrix, (outputs - theta[:3]).T) / GRAVITY
-    weight = jnp.ones((18, 1))
-    normal = np.asarray(normal_matrix(jnp.asarray(force[:, :, None]), weight))[:, :, 0]
-    pull = np.asarray(gradient(jnp.asarray(force[:, :, None]), weight))[:, 0]
+    normal, pull = (x[..., 0] for x in _sums(force[:, :, None], np.ones((18, 1))))
     # A step β, G of the frame moves the parameters by (E + Γ) β and (E + Γ) G.
     move = np.zeros((9, 9))
     move[:3, :3] = matrix

@@ -5,13 +5,20 @@ batch (`tests/test_fleet_moments.py` holds the two together to rounding, `tests/
 
     r = w (‖f‖ − 1),   f = (E + Γ)⁻¹ (a' − a⁰) = X (a'; 1),
 
-with the affine map X, lower triangular as Γ is. A step is taken in the frame of f (`moments`), where the
-derivatives are products of f's components, and is the same Gauss-Newton step: a⁰ and Γ change by (E + Γ) β and
-(E + Γ) G, and so does their covariance.
+with the affine map X, lower triangular as Γ is. ‖f‖ = 1 is an ellipsoid of the outputs, and any ellipsoid is one such
+map, so the unknowns are its coefficients p = (β, G) here,
 
-A normal matrix and its inverse cost several gradients, so a step with the first one's inverse comes between the
-two Gauss-Newton steps that have their own; a triad whose errors are of some per cent is then within 10⁻⁸ of the
-minimum. The steps that are left keep the inverse and go on until the step is small: the answer is the exact minimum.
+    F(a) = aᵀ a − 2 p · φ(a) = 1,   ‖f‖² = (F + ρ − 1)/ρ,   ρ = 1 + β · b,   b = Q⁻¹ β,   Q = E − G − Gᵀ,
+
+with the nine monomials φ (`moments`). F is linear in p: that Σ w² (F − 1)² is least is one linear system, and leaves
+errors of the size of the misfits times the noise. From there on go steps for Σ r² itself,
+
+    ∂r/∂p = −w (φ(a) − (1 − ‖f‖²) φ(b)) / (ρ ‖f‖),
+
+with the inverse at hand: Jᵀ J is Σ w² φφᵀ/ρ² but for terms as small as the misfits in units of g. Steps shrink by as
+much each, and go on until they are small: the answer is the exact minimum. Covariances leave those terms out.
+Source of the linear start, the algebraic fit: Gander, Golub & Strebel, *Least-squares fitting of circles and ellipses*, BIT 34
+(1994) 558.
 
 Arrays of few, large operations: what a processor does between them, and what the compiler does with them, costs
 as much as the arithmetic.
@@ -25,10 +32,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...estimators.invariant import _COLUMNS, _ROWS
 from ...numerics.lane_cholesky import invert_lanes
-from .moments import gradient, normal_matrix, square
+from .moments import monomials, normal_matrix, square, total
 
 
-SECOND = 2  # the step that has a normal matrix of its own, beside the first
+# The outputs' own noise makes the rows of repeated positions differ. A coefficient that nothing else tells is as
+# uncertain as this (in g or per unit, whatever the noise), and by so much more, in variance, than the best told one;
+# large misfits alone make all coefficients uncertain alike.
+UNDETERMINED = 0.1
+INFLATION = 1e4
 # Of a step's residuals, in units of g: what is left of a step at the minimum.
 ROUNDINGS = 16.0
 
@@ -77,24 +88,26 @@ def fit_invariant(
 
     **Arguments:** `outputs` in m/s²; `weights` 1/σ of each dwell in s²/m, zero for padding; `tolerance` in
     standard deviations of a parameter. A device of fewer than nine independent positions has NaN
-    covariance; one that does not settle in `max_steps` is not `converged`.
+    covariance and is not `converged`; one that does not settle in `max_steps` is not `converged`.
     """
     a = outputs / gravity
     squared = jnp.square(weights * gravity)
     lanes = a.shape[2]
     none, count = jnp.zeros((lanes,), bool), jnp.ones((lanes,), jnp.int32)
-    normal = normal_matrix(a, squared)
+    phi = monomials(a)
+    normal = normal_matrix(phi, squared)
     scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
+    largest = jnp.max(jnp.square(scale), axis=0)
     inverse = invert_lanes(normal)
-    p = _product(inverse, gradient(a, 0.5 * squared * (square(a) - 1.0)))
+    p = _product(inverse, total(phi, 0.5 * squared * (square(a) - 1.0)))
+    excess = lambda p, shrink: (_form(p, a) - 1.0) * shrink[None]  # ‖f‖² − 1
 
     def improve(state):
         p, centre, shrink, k, done, steps, before = state
-        beyond = (_form(p, a) - 1.0) * shrink  # ‖f‖² − 1
-        inverse_length = jax.lax.rsqrt(1.0 + beyond)
-        pull = squared * beyond * inverse_length / (1.0 + 1.0 / inverse_length)
-        slope = gradient(a, pull) + _total(pull * beyond) * _monomials(centre)
-        step = _product(inverse, slope) / shrink
+        beyond = excess(p, shrink)
+        pull = squared * (1.0 - jax.lax.rsqrt(1.0 + beyond))
+        slope = total(phi, pull) + total(beyond[None], pull) * monomials(centre)
+        step = _product(inverse, slope) / shrink[None]
         size = jnp.max(jnp.abs(step) * scale, axis=0) * shrink
         small = (_left(size, before) < tolerance) | is_rounding(step) | jnp.isnan(size)
         p = p + jnp.where(done[None], jnp.zeros_like(step), step)
@@ -105,15 +118,19 @@ def fit_invariant(
     going = lambda state: (state[3] < max_steps) & jnp.any(~state[4])
     p, centre, shrink, _, done, steps, _ = jax.lax.while_loop(going, improve, begin)
     x = _map(p, centre, shrink)
-    length = jnp.sqrt(square(_forces(x, a)))
-    misfit = jnp.where(weights > 0, length - 1.0, jnp.zeros_like(weights)) * gravity
+    misfit = (jnp.sqrt(1.0 + excess(p, shrink)) - 1.0) * gravity
+    misfit = jnp.where(weights > 0, misfit, jnp.zeros_like(weights))
     units = jnp.concatenate([jnp.full((3,), gravity, a.dtype), jnp.ones((6,), a.dtype)])
     covariance = _spread(_matrix(x), centre, inverse)
+    variance = jnp.max(jnp.stack([inverse[i, i] for i in range(9)]), axis=0)
+    repeated = (variance > UNDETERMINED**2) & (variance * largest > INFLATION)
+    determined = ~(repeated | jnp.isnan(variance) | jnp.isnan(x[0, 0]))
+    covariance = jnp.where(determined[None, None], covariance, jnp.full((), jnp.nan, a.dtype))
     return BatchFit(
         parameters=_parameters(x).T * units[None],
         covariance=jnp.moveaxis(covariance, 2, 0) * (units[:, None] * units[None, :])[None],
         misfit=misfit.T[:, :, None],
-        converged=done & ~jnp.isnan(x[0, 0]),
+        converged=done & determined,
         num_steps=steps,
     )
 
@@ -140,8 +157,10 @@ def fit_chunks(
     empty = jax.tree.map(lambda x: jnp.zeros((chunks, *x.shape), x.dtype), chunk)
 
     def one(k: Array, whole: BatchFit) -> BatchFit:
-        fit = fit_invariant(outputs[k], weights[k], gravity)
-        return jax.tree.map(lambda w, x: w.at[k].set(x), whole, fit)
+        at = lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False)
+        fit = fit_invariant(at(outputs), at(weights), gravity)
+        place = lambda w, x: jax.lax.dynamic_update_index_in_dim(w, x, k, 0)
+        return jax.tree.map(place, whole, fit)
 
     return jax.lax.fori_loop(jnp.zeros((), used.dtype), used, one, empty)
 
@@ -185,15 +204,6 @@ def _form(p: Array, a: Array) -> Array:
     return form + a[2] * (a[2] - (b2 + g22 * a[2]))
 
 
-def _total(y: Float[Array, "dwells batch"]) -> Float[Array, " batch"]:
-    return jnp.sum(y, axis=0)
-
-
-def _monomials(u: Float[Array, "3 batch"]) -> Float[Array, "9 batch"]:
-    """φ(u)."""
-    return jnp.concatenate([u, u * u[None, 0], u[1:] * u[None, 1], u[2:] * u[None, 2]])
-
-
 def _quadratic(p: Array) -> list[Array]:
     """Q = E − (G + Gᵀ): elements 00, 10, 20, 11, 21, 22."""
     g00, g10, g20, g11, g21, g22 = p[3:]
@@ -222,8 +232,7 @@ def _map(p: Array, centre: Array, shrink: Array) -> Float[Array, "3 4 batch"]:
     y00 = jnp.sqrt(q00 - y10 * y10 - y20 * y20)
     zero = jnp.zeros_like(y00)
     rows = jnp.stack([y00, zero, zero, y10, y11, zero, y20, y21, y22]).reshape(3, 3, -1)
-    shift = -jnp.sum(rows * centre[None], axis=1)
-    return jnp.concatenate([rows, shift[:, None]], axis=1)
+    return jnp.concatenate([rows, -_product(rows, centre)[:, None]], axis=1)
 
 
 def _matrix(x: Array) -> Array:
