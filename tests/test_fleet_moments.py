@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fleet_data import COLUMNS, dwell_means, GRAVITY, parameters, ROWS
+from fleet_data import COLUMNS, directions, dwell_means, GRAVITY, parameters, ROWS
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_invariant
 from inertiax.fleet.solve.invariant import fit_chunks, predicted
@@ -68,6 +68,19 @@ def test_chunks_are_the_batch_and_those_not_used_are_left_out():
         np.testing.assert_allclose(fit.parameters[k], alone.parameters, rtol=0, atol=1e-12)
         assert bool(alone.converged.all()) and bool(fit.converged[k].all())
     assert not np.asarray(fit.parameters[2]).any() and not np.asarray(fit.converged[2]).any()
+
+    # Errors of a fifth, and six faces, whose repeats differ by their noise alone; the same program.
+    truth = rng.uniform(-0.2, 0.2, (4, 9))
+    matrix = np.tile(np.eye(3), (4, 1, 1))
+    matrix[:, ROWS, COLUMNS] += truth[:, 3:]
+    force = np.resize(GRAVITY * directions(), (lanes.shape[2], 3))
+    far = np.einsum("lij,dj->idl", matrix, force) + GRAVITY * truth.T[:3, None]
+    found = one(far, weights[0], gravity)
+    assert bool(found.converged.all())
+    np.testing.assert_allclose(np.asarray(found.parameters) / UNITS, truth, atol=1e-10)
+    faces = np.resize(force[:6], force.shape).T[:, :, None] + rng.normal(0, 1e-4, far.shape)
+    found = one(faces, weights[0], gravity)
+    assert not found.converged.any() and np.isnan(found.covariance).all()
 
 
 # The first form: `estimators.Invariant`, one dwell at a time ------------------------------------------

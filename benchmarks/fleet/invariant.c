@@ -1,6 +1,5 @@
 /* Hand-vectorised bound for the 9-parameter invariant problem: two full Gauss-Newton steps, then steps with
-   the kept factor until all lanes settle; as many normal matrices as inertiax.fleet.fit_invariant, and nearly as
-   many gradients. W devices at a time in the vector lanes, no covariance.
+   the kept factor until all lanes settle. W devices at a time in the vector lanes, no covariance.
    outputs: [devices / W][3][n][W] in g; weights: [n]; result: [devices / W][9][W]. */
 #include <math.h>
 #define W 8

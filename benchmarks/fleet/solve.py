@@ -4,11 +4,11 @@
     python benchmarks/fleet/solve.py [--devices 20000] [--platform gpu] [--json FILE]
 
 1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_chunks` on all cores, which
-   takes the normal matrix's 81 elements from sums of products of the specific force (see `fleet/moments.py`; the
-   steps are those of Gauss-Newton all the same); Ceres through pyceres (one vector residual with analytic Jacobian,
-   dense QR, its default tolerances, problem construction inside the clock, one device after the other); almond-jaxls
-   under `vmap` on as many threads; and `invariant.c`, Gauss-Newton written by hand for the vector lanes without that
-   (compiled here with -O3 -march=native), on as many threads.
+   begins at the ellipsoid of least algebraic error and takes steps with that one's inverse (see
+   `fleet/solve/invariant.py`); Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its
+   default tolerances, problem construction inside the clock, one device after the other); almond-jaxls under `vmap`
+   on as many threads; and `invariant.c`, Gauss-Newton written by hand for the vector lanes (compiled here with -O3
+   -march=native), on as many threads. All minimise the same sum of squares; only ours gives covariances.
 2. Sixty-three parameters, 13 × 18 dwells: `fit_thermal_invariant` beside SciPy's MINPACK with analytic
    Jacobian.
 

@@ -17,8 +17,8 @@ errors of the size of the misfits times the noise. From there on go steps for Σ
 
 with the inverse at hand: Jᵀ J is Σ w² φφᵀ/ρ² but for terms as small as the misfits in units of g. Steps shrink by as
 much each, and go on until they are small: the answer is the exact minimum. Covariances leave those terms out.
-Source of the linear start, the algebraic fit: Gander, Golub & Strebel, *Least-squares fitting of circles and ellipses*, BIT 34
-(1994) 558.
+Source of the linear start, the algebraic fit: Gander, Golub & Strebel, *Least-squares fitting of circles and ellipses*,
+BIT 34 (1994) 558.
 
 Arrays of few, large operations: what a processor does between them, and what the compiler does with them, costs
 as much as the arithmetic.
