@@ -1,5 +1,6 @@
 """Figures: what they show is what was given, and nothing is cut off or overlaps."""
 
+import os
 import re
 
 import jax.numpy as jnp
@@ -19,8 +20,15 @@ from inertiax.diagnose import Diagnosis
 from inertiax.diagnose.result import Moved, Quality, Where
 from inertiax.estimators import Invariant
 from inertiax.physics.temperature import Constant, Curve, Polynomial
-from inertiax.plots import calibration as plots, demo as demo_plots, diagnosis as diagnosis_plots
-from inertiax.plots.style import drawing, Figure, new_figure, to_svg
+from inertiax.plots import (
+    calibration as plots,
+    calibration_panels as panels,
+    demo as demo_plots,
+    diagnosis as diagnosis_plots,
+    figure_workers,
+)
+from inertiax.plots.figure_workers import Drawing, drawn_aside
+from inertiax.plots.style import drawing, Figure, new_figure, to_png, to_svg
 from inertiax.procedure.thermal_iterations import ThermalSolution
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.segments import Segments
@@ -152,7 +160,7 @@ def test_coverage_is_an_equal_area_projection():
     tilt = np.deg2rad(60.0)
     up = [np.sin(tilt), 0.0, np.cos(tilt)]
     with drawing():
-        figure = plots.coverage(9.8 * np.array([up, [0.0, 0.0, -1.0], [0.0, -1.0, -1e-9]]))
+        figure = panels.coverage(9.8 * np.array([up, [0.0, 0.0, -1.0], [0.0, -1.0, -1e-9]]))
     points = [ax.get_lines()[-1].get_data() for ax in figure.axes]
     # Lambert's azimuthal projection to a unit disc of the hemisphere: r = √(1 − cos θ) = √½ at 60°.
     np.testing.assert_allclose(points[0], [[0.5**0.5], [0.0]], atol=1e-12)
@@ -162,7 +170,7 @@ def test_coverage_is_an_equal_area_projection():
 
 def test_coverage_of_one_attitude_has_two_whole_discs():
     with drawing():
-        figure = plots.coverage(np.tile([[0.5, 0.2, 9.8]], (100, 1)))
+        figure = panels.coverage(np.tile([[0.5, 0.2, 9.8]], (100, 1)))
         figure.draw_without_rendering()
     assert all(ax.get_position().width > 0.4 for ax in figure.axes)
     assert_readable(figure)
@@ -277,14 +285,14 @@ def test_the_diagnosis_figures_are_readable():
 
 def test_svg_needs_nothing_from_elsewhere_and_takes_the_pages_ink():
     with drawing():
-        svg = to_svg(plots.coverage(np.eye(3)))
+        svg = to_svg(panels.coverage(np.eye(3)))
     assert svg.startswith("<svg") and svg.endswith("</svg>")
     assert "currentColor" in svg and "<metadata" not in svg
     # Names of XML namespaces are the only addresses.
     assert not re.findall(r'(?:href|src)="(?!#)', svg)
     assert not re.findall(r"url\((?!#)", svg)
     with drawing():
-        assert svg == to_svg(plots.coverage(np.eye(3)))
+        assert svg == to_svg(panels.coverage(np.eye(3)))
 
 
 def test_a_common_power_of_ten_stands_beside_the_axis_in_plain_text():
@@ -297,3 +305,20 @@ def test_a_common_power_of_ten_stands_beside_the_axis_in_plain_text():
     assert offsets == ["×10⁻⁵", "×10⁷", ""]
     shown = [t.get_text() for t in small.get_yticklabels()]
     assert "2" in shown and "−2" in shown
+
+
+@pytest.mark.slow
+def test_figures_drawn_by_other_processes_are_the_same():
+    wanted = Drawing(to_png, panels.coverage, np.eye(3))
+    here = wanted.begin()()
+    with drawn_aside("inertiax.plots.calibration_panels", several=True):
+        assert [finish() for finish in [wanted.begin() for _ in range(3)]] == 3 * [here]
+        wrong = Drawing(to_png, panels.coverage, np.eye(2)).begin()
+        with pytest.raises(IndexError):  # as here
+            wrong()
+        workers = figure_workers._workers
+        assert workers is not None and len(workers._pipes) == 1 + hasattr(os, "fork")
+        workers._process.kill()
+        workers._process.wait()
+        assert [finish() for finish in [wanted.begin() for _ in range(3)]] == 3 * [here]
+    assert figure_workers._workers is None

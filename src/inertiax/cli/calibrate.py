@@ -49,12 +49,13 @@ def calibrate(
     _check_options(method, robust)
     outputs.require_campaign(campaign)
     outputs.require_folder(output)
-    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
-        stages("starting")
-        if method == "gauss-newton":
-            environment.prepare_without_jax()
-        else:  # compiled
-            environment.prepare()
+    if method != "gauss-newton":  # the others are compiled
+        environment.prepare()
+    with (
+        console.Stages(quiet=quiet) as stages,
+        outputs.owned_results(output),
+        environment.prepared_to_draw("inertiax.plots.calibration_panels", several=True),
+    ):
         from ..calibrate.pipeline import calibrate as run
         from ..data.campaign import load_campaign
 

@@ -8,7 +8,8 @@ import platform
 import re
 import sys
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 
@@ -65,6 +66,16 @@ def prepare_without_jax() -> None:
     from .._records import when_loaded
 
     when_loaded(_keep_programs)
+
+
+@contextmanager
+def prepared_to_draw(module: str, *, several: bool = False) -> Iterator[None]:
+    """As `prepare_without_jax`, and what a `module` draws is drawn by other processes while the block lasts."""
+    prepare_without_jax()
+    from ..plots.figure_workers import drawn_aside
+
+    with drawn_aside(module, several=several):
+        yield
 
 
 def _settle_process() -> None:

@@ -33,9 +33,11 @@ def noise(
     Writes noise.json and a figure. Of each recording the longest rest is used.
     """
     outputs.require_folder(output)
-    with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
-        stages("starting")
-        environment.prepare_without_jax()
+    with (
+        console.Stages(quiet=quiet) as stages,
+        outputs.owned_results(output),
+        environment.prepared_to_draw("inertiax.plots.noise_panels"),
+    ):
         from ..allan import logs_of, name_of, noise_of
         from ..plausibility import require_plausible, statements
         from ..report.noise import noise_document, print_noise, write_figures

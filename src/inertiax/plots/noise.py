@@ -3,7 +3,9 @@
 import numpy as np
 
 from ..allan import ChannelNoise, LogNoise
-from .style import COLOURS, Figure, legend_above, new_figure
+from . import noise_panels as panels
+from .noise_panels import AllanCurve, AllanPanel
+from .style import Figure
 
 
 _LABELS = {"accel": "Allan deviation, m/s²", "gyro": "Allan deviation, rad/s"}
@@ -12,29 +14,27 @@ _LABELS = {"accel": "Allan deviation, m/s²", "gyro": "Allan deviation, rad/s"}
 def allan(noise: LogNoise) -> Figure:
     """One panel a triad: measured deviations with 68 % limits (bands), the fitted model (lines, from where
     no filter bends the curve to where a drift takes over)."""
-    triads = [t for t in _LABELS if any(c.channel.startswith(t) for c in noise.channels)]
-    figure, axes = new_figure(1, len(triads), height=3.4)
-    for ax, triad in zip(axes, triads, strict=True):
-        shown = [c for c in noise.channels if c.channel.startswith(triad)]
-        for found, colour in zip(shown, COLOURS, strict=False):
-            tau = found.curve.tau
-            ax.fill_between(tau, found.lower, found.upper, color=colour, alpha=0.25, lw=0)
-            ax.plot(tau, found.curve.deviation, ".", ms=2.5, color=colour, label=found.channel)
-            first, last = _described(found)
-            fine = np.geomspace(max(tau[0], first), min(tau[-1], last), 200)
-            ax.plot(fine, found.model.deviation(fine), "-", lw=0.9, color=colour)
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        # Plain labels and few ticks: mathematical text and minor ticks take most of the drawing's time.
-        ax.minorticks_off()
-        for axis in (ax.xaxis, ax.yaxis):
-            from matplotlib.ticker import FuncFormatter
+    return panels.allan(allan_panels(noise))
 
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.set_xlabel("averaging time τ, s")
-        ax.set_ylabel(_LABELS[triad])
-        legend_above(ax)
-    return figure
+
+def allan_panels(noise: LogNoise) -> tuple[AllanPanel, ...]:
+    """What `allan` shows."""
+    made = []
+    for triad, label in _LABELS.items():
+        curves = tuple(map(_curve, (c for c in noise.channels if c.channel.startswith(triad))))
+        if curves:
+            made.append(AllanPanel(label, curves))
+    return tuple(made)
+
+
+def _curve(found: ChannelNoise) -> AllanCurve:
+    tau = found.curve.tau
+    first, last = _described(found)
+    fine = np.geomspace(max(tau[0], first), min(tau[-1], last), 200)
+    model = found.model.deviation(fine)
+    return AllanCurve(
+        found.channel, tau, found.curve.deviation, found.lower, found.upper, fine, model
+    )
 
 
 def _described(found: ChannelNoise) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 
 if TYPE_CHECKING:
@@ -109,8 +109,33 @@ def legend_above(ax: Axes, *, columns: int = 3) -> Axes:
 
 def save_png(figure: Figure, path: Path) -> None:
     """Write a picture for documents and slides."""
+    path.write_bytes(to_png(figure))
+
+
+class Forms(NamedTuple):
+    """A figure as SVG for a page, and as PNG."""
+
+    svg: str  # an `<svg>` element
+    png: bytes
+    width: float  # inches
+
+
+def both_forms(figure: Figure) -> Forms:
+    """The figure as SVG and PNG, laid out once: each saving would draw all of it to lay it out."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        with drawing():
+            layout.execute(figure)
+            figure.set_layout_engine(None)
+    return Forms(to_svg(figure), to_png(figure), float(figure.get_size_inches()[0]))
+
+
+def to_png(figure: Figure) -> bytes:
+    """A picture for documents and slides."""
+    buffer = io.BytesIO()
     with drawing():
-        figure.savefig(path, dpi=160, metadata={"Software": None})
+        figure.savefig(buffer, format="png", dpi=160, metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def to_svg(figure: Figure) -> str:

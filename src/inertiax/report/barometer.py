@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..calibrate.results import DeviceResult
 from ..plots.barometer import offset_over_temperature
-from ..plots.figure_workers import Drawing
+from ..plots.style import drawing
 from .page import picture, Section
 
 
@@ -20,6 +20,6 @@ def barometer_sections(result: DeviceResult, folder: Path) -> list[Section]:
         "Barometer: averages less the pressure of the place and the drift (dots), the fitted curve with its 95 % band, "
         "and what is left. A loop between warming and cooling is weather, or a lag of the probe."
     )
-    figure = Drawing(offset_over_temperature, baro)
-    figure = picture(figure, folder, FIGURE, caption, caption)
+    with drawing():
+        figure = picture(offset_over_temperature(baro), folder, FIGURE, caption, caption)
     return [Section("Barometer", lines=baro.statements, figures=(figure,))]

@@ -12,8 +12,9 @@ from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..data.recording import Campaign, Rig
 from ..physics.temperature import Constant
-from ..plots import calibration as plots
+from ..plots import calibration as plots, calibration_panels as panels
 from ..plots.figure_workers import Drawing
+from ..plots.style import both_forms
 from ..reduction.rig_errors import rate_words
 from ..reduction.segments import rests_are_searched
 from .barometer import barometer_sections, FIGURE as BAROMETER_FIGURE
@@ -186,10 +187,12 @@ def _curve_picture(
 ) -> Picture:
     title = TRIAD_NAMES[name]
     if isinstance(triad.curve.basis, Constant) or calibration.temperature_range is None:
-        figure = Drawing(plots.constant_parameters, triad)
+        figure = Drawing(both_forms, panels.parameters, plots.constant_panels(triad))
         caption = "Constant parameters with their 95 % intervals."
     else:
-        figure = Drawing(plots.parameter_curves, triad, calibration.temperature_range)
+        figure = Drawing(
+            both_forms, panels.parameters, plots.curve_panels(triad, calibration.temperature_range)
+        )
         caption = (
             "Parameters over temperature with their 95 % bands (often thinner than the line). "
             "Shaded: outside the temperatures that the data covered."
@@ -214,7 +217,13 @@ def _misfit_sections(result: DeviceResult, folder: Path) -> list[Section]:
             f"experiments). A trend is physics that the model leaves out."
         )
         figures.append(
-            picture(Drawing(plots.misfits, estimate), folder, f"misfit-{name}", caption, caption)
+            picture(
+                Drawing(both_forms, panels.misfits, plots.misfits_of(estimate)),
+                folder,
+                f"misfit-{name}",
+                caption,
+                caption,
+            )
         )
     rows = tuple(_misfit_row(name, r) for name, (_, r) in triads(result).items())
     head = (
@@ -250,7 +259,7 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
                 "Directions of the specific force in the case frame at rest (equal-area projection, "
                 "circles 30° apart). Large empty regions leave parameters uncertain."
             )
-            figure = Drawing(plots.coverage, directions)
+            figure = Drawing(both_forms, panels.coverage, directions)
             figures.append(picture(figure, folder, "coverage", caption, caption))
             break
     recordings = () if campaign is None else campaign.recordings
@@ -259,7 +268,7 @@ def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None)
         searched, found = zip(*pairs)
         lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
         caption = "Raw outputs with the rests that were found (shaded)."
-        figure = Drawing(plots.rests, searched[:3], found[:3])
+        figure = Drawing(both_forms, panels.rests, plots.rest_panels(searched[:3], found[:3]))
         figures.append(picture(figure, folder, "rests", caption, caption))
     return Section("Data", lines=tuple(lines), figures=tuple(figures))
 

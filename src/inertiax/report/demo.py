@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..analysis.paper_experiment import DemoResult, METHODS
 from ..plots import demo as plots
-from ..plots.figure_workers import Drawing
+from ..plots.style import drawing
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 from .values import Value
 
@@ -15,7 +15,8 @@ PAPER_BIAS, PAPER_SCALE, PAPER_CHECK = 2e-4, 25e-6, 16.0  # m/s², 1, arcsec: th
 
 def report_demo(result: DemoResult, folder: Path, command: str) -> None:
     """Write `report.html` and `figures/`."""
-    pictures = _pictures(result, folder)
+    with drawing():
+        pictures = _pictures(result, folder)
     write_page(
         folder / "report.html",
         title="Calibration while the temperature changes",
@@ -118,30 +119,30 @@ def _table(result: DemoResult) -> Table:
 def _pictures(result: DemoResult, folder: Path) -> dict[str, Picture]:
     drawn = {
         "temperatures": (
-            Drawing(plots.temperatures, result),
+            plots.temperatures(result),
             "As the paper's figure 2: the temperature within each of the 13 experiments.",
         ),
         "curves": (
-            Drawing(plots.curves, result),
+            plots.curves(result),
             "As figure 3: bias and scale-factor error of set 3 over temperature; lines by the default "
             "method, points by each experiment alone.",
         ),
         "set1": (
-            Drawing(plots.signed_differences, result, 1),
+            plots.signed_differences(result, 1),
             "As figure 4: curves of set 1 (15 °C) less set 3 (0.5 °C) by the default method; shaded, "
             "the 95 % band of the noise.",
         ),
         "set2": (
-            Drawing(plots.signed_differences, result, 2),
+            plots.signed_differences(result, 2),
             "As figure 5: curves of set 2 (4 °C) less set 3 by the default method.",
         ),
         "methods": (
-            Drawing(plots.differences, result, 1),
+            plots.differences(result, 1),
             "Set 1 less set 3 by three ways of calibration: greatest difference of the three axes, on "
             "a logarithmic scale.",
         ),
         "check": (
-            Drawing(plots.check, result),
+            plots.check(result),
             "As figure 6: |a| − g over the check, by the models of the three sets.",
         ),
     }

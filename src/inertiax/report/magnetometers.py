@@ -10,8 +10,8 @@ from ..calibration.magnetometers import MagnetometerCalibration
 from ..calibration.quantities import middle_temperature, rms_text, si_unit
 from ..physics.temperature import Constant
 from ..plots import calibration as curves
-from ..plots.figure_workers import Drawing
 from ..plots.magnetometers import field_before_and_after
+from ..plots.style import drawing
 from .page import Key, Picture, picture, Section, Table
 from .values import Value
 
@@ -40,8 +40,10 @@ def magnetometer_sections(
         f"{TITLE}: magnitude of the field as recorded and compensated (line: the field at the place); what is left of "
         "it, with 1 sigma; and at the rests what is left of its upward part."
     )
-    figure = Drawing(field_before_and_after, mag)
-    before_and_after = picture(figure, folder, "field-mag", caption, caption)
+    with drawing():
+        before_and_after = picture(
+            field_before_and_after(mag), folder, "field-mag", caption, caption
+        )
     figures = (_curves(result, calibration, folder), before_and_after)
     return [Section(TITLE, lines=mag.statements, tables=(parameters,), figures=figures)]
 
@@ -49,13 +51,14 @@ def magnetometer_sections(
 def _curves(result: DeviceResult, mag: MagnetometerCalibration, folder: Path) -> Picture:
     ends = result.calibration.temperature_range
     constant = isinstance(mag.triad.curve.basis, Constant) or ends is None
-    if constant or ends is None:
-        figure = Drawing(curves.constant_parameters, mag.triad)
-        caption = "Constant parameters with their 95 % intervals."
-    else:
-        figure = Drawing(curves.parameter_curves, mag.triad, ends)
-        caption = "Parameters over temperature with their 95 % bands."
-    return picture(figure, folder, "curves-mag", caption, f"{TITLE}: {caption}")
+    with drawing():
+        if constant or ends is None:
+            figure = curves.constant_parameters(mag.triad)
+            caption = "Constant parameters with their 95 % intervals."
+        else:
+            figure = curves.parameter_curves(mag.triad, ends)
+            caption = "Parameters over temperature with their 95 % bands."
+        return picture(figure, folder, "curves-mag", caption, f"{TITLE}: {caption}")
 
 
 def magnetometer_document(result: DeviceResult) -> dict[str, Value]:

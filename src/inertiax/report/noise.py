@@ -9,9 +9,11 @@ from rich.table import Table
 
 from ..allan import ChannelNoise, LogNoise, NoiseTerm, TERMS
 from ..allan.model import NAMES, SAMPLE_UNITS, SI_UNITS, USUAL_UNITS
-from ..plots.figure_workers import Drawing, drawn
-from ..plots.noise import allan
-from ..plots.style import save_png
+from ..plots import noise_panels as panels
+from ..plots.figure_workers import Drawing
+from ..plots.noise import allan_panels
+from ..plots.style import to_png
+from ..storage.whole_files import write_atomically
 from .terminal import Terminal
 
 
@@ -89,17 +91,10 @@ def _term(found: ChannelNoise, name: str) -> dict[str, object]:
 def write_figures(logs: Sequence[LogNoise], folder: Path) -> list[str]:
     """`noise.png`, or `noise-1.png` … where there are several logs; their names."""
     names = ["noise.png"] if len(logs) == 1 else [f"noise-{k + 1}.png" for k in range(len(logs))]
-    begun = [
-        drawn(_draw, Drawing(allan, found), folder / name)
-        for name, found in zip(names, logs, strict=True)
-    ]
-    for finish in begun:
-        finish()
+    begun = [Drawing(to_png, panels.allan, allan_panels(found)).begin() for found in logs]
+    for name, picture in zip(names, begun, strict=True):
+        write_atomically(folder / name, picture())
     return names
-
-
-def _draw(drawing: Drawing, path: Path) -> None:
-    save_png(drawing.figure(), path)
 
 
 def print_noise(logs: Sequence[LogNoise]) -> None:

@@ -7,6 +7,7 @@ outside; only figures, which this package drew itself, are put in as they are.
 import platform
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import escape, Markup
 
 from .._records import Module
-from ..plots.figure_workers import Drawing, drawn
-from ..plots.style import COLOURS, drawing, Figure, save_png, to_svg
+from ..plots.figure_workers import Drawing
+from ..plots.style import both_forms, COLOURS, Figure, Forms
 from ..storage.whole_files import write_atomically
 
 
@@ -151,37 +152,31 @@ def versions() -> str:
     )
 
 
-def picture(figure: Drawing | Figure, folder: Path, name: str, caption: str, alt: str) -> Picture:
+def picture(
+    figure: Drawing[Forms] | Figure, folder: Path, name: str, caption: str, alt: str
+) -> Picture:
     """Put a figure into the page and write it as `figures/NAME.png` and `.svg`.
 
-    One that is still to be drawn may be drawn by another process meanwhile (`figure_workers.drawn_aside`).
+    One that is still to be drawn may be drawn by another process meanwhile (`figure_workers.drawn_aside`); it is
+    written where the page is.
     """
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
     if isinstance(figure, Drawing):
-        return Picture(drawn(_draw, figure, figures, name), caption, alt)
-    made = _written(figure, figures, name)
+        result = figure.begin()
+        return Picture(cache(lambda: _written(result(), figures, name)), caption, alt)
+    made = _written(both_forms(figure), figures, name)
     return Picture(lambda: made, caption, alt)
 
 
-def _draw(drawing: Drawing, figures: Path, name: str) -> Markup:
-    return _written(drawing.figure(), figures, name)
-
-
-def _written(figure: Figure, figures: Path, name: str) -> Markup:
+def _written(made: Forms, figures: Path, name: str) -> Markup:
     """Write both files; the figure for the page."""
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        with drawing():
-            layout.execute(figure)  # once is enough: each saving would draw all of it to lay it out
-            figure.set_layout_engine(None)
-    svg = to_svg(figure)
-    save_png(figure, figures / f"{name}.png")
+    write_atomically(figures / f"{name}.png", made.png)
     # Alone, a figure has no page to take its colour from.
-    alone = svg.replace("<svg ", '<svg style="background:#fff;color:#262626" ', 1)
+    alone = made.svg.replace("<svg ", '<svg style="background:#fff;color:#262626" ', 1)
     write_atomically(figures / f"{name}.svg", alone.encode())
-    width = float(figure.get_size_inches()[0])
-    inside = _own_ids(svg, name).replace("<svg ", f'<svg style="--full:{8 * width:.0f}rem" ', 1)
+    inside = _own_ids(made.svg, name)
+    inside = inside.replace("<svg ", f'<svg style="--full:{8 * made.width:.0f}rem" ', 1)
     for number, colour in enumerate(COLOURS):
         inside = inside.replace(colour.lower(), f"var(--c{number})")  # lighter on a dark ground
     return Markup(inside)
