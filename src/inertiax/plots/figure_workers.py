@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from typing import Any, BinaryIO, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, IO, NamedTuple, TypeVar
 
 from .style import drawing, Figure
 
@@ -75,8 +75,8 @@ def drawn_aside(module: str, *, several: bool) -> Iterator[None]:
 class _Pipes(NamedTuple):
     """To a worker and back."""
 
-    tasks: BinaryIO
-    results: BinaryIO
+    tasks: IO[Any]
+    results: IO[Any]
 
 
 class _Workers:
