@@ -23,6 +23,7 @@ from .style import drawing, Figure
 Form = TypeVar("Form")
 _SERVE = "import sys; sys.path[:] = {!r}; from {} import serve; serve({})"
 _BACKENDS = ("matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg")
+_DEATHS = (OSError, EOFError, pickle.UnpicklingError)
 
 _workers: "_Workers | None" = None
 
@@ -59,7 +60,7 @@ def drawn_aside(module: str, *, several: bool) -> Iterator[None]:
     **Arguments:** `module` is what draws; it is imported at once. `several` figures are drawn two at a time.
     """
     global _workers
-    if (os.cpu_count() or 1) < 2 or _workers is not None:
+    if (os.cpu_count() or 1) < 2 or not sys.executable or _workers is not None:
         yield
         return
     with suppress(OSError):  # no more processes: this one draws
@@ -95,7 +96,7 @@ class _Workers:
         def result() -> Any:
             try:
                 return future.result()
-            except (OSError, EOFError):  # the worker died: this process draws
+            except _DEATHS:  # of the worker: this process draws
                 return _draw(*task)
 
         return result
