@@ -42,6 +42,7 @@ REMEMBERED = 12  # filters of a chain; a search comes back to the noises of its 
 WIDE = (
     64  # columns whitened at once: with the rows of all groups they stay in the processor's cache
 )
+HALF = np.tri(ROWS) - 0.5 * np.eye(ROWS)  # the lower triangle, of which the diagonal counts half
 _FACTOR, _INVERT = get_lapack_funcs(("potrf", "trtri"), dtype=np.float64)
 
 
@@ -199,30 +200,29 @@ def gains(groups: Groups, variances: Float[np.ndarray, "7"]) -> Gains:
     shared = np.tensordot(variances, groups.shared, 1)
     size = groups.decay.shape[1]
     both = groups.decay[:, :, None] * groups.decay[:, None, :]
-    p, place = np.zeros((size, size)), np.arange(size)
-    inverses = np.empty_like(own)
-    made = np.empty_like(groups.seen)
-    factors = np.empty((groups.count, ROWS))
-    for k, (h, a) in enumerate(zip(groups.seen, groups.decay)):
-        hp = h @ p
-        covariance = hp @ h.T
-        covariance += own[k]
+    p = np.zeros((size, size))
+    spread = p.reshape(-1)[:: size + 1]  # its diagonal
+    seen, told = np.empty((ROWS, size)), np.empty((size, size))
+    inverses, made = np.empty_like(own), np.empty_like(groups.seen)
+    steps = zip(groups.seen, groups.decay, own, shared, added, both, inverses, made)
+    for k, (h, a, covariance, between, new, decay, inverse, gain) in enumerate(steps):
+        hp = np.dot(h, p, out=seen)
+        covariance += np.dot(hp, h.T)
         # SciPy takes columns first: the transpose of a symmetric matrix is itself.
         factor, failed = _FACTOR(covariance.T, lower=1, overwrite_a=1)
         if failed:
             raise np.linalg.LinAlgError(f"group {k}: no positive covariance")
-        factors[k] = factor.diagonal()
-        inverses[k] = inverse = _INVERT(factor, lower=1, overwrite_c=1)[0]
+        inverse[:] = _INVERT(factor, lower=1, overwrite_c=1)[0]
         hp *= a
-        hp += shared[k]
-        gain = np.dot(inverse, hp, out=made[k])
-        p *= both[k]
-        p -= gain.T @ gain
-        p[place, place] += added[k]
-    logs = float(np.log(factors).sum())
+        hp += between
+        np.dot(inverse, hp, out=gain)
+        p *= decay
+        p -= np.dot(gain.T, gain, out=told)
+        spread += new
+    logs = float(np.log(np.einsum("kii->ki", inverses)).sum())
     if not np.isfinite(logs):
         raise np.linalg.LinAlgError("variances too large to compute with")
-    return Gains(groups, inverses, made, 2.0 * logs)
+    return Gains(groups, inverses, made, -2.0 * logs)
 
 
 def whiten(
@@ -282,17 +282,18 @@ def gradient(
     x = _gone_back(found, turned(seen) @ pulled)
     pulled += gain @ x  # the bar of V
     w_bar = white @ turned(x)
-    half, unit = np.tri(ROWS) - 0.5 * np.eye(ROWS), np.eye(ROWS)
-    by_rows, by_gain = (
-        np.concatenate([pulled, w_bar], axis=2),
-        np.concatenate([white, gain], axis=2),
-    )
-    inner = half * (unit - by_rows @ turned(by_gain))
+    by_rows = np.concatenate([pulled, w_bar], axis=2)
+    by_gain = np.concatenate([white, gain], axis=2)
+    inner = by_rows @ turned(by_gain)
+    np.subtract(np.eye(ROWS), inner, out=inner)
+    inner *= HALF
     added = turned(seen) @ inner @ seen + turned(seen) @ w_bar * a[:, None, :]
     p = _covariances_back(found, 0.5 * (added + turned(added)))
-    behind = gain @ p
-    w_bar -= 2.0 * behind
-    inner += half * (2.0 * behind @ turned(gain))
+    behind = 2.0 * (gain @ p)
+    w_bar -= behind
+    later = behind @ turned(gain)
+    later *= HALF
+    inner += later
     # To be multiplied by symmetric matrices: needs no mirroring
     by_own = turned(inverse) @ inner @ inverse
     by_shared = turned(inverse) @ w_bar
@@ -308,9 +309,10 @@ def _gone_back(
     """Bars of the estimated states behind each group, from what each group sees of the bar of its whitened rows."""
     made = np.empty_like(seen)
     x = np.zeros(seen.shape[1:])
-    for k in range(len(seen) - 1, -1, -1):
-        made[k] = x
-        x = found.carried[k].T @ x - seen[k]
+    for carried, behind, own in zip(found.carried[::-1], made[::-1], seen[::-1]):
+        behind[:] = x
+        x = np.dot(carried.T, x)
+        x -= own
     return made
 
 
@@ -320,8 +322,8 @@ def _covariances_back(
     """Bars of the states' covariances behind each group, from what each group adds."""
     made = np.empty_like(added)
     p = np.zeros(added.shape[1:])
-    for k in range(len(added) - 1, -1, -1):
-        made[k] = p
-        carried = found.carried[k]
-        p = carried.T @ p @ carried + added[k]
+    for carried, behind, own in zip(found.carried[::-1], made[::-1], added[::-1]):
+        behind[:] = p
+        p = np.dot(np.dot(carried.T, p), carried)
+        p += own
     return made
