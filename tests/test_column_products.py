@@ -50,12 +50,12 @@ def test_gains_and_coefficients_are_those_of_the_whitened_columns(triad):
             }
             sums = products.sums(noise)
             gains = products.gains(sums)
-            shown = [k for k, g in enumerate(gains) if np.isfinite(g)]
+            shown = [k for k, g in enumerate(gains.drop) if np.isfinite(g)]
             assert {id(products.terms[k]) for k in shown} == set(expected)
             for k in shown:
-                theirs, own = expected[id(products.terms[k])], products.score(k, sums)
+                theirs, own = expected[id(products.terms[k])], products.score(k, sums, gains)
                 # A direction that hardly differs from another is known to 1e-7 of the larger one.
-                np.testing.assert_allclose(gains[k], theirs.gain, rtol=1e-6, atol=1e-9)
+                np.testing.assert_allclose(gains.drop[k], theirs.gain, rtol=1e-6, atol=1e-9)
                 np.testing.assert_allclose(own.gain, theirs.gain, rtol=1e-6, atol=1e-9)
                 if own.size == 1 == products.terms[k].size:
                     np.testing.assert_allclose(own.coefficients, theirs.coefficients, rtol=1e-9)
@@ -70,7 +70,7 @@ def test_the_gain_of_one_column_is_the_drop_of_a_least_squares(triad):
         columns = [system.base.observed[c][:, None], system.frames[c], term.columns[0]]
         white = whiten_columns(system, noise, c, np.concatenate(columns, axis=1))
         products = ColumnProducts(system, [term], [])
-        (gain,) = products.gains(products.sums(noise))
+        (gain,) = products.gains(products.sums(noise)).drop
     left = [np.sum((white[:, 0] - white[:, 1:n] @ scipy.linalg.lstsq(white[:, 1:n], white[:, 0])[0]) ** 2)
             for n in (white.shape[1] - 1, white.shape[1])]  # fmt: skip
     assert gain == pytest.approx(left[0] - left[1], rel=1e-6)

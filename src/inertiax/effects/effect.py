@@ -1,6 +1,7 @@
 """What a physical effect is: metadata and one function of a signal."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,12 @@ DEG_PER_HOUR = 4.84813681e-6  # rad/s
 PPM = 1e-6
 
 
-class Variant(eqx.Module):
+@dataclass(frozen=True)
+class Variant:
     """One form of an effect: fixed values of what enters non-linearly, and of which columns it has."""
 
-    label: str = eqx.field(static=True)
-    settings: Mapping[str, float | int | str] = eqx.field(static=True)
+    label: str
+    settings: Mapping[str, float | int | str]
 
 
 def one_form(_: Signal) -> tuple[Variant, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..candidates.columns import span
 from ..candidates.signatures import Term
@@ -50,6 +50,17 @@ class Sums:
     def __add__(self, other: "Sums") -> "Sums":
         grams = {size: gram + other.grams[size] for size, gram in self.grams.items()}
         return Sums(self.seen + other.seen, grams)
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """What all candidates gain under one set of variances."""
+
+    drop: Float[
+        np.ndarray, " term"
+    ]  # of the sum of squares; minus infinity where the baseline absorbs a candidate
+    # By number of columns, of terms with several: as `turned` has it
+    turns: dict[int, tuple[Float[np.ndarray, "term size size"], Bool[np.ndarray, "term size"]]]
 
 
 class ColumnProducts:
@@ -132,27 +143,28 @@ class ColumnProducts:
             grams[size][terms] = each @ each.transpose(0, 2, 1)
         return Sums(seen, grams)
 
-    def gains(self, sums: Sums) -> Float[np.ndarray, " term"]:
-        """Drop of the sum of squares by each candidate; minus infinity where the baseline absorbs it."""
-        made = np.full(len(self.terms), -np.inf)
+    def gains(self, sums: Sums) -> Gains:
+        """Drop of the sum of squares by each candidate, with the directions that it is in."""
+        made, turns = np.full(len(self.terms), -np.inf), {}
         for size, members in self._of_size.items():
             before, after, product = sums.seen[:, self._edges[members][:, None] + np.arange(size)]
             shown = is_shown(before, after)
             if size == 1:
                 gain = np.square(product[:, 0]) / np.maximum(after[:, 0], 1e-300)
             else:
-                turn, _ = turned(sums.grams[size], after, shown)
+                turns[size] = turn, _ = turned(sums.grams[size], after, shown)
                 gain = np.square(np.einsum("tcd,tc->td", turn, product)).sum(axis=1)
             made[members] = np.where(shown.any(axis=1), gain, -np.inf)
-        return made
+        return Gains(made, turns)
 
-    def score(self, k: int, sums: Sums) -> Score:
+    def score(self, k: int, sums: Sums, gains: Gains) -> Score:
         """The score of one candidate that shows, without its whitened columns."""
-        term = self.terms[k]
-        gram = None
+        term, directions = self.terms[k], None
         if term.size > 1:
-            gram = sums.grams[term.size][np.searchsorted(self._of_size[term.size], k)]
+            turn, good = gains.turns[term.size]
+            place = np.searchsorted(self._of_size[term.size], k)
+            directions = turn[place][:, good[place]]
         seen = sums.seen[:, self._edges[k] : self._edges[k + 1]]
-        found = score_of(term, term.chains, (), seen, gram)
+        found = score_of(term, term.chains, (), seen, directions)
         assert found is not None  # it shows
         return found

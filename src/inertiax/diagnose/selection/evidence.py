@@ -5,6 +5,7 @@ columns enter the mean *and* the variance components are free. That way neither 
 swallowed by a random walk nor a random walk taken for an effect without a fair contest.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -61,9 +62,9 @@ def plausibility(score: Score, usual: Usual | None) -> float:
         return _near_one(float(score.coefficients[0]), float(np.sqrt(score.covariance[0, 0])))
     if usual.largest is None:
         return 0.0
-    size = float(np.abs(score.coefficients).max())
-    excess = max(0.0, np.log10(max(size, 1e-300) / usual.largest) - 1.0)
-    return float(-4.0 * excess**2)
+    size = max(map(abs, score.coefficients.tolist()))
+    excess = max(0.0, math.log10(max(size, 1e-300) / usual.largest) - 1.0)
+    return -4.0 * excess**2
 
 
 def _near_one(value: float, spread: float) -> float:
@@ -158,13 +159,13 @@ def judge(
     for ratio, score in found:
         alike = score.term.chains, score.term.follows_input
         if alike not in seen:
-            seen[alike] = np.log(observations(system, score.term))
+            seen[alike] = math.log(observations(system, score.term))
         effect, triad = score.term.effect, score.term.triad
         key = id(effect), triad, score.term.scales_input
         if effect is not None and key not in usual:
             usual[key] = Usual.of(effect, triad, grade, np.inf if key[2] else seconds)
         cost = 0.5 * score.size * seen[alike]
-        cost += np.log(forms.get((score.term.name, score.term.channels), 1))
+        cost += math.log(forms.get((score.term.name, score.term.channels), 1))
         if score.term.name.startswith(PREFIX):
             cost += 2.0  # an unlisted dependence is less likely beforehand than a listed one
         evidence = 0.5 * ratio - cost + plausibility(score, usual.get(key))
@@ -191,16 +192,16 @@ def _best_scores(
         )
     if products is None:
         products = ColumnProducts(system, candidates, chosen)
-    ratios, sums = [np.full(len(products.terms), -np.inf)], []
+    ratios, found = [np.full(len(products.terms), -np.inf)], []
     for fit, value, fresh in _rounds(bank):
-        found = products.sums(fit)
+        sums = products.sums(fit)
+        found.append((sums, products.gains(sums)))
         loss = products.touches @ np.subtract(value, bank.best)
         asked = products.touches[:, sorted(fresh)].any(axis=1)
-        ratios.append(np.where(asked, products.gains(found) - 2.0 * loss, -np.inf))
-        sums.append(found)
+        ratios.append(np.where(asked, found[-1][1].drop - 2.0 * loss, -np.inf))
     best = np.argmax(ratios, axis=0)
     made = [
-        (float(ratios[n][k]), products.score(k, sums[n - 1])) for k, n in enumerate(best) if n > 0
+        (float(ratios[n][k]), products.score(k, *found[n - 1])) for k, n in enumerate(best) if n > 0
     ]
     if products.together:
         made += _each_best(

@@ -296,32 +296,35 @@ def score_of(
     chains: tuple[int, ...],
     white: tuple[np.ndarray, ...],
     seen: Float[np.ndarray, "3 column"],
-    gram: Float[np.ndarray, "column column"] | None,
+    turn: Float[np.ndarray, "column direction"] | None,
 ) -> Score | None:
     """A term's score from products of its whitened columns, `None` where the baseline absorbs it.
 
-    **Arguments:** `seen` as `_columns_seen` has it; `gram` has the columns' products with each other, the baseline
-    projected out, of a term with several.
+    **Arguments:** `seen` as `_columns_seen` has it; `turn` has the directions of a term with several columns, none of
+    one that is absorbed.
     """
-    if gram is None:
+    if turn is None:
         before, after, product = seen[:, 0].tolist()
         if after <= ABSORBED * max(before, 1e-300):
             return None
         scale = 1.0 / math.sqrt(max(after, 1e-300))
         part = scale * product
         return Score(term, chains, white, np.array([[scale]]), np.array([part]), part * part)
-    before, after, product = seen
-    shown = is_shown(before, after)
-    if not shown.any():
+    if not turn.shape[1]:
         return None
-    turn, good = turned(gram, after, shown)
-    turn = turn[:, good]
-    part = turn.T @ product
+    part = turn.T @ seen[2]
     return Score(term, chains, white, turn, part, float(part @ part))
 
 
 def _score(
     term: Term, white: dict[int, np.ndarray], seen: Float[np.ndarray, "3 column"]
 ) -> Score | None:
-    gram = None if seen.shape[1] == 1 else np.sum([w.T @ w for w in white.values()], axis=0)
-    return score_of(term, tuple(white), tuple(white.values()), seen, gram)
+    turn = None
+    if seen.shape[1] > 1:
+        before, after, _ = seen
+        shown, gram = is_shown(before, after), np.sum([w.T @ w for w in white.values()], axis=0)
+        turn = np.zeros((len(shown), 0))
+        if shown.any():
+            turn, good = turned(gram, after, shown)
+            turn = turn[:, good]
+    return score_of(term, tuple(white), tuple(white.values()), seen, turn)
