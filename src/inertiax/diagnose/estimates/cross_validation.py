@@ -76,7 +76,12 @@ def predict_rest(
     each row. **Returns** the predicted rows, in their order.
     """
     weight = 1.0 / np.sqrt(variance)
-    columns = _predictors(model, effects, weight, known)
+    return _predicted(_predictors(model, effects, weight, known), observed, weight, known)
+
+
+def _predicted(
+    columns: np.ndarray, observed: np.ndarray, weight: np.ndarray, known: np.ndarray
+) -> Float[np.ndarray, " rest"]:
     weighted = columns[known] * weight[known, None]
     solution = np.linalg.lstsq(weighted, observed[known] * weight[known], rcond=1e-9)[0]
     return columns[~known] @ solution
@@ -183,13 +188,13 @@ def _held_out_squares(
     system = prepared.system
     y, frame = system.base.observed[chain], system.frames[chain]
     effects, variance = effect_columns(chosen, chain, len(y)), _variance(system.chains[chain])
-    squares = np.zeros(len(fold))
+    squares, weight = np.zeros(len(fold)), 1.0 / np.sqrt(variance)
     for k in range(FOLDS):
         known = fold != k
-        left = y[~known] - predict_rest(frame, effects, y, variance, known)
+        columns = _predictors(frame, effects, weight, known)
+        left = y[~known] - _predicted(columns, y, weight, known)
         squares[~known] = left**2
         if piece is not None:
-            columns = _predictors(frame, effects, 1.0 / np.sqrt(variance), known)
             squares[~known] /= _reach_of_rows(columns, known, piece)[~known]
     return squares
 
