@@ -8,7 +8,7 @@ import pytest
 import scipy.optimize
 
 from inertiax.diagnose.noise import grouped_filter
-from inertiax.diagnose.noise.grouped_filter import groups_of, ROWS, whiten
+from inertiax.diagnose.noise.grouped_filter import groups_of, know, ROWS, whiten
 from inertiax.diagnose.noise.many_variances import grams_under_each, Steps
 from inertiax.diagnose.noise.restricted_likelihood import RestrictedLikelihood
 from inertiax.diagnose.noise.state_space import (
@@ -112,6 +112,19 @@ def test_no_covariance_where_variances_are_not_finite_ends_in_an_infinite_value(
         assert mine.value(theta) == np.inf
         value, slope = mine.value_and_slope(theta)
     assert value == np.inf and not slope.any()
+
+
+def test_groups_of_other_white_variances_are_those_made_anew():
+    one = chain(1, False)
+    other, anew = (
+        Chain(
+            2.5 * one.white, one.loads, one.gap, one.new_dwell, one.new_cycle, one.rig, one.heated
+        )
+        for _ in range(2)
+    )
+    know(other, one)
+    np.testing.assert_array_equal(groups_of(other).own, groups_of(anew).own)
+    assert not np.array_equal(groups_of(other).own, groups_of(one).own)
 
 
 def test_groups_are_made_once_and_forgotten_with_their_chain():

@@ -7,8 +7,8 @@ over a whole rest would carry the device away.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
 import scipy.special
 from jaxtyping import Bool
@@ -16,6 +16,7 @@ from jaxtyping import Bool
 from ...reduction.handling import Disturbance
 from ..candidates.columns import lengthen
 from ..candidates.signatures import Term
+from ..noise.grouped_filter import know
 from ..noise.observation_series import NoiseFit, System
 from ..problem import Prepared
 from ..selection.score_test import whiten_system
@@ -136,11 +137,11 @@ def _by_hand(prepared: Prepared, dwell: int, others: Sequence[Term]) -> bool:
 def _without(system: System, rows: Bool[np.ndarray, " block"]) -> System:
     """The system with some rows of every chain as good as unknown."""
     factor = np.where(rows, _IGNORED, 1.0)
-    chains = tuple(
-        eqx.tree_at(lambda c: c.white, chain, chain.white * factor) for chain in system.chains
-    )
+    chains = tuple(replace(chain, white=chain.white * factor) for chain in system.chains)
+    for chain, own in zip(chains, system.chains, strict=True):
+        know(chain, own)
     longer = tuple(
-        eqx.tree_at(lambda c: c.white, chain, lengthen(own.white))
+        replace(chain, white=lengthen(own.white))
         for own, chain in zip(chains, system.longer, strict=True)
     )
-    return eqx.tree_at(lambda s: (s.chains, s.longer), system, (chains, longer))
+    return replace(system, chains=chains, longer=longer)

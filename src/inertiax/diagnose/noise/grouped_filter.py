@@ -22,7 +22,7 @@ Murray, arXiv:1602.07527 (2016), for the derivative of a Cholesky factor, read b
 
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -138,9 +138,23 @@ def groups_of(chain: Chain) -> Groups:
     """The groups of a chain, made once and kept as long as the chain is."""
     key = id(chain)
     if key not in _KNOWN:
-        gone = weakref.ref(chain, lambda _: _KNOWN.pop(key, None))
-        _KNOWN[key] = gone, Groups.of(chain)
+        _keep(chain, Groups.of(chain))
     return _KNOWN[key][1]
+
+
+def know(chain: Chain, other: Chain) -> None:
+    """Make the groups of a chain from those of another one, from which it differs in its white variances alone."""
+    like = groups_of(other)
+    own = like.own.copy()
+    white = _folded(np.asarray(chain.white, float)[: like.num], like.count, 0.0)
+    own.reshape(-1, like.count, ROWS, ROWS)[WHITE][:, range(ROWS), range(ROWS)] = white
+    _keep(chain, replace(like, own=own, known={}, fitted={}, drawn={}))
+
+
+def _keep(chain: Chain, groups: Groups) -> None:
+    key = id(chain)
+    gone = weakref.ref(chain, lambda _: _KNOWN.pop(key, None))
+    _KNOWN[key] = gone, groups
 
 
 @dataclass(frozen=True, eq=False)

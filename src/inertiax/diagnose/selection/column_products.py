@@ -60,7 +60,7 @@ class Gains:
         np.ndarray, " term"
     ]  # of the sum of squares; minus infinity where the baseline absorbs a candidate
     # By number of columns, of terms with several: as `turned` has it
-    turns: dict[int, tuple[Float[np.ndarray, "term size size"], Bool[np.ndarray, "term size"]]]
+    turns: dict[int, tuple[Float[np.ndarray, "_ _ _"], Bool[np.ndarray, "_ _"]]]
 
 
 class ColumnProducts:

@@ -70,9 +70,15 @@ def _chances(
     scores: Sequence[Score], noise: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "form draw"]:
     """P-value of each form's gain on each draw of white residuals."""
-    made = [np.ones((0, noise[0].shape[1]))]
-    for s in scores:
+    made = np.ones((len(scores), noise[0].shape[1]))
+    alone: dict[int, list[int]] = {}  # of one column on one chain: all at once
+    for k, s in enumerate(scores):
+        if len(s.chains) == 1 and s.term.size == 1:
+            alone.setdefault(s.chains[0], []).append(k)
+            continue
         part = sum(w.T @ noise[c] for w, c in zip(s.white, s.chains))
-        chance = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
-        made.append(chance[None])
-    return np.concatenate(made)
+        made[k] = scipy.special.chdtrc(s.size, np.square(s.turn.T @ part).sum(axis=0))
+    for c, mine in alone.items():
+        unit = np.concatenate([scores[k].white[0] @ scores[k].turn for k in mine], axis=1)
+        made[mine] = scipy.special.chdtrc(1, np.square(unit.T @ noise[c]))
+    return made
