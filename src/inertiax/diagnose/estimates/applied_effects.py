@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from ..._typing import AnyArray
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect, known_effect
+from ...calibration.over_rows import compensated_rows
 from ...data.recording import Campaign, Recording
 from ...effects import addition, CATALOGUE, Effect, Signal, Variant
 from ...physics.error_model import distort_accel, distort_gyro
@@ -80,11 +81,6 @@ def distorted(
     return jax.vmap(one)(jnp.asarray(force), jnp.asarray(rate), jnp.asarray(temperature))
 
 
-@jax.jit
-def _compensated(calibration, accel, gyro, temperature):
-    return jax.vmap(calibration.without_effects())(accel, gyro, temperature)
-
-
 def compensate(
     calibration: Calibration, recording: Recording, *, effects: Sequence[Effect] = CATALOGUE
 ) -> Outputs:
@@ -100,16 +96,13 @@ def compensate(
     gyro = zeros if log.gyro is None else log.gyro
     temperature = np.zeros(len(zeros)) if log.temperature is None else log.temperature
     added = np.zeros_like(zeros), np.zeros_like(zeros)
-    force, rate = map(np.asarray, _compensated(calibration, accel, gyro, temperature))
+    force, rate = compensated_rows(calibration, accel, gyro, temperature)
     course = Course(calibration, log)
     for _ in range(ITERATIONS if usable else 0):
         now = course.additions(usable, force, rate)
         change = [np.abs(n - b).max() for n, b in zip(now, added)]
         added = now
-        force, rate = map(
-            np.asarray,
-            _compensated(calibration, accel - added[0], gyro - added[1], temperature),
-        )
+        force, rate = compensated_rows(calibration, accel - added[0], gyro - added[1], temperature)
         largest = np.abs(accel).max(), np.abs(gyro).max()
         if all(c <= SETTLED * m for c, m in zip(change, largest)):
             break
