@@ -12,6 +12,7 @@ import equinox as eqx
 import msgspec
 
 from ..calibrate.pipeline import calibrate_device
+from ..calibrate.results import DeviceResult
 from ..model_selection.model_spec import ModelSpec
 from .candidates.signatures import Term
 from .estimates.applied_effects import fitted_effects
@@ -31,6 +32,7 @@ class Again:
     """A model with a higher degree for some triads, and the words for it."""
 
     problem: Problem  # whose model it replaces
+    beside: DeviceResult  # the calibration of outputs without the effects, with these degrees
     degrees: dict[str, int]  # by triad
     sentences: tuple[str, ...]  # for the summary
     choices: tuple[str, ...]  # for the notes of a calibration
@@ -122,4 +124,4 @@ def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
             f"{triad}: temperature degree {new.temperature_degree} by BIC beside {beside}, "
             f"{old.temperature_degree} without"
         )
-    return Again(problem, degrees, tuple(sentences), tuple(choices)) if degrees else None
+    return Again(problem, found, degrees, tuple(sentences), tuple(choices)) if degrees else None

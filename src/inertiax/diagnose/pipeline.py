@@ -82,7 +82,8 @@ def diagnose_campaign(
         again = chosen_again(problem, findings)
         if again is not None:
             progress(" ".join(again.sentences))
-            problem = again.told(prepare(seen, effects, noise=noise, model=again.model()))
+            problem = prepare(seen, effects, noise=noise, model=again.model(), beside=again.beside)
+            problem = again.told(problem)
             kept = again.kept(findings)
             findings = _find(problem, effects, campaign.grade, progress, kept)
         found, named = conclude_findings(findings, effects, progress)

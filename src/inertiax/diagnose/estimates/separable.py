@@ -1,27 +1,31 @@
 """Effects whose signature holds the model's own parameters, which are fitted beside them.
 
-A lag shows as the difference of the model's outputs at two temperatures. The model was fitted without the lag, so that
-a strong one has bent the very slopes that its signature $s$ is made of. Parameters $\\theta$ and setting $\\tau$ are
-therefore made from each other,
+A lag shows as the difference of the model's outputs at two temperatures, $s(\\theta, \\tau) = h(T_s; \\theta) -
+h(T_p; \\theta)$. The model was fitted without the lag, so that a strong one has bent the very parameters that its
+signature is made of. Setting and parameters are therefore fitted together, by Gauss-Newton steps of
 
-$$\\theta \\leftarrow \\hat\\theta(y; s(\\theta, \\tau)), \\qquad \\tau \\leftarrow \\hat\\tau(y; s(\\theta, \\cdot)),$$
+$$y - h(T_p; \\theta_0) - s(\\theta_0, \\tau) = \\Bigl(\\frac{\\partial h}{\\partial \\theta} +
+\\frac{\\partial s}{\\partial \\theta}\\Bigr) \\, \\delta\\theta,$$
 
-until the setting stays: alternating least squares for a model that is bilinear in the two.
+in which the columns of the parameters are those at the element's temperature and $\\tau$ is the minimum of the
+sum of squares over $\\delta\\theta$ (variable projection). Columns at the probe's temperature would
+leave the estimate unbiased and throw away what the parameters' own columns tell of the lag.
 
 **Reference:** Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413, for models with separable variables.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast, Protocol
+from itertools import zip_longest
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
-from ..candidates.signatures import coarsen, Term
-from ..noise.observation_series import NoiseFit
-from ..observations.model_rows import Baseline
-from ..problem import Prepared, rebuilt
+from ..candidates.columns import span
+from ..candidates.signatures import Term
+from ..noise.observation_series import NoiseFit, System
+from ..problem import about, bilinear, Prepared, rebuilt
 from ..selection.score_test import whiten_system
 from .moments import tuned_moments
 from .parameters import corrected, tune
@@ -30,19 +34,8 @@ from .parameters import corrected, tune
 ROUNDS = 8
 STEADY = 0.1  # change of a setting, in its standard deviations, at which it stays
 ALMOST = 0.01  # the same in parts of the setting where the data do not tell it
-
-
-class Fitted(Protocol):
-    """A fitted model's outputs at other temperatures: what a signal's `at_temperature` is in a diagnosis."""
-
-    def with_parameters(self, base: Baseline, coefficients: np.ndarray) -> "Fitted":
-        """The same for other parameters."""
-        ...
-
-
-def bilinear(term: Term) -> bool:
-    """Whether the term's signature is made of the model's outputs."""
-    return term.effect is not None and "at_temperature" in term.effect.requires
+AS_GOOD = 0.1  # chi² that the last round may lose to the best one: less is the search's own grain
+STEP = 1e-3  # of a parameter, by which its change is found
 
 
 def refined(
@@ -54,21 +47,30 @@ def refined(
     of all rounds the one with the least sum of squares is kept, for the iteration need not converge.
     **Returns** the prepared triad that such signatures belong to as well.
     """
-    terms, spread = _tuned(prepared, noise, chosen)
-    if not any(map(bilinear, terms)):
+    if not any(map(bilinear, chosen)):
+        terms, spread = _tuned(prepared, noise, chosen)
         return prepared, terms, spread
-    best = _misfit(prepared, noise, terms), prepared, terms, spread
+    start = about(prepared, prepared.system.base.coefficients)
+    terms = [rebuilt(start, t) if bilinear(t) else t for t in chosen]
+    spread: list[float | None] = [None] * len(terms)
+    best = np.inf, terms, spread
     for _ in range(ROUNDS):
-        now = _about(prepared, noise, terms)
         before = [_setting(t) for t in terms]
-        anew = [rebuilt(now, t) if bilinear(t) else t for t in terms]
-        terms, spread = _tuned(now, noise, anew)
-        best = min(best, (_misfit(now, noise, terms), now, terms, spread), key=lambda b: b[0])
+        misfit = _misfit(start, noise, terms)
+        if misfit < best[0]:
+            best = misfit, terms, spread
+        terms, spread = _tuned_beside_parameters(start, noise, terms)
         moved = [abs(_setting(t) - b) for t, b in zip(terms, before)]
         room = [STEADY * s if s else ALMOST * b for s, b in zip(spread, before)]
         if all(m <= r for m, r in zip(moved, room)):
             break
-    return best[1], best[2], best[3]
+    misfit = _misfit(start, noise, terms)
+    if misfit > best[0] + AS_GOOD:
+        _, terms, spread = best
+    apart, others = _parted(terms)
+    values, _ = corrected(_at_element(start, apart, apart), noise, others)
+    beside = about(prepared, values)
+    return beside, [rebuilt(beside, t) if bilinear(t) else t for t in terms], spread
 
 
 def renewed(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> list[Term]:
@@ -96,20 +98,82 @@ def _tuned(
     return terms, spread
 
 
-def _misfit(prepared: Prepared, noise: NoiseFit, terms: Sequence[Term]) -> float:
-    return whiten_system(prepared.system, noise, [], terms).chi2
+def _tuned_beside_parameters(
+    start: Prepared, noise: NoiseFit, terms: Sequence[Term]
+) -> tuple[list[Term], list[float | None]]:
+    """Each setting tuned with the model's parameters at the element's temperature beside it."""
+    apart, others = _parted(terms)
+    plain = replace(start, system=_at_element(start, apart, apart))
+    made, widths = _tuned(plain, noise, others)
+    tuned = dict(zip(map(id, others), zip(made, widths)))
+    for term in apart:
+        rest = [t for t in apart if t is not term]
+        tuned[id(term)] = tune(
+            replace(start, system=_at_element(start, apart, rest)), noise, term, made
+        )
+    return [tuned[id(t)][0] for t in terms], [tuned[id(t)][1] for t in terms]
+
+
+def _misfit(start: Prepared, noise: NoiseFit, terms: Sequence[Term]) -> float:
+    apart, others = _parted(terms)
+    return whiten_system(_at_element(start, apart, apart), noise, [], others).chi2
+
+
+def _parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+    """Terms whose signature holds the model's parameters, and the others."""
+    return [t for t in terms if bilinear(t)], [t for t in terms if not bilinear(t)]
+
+
+def _at_element(start: Prepared, terms: Sequence[Term], taken: Sequence[Term]) -> System:
+    """The triad's rows with the parameters' columns at the elements' temperature, signatures `taken` away."""
+    base = start.system.base
+    observed, columns = list(base.observed), list(base.columns)
+    for term in taken:
+        for chain, made in zip(term.chains, term.columns):
+            observed[chain] = observed[chain] - made[:, 0]
+    for term in terms:
+        for chain, change in _by_parameters(start, term).items():
+            columns[chain] = columns[chain] + change
+    frames = tuple(span(x / np.linalg.norm(x, axis=0)) for x in columns)
+    return eqx.tree_at(
+        lambda s: (s.base.observed, s.base.columns, s.frames),
+        start.system,
+        (tuple(observed), tuple(columns), frames),
+    )
+
+
+def _by_parameters(start: Prepared, term: Term) -> dict[int, Float[np.ndarray, "row parameter"]]:
+    """Change of a term's rows by each parameter of the chain's own, chain by chain.
+
+    Chains without a common parameter are changed side by side. A model of the user's own need not be linear: a step
+    is a thousandth of the parameter.
+    """
+    base = start.system.base
+    made = {
+        chain: np.zeros((len(rows), len(base.index[chain])))
+        for chain, rows in zip(term.chains, term.columns)
+    }
+    flat = base.coefficients.reshape(-1)
+    for places in _places([base.index[c] for c in made]):
+        step = np.maximum(STEP * np.abs(flat[places]), STEP * STEP)
+        values = flat.copy()
+        values[places] += step
+        changed = rebuilt(about(start, values.reshape(base.coefficients.shape)), term)
+        for chain, now, old in zip(term.chains, changed.columns, term.columns):
+            index = list(base.index[chain])
+            for place, size in zip(places, step):
+                if place in index:
+                    made[chain][:, index.index(place)] = (now - old)[:, 0] / size
+    return made
+
+
+def _places(index: Sequence[np.ndarray]) -> list[list[int]]:
+    """Parameters that are changed together: one of each chain, or one of all where chains share any."""
+    every = [int(p) for one in index for p in one]
+    if len(set(every)) < len(every):
+        return [[p] for p in dict.fromkeys(every)]
+    return [[int(p) for p in row if p is not None] for row in zip_longest(*index)]
 
 
 def _setting(term: Term) -> float:
     return term.setting if term.known.nuisance else 0.0
-
-
-def _about(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> Prepared:
-    """The triad with the model's outputs at other temperatures from the parameters beside the chosen terms."""
-    base = prepared.system.base
-    values, _ = corrected(prepared.system, noise, chosen)
-    model = cast(Fitted, prepared.signal.at_temperature)
-    signal = eqx.tree_at(
-        lambda s: s.at_temperature, prepared.signal, model.with_parameters(base, values)
-    )
-    return replace(prepared, signal=signal, coarse=coarsen(signal, prepared.blocks))
