@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from diagnose_data import behind
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import pipeline
 from inertiax.diagnose.degree_beside import chosen_again
@@ -130,3 +131,31 @@ def test_without_an_effect_nothing_is_chosen_again():
     assert problem.plain.model.accel.temperature_degree == 2
     findings = find_all(problem.triads, "tactical", lambda _: None)
     assert chosen_again(problem, findings) is None
+
+
+def ramp(late=127.0) -> Campaign:
+    """Rests in all poses, again and again, while a chamber goes up and half down; the elements are late."""
+    rng = np.random.default_rng(5)
+    order = np.concatenate([rng.permutation(18) for _ in range(5)])
+    force = np.repeat(np.array(poses())[order], 26, axis=0)  # 13 s each, three of them in motion
+    position = np.where(np.arange(len(force)) % 26 < 6, -1, np.repeat(order, 26))
+    time = np.arange(len(force)) * 0.5
+    probe = np.interp(time / time[-1], [0.0, 0.55, 1.0], [-15.0, 55.0, -1.0])
+    x = (behind(time, probe, late) - 20.0) / 45.0
+    output = G * force + np.outer(x, [0.006, -0.015, -0.027]) + np.outer(x**2, [8e-3, -5e-3, -5e-3])
+    output += 6e-4 * rng.standard_normal(output.shape)
+    recording = Recording(
+        time, accel=output, position=position, temperature=probe[:, None], reference_accel=G * force
+    )
+    model = ModelChoice(accel_estimator="reference")
+    return Campaign((recording,), Site(G), Rig(1e-6), model, "tactical")
+
+
+@pytest.mark.slow
+def test_a_lag_that_hides_a_curve_keeps_its_name_when_the_degree_is_chosen_again():
+    # With slopes that the lag has bent, a hysteresis and a dependence on the rate of temperature fitted better.
+    found = pipeline.diagnose(ramp())
+    assert "was chosen again beside thermal_lag" in found.summary
+    assert [e.name for e in found.effects] == ["thermal_lag"]
+    lag = dict(found.effects[0].parameters)["time_constant"]
+    assert abs(lag.value - 127.0) < 3.0 * lag.std < 0.1 * 127.0

@@ -5,21 +5,26 @@ chose the degree, and curvature that is small beside it is not chosen. On output
 that came out too high costs some variance and is kept; one too low leaves a bias that no uncertainty contains.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
 import msgspec
 
 from ..calibrate.pipeline import calibrate_device
-from ..calibrate.results import DeviceResult
+from ..data.recording import Campaign
+from ..effects import Effect
 from ..model_selection.model_spec import ModelSpec
 from .candidates.signatures import Term
+from .element_temperature import begun_at, Curves, curves_of
 from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import Beside, without_effects
 from .estimates.separable import refined
 from .findings import Finding
-from .problem import Problem, with_outputs
+from .late_elements import LAG, late_elements
+from .noise.type_noise import TypeNoise
+from .observations.model_rows import calibrated
+from .problem import prepare, Problem, with_outputs
 
 
 # Drivers begin so of what a higher degree may explain instead, such as a loop that stands for curvature: it stays in
@@ -32,8 +37,8 @@ class Again:
     """A model with a higher degree for some triads, and the words for it."""
 
     problem: Problem  # whose model it replaces
-    beside: DeviceResult  # the calibration of outputs without the effects, with these degrees
     degrees: dict[str, int]  # by triad
+    curves: dict[str, Curves]  # parameters that the effects have not bent, by triad
     sentences: tuple[str, ...]  # for the summary
     choices: tuple[str, ...]  # for the notes of a calibration
 
@@ -46,6 +51,15 @@ class Again:
             for triad, degree in self.degrees.items()
         }
         return msgspec.structs.replace(self.problem.plain.model, **changes)
+
+    def prepared(
+        self, campaign: Campaign, effects: Sequence[Effect], noise: TypeNoise | None
+    ) -> Problem:
+        """The campaign with these degrees and parameters to begin a search with."""
+        problem = self.problem
+        if self.degrees:
+            problem = self.told(prepare(campaign, effects, noise=noise, model=self.model()))
+        return begun_at(problem, self.curves)
 
     def told(self, problem: Problem) -> Problem:
         """A problem of this model, with the choices of the first one's calibration and the new ones."""
@@ -109,19 +123,49 @@ def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
         )
     except ValueError:
         return None
+    curves = dict[str, Curves]()
+    for triad in names:
+        model = calibrated(found, triad)
+        if model is not None:
+            curves[triad] = curves_of(model)
+    return _raised(problem, curves, names)
+
+
+def beside_late_elements(problem: Problem) -> Again | None:
+    """The degrees and parameters beside a strong lag, where dwells tell one; `None` where they do not."""
+    curves = late_elements(problem)
+    if not curves:
+        return None
+    names = dict.fromkeys(curves, LAG.name)
+    return _raised(problem, curves, names) or Again(problem, {}, curves, (), ())
+
+
+def borne_out(again: Again, findings: Sequence[Finding]) -> bool:
+    """Whether the search names the lag that it was begun at, on every triad that was begun so."""
+    named = {
+        f.prepared.form.triad
+        for f in findings
+        for n in f.answer.named
+        if n.candidate.term.name == LAG.name
+    }
+    return named.issuperset(again.curves)
+
+
+def _raised(problem: Problem, curves: dict[str, Curves], names: Mapping[str, str]) -> Again | None:
+    """The model with the higher degrees among these; `None` where there are none."""
     degrees, sentences, choices = {}, [], []
     for triad, beside in names.items():
-        old, new = getattr(before, triad), getattr(found.model, triad)
-        if new is None or new.temperature_degree <= old.temperature_degree:
+        if triad not in curves:
             continue
-        degrees[triad] = new.temperature_degree
-        change = f"{new.temperature_degree} instead of {old.temperature_degree}"
+        old, new = getattr(problem.plain.model, triad).temperature_degree, curves[triad].degree
+        if new <= old:
+            continue
+        degrees[triad] = new
         whose = "accelerometers" if triad == "accel" else "gyros"
         sentences.append(
-            f"The temperature degree of the {whose} was chosen again beside {beside}: {change}."
+            f"The temperature degree of the {whose} was chosen again beside {beside}: {new} instead of {old}."
         )
-        choices.append(
-            f"{triad}: temperature degree {new.temperature_degree} by BIC beside {beside}, "
-            f"{old.temperature_degree} without"
-        )
-    return Again(problem, found, degrees, tuple(sentences), tuple(choices)) if degrees else None
+        choices.append(f"{triad}: temperature degree {new} by BIC beside {beside}, {old} without")
+    if not degrees:
+        return None
+    return Again(problem, degrees, curves, tuple(sentences), tuple(choices))

@@ -20,7 +20,7 @@ from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
-from .degree_beside import chosen_again
+from .degree_beside import beside_late_elements, borne_out, chosen_again
 from .estimates.allan_check import allan_checks
 from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import augmented_calibration, Beside
@@ -78,18 +78,26 @@ def diagnose_campaign(
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
         problem = prepare(seen, effects, noise=noise)
         progress("calibration, blocks and signatures made")
-        findings = _find(problem, effects, campaign.grade, progress)
-        again = chosen_again(problem, findings)
+        again, findings = beside_late_elements(problem), None
         if again is not None:
-            progress(" ".join(again.sentences))
-            problem = prepare(seen, effects, noise=noise, model=again.model(), beside=again.beside)
-            problem = again.told(problem)
-            kept = again.kept(findings)
+            late = again.prepared(seen, effects, noise)
+            findings = _find(late, effects, campaign.grade, progress)
+            if borne_out(again, findings):
+                problem = late
+            else:
+                again, findings = None, None
+        findings = findings or _find(problem, effects, campaign.grade, progress)
+        further = chosen_again(problem, findings)
+        if further is not None:
+            progress(" ".join(further.sentences))
+            problem = further.prepared(seen, effects, noise)
+            kept = further.kept(findings)
             findings = _find(problem, effects, campaign.grade, progress, kept)
+        sentences = tuple(s for a in (again, further) if a is not None for s in a.sentences)
         found, named = conclude_findings(findings, effects, progress)
-        if again is not None:
-            said = " ".join((found.summary, *again.sentences))
-            found = replace(found, summary=said, notes=(*found.notes, *again.sentences))
+        if sentences:
+            said = " ".join((found.summary, *sentences))
+            found = replace(found, summary=said, notes=(*found.notes, *sentences))
         if noise is not None:
             found = replace(found, noise=(noise.origin(), *found.noise))
         found = with_findings(replace(found, model=problem.plain.model), found_odd)

@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast, Protocol
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult
@@ -104,13 +102,11 @@ def prepare(
     catalogue: Sequence[Effect] = CATALOGUE,
     noise: TypeNoise | None = None,
     model: ModelSpec | None = None,
-    beside: DeviceResult | None = None,
 ) -> Problem:
     """Calibrate, cut the recordings into blocks, and make each triad's rows and all candidates.
 
     The model that is judged is `model`, else the one that the calibration chooses. `noise` is what other units tell of
-    the variances. `beside` is a calibration of outputs without what was named before: candidates whose signature holds
-    the model's parameters are made of its ones, which those effects have not bent.
+    the variances.
     Raises `ValueError` where the campaign cannot be calibrated or the noise is of another station or other rows.
     """
     if noise is not None:
@@ -133,8 +129,6 @@ def prepare(
     prepared = []
     for made in prepared_triads(campaign, log, fitted, catalogue, in_ramps=tuple(delays)):
         made = replace(made, delay=delays.get(made.form.triad))
-        if beside is not None:
-            made = _searched_about(made, calibrated(beside, made.form.triad))
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
 
@@ -257,45 +251,6 @@ def retuned(prepared: Prepared, term: Term, values: Sequence[float]) -> list[Ter
         for v in values
     ]
     return _formed(prepared, term, variants)
-
-
-class Fitted(Protocol):
-    """A fitted model's outputs at other temperatures: what a signal's `at_temperature` is in a diagnosis."""
-
-    def with_parameters(self, base: Baseline, coefficients: np.ndarray) -> "Fitted":
-        """The same for other parameters."""
-        ...
-
-
-def bilinear(term: Term) -> bool:
-    """Whether the term's signature is made of the model's outputs."""
-    return term.effect is not None and "at_temperature" in term.effect.requires
-
-
-def about(prepared: Prepared, values: Float[np.ndarray, "parameter size"]) -> Prepared:
-    """The triad with the model's outputs at other temperatures from these parameters."""
-    model = cast(Fitted, prepared.signal.at_temperature)
-    signal = eqx.tree_at(
-        lambda s: s.at_temperature,
-        prepared.signal,
-        model.with_parameters(prepared.system.base, values),
-    )
-    return replace(prepared, signal=signal, coarse=coarsen(signal, prepared.blocks))
-
-
-def _searched_about(prepared: Prepared, model: CalibratedTriad | None) -> Prepared:
-    """The triad with its candidates from the outputs of another calibration of the same form."""
-    same = model is not None and (model.form.names, model.form.degree) == (
-        prepared.form.names,
-        prepared.form.degree,
-    )
-    if not same or prepared.signal.at_temperature is None:
-        return prepared
-    assert model is not None
-    made, only = about(prepared, model.coefficients), prepared.only
-    listed = tuple(rebuilt(made, t) if bilinear(t) else t for t in made.candidates)
-    fewer = None if only is None else lambda kept: _searched_about(only(kept), model)
-    return replace(made, candidates=listed, only=fewer)
 
 
 def rebuilt(prepared: Prepared, term: Term) -> Term:

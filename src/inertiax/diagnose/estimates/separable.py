@@ -4,7 +4,7 @@ A lag shows as the difference of the model's outputs at two temperatures, $s(\\t
 h(T_p; \\theta)$. The model was fitted without the lag, so that a strong one has bent the very parameters that its
 signature is made of. Setting and parameters are therefore fitted together, by Gauss-Newton steps of
 
-$$y - h(T_p; \\theta_0) - s(\\theta_0, \\tau) = \\Bigl(\\frac{\\partial h}{\\partial \\theta} +
+$$y - h(T_p; \\theta) - s(\\theta, \\tau) = \\Bigl(\\frac{\\partial h}{\\partial \\theta} +
 \\frac{\\partial s}{\\partial \\theta}\\Bigr) \\, \\delta\\theta,$$
 
 in which the columns of the parameters are those at the element's temperature and $\\tau$ is the minimum of the
@@ -24,8 +24,9 @@ from jaxtyping import Float
 
 from ..candidates.columns import span
 from ..candidates.signatures import Term
+from ..element_temperature import about, bilinear
 from ..noise.observation_series import NoiseFit, System
-from ..problem import about, bilinear, Prepared, rebuilt
+from ..problem import Prepared, rebuilt
 from ..selection.score_test import whiten_system
 from .moments import tuned_moments
 from .parameters import corrected, tune
@@ -34,7 +35,6 @@ from .parameters import corrected, tune
 ROUNDS = 8
 STEADY = 0.1  # change of a setting, in its standard deviations, at which it stays
 ALMOST = 0.01  # the same in parts of the setting where the data do not tell it
-AS_GOOD = 0.1  # chi² that the last round may lose to the best one: less is the search's own grain
 STEP = 1e-3  # of a parameter, by which its change is found
 
 
@@ -50,27 +50,24 @@ def refined(
     if not any(map(bilinear, chosen)):
         terms, spread = _tuned(prepared, noise, chosen)
         return prepared, terms, spread
-    start = about(prepared, prepared.system.base.coefficients)
-    terms = [rebuilt(start, t) if bilinear(t) else t for t in chosen]
+    values = prepared.system.base.coefficients
+    now, terms = _about(prepared, values, chosen)
     spread: list[float | None] = [None] * len(terms)
-    best = np.inf, terms, spread
+    best = np.inf, now, terms, spread
     for _ in range(ROUNDS):
         before = [_setting(t) for t in terms]
-        misfit = _misfit(start, noise, terms)
-        if misfit < best[0]:
-            best = misfit, terms, spread
-        terms, spread = _tuned_beside_parameters(start, noise, terms)
+        terms, spread = _tuned_beside_parameters(now, noise, terms, values)
+        beside = _at_element(now, terms, terms, values)
+        others = _parted(terms)[1]
+        misfit = whiten_system(beside, noise, [], others).chi2
+        values, _ = corrected(beside, noise, others)
+        now, terms = _about(prepared, values, terms)
+        best = min(best, (misfit, now, terms, spread), key=lambda b: b[0])
         moved = [abs(_setting(t) - b) for t, b in zip(terms, before)]
         room = [STEADY * s if s else ALMOST * b for s, b in zip(spread, before)]
         if all(m <= r for m, r in zip(moved, room)):
             break
-    misfit = _misfit(start, noise, terms)
-    if misfit > best[0] + AS_GOOD:
-        _, terms, spread = best
-    apart, others = _parted(terms)
-    values, _ = corrected(_at_element(start, apart, apart), noise, others)
-    beside = about(prepared, values)
-    return beside, [rebuilt(beside, t) if bilinear(t) else t for t in terms], spread
+    return best[1], best[2], best[3]
 
 
 def renewed(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> list[Term]:
@@ -98,25 +95,27 @@ def _tuned(
     return terms, spread
 
 
+def _about(
+    prepared: Prepared, values: np.ndarray, terms: Sequence[Term]
+) -> tuple[Prepared, list[Term]]:
+    """The triad and the terms with signatures from these parameters."""
+    now = about(prepared, values)
+    return now, [rebuilt(now, t) if bilinear(t) else t for t in terms]
+
+
 def _tuned_beside_parameters(
-    start: Prepared, noise: NoiseFit, terms: Sequence[Term]
+    now: Prepared, noise: NoiseFit, terms: Sequence[Term], values: np.ndarray
 ) -> tuple[list[Term], list[float | None]]:
     """Each setting tuned with the model's parameters at the element's temperature beside it."""
     apart, others = _parted(terms)
-    plain = replace(start, system=_at_element(start, apart, apart))
+    plain = replace(now, system=_at_element(now, apart, apart, values))
     made, widths = _tuned(plain, noise, others)
     tuned = dict(zip(map(id, others), zip(made, widths)))
     for term in apart:
         rest = [t for t in apart if t is not term]
-        tuned[id(term)] = tune(
-            replace(start, system=_at_element(start, apart, rest)), noise, term, made
-        )
+        without = replace(now, system=_at_element(now, apart, rest, values))
+        tuned[id(term)] = tune(without, noise, term, made)
     return [tuned[id(t)][0] for t in terms], [tuned[id(t)][1] for t in terms]
-
-
-def _misfit(start: Prepared, noise: NoiseFit, terms: Sequence[Term]) -> float:
-    apart, others = _parted(terms)
-    return whiten_system(_at_element(start, apart, apart), noise, [], others).chi2
 
 
 def _parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
@@ -124,46 +123,55 @@ def _parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
     return [t for t in terms if bilinear(t)], [t for t in terms if not bilinear(t)]
 
 
-def _at_element(start: Prepared, terms: Sequence[Term], taken: Sequence[Term]) -> System:
-    """The triad's rows with the parameters' columns at the elements' temperature, signatures `taken` away."""
-    base = start.system.base
+def _at_element(
+    now: Prepared, terms: Sequence[Term], taken: Sequence[Term], values: np.ndarray
+) -> System:
+    """The triad's rows with the parameters' columns at the elements' temperature, and signatures `taken` away.
+
+    Rows are about the calibration's parameters, signatures about `values`.
+    """
+    base = now.system.base
     observed, columns = list(base.observed), list(base.columns)
     for term in taken:
         for chain, made in zip(term.chains, term.columns):
             observed[chain] = observed[chain] - made[:, 0]
+    moved = (values - base.coefficients).reshape(-1)
     for term in terms:
-        for chain, change in _by_parameters(start, term).items():
+        for chain, change in _by_parameters(now, term, values).items():
+            observed[chain] = observed[chain] + change @ moved[base.index[chain]]
             columns[chain] = columns[chain] + change
     frames = tuple(span(x / np.linalg.norm(x, axis=0)) for x in columns)
     return eqx.tree_at(
         lambda s: (s.base.observed, s.base.columns, s.frames),
-        start.system,
+        now.system,
         (tuple(observed), tuple(columns), frames),
     )
 
 
-def _by_parameters(start: Prepared, term: Term) -> dict[int, Float[np.ndarray, "row parameter"]]:
+def _by_parameters(
+    now: Prepared, term: Term, values: np.ndarray
+) -> dict[int, Float[np.ndarray, "row parameter"]]:
     """Change of a term's rows by each parameter of the chain's own, chain by chain.
 
     Chains without a common parameter are changed side by side. A model of the user's own need not be linear: a step
     is a thousandth of the parameter.
     """
-    base = start.system.base
+    base = now.system.base
     made = {
         chain: np.zeros((len(rows), len(base.index[chain])))
         for chain, rows in zip(term.chains, term.columns)
     }
-    flat = base.coefficients.reshape(-1)
+    flat = values.reshape(-1)
     for places in _places([base.index[c] for c in made]):
         step = np.maximum(STEP * np.abs(flat[places]), STEP * STEP)
-        values = flat.copy()
-        values[places] += step
-        changed = rebuilt(about(start, values.reshape(base.coefficients.shape)), term)
-        for chain, now, old in zip(term.chains, changed.columns, term.columns):
+        other = flat.copy()
+        other[places] += step
+        changed = rebuilt(about(now, other.reshape(values.shape)), term)
+        for chain, new, old in zip(term.chains, changed.columns, term.columns):
             index = list(base.index[chain])
             for place, size in zip(places, step):
                 if place in index:
-                    made[chain][:, index.index(place)] = (now - old)[:, 0] / size
+                    made[chain][:, index.index(place)] = (new - old)[:, 0] / size
     return made
 
 

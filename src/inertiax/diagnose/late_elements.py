@@ -1,0 +1,139 @@
+"""Elements so late behind the probe that nothing else can be told before: lag, degree and parameters at once.
+
+A model that was calibrated without a strong lag has parameters that the lag has bent, and often a degree too low, for
+the lag is scatter to the criterion that chose it. Every candidate is then judged beside curvature that is missing, and
+signatures of lags are made of the bent parameters: a hysteresis and a dependence on the rate of temperature together
+fit better. Means of the dwells tell such a lag by themselves, for of a given time constant the model is linear,
+
+$$\\bar y_n = \\sum_k T_k(x(\\bar T_{s,n})) \\, J_n \\, \\theta_k, \\qquad \\tau \\dot T_s + T_s = T_p,$$
+
+and the Bayesian information criterion chooses time constant and degree. What it finds is where the search begins. The
+search decides whether it is a lag.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..effects import CATALOGUE
+from ..effects.effect import lag
+from ..model_selection.temperature_degree import HIGHEST_DEGREE, temperature_levels
+from .element_temperature import Curves
+from .problem import Prepared, Problem
+
+
+# Convention: where a lag leaves less than half of the squares, it has bent the parameters by as much as they tell.
+STRONG = 0.5
+WORTH = 20.0  # by the criterion: odds of 20 000 to 1
+(LAG,) = (e for e in CATALOGUE if e.name == "thermal_lag")
+
+
+class _Chain(NamedTuple):
+    """Rows of one chain, a dwell each: outputs, and their derivatives by the parameters at one temperature."""
+
+    output: Float[np.ndarray, " dwell"]
+    jacobian: Float[np.ndarray, "dwell parameter"]
+
+
+class _Fit(NamedTuple):
+    """The model at given temperatures of the elements: criterion, squares left, coefficients chain by chain."""
+
+    criterion: float
+    left: float
+    degree: int
+    coefficients: list[Float[np.ndarray, "parameter size"]]
+
+
+def late_elements(problem: Problem) -> dict[str, Curves]:
+    """By triad whose elements are late by much, the parameters beside that lag and over the elements' temperature.
+
+    Their degree is the model's where the user gave it.
+    """
+    model = problem.plain.model
+    if model.together or model.lever_arms:
+        return {}
+    chosen_by, found = dict(model.chosen_by), {}
+    for prepared in problem.triads:
+        triad = prepared.form.triad
+        given = chosen_by.get(f"{triad}.temperature_degree") != "tool"
+        curves = _late(prepared, prepared.form.degree if given else None)
+        if curves is not None:
+            found[triad] = curves
+    return found
+
+
+def _late(prepared: Prepared, degree: int | None) -> Curves | None:
+    signal, blocks = prepared.signal, prepared.blocks
+    if signal.temperature is None or signal.at_temperature is None:
+        return None
+    place = np.unique(blocks.dwell, return_inverse=True)[1]
+    chains = _chains(prepared, place)
+    probe = _means(blocks.mean(np.asarray(signal.temperature)), place)
+    low, high = float(probe.min()), float(probe.max())
+    highest = min(HIGHEST_DEGREE, temperature_levels(probe) - 1)
+    degrees = range(1, highest + 1) if degree is None else range(degree, degree + 1)
+
+    def fitted(temperature: Float[np.ndarray, " dwell"], more: int) -> Iterable[_Fit]:
+        x = (2.0 * temperature - low - high) / (high - low)
+        made = (_fit(chains, np.polynomial.chebyshev.chebvander(x, d), more) for d in degrees)
+        return (f for f in made if f is not None)
+
+    plain = min(fitted(probe, 0), default=None)
+    elements = (
+        _means(
+            blocks.mean(
+                np.asarray(lag(signal.time, signal.temperature, float(v.settings["time_constant"])))
+            ),
+            place,
+        )
+        for v in LAG.variants(signal)
+    )
+    late = min((f for t in elements for f in fitted(t, 1)), default=None)
+    if plain is None or late is None:
+        return None
+    if plain.criterion - late.criterion < WORTH or late.left > STRONG * plain.left:
+        return None
+    size = prepared.form.degree + 1
+    values = np.zeros((len(prepared.form.names), late.degree + 1))
+    for index, mine in zip(prepared.system.base.index, late.coefficients):
+        values[index[::size] // size] = mine
+    return Curves(low, high, values)
+
+
+def _chains(prepared: Prepared, place: np.ndarray) -> list[_Chain]:
+    """The triad's rows, linear in the parameters about the calibration's, as means of dwells."""
+    base, size, made = prepared.system.base, prepared.form.degree + 1, []
+    flat = base.coefficients.reshape(-1)
+    for observed, columns, index in zip(base.observed, base.columns, base.index):
+        # The first of each parameter's columns is of the constant polynomial.
+        output = observed + columns @ flat[index]
+        made.append(_Chain(_means(output, place), _means(columns[:, ::size], place)))
+    return made
+
+
+def _means(rows: Float[np.ndarray, "block *more"], place: np.ndarray) -> np.ndarray:
+    """Means over the blocks of each dwell."""
+    total = np.zeros((place.max() + 1, *rows.shape[1:]))
+    np.add.at(total, place, rows)
+    return (total.T / np.bincount(place)).T
+
+
+def _fit(chains: list[_Chain], basis: Float[np.ndarray, "dwell size"], more: int) -> _Fit | None:
+    """Least squares of every chain with variances of their own; `None` where dwells are too few for it."""
+    criterion, left, made = 0.0, 0.0, []
+    for output, jacobian in chains:
+        count = jacobian.shape[1]
+        design = (jacobian[:, :, None] * basis[:, None, :]).reshape(len(output), -1)
+        if len(output) < 2 * design.shape[1]:
+            return None
+        solution, *_ = np.linalg.lstsq(design, output, rcond=1e-10)
+        squares = float(np.sum((output - design @ solution) ** 2))
+        criterion += len(output) * np.log(max(squares, 1e-300)) + len(solution) * np.log(
+            len(output)
+        )
+        left += squares
+        made.append(solution.reshape(count, -1))
+    criterion += more * np.log(sum(len(c.output) for c in chains))
+    return _Fit(criterion, left, basis.shape[1] - 1, made)
