@@ -298,3 +298,27 @@ def test_many_runs_in_one_track_have_a_covariance_each(biases, rested):
         navigation.observability(biases, many)
     with pytest.raises(ValueError, match=r"refined.*the state holds \(2,\) runs"):
         navigation.refined(biases, many.last)
+
+
+def test_refined_is_kalmans_update_of_all_coefficients_alone_and_in_traced_code(calibration):
+    """Of a measurement of the biases alone; the others follow by their correlation with them."""
+    filter_ = navigation.Filter(calibration, "*.bias", noise=NOISE, frame=FRAME, samples=SAMPLES)
+    scale, rows = np.asarray(filter_.model.states.scale), list(filter_.model.states.rows)
+    prior = np.asarray(calibration.covariance)
+    inside, noise = prior[np.ix_(rows, rows)], np.diag(0.25 * scale**2)
+    gain = prior[:, rows] @ np.linalg.inv(inside + noise)
+    measured = scale * np.array([np.linspace(-1.0, 1.0, len(rows)), np.cos(np.arange(len(rows)))])
+    expected, spread = measured @ gain.T, prior - gain @ prior[rows]
+
+    start = filter_.start(np.eye(3), np.zeros(3), np.zeros(3), **SIGMAS)
+    after = np.array(start.covariance)
+    after[-len(rows) :, -len(rows) :] = spread[np.ix_(rows, rows)] / np.outer(scale, scale)
+    leaves = lambda s: (s.estimate.calibration, s.covariance)
+    state = lambda moved: eqx.tree_at(leaves, start, (moved / scale, jnp.asarray(after)))
+    made = lambda moved: navigation.refined(filter_, state(moved))
+    alone, both = made(jnp.asarray(expected[0, rows])), jax.jit(jax.vmap(made))(expected[:, rows])
+    # 28 correlated coefficients, 64 bits.
+    np.testing.assert_allclose(alone.coefficients, expected[0], rtol=1e-9, atol=1e-16)
+    np.testing.assert_allclose(both.coefficients, expected, rtol=1e-9, atol=1e-16)
+    for found in (alone.covariance, both.covariance[1]):
+        np.testing.assert_allclose(found, spread, atol=1e-9 * spread.max())

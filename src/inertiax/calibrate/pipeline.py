@@ -9,7 +9,7 @@ from .._jax import jax
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.fitted_effects import FittedEffect
 from ..calibration.probe_error import probe_covariance
-from ..data.recording import Campaign, Recording, Rig
+from ..data.recording import Campaign, check_given_campaign, Recording, Rig
 from ..estimators import (
     GravityRotation,
     Invariant,
@@ -75,9 +75,17 @@ def calibrate(
     **Arguments:** `method` is "gauss-newton" (the procedure as a Gauss-Newton method), "joint" or
     "paper"; `robust` a pseudo-Huber threshold in standard deviations; `force` goes on where a plausibility
     check finds an error; `progress` is called with a line of text at each stage.
+
+    Raises `ValueError` for another method, and for what is no campaign.
+
+    **Example:** a log by hand, whose motions between rests calibrate the gyros:
+
+        (result,) = calibrate(Campaign(recording, Site(gravity=9.81)))
+        result.calibration.covariance    # (21, 21), both triads
     """
     if method not in METHODS:
         raise ValueError(f"`calibrate(method={method!r})`: method must be one of {list(METHODS)}.")
+    check_given_campaign("calibrate(campaign)", campaign)
     tell = progress if progress is not None else lambda _: None
     results: list[DeviceResult | DeviceFailure] = []
     for device in campaign.devices:
@@ -116,6 +124,7 @@ def calibrate_device(
 
     Raises `ValueError` with the reason where the data do not determine the model, or cannot be right.
     """
+    check_given_campaign("calibrate_device(campaign)", campaign)
     recordings = campaign.recordings
     as_recorded = segment_each(recordings, handling=False) if segments is None else None
     found_odd = () if checked else require_plausible(campaign, force=force, as_recorded=as_recorded)

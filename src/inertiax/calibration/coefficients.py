@@ -169,16 +169,18 @@ def replaced(
     return tuple(parts)
 
 
-def conditional(
-    mean: Float[AnyArray, "*batch n"],
-    spread: Float[AnyArray, "*batch n n"],
-    rows: Sequence[int],
-    given: Float[AnyArray, "*given k"],
-) -> tuple[Float[AnyArray, "*batch n"], Float[AnyArray, "*batch n n"]]:
-    """Mean and covariance of a Gaussian whose components `rows` are known to be `given`."""
-    xp = _library(mean, spread, given)
-    mean, spread = xp.asarray(mean), xp.asarray(spread)
-    known = np.asarray(rows, int)
+def regression(
+    spread: Float[AnyArray, "*batch n n"], rows: Sequence[int]
+) -> tuple[Float[AnyArray, "*batch n k"], Float[AnyArray, "*batch n n"]]:
+    """How a Gaussian's components follow those at `rows`, and the covariance that is left where these are known:
+
+    L = C_·b C_bb⁻¹,  the identity at `rows`;    C − L C_b·,  zero there.
+    """
+    xp = _library(spread)
+    spread, known = xp.asarray(spread), np.asarray(rows, int)
+    count = spread.shape[-1]
+    if not len(known):
+        return xp.zeros((*spread.shape[:-1], 0), spread.dtype), spread
     across = spread[..., :, known]
     inside = across[..., known, :]
     # A correlation, whose directions without variance are left out: coefficients may be held exactly.
@@ -189,16 +191,29 @@ def conditional(
     kept = xp.abs(values) > cut * xp.max(xp.abs(values), axis=-1, keepdims=True)
     over = xp.where(kept, 1.0 / xp.where(kept, values, 1.0), 0.0)
     inverse = (vectors * over[..., None, :]) @ xp.swapaxes(vectors, -1, -2) / whole
-    gain = across @ inverse
-    given = xp.broadcast_to(xp.asarray(given, mean.dtype), mean[..., known].shape)
-    moved = mean + (gain @ (given - mean[..., known])[..., None])[..., 0]
-    left = spread - gain @ xp.swapaxes(across, -1, -2)
     # What is known is so exactly, where rounding would leave some.
-    free = np.ones(mean.shape[-1])
+    free = np.ones(count)
     free[known] = 0.0
-    free = xp.asarray(free, mean.dtype)
-    left = 0.5 * (left + xp.swapaxes(left, -1, -2)) * (free[:, None] * free[None, :])
-    return _put(moved, known, given), left
+    free = xp.asarray(free, spread.dtype)
+    itself = xp.asarray(np.eye(count)[:, known], spread.dtype)
+    gain = itself + free[:, None] * (across @ inverse)
+    left = spread - gain @ xp.swapaxes(across, -1, -2)
+    return gain, 0.5 * (left + xp.swapaxes(left, -1, -2)) * (free[:, None] * free[None, :])
+
+
+def conditional(
+    mean: Float[AnyArray, "*batch n"],
+    spread: Float[AnyArray, "*batch n n"],
+    rows: Sequence[int],
+    given: Float[AnyArray, "*given k"],
+) -> tuple[Float[AnyArray, "*batch n"], Float[AnyArray, "*batch n n"]]:
+    """Mean and covariance of a Gaussian whose components `rows` are known to be `given`."""
+    xp = _library(mean, spread, given)
+    gain, left = regression(spread, rows)
+    mean, known = xp.asarray(mean), np.asarray(rows, int)
+    given = xp.broadcast_to(xp.asarray(given, mean.dtype), mean[..., known].shape)
+    change = xp.asarray(gain, mean.dtype) @ (given - mean[..., known])[..., None]
+    return _put(mean + change[..., 0], known, given), left
 
 
 def _put(whole: AnyArray, place: np.ndarray, new: AnyArray) -> AnyArray:

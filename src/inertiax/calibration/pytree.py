@@ -121,17 +121,18 @@ class Calibration:
         return GyroErrors(p[:3], p[3:12].reshape(3, 3), p[12:].reshape(3, 3))
 
     def __call__(
-        self, accel: Vec3, gyro: Vec3, temperature: Scalar | float
+        self, accel: Vec3, gyro: Vec3, temperature: Scalar | float | None = None
     ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         """Equation (3), exact: specific force (m/s²) and rate (rad/s) of one sample of raw outputs.
 
-        `vmap` it over samples. For a device with one triad pass zeros for the other.
+        `vmap` it over samples. For a device with one triad pass zeros for the other. The temperature (°C) may be left
+        out, or be NaN, where all parameters are constants.
 
-        Raises `ValueError` for other shapes and implausible units, for stacked devices, and where a named effect
-        depends on more than the sample.
+        Raises `ValueError` for other shapes and implausible units, for stacked devices, where a named effect
+        depends on more than the sample, and for parameters over temperature without one.
         """
         refuse_stacked(self.triads, "calibration(accel, gyro, temperature)", MAPPED)
-        self._check_sample("calibration", temperature, accel=accel, gyro=gyro)
+        temperature = self._checked("calibration", temperature, accel=accel, gyro=gyro)
         accel, gyro = jnp.asarray(accel), jnp.asarray(gyro)
         refuse_memory(self.effects, "calibration(accel, gyro, temperature)")
         force, rate = self._by_parameters(accel, gyro, temperature)
@@ -154,14 +155,14 @@ class Calibration:
         return force, rate
 
     def distort(
-        self, force: Vec3, rate: Vec3, temperature: Scalar | float
+        self, force: Vec3, rate: Vec3, temperature: Scalar | float | None = None
     ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         """Equation (1): outputs (m/s², rad/s) for one sample of specific force and absolute rate.
 
         The other way of `calibration(...)`, with the same errors raised.
         """
         refuse_stacked(self.triads, "calibration.distort(force, rate, temperature)", MAPPED)
-        self._check_sample("calibration.distort", temperature, force=force, rate=rate)
+        temperature = self._checked("calibration.distort", temperature, force=force, rate=rate)
         force, rate = jnp.asarray(force), jnp.asarray(rate)
         refuse_memory(self.effects, "calibration.distort(force, rate, temperature)")
         accel, gyro = self.distort_by_parameters(force, rate, temperature)
@@ -178,14 +179,20 @@ class Calibration:
         gravity = jnp.asarray(self.gravity)
         return accel, distort_gyro(self.gyro_errors(temperature), rate, force, gravity)
 
-    def _check_sample(self, call: str, temperature: Scalar | float, **vectors: Vec3) -> None:
-        """Raise `ValueError` for what is no sample. Constant parameters alone do not look at the temperature."""
+    def _checked(
+        self, call: str, temperature: Scalar | float | None, **vectors: Vec3
+    ) -> Scalar | float:
+        """The temperature, NaN where constant parameters do without; raises `ValueError` for what is no sample."""
         call = f"{call}({', '.join(vectors)}, temperature)"
+        looks = bool(self.effects) or any(t.curve.basis.size > 1 for t in self.triads)
+        if temperature is None and not looks:
+            temperature = np.nan
         check_given(call, **vectors, temperature=temperature)
         check_one(call, **vectors)
-        looks = bool(self.effects) or any(t.curve.basis.size > 1 for t in self.triads)
+        assert temperature is not None  # or `check_given` would have said so
         force, rate = vectors.items()
         check_sample(call, temperature if looks else np.nan, force=force, rate=rate)
+        return temperature
 
     def extrapolates(self, temperature: Scalar | float) -> Bool[Array, ""]:
         """Whether a temperature (°C) is outside what the calibration data covered."""

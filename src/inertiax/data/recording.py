@@ -4,6 +4,7 @@ Host data (NumPy), large and never traced; dwell means made from it go to JAX.
 """
 
 import copy
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from jaxtyping import Float, Int
 
 from .._records import field, Module
 from .._typing import Given
+from ..physics.leaves import as_plain
 from .frames import columns_of, Names, TRIADS
 from .plausible_units import (
     check_earth_field,
@@ -37,6 +39,11 @@ def _probes(values: Any) -> Any:
     """The temperature with a column for each probe; one probe's may be given as (time,)."""
     single = isinstance(values, np.ndarray) and values.ndim == 1
     return _by_column(values[:, None] if single else values)
+
+
+def _together(recordings: Any) -> Any:
+    """A tuple of recordings; one may be given alone."""
+    return tuple(recordings) if isinstance(recordings, Iterable) else (recordings,)
 
 
 def _matrix(**given: Any) -> Any:
@@ -242,9 +249,11 @@ class Site(Module):
     Raises `ValueError` for a gravity that is none in m/s², a latitude in degrees or a magnetic field that is none in T.
     """
 
-    gravity: float = field(static=True, default=9.80665)  # m/s²
-    latitude: float | None = field(static=True, default=None)  # rad
-    magnetic_field: float | None = field(static=True, default=None)  # T, magnitude
+    gravity: float = field(static=True, default=9.80665, converter=as_plain)  # m/s²
+    # rad
+    latitude: float | None = field(static=True, default=None, converter=as_plain)
+    # T, magnitude
+    magnetic_field: float | None = field(static=True, default=None, converter=as_plain)
 
     def __check_init__(self):
         check_earth_field("Site", self.magnetic_field)
@@ -262,9 +271,11 @@ class Rig(Module):
     """
 
     # rad, each positioning
-    position_uncertainty: float | None = field(static=True, default=None)
-    rate_uncertainty: float | None = field(static=True, default=None)  # relative to the rate
-    temperature_uncertainty: float | None = field(static=True, default=None)  # °C
+    position_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
+    # Relative to the rate
+    rate_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
+    # °C
+    temperature_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
 
     def __check_init__(self):
         # Beyond these a station promises nothing: 30° of attitude, half of the rate, 50 °C.
@@ -289,7 +300,7 @@ class ModelChoice(Module):
     gyro_estimator: str | None = field(static=True, default=None)
     g_sensitivity: bool | None = field(static=True, default=None)  # the gyros' matrix D
     # Of every parameter's polynomial; 0 = constant.
-    temperature_degree: int | None = field(static=True, default=None)
+    temperature_degree: int | None = field(static=True, default=None, converter=as_plain)
     together: bool | None = field(static=True, default=None)  # both triads in one least squares
     lever_arms: bool | None = field(static=True, default=None)  # of the accelerometers
     misalignment: bool | None = field(static=True, default=None)  # of the gyros to them
@@ -305,15 +316,26 @@ def renamed(recording: Recording, device: str) -> Recording:
 
 
 class Campaign(Module):
-    """Recordings of one or many devices, with the place, the rig and the model to fit."""
+    """Recordings of one or many devices, with the place, the rig and the model to fit.
 
-    recordings: tuple[Recording, ...]  # of all devices
+    `Campaign(recording, Site(gravity=9.81))` is that of one log. Raises `ValueError` for what is no recording.
+    """
+
+    recordings: tuple[Recording, ...] = field(converter=_together)  # of all devices; or one
     site: Site = Site()  # gravity and latitude
     rig: Rig = Rig()  # what the station promises, 1 sigma
     model: ModelChoice = ModelChoice()  # what the user wants to be fitted
     grade: str | None = field(static=True, default=None)  # navigation | tactical | consumer
     path: Path | None = field(static=True, default=None)  # campaign.toml, if read from one
     notes: tuple[str, ...] = field(static=True, default=())  # what a reader should know
+
+    def __check_init__(self):
+        for each in self.recordings:
+            if not isinstance(each, Recording):
+                raise ValueError(
+                    f"`Campaign(recordings=...)`: {type(each).__name__} is no Recording; make them by "
+                    f"`Recording.from_arrays(time, accel, gyro)`."
+                )
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -328,3 +350,12 @@ class Campaign(Module):
                 f"`Campaign.of_device({device!r})`: no such device; found {list(self.devices)}."
             )
         return Campaign(chosen, self.site, self.rig, self.model, self.grade, self.path, self.notes)
+
+
+def check_given_campaign(call: str, campaign: object) -> None:
+    """Raise `ValueError` for what is no `Campaign`, with the call that makes one of it."""
+    if not isinstance(campaign, Campaign):
+        raise ValueError(
+            f"`{call}`: {type(campaign).__name__} is no Campaign; a recording's is `Campaign(recording, "
+            f"Site(gravity=...))`, a folder's `load_campaign(path)`."
+        )

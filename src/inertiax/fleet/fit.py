@@ -174,7 +174,13 @@ def _check(
         if estimator is None:
             continue
         check_estimator(f"fit({triad}=...)", estimator)
-        if estimator.triad != triad or isinstance(estimator, GravityRotation):
+        if isinstance(estimator, GravityRotation):
+            raise ValueError(
+                f"`fit({triad}=...)`: GravityRotation needs the motions between rests, which dwells do not hold; give "
+                f"the recording: `from inertiax.calibrate.pipeline import calibrate`, "
+                f"`calibrate(Campaign(recording, Site(gravity=...)))`."
+            )
+        if estimator.triad != triad:
             raise ValueError(
                 f"`fit({triad}=...)`: {type(estimator).__name__} is no estimator for it."
             )

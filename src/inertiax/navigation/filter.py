@@ -25,6 +25,7 @@ from ..calibration.calibration import Calibration
 from ..calibration.triad import MAPPED, refuse_stacked
 from ..data.plausible_units import check_from_zero
 from ..numerics.linear_algebra import cholesky, cholesky_solve
+from ..physics.leaves import as_plain
 from ..physics.shapes import check_one
 from .calibration_states import calibration_states, CalibrationStates
 from .checks import check_data, check_near, check_rotation, check_speed, FARTHEST, FASTEST
@@ -128,7 +129,9 @@ class Filter(eqx.Module):
         refuse_stacked(calibration.triads, "Filter(calibration)", MAPPED)
         self.calibration = calibration
         chosen = calibration_states(calibration, states, thermal=thermal)
-        self.model = FilterModel(chosen, noise, frame, jnp.asarray(calibration.gravity), samples)
+        self.model = FilterModel(
+            chosen, noise, frame, jnp.asarray(calibration.gravity), as_plain(samples)
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

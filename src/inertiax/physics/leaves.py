@@ -20,3 +20,9 @@ def is_traced(value: Any) -> bool:
     """Whether a value is not known, because a program is being made."""
     jax = sys.modules.get("jax")  # where it is not loaded, there is nothing that it traces
     return jax is not None and isinstance(value, jax.core.Tracer)
+
+
+def as_plain(value: Any) -> Any:
+    """A number of NumPy's or JAX's as Python's, which a pytree's structure may hold; what is none, as it is."""
+    single = hasattr(value, "dtype") and np.ndim(value) == 0 and not is_traced(value)
+    return value.item() if single else value

@@ -23,7 +23,7 @@ def check_given(call: str, **values: Any) -> None:
     for name, value in values.items():
         if value is None:
             cure = "zeros for a triad that the device lacks"
-            cure = "°C, or NaN where there is no probe" if name == "temperature" else cure
+            cure = "°C" if name == "temperature" else cure
             raise ValueError(f"`{call}`: {name} is None; give {cure}.")
 
 

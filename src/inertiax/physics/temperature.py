@@ -17,7 +17,7 @@ from jaxtyping import Float
 from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray, Scalar
 from .celsius import not_celsius
-from .leaves import as_array, as_leaf, is_traced
+from .leaves import as_array, as_leaf, as_plain, is_traced
 
 
 class AbstractBasis(eqx.Module):
@@ -100,7 +100,7 @@ class Polynomial(AbstractBasis):
     **Reference:** Trefethen, *Approximation Theory and Approximation Practice*, SIAM 2013, ch. 3.
     """
 
-    degree: int = eqx.field(static=True)  # the highest
+    degree: int = eqx.field(static=True, converter=as_plain)  # the highest
     # Leaves, so that devices of other ranges share compiled code.
     low: Float[AnyArray, "*batch"] | float = eqx.field(converter=as_leaf)  # °C, maps to x = -1
     high: Float[AnyArray, "*batch"] | float = eqx.field(converter=as_leaf)  # °C, maps to x = +1

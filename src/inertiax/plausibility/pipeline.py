@@ -4,7 +4,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 
-from ..data.recording import Campaign
+from ..data.recording import Campaign, check_given_campaign
 from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
 from ..reduction.segments import Segments
@@ -79,6 +79,7 @@ def check_campaign(
     **Arguments:** `as_recorded` are the segments of the recordings of a campaign of one device
     (`reduction.segment(..., handling=False)`), where they were found before.
     """
+    check_given_campaign("check_campaign(campaign)", campaign)
     found: list[Finding] = []
     for device in campaign.devices:
         logs = look_at(campaign, device, as_recorded=as_recorded)
