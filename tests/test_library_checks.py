@@ -102,7 +102,7 @@ CASES = [
     ("ix.joint_fit(ix.Invariant, ix.Constant(), D(a[0]))", "Invariant is a class"),
     ("ix.fit(D(a), accel=ix.StaticGyro(gravity=9.81))", "StaticGyro is no estimator for it"),
     ("ix.fit(D(a, w), gyro=GravityRotation(gravity=9.81))", "import calibrate`, `calibrate(Campaign(recording, Site("),
-    ("calibrate(still)", "`calibrate(campaign)`: Recording is no Campaign; a recording's is `Campaign(recording, Site("),
+    ("calibrate(still)", "`calibrate(campaign)`: Recording is no Campaign; a recording's is `Campaign("),
     ("ix.Campaign(x)", "`Campaign(recordings=...)`: ndarray is no Recording"),
     ("jax.jit(ix.fit)(D(a))", "does not work in traced code"),
     ("R(t, x, temperature=np.full(10, 300.0))", "(temperature=...)`: from 300"),

@@ -3,7 +3,7 @@
     σ²(τ) = 3 Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2
 
 All are *densities*: they do not depend on the sampling rate. What a filter or simulator asks for as
-"discrete" noise is another number; `NoiseTerm.discrete` names both so that they are not mixed.
+"discrete" noise is another number; `NoiseModel.discrete_sigma` and `discrete_walk` give it.
 """
 
 import numpy as np

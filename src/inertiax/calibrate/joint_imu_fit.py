@@ -121,7 +121,7 @@ def fit_together(
 ) -> Together:
     """One least squares over both triads' rows of the dwells.
 
-    **Arguments:** `dwells` hold raw outputs of both triads (with `GravityRotation`, as `turns.with_motions`
+    **Arguments:** `dwells` hold raw outputs of both triads (with `GravityRotation`, as `with_motions`
     makes them of uncompensated dwells); `degrees` of the accelerometers' and gyros' polynomials over
     temperature, scaled over `bounds` (°C; the dwells' own where absent).
 

@@ -104,7 +104,7 @@ def leave_positions_out(
     """Diagnose a campaign, then predict each position's mean from the other positions.
 
     The effects are chosen on all rests; the coefficients of model and effects are refitted without the position
-    that they predict, and one that the other positions do not tell predicts nothing (`prove.predict_rest`).
+    that they predict, and one that the other positions do not tell predicts nothing (`cross_validation.predict_rest`).
     **Returns** the diagnosis and one `Prediction` per chain: rms over positions, SI.
     """
     with jax.enable_x64(True):

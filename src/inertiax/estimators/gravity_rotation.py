@@ -37,7 +37,8 @@ from .triads import dwell_force, GyroEstimator
 class GravityRotation(GyroEstimator):
     """Gravity's rotation between rests; bias (3), full Θ (9), optionally D (9). See the module.
 
-    Dwells are rests with their `motion`, as `turns.with_motions` makes them.
+    Dwells are rests with their `motion`, as `rotations_between_rests.with_motions` makes them;
+    `calibrate.pipeline.calibrate` does it for a recording, `ix.fit` cannot.
     """
 
     gravity: Scalar = eqx.field(converter=as_array)  # m/s², makes D's force dimensionless
@@ -165,6 +166,6 @@ def _whiten2(
 
 
 def _motion(dwell: Dwells) -> Motions:
-    # Dwells for this estimator carry motions; `turns.with_motions` says so where they cannot.
+    # Dwells for this estimator carry motions; `with_motions` says so where they cannot.
     assert dwell.motion is not None
     return dwell.motion

@@ -55,7 +55,7 @@ def settings_from_noise(
 ) -> NoiseSettings:
     """The noise settings of an export format, SI densities, from the bytes of a `noise.json`.
 
-    `module.NOISE` names the format's settings with triad and term of each, `module.RATE` the one that takes the
+    `NOISE` of its module names the format's settings with triad and term of each, `RATE` the one that takes the
     log's sampling rate. Where the document holds several logs, that of `device` is taken. Settings in `given` have a
     value of the user's own, which goes before.
 

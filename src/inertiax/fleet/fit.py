@@ -44,8 +44,8 @@ class Fit:
 
     `residuals`, `chi2` and `dof` have an entry for each triad that was fitted. χ² weighs with the dwells' own sigma
     and is NaN where that was not given. Where it exceeds what one fit in a hundred has by chance, dwells differ by
-    more than their noise: `accel.scatter` and `gyro.scatter` are that further standard deviation (m/s², rad/s; zero
-    where the noise suffices), and the covariance includes it.
+    more than their noise: `fit.accel.scatter` and `fit.gyro.scatter` are that further standard deviation (m/s², rad/s;
+    zero where the noise suffices), and the covariance includes it.
     """
 
     calibration: Calibration  # stacked where there are devices

@@ -15,7 +15,7 @@ class DenseNormal(lx.AbstractLinearSolver):
     Columns are scaled to unit length, which bounds the condition number to within $\\sqrt n$ of the
     best diagonal scaling (van der Sluis 1969), then AᵀA is factorised by `cholesky`. Accuracy is
     about cond(A)² ε; calibration Jacobians have scaled condition numbers of 3 to 300.
-    A singular A yields NaN, which lineax reports as `RESULTS.singular`.
+    A singular A yields NaN, which lineax reports as `lineax.RESULTS.singular`.
     """
 
     def init(

@@ -77,7 +77,7 @@ def check_campaign(
     """What cannot be right in a campaign, by physics alone: nothing is fitted but a few lines, on the host.
 
     **Arguments:** `as_recorded` are the segments of the recordings of a campaign of one device
-    (`reduction.segment(..., handling=False)`), where they were found before.
+    (`reduction.segments.segment(..., handling=False)`), where they were found before.
     """
     check_given_campaign("check_campaign(campaign)", campaign)
     found: list[Finding] = []

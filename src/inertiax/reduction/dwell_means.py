@@ -43,7 +43,7 @@ def reduce_to_dwells(
     g-sensitivity, their covariance large, and the invariant estimator has no use for them.
 
     **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
-    covariances see `covariances.covariances_of_means`: they hold what the scatter within a dwell
+    covariances see `mean_covariance.covariances_of_means`: they hold what the scatter within a dwell
     says about its mean, not what changes from dwell to dwell (positioning, bias wander).
 
     Raises `ValueError` for several devices, for recordings with different columns, and where

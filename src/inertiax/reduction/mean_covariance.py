@@ -39,8 +39,8 @@ def covariances_of_means(
         Var = s²_kc τ_c(n) / n + quantisation floor,
 
     where τ follows from how the samples resemble their neighbours, pooled over dwells
-    (`noise.NoiseShape`), and s² is the dwell's own variance drawn towards all dwells' by their
-    degrees of freedom (`noise.prior_freedom`), so that no dwell gets a great weight for having
+    (`mean_noise.NoiseShape`), and s² is the dwell's own variance drawn towards all dwells' by their
+    degrees of freedom (`mean_noise.prior_freedom`), so that no dwell gets a great weight for having
     been quiet by chance. Channels of a triad correlate as they do in all dwells together. A dwell
     of one sample has the pooled variance; where no dwell has two samples nothing is known, and
     the covariances are zero: an estimator then weights the dwells equally and takes the scale

@@ -112,7 +112,7 @@ def deviations(view: TriadView) -> Float[np.ndarray, "devices grid parameters"]:
 def unlike_devices(view: TriadView) -> tuple[Unlike, ...]:
     """Devices unlike the others, the farthest first.
 
-    Those that `between.deviation` found in the run's population; with a prior those of which a
+    Those that are outliers of the run's population; with a prior those of which a
     parameter is so far out that it would happen to any device of a normal fleet with a chance of 1 %.
     """
     if view.line is None:
