@@ -12,9 +12,16 @@ from command_runs import run
 from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.columns import Turntable
-from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings, rates_by_axis
+from inertiax.data.formats.table_angles import (
+    DIRECTIONS,
+    ideal_readings,
+    rates_by_axis,
+    rates_of_angles,
+)
+from inertiax.data.recording import Recording
 from inertiax.physics.earth import earth_rate
 from inertiax.plausibility import check_campaign
+from inertiax.reduction.segments import segment
 
 
 G, LATITUDE = 9.81, np.deg2rad(48.2)
@@ -42,7 +49,7 @@ def attitudes(table, angles):
 
 def earth_in_room(table):
     """The room is turned clockwise by its azimuth, seen from above."""
-    room = Rotation.from_euler("z", -table.azimuth, degrees=True)
+    room = Rotation.from_euler("z", -(table.azimuth or 0.0), degrees=True)
     return room.inv().apply(np.array(earth_rate(LATITUDE)))
 
 
@@ -108,6 +115,62 @@ def test_one_column_of_rates_is_that_of_the_axis_that_turns():
     np.testing.assert_allclose(found[between], right[between], atol=0.036)
     with pytest.raises(ValueError, match="not the change of any of table_angles"):
         rates_by_axis(np.deg2rad(angles), np.deg2rad(told[:, None] * 3.0), t)
+
+
+def ramped(t, begin, rate, ramp, held):
+    """Angle and rate, ° and °/s, of an axis that speeds up evenly to `rate`, holds it and slows down again."""
+    knots = begin + np.array([0.0, ramp, ramp + held, 2.0 * ramp + held])
+    turning = np.interp(t, knots, [0.0, rate, rate, 0.0])
+    up, flat, down = (np.clip(t - b, 0.0, e - b) for b, e in zip(knots, knots[1:]))
+    angle = 0.5 * rate / ramp * up**2 + rate * flat + rate * down - 0.5 * rate / ramp * down**2
+    return angle, turning
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])  # of an encoder, °; else its digits of 0.0001°
+def test_a_programmed_rate_that_is_written_through_the_ramps_is_none_there(noise):
+    """±90 °/s at 60 °/s² of the outer axis, as a station writes that commands rates."""
+    t = np.arange(0.0, 60.0, 0.01)
+    (a, w), (b, v) = ramped(t, 5.0, 90.0, 1.5, 16.0), ramped(t, 32.0, -90.0, 1.5, 16.0)
+    told = 90.0 * ((w != 0.0) * 1.0 - (v != 0.0))
+    angles = np.stack([a + b, np.full(len(t), 30.0)], axis=1)
+    angles += noise * np.random.default_rng(4).standard_normal(angles.shape)
+    angles = np.deg2rad(np.round(angles, 4) % 360.0)
+    said = np.rad2deg(rates_by_axis(angles, np.deg2rad(told[:, None]), t))
+    alone = np.rad2deg(rates_of_angles(angles, t))
+    right = w + v
+    flat = np.abs(np.abs(right) - 90.0) < 1e-9
+    # A row of the ramp, 0.6 °/s, and its digits; beside a plateau five times what noise makes of the change over 10 ms,
+    # where a ramp is not told from it, and four times for the row's own.
+    near = np.sqrt(2.0) * noise / 0.01
+    assert np.abs(said - np.stack([right, 0.0 * right], axis=1)).max() < 0.7 + 9.0 * near
+    assert np.mean(np.abs(said[flat] - [[90.0, 0.0]] * np.sign(right[flat, None])) == 0.0) > 0.999
+    # The mean rate over 15 s of 1500 angles with noise, or with the digits' 0.00003°.
+    inside = flat & np.roll(flat, 30) & np.roll(flat, -30)
+    sigma = np.sqrt(12.0) * max(noise, 3e-5) / 15.0 / np.sqrt(1500.0)
+    assert np.abs(alone[inside, 0] - right[inside]).max() < 5.0 * sigma
+    assert np.ptp(alone[inside & (right > 0.0)], axis=0).max() == 0.0
+
+
+def test_a_rate_that_a_reference_holds_through_the_ramps_is_cut_by_the_gyros():
+    """Plateaus of 8 s between ramps of 1.5 s; a gyro of 0.05 °/s and 1 % reaches 90 °/s to its noise within 2 ms of
+    the ramp's end. Turns by hand, whose reference is the mean rate over ramps and all, stay whole."""
+    t = np.arange(0.0, 60.0, 0.01)
+    (_, w), (_, v) = ramped(t, 5.0, 90.0, 1.5, 8.0), ramped(t, 32.0, -90.0, 1.5, 8.0)
+    right = np.stack([w + v, 0.0 * t, 0.0 * t], axis=1)
+    gyro = 1.01 * right + 0.05 * np.random.default_rng(6).standard_normal(right.shape)
+    turns = np.sign(right)
+    cut = lambda reference: segment(
+        Recording(t, gyro=np.deg2rad(gyro), reference_gyro=np.deg2rad(reference))
+    )
+    found = cut(90.0 * turns)
+    plateau = ~found.resting
+    assert plateau.sum() == 2
+    np.testing.assert_allclose(t[found.start[plateau]], [6.5, 33.5], atol=0.03)
+    np.testing.assert_allclose(t[found.stop[plateau] - 1], [14.5, 41.5], atol=0.03)
+    assert abs(found.ramps - 6.0) < 0.1
+    by_hand = cut(90.0 * 9.5 / 11.0 * turns)  # 8 s and twice half of 1.5 s, over 11 s
+    assert by_hand.ramps == 0.0
+    assert np.ptp(by_hand.stop[~by_hand.resting] - by_hand.start[~by_hand.resting]) <= 1
 
 
 def test_an_azimuth_that_the_gyros_contradict_is_said_with_the_right_one(tmp_path):

@@ -29,6 +29,7 @@ from ..model_selection.select_model import (
 from ..numerics.blas_threads import one_blas_thread
 from ..physics.directions import FEWEST_DIRECTIONS
 from ..plausibility import Finding, require_plausible, statements
+from ..plausibility.stated_rates import ramps_sentence
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
 from ..reduction.earth_at_rest import without_vertical_earth_rate
@@ -155,6 +156,8 @@ def calibrate_device(
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
     choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
+    ramps = sum(s.ramps for s in segments)
+    choices += [f"plateaus: {ramps_sentence(ramps)}"] if ramps else []
     warnings = [*campaign.notes, *statements(found_odd), *_of_turning(campaign, segments)]
     warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells

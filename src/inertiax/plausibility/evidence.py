@@ -38,6 +38,7 @@ class Log:
     plateau_stop: Int[np.ndarray, " plateau"]
     step: float  # s, the usual time from sample to sample
     turning: bool = False  # slowly all along: the rests are stretches of that
+    ramps: float = 0.0  # s, of plateaus at whose ends the gyros still changed; left out
     known: dict[tuple[str, str], Means] = dataclasses.field(default_factory=dict)  # asked before
 
     @property
@@ -138,7 +139,7 @@ def look_at(
     logs = tuple(look_at_one(r, s) for r, s in zip(recordings, as_recorded, strict=True))
     asked = {"accel": campaign.model.accel_estimator, "gyro": campaign.model.gyro_estimator}
     left_alone = frozenset(triad for triad, name in asked.items() if name == NOT_CALIBRATED)
-    azimuth = 0.0 if said is None else said.table.azimuth
+    azimuth = 0.0 if said is None else said.table.azimuth or 0.0
     return DeviceLogs(logs, campaign.site, columns, device, left_alone, azimuth)
 
 
@@ -158,4 +159,5 @@ def look_at_one(recording: Recording, found: Segments | None = None) -> Log:
         found.stop[plateaus],
         usual_step(recording),
         found.turning is not None,
+        found.ramps,
     )

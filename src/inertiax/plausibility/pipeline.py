@@ -32,6 +32,7 @@ from .samples import (
     check_saturation,
 )
 from .spikes import check_spikes
+from .stated_rates import check_stated_rates
 from .temperature import check_temperature
 from .thresholds import DEFAULT, Thresholds
 from .zero_jump import check_zero_jump
@@ -50,6 +51,7 @@ CHECKS: tuple[Check, ...] = (
     check_gyro_turns,
     check_references,
     check_azimuth,
+    check_stated_rates,
     check_gravity,
     check_clock,
     check_temperature,

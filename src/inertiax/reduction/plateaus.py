@@ -1,5 +1,7 @@
 """Where a table turns at a constant rate, by the reference rates of a recording."""
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -20,6 +22,12 @@ MOST_NOISE = (
     3.0,
     1e-4,
 )  # Earth rates, and of the rate: a measured reference is not noisier than that
+
+RAMP = 0.1  # s, from which what the gyros still change at an end of a plateau is a ramp, and no lag of theirs
+RAMP_SHARE = 0.05  # of the rate: by how much they are off at that end
+MIDDLE_SHARE = 0.1  # of the rate: what they may scatter in the middle
+BEYOND = 1.5  # times the largest scatter in the middle
+BY_HAND = 0.2  # of the rate, see `manual_turns`
 
 
 def steady_steps(recording: Recording) -> Bool[np.ndarray, " step"]:
@@ -68,3 +76,43 @@ def without_ramps(
     turning = (position < 0) & (np.linalg.norm(rate, axis=1) > TURNING * EARTH_RATE)
     beside = np.concatenate([[False], turning, [False]])
     return start + beside[start], stop - beside[stop + 1]
+
+
+def without_unsaid_ramps(
+    recording: Recording, start: Int[np.ndarray, " plateau"], stop: Int[np.ndarray, " plateau"]
+) -> tuple[Int[np.ndarray, " plateau"], Int[np.ndarray, " plateau"]]:
+    """Plateaus without the ends at which the gyros still change, for a reference may be the rate that the table was
+    told, and hold it while the table speeds up.
+
+    Beyond doubt is an end of 0.1 s and more that begins 5 % off the middle, further than the middle's quarter
+    scatters. A turn by hand stays whole: its reference is the mean rate over all of it.
+    """
+    if recording.gyro is None:
+        return start, stop
+    assert recording.reference_gyro is not None
+    first, last = start.copy(), stop.copy()
+    least = RAMP / usual_step(recording)
+    for k, (a, b) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
+        gyro, rows = recording.gyro[a:b], b - a
+        reference = recording.reference_gyro[(a + b) // 2]
+        size = float(np.linalg.norm(reference))
+        middle = slice(3 * rows // 8, rows - 3 * rows // 8)
+        level = np.median(gyro[middle], axis=0)
+        off = np.linalg.norm(gyro - level, axis=1)
+        allowed = BEYOND * float(off[middle].max())
+        if max(off[0], off[-1]) <= RAMP_SHARE * size or allowed > MIDDLE_SHARE * size:
+            continue
+        near = np.linalg.norm(gyro.mean(axis=0) - reference) < np.linalg.norm(level - reference)
+        if (
+            near
+            and math.sqrt(float(np.square(gyro - gyro.mean(axis=0)).sum(axis=1).mean()))
+            > BY_HAND * size
+        ):
+            continue
+        ramps = int(np.argmax(off <= allowed)), int(np.argmax(off[::-1] <= allowed))
+        up, down = (
+            n if n >= least and end > RAMP_SHARE * size else 0
+            for n, end in zip(ramps, (off[0], off[-1]), strict=True)
+        )
+        first[k], last[k] = a + up, b - down
+    return first, last

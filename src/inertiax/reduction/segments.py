@@ -18,7 +18,7 @@ from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.vectors import angle_between
 from ..physics.wgs84 import EARTH_RATE
 from .handling import Disturbance, undisturbed
-from .plateaus import plateaus, steady_steps, TURNING, without_ramps
+from .plateaus import plateaus, steady_steps, TURNING, without_ramps, without_unsaid_ramps
 from .rests import find_rests, PAUSE, Rests, usual_step
 from .slow_turn import slow_turn
 
@@ -49,6 +49,8 @@ class Segments(Module):
     turning: float | None = field(static=True, default=None)
     # By hand: good for the magnitude of the force alone.
     held: Bool[np.ndarray, " segment"] | None = None
+    # s, of plateaus at whose ends the gyros still changed; left out. See `plateaus.without_unsaid_ramps`.
+    ramps: float = field(static=True, default=0.0)
 
     @property
     def num_segments(self) -> int:
@@ -80,6 +82,7 @@ class Segments(Module):
             self.threshold,
             self.statement,
             self.turning,
+            ramps=self.ramps,
         )
 
     def runs(
@@ -160,6 +163,7 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
         found.threshold,
         found.statement,
         held=marked if held else None,
+        ramps=found.ramps,
     )
 
 
@@ -337,10 +341,18 @@ def _planned(
         kept = resting.copy()
         kept[long] = plateaus(recording, start[long], stop[long])
     start, stop = start[kept], stop[kept]
+    ramps = 0.0
+    if rate is not None:
+        turning = position[start] < 0
+        before = int((stop - start).sum())
+        start[turning], stop[turning] = without_unsaid_ramps(
+            recording, start[turning], stop[turning]
+        )
+        ramps = (before - int((stop - start).sum())) * usual_step(recording)
     rests = int((position[start] >= 0).sum())
     statement = f"{rests} rests"
     if rate is not None:
         statement += f" and {len(start) - rests} plateaus of constant rate"
     where = np.maximum(position[start], -1).astype(np.int64)
     used = _inside(start, stop, len(position))
-    return Segments(start, stop, where, used, statement=f"{statement}, as {source}")
+    return Segments(start, stop, where, used, statement=f"{statement}, as {source}", ramps=ramps)

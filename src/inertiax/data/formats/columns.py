@@ -193,7 +193,7 @@ class Turntable(_Strict, frozen=True):
 
     axes: tuple[Direction, ...] = ()
     case: tuple[Direction, Direction, Direction] = ("east", "north", "up")
-    azimuth: float = 0.0
+    azimuth: float | None = None  # zero where table_rates are stated
 
 
 class Layout(_Strict, frozen=True):

@@ -33,7 +33,7 @@ from .columns import (
     TriadColumns,
 )
 from .empty_rows import without_empty_rows
-from .table_angles import ideal_readings, rates_by_axis
+from .table_angles import ideal_readings, rates_by_axis, rates_of_angles
 from .time_stamps import seconds_of
 
 
@@ -97,7 +97,8 @@ def _by_angles(
 ) -> dict[str, Float[np.ndarray, "rows 3"]]:
     """References that a table's angles (and rates) make; none where `[columns]` names no angles.
 
-    Where the table moves its angles are late or missing: the force is not told there.
+    Where the table moves its angles are late or missing: the force is not told there. Without stated rates the angles'
+    own make a reference where the azimuth is told, too; else the Earth's rate in it were a guess.
     """
     said = columns.table_angles
     if said is None or layout.gravity is None:
@@ -120,6 +121,8 @@ def _by_angles(
     if turning is not None:
         stated = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
         rates = rates_by_axis(angles, stated, stamps)
+    elif layout.turntable.azimuth is not None:
+        rates = rates_of_angles(angles, stamps)
     found = ideal_readings(layout.turntable, angles, rates, layout.gravity, layout.latitude)
     force, rate = found
     force[np.isnan(force).any(axis=1) if moving is None else moving] = 0.0

@@ -10,7 +10,8 @@ since an outer axis carries the inner ones along. Ideal triads read $R^T (0, 0, 
 R_k^T \\dot\\theta_k a_k$, where $R_k$ is the product of the factors from the k-th on.
 
 A station may state one rate, that of the axis it commands, and zero while it moves to a position: `rates_by_axis` tells
-by the angles which axis that is, and how fast the others turn.
+by the angles which axis that is, and how fast the others turn. It may write the rate that it was told while the table
+still speeds up to it: there the angles decide. `rates_of_angles` is for a station that states none.
 """
 
 import math
@@ -33,6 +34,13 @@ _WHILE = 0.01  # s to either side: an encoder's noise of 0.001° is 0.1 °/s the
 _STANDS, _STANDS_SIGMA = 0.1, 0.126
 _SLOW = math.radians(0.1)  # rad/s, below which an axis stands
 _OTHER = 0.5  # of the turn that a rate makes: further off it is not that of any axis
+_SIGMAS = 5.0  # of an encoder's noise, beyond which a stated rate is not the angles', or theirs not constant
+_BASE = 0.1  # s to either side, over which the angles alone say a rate
+_HELD = 0.5  # s, the shortest stretch of constant rate
+_NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
+_ROUNDED = (
+    1.5  # of an encoder's digit, by which a change of angle may be off, and a rate's own digits
+)
 _SQUARE = 1e-6  # by which the device's axes may miss being orthogonal, as digits of vectors do
 
 
@@ -75,7 +83,9 @@ def ideal_readings(
         )
     case = _case(table)
     force = np.tile([0.0, 0.0, gravity], (len(angles), 1))
-    rate = None if rates is None else np.tile(_earth(table.azimuth, latitude), (len(angles), 1))
+    rate = (
+        None if rates is None else np.tile(_earth(table.azimuth or 0.0, latitude), (len(angles), 1))
+    )
     for k, axis in enumerate(axes):
         force = _turned(force, axis, -angles[:, k])
         if rate is not None and rates is not None:
@@ -91,8 +101,8 @@ def rates_by_axis(
     """The rate of each axis, rad/s, where a station states all of them, or one alone, that of the axis that turns.
 
     That is the axis with which the change of the angles, up to whole turns, is nearest to what the rate makes of it.
-    Where all stated rates are zero and an angle changes, the table moves to a position: there the rate is the angle's
-    change.
+    Where all stated rates are zero and an angle changes, the table moves to a position; where the angles change
+    otherwise than is stated, it still speeds up or slows down. There the rate is the angles' change.
 
     **Arguments:** `angles` in rad, NaN where they are not told; `stated` in rad/s, one column or one for each angle;
     `time` in s.
@@ -133,9 +143,96 @@ def rates_by_axis(
             )
         rows = np.flatnonzero(told)
         rates[rows, cost[rows].argmin(axis=1)] = stated[rows, 0]
-    unsaid = _turning(angles, time, near, np.all(stated == 0.0, axis=1)) & np.isfinite(spent)
+    zero = np.all(stated == 0.0, axis=1)
+    unsaid = _turning(angles, time, near, zero) & np.isfinite(spent)
     rates[unsaid] = turn[unsaid] / spent[unsaid, None]
+    ramp = _contradicted(angles, time, near, rates, ~zero) & np.isfinite(spent)
+    late = _whole_turns_away(turn[ramp] - rates[ramp] * spent[ramp, None])
+    rates[ramp] += late / spent[ramp, None]
     return rates
+
+
+def rates_of_angles(
+    angles: Float[np.ndarray, "rows axes"], time: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, "rows axes"]:
+    """The rate of each axis, rad/s, by the angles alone: their change, and its mean where that stays constant.
+
+    Constant is a rate that is the same 0.1 s earlier and later, but for an encoder's noise, for half a second or more.
+
+    **Arguments:** `angles` in rad, NaN where they are not told, and so is the rate; `time` in s.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.table_angles import rates_of_angles
+
+    time = 0.01 * np.arange(300)
+    print(rates_of_angles(2.0 * time[:, None], time)[150])    # [2.]
+    ```
+    """
+    rates = rates_by_axis(angles, np.zeros(angles.shape), time)
+    rates[~np.isfinite(angles).all(axis=1)] = np.nan
+    near = (
+        max(1, math.ceil(_BASE / max(float(np.median(np.diff(time))), 1e-9) - 1e-6))
+        if len(time) > 1
+        else 1
+    )
+    if len(time) < 4 * near + 1:
+        return rates
+    turn, spent = _change(angles, time, near)
+    mean = np.full(angles.shape, np.nan)
+    # Half a turn and more within the base is told by the rate over fewer rows.
+    mean[near:-near] = (rates + _whole_turns_away(turn - rates * spent[:, None]) / spent[:, None])[
+        near:-near
+    ]
+    differs = np.full(angles.shape, np.nan)
+    differs[near:-near] = np.abs(mean[2 * near :] - mean[: -2 * near])
+    with np.errstate(invalid="ignore"):
+        turning = np.abs(mean).max(axis=1) > _SLOW
+        told = turning & np.isfinite(differs).all(axis=1)
+        if not told.any():
+            return rates
+        least = np.maximum(_SLOW / 5.0, _SIGMAS * _noise(differs[told]))
+        edges = np.flatnonzero(np.diff(np.r_[0, told & (differs <= least).all(axis=1), 0]))
+    for a, b in edges.reshape(-1, 2):
+        if time[b - 1] - time[a] >= _HELD:
+            seconds = time[a:b] - time[a:b].mean()
+            middle = mean[(a + b) // 2]
+            away = np.unwrap(angles[a:b] - middle * seconds[:, None], axis=0)
+            rates[a:b] = middle + seconds @ away / (seconds @ seconds)
+    return rates
+
+
+def _contradicted(
+    angles: Float[np.ndarray, "rows axes"],
+    time: Float[np.ndarray, " rows"],
+    near: int,
+    rates: Float[np.ndarray, "rows axes"],
+    said: Bool[np.ndarray, " rows"],
+) -> Bool[np.ndarray, " rows"]:
+    """Rows whose stated rates the angles contradict before and after, by more than an encoder's noise and digits."""
+    off = np.fmin(
+        *(
+            np.abs(_whole_turns_away(turn - rates * spent[:, None])).max(axis=1) / spent
+            for turn, spent in _sides(angles, time, near)
+        )
+    )
+    told = said & np.isfinite(off)
+    if not told.any():
+        return told
+    size = np.abs(rates).max(axis=1)
+    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0)))
+    digit = np.min(steps, initial=np.inf, where=steps > _NO_DIGIT)
+    every = near * float(np.median(np.diff(time)))
+    # Noise of the angles, and of the stamps, which is in proportion to the rate.
+    noise = np.maximum(_noise(off[told]), _noise(off[told] / size[told]) * size)
+    return told & (off > np.maximum(_SIGMAS * noise, max(_SLOW, _ROUNDED * digit / every)))
+
+
+def _noise(
+    quiet: Float[np.ndarray, "rows *columns"],
+) -> Float[np.ndarray, "*columns"] | np.floating:
+    """Standard deviation of Gaussian noise of which these are absolute values, and larger ones of something else."""
+    return np.quantile(quiet, _STANDS, axis=0) / _STANDS_SIGMA
 
 
 def _sides(
@@ -176,9 +273,9 @@ def _turning(
         _whole_turns_away(angles[after] - angles),
     )
     quiet = np.abs(came[unsaid & np.isfinite(came).all(axis=1)])
-    noise = np.quantile(quiet, _STANDS, axis=0) / _STANDS_SIGMA if len(quiet) else 0.0
+    noise = _noise(quiet) if len(quiet) else 0.0
     with np.errstate(invalid="ignore"):
-        least = np.maximum(_SLOW * (time[after] - time)[:, None], 5.0 * noise)
+        least = np.maximum(_SLOW * (time[after] - time)[:, None], _SIGMAS * noise)
         turns = lambda part: np.abs(part) > least
         inside = unsaid & (turns(came) & turns(goes) & (came * goes > 0.0)).any(axis=1)
         some = (turns(came) | turns(goes)).any(axis=1)
