@@ -73,7 +73,7 @@ def angle_lines(found: RawTriads, angles: TableAngles) -> list[Line]:
         names = {"names": list(angles.rates), "unit": angles.rate_unit}
         why = "the rates at which the angles change"
         if len(angles.rates) < len(angles.names):
-            why = "the rate of the axis that turns; where it is zero, that of the angles is taken"
+            why = "the rate of the axis that turns; where the angles change otherwise, theirs is taken"
         lines.append(Line("table_rates", names, why))
     label, moving = found.roles.position, angles.moving
     if label is not None and moving:

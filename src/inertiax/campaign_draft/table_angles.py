@@ -29,6 +29,8 @@ _JUMP = 5.0  # times the usual change from row to row
 _FEWEST = 6  # rests in different directions
 _MOST_RESTS, _MOST_MOVING = 200, 400  # that are looked at
 _MOST_COLUMNS = 4
+_APART = 0.25  # s before and after, over which a plateau's rate
+_SAME_RATE = 0.01  # of itself stays
 _RADIANS = 7.0  # a whole turn is below; in degrees it would be no table's angle
 _UNITS = {"deg": np.pi / 180.0, "rad": 1.0}
 
@@ -218,15 +220,31 @@ def _rate_of_any(
     angles: tuple[str, ...],
 ) -> tuple[tuple[str, ...] | None, str]:
     """The column that is the rate of whichever axis turns, and its unit; `None` where there is none."""
-    rows = moving & (step > 0.0)
     fastest = np.abs(turn).argmax(axis=1)
-    rate = turn[np.arange(len(turn)), fastest][rows] / step[rows]
+    turn = turn[np.arange(len(turn)), fastest]
+    rows = _at_one_rate(turn, step, moving)
+    rate = turn[rows] / step[rows]
     for name in found.log.names:
         if name not in _read(found) and name not in angles:
             unit = _unit_of(found.log.numbers[name][rows], rate)
             if unit is not None:
                 return (name,), unit
     return None, ""
+
+
+def _at_one_rate(
+    turn: Float[np.ndarray, " row"], step: Float[np.ndarray, " row"], moving: np.ndarray
+) -> Bool[np.ndarray, " row"]:
+    """Rows in motion at a constant rate, for a programmed rate may be written before the table has it; all rows in
+    motion where there are too few."""
+    rows = moving & (step > 0.0)
+    rate = np.divide(turn, step, out=np.zeros(len(turn)), where=rows)
+    apart = max(1, round(_APART / (0.5 * float(np.median(step[step > 0.0]))))) if rows.any() else 1
+    change = np.full(len(turn), np.inf)
+    if len(turn) > 2 * apart:
+        change[apart:-apart] = np.abs(rate[2 * apart :] - rate[: -2 * apart])
+    steady = rows & (change < _SAME_RATE * np.abs(rate))
+    return steady if steady.sum() >= _FEWEST else rows
 
 
 def _unit_of(values: Float[np.ndarray, " row"], rate: Float[np.ndarray, " row"]) -> str | None:
@@ -253,7 +271,7 @@ def _rates(
     step[step > _JUMP * np.median(step)] = 0.0  # a gap, or another recording
     names, units = [], []
     for k in range(turn.shape[1]):
-        rows = moving & (step > 0.0)
+        rows = _at_one_rate(turn[:, k], step, moving)
         rate = turn[rows, k] / step[rows]
         for name in found.log.names:
             if name in _read(found) or name in angles or name in names or not rows.any():

@@ -37,6 +37,7 @@ _OTHER = 0.5  # of the turn that a rate makes: further off it is not that of any
 _SIGMAS = 5.0  # of an encoder's noise, beyond which a stated rate is not the angles', or theirs not constant
 _BASE = 0.1  # s to either side, over which the angles alone say a rate
 _HELD = 0.5  # s, the shortest stretch of constant rate
+_JUMP = 0.5  # of the rate, from one row's side to the other: no table speeds up so fast
 _NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
 _ROUNDED = (
     1.5  # of an encoder's digit, by which a change of angle may be off, and a rate's own digits
@@ -146,9 +147,7 @@ def rates_by_axis(
     zero = np.all(stated == 0.0, axis=1)
     unsaid = _turning(angles, time, near, zero) & np.isfinite(spent)
     rates[unsaid] = turn[unsaid] / spent[unsaid, None]
-    ramp = _contradicted(angles, time, near, rates, ~zero) & np.isfinite(spent)
-    late = _whole_turns_away(turn[ramp] - rates[ramp] * spent[ramp, None])
-    rates[ramp] += late / spent[ramp, None]
+    rates += _late(angles, time, near, rates, ~zero)
     return rates
 
 
@@ -202,30 +201,37 @@ def rates_of_angles(
     return rates
 
 
-def _contradicted(
+def _late(
     angles: Float[np.ndarray, "rows axes"],
     time: Float[np.ndarray, " rows"],
     near: int,
     rates: Float[np.ndarray, "rows axes"],
     said: Bool[np.ndarray, " rows"],
-) -> Bool[np.ndarray, " rows"]:
-    """Rows whose stated rates the angles contradict before and after, by more than an encoder's noise and digits."""
-    off = np.fmin(
-        *(
-            np.abs(_whole_turns_away(turn - rates * spent[:, None])).max(axis=1) / spent
+) -> Float[np.ndarray, "rows axes"]:
+    """By how much the angles' change misses stated rates, rad/s: where it does so before and after each row, by more
+    than an encoder's noise and digits. Zero elsewhere."""
+    sides = np.stack(
+        [
+            _whole_turns_away(turn - rates * spent[:, None]) / spent[:, None]
             for turn, spent in _sides(angles, time, near)
-        )
+        ]
     )
-    told = said & np.isfinite(off)
+    off = np.abs(sides).max(axis=2)
+    nearest = np.fmin(*off)
+    told = said & np.isfinite(nearest)
     if not told.any():
-        return told
+        return np.zeros(angles.shape)
     size = np.abs(rates).max(axis=1)
     steps = np.abs(_whole_turns_away(np.diff(angles, axis=0)))
     digit = np.min(steps, initial=np.inf, where=steps > _NO_DIGIT)
     every = near * float(np.median(np.diff(time)))
     # Noise of the angles, and of the stamps, which is in proportion to the rate.
-    noise = np.maximum(_noise(off[told]), _noise(off[told] / size[told]) * size)
-    return told & (off > np.maximum(_SIGMAS * noise, max(_SLOW, _ROUNDED * digit / every)))
+    noise = np.maximum(_noise(nearest[told]), _noise(nearest[told] / size[told]) * size)
+    late = told & (nearest > np.maximum(_SIGMAS * noise, max(_SLOW, _ROUNDED * digit / every)))
+    # A jump from another part of the log is on one side alone.
+    both = off.max(axis=0) - nearest < _JUMP * size
+    one = np.where((off[0] == nearest)[:, None], *sides)
+    return np.where(late[:, None], np.where(both[:, None], sides.mean(axis=0), one), 0.0)
 
 
 def _noise(
