@@ -24,6 +24,7 @@ OBJECTS = {
     "fit": "Fit",
     "layout": "Layout",
     "one": "Calibration",
+    "result": "DeviceResult",
     "settings": "OneTemperature",
     "solution": "ThermalSolution Solution",
     "track": "Track",

@@ -296,6 +296,8 @@ def test_many_runs_in_one_track_have_a_covariance_each(biases, rested):
         navigation.smooth(many)
     with pytest.raises(ValueError, match=r"observability.*the track holds \(2,\) runs"):
         navigation.observability(biases, many)
+    with pytest.raises(ValueError, match=r"observability.*does not work in traced code"):
+        jax.jit(lambda track: navigation.observability(biases, track))(rested)
     with pytest.raises(ValueError, match=r"refined.*the state holds \(2,\) runs"):
         navigation.refined(biases, many.last)
 

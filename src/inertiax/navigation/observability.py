@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..physics.leaves import is_traced
 from .checks import check_one_run
 from .filter import Correction, Filter, Track
 from .filter_state import NAVIGATION
@@ -79,8 +80,12 @@ def observability(
 ) -> Observability:
     """The calibration states that a run shows and those that it cannot, from the filter's own linearisation.
 
-    Raises `ValueError` for a filter without calibration states and for several runs in one track.
+    Raises `ValueError` for a filter without calibration states, for several runs in one track, and in traced code.
     """
+    if any(is_traced(x) for x in jax.tree.leaves((filter_, track))):
+        raise ValueError(
+            "`observability(filter_, track)`: does not work in traced code; call it with the track that came out of it."
+        )
     check_one_run(
         "observability(filter_, track)", track.time, "`jax.tree.map(lambda x: x[k], track)`"
     )
