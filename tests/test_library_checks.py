@@ -104,6 +104,9 @@ CASES = [
     ("ix.fit(D(a, w), gyro=GravityRotation(gravity=9.81))", "import calibrate`, `calibrate(Campaign(recording, Site("),
     ("calibrate(still)", "`calibrate(campaign)`: Recording is no Campaign; a recording's is `Campaign("),
     ("ix.Campaign(x)", "`Campaign(recordings=...)`: ndarray is no Recording"),
+    ("jax.jit(lambda q: R(t, q).accel)(x)", "`Recording.from_arrays(accel=...)`: a recording is of the host"),
+    ("jax.jit(lambda q: ix.Recording(t, q).accel)(x)", "`Recording(...)`: a recording is of the host"),
+    ("jax.jit(lambda c: ix.write_calibration(c, 'never.json'))(c)", "not known in traced code; write what came out"),
     ("jax.jit(ix.fit)(D(a))", "does not work in traced code"),
     ("R(t, x, temperature=np.full(10, 300.0))", "(temperature=...)`: from 300"),
     ("R(t, x / 9.81)", "(accel=...)`: median magnitude"),
@@ -278,6 +281,7 @@ ACCEPTED = [
     "assert_(ix.Campaign(still).devices == ('',))",  # without a tuple
     "ix.Campaign((), ix.Site(np.float64(9.81), np.deg2rad(48.2)), ix.Rig(np.float32(1e-5)))",  # NumPy's numbers
     "ix.Polynomial(np.int64(2), np.float64(0.0), np.float64(40.0))",
+    "jax.jit(lambda q: F.ends(nav.ImuData(x, 0 * x, t, q)))(0.01)",
     "nav.Filter(c, (), noise=noise, frame=nav.LevelFrame(np.deg2rad(48.2)), samples=np.int64(2))",
     "jax.jit(warm)(v, v, 293.15)",
     "jax.vmap(warm, (None, None, 0))(v, v, 300.0 + t)",

@@ -12,6 +12,7 @@ from .._jax import eqx, jax
 from ..data.json_documents import decode, encode
 from ..effects import CATALOGUE, Effect
 from ..model_selection.model_spec import ModelEntry, to_model_entry
+from ..physics.leaves import is_traced
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Curve, Polynomial
 from ..storage.whole_files import write_atomically
 from .barometer import BarometerCalibration
@@ -250,6 +251,10 @@ def write_calibration(calibration: Calibration, path: str | Path) -> None:
         raise ValueError(
             "`write_calibration(calibration, path)`: the calibration comes first; it is a "
             f"{type(calibration).__name__}."
+        )
+    if any(is_traced(x) for x in jax.tree.leaves(calibration)):
+        raise ValueError(
+            "`write_calibration(calibration, path)`: its numbers are not known in traced code; write what came out."
         )
     refuse_stacked(calibration.triads, "write_calibration(calibration, path)")
     # The dip of the field is not a number where no vertical was known.

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from .._records import field, Module
 from .._typing import Given
-from ..physics.leaves import as_plain
+from ..physics.leaves import as_plain, is_traced
 from .frames import columns_of, Names, TRIADS
 from .plausible_units import (
     check_earth_field,
@@ -91,6 +91,8 @@ class Recording(Module):
             values = getattr(self, label)
             if values is None:
                 continue
+            if is_traced(values):
+                raise ValueError(f"{where}: a recording is of the host, not of traced code.")
             _check_shape(f"{where}: '{label}' has", label, values)
             if values.shape[0] != num:
                 raise ValueError(
@@ -220,6 +222,8 @@ def _check_shape(said: str, name: str, values: np.ndarray) -> None:
 
 def _samples(call: str, name: str, values: Any) -> np.ndarray:
     """An array of the column's kind and number of axes."""
+    if is_traced(values):
+        raise ValueError(f"`{call}({name}=...)`: a recording is of the host, not of traced code.")
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError):

@@ -25,7 +25,7 @@ from ..calibration.calibration import Calibration
 from ..calibration.triad import MAPPED, refuse_stacked
 from ..data.plausible_units import check_from_zero
 from ..numerics.linear_algebra import cholesky, cholesky_solve
-from ..physics.leaves import as_plain
+from ..physics.leaves import as_plain, is_traced
 from ..physics.shapes import check_one
 from .calibration_states import calibration_states, CalibrationStates
 from .checks import check_data, check_near, check_rotation, check_speed, FARTHEST, FASTEST
@@ -185,10 +185,11 @@ class Filter(eqx.Module):
             check_update(update, self.model.frame)
         return run(self.model, start, data, tuple(updates))
 
-    def ends(self, data: ImuData) -> Float[np.ndarray, " segments"]:
+    def ends(self, data: ImuData) -> Float[AnyArray, " segments"]:
         """Times of the segments' ends, s from the start of the data."""
         count = _segments(data, self.model.samples)
-        return np.arange(1, count + 1) * float(data.step) * self.model.samples
+        step = data.step if is_traced(data.step) else float(data.step)
+        return np.arange(1, count + 1) * step * self.model.samples
 
 
 def _start(
