@@ -1,11 +1,14 @@
 """Scatter that follows something is said; white scatter and the noise of dwells are not."""
 
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 from inertiax.calibrate.misfit_pattern import misfit_pattern
+from inertiax.cli.next_step import after_diagnose
 from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel
 from inertiax.physics.temperature import Constant
 from inertiax.procedure.single_device import iterate_one
@@ -55,6 +58,34 @@ def test_what_follows_the_square_of_the_force_or_the_time_is_said(estimator):
     assert said(estimator, drift, scatter=1e-4) == "the running time"
     # Half as large as white scatter beside it, it is not what the uncertainties are made of.
     assert said(estimator, lambda up, time: 0.1 * second_order(up, time)) == ""
+
+
+@pytest.mark.parametrize(
+    "arm, word", [((0.012, -0.008, 0.021), "ω²r of a lever arm"), ((0.0, 0.0, 0.0), "")]
+)
+def test_a_lever_arm_is_said_where_accelerometers_turn_on_a_table(arm, word):
+    """24 poses at rest and turned by up to 90 °/s about one axis of the case: 5 cm/s² of 2 cm."""
+    rng = np.random.default_rng(3)
+    up = np.tile(poses(24), (2, 1))
+    turned = (np.eye(3)[:, None] * np.array([-1.6, -0.7, 0.7, 1.6])[:, None]).reshape(12, 3)
+    rate = np.concatenate([np.zeros((24, 3)), turned, turned[::-1]])
+    means = G * up + np.cross(rate, np.cross(rate, np.array(arm)))
+    means = means + 1e-3 * rng.standard_normal(means.shape)
+    with jax.enable_x64(True):
+        dwells = Dwells.from_arrays(
+            means, rate, reference_accel=G * up, reference_gyro=rate, sigma=NOISE
+        )
+        estimator = ReferenceAccel(scatter=1e-3)
+        fitted = iterate_one(estimator, Constant(), dwells)
+        found = misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
+    assert found == word
+
+
+def test_lever_arms_that_were_found_are_fitted_next():
+    said = after_diagnose("unexplained", Path("C"), Path("D"), lever_arms=True)
+    assert said == (
+        "next: write lever_arms = true under [model] in C/campaign.toml, then inertiax calibrate C -o RESULT"
+    )
 
 
 def test_a_log_by_hand_that_warms_by_half_a_degree_is_never_taken_for_constant():

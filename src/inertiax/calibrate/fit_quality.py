@@ -28,7 +28,7 @@ from .goodness_of_fit import (
     UNUSABLE,
     usual_size,
 )
-from .misfit_pattern import follows_temperature
+from .misfit_pattern import follows_temperature, LEVER_ARMS
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
@@ -218,7 +218,9 @@ def _misfit(name: str, triad: TriadCalibration, estimate: TriadResult) -> Findin
             else "Parameters may be off by more than is stated"
         )
         cause = (
-            "constants leave out what biases do with temperature"
+            "set lever_arms = true under [model], and it is estimated"
+            if estimate.follows == LEVER_ARMS
+            else "constants leave out what biases do with temperature"
             if follows_temperature(estimate.follows)
             else "'inertiax diagnose' looks for the cause"
         )

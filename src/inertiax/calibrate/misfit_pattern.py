@@ -35,6 +35,7 @@ WARMED = 0.1
 # Chance of a false word where the temperature moved: there a slope is what to expect, 5 mm/s² per °C in cheap sensors.
 EXPECTED = 0.05
 
+LEVER_ARMS = "ω²r of a lever arm"
 _FORCE = "the specific force"
 _TEMPERATURE = "the temperature, which moved by"
 
@@ -48,7 +49,8 @@ def misfit_pattern(
     r"""What the scatter between dwells follows, in words; empty where it follows nothing that is looked for.
 
     For each driver d (the running time, the square of the input) a bias of each axis in proportion to it is tried:
-    columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns. Said is the
+    columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns; of
+    accelerometers on a turning table, too, what one lever arm adds. Said is the
     driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
     dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
     first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Of gyros that are
@@ -115,12 +117,21 @@ def _trials(
     dwells, many = problem.dwells, problem.num_dwells
     time = np.asarray(dwells.time)[:many]
     yield "the running time", scaled((time - time.mean())[:, None] / (np.ptp(time) + 1e-300))
+    turning = np.asarray(dwells.reference_gyro if dwells.reference_gyro is not None else [0.0])[
+        :many
+    ]
+    turns = np.abs(turning).max() > SLOW
+    if estimator.triad == "accel" and turns:
+        # ω × (ω × r) = (ω ωᵀ − ω² E) r, of one r for the three elements.
+        square = np.sum(turning**2, axis=1)[:, None, None] * np.eye(3)
+        pull = turning[:, :, None] * turning[:, None, :] - square
+        rows = np.stack([_biases(estimator, jacobian, p) for p in pull.transpose(2, 0, 1)])
+        yield LEVER_ARMS, rows.sum(axis=2).T
     if estimator.triad == "accel":
         yield "the square of the force", scaled(np.square(np.asarray(dwells.accel)[:many]))
         return
-    rate = np.asarray(dwells.reference_gyro)[:many]
-    if np.abs(rate).max() > SLOW:
-        yield "the square of the rate", scaled(np.square(rate))
+    if turns:
+        yield "the square of the rate", scaled(np.square(turning))
 
 
 def _biases(

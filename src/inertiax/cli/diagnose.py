@@ -189,7 +189,11 @@ def _tell(
         for device, one in found.items():
             print_diagnosis(one, device, output / folders[device])
             if len(found) == 1:
-                console.say(after_diagnose(one.verdict, campaign, output))
+                arms = any(e.name == "size_effect" for e in one.effects)
+                fitted = one.model is not None and one.model.lever_arms
+                console.say(
+                    after_diagnose(one.verdict, campaign, output, lever_arms=arms and not fitted)
+                )
     if failed:
         reasons = "; ".join(f"{d}: {reason}" for d, reason in list(failed.items())[:3])
         console.warn(f"{len(failed)} of {len(outcomes)} devices not diagnosed: {reasons}")

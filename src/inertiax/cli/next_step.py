@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..calibrate.fit_quality import Quality
 
+_LEVER_ARMS = "lever_arms = true"
+
 
 def after_init(folder: Path, *, checks: bool) -> str:
     """Calibrate, once what the log does not tell is put right."""
@@ -24,18 +26,29 @@ def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: 
         )
     if quality.verdict == "doubtful":
         return f"next: inertiax check {_path(campaign)}"
+    if any(_LEVER_ARMS in f.text for f in quality.findings):
+        return _with_lever_arms(campaign, output)
     if any(f.topic == "misfit" and not f.fine for f in quality.findings):
         return f"next: inertiax diagnose {_path(campaign)} -o DIAGNOSIS"
     return f"next: {_compensate(campaign, output)}{_sign(output) if table else ''}"
 
 
-def after_diagnose(verdict: str, campaign: Path, output: Path) -> str:
-    """Use the calibration; of something unexplained, look where it is."""
+def after_diagnose(verdict: str, campaign: Path, output: Path, *, lever_arms: bool = False) -> str:
+    """Use the calibration; of something unexplained, look where it is. Lever arms that were found and not fitted are
+    fitted first."""
+    if lever_arms:
+        return _with_lever_arms(campaign, Path("RESULT"))
     if verdict == "unexplained":
         return (
             f"next: look where it is in {_path(output / 'report.html')}; docs/how-to/unexplained.md"
         )
     return f"next: {_compensate(campaign, output)}{_sign(output)}"
+
+
+def _with_lever_arms(campaign: Path, output: Path) -> str:
+    file = _path(campaign if campaign.suffix == ".toml" else campaign / "campaign.toml")
+    again = f"inertiax calibrate {_path(campaign)} -o {_path(output)}"
+    return f"next: write {_LEVER_ARMS} under [model] in {file}, then {again}"
 
 
 def _compensate(campaign: Path, output: Path) -> str:

@@ -18,7 +18,7 @@ from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.vectors import angle_between
 from ..physics.wgs84 import EARTH_RATE
 from .handling import Disturbance, undisturbed
-from .plateaus import plateaus, steady_steps, TURNING, without_ramps, without_unsaid_ramps
+from .plateaus import plateaus, SHORTEST, steady_steps, TURNING, without_ramps, without_unsaid_ramps
 from .rests import find_rests, PAUSE, Rests, usual_step
 from .slow_turn import slow_turn
 
@@ -234,7 +234,10 @@ def _found(recording: Recording, window: float) -> Segments:
         rate = np.linalg.norm(recording.reference_gyro, axis=1)
         still = rate <= 1.5 * EARTH_RATE
         runs = np.cumsum(np.diff(still, prepend=still[0]))
-        return _planned(recording, np.where(still, runs // 2, -1), "the reference rates say")
+        # Between a ramp and the next move a table hardly turns, and is not at rest.
+        brief = np.bincount(runs)[runs] * usual_step(recording) < SHORTEST
+        position = np.where(still & ~brief, runs // 2, -1)
+        return _planned(recording, position, "the reference rates say")
     found = _long_or_brief(recording, find_rests(recording, window=window), window)
     turn = _slow_turn(recording, found)
     if turn is not None:
