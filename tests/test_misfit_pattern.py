@@ -72,9 +72,7 @@ def test_a_lever_arm_is_said_where_accelerometers_turn_on_a_table(arm, word):
     means = G * up + np.cross(rate, np.cross(rate, np.array(arm)))
     means = means + 1e-3 * rng.standard_normal(means.shape)
     with jax.enable_x64(True):
-        dwells = Dwells.from_arrays(
-            means, rate, reference_accel=G * up, reference_gyro=rate, sigma=NOISE
-        )
+        dwells = Dwells.from_arrays(means, reference_accel=G * up, reference_gyro=rate, sigma=NOISE)
         estimator = ReferenceAccel(scatter=1e-3)
         fitted = iterate_one(estimator, Constant(), dwells)
         found = misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
