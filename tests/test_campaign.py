@@ -204,12 +204,16 @@ def test_a_doubtful_time_unit_is_noted(tmp_path):
     )
 
 
-def test_recordings_that_overlap_in_time_are_noted(tmp_path):
-    rows = "time,accel_x,accel_y,accel_z\n0,0,0,9.8\n1,0,0,9.8\n"
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [(7, "a.csv and b.csv overlap in time"), (0, "the clocks of a.csv and the others begin at 0")],
+)
+def test_recordings_that_overlap_in_time_are_noted(tmp_path, start, said):
+    rows = f"time,accel_x,accel_y,accel_z\n{start},0,0,9.8\n{start + 1},0,0,9.8\n"
     c = load_campaign(_write(tmp_path, PLAIN.replace("a.csv", "*.csv"), a=rows, b=rows))
     (found,) = check_campaign(c).findings
     assert found.severity == "note" and found.statement == (
-        "a.csv and b.csv overlap in time: recordings are taken one after the other as they are listed, and a drift "
+        f"{said}: recordings are taken one after the other as they are listed, and a drift "
         "over the campaign is judged in that order."
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 from .._records import field, Module
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
+from ..reduction.dwells import Dwells
 from .attitudes_over_temperature import is_of_one_attitude
 from .data_coverage import input_of, Judged, orientations, rates, temperatures
 from .goodness_of_fit import (
@@ -271,7 +272,7 @@ def _outliers(name: str, estimate: TriadResult) -> list[Finding]:
     far = np.flatnonzero(worst > LIMITS.outlier * usual)
     if not 0 < len(far) <= max(1, len(worst) // 10):
         return []
-    times = ", ".join(f"{float(estimate.dwells.time[k]):.0f} s" for k in far[:4])
+    times = ", ".join(_moment(estimate.dwells, int(k)) for k in far[:4])
     return [
         Finding(
             "rests",
@@ -280,6 +281,13 @@ def _outliers(name: str, estimate: TriadResult) -> list[Finding]:
             f"{times}): the device moved or was touched there, or a position is mislabelled.",
         )
     ]
+
+
+def _moment(dwells: Dwells, k: int) -> str:
+    """When a dwell was, and in which recording of the list where clocks begin anew."""
+    time, rows = np.asarray(dwells.time), dwells.rows
+    anew = rows is not None and np.any(np.diff(time) < 0.0)
+    return f"{float(time[k]):.0f} s{f' of recording {int(rows[k, 0]) + 1}' if anew else ''}"
 
 
 # The weakest parameter -------------------------------------------------------------------------------

@@ -344,6 +344,10 @@ def notes_on(
             named = [e.name for e in calibration.effects if e.triad == triad]
             kept = f"have only {', '.join(named)} taken away" if named else "are left as recorded"
             notes.append(f"{name}: the {label} were not calibrated and {kept}")
+    if any(e.name == "size_effect" for e in calibration.effects) and recording.accel is not None:
+        notes.append(
+            f"{name}: with the lever arms taken away, the accelerometers' force is that at the centre of rotation"
+        )
     if feels_current(calibration) and recording.mag is not None and recording.current is None:
         notes.append(
             f"{name}: no current column, so that its field is not taken from the magnetometers'"

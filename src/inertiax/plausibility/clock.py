@@ -139,13 +139,16 @@ def _overlaps(device: DeviceLogs) -> list[Finding]:
     if not pairs:
         return []
     before, after = pairs[0]
+    what = f"{before.name} and {after.name} overlap in time"
+    if all(abs(log.recording.time[0]) <= log.step for log in device.logs):
+        what = f"the clocks of {before.name} and the others begin at 0"
     return [
         finding(
             "clock",
             "note",
             "time",
-            f"{before.name} and {after.name} overlap in time: recordings are taken one after the other as they are "
-            "listed, and a drift over the campaign is judged in that order.",
+            f"{what}: recordings are taken one after the other as they are listed, and a drift "
+            "over the campaign is judged in that order.",
             overlaps=len(pairs),
         )
     ]
