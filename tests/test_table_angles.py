@@ -187,6 +187,11 @@ def test_an_azimuth_that_the_gyros_contradict_is_said_with_the_right_one(tmp_pat
     file = tmp_path / "c" / "campaign.toml"
     file.write_text(TOML + f"azimuth = {better}\n")
     assert not azimuth(file)
+    log = tmp_path / "c" / "log.csv"
+    # Four rests have 12 means for six biases and more drivers than that.
+    pl.read_csv(log).filter(pl.col("position") < 4).write_csv(log)
+    (said,) = azimuth(file)
+    assert said.severity == "note" and "do not tell [table] azimuth" in said.statement
 
 
 TRUTH = np.array([0.1, -0.2, 0.05])

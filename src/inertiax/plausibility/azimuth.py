@@ -37,12 +37,14 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     y = (rests.left * weight).ravel()
     spare = len(y) - design.shape[1]
     if spare < limits.azimuth_spare:
-        return []
+        return _not_told(device, len(rests.up))
     solution, after = _fit(design, y)
     chance = scipy.special.fdtrc(2, spare, (_fit(own, y)[1] - after) / 2.0 / (after / spare))
     across, along = float(solution[-2]), 1.0 + float(solution[-1])
     angle, share = math.atan2(across, along), math.hypot(across, along)
     covariance = np.linalg.pinv(design.T @ design)[-2:, -2:] * after / spare
+    if math.sqrt(float(np.diagonal(covariance).max())) > limits.azimuth_share:
+        return _not_told(device, len(rests.up))
     slope = np.array([along, -across]) / share**2
     sigma = math.sqrt(max(float(slope @ covariance @ slope), 0.0))
     sure = chance < limits.azimuth_by_chance and abs(angle) > limits.azimuth_sigmas * sigma
@@ -65,6 +67,17 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
             angle=angle, std=sigma, share=share, rests=len(rests.up),
         )
     ]  # fmt: skip
+
+
+def _not_told(device: DeviceLogs, rests: int) -> list[Finding]:
+    """A note where the azimuth was to be stated, and the gyros say nothing of it."""
+    if device.columns.table_angles is None:
+        return []
+    text = (
+        f"{device.logs[0].name}: the gyros do not tell [table] azimuth ({device.azimuth:g}° is taken): {rests} rests "
+        "are too few, in too few attitudes or too short beside their noise."
+    )
+    return [finding("azimuth", "note", "reference_gyro", text, rests=rests)]
 
 
 class _Rests(NamedTuple):
