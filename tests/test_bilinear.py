@@ -1,5 +1,7 @@
 """A lag whose signature is made of the slopes that it has bent itself; data from plain NumPy."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +28,8 @@ LAG = [e for e in CATALOGUE if e.name == "thermal_lag"]
 TAU = 300.0  # s
 NOISE = 2e-6  # rad/s
 G = 9.81
+KEPT = ("time", "gyro", "temperature", "position")
+PARTS = (slice(0, 1050), slice(2750, 4000))
 
 
 def bent(seed=0):
@@ -106,6 +110,17 @@ def test_the_lag_is_named_sized_and_taken_away():
     rate = np.asarray(compensate(calibration, campaign.recordings[0]).gyro)
     means = rate.reshape(40, 100, 3).mean(axis=1)
     assert np.sqrt(np.mean(means**2, axis=0)).max() < 1.5 * NOISE / np.sqrt(100)
+
+
+@pytest.mark.slow
+def test_what_a_pause_did_to_the_elements_is_not_taken_for_recorded():
+    (whole,) = bent(3).recordings
+    # Half of the way up, the soak and half of the way down are not recorded: 40 °C on a straight line.
+    parts = [replace(whole, **{k: getattr(whole, k)[rows] for k in KEPT}) for rows in PARTS]
+    found = diagnose_campaign(replace(bent(3), recordings=tuple(parts)))[0]
+    assert [e.name for e in found.effects] == ["thermal_lag"]
+    lag = dict(found.effects[0].parameters)["time_constant"]
+    assert abs(lag.value - TAU) < 3.0 * lag.std < 0.1 * TAU
 
 
 @pytest.mark.slow

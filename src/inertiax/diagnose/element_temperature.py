@@ -29,14 +29,27 @@ def bilinear(term: Term) -> bool:
     return term.effect is not None and "at_temperature" in term.effect.requires
 
 
-def about(prepared: Prepared, values: Float[np.ndarray, "parameter size"]) -> Prepared:
-    """The triad with the model's outputs at other temperatures from these parameters."""
+def about(
+    prepared: Prepared,
+    values: Float[np.ndarray, "parameter size"],
+    ahead: Float[np.ndarray, " time"] | None = None,
+) -> Prepared:
+    """The triad with the model's outputs at other temperatures from these parameters, and elements that were so much
+    ahead of a recorded past when the power came on, °C."""
     model = cast(Fitted, prepared.signal.at_temperature)
     signal = eqx.tree_at(
-        lambda s: s.at_temperature,
+        lambda s: (s.at_temperature, s.ahead),
         prepared.signal,
-        model.with_parameters(prepared.system.base, values),
+        (model.with_parameters(prepared.system.base, values), ahead),
+        is_leaf=lambda x: x is None,
     )
+    return replace(prepared, signal=signal, coarse=coarsen(signal, prepared.blocks))
+
+
+def warmer_by(prepared: Prepared, degrees: float) -> Prepared:
+    """The triad with elements that were warmer by so much after every pause, °C."""
+    ahead = np.asarray(prepared.signal.ahead) + degrees
+    signal = eqx.tree_at(lambda s: s.ahead, prepared.signal, ahead)
     return replace(prepared, signal=signal, coarse=coarsen(signal, prepared.blocks))
 
 

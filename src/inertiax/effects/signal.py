@@ -39,6 +39,8 @@ class Signal(Module):
     scatter: Float[AnyArray, "3"] | None = None  # 1 sigma of one sample
     supply: Float[AnyArray, " time"] | None = None  # V
     expected: Float[AnyArray, "time 3"] | None = None  # m/s² or rad/s: outputs by the fitted model
+    # °C, since the power came on: by how much the elements were then warmer than a recorded past has them
+    ahead: Float[AnyArray, " time"] | None = None
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[AnyArray, "time 3"]] | None = None
     degree: int = field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials

@@ -19,10 +19,16 @@ SHORTEST = 6.0  # s; sensors lag by more, and what is shorter looks like a distu
 def shape(
     signal: Signal, *, time_constant: Scalar | float
 ) -> Float[AnyArray, "time channels columns"]:
-    """Difference of the model's outputs at the element's and at the probe's temperature."""
+    """Difference of the model's outputs at the element's and at the probe's temperature.
+
+    What a pause between recordings did to the element decays as it does.
+    """
     probe, outputs = signal.temperature, signal.at_temperature
     assert probe is not None and outputs is not None  # `requires` names both
     element = lag(signal.time, probe, time_constant)
+    if signal.ahead is not None:
+        left = xp.exp(-xp.asarray(signal.since_power) / time_constant)
+        element = element + xp.asarray(signal.ahead) * left
     return (outputs(element) - outputs(xp.asarray(probe)))[:, :, None]
 
 

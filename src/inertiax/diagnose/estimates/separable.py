@@ -20,11 +20,12 @@ from itertools import zip_longest
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from ...effects import Variant
 from ..candidates.columns import span
 from ..candidates.signatures import Term
-from ..element_temperature import about, bilinear
+from ..element_temperature import about, bilinear, warmer_by
 from ..noise.observation_series import NoiseFit, System
 from ..problem import Prepared, rebuilt
 from ..selection.score_test import whiten_system
@@ -35,6 +36,8 @@ from .parameters import corrected, tune
 ROUNDS = 8
 STEADY = 0.1  # change of a setting, in its standard deviations, at which it stays
 ALMOST = 0.01  # the same in parts of the setting where the data do not tell it
+LAG = "thermal_lag"  # the elements' own, which goes on in pauses
+PAUSES = "pauses"
 STEP = 1e-3  # of a parameter, by which its change is found
 
 
@@ -50,18 +53,20 @@ def refined(
     if not any(map(bilinear, chosen)):
         terms, spread = _tuned(prepared, noise, chosen)
         return prepared, terms, spread
-    values = prepared.system.base.coefficients
-    now, terms = _about(prepared, values, chosen)
+    values, ahead = prepared.system.base.coefficients, _nothing_ahead(prepared)
+    now, terms = _about(prepared, values, ahead, chosen)
     spread: list[float | None] = [None] * len(terms)
     best = np.inf, now, terms, spread
     for _ in range(ROUNDS):
         before = [_setting(t) for t in terms]
-        terms, spread = _tuned_beside_parameters(now, noise, terms, values)
+        pauses = _after_pauses(now, terms)
+        terms, spread = _tuned_beside_parameters(now, noise, terms, values, pauses)
         beside = _at_element(now, terms, terms, values)
-        others = _parted(terms)[1]
+        others = [*_parted(terms)[1], *pauses]
         misfit = whiten_system(beside, noise, [], others).chi2
         values, _ = corrected(beside, noise, others)
-        now, terms = _about(prepared, values, terms)
+        ahead = _further_ahead(now, beside, noise, pauses, _parted(terms)[1])
+        now, terms = _about(prepared, values, ahead, terms)
         best = min(best, (misfit, now, terms, spread), key=lambda b: b[0])
         moved = [abs(_setting(t) - b) for t, b in zip(terms, before)]
         room = [STEADY * s if s else ALMOST * b for s, b in zip(spread, before)]
@@ -96,17 +101,21 @@ def _tuned(
 
 
 def _about(
-    prepared: Prepared, values: np.ndarray, terms: Sequence[Term]
+    prepared: Prepared, values: np.ndarray, ahead: np.ndarray | None, terms: Sequence[Term]
 ) -> tuple[Prepared, list[Term]]:
     """The triad and the terms with signatures from these parameters."""
-    now = about(prepared, values)
+    now = about(prepared, values, ahead)
     return now, [rebuilt(now, t) if bilinear(t) else t for t in terms]
 
 
 def _tuned_beside_parameters(
-    now: Prepared, noise: NoiseFit, terms: Sequence[Term], values: np.ndarray
+    now: Prepared,
+    noise: NoiseFit,
+    terms: Sequence[Term],
+    values: np.ndarray,
+    pauses: Sequence[Term],
 ) -> tuple[list[Term], list[float | None]]:
-    """Each setting tuned with the model's parameters at the element's temperature beside it."""
+    """Each setting tuned with the model's parameters at the element's temperature beside it, and what pauses did."""
     apart, others = _parted(terms)
     plain = replace(now, system=_at_element(now, apart, apart, values))
     made, widths = _tuned(plain, noise, others)
@@ -114,8 +123,78 @@ def _tuned_beside_parameters(
     for term in apart:
         rest = [t for t in apart if t is not term]
         without = replace(now, system=_at_element(now, apart, rest, values))
-        tuned[id(term)] = tune(without, noise, term, made)
+        tuned[id(term)] = tune(without, noise, term, [*made, *pauses])
     return [tuned[id(t)][0] for t in terms], [tuned[id(t)][1] for t in terms]
+
+
+def _cycles(prepared: Prepared) -> Int[np.ndarray, " time"]:
+    """Number of the power cycle at each sample."""
+    return np.cumsum(np.r_[False, np.diff(np.asarray(prepared.signal.since_power)) < 0.0])
+
+
+def _nothing_ahead(prepared: Prepared) -> Float[np.ndarray, " time"] | None:
+    """Elements that no pause moved; `None` where there is none."""
+    cycle = _cycles(prepared)
+    return np.zeros(len(cycle)) if cycle[-1] > 0 else None
+
+
+def _after_pauses(now: Prepared, terms: Sequence[Term]) -> list[Term]:
+    """What elements one degree warmer at the end of each pause do to the rows, on each chain by itself.
+
+    Every channel may have its own: it is the same element's temperature for all, but a channel that hardly depends on
+    temperature must not be told so by the others.
+    """
+    ahead = now.signal.ahead
+    if ahead is None:
+        return []
+    base, made = now.system.base, []
+    cycle = _cycles(now)[now.blocks.start]
+    numbers = np.unique(cycle)[1:]
+    for term in terms:
+        if term.name != LAG:
+            continue
+        warmer = rebuilt(warmer_by(now, 1.0), term)
+        for chain, new, old in zip(term.chains, warmer.columns, term.columns):
+            change = (new - old) * (cycle[:, None] == numbers)
+            shown = np.any(change != 0.0, axis=0)
+            if shown.any():
+                channel = chain if len(base.observed) == 3 else term.channels[0]
+                label = Variant("after pauses", {})
+                columns = (change[:, shown],)
+                made.append(Term(PAUSES, term.triad, (channel,), label, (chain,), columns))
+    return made
+
+
+def _further_ahead(
+    now: Prepared,
+    beside: System,
+    noise: NoiseFit,
+    pauses: Sequence[Term],
+    others: Sequence[Term],
+) -> Float[np.ndarray, " time"] | None:
+    """By how much the elements were ahead after each pause: the mean over the chains by their information, with as
+    much before as the probe's whole range."""
+    ahead = now.signal.ahead
+    if ahead is None or not pauses:
+        return None if ahead is None else np.asarray(ahead)
+    cycle = _cycles(now)
+    block = cycle[now.blocks.start]
+    probe = np.asarray(now.signal.temperature)
+    now_ahead = np.array([ahead[cycle == n][0] for n in range(cycle[-1] + 1)])
+    known = np.full(len(now_ahead), 1.0 / float(np.ptp(probe)) ** 2)
+    total = -known * now_ahead
+    for k, term in enumerate(pauses):
+        rest = [*others, *pauses[:k], *pauses[k + 1 :]]
+        (score,) = whiten_system(beside, noise, [term], rest).scores or (None,)
+        if score is None:
+            continue
+        for place, column in enumerate(term.columns[0].T):
+            if score.told[place]:
+                number = int(block[np.flatnonzero(column)[0]])
+                weight = 1.0 / score.covariance[place, place]
+                known[number] += weight
+                total[number] += weight * score.coefficients[place]
+    return (now_ahead + total / known)[cycle]
 
 
 def _parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
@@ -162,11 +241,12 @@ def _by_parameters(
         for chain, rows in zip(term.chains, term.columns)
     }
     flat = values.reshape(-1)
+    ahead = None if now.signal.ahead is None else np.asarray(now.signal.ahead)
     for places in _places([base.index[c] for c in made]):
         step = np.maximum(STEP * np.abs(flat[places]), STEP * STEP)
         other = flat.copy()
         other[places] += step
-        changed = rebuilt(about(now, other.reshape(values.shape)), term)
+        changed = rebuilt(about(now, other.reshape(values.shape), ahead), term)
         for chain, new, old in zip(term.chains, changed.columns, term.columns):
             index = list(base.index[chain])
             for place, size in zip(places, step):
