@@ -71,8 +71,9 @@ def _apart(
     level: Float[np.ndarray, "recording 3"], error: Float[np.ndarray, "recording 3"]
 ) -> float:
     """The largest difference of two recordings in standard errors."""
-    apart = np.abs(level[:, None] - level[None]) / np.hypot(error[:, None], error[None])
-    return float(apart.max())
+    # A recording stands no error off itself, not even one whose error is nought.
+    both = np.maximum(np.hypot(error[:, None], error[None]), np.finfo(float).tiny)
+    return float((np.abs(level[:, None] - level[None]) / both).max())
 
 
 def levels(estimate: TriadResult, gravity: float, *, slopes: bool = False) -> Levels | None:

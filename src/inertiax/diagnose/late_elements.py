@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..effects import CATALOGUE
+from ..effects import CATALOGUE, Variant
 from ..effects.effect import lag
+from ..model_selection.model_spec import LEAST_SPAN
 from ..model_selection.temperature_degree import HIGHEST_DEGREE, temperature_levels
 from .element_temperature import Curves
 from .problem import Prepared, Problem
@@ -26,6 +27,7 @@ from .problem import Prepared, Problem
 
 # Convention: where a lag leaves less than half of the squares, it has bent the parameters by as much as they tell.
 STRONG = 0.5
+ENOUGH = 2.0  # times the squares of the best degree that a lower one may leave
 WORTH = 20.0  # by the criterion: odds of 20 000 to 1
 (LAG,) = (e for e in CATALOGUE if e.name == "thermal_lag")
 
@@ -35,6 +37,7 @@ class _Chain(NamedTuple):
 
     output: Float[np.ndarray, " dwell"]
     jacobian: Float[np.ndarray, "dwell parameter"]
+    bias: Float[np.ndarray, "dwell bias"]  # of them those of biases
 
 
 class _Fit(NamedTuple):
@@ -69,30 +72,27 @@ def _late(prepared: Prepared, degree: int | None) -> Curves | None:
     if signal.temperature is None or signal.at_temperature is None:
         return None
     place = np.unique(blocks.dwell, return_inverse=True)[1]
-    chains = _chains(prepared, place)
     probe = _means(blocks.mean(np.asarray(signal.temperature)), place)
     low, high = float(probe.min()), float(probe.max())
+    if high - low < LEAST_SPAN:
+        return None
+    chains = _chains(prepared, place)
     highest = min(HIGHEST_DEGREE, temperature_levels(probe) - 1)
     degrees = range(1, highest + 1) if degree is None else range(degree, degree + 1)
 
-    def fitted(temperature: Float[np.ndarray, " dwell"], more: int) -> Iterable[_Fit]:
+    def fitted(temperature: Float[np.ndarray, " dwell"], left: np.ndarray) -> Iterable[_Fit]:
         x = (2.0 * temperature - low - high) / (high - low)
-        made = (_fit(chains, np.polynomial.chebyshev.chebvander(x, d), more) for d in degrees)
+        made = (_fit(chains, np.polynomial.chebyshev.chebvander(x, d), left) for d in degrees)
         return (f for f in made if f is not None)
 
-    plain = min(fitted(probe, 0), default=None)
-    elements = (
-        _means(
-            blocks.mean(
-                np.asarray(lag(signal.time, signal.temperature, float(v.settings["time_constant"])))
-            ),
-            place,
-        )
-        for v in LAG.variants(signal)
-    )
-    late = min((f for t in elements for f in fitted(t, 1)), default=None)
+    nothing = np.zeros((len(probe), 0))
+    plain = min(fitted(probe, nothing), default=None)
+    every = [list(fitted(*_element(prepared, place, v))) for v in LAG.variants(signal)]
+    late = min((f for fits in every for f in fits), default=None)
     if plain is None or late is None:
         return None
+    # Dwells that err alike make the criterion greedy; what more there is, is chosen again beside what was named.
+    late = next(f for f in max(every, key=lambda fits: late in fits) if f.left < ENOUGH * late.left)
     if plain.criterion - late.criterion < WORTH or late.left > STRONG * plain.left:
         return None
     size = prepared.form.degree + 1
@@ -102,6 +102,20 @@ def _late(prepared: Prepared, degree: int | None) -> Curves | None:
     return Curves(low, high, values)
 
 
+def _element(
+    prepared: Prepared, place: np.ndarray, variant: Variant
+) -> tuple[Float[np.ndarray, " dwell"], Float[np.ndarray, "dwell pause"]]:
+    """Temperature of late elements at the dwells, and what is left there of a degree that each pause changed it by."""
+    signal, blocks = prepared.signal, prepared.blocks
+    assert signal.temperature is not None
+    constant = float(variant.settings["time_constant"])
+    element = np.asarray(lag(signal.time, signal.temperature, constant))
+    since = np.asarray(signal.since_power)
+    cycle = np.cumsum(np.r_[False, np.diff(since) < 0.0])
+    left = np.exp(-since / constant)[:, None] * (cycle[:, None] == np.arange(1, cycle[-1] + 1))
+    return _means(blocks.mean(element), place), _means(blocks.mean(left), place)
+
+
 def _chains(prepared: Prepared, place: np.ndarray) -> list[_Chain]:
     """The triad's rows, linear in the parameters about the calibration's, as means of dwells."""
     base, size, made = prepared.system.base, prepared.form.degree + 1, []
@@ -109,7 +123,9 @@ def _chains(prepared: Prepared, place: np.ndarray) -> list[_Chain]:
     for observed, columns, index in zip(base.observed, base.columns, base.index):
         # The first of each parameter's columns is of the constant polynomial.
         output = observed + columns @ flat[index]
-        made.append(_Chain(_means(output, place), _means(columns[:, ::size], place)))
+        jacobian = _means(columns[:, ::size], place)
+        biases = [".bias[" in base.form.names[k] for k in index[::size] // size]
+        made.append(_Chain(_means(output, place), jacobian, jacobian[:, biases]))
     return made
 
 
@@ -120,20 +136,26 @@ def _means(rows: Float[np.ndarray, "block *more"], place: np.ndarray) -> np.ndar
     return (total.T / np.bincount(place)).T
 
 
-def _fit(chains: list[_Chain], basis: Float[np.ndarray, "dwell size"], more: int) -> _Fit | None:
-    """Least squares of every chain with variances of their own; `None` where dwells are too few for it."""
-    criterion, left, made = 0.0, 0.0, []
-    for output, jacobian in chains:
-        count = jacobian.shape[1]
-        design = (jacobian[:, :, None] * basis[:, None, :]).reshape(len(output), -1)
-        if len(output) < 2 * design.shape[1]:
+def _fit(
+    chains: list[_Chain],
+    basis: Float[np.ndarray, "dwell size"],
+    left: Float[np.ndarray, "dwell pause"],
+) -> _Fit | None:
+    """Least squares of every chain with variances of their own; `None` where dwells are too few for it.
+
+    What a pause did to the elements changes biases: a first order that each channel has by itself.
+    """
+    criterion, squares, made = 0.0, 0.0, []
+    for output, jacobian, bias in chains:
+        count, rows = jacobian.shape[1], len(output)
+        curves = (jacobian[:, :, None] * basis[:, None, :]).reshape(rows, -1)
+        pauses = (bias[:, :, None] * left[:, None, :]).reshape(rows, -1)
+        design = np.concatenate([curves, pauses], axis=1)
+        if rows < 2 * design.shape[1]:
             return None
         solution, *_ = np.linalg.lstsq(design, output, rcond=1e-10)
-        squares = float(np.sum((output - design @ solution) ** 2))
-        criterion += len(output) * np.log(max(squares, 1e-300)) + len(solution) * np.log(
-            len(output)
-        )
-        left += squares
-        made.append(solution.reshape(count, -1))
-    criterion += more * np.log(sum(len(c.output) for c in chains))
-    return _Fit(criterion, left, basis.shape[1] - 1, made)
+        mine = float(np.sum((output - design @ solution) ** 2))
+        criterion += rows * np.log(max(mine, 1e-300)) + len(solution) * np.log(rows)
+        squares += mine
+        made.append(solution[: curves.shape[1]].reshape(count, -1))
+    return _Fit(criterion, squares, basis.shape[1] - 1, made)
