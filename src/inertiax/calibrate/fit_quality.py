@@ -286,8 +286,10 @@ def _outliers(name: str, estimate: TriadResult) -> list[Finding]:
 def _moment(dwells: Dwells, k: int) -> str:
     """When a dwell was, and in which recording of the list where clocks begin anew."""
     time, rows = np.asarray(dwells.time), dwells.rows
-    anew = rows is not None and np.any(np.diff(time) < 0.0)
-    return f"{float(time[k]):.0f} s{f' of recording {int(rows[k, 0]) + 1}' if anew else ''}"
+    said = f"{float(time[k]):.0f} s"
+    if rows is None or not np.any(np.diff(time) < 0.0):
+        return said
+    return f"{said} of recording {int(rows[k, 0]) + 1}"
 
 
 # The weakest parameter -------------------------------------------------------------------------------
