@@ -27,7 +27,6 @@ from ..model_selection.select_model import (
     settle_accel,
 )
 from ..numerics.blas_threads import one_blas_thread
-from ..physics.directions import FEWEST_DIRECTIONS
 from ..plausibility import Finding, require_plausible, statements
 from ..plausibility.stated_rates import ramps_sentence
 from ..reduction.dwell_means import reduce_to_dwells
@@ -51,6 +50,7 @@ from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
 from .level_by_recording import triad_words
 from .magnetometers_of_device import calibrate_mag, has_magnetometers, magnetometer_calibration
+from .mean_output import about_the_mean, told_of_the_sensor, words_of_the_mean
 from .one_triad import Progress, with_refined_force
 from .results import (
     DeviceFailure as DeviceFailure,
@@ -166,7 +166,7 @@ def calibrate_device(
             campaign, chosen, dwells, method, robust, progress, choices, warnings
         )
         dwells = with_refined_force(accel_result, dwells)
-        warnings.extend(_of_the_mean(accel_result))
+        warnings.extend(words_of_the_mean(accel_result))
         warnings.extend(_of_levels(accel_result, campaign))
         one = one_attitude_over_temperature(raw)
         warnings.extend([] if one is None else [one])
@@ -196,7 +196,7 @@ def calibrate_device(
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
-        accel=_triad(_told(accel_result), chosen.accel_estimator, campaign.rig),
+        accel=_triad(told_of_the_sensor(accel_result), chosen.accel_estimator, campaign.rig),
         gyro=with_earth_rate(
             _triad(gyro_result, chosen.gyro_estimator, campaign.rig), raw, campaign.site
         ),
@@ -336,13 +336,6 @@ def _raw_force(recording: Recording) -> Float[np.ndarray, "time 3"]:
     return recording.accel
 
 
-def _about_the_mean(result: TriadResult | None) -> bool:
-    """Whether an estimate counts from the outputs' own mean, which says nothing of the sensor."""
-    if result is None or not isinstance(result.estimator, StaticAccel):
-        return False
-    return result.dwells.reference_accel is None
-
-
 def _of_turning(campaign: Campaign, segments: Sequence[Segments]) -> list[str]:
     """What is to be said of recordings that turn slowly all along."""
     return [
@@ -353,32 +346,6 @@ def _of_turning(campaign: Campaign, segments: Sequence[Segments]) -> list[str]:
     ]
 
 
-def _of_the_mean(result: TriadResult) -> tuple[str, ...]:
-    """What is to be said of numbers that count from the mean output."""
-    if not _about_the_mean(result):
-        return ()
-    if result.solution.curve.basis.size > 1:
-        return (
-            "accelerometers: without a reference one pose tells only how the bias changes with temperature, and its "
-            "constant is counted from the mean output; a log turned by hand gives it, or reference_accel_x/y/z",
-        )
-    return (
-        "accelerometers: without a reference 'static' tells only changes from the mean output; record "
-        f"{FEWEST_DIRECTIONS} directions of gravity or more, or give reference_accel_x/y/z",
-    )
-
-
-def _told(result: TriadResult | None) -> TriadResult | None:
-    """The estimate where its numbers mean something.
-
-    Constants that are counted from the outputs' own mean say nothing of the sensor: no calibration, and no other
-    tool's file, may hold them. The diagnosis looks for changes about them.
-    """
-    if result is None or not _about_the_mean(result) or result.solution.curve.basis.size > 1:
-        return result
-    return None
-
-
 def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> TriadCalibration | None:
     if result is None or estimator is None:
         return None
@@ -386,7 +353,7 @@ def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> Triad
     sigma = rig.temperature_uncertainty or 0.0
     covariance = covariance + probe_covariance(curve.coefficients, curve.basis, sigma)
     mean = None
-    if isinstance(result.estimator, StaticAccel) and _about_the_mean(result):
+    if isinstance(result.estimator, StaticAccel) and about_the_mean(result):
         mean = np.asarray(result.estimator.nominal, float)
     return TriadCalibration(curve, covariance, result.estimator.names, estimator, mean)
 

@@ -355,18 +355,13 @@ class Calibration:
     def to_frame(
         self, temperatures: Sequence[float] | Float[np.ndarray, " n"] | None = None
     ) -> pl.DataFrame:
-        """Columns temperature (°C), name, value, sigma, unit (SI): one row per parameter and temperature.
-
-        At the middle of the calibrated range where no temperatures are given.
-        """
+        """Columns temperature (°C, the middle of the range where none is given), name, value, sigma, unit (SI)."""
         return representation.frame(self, temperatures)
 
     def plot(self) -> Any:
-        """A matplotlib `Figure` with a panel for each triad and family of parameters, in customary units: over the
-        temperature range with 95 % bands, 5 % beyond it shaded; without temperature, values with 95 % intervals.
-
-        Save it by `figure.savefig(path)`; a notebook shows it. Raises `ValueError` for stacked devices, in traced code,
-        and where no triad is calibrated.
+        """A matplotlib `Figure` with a panel for each triad and family of parameters: values or curves over temperature
+        with 95 % intervals, 5 % beyond the range shaded. Raises `ValueError` for stacked devices, in traced code, and
+        where no triad is calibrated.
         """
         representation.single(self, "plot")
         return drawn.figure(self)
