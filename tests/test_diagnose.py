@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from diagnose_data import FLICKER, only, slow_noise, sweep, tumble
+from inertiax.data.recording import Recording
 from inertiax.diagnose import audit, diagnose, diagnose_model, hold_out, run_diagnosis
 from inertiax.diagnose.estimates.transients import most_scattered
 from inertiax.effects import CATALOGUE
@@ -187,18 +188,39 @@ def test_a_tumble_in_steps_of_30_degrees_shows_both_but_not_apart_from_their_kin
 
 @pytest.mark.slow
 def test_any_differentiable_model_can_be_diagnosed():
-    campaign = sweep(seed=8, effect=lambda probe, t: only(1, 8e-6 * (t > 2700.0)))
+    """Scale factors by tanh of temperature, on a rate table at three settings that one log holds behind one another."""
+    rng = np.random.default_rng(12)
+    plateau = [v * axis for axis in np.eye(3) for v in (-2.0, -1.2, -0.5, 0.5, 1.2, 2.0)]
+    rate = np.tile(np.repeat(plateau, 200, axis=0), (3, 1))
+    time = np.arange(len(rate)) / 10.0
+    probe = np.repeat([-10.0, 25.0, 55.0], 3600) + 0.5 * np.sin(time / 90.0)
+    time += np.repeat([0.0, 3600.0, 7200.0], 3600)  # s: the chamber goes on meanwhile
 
     def predict(parameters, signal):
-        x = (jnp.asarray(signal.temperature) - 20.0) / 30.0
-        return jnp.stack([jnp.ones_like(x), x, x**2, x**3], axis=1) @ parameters
+        temperature = jnp.asarray(signal.temperature)[:, None]
+        warm = jnp.tanh((temperature - 25.0) / 30.0)
+        scale, bend, bias = (parameters[k][None] for k in ("scale", "bend", "bias"))
+        return jnp.asarray(signal.input) * (scale + bend * warm) + bias
 
-    found = diagnose_model(predict, np.zeros((4, 3)), campaign.recordings[0], triad="gyro")
-    assert [e.name for e in found.effects] == ["bias_step"]
-    time = dict(found.effects[0].parameters)["time"]
-    assert (
-        abs(time.value - 2700.0) < 20.0
-    )  # blocks are 2 s to 4 s long; the noise moves the best place by a few
+    bend = np.tanh((probe[:, None] - 25.0) / 30.0)
+    gyro = rate * (1.0 + np.array([3e-3, -2e-3, 4e-3]) * bend) + 0.01
+    gyro[:, 2] += 2.5e-4 * rate[:, 2] * np.abs(rate[:, 2])
+    gyro += 3e-4 * rng.standard_normal(gyro.shape)
+    fits = []
+    for c in range(3):
+        x = np.stack([rate[:, c], rate[:, c] * bend[:, 0], np.ones(len(rate))], axis=1)
+        fits.append(np.linalg.lstsq(x, gyro[:, c], rcond=None)[0])
+    parameters = dict(zip(("scale", "bend", "bias"), np.transpose(fits)))
+
+    recording = Recording(time=time, gyro=gyro, temperature=probe)
+    with pytest.raises(ValueError, match="plateau of constant rate"):
+        diagnose_model(predict, parameters, recording, triad="gyro")
+    found = diagnose_model(
+        predict, parameters, recording, triad="gyro", inputs=rate, grade="tactical"
+    )
+    assert [(e.name, e.channels) for e in found.effects] == [("rate_nonlinearity", ("gyro_z",))]
+    size = dict(found.effects[0].parameters)["coefficient"]
+    assert abs(size.value - 2.5e-4) < 3.0 * size.std
 
 
 def test_a_stretch_of_more_scatter_is_found_but_neither_noise_nor_one_loud_block():

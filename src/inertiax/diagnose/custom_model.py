@@ -5,6 +5,7 @@ at the given parameters stands for what a refit could absorb; everything beyond 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import equinox as eqx
@@ -105,6 +106,15 @@ def prepare_model(
 ) -> Prepared:
     """Rows, candidates and noise structure of a user's model, ready for the search."""
     make_room()
+    if (
+        inputs is not None
+    ):  # plateaus of constant rate, too, are found by what the triad went through
+        campaign = replace(
+            campaign,
+            recordings=tuple(
+                replace(r, **{f"reference_{triad}": inputs}) for r in campaign.recordings
+            ),
+        )
     log = join(campaign)
     if getattr(log, triad) is None:
         raise ValueError(

@@ -194,8 +194,8 @@ def diagnose_model(
 
     **Arguments:** `predict(parameters, signal)` gives the expected outputs, `(time, 3)` in m/s² or rad/s, from a
     `Signal` (times, temperature, inputs...); `parameters` is a pytree fitted beforehand, and what its Jacobian
-    spans counts as absorbed by a refit; `inputs` is what an ideal triad reads, m/s² or rad/s, where
-    the recording has no reference columns.
+    spans counts as absorbed by a refit; `inputs` (time, 3) is what an ideal triad reads, m/s² or rad/s, where
+    the recording has no reference columns; plateaus of constant rate need one of both.
     **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number.
     Raises `ValueError` where the recording lacks the triad.
     """

@@ -232,8 +232,8 @@ def cut(log: Log) -> Blocks:
     runs = [(int(a), int(b), int(k)) for a, b, k in zip(first, last, owner)]
     if not any(b - a >= FEWEST_SAMPLES for a, b, _ in runs):
         raise ValueError(
-            "`diagnose(campaign)`: no rest of at least "
-            f"{FEWEST_SAMPLES} samples (position >= 0) and no constant-rate plateau was found."
+            f"a diagnosis needs a rest of {FEWEST_SAMPLES} samples (position >= 0) or a plateau of constant rate, and "
+            "found none; plateaus are found by `reference_gyro`, or by `diagnose_model(inputs=...)`."
         )
     total = sum(b - a for a, b, _ in runs)
     coarsest = max(FEWEST_SAMPLES, -(-total // MOST_BLOCKS))

@@ -14,6 +14,9 @@ from .model_rows import Baseline, CalibratedTriad, compensated
 from .vertical import upright_axis
 
 
+JOINT = 5.0  # °C from one row to the next, which no device does
+
+
 class AtTemperature(eqx.Module):
     """The fitted model's outputs along the signal if the element had another temperature."""
 
@@ -51,12 +54,19 @@ def at_temperature(base: Baseline | CalibratedTriad, given: np.ndarray) -> AtTem
 
 
 def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
-    """Probe temperature and its rate by local parabolas over about `span` seconds, recording by recording."""
+    """Probe temperature and its rate by local parabolas over about `span` seconds of uninterrupted log.
+
+    Recordings, gaps and joints, where a log goes on at another temperature, interrupt it.
+    """
     assert log.temperature is not None
     value, rate = np.empty_like(log.temperature), np.empty_like(log.temperature)
-    for number in np.unique(log.recording):
-        rows = log.recording == number
-        t, count = log.temperature[rows], int(rows.sum())
+    apart = np.diff(log.recording) != 0
+    pause = np.diff(log.time)
+    usual = np.median(pause[~apart]) if np.any(~apart) else 0.0
+    apart |= (pause > span) & (pause > 5.0 * usual)  # a log of few rows pauses always
+    apart |= np.abs(np.diff(log.temperature)) > JOINT
+    for rows in np.split(np.arange(len(log.time)), np.flatnonzero(apart) + 1):
+        t, count = log.temperature[rows], len(rows)
         step = float(np.median(np.diff(log.time[rows]))) if count > 1 else 1.0
         width = min(int(span / step) // 2 * 2 + 1, (count - 1) // 2 * 2 + 1)
         if width < 5:
