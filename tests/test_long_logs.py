@@ -207,14 +207,18 @@ def test_a_part_keeps_no_column(file):
     assert not any(isinstance(v, np.ndarray) and v.size > 1 for v in vars(first).values())
 
 
-def test_a_store_holds_few_columns_and_refuses_others():
+def test_a_store_holds_so_many_bytes_and_refuses_other_columns(monkeypatch):
+    monkeypatch.setattr("inertiax.data.stored_recording._HELD", 20_000)
     (whole,) = _recordings(300)
     store = ColumnStore()
     for a in (0, 100, 200):
         store.append(whole[a : a + 100])
     for first in range(20):
         np.testing.assert_array_equal(store.read("accel", first, 300), whole.accel[first:])
-    assert len(store._held) == 16
+    # 300, 299 and 298 rows of 24 bytes are more than that.
+    assert [first for _, first, _ in store._held] == [0, 1]
+    assert store.read("accel", 0, 300) is store.read("accel", 0, 300)
+    assert store.read("accel", 9, 300) is not store.read("accel", 9, 300)
     assert store.read("supply", 0, 10) is None and store.columns == ("time", "accel")
     with pytest.raises(ValueError, match="different columns"):
         store.append(_recordings(300, gyro=True)[0])

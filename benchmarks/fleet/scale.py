@@ -7,13 +7,14 @@
    the misfit; medians of five after one run that compiles, by the clock and of processor time, which other work on the
    machine changes less; the exponent is the slope of log time over log devices. `--threads 1`, and the process on
    one core, tell how the work itself grows.
-2. `inertiax fleet` as a command on 50 devices of raw samples: seconds until the first part is on disk, with an empty
-   compilation cache and with a filled one; medians of five.
+2. `inertiax fleet` as a command on 50 and 1000 devices of raw samples: seconds until the first part is on disk and
+   until it ends, with an empty compilation cache and with a filled one; medians of five.
 """
 
 import argparse
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -23,7 +24,8 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from raw import campaign, device, directions, GRAVITY
+import polars as pl
+from raw import campaign, device, directions, FILES, GRAVITY
 
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_fleet
@@ -71,35 +73,45 @@ def growth(threads: int) -> dict[int, tuple[float, float]]:
     return seconds
 
 
-def latency() -> dict[str, float]:
-    import polars as pl
-
+def latency(devices: int) -> dict[str, float]:
+    """Seconds until the first part of the command's results is on disk, and until it ends."""
     rng = np.random.default_rng(5)
     base = Path(tempfile.mkdtemp())
     (base / "line").mkdir()
-    pl.concat([device(rng, f"SN{k}") for k in range(50)]).write_parquet(
-        base / "line/line-0.parquet"
-    )
-    folder = campaign(base / "campaign", base / "line", 1)
-    found: dict[str, list[float]] = {"cold": [], "warm": []}
+    each = -(-devices // FILES)
+    for file in range(FILES):
+        names = [f"SN{k}" for k in range(file * each, min((file + 1) * each, devices))]
+        rows = pl.concat([device(rng, name) for name in names])
+        rows.write_parquet(base / f"line/line-{file}.parquet", row_group_size=250_000)
+    folder = campaign(base / "campaign", base / "line", FILES)
+    found: dict[str, list[tuple[float, float]]] = {"cold": [], "warm": []}
     for k in range(REPEATS):
         for state in ("cold", "warm"):
             environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(base / f"cache-{k}")}
             results = base / f"results-{k}-{state}"
-            command = [
-                sys.executable,
-                "-m",
-                "inertiax",
-                "fleet",
-                str(folder),
-                "-o",
-                str(results),
-                "--quiet",
-            ]
-            start = time.perf_counter()
-            subprocess.run(command, env=environment, check=True, capture_output=True)
-            found[state].append(time.perf_counter() - start)
-    return {k: statistics.median(v) for k, v in found.items()}
+            command = [sys.executable, "-m", "inertiax", "fleet", str(folder), "-o", str(results)]
+            found[state].append(_first_and_last([*command, "--quiet"], results, environment))
+    shutil.rmtree(base)
+    return {
+        f"{state}, {what}": statistics.median(times)
+        for state, pairs in found.items()
+        for what, times in zip(("first part", "all"), zip(*pairs, strict=True), strict=True)
+    }
+
+
+def _first_and_last(
+    command: list[str], results: Path, environment: dict[str, str]
+) -> tuple[float, float]:
+    start, first = time.perf_counter(), None
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    while process.poll() is None:
+        if first is None and any((results / "parts").glob("*.parquet")):
+            first = time.perf_counter() - start
+        time.sleep(0.01)
+    assert process.returncode == 0 and first is not None
+    return first, time.perf_counter() - start
 
 
 def main() -> None:
@@ -116,8 +128,11 @@ def main() -> None:
         for k, clock in enumerate(("clock", "processor time"))
     }
     print("exponent " + "; ".join(f"{k}: {v:.3f}" for k, v in exponent.items()))
-    first = latency()
-    print(f"command on 50 devices: cold {first['cold']:.1f} s, warm {first['warm']:.1f} s")
+    first = {number: latency(number) for number in (50, 1000)}
+    for number, found in first.items():
+        print(
+            f"command on {number} devices: " + ", ".join(f"{k} {s:.2f} s" for k, s in found.items())
+        )
     if chosen.json:
         chosen.json.write_text(
             json.dumps(

@@ -8,7 +8,6 @@ are read when they are used. The files are gone when nobody uses them any more, 
 import tempfile
 import threading
 import weakref
-from collections import OrderedDict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from .._records import field
 from .recording import COLUMNS, Recording
 
 
-_HELD = 16  # columns of parts in memory
+_HELD = 640_000_000  # bytes of columns in memory: those of some ten million rows
 
 
 class _Files(NamedTuple):
@@ -37,7 +36,8 @@ class ColumnStore:
         self._files: dict[str, _Files] = {}
         weakref.finalize(self, _close, self._files)
         self._lock = threading.Lock()  # parts are looked at side by side
-        self._held: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
+        self._held: dict[tuple[str, int, int], np.ndarray] = {}
+        self._free = _HELD
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -63,14 +63,13 @@ class ColumnStore:
                 np.ascontiguousarray(column, kind).tofile(file)
         self.rows += recording.num_samples
 
-    def read(self, name: str, first: int, stop: int) -> np.ndarray | None:
-        """Rows of a column; `None` where it was not recorded."""
+    def read(self, name: str, first: int, stop: int, *, keep: bool = True) -> np.ndarray | None:
+        """Rows of a column, which are kept in memory while there is room; `None` where it was not recorded."""
         if name not in self._files:
             return None
         key = (name, first, stop)
         with self._lock:
             if key in self._held:
-                self._held.move_to_end(key)
                 return self._held[key]
             files, kind, shape = self._files[name]
             read = np.empty((len(files), stop - first), kind)
@@ -78,9 +77,11 @@ class ColumnStore:
                 file.seek(first * kind.itemsize)
                 file.readinto(row.view(np.uint8))
             values = read.T if shape else read[0]
-            self._held[key] = values
-            if len(self._held) > _HELD:
-                self._held.popitem(last=False)
+            # Each step of a calculation goes from the first part to the last: what came first is asked for again
+            # before what came after it, and stays.
+            if keep and values.nbytes <= self._free:
+                self._held[key] = values
+                self._free -= values.nbytes
             return values
 
 

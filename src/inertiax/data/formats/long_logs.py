@@ -137,10 +137,10 @@ def _still(store: ColumnStore, middle: int, reach: int) -> int:
     count = max(2 * reach // _BLOCK, 1)
     motion = np.zeros(count)
     for name in ("accel", "gyro"):
-        values = store.read(name, first, first + count * _BLOCK)
+        values = store.read(name, first, first + count * _BLOCK, keep=False)
         if values is not None:
             motion += _motion(values.reshape(count, _BLOCK, 3), turns=name == "gyro")
-    position = store.read("position", first, first + count * _BLOCK)
+    position = store.read("position", first, first + count * _BLOCK, keep=False)
     if position is not None:
         blocks = position.reshape(count, _BLOCK)
         resting = (blocks == blocks[:, :1]).all(axis=1) & (blocks[:, 0] >= 0)
