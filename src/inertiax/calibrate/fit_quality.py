@@ -374,10 +374,9 @@ def _mistakes(
         return []
     bounds = calibration.temperature_range
     middle = 0.0 if bounds is None else float(np.mean(bounds))
-    (values,), _ = triad.over(np.array([middle]))
-    found = [
-        Finding(t, UNUSABLE, f"{name}: {said}") for t, said in matrix_mistakes(triad.names, values)
-    ]
+    (values,), (sigmas,) = triad.over(np.array([middle]))
+    mistakes = matrix_mistakes(triad.names, values, sigmas)
+    found = [Finding(t, UNUSABLE, f"{name}: {said}") for t, said in mistakes]
     alike = None if found or triad.estimator != "gravity" else _common_scale(triad.names, values)
     return found if alike is None else [Finding("unit", ATTENTION, f"{name}: {alike}")]
 

@@ -117,6 +117,9 @@ def grade_parameters(
     )
 
 
+_TOLD = 3.0  # standard deviations, from which a value is more than its uncertainty
+
+
 def grade_matrix(
     names: tuple[str, ...],
     values: Float[AnyArray, "*batch parameters"],
@@ -130,10 +133,17 @@ def grade_matrix(
 
 
 def matrix_mistakes(
-    names: tuple[str, ...], values: Float[AnyArray, " parameters"], limits: FitLimits = LIMITS
+    names: tuple[str, ...],
+    values: Float[AnyArray, " parameters"],
+    sigmas: Float[AnyArray, " parameters"],
+    limits: FitLimits = LIMITS,
 ) -> list[tuple[str, str]]:
-    """What makes `grade_matrix` UNUSABLE: topic (`frame`, `sign` or `unit`) and words, the most telling first."""
-    matrix = _matrix(names, np.asarray(values))
+    """What makes `grade_matrix` UNUSABLE: topic (`frame`, `sign` or `unit`) and words, the most telling first.
+
+    An element that the data hardly tell, which `grade_parameters` grades, is no mistake of anybody's.
+    """
+    values, sigmas = np.asarray(values), np.asarray(sigmas)
+    matrix = _matrix(names, np.where(np.abs(values) < _TOLD * sigmas, 0.0, values))
     found: list[tuple[str, str]] = []
     for k, axis in enumerate("xyz"):
         times = 1.0 + float(matrix[k, k])

@@ -5,12 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .column_words import FORCE_UNITS, said
 from .converters import ACCEL_SCALES, G, middle, nearest, rounded, whole
 from .resting import poses, Resting
 
 
 _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
 _UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0}  # what 1 g reads
+_FAR = (
+    2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
+)
 _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
 _TURNING = 0.9  # of the samples' norm: the means of a device that turned by 50° or more are shorter
 _BLOCK = 20  # rows
@@ -50,12 +54,14 @@ class Sphere(NamedTuple):
     fitted: bool  # else the centre is assumed
 
 
-def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit:
+def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = "") -> TriadUnit:
     """Unit, scale and offset of accelerometers.
 
     The means at rest lie on a sphere of 1 g. With six poses or more its centre is fitted; with fewer it is zero, or the
     middle of an unsigned converter's range. Where the device turned on, however slowly, means over its turns are
     shorter than 1 g, and single samples tell more.
+
+    **Arguments:** `hint` is what the file says in words of the columns.
     """
     assert rests.accel is not None
     center, radius, fitted = sphere(rests.accel, middle(values))
@@ -70,6 +76,9 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit
     if not fitted and _unit_of(calm) is not None and _unit_of(radius) is None:
         radius = calm
         what = f"|a| is {radius:.4g} in the rows that move least; no rests were found"
+    told = _written(radius, said(FORCE_UNITS, hint), what)
+    if told is not None:
+        return told
     offset = _offset(center, radius, fitted)
     if not whole(values) or nearest(radius, (1000.0,), 0.015):
         unit = _unit_of(radius)
@@ -78,10 +87,32 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting) -> TriadUnit
     scale = nearest(radius, ACCEL_SCALES, _NEAR) if offset is None else None
     if scale is not None:
         text = f"{what}: counts, {scale:g} per g by the usual data sheets"
-        return TriadUnit("count", scale, "count per g", offset, G / scale, text, True)
+        counts = whole(values) or fitted or len(rests.accel) == len(values)
+        text += "" if counts else ", but they are not whole"
+        return TriadUnit("count", scale, "count per g", offset, G / scale, text, counts)
+    if not fitted and offset is None and not whole(values):
+        likely = next((u for u in ("g", "m/s^2") if 1 / _FAR < radius / _UNITS[u] < _FAR), None)
+        if likely is not None:
+            return _in(likely, f"likely {likely}, for these are no counts; {what}", radius)
     scale = rounded(radius)
     text = f"{what}: counts of a converter that is not known here; the scale is measured"
     return TriadUnit("count", scale, "count per g", offset, G / scale, text, fitted)
+
+
+def _written(radius: float, unit: str | None, what: str) -> TriadUnit | None:
+    """The unit that the file writes, where gravity reads about that; physics has it otherwise."""
+    if unit is None or not 1 / _FAR < radius / _UNITS[unit] < _FAR:
+        return None
+    return _in(unit, f"as the file says; {what}", radius)
+
+
+def _in(unit: str, why: str, radius: float) -> TriadUnit:
+    """A unit in which gravity may read amiss: by a bias in the axis that points up, or by a scale."""
+    near = abs(radius / _UNITS[unit] - 1.0) < _NEAR
+    text = (
+        why if near else f"{why}, so a bias or a scale is far off: poses of other axes tell which"
+    )
+    return TriadUnit(unit, None, None, None, G / _UNITS[unit], text, near)
 
 
 def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:

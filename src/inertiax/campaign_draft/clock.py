@@ -15,6 +15,8 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _USUAL = (8.0, 2200.0)  # Hz, IMUs that people log
 _POSSIBLE = (0.5, 20000.0)  # Hz
 _WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
+_STEPS = 0.2  # of the differences go back: what holds steps goes up and down
+_LONGEST_STEP = 50.0  # times the usual one
 _ANEW = 1.5  # usual steps to mean ones: the stamps' span is that of one of several runs
 UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
 
@@ -45,6 +47,9 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
         tenths = _tenths_of_ms(name, values)
         if tenths is not None:
             return _counted(tenths, rows, f"{name} of an MTi counts tenths of a millisecond", True)
+        steps = _steps(log, name, values)
+        if steps is not None and rate is None:
+            return steps
         unit, why, certain = _unit(log, name, values, rate, temperature)
         if unit is not None:
             found = _checked(name, unit, UNITS[unit] * (values - values[0]), why)
@@ -66,6 +71,24 @@ def _tenths_of_ms(name: str, values: Float[np.ndarray, " rows"]) -> float | None
         return None
     rate = 1e4 / float(steps[0]) if steps[0] > 0 else 0.0
     return rate if _USUAL[0] < rate < _USUAL[1] else None
+
+
+def _steps(log: RawLog, name: str, values: Float[np.ndarray, " rows"]) -> Clock | None:
+    """The mean rate where a column holds the time from row to row, of which none is zero."""
+    told = values[np.isfinite(values)]
+    if len(told) < 3 or not told.min() > 0.0 or np.mean(np.diff(told) < 0.0) < _STEPS:
+        return None
+    usual = float(np.median(told))
+    if told.max() > _LONGEST_STEP * usual:
+        return None
+    rates = {u: 1.0 / (f * float(told.mean())) for u, f in UNITS.items()}
+    fits = [u for u, r in rates.items() if _USUAL[0] <= r <= _USUAL[1]]
+    unit = said(TIME_UNITS, log.hint(name))
+    unit = unit if unit in fits else next(iter(fits), None)
+    if unit is None:
+        return None
+    text = f"{name} goes up and down about {usual:.4g}, so it holds steps in {unit}, whose mean counts rows"
+    return _counted(usual_rate(rates[unit]), len(values), text, True)
 
 
 def _counted(rate: float, rows: int, why: str, certain: bool) -> Clock:

@@ -160,9 +160,27 @@ def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
                 if all(t in names and t not in taken for t in triad):
                     found.append((triad[0], triad[1], triad[2]))
                     taken.update(triad)
+                    found += _second_of_six(name[:place], name[place + 1 :], names, axes)
+                    taken.update(found[-1])
     by_plain = {plain(n): n for n in names if n not in taken}
     found += [t for n in by_plain.values() if (t := triad_of_words(n, by_plain)) is not None]
     return found
+
+
+def _of_one_six(one: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
+    """Whether two triads are an array of six columns."""
+    ends = sorted(n[-1] for n in (*one, *other))
+    return ends == list("012345") and len({n[:-1] for n in (*one, *other)}) == 1
+
+
+def _second_of_six(
+    before: str, after: str, names: tuple[str, ...], axes: str
+) -> list[tuple[str, str, str]]:
+    """The second triad of an array of exactly six columns that are numbered from 0."""
+    later = [f"{before}{k}{after}" for k in range(3, 7)]
+    if axes != "012" or not set(later[:3]) <= set(names) or later[3] in names:
+        return []
+    return [(later[0], later[1], later[2])]
 
 
 def _by_name(log: RawLog) -> Roles:
@@ -171,6 +189,7 @@ def _by_name(log: RawLog) -> Roles:
     unnamed: list[tuple[str, str, str]] = []
     mags: list[tuple[str, str, str]] = []
     references: dict[str, tuple[str, str, str]] = {}
+    triads = [t for t in triads if not _is_of_quaternion(log, t)]
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
         first = without_unit(triad[0]).split("/")[-1]
@@ -192,6 +211,8 @@ def _by_name(log: RawLog) -> Roles:
         kinds["accel"], unnamed = unnamed, []
     by_norm = [t for t in unnamed if not kinds["accel"] and _is_specific_force(log, t)]
     kinds["accel"] += by_norm[:1]
+    array = [t for t in unnamed if by_norm and t not in by_norm and _of_one_six(t, by_norm[0])]
+    kinds["gyro"] += [] if kinds["gyro"] else array[:1]
     notes = [
         f"{t[0]}, {t[1]}, {t[2]}: taken for the accelerometers, because their norm is that of gravity"
         for t in by_norm[:1]
@@ -209,8 +230,8 @@ def _by_name(log: RawLog) -> Roles:
     times = [n for n in free if means("time", n) and n not in temperature]
     position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
-    if not times:  # what rises throughout is a clock, whatever its name is
-        times = [n for n in free if n in log.numbers and _rises(log, n)]
+    if not times:  # what rises throughout is a clock, whatever its name is but a counter's
+        times = [n for n in free if n in log.numbers and _rises(log, n) and not means("counter", n)]
     return Roles(
         _best_time(log, times),
         next(iter(kinds["accel"]), None),
@@ -224,6 +245,21 @@ def _by_name(log: RawLog) -> Roles:
         device=next((n for n in (*log.texts, *free) if means("device", n)), None),
         experiment=next((n for n in free if means("experiment", n) and n in log.numbers), None),
     )
+
+
+def _is_of_quaternion(log: RawLog, triad: tuple[str, str, str]) -> bool:
+    """Whether three columns with one called w beside them have a norm of 1 together: an attitude."""
+    place = next(
+        (k for k, (a, b) in enumerate(zip(triad[0], triad[1], strict=True)) if a != b), None
+    )
+    fourth = None if place is None else {"x": "w", "X": "W"}.get(triad[0][place])
+    if fourth is None or place is None:
+        return False
+    name = triad[0][:place] + fourth + triad[0][place + 1 :]
+    if any(n not in log.numbers for n in (*triad, name)):
+        return False
+    norm = np.linalg.norm([log.numbers[n] for n in (*triad, name)], axis=0)
+    return abs(float(np.nanmedian(norm)) - 1.0) < _UNIT
 
 
 def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | None:
@@ -268,6 +304,8 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     split = split_stamps(log) if time is None and log.has_header is False else None
     if split is not None:
         names = _of_message(log, [n for n in names if n not in split.columns])
+    if time is not None:  # a further one, which an app writes in another form
+        names = [n for n in names if not _rises(log, n)]
     aside: list[str] = []
     while names and _is_no_output(log, names):
         aside.append(names.pop(0))

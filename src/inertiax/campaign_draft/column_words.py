@@ -11,7 +11,7 @@ from typing import Literal
 
 
 Role = Literal[
-    "accel", "gyro", "mag", "other", "no_mag", "no_gravity", "reference", "rate", "time",
+    "accel", "gyro", "mag", "other", "no_mag", "no_gravity", "reference", "rate", "time", "counter",
     "temperature", "position", "experiment", "device",
 ]  # fmt: skip
 
@@ -71,6 +71,14 @@ WORDS: dict[Role, dict[str, str]] = {
         "fr": r"temps(?![a-z])|horodat|^heure",
         "es": r"tiempo|segund|^hora(?![a-z])",
         "it": r"tempo(?![a-z])|^ora(?![a-z])|^orario",
+    },
+    "counter": {  # of packets or rows, some of which are others' or are missing
+        "any": r"^(?:n|no|nr|idx|id|#)$|index|seq",
+        "en": r"packet|count|sample(?!time)|frame|(?:row|line)[_ .-]*n",
+        "de": r"paket|zahler|zaehler|zeile",
+        "fr": r"paquet|compteur|echantillon|ligne",
+        "es": r"paquete|contador|muestra|amostra|fila",
+        "it": r"pacchetto|contatore|campion|riga",
     },
     "temperature": {
         "any": r"^tmp|°c|^t_?c$",
@@ -137,6 +145,11 @@ RATE_UNITS = (
         "rad/s",
         r"rad|(?:^|[ ./])angular_velocity\.[xyz]\b",
     ),  # the latter: a field of ROS's sensor_msgs/Imu
+)
+FORCE_UNITS = (
+    ("mg", r"milli_?g(?![a-z])|[\[(_ .]mg(?![a-z])"),
+    ("m/s^2", r"m ?/ ?s(?:\^|\*\*)?(?:2|²|\b)|m ?s\^?-2|mps2|m_?s2\b|linear_acceleration\.[xyz]\b"),
+    ("g", r"[\[(_ .]gs?(?:[\])]|$|(?= ))"),
 )
 UNIT = re.compile(
     r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°|grad|grados|gradi|degres)/(?:s|h).*", re.IGNORECASE

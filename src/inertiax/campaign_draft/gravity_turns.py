@@ -5,7 +5,7 @@ the product of the small rotations that the outputs ω make with the factor s. T
 motion; any other does so in none.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,10 @@ from ..reduction.turned_direction import turned
 _MOST = 12  # motions: enough for a factor to a few percent
 _LONGEST = 60.0  # s; by then a consumer gyro's zero has wandered off by degrees
 _LEAST_TILT = np.deg2rad(10.0)
+_BLOCK = 0.1  # s, of a direction while the device moves all along
+_WINDOWS = (0.6, 2.0, 6.0)  # s, from one direction to the next; slow turns need longer ones
+_STEADY = 0.1  # of the norm: the ends of a window, at which little but gravity acts
+_FEWEST, _ENOUGH = 12, 100  # windows
 _GRID = 1.08  # ratio of neighbours in a search without a start: a turn of 2 rad is missed by 0.08 rad at most
 
 
@@ -83,8 +87,59 @@ def gravity_turns(
         pieces.append(((gyro[rows] - zero) * step[rows, None], up[k], up[k + 1]))
     if not pieces:
         return None
-    pieces = sorted(pieces, key=lambda p: len(p[0]))[:_MOST]
+    return _joined(sorted(pieces, key=lambda p: len(p[0]))[:_MOST])
+
+
+def _joined(pieces: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> GravityTurns:
     output = np.zeros((len(pieces), max(len(p[0]) for p in pieces), 3))
     for k, piece in enumerate(pieces):
         output[k, : len(piece[0])] = piece[0]
     return GravityTurns(output, np.array([p[1] for p in pieces]), np.array([p[2] for p in pieces]))
+
+
+def turns_in_motion(
+    time: Float[np.ndarray, " time"],
+    gyro: Float[np.ndarray, "time 3"],
+    force: Float[np.ndarray, "time 3"],
+) -> GravityTurns | None:
+    """Windows of a device that moves all along, in which it tilts by 10° or more; `None` where there are few.
+
+    The directions at their ends hold what the motion adds to gravity, so that they tell a unit and no scale.
+
+    **Arguments:** `force` is the accelerometers' output about its centre, in any unit.
+    """
+    rows = np.diff(time)
+    step = float(np.median(rows)) if len(rows) else 0.0
+    if not 0.0 < step <= _BLOCK:
+        return None
+    block = max(1, round(_BLOCK / step))
+    return next(
+        (
+            t
+            for w in _WINDOWS
+            if (t := _windows(gyro * step, force, block, round(w / step))) is not None
+        ),
+        None,
+    )
+
+
+def _windows(
+    output: Float[np.ndarray, "time 3"], force: Float[np.ndarray, "time 3"], block: int, apart: int
+) -> GravityTurns | None:
+    """Windows of `apart` rows, between the means of `block` rows at their ends."""
+    first = np.arange(0, len(force) - apart - block, max(1, apart // 2))
+    means = lambda at: np.array([force[k : k + block].mean(axis=0) for k in at]).reshape(-1, 3)
+    before, after = means(first), means(first + apart)
+    sizes = np.stack([np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)])
+    usual = float(np.median(sizes)) if sizes.size else 0.0
+    told = np.all(np.abs(sizes - usual) < _STEADY * usual, axis=0) & (sizes > 0.0).all(axis=0)
+    tilts = np.zeros(len(first), bool)
+    tilts[told] = angle_between(before[told], after[told]) > _LEAST_TILT
+    chosen = np.flatnonzero(tilts)
+    if len(chosen) < _FEWEST:
+        return None
+    half, pieces = block // 2, []
+    for k in chosen[:: -(-len(chosen) // _ENOUGH)]:
+        unit = [x[k] / np.linalg.norm(x[k]) for x in (before, after)]
+        pieces.append((output[first[k] + half : first[k] + half + apart], unit[0], unit[1]))
+    return _joined(pieces)

@@ -14,6 +14,7 @@ _NEAR = 0.15  # of a unit or nominal scale: raw gyros are off by a few percent
 _AGREES = np.deg2rad(
     10.0
 )  # median misfit of directions with the right factor; others are off by the turns themselves
+_CLEARER = 0.5  # of the misfit of the next unit
 _MOTIONS_FOR_A_SCALE = 3  # one motion's two equations are met by a wrong scale, too
 _COUNTS = (
     DEGREE / 600.0,
@@ -24,6 +25,14 @@ _QUIET_RAD = (
 )
 _BIAS_RAD = 0.35  # rad/s, 20 deg/s: no gyro's bias
 _BLOCK = 20  # rows
+_FULL_SCALES = (
+    16.384,
+    32.768,
+    65.536,
+    131.072,
+)  # counts per deg/s: 16 bits for 2000 deg/s and less
+# Of small outputs, in steps of a converter: how many levels, how far off, and how many of them at least.
+_LEVELS, _OFF_STEP, _ON_STEPS = 12, 0.08, 0.98
 _MOVES = 50.0  # times the quietest noise: the device is carried or turned
 _PEAK_RAD = 15.0  # as deg/s no hand turns so slowly throughout; as rad/s few gyros go further
 _QUIETEST_RAD = 0.02  # rad/s; in deg/s no MEMS gyro is quieter at the rates people log
@@ -35,11 +44,15 @@ def said_unit(hint: str) -> str | None:
 
 
 def gyro_unit(
-    values: Float[np.ndarray, "time 3"], turns: GravityTurns | None, hint: str
+    values: Float[np.ndarray, "time 3"],
+    turns: GravityTurns | None,
+    hint: str,
+    in_motion: GravityTurns | None = None,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
-    **Arguments:** `hint` is what the file says in words of the columns.
+    **Arguments:** `hint` is what the file says in words of the columns; `in_motion` are tilts of a device that moves
+    all along.
     """
     counts, offset = whole(values), middle(values) or None
     told = said_unit(hint)
@@ -58,7 +71,21 @@ def gyro_unit(
         return TriadUnit(
             told, None, None, None, _UNITS[told], f"as the file says; {missing}", turns is None
         )
-    return _by_magnitude(values, counts, offset, missing)
+    moving = None if counts or turns is not None or in_motion is None else _by_motion(in_motion)
+    return _by_magnitude(values, counts, offset, missing) if moving is None else moving
+
+
+def _by_motion(turns: GravityTurns) -> TriadUnit | None:
+    """The unit by which the force turns in motion, where it fits twice as well as any other and as none."""
+    misfits = {u: turns.misfit(f) for u, f in _UNITS.items()}
+    best, second = sorted(misfits, key=misfits.__getitem__)[:2]
+    if misfits[best] > _CLEARER * min(misfits[second], turns.misfit(0.0)):
+        return None
+    text = (
+        f"in {turns.num_motions} windows of motion the force turns as the outputs do "
+        f"(to {np.degrees(misfits[best]):.2g} deg; in {second} to {np.degrees(misfits[second]):.2g})"
+    )
+    return TriadUnit(best, None, None, None, _UNITS[best], text, True)
 
 
 def _by_turns(turns: GravityTurns, counts: bool, offset: float | None) -> TriadUnit | None:
@@ -90,8 +117,11 @@ def _by_magnitude(
         scale = GYRO_SCALES[2]
         text = f"{missing}; counts of which the scale is not known: {scale:g} is the usual one for 250 deg/s"
         return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, False)
-    noise, quietest = _noise(values)
-    zero = np.median(values, axis=0)
+    step = _converter_step(values)
+    if step is not None:
+        text = f"{missing}; in {step[0]} the outputs go in steps of {step[1]:.4g} deg/s, a usual converter's"
+        return TriadUnit(step[0], None, None, None, _UNITS[step[0]], text, True)
+    noise, quietest, zero = _noise(values)
     bias, peak = float(np.abs(zero).max()), float(np.quantile(np.abs(values - zero), 0.999))
     carried = 0.0 < quietest < min(_QUIETEST_RAD, peak / _MOVES) and peak < _PEAK_RAD
     unit = "rad/s" if bias < _BIAS_RAD and (noise < _QUIET_RAD or carried) else "deg/s"
@@ -100,15 +130,34 @@ def _by_magnitude(
     return TriadUnit(unit, None, None, None, _UNITS[unit], text, False)
 
 
-def _noise(values: Float[np.ndarray, "time 3"]) -> tuple[float, float]:
-    """White noise of a sample over all rows, and over the quietest 20 of them, which a motion does not hide."""
+def _converter_step(values: Float[np.ndarray, "time 3"]) -> tuple[str, float] | None:
+    """The unit in which small outputs are whole numbers of a usual converter's steps (deg/s), where one alone fits."""
+    found: dict[str, float] = {}
+    for unit in ("rad/s", "deg/s"):
+        for step in sorted((1.0 / s for s in (*GYRO_SCALES, *_FULL_SCALES)), reverse=True):
+            level = values * (_UNITS[unit] / (DEGREE * step))
+            level = level[np.abs(level) < _LEVELS]
+            whole_ones = np.round(level)
+            on = np.abs(level - whole_ones) < _OFF_STEP
+            if len(np.unique(whole_ones)) > _LEVELS and np.mean(on) > _ON_STEPS:
+                found[unit] = step
+                break
+    return next(iter(found.items())) if len(found) == 1 else None
+
+
+def _noise(values: Float[np.ndarray, "time 3"]) -> tuple[float, float, Float[np.ndarray, "3"]]:
+    """White noise of a sample over all rows, and over the quietest 20 of them, which a motion does not hide; and the
+    zero: the median of the quieter tenth, in which the device turns least."""
     change = np.abs(np.diff(values, axis=0))
     blocks = len(change) // _BLOCK
     if not blocks:
-        return 0.0, 0.0
-    block = np.median(change[: blocks * _BLOCK].reshape(blocks, -1), axis=1)
+        return 0.0, 0.0, np.median(values, axis=0)
+    split = lambda x: x[: blocks * _BLOCK].reshape(blocks, _BLOCK, 3)
+    block = np.median(split(change), axis=(1, 2))
+    quiet = block <= np.quantile(block, 0.1)
+    zero = np.median(split(values)[quiet].reshape(-1, 3), axis=0)
     # Of normal differences the median is 0.954 sigma.
-    return float(np.median(change)) / 0.954, float(block.min()) / 0.954
+    return float(np.median(change)) / 0.954, float(block.min()) / 0.954, zero
 
 
 def clock_and_unit(

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from ..data.formats.columns import MAG_UNITS
 from ..data.plausible_units import field_unit_guess, GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 from .accel_unit import sphere
+from .converters import rounded, whole
 
 
 _UNITS = ("uT", "gauss", "mgauss", "nT", "T")
@@ -24,6 +25,10 @@ _IRON = (
 _LEAST_ROWS = 10
 _TURNED = 0.5  # of the magnitude without its middle, from 5 to 95 %: a device that was turned all ways is steadier
 _ENOUGH = 500  # rows that tell a sphere
+_ALL_WAYS = (
+    0.05  # least share of the directions' squares along any axis; a third each is all ways alike
+)
+_USUAL_FIELD = 50.0  # µT, within a factor of 2.5 of the field of any place
 _NEAR = 1.5  # by how much soft iron changes what the outputs move by
 
 
@@ -33,6 +38,7 @@ class FieldUnit(NamedTuple):
     unit: str
     why: str
     certain: bool
+    scale: float | None = None  # counts per µT, with unit "count"
 
 
 def field_unit(
@@ -53,10 +59,28 @@ def field_unit(
     if told is not None:
         return FieldUnit(told, "as the file says", True)
     if names != ("mag_x", "mag_y", "mag_z"):
-        return None
+        return _counts(outputs) if whole(outputs[np.isfinite(outputs).all(axis=1)]) else None
     likely = field_unit_guess(float(np.nanmedian(np.linalg.norm(outputs, axis=1))))
     why = "the device was not turned in all directions; likely by the size of a field"
     return FieldUnit(likely, why, False)
+
+
+def _counts(outputs: Float[np.ndarray, "time 3"]) -> FieldUnit | None:
+    """Counts of a converter that is not known, by what they move by; `None` where the device was hardly turned."""
+    read = outputs[np.isfinite(outputs).all(axis=1)]
+    if len(read) < _LEAST_ROWS:
+        return None
+    about = read - _center(read)
+    size = np.linalg.norm(about, axis=1)
+    up = about / np.maximum(size, 1e-12)[:, None]
+    radius = float(np.median(size))
+    if not radius > 0.0 or np.linalg.eigvalsh(up.T @ up / len(up))[0] < _ALL_WAYS:
+        return None
+    why = (
+        f"counts that move by {radius:.4g}; the scale makes {_USUAL_FIELD:g} uT of that: hard iron in counts and the "
+        "axes' ratio do not depend on it"
+    )
+    return FieldUnit("count", why, False, rounded(radius / _USUAL_FIELD))
 
 
 def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:

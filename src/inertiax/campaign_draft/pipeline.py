@@ -21,7 +21,7 @@ from .clock import counted
 from .column_roles import WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
 from .further_columns import columns_table
-from .gravity_turns import gravity_turns, GravityTurns
+from .gravity_turns import gravity_turns, GravityTurns, turns_in_motion
 from .gyro_unit import clock_and_unit, gyro_unit
 from .joined_logs import alike, followed_by
 from .mag_unit import field_unit
@@ -172,6 +172,12 @@ def _turns(found: RawTriads, rests: Resting) -> GravityTurns | None:
     return gravity_turns(found.seconds, found.gyro, up, rests.start, rests.stop)
 
 
+def _in_motion(found: RawTriads) -> GravityTurns | None:
+    if found.accel is None or found.gyro is None or not found.clock.known:
+        return None
+    return turns_in_motion(found.seconds, found.gyro, found.accel - middle(found.accel))
+
+
 def _recordings(found: RawTriads, folder: Path, paths: list[str]) -> Table:
     log, layout = found.log, found.log.layout
     lines = [Line("files", paths, _words(found))]
@@ -234,7 +240,7 @@ def _columns(
     lines, remarks = [] if rests.single_rows else [_time(found)], []
     named = found.log.has_header and found.log.format != "imu_tk"
     if found.accel is not None:
-        unit = accel_unit(found.accel, rests)
+        unit = accel_unit(found.accel, rests, found.accel_words)
         if not unit.certain and lacks_gravity(found.accel):
             raise ValueError(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
@@ -249,7 +255,7 @@ def _columns(
         ):
             remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
-        unit = gyro_unit(found.gyro, turns, found.gyro_words)
+        unit = gyro_unit(found.gyro, turns, found.gyro_words, _in_motion(found))
         unit, rate = with_reference_rate(found, unit)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
@@ -293,7 +299,9 @@ def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]
         value: dict[str, object] = {"names": list(names)} if named else {}
         by = found.roles.mag_by
         why = told.why if by is None else f"{by}; {told.why}"
-        return [Line("mag", {**value, "unit": told.unit}, why, told.certain and by is None)], []
+        value["unit"] = told.unit
+        value |= {} if told.scale is None else {"scale": told.scale, "scale_unit": "count per uT"}
+        return [Line("mag", value, why, told.certain and by is None)], []
     if found.accel is None and found.gyro is None:
         raise ValueError(
             f"{log.path}: {', '.join(names)} do not tell their unit, for the device was not turned in all "

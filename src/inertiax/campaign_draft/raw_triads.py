@@ -36,6 +36,11 @@ class RawTriads(NamedTuple):
         log = self.log if self.gyro_log is None else self.gyro_log
         return " ".join(log.hint(n) for n in self.gyro_columns or ())
 
+    @property
+    def accel_words(self) -> str:
+        """What the file says in words of the accelerometers' columns."""
+        return " ".join(self.log.hint(n) for n in self.roles.accel or ())
+
 
 def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     """Both triads. Raises `ValueError` where a file holds none, or triads were not logged at the same time."""

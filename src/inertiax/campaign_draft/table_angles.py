@@ -152,11 +152,14 @@ def _fits(
     for axes in _axes(len(order)):
         made = ideal_readings(Turntable(axes=axes), angles[rows], turn[rows], 1.0, None)
         assert made.rate is not None
+        judged = seen is not None and len(driven) > 0
+        if not judged and np.ptp(made.force[: len(rest)], axis=0).max() < _NEAR:
+            continue  # an upright axis alone, of which gravity says nothing
         agree = np.einsum("ni,nj,mji->m", up, made.force[: len(rest)], matrices) / len(rest)
         away = np.sqrt(np.maximum(2.0 - 2.0 * agree, 0.0))
         for k in np.flatnonzero(away < _NEAR):
             alike = 1.0
-            if seen is not None and len(driven):
+            if seen is not None and judged:
                 alike = _correlation(made.rate[len(rest) :] @ matrices[k], seen[driven])
             table = Turntable(axes=axes, case=cases[k])
             yield _Fit(order, table, made.force @ matrices[k], float(away[k]), alike)

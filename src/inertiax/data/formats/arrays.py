@@ -1,8 +1,8 @@
 """Named numeric arrays, as HDF5 and MATLAB files hold them, to a table of columns.
 
 An array of n values is a column. One of n × 3 named `accel` is `accel_x`, `accel_y`, `accel_z`; one of n × k
-otherwise is `name_0`, `name_1`, …; names of groups and structs come before, joined by `/`, except for the
-group that the campaign names.
+otherwise is `name_0`, `name_1`, …, and so is one of k × n with more than 64 samples and no more channels; names of
+groups and structs come before, joined by `/`, except for the group that the campaign names.
 """
 
 import numpy as np
@@ -10,6 +10,9 @@ import polars as pl
 
 from .columns import AXES, ColumnMap, nearest, ProbeColumns, shown, TimeColumn, TriadColumns
 from .table import require
+
+
+_CHANNELS = 64  # the most that one array holds
 
 
 def to_table(arrays: dict[str, np.ndarray], columns: ColumnMap, where: str) -> pl.DataFrame:
@@ -70,10 +73,13 @@ def _split(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
         return {name: np.ascontiguousarray(values)}
     if values.ndim != 2:
         return {}
-    if values.shape[1] != 3 and values.shape[0] == 3:
+    # Three rows are a triad; more columns than channels a file has are samples.
+    if values.shape[1] != 3 and (
+        values.shape[0] == 3 or values.shape[1] > _CHANNELS >= values.shape[0]
+    ):
         values = values.T
     labels = AXES if values.shape[1] == 3 else [str(k) for k in range(values.shape[1])]
-    if values.shape[1] > 64:  # an image or a matrix, no set of channels
+    if values.shape[1] > _CHANNELS:  # an image or a matrix, no set of channels
         return {}
     return {f"{name}_{k}": np.ascontiguousarray(values[:, i]) for i, k in enumerate(labels)}
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from ...storage.harmless_text import short
 from .columns import shown
+from .time_stamps import STAMP
 
 
 COMMENTS = ("#", "%", "//")
@@ -23,9 +24,6 @@ _DELIMITERS = ("\t", ";", ",", " ")
 FIRST_LINES = 300  # lines that are looked at: the longest preambles have some dozens
 FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
-STAMP = re.compile(
-    r"(?:(?:\d{4}-\d{2}-\d{2}|\d{2}\.\d{2}\.\d{4})[T ])?\d{2}:\d{2}:\d{2}(?:[.,]\d+)?\s?(?:Z|[+-]\d{2}:?\d{2})?"
-)
 
 
 class TextLayout(NamedTuple):

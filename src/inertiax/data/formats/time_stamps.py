@@ -1,8 +1,11 @@
 """Times written as ISO 8601 text, to seconds.
 
-`2026-01-31T12:00:00.25Z`, with a blank for the T, with an offset for the Z, the date as 31.01.2026, and the time of day
+`2026-01-31T12:00:00.25Z`, with a blank for the T, with an offset for the Z, the date as 31.01.2026 or 2026/01/31, a
+colon before the milliseconds, all with underscores as in names of files (2026_01_31_12_00_00.25), and the time of day
 alone, which may pass midnight once or more.
 """
+
+import re
 
 import numpy as np
 import polars as pl
@@ -12,10 +15,11 @@ from ...storage.harmless_text import short
 
 
 _PARTS = (
-    r"^\s*(?:(?P<date>\d{4}-\d{2}-\d{2}|\d{2}\.\d{2}\.\d{4})[T ])?"
-    r"(?P<hour>\d{2}):(?P<minute>\d{2}):(?P<second>\d{2}(?:[.,]\d+)?)"
+    r"^\s*(?:(?P<date>\d{4}[-/_]\d{2}[-/_]\d{2}|\d{2}\.\d{2}\.\d{4})[T _])?"
+    r"(?P<hour>\d{2})[:_](?P<minute>\d{2})[:_](?P<second>\d{2}(?:[.,:]\d+)?)"
     r"\s?(?:Z|(?P<sign>[+-])(?P<east>\d{2}):?(?P<further>\d{2}))?\s*$"
 )
+STAMP = re.compile(_PARTS)
 _DAY_FIRST = r"^(\d{2})\.(\d{2})\.(\d{4})$"
 _DAY = 86400.0  # s
 _BACK = 0.5 * _DAY  # a time of day that falls by more than this has passed midnight
@@ -32,9 +36,9 @@ def seconds_of(text: pl.Series, where: str) -> Float[np.ndarray, " rows"] | None
     told = parts.get_column("hour").is_not_null()
     if not len(told) or not told[0]:
         return None
-    number = lambda name: parts.get_column(name).str.replace(",", ".").cast(pl.Float64)
+    number = lambda name: parts.get_column(name).str.replace("[,:]", ".").cast(pl.Float64)
     clock = 3600.0 * number("hour") + 60.0 * number("minute") + number("second")
-    date = parts.get_column("date").str.replace(_DAY_FIRST, "$3-$2-$1")
+    date = parts.get_column("date").str.replace_all("[/_]", "-").str.replace(_DAY_FIRST, "$3-$2-$1")
     days = date.str.to_date("%Y-%m-%d", strict=False)
     dated = parts.get_column("date").is_not_null()
     bad = ~told | (dated != dated[0]) | (dated & days.is_null())

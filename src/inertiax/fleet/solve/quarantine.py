@@ -125,7 +125,7 @@ def _reason(
             f"{triad}: no convergence after {int(fit.num_steps[k])} steps; look for wrong units, a "
             "saturated axis or rests that are not at rest"
         )
-    mistakes = matrix_mistakes(estimator.names, values)
+    mistakes = matrix_mistakes(estimator.names, values, sigma)
     if mistakes:
         return f"{triad}: {mistakes[0][1].removesuffix('.')}"
     unit, ratio = _UNITS[triad], float(np.sqrt(fit.chi2_per_dof[k]))
