@@ -314,7 +314,8 @@ def test_mistakes_are_those_beyond_the_limits(matrix, topics):
         *(f"accel.matrix[{i},{j}]" for i in range(3) for j in range(3)),
     )
     values = np.concatenate([np.full(3, 5.0), matrix.ravel()])
-    assert [t for t, _ in matrix_mistakes(names, values)] == topics
+    assert [t for t, _ in matrix_mistakes(names, values, np.full(12, 1e-3))] == topics
+    assert not matrix_mistakes(names, values, np.full(12, 9.0))  # not told at all
     assert (grade_matrix(names, np.stack([values, np.zeros(12)])) == UNUSABLE).tolist() == [
         bool(topics),
         False,

@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+import scipy.io
 from scipy.spatial.transform import Rotation
 
 from hand_log_data import DEGREE, G, hand_log
@@ -164,3 +165,128 @@ def test_one_array_beside_its_stamps(tmp_path):
     found = draft(written(tmp_path / "log.csv", (TIME, ACCEL, GYRO), names))["columns"]
     assert found["accel"]["names"] == ["imu_data_0", "imu_data_1", "imu_data_2"]
     assert found["gyro"] == {"names": ["imu_data_3", "imu_data_4", "imu_data_5"], "unit": "rad/s"}
+
+
+def moved(rate=100.0, seconds=60.0):
+    """A device that turns all along and is shaken: time, accel (m/s²) and gyro (rad/s) from SciPy's rotations."""
+    rng = np.random.default_rng(8)
+    time = np.arange(round(seconds * rate)) / rate
+    gyro = np.stack([np.sin(0.7 * time + k) + np.sin(1.9 * time + 2 * k) for k in range(3)], axis=1)
+    turns = Rotation.from_rotvec(gyro / rate)
+    attitude, up = Rotation.identity(), np.empty_like(gyro)
+    for k in range(len(time)):
+        up[k] = attitude.inv().apply([0.0, 0.0, G])
+        attitude = attitude * turns[k]
+    gyro += 0.05 * rng.normal(size=gyro.shape)
+    return time, up + 0.3 * rng.normal(size=up.shape), gyro, attitude
+
+
+def test_the_force_in_motion_tells_the_gyros_unit(tmp_path):
+    """By magnitude alone shaken gyros in rad/s were likely deg/s; noisy ones as they are."""
+    time, accel, gyro, _ = moved()
+    for unit, factor in (("rad/s", 1.0), ("deg/s", 1 / DEGREE)):
+        path = written(tmp_path / "log.csv", (time, accel, factor * gyro), f"t,{CANONICAL}")
+        assert draft(path)["columns"]["gyro"]["unit"] == unit
+        assert "CHECK gyro" not in (tmp_path / "campaign.toml").read_text()
+
+
+@pytest.mark.parametrize("unit, factor", [("rad/s", DEGREE), ("deg/s", 1.0)])
+def test_a_converters_steps_tell_the_unit_of_gyros_alone(tmp_path, unit, factor):
+    """16 bits of 2000 deg/s, printed with six digits."""
+    steps = np.round(10.0 * np.random.default_rng(2).normal(size=(4000, 3)) + 3.0)
+    gyro = steps * (2000.0 / 32768.0) * factor
+    path = written(tmp_path / "log.csv", (np.arange(4000) / 100.0, gyro), "time,Gyr_X,Gyr_Y,Gyr_Z")
+    assert draft(path)["columns"]["gyro"]["unit"] == unit
+
+
+def test_a_unit_in_the_names_stands_where_a_bias_moves_gravity(tmp_path):
+    """One pose, z up, with a bias of -0.23 g: no converter of 0.77 counts per g."""
+    rng = np.random.default_rng(3)
+    accel = np.array([0.1, 0.05, 0.77]) + 0.003 * rng.normal(size=(4000, 3))
+    columns = (np.arange(4000) / 180.0, accel)
+    found = draft(written(tmp_path / "log.csv", columns, "time,x (g),y (g),z (g)"))["columns"]
+    assert found["accel"] == {"names": ["x (g)", "y (g)", "z (g)"], "unit": "g"}
+    text = (tmp_path / "campaign.toml").read_text()
+    assert "CHECK accel: as the file says; |a| is 0.778" in text and "poses of other axes" in text
+    # Physics has it where the name errs by more than any part does.
+    found = draft(written(tmp_path / "log.csv", (columns[0], G * accel), "time,x (g),y (g),z (g)"))
+    assert found["columns"]["accel"]["unit"] == "m/s^2"
+
+
+def test_a_packet_counter_is_no_clock_and_a_column_of_steps_counts_rows(tmp_path):
+    """Of an x-IMU every second packet is of another kind; a sketch for Arduino wrote the milliseconds of each loop."""
+    packets = np.cumsum(1 + (np.arange(len(TIME)) % 2))
+    header = "Packet number,Gyr X (deg/s),Gyr Y (deg/s),Gyr Z (deg/s),Acc X (g),Acc Y (g),Acc Z (g)"
+    path = written(tmp_path / "log.csv", (packets, GYRO / DEGREE, ACCEL / G), header)
+    assert draft(path)["columns"]["time"] == {"rate": 50.0}  # by gravity's turns
+    assert "CHECK time: the file has no clock" in (tmp_path / "campaign.toml").read_text()
+    time, accel, _, attitude = moved()
+    steps = 14 + (np.arange(len(time)) * 7) % 3  # 15 ms in the mean
+    quaternion = np.tile(attitude.as_quat()[[3, 0, 1, 2]], (len(time), 1))
+    path = written(tmp_path / "log.csv", (steps, quaternion, accel / G), "t,w,x,y,z,ax,ay,az")
+    found = draft(path)["columns"]
+    assert found["time"]["rate"] == pytest.approx(1000.0 / 15.0, rel=1e-3)
+    assert found["accel"] == {"names": ["ax", "ay", "az"], "unit": "g"}  # not those of the attitude
+
+
+def test_samples_along_the_rows_of_a_matlab_array(tmp_path):
+    """As OpenShoe stores them: forces and rates in six rows, the attitude's matrix in nine."""
+    flat = (
+        Rotation.from_euler("z", np.linspace(0.0, 6.0, len(TIME))[:, None])
+        .as_matrix()
+        .reshape(-1, 9)
+        .T
+    )
+    path = tmp_path / "walk.mat"
+    scipy.io.savemat(path, {"u": np.vstack([ACCEL.T, GYRO.T]), "dcm": flat})
+    found = draft(path)
+    assert found["columns"]["accel"] == {"names": ["u_0", "u_1", "u_2"], "unit": "m/s^2"}
+    assert found["columns"]["gyro"]["names"] == ["u_3", "u_4", "u_5"]
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, rtol=1e-9)
+
+
+def test_a_heading_that_nothing_confirms_is_no_table(tmp_path):
+    """Gravity says nothing of an upright axis, and there are no gyros."""
+    rng = np.random.default_rng(4)
+    still = np.repeat(np.arange(8) % 2 == 0, 500)
+    heading = np.cumsum(np.where(still, 0.0, 0.002))
+    accel = np.array([0.1, 0.2, G]) + np.where(still, 0.005, 1.0)[:, None] * rng.normal(
+        size=(4000, 3)
+    )
+    path = written(
+        tmp_path / "log.csv", (np.arange(4000) / 100.0, accel, heading), "t,ax,ay,az,psi"
+    )
+    assert "table_angles" not in draft(path)["columns"]
+
+
+def test_counts_of_magnetometers_get_a_scale_that_is_said_to_be_a_guess(tmp_path):
+    up = Rotation.random(3000, random_state=6).apply([0.0, 0.0, 1250.0])
+    counts = np.round(up * [0.7, 1.0, 1.3] + [6200.0, 250.0, 3480.0])
+    path = written(tmp_path / "log.csv", (counts,), "mx,my,mz")
+    path.write_text("Fs,50.00\n" + path.read_text())
+    found = draft(path)["columns"]["mag"]
+    assert found["unit"] == "count" and found["scale_unit"] == "count per uT"
+    assert found["scale"] == pytest.approx(1250.0 / 50.0, rel=0.1)
+    assert "CHECK mag: counts that move by" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_a_further_clock_is_no_accelerometer(tmp_path):
+    """Seconds since 1970 and the time of day before the triads of a file without names."""
+    stamps = 1.74e9 + TIME
+    day = [f"16:{int(t // 60):02d}:{t % 60:05.2f}" for t in TIME]
+    rows = [
+        ",".join([f"{s:.3f}", d, *(f"{v:.6g}" for v in (*a, *w))])
+        for s, d, a, w in zip(stamps, day, ACCEL, GYRO)
+    ]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(rows) + "\n")
+    found = draft(path)
+    assert found["recordings"]["names"][2:] == [
+        "accel_x",
+        "accel_y",
+        "accel_z",
+        "gyro_x",
+        "gyro_y",
+        "gyro_z",
+    ]

@@ -92,7 +92,9 @@ def test_directions_in_a_plane_tell_no_unit_of_the_third_axis():
 
 def test_a_fit_s_sign_is_called_wrong_where_it_alone_is():
     names = tuple(f"accel.matrix[{i},{j}]" for i in range(3) for j in range(3))
-    mistakes = lambda y: matrix_mistakes(names, np.diag([0.0, y - 1.0, 0.0]).ravel())
+    mistakes = lambda y: matrix_mistakes(
+        names, np.diag([0.0, y - 1.0, 0.0]).ravel(), np.full(9, 1e-3)
+    )
     assert mistakes(-1.01) == [("sign", "axis y has the wrong sign.")]
     for size in (102.0, 0.102):
         text = f"axis y reads {size:.3g} times the truth; look at unit and range."

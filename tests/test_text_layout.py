@@ -164,6 +164,11 @@ def test_zeros_within_the_text_are_refused_with_their_place(tmp_path):
 STAMPS = {
     "Z": (lambda t: f"2026-03-01T10:00:{t:09.6f}Z", 0.0),
     "blank": (lambda t: f"2026-03-01 10:00:{t:09.6f}", 0.0),
+    "slashes, milliseconds behind a colon": (
+        lambda t: f"2026/03/01 10:00:{t:06.3f}".replace(".", ":"),
+        0.0,
+    ),
+    "underscores": (lambda t: f"2026_03_01_10_00_{t:06.3f}", 0.0),
     "offset": (lambda t: f"2026-03-01T12:00:{t:09.6f}+02:00", 0.0),
     "offset behind Greenwich": (lambda t: f"2026-03-01T06:30:{t:09.6f}-0330", 0.0),
     "whole seconds without a fraction": (

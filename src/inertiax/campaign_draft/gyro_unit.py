@@ -71,15 +71,18 @@ def gyro_unit(
         return TriadUnit(
             told, None, None, None, _UNITS[told], f"as the file says; {missing}", turns is None
         )
-    moving = None if counts or turns is not None or in_motion is None else _by_motion(in_motion)
+    # Rests of a device that is carried are none, so that their turns may fail; a mirrored axis fails in motion, too.
+    limit = _AGREES if turns is None else _AGREES / 2
+    moving = None if counts or in_motion is None else _by_motion(in_motion, limit)
     return _by_magnitude(values, counts, offset, missing) if moving is None else moving
 
 
-def _by_motion(turns: GravityTurns) -> TriadUnit | None:
-    """The unit by which the force turns in motion, where it fits twice as well as any other and as none."""
+def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:
+    """The unit by which the force turns in motion to the limit (rad), where it fits twice as well as any other and as
+    none."""
     misfits = {u: turns.misfit(f) for u, f in _UNITS.items()}
     best, second = sorted(misfits, key=misfits.__getitem__)[:2]
-    if misfits[best] > _CLEARER * min(misfits[second], turns.misfit(0.0)):
+    if misfits[best] > min(limit, _CLEARER * misfits[second], _CLEARER * turns.misfit(0.0)):
         return None
     text = (
         f"in {turns.num_motions} windows of motion the force turns as the outputs do "
