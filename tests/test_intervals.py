@@ -93,11 +93,18 @@ def test_constant_rates_between_rests_are_plateaus_and_ramps_are_not():
     assert np.all(np.abs(s.stop - [500, 1100, 1900]) <= 1)
 
 
-def test_rests_are_found_in_the_data_within_half_a_window():
-    r, starts, stops = _poses(np.random.default_rng(0))
+@pytest.mark.parametrize("held", [False, True])
+def test_rests_are_found_in_the_data_within_half_a_window(held):
+    """After the first, on a table, a hand may hold the others, trembling by 6 deg/s."""
+    rng = np.random.default_rng(0)
+    r, starts, stops = _poses(rng, rests=8, move=1.0)
+    if held:
+        tremor = 0.1 * rng.standard_normal((len(r.time), 3)) * (r.time[:, None] > 8.0)
+        r = Recording(time=r.time, accel=r.accel, gyro=r.gyro + tremor)
     s = segment(r)
-    assert s.num_segments == 6
-    assert s.threshold is not None and "6 rests found" in s.statement
+    assert s.num_segments == 8
+    assert s.threshold is not None and f"{7 if held else 8} rests found" in s.statement
+    assert held == ("1 rest found" in s.statement)
     # The window is 1 s: up to half of it is cut off each end, and as much may creep in
     # where the smooth turn has hardly begun.
     assert np.all(s.start >= starts - 50) and np.all(s.start <= starts + 110)

@@ -66,6 +66,8 @@ class Rests(Module):
     stop: Int[np.ndarray, " rest"]
     threshold: float | None = field(static=True, default=None)  # times the quietest level
     statement: str = field(static=True, default="")
+    # The greatest threshold over the least that find as many: how well rest and motion are apart.
+    apart: float = field(static=True, default=1.0)
     levels: QuietLevels | None = None  # `None` where no window was judged
 
 
@@ -124,7 +126,7 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         nothing = np.zeros(0, np.int64)
         return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}", levels=levels)
     statement = (
-        f"{len(start)} rests found: motion below {threshold:.3g} times the quietest level over "
+        f"{len(start)} rest{'s' * (len(start) != 1)} found: motion below {threshold:.3g} times the quietest level over "
         f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
     # Quiet windows follow one another, but over less than one; where a hand turns round they are fewer than half of it.
@@ -134,7 +136,7 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
             f"; {brief} stretch{'es' * (brief > 1)} as quiet, shorter than these, "
             f"{'are' if brief > 1 else 'is'} too short to count: lay the device down for longer"
         )
-    return Rests(edges[:, 0], edges[:, 1], threshold, statement, levels)
+    return Rests(edges[:, 0], edges[:, 1], threshold, statement, high / low, levels)
 
 
 def _rates_wander(recording: Recording, edges: Int[np.ndarray, "rest 2"]) -> bool:

@@ -30,6 +30,7 @@ _LYING = np.radians(
 
 _MORE = 1.25  # times as many rests, from which brief ones count (convention)
 _SEVERAL = 4.0  # times as many brief rests as of long ones in too few directions (convention)
+_CLEAR = 10.0  # thresholds, highest to lowest, that find the same rests held by hand (convention)
 # s, of a rest held by hand that is kept: at its ends the hand may move by millimetres a second, which over a second
 # is as many mm/s² (convention).
 _HELD = 1.5
@@ -239,6 +240,7 @@ def _found(recording: Recording, window: float) -> Segments:
         position = np.where(still & ~brief, runs // 2, -1)
         return _planned(recording, position, "the reference rates say")
     found = _long_or_brief(recording, find_rests(recording, window=window), window)
+    found = _with_held(recording, found, window)
     turn = _slow_turn(recording, found)
     if turn is not None:
         return turn
@@ -265,6 +267,31 @@ def _long_or_brief(recording: Recording, found: Rests, window: float) -> Rests:
         assert recording.accel is not None
         return brief if several and _lies_about(recording.accel, brief) else found
     return brief if len(brief.start) >= _MORE * len(found.start) else found
+
+
+def _with_held(recording: Recording, found: Rests, window: float) -> Rests:
+    """The rests, and those held by hand between two of them, or before or after all.
+
+    A hand is a hundred times as restless as a table. Where the rests lie in too few directions, the longest stretch
+    between them is searched by itself, against its own quietest windows.
+    """
+    if not len(found.start) or recording.accel is None or isinstance(recording, StoredRecording):
+        return found
+    if _lies_about(recording.accel, found):
+        return found
+    start, stop = np.append(0, found.stop), np.append(found.start, recording.num_samples)
+    longest = int(np.argmax(stop - start))
+    first, last = int(start[longest]), int(stop[longest])
+    if (last - first) * usual_step(recording) < FEWEST_DIRECTIONS * window:
+        return found
+    held = find_rests(recording[first:last], window=window)
+    if held.apart < _CLEAR or not _lies(recording.accel[first:last], held):
+        return found
+    statement = f"{found.statement}. Between these, held by hand: {held.statement}"
+    begin = np.append(found.start, held.start + first)
+    order = np.argsort(begin)
+    end = np.append(found.stop, held.stop + first)[order]
+    return Rests(begin[order], end, held.threshold, statement, held.apart, held.levels)
 
 
 def _lies_about(accel: Float[np.ndarray, "time 3"], found: Rests) -> bool:
