@@ -7,6 +7,7 @@ Logs are made here with NumPy and SciPy's rotations; the right units are the one
 
 import json
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -338,18 +339,29 @@ def test_the_command_replaces_nothing_unasked(tmp_path, capfd):
     assert (tmp_path / "campaign.toml").read_text() != first
 
 
-def test_numbers_behind_labels_are_refused_with_a_cure_that_works(tmp_path, capfd):
-    samples = np.column_stack([TIME, ACCEL])
-    row = "{:.2f},ACCEL: X={:.4f},Y={:.4f},Z={:.4f}"
-    log, cured = tmp_path / "a.log", tmp_path / "numbers_a.csv"
-    log.write_text("\n".join(row.format(*values) for values in samples))
-    status, said = run(["init", log], capfd)
-    expression = re.search("sed -E 's/(.*)//g' a.log > numbers_a.csv", said.err)
-    assert status == 1 and "behind labels ('ACCEL: X=" in said.err and expression
-    cured.write_text(re.sub(expression[1], "", log.read_text()))
-    assert run(["init", cured], capfd)[0] == 0
+SERIAL = {  # a line, and what the refusal says
+    "labels": ("{:.2f},ACCEL: X={:.4f},Y={:.4f},Z={:.4f}", "behind labels ('ACCEL: X="),
+    "plotter": ("{:.2f},ax:{:.4f},ay:{:.4f},az:{:.4f}", "behind labels ('ax:"),
+    "monitor": ("12:00:{:06.3f} -> {:.4f},{:.4f},{:.4f}", "a serial monitor's stamps"),
+    "cut": ("{:.2f},{:.4f},{:.4f},{:.4f}", "1 of 1001 lines are cut off ('1.98,"),
+}
+
+
+@pytest.mark.parametrize("line, reason", SERIAL.values(), ids=SERIAL)
+def test_a_serial_port_s_text_is_refused_with_a_cure_that_works(tmp_path, capfd, line, reason):
+    rows = [line.format(*values) for values in np.column_stack([TIME, ACCEL])[:1000]]
+    if "cut" in reason:
+        rows[99] = rows[99].rpartition(",")[0]
+        rows = ["t,ax,ay,az", *rows]
+    (tmp_path / "a.log").write_text("\n".join(rows) + "\n")
+    status, said = run(["init", tmp_path / "a.log"], capfd)
+    assert status == 1 and reason in said.err
+    cure = re.search(r"(?:sed|awk) .* > (\S+)", said.err)
+    subprocess.run(cure[0], shell=True, cwd=tmp_path, check=True)
+    assert run(["init", tmp_path / cure[1]], capfd)[0] == 0
     (recording,) = load_campaign(tmp_path).recordings
-    np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-4)
+    kept = np.delete(ACCEL[:1000], 99, axis=0) if "cut" in reason else ACCEL[:1000]
+    np.testing.assert_allclose(recording.accel, kept, atol=1e-4)
 
 
 def test_a_log_that_is_none_is_refused_in_a_line(tmp_path, capfd):

@@ -290,3 +290,43 @@ def test_a_further_clock_is_no_accelerometer(tmp_path):
         "gyro_y",
         "gyro_z",
     ]
+
+
+@pytest.mark.parametrize(
+    "above, clock, per_degree, gyro",
+    [
+        ("MPU6050, +-4g +-500dps, DLPF 42Hz", "micros", 65.5, 65.5),
+        ('"gyro_lowpass_hz","42"\n"motor_pwm_rate","480"', "time", 1.0, None),  # Betaflight
+        ("DLPF 42 Hz, ODR 50 Hz", "n", 65.5, 65.5),
+    ],
+)
+def test_what_stands_above_the_header_of_other_rates_is_not_the_log_s(
+    tmp_path, above, clock, per_degree, gyro
+):
+    """A filter's corner was taken for the rate, beside stamps, and the gyros' scale was what fitted it."""
+    stamps = np.arange(len(TIME)) if clock == "n" else np.round(1e6 * TIME)
+    columns = (stamps, np.round(2048 * ACCEL / G), np.round(per_degree * GYRO / DEGREE))
+    found = draft(written(tmp_path / "log.csv", columns, f"{above}\n{clock},{CANONICAL}"))
+    told = {"rate": 50.0} if clock == "n" else {"name": clock, "unit": "us"}
+    assert found["columns"]["time"] == told
+    assert found["columns"]["gyro"].get("scale") == gyro
+    assert found["columns"]["gyro"]["unit"] == ("deg/s" if gyro is None else "count")
+
+
+def test_the_range_above_the_header_tells_the_scale_of_gyros_at_rest(tmp_path):
+    still = np.tile([[0.0, 0.0, 2048.0, 60.0, -20.0, 8.0]], (2000, 1))
+    columns = (
+        20000.0 * np.arange(2000),
+        still + np.random.default_rng(0).integers(-4, 5, (2000, 6)),
+    )
+    path = written(tmp_path / "log.csv", columns, f"MPU6050 +-500dps\nmicros,{CANONICAL}")
+    assert draft(path)["columns"]["gyro"]["scale"] == 65.5
+    assert "CHECK gyro" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_thousandths_of_degrees(tmp_path):
+    columns = (TIME, ACCEL, np.round(1000.0 * GYRO / DEGREE))
+    path = written(tmp_path / "log.csv", columns, "t,ax,ay,az,gx [mdps],gy [mdps],gz [mdps]")
+    draft(path)
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.gyro, GYRO, atol=DEGREE / 1000.0)

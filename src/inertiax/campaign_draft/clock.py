@@ -115,7 +115,10 @@ def _unit(
     steps = {u: mean * f for u, f in UNITS.items()}
     if rate is not None:
         agree = [u for u, s in steps.items() if 0.9 < rate * s < 1.1]
-        return (agree[0], "as the stated rate says", True) if agree else (None, "", False)
+        if agree:
+            return agree[0], "as the stated rate says", True
+        if step == 1.0:  # rows are counted
+            return None, "", False
     possible = [u for u, s in steps.items() if _POSSIBLE[0] <= 1.0 / s <= _POSSIBLE[1]]
     if temperature is not None:
         swing = float(np.ptp(log.numbers[temperature]))

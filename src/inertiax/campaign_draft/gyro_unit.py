@@ -1,5 +1,7 @@
 """The gyros' unit: by gravity's turn between rests, else by what the file says, else by magnitude."""
 
+import re
+
 import numpy as np
 from jaxtyping import Float
 
@@ -14,12 +16,14 @@ _NEAR = 0.15  # of a unit or nominal scale: raw gyros are off by a few percent
 _AGREES = np.deg2rad(
     10.0
 )  # median misfit of directions with the right factor; others are off by the turns themselves
+_MILLI = re.compile(r"\bmdps\b|_mdps|\bmdeg|milli_?deg", re.IGNORECASE)
+_PER_MILLI = 1000.0  # per deg/s
 _CLEARER = 0.5  # of the misfit of the next unit
 _MOTIONS_FOR_A_SCALE = 3  # one motion's two equations are met by a wrong scale, too
 _COUNTS = (
     DEGREE / 600.0,
-    DEGREE / 2.0,
-)  # rad/s per count, with room on both sides of the usual converters
+    DEGREE / 0.8,
+)  # rad/s per count, with room on both sides of the usual converters and of whole deg/s
 _QUIET_RAD = (
     0.012  # white noise of a sample: MEMS gyros have 0.02 to 0.5 deg/s, less than 0.01 rad/s
 )
@@ -48,13 +52,17 @@ def gyro_unit(
     turns: GravityTurns | None,
     hint: str,
     in_motion: GravityTurns | None = None,
+    full_scale: float | None = None,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
     **Arguments:** `hint` is what the file says in words of the columns; `in_motion` are tilts of a device that moves
-    all along.
+    all along; `full_scale` (deg/s) is what the file says of the range.
     """
     counts, offset = whole(values), middle(values) or None
+    if _MILLI.search(hint) and (turns is None or turns.misfit(DEGREE / _PER_MILLI) < _AGREES):
+        scale = (_PER_MILLI, "count per deg/s", None, DEGREE / _PER_MILLI)
+        return TriadUnit("count", *scale, "thousandths of deg/s, as the file says", True)
     told = said_unit(hint)
     if turns is not None:
         found = _by_turns(turns, counts, offset)
@@ -74,7 +82,7 @@ def gyro_unit(
     # Rests of a device that is carried are none, so that their turns may fail; a mirrored axis fails in motion, too.
     limit = _AGREES if turns is None else _AGREES / 2
     moving = None if counts or in_motion is None else _by_motion(in_motion, limit)
-    return _by_magnitude(values, counts, offset, missing) if moving is None else moving
+    return _by_magnitude(values, counts, offset, missing, full_scale) if moving is None else moving
 
 
 def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:
@@ -102,23 +110,30 @@ def _by_turns(turns: GravityTurns, counts: bool, offset: float | None) -> TriadU
     motions = f"{turns.num_motions} motion{'s' * (turns.num_motions > 1)}"
     what = f"gravity turns as the outputs do in {motions} (to {np.degrees(misfit):.2g} deg)"
     unit = next((u for u, f in _UNITS.items() if abs(factor / f - 1.0) < _NEAR), None)
-    if unit is not None and not counts:
+    if unit is not None and (not counts or unit == "deg/s"):
         return TriadUnit(unit, None, None, None, _UNITS[unit], what, True)
     per_degree = DEGREE / factor
     nominal = nearest(per_degree, GYRO_SCALES, 0.05) if offset is None else None
     scale = nominal or rounded(per_degree)
     text = f"{what}; the scale that fits best is {per_degree:.4g} count per deg/s"
     several = turns.num_motions >= _MOTIONS_FOR_A_SCALE
+    if nominal is None and offset is None:
+        several, text = False, f"{text}, no usual converter's: is the rate of `time` right?"
     return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, several)
 
 
 def _by_magnitude(
-    values: Float[np.ndarray, "time 3"], counts: bool, offset: float | None, missing: str
+    values: Float[np.ndarray, "time 3"],
+    counts: bool,
+    offset: float | None,
+    missing: str,
+    full_scale: float | None,
 ) -> TriadUnit:
     """A guess, and said to be one."""
     if counts:
-        scale = GYRO_SCALES[2]
-        text = f"{missing}; counts of which the scale is not known: {scale:g} is the usual one for 250 deg/s"
+        scale = min(GYRO_SCALES, key=lambda s: abs(s - 32768.0 / (full_scale or 250.0)))
+        by = "as the file says" if full_scale else "if that is its range"
+        text = f"{missing}; {scale:g} counts per deg/s are the usual scale for {full_scale or 250.0:g} deg/s, {by}"
         return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, False)
     step = _converter_step(values)
     if step is not None:

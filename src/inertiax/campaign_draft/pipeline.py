@@ -255,7 +255,8 @@ def _columns(
         ):
             remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
-        unit = gyro_unit(found.gyro, turns, found.gyro_words, _in_motion(found))
+        moving, range_ = _in_motion(found), found.log.stated_range
+        unit = gyro_unit(found.gyro, turns, found.gyro_words, moving, range_)
         unit, rate = with_reference_rate(found, unit)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate

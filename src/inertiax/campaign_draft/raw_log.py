@@ -23,9 +23,14 @@ _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
     re.IGNORECASE,
 )
-_LABEL = "[A-Za-z][^,;=]*= *"  # before a number that was printed for people, such as "GYRO: X="
-_LABELLED = re.compile(rf"{_LABEL}[-+]?\.?\d")
+# Before a number that was printed for people or for a plotter, such as "GYRO: X=" and "ax:".
+_LABELS = ("[A-Za-z][^,;=]*= *", "[A-Za-z][A-Za-z0-9_]*: *")
 _RATES = (1.0, 20000.0)  # Hz: what an IMU may be read at
+_FILTER = re.compile(r"lpf|low.?pass|filter|band.?width|cut.?off|corner|notch", re.IGNORECASE)
+_RANGE = re.compile(r"([0-9]{3,4}) ?(?:dps|deg/s|°/s)", re.IGNORECASE)
+_MONITOR = re.compile(
+    r"\d\d:\d\d:\d\d\.\d{3} -> "
+)  # what Arduino's serial monitor writes before a line
 
 
 class RawLog(NamedTuple):
@@ -59,12 +64,24 @@ class RawLog(NamedTuple):
     @property
     def stated_rate(self) -> float | None:
         """Samples a second that the lines above the header state, Hz."""
-        for line in self.layout.preamble if self.layout is not None else ():
-            found = _RATE.search(line)
-            value = float(found[1] or found[2]) if found else 0.0
-            if _RATES[0] <= value <= _RATES[1]:
-                return value
+        for line in self._preamble:
+            last = 0
+            for found in _RATE.finditer(line):
+                value, before = float(found[1] or found[2]), line[last : found.end()]
+                last = found.end()
+                if _RATES[0] <= value <= _RATES[1] and not _FILTER.search(before):
+                    return value
         return None
+
+    @property
+    def stated_range(self) -> float | None:
+        """Full scale of the gyros that the lines above the header state, deg/s."""
+        found = next(filter(None, map(_RANGE.search, self._preamble)), None)
+        return None if found is None else float(found[1])
+
+    @property
+    def _preamble(self) -> tuple[str, ...]:
+        return () if self.layout is None else self.layout.preamble
 
 
 def read_log(path: Path) -> RawLog:
@@ -77,7 +94,13 @@ def read_log(path: Path) -> RawLog:
         return _from_table(chosen.decode(path), path, chosen.NAME, None)
     if chosen not in (csv, imu_tk):
         raise ValueError(f"{path.name}: {chosen.NAME} names its columns and units itself.")
-    layout = find_layout(csv.text_of(path), path.name)
+    text = csv.text_of(path)
+    if _MONITOR.match(text[:40].decode("utf-8", "replace")):
+        raise ValueError(
+            f"{path.name}: a serial monitor's stamps ('{text[:16].decode()}') begin the lines; make them a column: "
+            + _by_sed("s/ -> /,/", path)
+        )
+    layout = find_layout(text, path.name)
     names = layout.names or unnamed(layout.width)
     if chosen is imu_tk and layout.names is None:
         names = ("time", "x", "y", "z")[: layout.width]
@@ -108,15 +131,21 @@ def _from_table(
             elif column.null_count() < len(column):
                 words_of = column.head(_FIRST_ROWS).drop_nulls().unique().head(_MOST_WORDS)
                 texts[column.name] = tuple(sorted(words_of.str.strip_chars()))
-    labelled = [w for w in texts.values() if all(_LABELLED.match(word) for word in w)]
-    if len(numbers) < len("xyz") <= len(labelled):
-        take_out = f"sed -E 's/{_LABEL}//g' {shlex.quote(path.name)} > {shlex.quote(f'numbers_{path.stem}.csv')}"
-        raise ValueError(
-            f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: {take_out}"
-        )
+    for label in _LABELS:
+        pattern = re.compile(rf"{label}[-+]?\.?\d")
+        labelled = [w for w in texts.values() if all(pattern.match(word) for word in w)]
+        if len(numbers) < len("xyz") <= len(labelled):
+            raise ValueError(
+                f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: "
+                + _by_sed(f"s/{label}//g", path)
+            )
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
     return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts)
+
+
+def _by_sed(script: str, path: Path) -> str:
+    return f"sed -E '{script}' {shlex.quote(path.name)} > {shlex.quote(f'numbers_{path.stem}.csv')}"
 
 
 def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:

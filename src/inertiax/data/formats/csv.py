@@ -20,6 +20,7 @@ from .text_layout import as_utf8, fields, find_layout, TextLayout
 
 NAME = "csv"
 SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv")
+_CUT = 0.01  # of all rows: more have an empty last field on purpose
 _CHECKSUM = re.compile(rb"\*[0-9A-Fa-f]{2}$", re.MULTILINE)
 KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
 
@@ -136,7 +137,28 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
         raise ValueError(
             f"{where}: the last row has {found} of {len(names)} fields; the file seems cut off; remove that row."
         )
+    missing = table.get_column(names[-1]).null_count()
+    if 0 < missing < _CUT * table.height:
+        _raise_cut(data, layout, len(names), delimiter, where)
     return table if layout.delimiter == "," else _decimal_points(table)
+
+
+def _raise_cut(data: bytes, layout: TextLayout, width: int, delimiter: str, where: str) -> None:
+    """Refuse a text of which a few lines have fewer fields than all others: a serial port lost a part of them."""
+    lines = data.split(b"\n")
+    fewest = width - 1 if b'"' not in data else 0
+    cut = [
+        line
+        for line in lines
+        if line.strip() and line[:1] != b"#" and line.count(delimiter.encode()) < fewest
+    ]
+    if cut:
+        above = layout.header_line or len(layout.preamble)
+        separator = {",": "-F, ", ";": "-F';' ", "\t": "-F'\\t' "}.get(layout.delimiter, "")
+        raise ValueError(
+            f"{where}: {len(cut)} of {len(lines)} lines are cut off ('{short(cut[0].decode())}' has fewer than {width} "
+            f"fields); take them out: awk {separator}'NR<={above} || NF>={width}' {where} > whole_{where}"
+        )
 
 
 def _single_commas(data: bytes) -> bytes:
