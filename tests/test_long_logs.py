@@ -9,6 +9,7 @@ from inertiax.allan.logs import _channel
 from inertiax.allan.stored_channel import is_constant, StoredChannel
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import read_recordings
+from inertiax.data.formats.columns import AngleColumns, ColumnMap, Layout, RateColumns, Turntable
 from inertiax.data.formats.long_logs import read_long
 from inertiax.data.stored_recording import ColumnStore, StoredRecording
 from inertiax.plausibility import check_campaign
@@ -52,6 +53,12 @@ def log(*, labelled: bool = False, still: bool = False) -> pl.DataFrame:
     columns |= {f"accel_{a}": accel[:, k] for k, a in enumerate("xyz")}
     columns |= {f"gyro_{a}": gyro[:, k] for k, a in enumerate("xyz")}
     columns["temperature"] = np.full(len(accel), 25.0) + 0.01 * rng.standard_normal(len(accel))
+    block = np.arange(len(accel)) // (REST + TURN)
+    turning = np.maximum(np.arange(len(accel)) % (REST + TURN) - REST + 1, 0)
+    columns["outer"] = (
+        5.0 * block + 0.05 * turning
+    )  # a table's axis, deg; what it carries does not matter here
+    columns["outer_rate"] = np.where(turning > 0, 0.05 * RATE, 0.0)
     return pl.DataFrame(columns | ({"position": position} if labelled else {}))
 
 
@@ -66,12 +73,20 @@ def file(tmp_path, request):
     return path
 
 
+TABLE = Layout(gravity=GRAVITY, latitude=0.8, turntable=Turntable(axes=("east",), azimuth=0.0))
+ANGLES = ColumnMap(
+    table_angles=AngleColumns(names=("outer",)), table_rates=RateColumns(names=("outer_rate",))
+)
+
+
 def test_parts_are_the_whole_cut_at_rests(file):
-    (whole,) = read_recordings(file)
-    parts = in_parts(file)
+    (whole,) = read_recordings(file, ANGLES, TABLE)
+    parts = in_parts(file, columns=ANGLES, layout=TABLE)
     assert len(parts) == 5 and all(isinstance(p, StoredRecording) for p in parts)
     assert parts[1].name == f"{file.name} (part 2 of 5)"
-    for column in ("time", "accel", "gyro", "temperature"):
+    for column in (
+        "time", "accel", "gyro", "temperature", "reference_accel", "reference_gyro",
+    ):  # fmt: skip
         joined = np.concatenate([getattr(p, column) for p in parts])
         np.testing.assert_array_equal(joined, getattr(whole, column))
     assert parts[0].position is None and sum(p.num_samples for p in parts) == whole.num_samples

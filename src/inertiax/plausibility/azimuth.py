@@ -17,10 +17,10 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
 
     At rest a reference is $u\,u^T \omega + h$, with the direction u of the vertical and the horizontal part h. Where
     the station's azimuth is $\delta$ too small, gyros read $\cos\delta\,h + \sin\delta\,u \times h$ in the place of
-    h. Both columns are fitted to what the rests' means differ by from their references, beside biases, their course in
-    time and with temperature, and g-sensitivities, which are larger than the Earth's rate in cheap gyros: a station
-    that rests in few attitudes is told nothing. Said is what an F test finds rarer than `azimuth_by_chance`, where the
-    gyros read about as much of the Earth's rate as there is. An ordinary F test; no source.
+    h. Both columns are fitted to what the rests' means differ by from their references, beside biases, their course
+    from rest to rest and with temperature, and g-sensitivities, which are larger than the Earth's rate in cheap gyros:
+    a station that rests in few attitudes is told nothing. Said is what an F test finds rarer than `azimuth_by_chance`,
+    where the gyros read about as much of the Earth's rate as there is. An ordinary F test; no source.
     """
     asked = [_rests(log) for log in device.logs]
     told = [r for r in asked if r is not None]
@@ -30,7 +30,8 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     size = float(np.median(np.linalg.norm(rests.level, axis=1)))
     if size < limits.earth_rate:
         return []
-    weight = np.sqrt(rests.seconds)[:, None]
+    # A bias wanders: a rest of an hour tells it no better than one of the usual length twice over.
+    weight = np.sqrt(np.minimum(rests.seconds, 2.0 * np.median(rests.seconds)))[:, None]
     own = np.kron(_drivers(rests, told, limits) * weight, np.eye(3))
     turned = np.stack([np.cross(rests.up, rests.level), rests.level], axis=2)
     design = np.concatenate([own, (turned * weight[..., None]).reshape(-1, 2)], axis=1)
@@ -111,19 +112,31 @@ def _rests(log: Log) -> _Rests | None:
 def _drivers(
     rests: _Rests, each: list[_Rests], limits: Thresholds
 ) -> Float[np.ndarray, "rest driver"]:
-    """What each gyro's output may follow: nothing, force, temperature, and in each recording time."""
+    """What each gyro's output may follow: force, temperature, and in each recording time."""
     drivers = [*rests.up.T]
     if np.ptp(rests.temperature) > limits.one_temperature:
         x = rests.temperature - rests.temperature.mean()
         drivers += [x, x**2]
-    ends = np.cumsum([0, *(len(r.up) for r in each)])
+    ends = np.cumsum([0, *(len(r.up) for r in each)]).tolist()
     for a, b in zip(ends[:-1], ends[1:], strict=True):
-        here = np.zeros(len(rests.up))
-        here[a:b] = 1.0
-        drivers += [here, here * (rests.time - rests.time[a:b].mean() if b > a else 0.0)]
+        if b > a:
+            drivers += _course(rests.time, a, b, limits.azimuth_rests)
     made = np.stack(drivers, axis=1)
     size = np.linalg.norm(made, axis=0)
     return made[:, size > 0.0] / size[size > 0.0]
+
+
+def _course(
+    time: Float[np.ndarray, " rest"], first: int, stop: int, every: int
+) -> list[Float[np.ndarray, " rest"]]:
+    """Straight lines from knot to knot, one in so many rests of a recording: how its biases wander."""
+    here = time[first:stop]
+    knots = np.unique(np.quantile(here, np.linspace(0.0, 1.0, max(2, len(here) // every))))
+    made = []
+    for one in np.eye(len(knots)):
+        made.append(np.zeros(len(time)))
+        made[-1][first:stop] = np.interp(here, knots, one)
+    return made
 
 
 def _fit(

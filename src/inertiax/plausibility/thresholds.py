@@ -34,6 +34,7 @@ class Thresholds:
     azimuth_by_chance: float = 1e-6
     azimuth_sigmas: float = 5.0  # of its own standard deviation
     azimuth_share: float = 0.5  # of the Earth's rate that gyros must read at least; twice at most
+    azimuth_rests: int = 12  # from one knot of a bias' course in time to the next
     azimuth_spare: int = 12  # equations beyond the unknowns
     # Temperature, °C
     one_temperature: float = 1.0  # up to which biases do not move

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import msgspec
 import numpy as np
 import polars as pl
 from jaxtyping import Float
@@ -46,7 +47,7 @@ def read_long(
     if chosen is not None and _rows(path, chosen) > _LONG * part:
         try:
             tables = pieces(path, chosen, layout, rows=rows, size=size)
-            store, device = _stored(tables, columns, path.name)
+            store, device = _stored(tables, columns, layout, path.name)
             return _parts(store, device, path.name, part)
         except (ValueError, OSError):
             pass  # what is wrong, if anything is, is said where the whole file is read
@@ -75,15 +76,16 @@ def _rows(path: Path, chosen: ModuleType) -> int:
 
 
 def _stored(
-    tables: Iterator[pl.DataFrame], columns: ColumnMap, name: str
+    tables: Iterator[pl.DataFrame], columns: ColumnMap, layout: Layout, name: str
 ) -> tuple[ColumnStore, str]:
     """The columns on the disk, and the device. Raises `ValueError` for what only the whole table tells."""
     store, device, last = ColumnStore(), "", -np.inf
     if columns.each_row_is_a_pose:
         raise ValueError(f"{name}: rows of poses are no long log.")
     rate = columns.time.rate if isinstance(columns.time, TimeColumn) else None
+    layout = msgspec.structs.replace(layout, start_row=0)  # left out of the pieces already
     for table in tables:
-        (recording,) = to_recordings(table, columns, AS_FOUND, name=name)
+        (recording,) = to_recordings(table, columns, layout, name=name)
         if rate is not None:
             time = (store.rows + np.arange(recording.num_samples)) / rate
             recording = dataclasses.replace(recording, time=time)
