@@ -12,10 +12,13 @@ from exports_cases import triad
 from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.calibration.calibration import Calibration, read_calibration, write_calibration
+from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.calibration.named_g_sensitivity import with_matrix_d
 from inertiax.calibration.triad import TriadCalibration
 from inertiax.calibration.turn_on import turn_on
 from inertiax.calibration.warm_up import with_warm_up
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.exports import export
 from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
 
@@ -129,8 +132,9 @@ def test_its_sigma_is_that_of_drawn_parameters(both):
     assert stated == pytest.approx(np.std(draws), rel=0.05)
 
 
-def test_gyros_of_two_logs_differ_by_their_biases_and_not_by_the_force():
-    """Δ = ν_w(T₀) − ν⁰ − D f / g in numbers of this test; the covariances add."""
+@pytest.mark.parametrize("named", [False, True])
+def test_gyros_of_two_logs_differ_by_their_biases_and_not_by_the_force(named):
+    """Δ = ν_w(T₀) − ν⁰ − D f / g in numbers of this test; the covariances add. A diagnosis names D, a fit has it."""
     names = tuple(f"gyro.bias[{i}]" for i in range(3))
     d = tuple(f"gyro.g_sensitivity[{i},{j}]" for i in range(3) for j in range(3))
     matrix = np.arange(9.0).reshape(3, 3) * 1e-4
@@ -140,11 +144,35 @@ def test_gyros_of_two_logs_differ_by_their_biases_and_not_by_the_force():
     span = (-10.0, 50.0)
     still = TriadCalibration(Curve(Polynomial(1, *span), warm), 9e-10 * np.eye(6), names, "static")
     level = accel_of_one_pose(np.array([0.0, 0.0, G]), span)
-    told = turn_on(
-        Calibration(gravity=G, gyro=hand, accel=unit_accel()),
-        Calibration(gravity=G, gyro=still, accel=level, temperature_range=span),
-        35.0,
-    )
+    effects = ()
+    if named:
+        hand = TriadCalibration(
+            Curve(Constant(), first[:, :3]), 4e-10 * np.eye(3), names, "gravity"
+        )
+        effects = tuple(
+            FittedEffect(
+                "g_sensitivity",
+                "gyro",
+                (i,),
+                (("axes", "xyz"),),
+                matrix[i],
+                4e-10 * np.eye(3),
+                "rad/s/g",
+            )
+            for i in range(3)
+        )
+    known = Calibration(gravity=G, gyro=hand, accel=unit_accel(), effects=effects)
+    one_pose = Calibration(gravity=G, gyro=still, accel=level, temperature_range=span)
+    told = turn_on(known, one_pose, 35.0)
+    both = with_matrix_d(with_warm_up(known, one_pose, 35.0))
+    assert both.effects == () and both.gyro.names == (*names, *d)
+    np.testing.assert_allclose(both.gyro.parameters(-5.0)[12:], matrix.ravel(), atol=1e-9)
+    _, sigma = both.gyro.over(np.array([-5.0]))
+    np.testing.assert_allclose(sigma[0, 3:], 2e-5, rtol=1e-6)
+    written = export(with_warm_up(known, one_pose, 35.0), "c")
+    _, rate = written.applied(np.array([[0.0, 0.0, G]]), np.zeros((1, 3)), np.array([35.0]))
+    np.testing.assert_allclose(rate[0], -first[0, :3] - matrix[:, 2], atol=1e-9)
+    assert written.losses == ()
     # At 35 °C the polynomial's variable is 0.5.
     expected = np.array([0.012, -0.02, 0.028]) - [0.01, -0.02, 0.03] - matrix[:, 2]
     np.testing.assert_allclose(told.gyro.value, expected, rtol=1e-6, atol=1e-9)

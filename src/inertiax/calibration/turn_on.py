@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .named_g_sensitivity import with_matrix_d
 from .pytree import Calibration
 from .triad import slot, TriadCalibration
 
@@ -76,6 +77,7 @@ def turn_on(calibration: Calibration, one_pose: Calibration, at: float) -> TurnO
 
     **Arguments:** `calibration` with constants; `one_pose` over temperatures that hold `at`, °C.
     """
+    calibration = with_matrix_d(calibration)
     force, gravity, gyro = None, None, None
     if calibration.accel is not None and one_pose.accel is not None:
         force = _force(calibration.accel, one_pose.accel, at)

@@ -15,9 +15,8 @@ the two logs differ at $T_0$ (`turn_on`): the constants stay the first log's.
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from ..physics.temperature import AbstractBasis, Constant, Curve
+from ..physics.temperature import Constant, constant_one, Curve
 from .pytree import Calibration
 from .triad import TriadCalibration
 from .turn_on import turn_on
@@ -119,18 +118,12 @@ def _held(triad: TriadCalibration, at: float) -> TriadCalibration:
     return replace(triad, curve=Curve(Constant(), values[None]), covariance=covariance)
 
 
-def _one(basis: AbstractBasis) -> Float[np.ndarray, " size"]:
-    """Coefficients of the constant function one."""
-    rows = basis.rows(np.array([float(t) for t in basis.nodes]))
-    return np.linalg.lstsq(rows, np.ones(len(rows)), rcond=None)[0]
-
-
 def _joined(
     fixed: TriadCalibration, moving: TriadCalibration | None, at: float
 ) -> TriadCalibration:
     if moving is None or isinstance(moving.curve.basis, Constant):
         return fixed
-    basis, one = moving.curve.basis, _one(moving.curve.basis)
+    basis, one = moving.curve.basis, constant_one(moving.curve.basis)
     change = np.eye(len(one)) - np.outer(one, basis.rows(np.array([at]))[0])
     size, count = len(one), len(fixed.names)
     spread = np.kron(one[:, None], np.eye(count))  # of the constants onto the basis

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
 from ..calibration.magnetometers import MagnetometerCalibration
+from ..calibration.named_g_sensitivity import with_matrix_d
 from .cubic import ROUNDING
 from .export import AppliedField, Export
 from .magnetometer_parameters import field_errors
@@ -92,6 +93,7 @@ def _stated(size: float, least: float, at: float, unit: str) -> str:
 def measure_loss(calibration: Calibration, export: Export) -> Loss:
     """Distort known inputs with the calibration's own model, equation (1), let the tool's formula
     compensate them, and compare with the known inputs (in the tool's frame)."""
+    calibration = with_matrix_d(calibration)
     low, high = temperature_span(calibration)
     temperature = np.linspace(low, high, _TEMPERATURES if high > low else 1)
     gravity = float(calibration.gravity)

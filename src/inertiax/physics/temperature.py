@@ -276,6 +276,12 @@ def interpolate(
     return jnp.asarray(np.linalg.inv(basis.at_nodes), values.dtype) @ values
 
 
+def constant_one(basis: AbstractBasis) -> Float[np.ndarray, " size"]:
+    """Coefficients of the constant function one."""
+    rows = basis.rows(np.array([float(t) for t in basis.nodes]))
+    return np.linalg.lstsq(rows, np.ones(len(rows)), rcond=None)[0]
+
+
 def to_powers(
     basis: Polynomial, coefficients: Float[AnyArray, "size parameters"], reference: float
 ) -> Float[np.ndarray, "size parameters"]:
