@@ -313,15 +313,15 @@ def test_what_stands_above_the_header_of_other_rates_is_not_the_log_s(
     assert found["columns"]["gyro"]["unit"] == ("deg/s" if gyro is None else "count")
 
 
-def test_the_range_above_the_header_tells_the_scale_of_gyros_at_rest(tmp_path):
+def test_the_chip_and_its_range_above_the_header_tell_the_scales_of_counts(tmp_path):
     still = np.tile([[0.0, 0.0, 2048.0, 60.0, -20.0, 8.0]], (2000, 1))
-    columns = (
-        20000.0 * np.arange(2000),
-        still + np.random.default_rng(0).integers(-4, 5, (2000, 6)),
-    )
-    path = written(tmp_path / "log.csv", columns, f"MPU6050 +-500dps\nmicros,{CANONICAL}")
-    assert draft(path)["columns"]["gyro"]["scale"] == 65.5
-    assert "CHECK gyro" in (tmp_path / "campaign.toml").read_text()
+    noise = np.random.default_rng(0).integers(-4, 5, (2000, 6))
+    columns = (20000.0 * np.arange(2000), still + noise, noise[:, 0] - 500.0)
+    path = written(tmp_path / "log.csv", columns, f"MPU6050 +-500dps\nmicros,{CANONICAL},temp")
+    found = draft(path)["columns"]
+    assert found["gyro"]["scale"] == 65.5 and found["temperature"]["scale"] == 340.0
+    written_text = (tmp_path / "campaign.toml").read_text()
+    assert "CHECK gyro" in written_text and "CHECK temperature" not in written_text
 
 
 def test_thousandths_of_degrees(tmp_path):

@@ -64,7 +64,7 @@ class RawLog(NamedTuple):
     @property
     def stated_rate(self) -> float | None:
         """Samples a second that the lines above the header state, Hz."""
-        for line in self._preamble:
+        for line in self.preamble:
             last = 0
             for found in _RATE.finditer(line):
                 value, before = float(found[1] or found[2]), line[last : found.end()]
@@ -76,11 +76,12 @@ class RawLog(NamedTuple):
     @property
     def stated_range(self) -> float | None:
         """Full scale of the gyros that the lines above the header state, deg/s."""
-        found = next(filter(None, map(_RANGE.search, self._preamble)), None)
+        found = next(filter(None, map(_RANGE.search, self.preamble)), None)
         return None if found is None else float(found[1])
 
     @property
-    def _preamble(self) -> tuple[str, ...]:
+    def preamble(self) -> tuple[str, ...]:
+        """The lines above header and data."""
         return () if self.layout is None else self.layout.preamble
 
 

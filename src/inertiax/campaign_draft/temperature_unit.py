@@ -45,9 +45,19 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     middle = float(np.median(values))
     fits = [s for s in TEMPERATURE_SCALES if _ROOM[0] <= middle / s[0] + s[1] <= _ROOM[1]]
     if np.all(values == np.round(values)) and fits:
-        scale, zero, sensor = fits[0]
+        named = [s for s in fits if _names(log, s[2])]
+        scale, zero, sensor = (named or fits)[0]
         text = f"counts {span}; by the data sheet of {sensor} {middle / scale + zero:.1f} degC at the median"
-        return TemperatureUnit("count", scale, round(-zero * scale, 1), text, len(fits) == 1)
+        return TemperatureUnit(
+            "count", scale, round(-zero * scale, 1), text, len(named or fits) == 1
+        )
     return TemperatureUnit(
         None, None, None, f"{name} reads {span}, which is no temperature in degC, K or degF", False
     )
+
+
+def _names(log: RawLog, sensors: str) -> bool:
+    """Whether the lines above the header name one of some sensors: "MPU6050" is "MPU-6050"."""
+    bare = lambda text: re.sub(r"[^a-z0-9]", "", text.lower())
+    above = bare(" ".join(log.preamble))
+    return any(bare(s).rstrip("x") in above for s in sensors.split(","))

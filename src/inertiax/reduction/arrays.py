@@ -90,9 +90,11 @@ def finite(name: str, values: Any, valid: Any) -> None:
     bad = np.argwhere(valid & ~own)
     if len(bad):
         place = bad[0].tolist()
+        apart = "; fit triads with dwells of their own apart, `calibration.changed(gyro=other.gyro)` joins them"
         raise ValueError(
             f"`{CALL}({name}=...)`: not a finite number at dwell "
-            f"{tuple(place) if len(place) > 1 else place[0]}; drop it or make it invalid by `valid`."
+            f"{tuple(place) if len(place) > 1 else place[0]}; drop it or make it invalid by `valid`"
+            f"{apart * (name in ('accel', 'gyro'))}."
         )
 
 
