@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from every_form import every_form, signal
-from inertiax.calibration.effect_units import shown_parameter
+from inertiax.calibration.effect_units import shown_parameter, shown_parameters
 from inertiax.calibration.fitted_effects import EffectEntry, from_entry, to_entry
 from inertiax.diagnose.result import Parameter
 from inertiax.diagnose.wording.sentences import Said, sentence
@@ -104,6 +104,15 @@ def test_sizes_of_forms_in_the_units_of_data_sheets(name, settings, triad, value
     assert BY_NAME[name].unit(triad, settings) == unit
     text, _, in_unit = shown_parameter(name, "coefficient", Parameter(value, None, unit))
     assert (float(text), in_unit) == (pytest.approx(float(shown[0]), rel=1e-3), shown[1])
+
+
+def test_coefficients_of_an_effect_have_one_unit():
+    """0.5 and 0.1 °/s/g: the smaller one alone is 360 °/h/g."""
+    values = [
+        (f"coefficient[{k}]", Parameter(v * RAD, None, "rad/s/g")) for k, v in enumerate((0.5, 0.1))
+    ]
+    rows = shown_parameters("g_sensitivity", values)
+    assert [(value, unit) for _, value, _, unit in rows] == [("0.5", "°/s/g"), ("0.1", "°/s/g")]
 
 
 def misaligned(unit: str):

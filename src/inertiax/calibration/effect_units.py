@@ -1,6 +1,7 @@
 """Sizes of effects in the units that engineers use on data sheets."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from ..data.moments import since, unit_of_moments
@@ -90,17 +91,30 @@ class Shown(NamedTuple):
     unit: str
 
 
+def shown_parameters(
+    effect: str, parameters: Sequence[tuple[str, Estimated]], first: float = 0.0
+) -> list[tuple[str, str, str, str]]:
+    """Name, value, uncertainty and unit of an effect's parameters, those of one unit in one that suits the greatest."""
+    greatest: dict[str, float] = {}
+    for _, p in parameters:
+        greatest[p.unit] = max(greatest.get(p.unit, 0.0), abs(p.value))
+    return [
+        (name, *shown_parameter(effect, name, p, first, size=greatest[p.unit]))
+        for name, p in parameters
+    ]
+
+
 def shown_parameter(
-    effect: str, name: str, parameter: Estimated, first: float = 0.0
+    effect: str, name: str, parameter: Estimated, first: float = 0.0, *, size: float | None = None
 ) -> tuple[str, str, str]:
-    """An effect's parameter as on a data sheet: value, uncertainty and unit.
+    """An effect's parameter as on a data sheet: value, uncertainty and unit, which is that for a value of `size`.
 
     Angles of the station are in arcsec, as the rig's; a sensor's misalignments in µrad, as its calibration's. A moment
     is one after the first row where the clock, `first` s at that row, counts from long before.
     """
     at_moment = name.partition(" ")[0] == "time"  # of several channels: "time (accel_x)"
     value = since(parameter.value, first) if at_moment else parameter.value
-    factor, unit = customary(value, parameter.unit)
+    factor, unit = customary(value if size is None or at_moment else size, parameter.unit)
     if at_moment and unit == "s":
         unit = unit_of_moments(first)
     if parameter.unit == "rad" and effect not in _OF_THE_STATION:

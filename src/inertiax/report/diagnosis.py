@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from ..calibration.effect_units import customary, in_words, shown_parameter
+from ..calibration.effect_units import customary, in_words, shown_parameters
 from ..calibration.quantities import label, with_sigma
 from ..data.moments import since, unit_of_moments
 from ..data.recording import Campaign
@@ -94,10 +94,7 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
             f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
             f"it {gain_on_left_out(evidence.held_out_gain, 'the misfit')}.",
         ]
-        rows = tuple(
-            (name, *shown_parameter(effect.name, name, p, found.first))
-            for name, p in effect.parameters
-        )
+        rows = tuple(shown_parameters(effect.name, effect.parameters, found.first))
         tables = [Table(("parameter", "value", "± 1 sigma", "unit"), rows, numeric=(1, 2))]
         if len(effect.odds) > 1:
             odds = tuple((name, f"{100 * share:.1f}") for name, share in effect.odds)

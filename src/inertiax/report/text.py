@@ -93,7 +93,7 @@ def print_demo(result: "DemoResult", folder: Path) -> None:
 
 def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
     """Verdict, what was left out with its evidence, and where the files are."""
-    from ..calibration.effect_units import shown_parameter
+    from ..calibration.effect_units import shown_parameters
 
     console = _console()
     if device:
@@ -103,8 +103,8 @@ def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
     for effect in found.effects:
         rivals = f" or {', '.join(effect.alternatives)}" if effect.alternatives else ""
         console.print(f"  {effect.name}{rivals} on {', '.join(effect.channels)}")
-        for name, p in effect.parameters:
-            value, sigma, unit = shown_parameter(effect.name, name, p, found.first)
+        rows = shown_parameters(effect.name, effect.parameters, found.first)
+        for (name, value, sigma, unit), (_, p) in zip(rows, effect.parameters, strict=True):
             known = f"± {sigma} {unit}" if p.std is not None else f"{unit} ({sigma})"
             console.print(f"    {name} = {value} {known}")
         if effect.separating_experiment:
