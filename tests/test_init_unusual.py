@@ -330,3 +330,36 @@ def test_thousandths_of_degrees(tmp_path):
     draft(path)
     (recording,) = load_campaign(tmp_path).recordings
     np.testing.assert_allclose(recording.gyro, GYRO, atol=DEGREE / 1000.0)
+
+
+def test_words_between_the_rows_of_a_serial_monitor_are_no_data(tmp_path):
+    """As a sketch prints them that asks for the next position."""
+    rows = [", ".join(f"{v:.7g}" for v in row) for row in ACCEL]
+    ask = [">>> Place it on a flat, stable surface!", ">>> Type a key when ready..."]
+    lines = ["--- Available filters: debug, default, direct, hexlify", "Type:  Acceleration (m/s2)"]
+    lines += ["x, y, z", *ask, *rows[:1500], ask[1], *rows[1500:], *ask]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n")
+    assert draft(path)["columns"]["accel"] == {"names": ["x", "y", "z"], "unit": "m/s^2"}
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, rtol=1e-6)
+
+
+def test_accelerometers_in_millimetres(tmp_path):
+    """A 3D printer's firmware writes `#time,accel_x,accel_y,accel_z` so: no counts of 8192 per g."""
+    path = written(tmp_path / "log.csv", (TIME, 1000 * ACCEL), "#time,accel_x,accel_y,accel_z")
+    assert draft(path)["columns"]["accel"]["unit"] == "mm/s^2"
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, rtol=1e-6)
+    header = "time,ax (cm/s^2),ay (cm/s^2),az (cm/s^2)"
+    path = written(tmp_path / "log.csv", (TIME, 100 * ACCEL), header)
+    assert draft(path)["columns"]["accel"]["unit"] == "cm/s^2"
+
+
+def test_stamps_that_begin_anew_once_keep_their_step(tmp_path):
+    """A board that was switched on again after 788 s: its mean rate over all stamps is none."""
+    time = 788.0 + TIME
+    time[1000:] = TIME[1000:] - TIME[1000] + 3.0
+    time[1000:] += 0.001 * (np.arange(len(TIME) - 1000) % 2)
+    found = draft(written(tmp_path / "log.csv", (time, ACCEL, GYRO), f"t,{CANONICAL}"))["columns"]
+    assert found["time"]["rate"] == pytest.approx(1.0 / (TIME[1] - TIME[0]), rel=1e-3)

@@ -177,7 +177,9 @@ def _both(result: DeviceResult) -> list[tuple[TriadCalibration, TriadResult]]:
 
 
 def _lower(text: str) -> str:
-    return text[0].lower() + text[1:]
+    """A sentence's first letter in lower case, except that of a file."""
+    word = text.partition(" ")[0].rstrip(":,")
+    return text[0].lower() + text[1:] if word.isalpha() else text
 
 
 # Of the field: a misfit of 5 % is 3° of heading, and iron near by or a wrong column; an uncertainty of 2 % is 1°.

@@ -11,7 +11,9 @@ from .resting import poses, Resting
 
 
 _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
-_UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0}  # what 1 g reads
+# What 1 g reads; cm/s^2 and mg are too alike to be told apart by that.
+_UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0, "mm/s^2": 1000.0 * G}
+_SAID = {**_UNITS, "cm/s^2": 100.0 * G}
 _FAR = (
     2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
 )
@@ -80,7 +82,7 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     if told is not None:
         return told
     offset = _offset(center, radius, fitted)
-    if not whole(values) or nearest(radius, (1000.0,), 0.015):
+    if not whole(values) or nearest(radius, (1000.0, 1000.0 * G), 0.015):
         unit = _unit_of(radius)
         if offset is None and unit is not None:
             return TriadUnit(unit, None, None, None, G / _UNITS[unit], what, True)
@@ -101,18 +103,18 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
 
 def _written(radius: float, unit: str | None, what: str) -> TriadUnit | None:
     """The unit that the file writes, where gravity reads about that; physics has it otherwise."""
-    if unit is None or not 1 / _FAR < radius / _UNITS[unit] < _FAR:
+    if unit is None or not 1 / _FAR < radius / _SAID[unit] < _FAR:
         return None
     return _in(unit, f"as the file says; {what}", radius)
 
 
 def _in(unit: str, why: str, radius: float) -> TriadUnit:
     """A unit in which gravity may read amiss: by a bias in the axis that points up, or by a scale."""
-    near = abs(radius / _UNITS[unit] - 1.0) < _NEAR
+    near = abs(radius / _SAID[unit] - 1.0) < _NEAR
     text = (
         why if near else f"{why}, so a bias or a scale is far off: poses of other axes tell which"
     )
-    return TriadUnit(unit, None, None, None, G / _UNITS[unit], text, near)
+    return TriadUnit(unit, None, None, None, G / _SAID[unit], text, near)
 
 
 def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:

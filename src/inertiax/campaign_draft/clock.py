@@ -17,6 +17,7 @@ _POSSIBLE = (0.5, 20000.0)  # Hz
 _WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
 _STEPS = 0.2  # of the differences go back: what holds steps goes up and down
 _LONGEST_STEP = 50.0  # times the usual one
+_PAUSE = 20.0  # usual steps: neither a pause nor where stamps go back is part of a mean rate
 _ANEW = 1.5  # usual steps to mean ones: the stamps' span is that of one of several runs
 UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
 
@@ -131,6 +132,8 @@ def _unit(
         return said_unit, "as the file says", True
     usual = [u for u in possible if _USUAL[0] <= 1.0 / steps[u] <= _USUAL[1]]
     chosen = next(iter(usual or possible), None)
+    if chosen is not None and np.all(np.diff(values) == 1.0):
+        return chosen, f"it goes up by one: {chosen}, if it does not count rows", False
     why = f"usual step is {step:.4g}" if _ANEW * step > mean else f"mean step is {mean:.4g}"
     return chosen, f"the {why}, so an IMU's rate needs this unit", len(usual) == 1
 
@@ -145,6 +148,9 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     if bad:
         text = f"{bad} stamps of {name} repeat or go back, so rows are counted at their mean rate"
         usual = float(np.nanmedian(steps))
+        forward = steps[(steps >= 0.0) & (steps < _PAUSE * usual)] if usual > 0.0 else steps[:0]
+        if (steps < 0.0).any() and len(forward) and usual * rate < _ANEW:
+            rate = len(forward) / float(forward.sum())
         if usual * rate > _ANEW:
             rate = 1.0 / usual
             text = f"{name} begins anew {int((steps < 0).sum())} times, so rows are counted at its usual step"

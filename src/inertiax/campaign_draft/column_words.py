@@ -148,6 +148,8 @@ RATE_UNITS = (
 )
 FORCE_UNITS = (
     ("mg", r"milli_?g(?![a-z])|[\[(_ .]mg(?![a-z])"),
+    ("mm/s^2", r"\bmm ?/ ?s|mm_?s2\b"),
+    ("cm/s^2", r"\bcm ?/ ?s|cm_?s2\b|\bgal\b"),
     ("m/s^2", r"m ?/ ?s(?:\^|\*\*)?(?:2|²|\b)|m ?s\^?-2|mps2|m_?s2\b|linear_acceleration\.[xyz]\b"),
     ("g", r"[\[(_ .]gs?(?:[\])]|$|(?= ))"),
 )

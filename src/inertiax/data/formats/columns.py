@@ -18,7 +18,9 @@ from ...storage.harmless_text import short
 
 AXES = ("x", "y", "z")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-ACCEL_UNITS = {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3}
+ACCEL_UNITS = {
+    "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 1e-2, "mm/s^2": 1e-3,
+}  # fmt: skip
 GYRO_UNITS = {"rad/s": 1.0, "deg/s": math.pi / 180, "deg/h": math.pi / 180 / 3600}
 ANGLE_UNITS = {"deg": math.pi / 180, "rad": 1.0, "arcsec": math.pi / 180 / 3600}
 # °C = scale · (value + shift)

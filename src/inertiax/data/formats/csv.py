@@ -15,7 +15,7 @@ from ...storage.harmless_text import short
 from ..recording import Recording
 from .columns import AS_FOUND, ColumnMap, Layout, shown
 from .table import to_recordings
-from .text_layout import as_utf8, fields, find_layout, TextLayout
+from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout
 
 
 NAME = "csv"
@@ -126,7 +126,7 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
         pl.nth(0).str.strip_chars().fill_null("") == "", pl.nth(*range(1, table.width)).is_null()
     )
     # Lines of nothing but blanks
-    table = table.filter(~blank) if table.width > 1 else table.drop_nulls()
+    table = _without_remarks(table.filter(~blank)) if table.width > 1 else table.drop_nulls()
     if not table.height:
         raise ValueError(
             f"{where}: no rows of data, only separators; at least one sample is needed."
@@ -174,6 +174,23 @@ def _without_empty_ends(table: pl.DataFrame, width: int) -> pl.DataFrame:
     while table.width > width and (table.to_series(-1).fill_null("").str.strip_chars() == "").all():
         table = table[:, :-1]
     return table
+
+
+def _without_remarks(table: pl.DataFrame) -> pl.DataFrame:
+    """The rows without those lines that lack fields and hold words alone: what a serial monitor shows between data."""
+    short_rows = table.to_series(-1).is_null()
+    if not short_rows.any():
+        return table
+    rows = short_rows.arg_true()
+    words = [
+        not any(f and is_value(f.strip()) for f in r if f is not None) for r in table[rows].rows()
+    ]
+    kept = (
+        pl.Series([True])
+        .new_from_index(0, table.height)
+        .scatter(rows.filter(pl.Series(words)), False)
+    )
+    return table.filter(kept)
 
 
 def _raise_ragged(data: bytes, delimiter: str, width: int, where: str, error: str) -> NoReturn:

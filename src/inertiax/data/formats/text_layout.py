@@ -72,12 +72,19 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     else:
         names, number, top = _header(below, body, split, delimiter, width)
     data_lines = [x for x in body if x.number >= top]
+    while len(data_lines) > 1 and _is_remark(split[data_lines[0].number], width):
+        data_lines = data_lines[1:]  # what a sketch says before it prints
     start = data_lines[0].start if data_lines else len(data)
     above = top if number is None else number
     preamble = tuple(x.text for x in lines if x.number < above)
     rows = [split[x.number] for x in data_lines]
     filled = width - _empty_ends([r for r in rows if len(r) == width])
     return TextLayout(delimiter, names, number, start, filled, preamble)
+
+
+def _is_remark(row: list[str], width: int) -> bool:
+    """Whether a line is none of data: too few fields, and none is a value."""
+    return len(row) < width and not any(f and is_value(f) for f in row)
 
 
 def as_utf8(text: bytes) -> bytes:
