@@ -363,3 +363,27 @@ def test_stamps_that_begin_anew_once_keep_their_step(tmp_path):
     time[1000:] += 0.001 * (np.arange(len(TIME) - 1000) % 2)
     found = draft(written(tmp_path / "log.csv", (time, ACCEL, GYRO), f"t,{CANONICAL}"))["columns"]
     assert found["time"]["rate"] == pytest.approx(1.0 / (TIME[1] - TIME[0]), rel=1e-3)
+
+
+def test_the_field_in_motion_tells_the_gyros_unit_where_the_force_does_not(tmp_path):
+    """A multicopter's force stays along its axis, however it turns."""
+    time, accel, gyro, _ = moved()
+    attitude = Rotation.identity()
+    field = np.empty_like(accel)
+    for k, turn in enumerate(Rotation.from_rotvec(gyro / 100.0)):
+        field[k] = attitude.inv().apply([20.0, 0.0, -45.0])
+        attitude = attitude * turn
+    along = np.array([0.0, 0.0, G]) + 0.5 * np.random.default_rng(1).normal(size=accel.shape)
+    columns = (time, along, gyro, field + [12.0, -5.0, 30.0])
+    path = written(tmp_path / "log.csv", columns, f"t,{CANONICAL},mx,my,mz")
+    assert draft(path)["columns"]["gyro"]["unit"] == "rad/s"
+    assert "the field turns as the outputs do" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_milliseconds_since_1970_that_repeat_are_no_accelerometer(tmp_path):
+    stamps = np.floor(1.586e12 + 1000.0 * TIME / 3.0)
+    stamps[5::7] = stamps[4::7][: len(stamps[5::7])]
+    rows = [",".join([f"{s:.0f}", *(f"{v:.6g}" for v in a)]) for s, a in zip(stamps, ACCEL)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(rows) + "\n")
+    assert draft(path)["recordings"]["names"] == ["time", "accel_x", "accel_y", "accel_z"]

@@ -18,6 +18,10 @@ Judged = tuple[Finding | None, str | None]
 
 ONE_TEMPERATURE = 1.0  # °C, less than a recording at one temperature moves. Convention.
 
+_SHORT = (
+    3.0  # s of rest in all, which a log of a device that is carried may hold by chance. Convention.
+)
+
 # Of one pose over a range of temperatures, which tells changes of the biases alone.
 _JOIN = (
     "A log turned by hand at one temperature, calibrated for itself; `inertiax export HAND/calibration.json --warm-up "
@@ -132,6 +136,15 @@ def rates(
         text = f"{name}: bias only; scale factors and misalignments were not calibrated."
         tilts = f"{name}: tilts by hand between rests, or a rate table."
         advice = _JOIN if _warms_in_one_pose(calibration) else tilts
+        seconds = float(
+            np.asarray(estimate.dwells.duration)[np.asarray(estimate.dwells.valid)].sum()
+        )
+        if seconds < _SHORT:
+            text = (
+                f"{name}: {seconds:.2g} s of rest in all, in which a hand or a vehicle turns unseen, so that biases "
+                "may be off by tenths of a degree per second; record 10 s on a table."
+            )
+            return Finding("rates", ATTENTION, text), advice
         return Finding("rates", FINE, text), advice
     if triad.estimator == "gravity":
         motion = estimate.dwells.motion

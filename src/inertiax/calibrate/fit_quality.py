@@ -19,6 +19,7 @@ from .attitudes_over_temperature import is_of_one_attitude
 from .data_coverage import input_of, Judged, orientations, rates, temperatures
 from .goodness_of_fit import (
     ATTENTION,
+    begun,
     Finding,
     FINE,
     grade_misfit,
@@ -102,7 +103,7 @@ def judge(result: DeviceResult) -> Quality:
     # The sort is stable: of like grade, the first that was looked at.
     ranked = sorted(findings, key=lambda f: -f.grade)
     verdict, start = VERDICTS[ranked[0].grade], _WORDS[ranked[0].grade]
-    rest = _GOOD if ranked[0].grade == FINE else _lower(ranked[0].text)
+    rest = _GOOD if ranked[0].grade == FINE else begun(ranked[0].text, str.lower)
     also = _further_misfit(ranked)
     return Quality(
         verdict,
@@ -115,7 +116,7 @@ def judge(result: DeviceResult) -> Quality:
 
 def _of_warning(warning: str, result: DeviceResult) -> Finding:
     """A warning; unusable where constants were fitted to a warm-up in one pose beside others, and do not fit."""
-    text = warning[0].upper() + warning[1:]
+    text = begun(warning, str.upper)
     constant = [r for c, r in _both(result) if c.curve.basis.size == 1]
     if is_of_one_attitude(warning) and any(
         math.sqrt(r.chi2_per_dof) >= LIMITS.noise_ratio for r in constant
@@ -145,7 +146,7 @@ def _triad_verdict(name: str, findings: list[Finding]) -> TriadVerdict:
     if worst.grade == FINE:
         shown = [f for f in findings if f.topic in ("misfit", "weakest")]
     said = "; ".join(f.text.removeprefix(f"{name}: ").rstrip(".") for f in shown)
-    return TriadVerdict(name, verdict, f"{name}: {_lower(start)}; {said}.")
+    return TriadVerdict(name, verdict, f"{name}: {begun(start, str.lower)}; {said}.")
 
 
 def _of_one_wish(advice: list[str]) -> tuple[str, ...]:
@@ -174,12 +175,6 @@ def _both(result: DeviceResult) -> list[tuple[TriadCalibration, TriadResult]]:
         (result.calibration.gyro, result.gyro),
     )
     return [(c, r) for c, r in pairs if c is not None and r is not None]
-
-
-def _lower(text: str) -> str:
-    """A sentence's first letter in lower case, except that of a file."""
-    word = text.partition(" ")[0].rstrip(":,")
-    return text[0].lower() + text[1:] if word.isalpha() else text
 
 
 # Of the field: a misfit of 5 % is 3° of heading, and iron near by or a wrong column; an uncertainty of 2 % is 1°.

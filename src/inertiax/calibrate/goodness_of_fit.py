@@ -6,7 +6,7 @@ small, or larger than the usual size, so that no calibration at all would be as 
 be a sensor's, or is it that of a wrong unit, sign or axis?
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -219,3 +219,9 @@ def misfit_words(unit: str, rms: float, noise_ratio: float, scatter: float) -> s
     if grade == ATTENTION:
         return f"{text}. 'inertiax diagnose' looks for what the model leaves out"
     return text
+
+
+def begun(text: str, case: Callable[[str], str]) -> str:
+    """A sentence's first letter in that case, except that of a file's name."""
+    word = text.partition(" ")[0].rstrip(":,")
+    return case(text[0]) + text[1:] if word.isalpha() else text

@@ -10,7 +10,7 @@ from .column_words import FILES, means, plain, triad_of_words, UNIT, without, wi
 from .converters import G, whole
 from .mag_unit import mag_unit
 from .raw_log import RawLog
-from .split_stamps import EPOCH, split_stamps
+from .split_stamps import EPOCH, is_since_1970, split_stamps
 
 
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
@@ -299,13 +299,13 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     """Columns without names: a clock first, then threes; the accelerometers' norm is steadier than the gyros'."""
     names = list(log.names)
     time = next(iter(log.stamps), None)
-    if time is None and _is_clock(log.numbers[names[0]]):
+    if time is None and (_is_clock(log.numbers[names[0]]) or is_since_1970(log.numbers[names[0]])):
         time = names.pop(0)
     split = split_stamps(log) if time is None and log.has_header is False else None
     if split is not None:
         names = _of_message(log, [n for n in names if n not in split.columns])
     if time is not None:  # a further one, which an app writes in another form
-        names = [n for n in names if not _rises(log, n)]
+        names = [n for n in names if not (_rises(log, n) or is_since_1970(log.numbers[n]))]
     aside: list[str] = []
     while names and _is_no_output(log, names):
         aside.append(names.pop(0))

@@ -34,6 +34,7 @@ class GravityTurns(NamedTuple):
     output: Float[np.ndarray, "motion step 3"]
     before: Float[np.ndarray, "motion 3"]
     after: Float[np.ndarray, "motion 3"]
+    what: str = "force"  # whose directions these are
 
     @property
     def num_motions(self) -> int:

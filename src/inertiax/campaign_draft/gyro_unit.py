@@ -1,6 +1,7 @@
 """The gyros' unit: by gravity's turn between rests, else by what the file says, else by magnitude."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -51,13 +52,13 @@ def gyro_unit(
     values: Float[np.ndarray, "time 3"],
     turns: GravityTurns | None,
     hint: str,
-    in_motion: GravityTurns | None = None,
+    in_motion: Sequence[GravityTurns] = (),
     full_scale: float | None = None,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
-    **Arguments:** `hint` is what the file says in words of the columns; `in_motion` are tilts of a device that moves
-    all along; `full_scale` (deg/s) is what the file says of the range.
+    **Arguments:** `hint` is what the file says in words of the columns; `in_motion` is how the force turns in a device
+    that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range.
     """
     counts, offset = whole(values), middle(values) or None
     if _MILLI.search(hint) and (turns is None or turns.misfit(DEGREE / _PER_MILLI) < _AGREES):
@@ -81,7 +82,8 @@ def gyro_unit(
         )
     # Rests of a device that is carried are none, so that their turns may fail; a mirrored axis fails in motion, too.
     limit = _AGREES if turns is None else _AGREES / 2
-    moving = None if counts or in_motion is None else _by_motion(in_motion, limit)
+    told_by = [] if counts else [_by_motion(m, limit) for m in in_motion]
+    moving = next((u for u in told_by if u is not None), None)
     return _by_magnitude(values, counts, offset, missing, full_scale) if moving is None else moving
 
 
@@ -93,7 +95,7 @@ def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:
     if misfits[best] > min(limit, _CLEARER * misfits[second], _CLEARER * turns.misfit(0.0)):
         return None
     text = (
-        f"in {turns.num_motions} windows of motion the force turns as the outputs do "
+        f"in {turns.num_motions} windows of motion the {turns.what} turns as the outputs do "
         f"(to {np.degrees(misfits[best]):.2g} deg; in {second} to {np.degrees(misfits[second]):.2g})"
     )
     return TriadUnit(best, None, None, None, _UNITS[best], text, True)

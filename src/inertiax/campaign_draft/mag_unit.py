@@ -110,6 +110,11 @@ def said_field_unit(hint: str, outputs: Float[np.ndarray, "time 3"]) -> str | No
     return unit if size * MAG_UNITS[unit] > LEAST_EARTH_FIELD / _IRON else None
 
 
+def about_center(read: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "row 3"]:
+    """The outputs without what stays with the device."""
+    return read - _center(read)
+
+
 def _center(read: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "3"]:
     """Of the sphere that the outputs lie on; their middle where few orientations tell no sphere."""
     middle = 0.5 * (read.min(axis=0) + read.max(axis=0))

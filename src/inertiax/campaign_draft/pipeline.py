@@ -24,8 +24,8 @@ from .further_columns import columns_table
 from .gravity_turns import gravity_turns, GravityTurns, turns_in_motion
 from .gyro_unit import clock_and_unit, gyro_unit
 from .joined_logs import alike, followed_by
-from .mag_unit import field_unit
-from .raw_triads import given_names, RawTriads, read_triads
+from .mag_unit import about_center, field_unit
+from .raw_triads import columns, given_names, RawTriads, read_triads
 from .references import force_unit
 from .resting import drifts_in_one_pose, poses, Resting, resting
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
@@ -172,10 +172,23 @@ def _turns(found: RawTriads, rests: Resting) -> GravityTurns | None:
     return gravity_turns(found.seconds, found.gyro, up, rests.start, rests.stop)
 
 
-def _in_motion(found: RawTriads) -> GravityTurns | None:
-    if found.accel is None or found.gyro is None or not found.clock.known:
-        return None
-    return turns_in_motion(found.seconds, found.gyro, found.accel - middle(found.accel))
+def _in_motion(found: RawTriads) -> list[GravityTurns]:
+    """How the force turns in motion, and the field where the log has magnetometers in every row."""
+    if found.gyro is None or not found.clock.known:
+        return []
+    mag = columns(found.log, found.roles.mag)
+    if mag is not None and (len(mag) != len(found.seconds) or not np.isfinite(mag).all()):
+        mag = None
+    vectors = {
+        "force": None if found.accel is None else found.accel - middle(found.accel),
+        "field": None if mag is None else about_center(mag),
+    }
+    turns = {
+        k: turns_in_motion(found.seconds, found.gyro, v)
+        for k, v in vectors.items()
+        if v is not None
+    }
+    return [t._replace(what=k) for k, t in turns.items() if t is not None]
 
 
 def _recordings(found: RawTriads, folder: Path, paths: list[str]) -> Table:

@@ -41,3 +41,15 @@ def split_stamps(log: RawLog) -> SplitStamps | None:
 
 def _whole(values: Float[np.ndarray, " rows"]) -> bool:
     return len(values) > 1 and bool(np.all(values == np.round(values)))
+
+
+def is_since_1970(values: Float[np.ndarray, " rows"]) -> bool:
+    """Whether all numbers are times of our years in s, ms, µs or ns, though some repeat; whole seconds are none that
+    tell a step."""
+    told = values[np.isfinite(values)]
+    if not len(told) or len(np.unique(told)) < len(told) / 2:
+        return False
+    ends = np.array([told.min(), told.max()])
+    return any(
+        EPOCH[0] < x[0] and x[1] < EPOCH[1] for x in (ends / f for f in (1.0, 1e3, 1e6, 1e9))
+    )
