@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from hand_log_data import ACCEL_BIAS, DEGREE, G, hand_log
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft import draft_campaign
-from inertiax.campaign_draft.column_roles import triads_by_name
+from inertiax.campaign_draft.column_triads import triads_by_name
 from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
 from inertiax.campaign_draft.gravity_turns import gravity_turns
 from inertiax.cli import main

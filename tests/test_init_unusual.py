@@ -8,6 +8,7 @@ import scipy.io
 from scipy.spatial.transform import Rotation
 
 from hand_log_data import DEGREE, G, hand_log
+from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.accel_unit import lacks_gravity
 from inertiax.data.campaign import load_campaign
@@ -387,3 +388,23 @@ def test_milliseconds_since_1970_that_repeat_are_no_accelerometer(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("\n".join(rows) + "\n")
     assert draft(path)["recordings"]["names"] == ["time", "accel_x", "accel_y", "accel_z"]
+
+
+def test_six_means_beside_what_they_should_be(tmp_path):
+    """A table of means and scatters on six faces, with a bias of -0.25 g; all elements of the matrix by hand."""
+    faces = np.concatenate([np.eye(3), -np.eye(3)])[[2, 5, 1, 4, 0, 3]]
+    matrix = np.eye(3) + [[0.0, 0.005, 0.009], [-0.005, 0.0, 0.01], [-0.009, -0.004, 0.023]]
+    means = faces @ matrix.T + [0.09, 0.05, -0.25]
+    columns = np.stack([faces, means, np.full((6, 3), 0.004)], axis=2).reshape(6, 9)
+    header = ",".join(f"{a}_true (g),{a}_mean (g),{a}_std" for a in "xyz")
+    found = draft(written(tmp_path / "six.csv", (columns,), header))["columns"]
+    assert found["accel"] == {"names": ["x_mean (g)", "y_mean (g)", "z_mean (g)"], "unit": "g"}
+    assert found["position"] == {"row_index": True}
+    assert found["reference_accel"]["names"][0] == "x_true (g)"
+    (result,) = calibrate(load_campaign(tmp_path))
+    accel = result.accel
+    assert accel is not None
+    values = np.ravel(accel.solution.curve.coefficients)
+    named = dict(zip(accel.estimator.names, values, strict=True))
+    assert named["accel.matrix[2,2]"] == pytest.approx(0.023, abs=1e-5)
+    assert named["accel.matrix[0,2]"] == pytest.approx(0.009, abs=1e-5)

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .column_words import FILES, means, plain, triad_of_words, UNIT, without, without_unit
+from .column_triads import is_of_quaternion, of_one_six, triads_by_name
+from .column_words import FILES, FORCE_UNITS, means, plain, said, UNIT, without, without_unit
 from .converters import G, whole
 from .mag_unit import mag_unit
 from .raw_log import RawLog
@@ -26,6 +27,8 @@ WITH_GRAVITY = (
     "an acceleration from which an app has taken gravity tells nothing of accelerometers; take the one with gravity "
     "(Sensor Logger: TotalAcceleration; phyphox: Acceleration (with g))"
 )
+# The first of a triad that is called by its axis alone, or by that and what was done with it.
+_OF_NO_NAME = re.compile(r"^x(?:-axis|[_ .-]?(?:mean|avg|average|raw))?$")
 _LISTED = 40  # names in an error
 
 
@@ -144,52 +147,13 @@ def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
     return roles._replace(accel=None, mag=triad, mag_by="no gravity in any unit")
 
 
-def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
-    """Columns that differ in one letter x, y, z (or X, Y, Z; 1, 2, 3; 0, 1, 2) alone, or in a word such as roll, pitch,
-    yaw."""
-    found: list[tuple[str, str, str]] = []
-    taken: set[str] = set()
-    for name in names:
-        if name in taken:
-            continue
-        for place, letter in enumerate(name):
-            for axes in ("xyz", "XYZ", "123", "012"):
-                if letter != axes[0]:
-                    continue
-                triad = tuple(name[:place] + a + name[place + 1 :] for a in axes)
-                if all(t in names and t not in taken for t in triad):
-                    found.append((triad[0], triad[1], triad[2]))
-                    taken.update(triad)
-                    found += _second_of_six(name[:place], name[place + 1 :], names, axes)
-                    taken.update(found[-1])
-    by_plain = {plain(n): n for n in names if n not in taken}
-    found += [t for n in by_plain.values() if (t := triad_of_words(n, by_plain)) is not None]
-    return found
-
-
-def _of_one_six(one: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
-    """Whether two triads are an array of six columns."""
-    ends = sorted(n[-1] for n in (*one, *other))
-    return ends == list("012345") and len({n[:-1] for n in (*one, *other)}) == 1
-
-
-def _second_of_six(
-    before: str, after: str, names: tuple[str, ...], axes: str
-) -> list[tuple[str, str, str]]:
-    """The second triad of an array of exactly six columns that are numbered from 0."""
-    later = [f"{before}{k}{after}" for k in range(3, 7)]
-    if axes != "012" or not set(later[:3]) <= set(names) or later[3] in names:
-        return []
-    return [(later[0], later[1], later[2])]
-
-
 def _by_name(log: RawLog) -> Roles:
     triads = triads_by_name(log.names)
     kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
     unnamed: list[tuple[str, str, str]] = []
     mags: list[tuple[str, str, str]] = []
     references: dict[str, tuple[str, str, str]] = {}
-    triads = [t for t in triads if not _is_of_quaternion(log, t)]
+    triads = [t for t in triads if not is_of_quaternion(log, t)]
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
         first = without_unit(triad[0]).split("/")[-1]
@@ -203,7 +167,7 @@ def _by_name(log: RawLog) -> Roles:
             continue
         if means("gyro", first) and not first.lower().startswith("gf"):
             kinds["gyro"].append(triad)
-        elif means("accel", first) or first.lower() in ("x", "x-axis"):
+        elif means("accel", first) or _OF_NO_NAME.match(first.lower()):
             kinds["accel"].append(triad)
         else:
             unnamed.append(triad)
@@ -211,7 +175,7 @@ def _by_name(log: RawLog) -> Roles:
         kinds["accel"], unnamed = unnamed, []
     by_norm = [t for t in unnamed if not kinds["accel"] and _is_specific_force(log, t)]
     kinds["accel"] += by_norm[:1]
-    array = [t for t in unnamed if by_norm and t not in by_norm and _of_one_six(t, by_norm[0])]
+    array = [t for t in unnamed if by_norm and t not in by_norm and of_one_six(t, by_norm[0])]
     kinds["gyro"] += [] if kinds["gyro"] else array[:1]
     notes = [
         f"{t[0]}, {t[1]}, {t[2]}: taken for the accelerometers, because their norm is that of gravity"
@@ -247,21 +211,6 @@ def _by_name(log: RawLog) -> Roles:
     )
 
 
-def _is_of_quaternion(log: RawLog, triad: tuple[str, str, str]) -> bool:
-    """Whether three columns with one called w beside them have a norm of 1 together: an attitude."""
-    place = next(
-        (k for k, (a, b) in enumerate(zip(triad[0], triad[1], strict=True)) if a != b), None
-    )
-    fourth = None if place is None else {"x": "w", "X": "W"}.get(triad[0][place])
-    if fourth is None or place is None:
-        return False
-    name = triad[0][:place] + fourth + triad[0][place + 1 :]
-    if any(n not in log.numbers for n in (*triad, name)):
-        return False
-    norm = np.linalg.norm([log.numbers[n] for n in (*triad, name)], axis=0)
-    return abs(float(np.nanmedian(norm)) - 1.0) < _UNIT
-
-
 def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | None:
     """Whether a triad is a table's reference under names of its own, and which."""
     if not means("reference", first) or any(n not in log.numbers for n in triad):
@@ -273,7 +222,8 @@ def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | No
         return None
     if means("gyro", rest) or (means("rate", rest) and not means("accel", rest)):
         return "reference_gyro"
-    return "reference_accel" if means("accel", rest) else None
+    force = means("accel", rest) or (rest == "x" and said(FORCE_UNITS, log.hint(triad[0])))
+    return "reference_accel" if force else None
 
 
 def _best_time(log: RawLog, times: list[str]) -> str | None:

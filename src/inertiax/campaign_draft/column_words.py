@@ -41,7 +41,7 @@ WORDS: dict[Role, dict[str, str]] = {
         "it": r"bussola",
     },
     "other": {  # triads that are no outputs of an IMU's sensors
-        "any": r"mag|^m[_ .-]?x|^b[_ .-]?x|euler|quat|pos|cov|bias|ref",
+        "any": r"mag|^m[_ .-]?x|^b[_ .-]?x|euler|quat|pos|cov|bias|ref|(?<![a-z])(?:std|stdev|sigma|var)(?![a-z])",
         "en": r"orient|free_?acc|user_?acc|linear acc|^gravity|ang\w*[_ .-]?acc|compass",
         "de": r"lineare?[_ .-]?beschl|winkelbeschl|^schwerkraft|kompass|(?<![a-z])lage|soll",
         "fr": r"acc\w*[_ .-]*(?:lin|ang)|^gravite|boussole|champ|consigne",

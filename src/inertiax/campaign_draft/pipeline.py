@@ -279,6 +279,7 @@ def _columns(
         remarks += remark
     if rests.single_rows:
         lines.append(Line("position", {"row_index": True}, "each row is the mean of one pose"))
+        lines += [line for line in reference_force(found) if line.key != "position"]
     elif angles is not None:
         lines += angle_lines(found, angles)
     else:
