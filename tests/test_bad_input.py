@@ -191,7 +191,7 @@ TOML = {
     "unknown unit": (
         ACCEL + '{ unit = "G" }',
         "[columns] accel: unit 'G' is not known; did you mean 'g'? use one of m/s^2, m/s2, m/s², g, "
-        "mg.",
+        "mg, cm/s^2, mm/s^2.",
     ),
     "counts without scale": (
         ACCEL + '{ unit = "count" }',
@@ -205,7 +205,7 @@ TOML = {
     "unknown scale unit": (
         ACCEL + '{ unit = "count", scale = 1.0, scale_unit = "LSB/g" }',
         "[columns] accel: scale_unit 'LSB/g' is not understood; write \"m/s^2 per count\" or "
-        '"count per m/s^2", where the unit is one of m/s^2, m/s2, m/s², g, mg.',
+        '"count per m/s^2", where the unit is one of m/s^2, m/s2, m/s², g, mg, cm/s^2, mm/s^2.',
     ),
     "scale without counts": (
         ACCEL + "{ scale = 2.0 }",
