@@ -1,11 +1,14 @@
 """References from a table's angles, against SciPy's rotations."""
 
+import itertools
 import json
+import re
 
 import msgspec
 import numpy as np
 import polars as pl
 import pytest
+import scipy.ndimage
 from scipy.spatial.transform import Rotation
 
 from command_runs import run
@@ -377,3 +380,63 @@ def test_empty_angles_are_allowed_while_the_table_moves_alone(tmp_path):
     table.with_columns(innen=pl.lit(None)).write_csv(tmp_path / "c" / "log.csv")
     with pytest.raises(ValueError, match="'innen' has no finite number in"):
         load_campaign(tmp_path / "c")
+
+
+def two_logs(folder, late):
+    """A device at 50 Hz, and beside it at 10 Hz the table on another computer: sixteen positions by a trapezoid of
+    60 °/s, then turns of ±90 °/s about both axes. The table's clock is so many seconds late."""
+    folder.mkdir()
+    rng = np.random.default_rng(8)
+    stops = [[a, b] for b in (0.0, 90.0, 180.0, 270.0) for a in (0.0, 90.0, 180.0, 270.0)]
+    stops += [[0.0, 270.0], [0.0, 630.0], [0.0, 270.0], [360.0, 270.0], [0.0, 270.0]]
+    knots, places = [0.0, 5.0], [stops[0], stops[0]]
+    for a, b in itertools.pairwise(stops):
+        spent = np.abs(np.subtract(b, a)).max() / 60.0
+        knots += [knots[-1] + spent, knots[-1] + spent + 5.0]
+        places += [b, b]
+    fine = np.arange(0.0, knots[-1], 0.02)
+    course = lambda t: np.stack([np.interp(t, knots, p) for p in np.transpose(places)], axis=1)
+    # A mean over 0.6 s is the trapezoid of a table with a finite acceleration.
+    angles = scipy.ndimage.uniform_filter1d(course(fine), 31, axis=0, mode="nearest")
+    rates = np.gradient(angles, 0.02, axis=0)
+    turned = attitudes(PITCH, np.deg2rad(angles)).inv()
+    force = turned.apply([0.0, 0.0, G]) + 5e-3 * rng.standard_normal((len(fine), 3))
+    ideal = ideal_readings(PITCH, np.deg2rad(angles), np.deg2rad(rates), G, LATITUDE)
+    gyro = ideal.rate + 1e-3 * rng.standard_normal(force.shape)
+    device = {"time_s": fine}
+    device |= {f"acc_{x}": force[:, k] for k, x in enumerate("xyz")}
+    device |= {f"gyr_{x}": np.rad2deg(gyro[:, k]) for k, x in enumerate("xyz")}
+    pl.DataFrame(device).write_csv(folder / "device.csv")
+    own = {"elapsed_s": np.round(fine[::5] + late, 3), "chamber": np.full(len(fine[::5]), 21.0)}
+    own |= {f"pos_{k}": np.round(angles[::5, k] % 360.0, 4) for k in range(2)}
+    own |= {f"rate_{k}": np.round(rates[::5, k], 4) for k in range(2)}
+    pl.DataFrame(own).write_csv(folder / "table.csv")
+    return np.linalg.norm(rates, axis=1), ideal
+
+
+@pytest.mark.parametrize("late", [0.137, 1.7e9])
+def test_a_tables_own_log_is_put_beside_the_devices_by_how_the_gyros_turn(tmp_path, late):
+    folder, file = tmp_path / "c", tmp_path / "c" / "campaign.toml"
+    speed, ideal = two_logs(folder, late)
+    text = draft_campaign(
+        folder / "device.csv", folder, latitude=48.2, table=folder / "table.csv"
+    ).text
+    found = float(re.search(r"\ndelay = (.*)\n", text)[1])
+    # 1e-3 rad/s over some 1500 rows in which the speed changes by 1 rad/s² tells 3e-5 s; corners between rows 0.1 s
+    # apart are cut, alike on both sides.
+    assert abs(found - late) < 1e-3
+    file.write_text(text)
+    (recording,) = load_campaign(folder).recordings
+    still = scipy.ndimage.binary_erosion(speed == 0.0, iterations=10)  # a row of the table is 0.1 s
+    direction = (
+        recording.reference_accel / np.linalg.norm(recording.reference_accel, axis=1)[:, None]
+    )
+    assert np.abs(direction - ideal.force / G)[still].max() < 1e-5  # digits of 0.0001°
+    assert np.abs(recording.reference_gyro - ideal.rate)[still].max() < 1e-9
+    delays = lambda: [
+        f for f in check_campaign(load_campaign(folder)).findings if f.kind == "delay"
+    ]
+    assert not delays()
+    file.write_text(text.replace(f"delay = {found!r}", f"delay = {found - 0.12!r}"))
+    (said,) = delays()
+    assert abs(float(said.remedy.removeprefix("[table]\ndelay = ")) - late) < 1e-3

@@ -4,7 +4,6 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +19,7 @@ from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
+from .draft import Draft, draft_of
 from .further_columns import columns_table
 from .gravity_turns import gravity_turns, GravityTurns, turns_in_motion
 from .gyro_unit import clock_and_unit, gyro_unit
@@ -30,8 +30,9 @@ from .references import force_unit
 from .resting import drifts_in_one_pose, poses, Resting, resting
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
+from .table_log import beside, column_lines, TableLog, with_delay
 from .temperature_unit import temperature_unit
-from .toml_text import CHECK, Line, Table, toml_text
+from .toml_text import CHECK, Line, Table
 
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
@@ -42,14 +43,6 @@ _STANDARD = 9.80665  # m/s²
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
-class Draft(NamedTuple):
-    """A `campaign.toml`, and what a user should know of it."""
-
-    text: str
-    told: dict[str, str]  # key: reason
-    untold: dict[str, str]  # key: why it could not be told from the log
-
-
 def draft_campaign(
     log: Path,
     folder: Path,
@@ -58,12 +51,14 @@ def draft_campaign(
     latitude: float | None = None,
     height: float = 0.0,
     others: Sequence[Path] = (),
+    table: Path | None = None,
 ) -> Draft:
     """The `campaign.toml` that fits a log, for a file in `folder`.
 
     **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
-    where the triads are logged apart; without it one of that name beside an accelerometers' log is taken. `latitude` in
-    deg, `height` in m. Of a file that `inertiax compensate` wrote the compensated columns are taken: canonical ones.
+    where the triads are logged apart; without it one of that name beside an accelerometers' log is taken; `table` is
+    the log that a table writes of its own. `latitude` in deg, `height` in m. Of a file that `inertiax
+    compensate` wrote the compensated columns are taken: canonical ones.
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
@@ -73,26 +68,35 @@ def draft_campaign(
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         topics = topic_lines(log) if chosen == ros.NAME else ()
-        return _draft(log, (site, Table("recordings", (files, *topics))))
+        return draft_of(log, (site, Table("recordings", (files, *topics))))
     if all(reads_compensated(p, ()) and has_column(p, "time") for p in (log, *others)):
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
-        return _draft(log, (site, Table("recordings", (Line("files", paths, why),))))
+        return draft_of(log, (site, Table("recordings", (Line("files", paths, why),))))
     found = read_triads(log, gyro)
     found = followed_by(found, alike(found.log, others))
     _refuse_wrapped(log, found)
+    own = None
+    if table is not None:
+        found, own = beside(found, table, others)
     rests = _rests(found)
     found, turns = _with_clock(found, rests)
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
-    columns = columns_table(*_columns(found, rests, turns, angles), found)
+    if own is not None:
+        if angles is None:
+            raise ValueError(
+                f"{table}: no columns of it are angles of a table about which gravity in {log.name} turns."
+            )
+        own = with_delay(found, own, angles)
+    columns = columns_table(*_columns(found, rests, turns, angles, own), found)
     if latitude is None:
         site = _site_of_reference(found) or site
     tables = (
         site,
-        _recordings(found, folder, paths),
+        _recordings(found, folder, paths, own),
         columns,
-        *station_tables(found, angles, latitude, serial=log.absolute().parent.name),
+        *station_tables(found, angles, latitude, serial=log.absolute().parent.name, own=own),
     )
-    return _draft(log, (*tables, _model(found, rests)))
+    return draft_of(log, (*tables, _model(found, rests)))
 
 
 def _refuse_wrapped(log: Path, found: RawTriads) -> None:
@@ -103,16 +107,6 @@ def _refuse_wrapped(log: Path, found: RawTriads) -> None:
                 "signed 16-bit readings written as unsigned. Take 65536 from every value above 32767, then run "
                 "`inertiax init` again."
             )
-
-
-def _draft(log: Path, tables: tuple[Table, ...]) -> Draft:
-    lines = [line for table in tables for line in table.lines if line.why]
-    untold = {line.key: line.why for line in lines if not line.certain}
-    title = [f"Written by `inertiax init` from {log.name}."]
-    if untold:
-        title.append(f"Lines marked {CHECK} could not be told from the log: {', '.join(untold)}.")
-    text = toml_text(tuple(title), tables)
-    return Draft(text, {line.key: line.why for line in lines if line.certain}, untold)
 
 
 def _site(latitude: float | None, height: float) -> Table:
@@ -191,9 +185,11 @@ def _in_motion(found: RawTriads) -> list[GravityTurns]:
     return [t._replace(what=k) for k, t in turns.items() if t is not None]
 
 
-def _recordings(found: RawTriads, folder: Path, paths: list[str]) -> Table:
+def _recordings(found: RawTriads, folder: Path, paths: list[str], own: TableLog | None) -> Table:
     log, layout = found.log, found.log.layout
     lines = [Line("files", paths, _words(found))]
+    if own is not None:
+        lines.append(Line("table_files", [_path(own.path, folder)], "the table's own log"))
     if found.gyro_log is not None:
         lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
     if _sections(found).is_file():
@@ -247,7 +243,11 @@ def _path(file: Path, folder: Path) -> str:
 
 
 def _columns(
-    found: RawTriads, rests: Resting, turns: GravityTurns | None, angles: TableAngles | None
+    found: RawTriads,
+    rests: Resting,
+    turns: GravityTurns | None,
+    angles: TableAngles | None,
+    own: TableLog | None,
 ) -> tuple[tuple[Line, ...], tuple[str, ...]]:
     """`[columns]`, and remarks on what is left to others."""
     lines, remarks = [] if rests.single_rows else [_time(found)], []
@@ -282,6 +282,7 @@ def _columns(
         lines += [line for line in reference_force(found) if line.key != "position"]
     elif angles is not None:
         lines += angle_lines(found, angles)
+        lines += [] if own is None else column_lines(own)
     else:
         lines += reference_force(found)
     if found.roles.temperature is not None:

@@ -72,8 +72,8 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
         )
     gyro = columns(other, other_roles.gyro)
     assert accel is not None and gyro is not None
-    first = Recording(time=_absolute(log, clock), accel=accel, name=path.name)
-    second = Recording(time=_absolute(other, other_clock), gyro=gyro, name=gyro_path.name)
+    first = Recording(time=absolute(log, clock), accel=accel, name=path.name)
+    second = Recording(time=absolute(other, other_clock), gyro=gyro, name=gyro_path.name)
     both = pair(first, second, counted=clock.name is None).recording
     return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro)
 
@@ -103,7 +103,7 @@ def given_names(log: RawLog, roles: Roles) -> tuple[str, ...] | None:
     return tuple(new.get(n, n) for n in unnamed(log.layout.width))
 
 
-def _absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
+def absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
     """Seconds since the file's own zero, so that two files agree."""
     if clock.name is None or clock.name in log.stamps:
         return clock.seconds

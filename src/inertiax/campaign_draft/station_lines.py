@@ -7,6 +7,7 @@ from .gyro_unit import said_unit
 from .raw_triads import RawTriads
 from .references import force_unit, labels_of_positions, moving_labels, rate_unit
 from .table_angles import TableAngles
+from .table_log import delay_line, TableLog
 from .toml_text import Line, Table, value_text
 
 
@@ -85,11 +86,15 @@ def angle_lines(found: RawTriads, angles: TableAngles) -> list[Line]:
 
 
 def station_tables(
-    found: RawTriads, angles: TableAngles | None, latitude: float | None, serial: str
+    found: RawTriads,
+    angles: TableAngles | None,
+    latitude: float | None,
+    serial: str,
+    own: TableLog | None = None,
 ) -> tuple[Table, ...]:
     """`[table]`, and what to write under `[rig]` and `[device]`, where there is a table.
 
-    **Arguments:** `serial` is proposed where no column names the device.
+    **Arguments:** `serial` is proposed where no column names the device; `own` is a log of the table's own.
     """
     tables = []
     if angles is not None:
@@ -104,6 +109,7 @@ def station_tables(
                 "`inertiax check` tells it where the gyros do"
             )
             lines.append(Line("azimuth", 0.0, why, certain=False))
+        lines += [] if own is None else [delay_line(own)]
         tables.append(Table("table", tuple(lines)))
     roles = found.roles
     if angles is not None or roles.reference_accel is not None or roles.reference_gyro is not None:

@@ -1,5 +1,6 @@
 """`inertiax init`: the `campaign.toml` that fits a log."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +31,14 @@ def init(
             metavar="FILE",
             exists=True,
             help="The gyros' log, where the triads are logged apart.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            help="The log that a table writes of its own, on whatever clock.",
         ),
     ] = None,
     latitude: Annotated[
@@ -65,12 +74,22 @@ def init(
 
         stages(f"looking at {log.name}")
         draft = draft_campaign(
-            log, folder, gyro=gyro, latitude=latitude, height=height, others=others
+            log,
+            folder,
+            gyro=gyro,
+            latitude=latitude,
+            height=height,
+            others=others,
+            table=table,
         )
         with outputs.staged_folder(folder) as staging:
             (staging / file.name).write_text(draft.text, encoding="utf-8")
         stages("reading it back")
-        problem = _problem(load_campaign, file)
+        campaign, problem = _read_back(load_campaign, file)
+        if campaign is not None and "azimuth" in draft.untold:
+            stages("asking the gyros for the azimuth")
+            draft = _with_azimuth(draft, campaign)
+            file.write_text(draft.text, encoding="utf-8")
     if as_json:
         outputs.print_json(
             {
@@ -91,10 +110,26 @@ def init(
         console.warn(f"the campaign is written, but: {problem}")
 
 
-def _problem(load, file: Path) -> str | None:
-    """Why the campaign cannot be read as it is: what the log lacks, which no mapping of columns gives."""
+def _read_back(load, file: Path) -> tuple:
+    """The campaign, or why it cannot be read as it is: what the log lacks, which no mapping of columns gives."""
     try:
-        load(file)
+        return load(file), None
     except ValueError as error:
-        return str(error)
-    return None
+        return None, str(error)
+
+
+def _with_azimuth(draft, campaign):
+    """The draft with the azimuth that the gyros read, where they tell it."""
+    from ..campaign_draft.draft import with_line
+    from ..campaign_draft.toml_text import Line
+    from ..plausibility.azimuth import check_azimuth
+    from ..plausibility.evidence import look_at
+    from ..plausibility.thresholds import DEFAULT
+
+    for found in check_azimuth(look_at(campaign, campaign.devices[0]), DEFAULT):
+        numbers = {k: v for k, v in found.evidence if isinstance(v, float)}
+        if "azimuth" in numbers:
+            sigma = math.degrees(numbers["std"])
+            why = f"where that north points, deg clockwise of true north: so the gyros read it, ± {sigma:.1f}"
+            return with_line(draft, Line("azimuth", round(numbers["azimuth"], 1), why))
+    return draft

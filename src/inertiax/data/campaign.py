@@ -13,6 +13,7 @@ from .formats import Layout, read_recordings
 from .formats.columns import TimeColumn
 from .formats.detect import is_recording
 from .formats.long_logs import read_long
+from .formats.table_log import read_table_log
 from .model_columns import check_model_columns
 from .pairing import pair
 from .recording import Campaign, ModelChoice, Recording, renamed, Rig, Site
@@ -214,6 +215,23 @@ def _match(folder: Path, pattern: str, key: str) -> list[Path]:
     return sorted(found, key=lambda p: [(not t.isdigit(), t.zfill(20)) for t in _split(str(p))])
 
 
+def _with_table_logs(
+    table: CampaignTable, folder: Path, files: tuple[Path, ...], layout: Layout
+) -> list[Layout]:
+    """The layout of each file, with the table's own log where there is one."""
+    if table.recordings.table_files is None:
+        return [layout] * len(files)
+    paths = find_files(folder, table.recordings.table_files, "table_files")
+    if len(paths) not in (1, len(files)):
+        raise ValueError(
+            f"[recordings] table_files names {len(paths)} files but files names {len(files)}; give one for all, or one "
+            "for each, in their order."
+        )
+    logs = [read_table_log(p, table.columns, table.table) for p in paths]
+    logs = logs * len(files) if len(logs) == 1 else logs
+    return [msgspec.structs.replace(layout, table_log=log) for log in logs]
+
+
 def _split(name: str) -> list[str]:
     return [t for t in re.split(r"(\d+)", name) if t]
 
@@ -241,9 +259,16 @@ def _read_all(
     )
     if said.gyro_files is None:
         files = find_files(folder, said.files)
+        layouts = _with_table_logs(table, folder, files, layout)
         return tuple(
-            r for f in files for r in read(f, table.columns, layout, name=said.format)
+            r
+            for f, one in zip(files, layouts, strict=True)
+            for r in read(f, table.columns, one, name=said.format)
         ), _compensated_notes(folder, said, set(files))
+    if said.table_files is not None:
+        raise ValueError(
+            "[recordings] table_files: needs both triads in each of files; gyro_files logs them apart."
+        )
     accel_files = find_files(folder, said.files)
     gyro_files = find_files(folder, said.gyro_files, "gyro_files")
     if len(accel_files) != len(gyro_files):

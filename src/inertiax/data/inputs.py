@@ -77,6 +77,8 @@ def campaign_inputs(campaign: Path | None) -> tuple[InputFile, ...]:
     named = find_files(campaign.parent, said.files)
     if said.gyro_files is not None:
         named += find_files(campaign.parent, said.gyro_files, "gyro_files")
+    if said.table_files is not None:
+        named += find_files(campaign.parent, said.table_files, "table_files")
     return hashed((campaign, *named), campaign.parent)
 
 

@@ -36,6 +36,7 @@ class RecordingsTable(_Strict, frozen=True):
 
     files: tuple[str, ...]
     gyro_files: tuple[str, ...] | None = None  # the gyros' files, where triads are logged apart
+    table_files: tuple[str, ...] | None = None  # the table's own logs: one, or one for each file
     format: str | None = None
     names: tuple[str, ...] | None = None  # columns of text without a header line
     gyro_names: tuple[str, ...] | None = None  # the same of `gyro_files`, where they differ

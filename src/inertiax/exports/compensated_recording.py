@@ -283,7 +283,7 @@ def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
         columns = msgspec.convert(raw.get("columns", {}), ColumnMap)
         said = dict(raw.get("recordings", {}))
         name = said.pop("format", None)
-        for key in ("files", "gyro_files"):
+        for key in ("files", "gyro_files", "table_files"):
             said.pop(key, None)
         site, table = raw.get("site", {}), raw.get("table", {})
         latitude = site.get("latitude")

@@ -50,6 +50,11 @@ def plan(campaign: Path, log: Path | None, *, piped: bool, target: str | None) -
         raise ValueError(
             f"{file}: [recordings] gyro_files logs the triads apart; `live` follows one log that holds both."
         )
+    if said.table_files is not None:
+        raise ValueError(
+            f"{file}: [recordings] table_files is a log of the table's own; `live` follows one log that holds its "
+            "angles, too."
+        )
     if said.format not in (None, "csv"):
         raise ValueError(
             f"{file}: [recordings] format = '{said.format}'; `live` follows delimited text (csv)."

@@ -30,8 +30,8 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     size = float(np.median(np.linalg.norm(rests.level, axis=1)))
     if size < limits.earth_rate:
         return []
-    # A bias wanders: a rest of an hour tells it no better than one of the usual length twice over.
-    weight = np.sqrt(np.minimum(rests.seconds, 2.0 * np.median(rests.seconds)))[:, None]
+    # A bias wanders: a rest of an hour tells the Earth's rate hardly better than one of the usual length.
+    weight = np.sqrt(np.minimum(rests.seconds, np.median(rests.seconds)))[:, None]
     own = np.kron(_drivers(rests, told, limits) * weight, np.eye(3))
     turned = np.stack([np.cross(rests.up, rests.level), rests.level], axis=2)
     design = np.concatenate([own, (turned * weight[..., None]).reshape(-1, 2)], axis=1)
@@ -54,18 +54,19 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     off = 2.0 * abs(math.sin(0.5 * angle)) * size
     hours = math.degrees(off) * 3600.0
     stated, right, remedy = "the heading of reference_gyro's Earth rate", "", None
+    numbers = {"angle": angle, "std": sigma, "share": share, "rests": len(rests.up)}
     if device.columns.table_angles is not None:
         better = (device.azimuth + math.degrees(angle) + 180.0) % 360.0 - 180.0
         stated, right = "[table] azimuth", f" ({better:.1f} is right)"
         remedy = f"[table]\nazimuth = {better:.1f}"
+        numbers["azimuth"] = better
     text = (
         f"{device.logs[0].name}: {stated} is off by {math.degrees(angle):.0f} ± {math.degrees(sigma):.1f}°{right}, as "
         f"the gyros read it in {len(rests.up)} rests; {hours:.1f} °/h of the Earth's rate go into biases."
     )
     return [
         finding(
-            "azimuth", "warning", "reference_gyro", text, remedy=remedy,
-            angle=angle, std=sigma, share=share, rests=len(rests.up),
+            "azimuth", "warning", "reference_gyro", text, remedy=remedy, **numbers
         )
     ]  # fmt: skip
 

@@ -101,6 +101,7 @@ class DeviceLogs:
     device: str = ""
     left_alone: frozenset[str] = frozenset()  # triads that [model] does not calibrate
     azimuth: float = 0.0  # deg, of [table]
+    delay: float = 0.0  # s, of [table]
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -139,8 +140,8 @@ def look_at(
     logs = tuple(look_at_one(r, s) for r, s in zip(recordings, as_recorded, strict=True))
     asked = {"accel": campaign.model.accel_estimator, "gyro": campaign.model.gyro_estimator}
     left_alone = frozenset(triad for triad, name in asked.items() if name == NOT_CALIBRATED)
-    azimuth = 0.0 if said is None else said.table.azimuth or 0.0
-    return DeviceLogs(logs, campaign.site, columns, device, left_alone, azimuth)
+    azimuth, delay = (0.0, 0.0) if said is None else (said.table.azimuth or 0.0, said.table.delay)
+    return DeviceLogs(logs, campaign.site, columns, device, left_alone, azimuth, delay)
 
 
 def look_at_one(recording: Recording, found: Segments | None = None) -> Log:

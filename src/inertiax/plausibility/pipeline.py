@@ -33,6 +33,7 @@ from .samples import (
 )
 from .spikes import check_spikes
 from .stated_rates import check_stated_rates
+from .table_delay import check_table_delay
 from .temperature import check_temperature
 from .thresholds import DEFAULT, Thresholds
 from .zero_jump import check_zero_jump
@@ -50,6 +51,7 @@ CHECKS: tuple[Check, ...] = (
     check_gyro_rest,
     check_gyro_turns,
     check_references,
+    check_table_delay,
     check_azimuth,
     check_stated_rates,
     check_gravity,

@@ -34,8 +34,11 @@ class Thresholds:
     azimuth_by_chance: float = 1e-6
     azimuth_sigmas: float = 5.0  # of its own standard deviation
     azimuth_share: float = 0.5  # of the Earth's rate that gyros must read at least; twice at most
-    azimuth_rests: int = 12  # from one knot of a bias' course in time to the next
+    azimuth_rests: int = 24  # from one knot of a bias' course in time to the next
     azimuth_spare: int = 12  # equations beyond the unknowns
+    # A table's clock
+    table_delay: float = 0.01  # s; at 100 °/s 1° of gravity's direction
+    table_delay_sigmas: float = 5.0
     # Temperature, °C
     one_temperature: float = 1.0  # up to which biases do not move
     absolute_zero: float = -273.15

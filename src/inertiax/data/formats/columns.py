@@ -7,7 +7,7 @@ The strings that users write are understood here and nowhere else; everything pa
 import difflib
 import math
 from collections.abc import Iterable
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -162,6 +162,7 @@ class ColumnMap(_Strict, frozen=True):
     pressure: PressureColumn | str | None = None
     table_angles: AngleColumns | None = None
     table_rates: RateColumns | None = None
+    table_time: TimeColumn | str | None = None  # of `table_files`
 
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
@@ -190,12 +191,14 @@ Direction = str | tuple[float, float, float]
 
 class Turntable(_Strict, frozen=True):
     """`[table]`: axes (outermost first) and the device's x, y, z as they point in the room with all angles zero, as
-    words or as vectors (east, north, up); `azimuth` is where what is called north points, deg clockwise of true north.
+    words or as vectors (east, north, up); `azimuth` is where what is called north points, deg clockwise of true north,
+    and `delay` by how much the stamps of the angles are late.
     """
 
     axes: tuple[Direction, ...] = ()
     case: tuple[Direction, Direction, Direction] = ("east", "north", "up")
     azimuth: float | None = None  # zero where table_rates are stated
+    delay: float = 0.0  # s
 
 
 class Layout(_Strict, frozen=True):
@@ -215,6 +218,7 @@ class Layout(_Strict, frozen=True):
     gravity: float | None = None  # m/s², for references that are made
     latitude: float | None = None  # rad, likewise
     turntable: Turntable = Turntable()  # whose angles [columns] names
+    table_log: Any = None  # a `TableMotion`, where the table writes a log of its own
 
     @property
     def said_names(self) -> tuple[str, ...] | None:

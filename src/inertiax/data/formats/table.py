@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from ...storage.harmless_text import short
 from ..recording import Recording
 from .columns import (
-    angle_scale,
     AXES,
     ColumnMap,
     current_scale,
@@ -22,7 +21,6 @@ from .columns import (
     pressure_scale,
     PressureColumn,
     ProbeColumns,
-    rate_scale,
     shown,
     supply_scale,
     SupplyColumn,
@@ -33,7 +31,8 @@ from .columns import (
     TriadColumns,
 )
 from .empty_rows import without_empty_rows
-from .table_angles import ideal_readings, rates_by_axis, rates_of_angles
+from .table_angles import ideal_readings
+from .table_motion import table_motion
 from .time_stamps import seconds_of
 
 
@@ -97,8 +96,7 @@ def _by_angles(
 ) -> dict[str, Float[np.ndarray, "rows 3"]]:
     """References that a table's angles (and rates) make; none where `[columns]` names no angles.
 
-    Where the table moves its angles are late or missing: the force is not told there. Without stated rates the angles'
-    own make a reference where the azimuth is told, too; else the Earth's rate in it were a guess.
+    Where the table moves its angles are late or missing: the force is not told there.
     """
     said = columns.table_angles
     if said is None or layout.gravity is None:
@@ -112,18 +110,15 @@ def _by_angles(
         raise ValueError(
             "[columns]: both reference_accel and table_angles are given; angles make the reference, so leave one out."
         )
-    read = lambda names, scale: (
-        scale * np.stack([numbers(table, n, where, empty=moving) for n in names], axis=1)
-    )
-    angles = read(said.names, angle_scale(said.unit, "[columns] table_angles"))
-    turning = columns.table_rates
-    rates = None
-    if turning is not None:
-        stated = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
-        rates = rates_by_axis(angles, stated, stamps)
-    elif layout.turntable.azimuth is not None:
-        rates = rates_of_angles(angles, stamps)
-    found = ideal_readings(layout.turntable, angles, rates, layout.gravity, layout.latitude)
+    log, delay = layout.table_log, layout.turntable.delay
+    if log is None:
+        read = lambda names, scale: (
+            scale * np.stack([numbers(table, n, where, empty=moving) for n in names], axis=1)
+        )
+        log = table_motion(read, columns, layout.turntable, stamps)
+    if layout.table_log is not None or delay != 0.0:
+        log = log.at(stamps + delay)
+    found = ideal_readings(layout.turntable, log.angles, log.rates, layout.gravity, layout.latitude)
     force, rate = found
     force[np.isnan(force).any(axis=1) if moving is None else moving] = 0.0
     return {"reference_accel": force} | (

@@ -63,7 +63,7 @@ def _settings(file: Path) -> tuple[Campaign, CampaignTable] | None:
 
 def _recordings(file: Path, table: CampaignTable) -> Iterator[Path]:
     said = table.recordings
-    for patterns in (said.files, said.gyro_files or ()):
+    for patterns in (said.files, said.gyro_files or (), said.table_files or ()):
         try:
             yield from find_files(file.parent, patterns) if patterns else ()
         except ValueError:

@@ -1,0 +1,168 @@
+"""A table's log of its own beside the device's: how late its clock is, and its columns at the device's rows."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+import scipy.signal
+from jaxtyping import Bool, Float
+
+from ..data.formats.columns import angle_scale, rate_scale
+from ..data.formats.delay import delay_of
+from ..data.formats.table_angles import ideal_readings
+from .clock import Clock, clock_of
+from .raw_log import RawLog, read_log
+from .raw_triads import absolute, RawTriads
+from .table_angles import TableAngles
+from .toml_text import Line
+
+
+_GRID = 20.0  # Hz, on which the two logs are first compared
+_RUN = 3  # rows in a row in which a column of a table that moves changes
+_STANDS = 0.2  # of the rows, at least, in which an angle or a rate stays
+_MOVES = 0.05  # of its fastest, above which the device turns
+_WRAPS = 315.0  # deg from row to row: a whole turn is left out
+_MOST = 20_000  # rows of a fit
+
+
+class TableLog(NamedTuple):
+    """What of the table's log goes into the campaign."""
+
+    path: Path
+    clock: Clock
+    log: RawLog
+    seconds: Float[np.ndarray, " rows"]  # on the table's clock
+    delay: float  # s, by which its stamps are late
+
+
+def beside(found: RawTriads, path: Path, others: Sequence[Path] = ()) -> tuple[RawTriads, TableLog]:
+    """The device's log with the table's columns at its rows, and the table's log.
+
+    The delay is that for which the device turns when columns of the table change.
+
+    Raises `ValueError` where the table's log has no clock, and beside several logs of the device (`others`).
+    """
+    if others or found.gyro_log is not None:
+        raise ValueError(
+            f"{path}: a table's own log is put beside one log of both triads; add further ones to [recordings] files "
+            "and table_files by hand."
+        )
+    log = read_log(path)
+    name = _clock_column(log)
+    if name is None:
+        raise ValueError(f"{path}: no column of times in it, of which a table's log needs one.")
+    clock = clock_of(log, name, len(next(iter(log.numbers.values()))), None)
+    if clock.name is None or found.clock.name is None or found.gyro is None:
+        raise ValueError(
+            f"{path}: a table's log of its own is put beside gyros by the stamps of both logs, and one has none."
+        )
+    time, seconds = absolute(found.log, found.clock), absolute(log, clock)
+    if len(time) != len(found.gyro):
+        raise ValueError(
+            f"{found.log.path}: rows without numbers; drop them to put a table's log beside."
+        )
+    speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
+    columns = {n: _continuous(v) for n, v in log.numbers.items() if n != name}
+    delay = _coarse(time, speed, seconds, _table_moves(list(columns.values())))
+    delay = _finer(time, speed, seconds, list(columns.values()), delay)
+    put = {n: np.interp(time + delay, seconds, v) for n, v in columns.items()}
+    merged = found.log._replace(numbers=put | found.log.numbers)
+    return found._replace(log=merged), TableLog(path, clock, log, seconds, delay)
+
+
+def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableLog:
+    """The same with the delay for which the gyros turn as the angles say."""
+    assert found.gyro is not None
+    scale = angle_scale(angles.unit, "table_angles")
+    turned = np.stack([scale * _continuous(table.log.numbers[n]) for n in angles.names], axis=1)
+    rates = np.gradient(turned, table.seconds, axis=0)
+    if angles.rates is not None and len(angles.rates) == len(angles.names):
+        factor = rate_scale(angles.rate_unit, "table_rates")
+        rates = np.stack([factor * table.log.numbers[n] for n in angles.rates], axis=1)
+    ideal = ideal_readings(angles.table, turned, rates, 1.0, None)
+    assert ideal.rate is not None
+    speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
+    time = absolute(found.log, found.clock)
+    late = delay_of(time, speed, table.seconds - table.delay, np.linalg.norm(ideal.rate, axis=1))
+    return table if late is None else table._replace(delay=table.delay + late[0])
+
+
+def column_lines(table: TableLog) -> list[Line]:
+    """The table's clock under `[columns]`."""
+    unit = {} if table.clock.unit is None else {"unit": table.clock.unit}
+    return [
+        Line(
+            "table_time",
+            {"name": table.clock.name, **unit},
+            f"of the table's log, {table.clock.why}",
+        )
+    ]
+
+
+def delay_line(table: TableLog) -> Line:
+    """The delay under `[table]`."""
+    why = "s, by which the table's stamps are late: so the gyros turn as its angles do"
+    return Line("delay", round(float(table.delay), 4), why)
+
+
+def _clock_column(log: RawLog) -> str | None:
+    """The first column that does not go back, and moves on all along."""
+    grows = lambda v: bool(np.all(np.diff(v) >= 0.0) and np.mean(np.diff(v) > 0.0) > 0.9)
+    return next((n for n, v in (log.stamps | log.numbers).items() if len(v) > 2 and grows(v)), None)
+
+
+def _continuous(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """Degrees that begin anew after a whole turn, going on; other columns as they are."""
+    steps = np.diff(values)
+    turns = np.where(np.abs(steps) > _WRAPS, np.round(steps / 360.0), 0.0)
+    if np.ptp(values) > 361.0 or not turns.any():
+        return values
+    return values - 360.0 * np.r_[0.0, np.cumsum(turns)]
+
+
+def _table_moves(columns: list[Float[np.ndarray, " rows"]]) -> Bool[np.ndarray, " rows"]:
+    """Rows in which a column that often stands has changed in several rows in a row."""
+    moves = np.zeros(len(columns[0]), bool)
+    for values in columns:
+        changed = np.r_[False, np.diff(values) != 0.0]
+        runs = np.convolve(changed, np.ones(_RUN), "same") >= _RUN
+        if np.mean(~changed) >= _STANDS:
+            moves |= runs
+    return moves
+
+
+def _coarse(
+    time: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"],
+    seconds: Float[np.ndarray, " others"],
+    moves: Bool[np.ndarray, " others"],
+) -> float:
+    """The delay at which the device turns when the table moves, to a step of the grid; any size."""
+    onto = lambda t, x: np.interp(np.arange(t[0], t[-1], 1.0 / _GRID), t, x)
+    turns = onto(time, (speed > _MOVES * np.quantile(speed, 0.99)).astype(float))
+    moved = onto(seconds, moves.astype(float))
+    alike = scipy.signal.correlate(moved - moved.mean(), turns - turns.mean(), method="fft")
+    lag = int(np.argmax(alike)) - (len(turns) - 1)
+    return float(seconds[0] - time[0] + lag / _GRID)
+
+
+def _finer(
+    time: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"],
+    seconds: Float[np.ndarray, " others"],
+    columns: list[Float[np.ndarray, " others"]],
+    delay: float,
+) -> float:
+    """The delay by the sum of squared columns and of their squared changes that is nearest to the squared speed."""
+    rates = [*columns, *(np.gradient(c, seconds) for c in columns)]
+    rows = np.flatnonzero(speed > _MOVES * np.quantile(speed, 0.99))
+    rows = rows[:: max(1, len(rows) // _MOST)]
+    squares = np.stack([np.square(r) for r in rates], axis=1)
+    at = np.stack([np.interp(time[rows] + delay, seconds, s) for s in squares.T], axis=1)
+    size = np.maximum(np.linalg.norm(at, axis=0), 1e-300)
+    share, _ = scipy.optimize.nnls(at / size, np.square(speed[rows]))
+    told = np.sqrt(np.maximum(squares @ (share / size), 0.0))
+    found = delay_of(time, speed, seconds - delay, told)
+    return delay if found is None else delay + found[0]
