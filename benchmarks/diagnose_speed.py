@@ -74,7 +74,7 @@ def measure(rows: int) -> dict:
     """Of this process, from its start."""
     from inertiax.cli import environment
 
-    environment.prepare()
+    environment.prepare_without_jax()  # as the command does
     from inertiax.diagnose.pipeline import diagnose_campaign
 
     began = time.process_time()

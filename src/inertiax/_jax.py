@@ -6,6 +6,7 @@ In a command that works on the host (`_without_jax`) each is loaded when somethi
 need is there without: `eqx.Module`, `eqx.tree_at`, `jax.tree`.
 """
 
+import contextlib
 import functools
 import importlib
 import sys
@@ -58,10 +59,10 @@ else:
     def _later(module: str, name: str) -> Callable[..., Any]:
         """A decorator that is applied when what it decorates is first called."""
 
-        def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        def decorate(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
             @functools.cache
             def decorated() -> Callable[..., Any]:
-                return getattr(importlib.import_module(module), name)(function)
+                return getattr(importlib.import_module(module), name)(function, **options)
 
             return functools.wraps(function)(lambda *args, **given: decorated()(*args, **given))
 
@@ -73,7 +74,12 @@ else:
     jax = _Later(
         "jax",
         {},
-        {"Array": _NoArray, "jit": _later("jax", "jit"), "tree": _host_trees},
+        {
+            "Array": _NoArray,
+            "enable_x64": lambda new_val: contextlib.nullcontext(),  # `JAX_ENABLE_X64` says so
+            "jit": _later("jax", "jit"),
+            "tree": _host_trees,
+        },
     )
     jnp = _Later("jax.numpy", {}, {"shape": _host_trees.shape})
     eqx = _Later(

@@ -9,11 +9,11 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int
 
+from ..calibration.over_rows import curve_parameters, times
 from ..calibration.quantities import DEG_PER_HOUR
 from ..model_selection.model_spec import LEAST_SPAN
 from ..numerics.linear_algebra import scaled_inverse
 from ..numerics.paule_mandel import excess_deviation
-from ..physics.error_model import GyroErrors
 from ..procedure.single_device import Problem
 from .results import DeviceResult, TriadResult
 
@@ -181,17 +181,16 @@ def _of_means(
     own = [rows for rows in own if rows.sum() >= _FEWEST]
     if len(own) < 2:
         return None
-    curve = estimate.solution.curve
-    left = np.empty(np.shape(dwells.gyro))
-    for k, temperature in enumerate(np.asarray(dwells.temperature)):
-        errors = estimate.estimator.unpack(curve(temperature))
-        assert isinstance(errors, GyroErrors)
-        known = np.asarray(errors.bias)
-        if dwells.accel is not None:
-            known = known + np.asarray(errors.g_sensitivity) @ np.asarray(dwells.accel)[k] / gravity
-        if dwells.reference_gyro is not None:
-            known = known + (np.eye(3) + np.asarray(errors.matrix)) @ dwells.reference_gyro[k]
-        left[k] = np.asarray(dwells.gyro)[k] - known
+    own_names = estimate.estimator.names
+    at = curve_parameters(estimate.solution.curve, own_names, np.asarray(dwells.temperature))
+    known = at.bias
+    if dwells.accel is not None:
+        d = at.further.reshape(3, 3, -1)
+        known = known + times(d, np.asarray(dwells.accel).T) / gravity
+    if dwells.reference_gyro is not None:
+        turn = np.asarray(dwells.reference_gyro).T
+        known = known + turn + times(at.matrix, turn)
+    left = np.asarray(dwells.gyro) - known.T
     x = np.stack(drivers, axis=1)
     fits = [np.linalg.lstsq(x[rows], left[rows], rcond=None)[0] for rows in own]
     inside = np.concatenate([left[rows] - x[rows] @ f for rows, f in zip(own, fits, strict=True)])

@@ -5,12 +5,13 @@ JAX, for the rows of a log: nothing is compiled. Components stand along the firs
 runs over long rows, and parameters that do not depend on temperature have one column.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.temperature import Constant
+from ..physics.temperature import Constant, Curve
 from .calibration import Calibration, TriadCalibration
 from .magnetometers import MagnetometerCalibration
 from .triad import refuse_stacked, slot
@@ -34,10 +35,17 @@ def row_parameters(
     if triad is None:
         return RowParameters(np.zeros((3, 1)), np.zeros((3, 3, 1)), np.zeros((9, 1)))
     refuse_stacked((triad,), "row_parameters(triad, temperature)")
-    basis, coefficients = triad.curve.basis, np.asarray(triad.curve.coefficients, float)
+    return curve_parameters(triad.curve, triad.names, temperature)
+
+
+def curve_parameters(
+    curve: Curve, names: Sequence[str], temperature: Float[np.ndarray, " row"]
+) -> RowParameters:
+    """Parameters of these names over temperature at many temperatures, °C."""
+    basis, coefficients = curve.basis, np.asarray(curve.coefficients, float)
     at = np.zeros(1) if isinstance(basis, Constant) else np.asarray(temperature, float)
     values = np.zeros((21, len(at)))
-    values[[slot(name) for name in triad.names]] = coefficients.T @ basis.rows(at).T
+    values[[slot(name) for name in names]] = coefficients.T @ basis.rows(at).T
     return RowParameters(values[:3], values[3:12].reshape(3, 3, -1), values[12:])
 
 
@@ -61,11 +69,11 @@ def compensated_rows(
     ```
     """
     own = row_parameters(calibration.accel, temperature)
-    force = _solved(own.matrix, np.asarray(accel, float).T - own.bias)
+    force = solved(own.matrix, np.asarray(accel, float).T - own.bias)
     own = row_parameters(calibration.gyro, temperature)
     d = own.further.reshape(3, 3, -1) / float(calibration.gravity)
-    by_force = _times(d, force) if d.any() else 0.0
-    rate = _solved(own.matrix, np.asarray(gyro, float).T - own.bias - by_force)
+    by_force = times(d, force) if d.any() else 0.0
+    rate = solved(own.matrix, np.asarray(gyro, float).T - own.bias - by_force)
     return np.ascontiguousarray(force.T), np.ascontiguousarray(rate.T)
 
 
@@ -81,16 +89,36 @@ def compensated_field_rows(
     """
     own = row_parameters(mag.triad, temperature)
     left = np.asarray(outputs, float).T - own.bias - own.further[:3] * current
-    return np.ascontiguousarray(_solved(own.matrix, left).T)
+    return np.ascontiguousarray(solved(own.matrix, left).T)
 
 
-def _solved(
+def distorted_rows(
+    calibration: Calibration,
+    force: Float[np.ndarray, "row 3"],
+    rate: Float[np.ndarray, "row 3"],
+    temperature: Float[np.ndarray, " row"],
+) -> tuple[Float[np.ndarray, "row 3"], Float[np.ndarray, "row 3"]]:
+    """Equation (1) of specific force (m/s²), rate (rad/s) and temperature (°C): outputs (m/s², rad/s), without named
+    effects; the inverse of `compensated_rows`.
+
+    Raises `ValueError` for stacked devices.
+    """
+    a, w = np.asarray(force, float).T, np.asarray(rate, float).T
+    own = row_parameters(calibration.accel, temperature)
+    accel = a + times(own.matrix, a) + own.bias
+    own = row_parameters(calibration.gyro, temperature)
+    d = own.further.reshape(3, 3, -1) / float(calibration.gravity)
+    gyro = w + times(own.matrix, w) + own.bias + (times(d, a) if d.any() else 0.0)
+    return np.ascontiguousarray(accel.T), np.ascontiguousarray(gyro.T)
+
+
+def solved(
     matrix: Float[np.ndarray, "3 3 *#row"], vector: Float[np.ndarray, "3 row"]
 ) -> Float[np.ndarray, "3 row"]:
     """(E + matrix)⁻¹ vector by Cramer's rule, as `error_model.solve3`."""
     a, b, c = np.moveaxis(matrix + np.eye(3)[:, :, None], 1, 0)  # columns
     adjugate = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
-    return _times(adjugate / np.sum(a * adjugate[0], axis=0), vector)
+    return times(adjugate / np.sum(a * adjugate[0], axis=0), vector)
 
 
 def _cross(
@@ -101,7 +129,7 @@ def _cross(
     )
 
 
-def _times(
+def times(
     matrix: Float[np.ndarray, "3 3 *#row"], vector: Float[np.ndarray, "3 row"]
 ) -> Float[np.ndarray, "3 row"]:
     return matrix[:, 0] * vector[0] + matrix[:, 1] * vector[1] + matrix[:, 2] * vector[2]

@@ -79,7 +79,7 @@ def diagnose(
     outputs.require_folder(output)
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
-        environment.prepare()
+        environment.prepare_without_jax()
         from ..data.campaign import load_campaign
 
         if explore:

@@ -8,13 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, eqx, jax, jnp
 from .._typing import AnyArray
 from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect, Signal
@@ -91,7 +88,7 @@ class AtTemperature(eqx.Module):
         self, base: Baseline, coefficients: Float[np.ndarray, "parameter 1"]
     ) -> "AtTemperature":
         """The same for other values of the flattened parameters."""
-        given = ravel_pytree(self.parameters)[1](jnp.asarray(coefficients[:, 0]))
+        given = jax.flatten_util.ravel_pytree(self.parameters)[1](jnp.asarray(coefficients[:, 0]))
         return AtTemperature(self.predict, given, self.signal)
 
 

@@ -8,9 +8,9 @@ that came out too high costs some variance and is kept; one too low leaves a bia
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import msgspec
 
+from .._jax import eqx
 from ..calibrate.pipeline import calibrate_device
 from ..data.recording import Campaign
 from ..effects import Effect

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast, NamedTuple, Protocol
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx
 from .candidates.signatures import coarsen, Term
 from .observations.model_rows import Baseline, CalibratedTriad, ModelForm
 from .problem import Prepared, Problem, rebuilt

@@ -6,10 +6,9 @@ enter, because an effect with memory (lag, hysteresis) carries its state from th
 
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import numpy as np
 
+from .._jax import eqx, jax
 from ..calibrate.pipeline import calibrate_device
 from ..data.recording import Campaign
 from ..data.recording_order import in_order

@@ -3,8 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import jax
-
+from .._jax import jax
 from ..data.recording import Campaign, Rig
 from ..numerics.blas_threads import one_blas_thread
 from .findings import find_all, silent

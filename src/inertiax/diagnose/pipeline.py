@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-import jax
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from .._jax import Array, jax
 from .._typing import AnyArray
 from ..calibrate.results import DeviceResult
 from ..calibration.calibration import Calibration, read_calibration, write_calibration

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import numpy as np
 
+from .._jax import eqx
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult
 from ..data.recording import Campaign

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._jax import eqx
 from ..effects import Effect, Signal, Variant
 from .candidates.empirical import input_dependences, PREFIX
 from .candidates.signatures import channel_terms, coarsen, Term, terms

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._jax import eqx
 from .candidates.signatures import Term
 from .noise.observation_series import NoiseFit
 from .problem import Prepared

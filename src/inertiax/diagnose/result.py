@@ -4,8 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import equinox as eqx
-
+from .._jax import eqx
 from ..calibrate.results import DeviceResult
 from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding, statements

@@ -61,7 +61,9 @@ asarray, broadcast_to, concatenate, stack, roll, where = map(
 abs, clip, maximum, minimum, sign, logical_not = map(
     _either, ("abs", "clip", "maximum", "minimum", "sign", "logical_not")
 )
-cos, exp, expm1, sin, sqrt, square = map(_either, ("cos", "exp", "expm1", "sin", "sqrt", "square"))
+cos, exp, expm1, log1p, sin, sqrt, square = map(
+    _either, ("cos", "exp", "expm1", "log1p", "sin", "sqrt", "square")
+)
 max, mean, min, sum = map(_either, ("max", "mean", "min", "sum"))
 cross, diff, einsum, gradient = map(_either, ("cross", "diff", "einsum", "gradient"))
 

@@ -184,11 +184,10 @@ def addition(
 
     `coefficients` has shape `(3, columns)`, one row per channel, or `(1, columns)` for a common effect.
     """
-    shape = jnp.asarray(effect.shape(signal, **variant.settings))
-    full = jnp.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2]))
-    return jnp.einsum(
-        "tcq,cq->tc", full, jnp.broadcast_to(jnp.asarray(coefficients), (3, shape.shape[2]))
-    )
+    shape = xp.asarray(effect.shape(signal, **variant.settings))
+    full = xp.broadcast_to(shape, (shape.shape[0], 3, shape.shape[2]))
+    each = xp.broadcast_to(xp.asarray(coefficients), (3, shape.shape[2]))
+    return xp.einsum("tcq,cq->tc", full, each)
 
 
 def apply(

@@ -4,11 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import jax, jnp
 from ...effects import Effect, Signal, Variant
 from ..observations.blocks import Blocks, MOST_BLOCKS
 from ..observations.model_rows import Baseline

@@ -1,9 +1,9 @@
 """The fitted noise beside the Allan deviation of the rows, where rests are long enough for one."""
 
-import equinox as eqx
 import numpy as np
 from scipy.special import ndtri
 
+from ..._jax import eqx
 from ...allan import deviations
 from ..candidates.signatures import Term
 from ..noise.draws import draw

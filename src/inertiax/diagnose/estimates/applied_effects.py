@@ -11,19 +11,16 @@ which contracts by the size of ∂e/∂a: a thousandth or less for every effect 
 from collections.abc import Sequence
 from dataclasses import replace
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ..._jax import eqx, jax
 from ..._typing import AnyArray
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect, known_effect
-from ...calibration.over_rows import compensated_rows
+from ...calibration.over_rows import compensated_rows, distorted_rows
 from ...data.recording import Campaign, Recording
 from ...effects import addition, CATALOGUE, Effect, Signal, Variant
-from ...physics.error_model import distort_accel, distort_gyro
 from ...physics.temperature import Constant, Polynomial
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit
@@ -60,25 +57,9 @@ class OutputsAt(eqx.Module):
     force: Float[AnyArray, "time 3"]  # m/s²
     rate: Float[AnyArray, "time 3"]  # rad/s
 
-    def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[Array, "time 3"]:
-        accel, gyro = distorted(self.calibration, self.force, self.rate, temperature)
+    def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[np.ndarray, "time 3"]:
+        accel, gyro = distorted_rows(self.calibration, self.force, self.rate, temperature)
         return accel if self.triad == "accel" else gyro
-
-
-@jax.jit
-def distorted(
-    calibration: Calibration,
-    force: Float[AnyArray, "time 3"],
-    rate: Float[AnyArray, "time 3"],
-    temperature: Float[AnyArray, " time"],
-) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:
-    """Equation (1): outputs in m/s² and rad/s of ideal inputs, without the named effects."""
-
-    def one(a, w, t):
-        accel = distort_accel(calibration.accel_errors(t), a)
-        return accel, distort_gyro(calibration.gyro_errors(t), w, a, calibration.gravity)
-
-    return jax.vmap(one)(jnp.asarray(force), jnp.asarray(rate), jnp.asarray(temperature))
 
 
 def compensate(
@@ -123,7 +104,7 @@ def simulate(
     force = zeros if log.accel is None else log.accel
     rate = zeros if log.gyro is None else log.gyro
     temperature = np.zeros(len(zeros)) if log.temperature is None else log.temperature
-    accel, gyro = map(np.asarray, distorted(calibration, force, rate, temperature))
+    accel, gyro = distorted_rows(calibration, force, rate, temperature)
     added = Course(calibration, log).additions(usable, force, rate)
     return Outputs(
         None if log.accel is None else accel + added[0],

@@ -12,10 +12,10 @@ with the model's columns X and the effects' columns E on the blocks, weighted by
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import eqx
 from ...calibrate.pipeline import calibrate_device, DeviceResult
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect

@@ -6,12 +6,10 @@ equation (6): $M = M_0 M_1$, $b = b_0 + M_0 b_1$, and an effect e of the second 
 
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ..._jax import Array, eqx, jax, jnp
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect
 from ...data.recording import Campaign

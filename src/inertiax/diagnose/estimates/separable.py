@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import zip_longest
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..._jax import eqx
 from ...effects import Variant
 from ..candidates.columns import span
 from ..candidates.signatures import Term

@@ -7,11 +7,10 @@ with them outermost, as `jax.vmap` has it, it is many products of small matrices
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ..._jax import Array, jax, jnp
 from ..._typing import AnyArray
 from .processes import processes
 from .state_space import Chain, NUM_VARIANCES
@@ -51,15 +50,24 @@ class Steps(NamedTuple):
         return made
 
 
-@jax.jit
 def grams_under_each(
     variances: Float[AnyArray, "lane 7"], steps: Steps, columns: Float[AnyArray, "row column"]
-) -> tuple[Float[Array, "lane column column"], Float[Array, " lane"]]:
+) -> tuple[Float[np.ndarray, "lane column column"], Float[np.ndarray, " lane"]]:
     """Products of the whitened columns with each other, and log determinants, as of `state_space.whiten`, under each
     of some variances.
 
     **Arguments:** variances and columns in the observation's unit.
     """
+    white, logs = _whitened(variances, steps, columns)
+    # One product of matrices for each: summed row by row the products would leave the nearest cache.
+    by_lane = np.ascontiguousarray(np.asarray(white).transpose(2, 0, 1))
+    return by_lane.transpose(0, 2, 1) @ by_lane, np.asarray(logs)
+
+
+@jax.jit
+def _whitened(
+    variances: Float[AnyArray, "lane 7"], steps: Steps, columns: Float[AnyArray, "row column"]
+) -> tuple[Float[Array, "row column lane"], Float[Array, " lane"]]:
     variances, columns = jnp.asarray(variances), jnp.asarray(columns)
     a, h = jnp.asarray(steps.decay), jnp.asarray(steps.seen)
     q = jnp.einsum("lv,vrs->rsl", variances, jnp.asarray(steps.added))
@@ -67,7 +75,7 @@ def grams_under_each(
     r = jnp.where(white > 0.0, white * variances[None, :, 0], 1.0)
 
     def step(carried, row):
-        x, p, gram, logs = carried
+        x, p, logs = carried
         a, q, h, r, c = row
         p = p * (a[:, None] * a[None, :])[:, :, None] + jnp.eye(len(a))[:, :, None] * q[:, None, :]
         ph = jnp.sum(p * h[:, None, None], axis=0)
@@ -77,16 +85,13 @@ def grams_under_each(
         x = x * a[:, None, None]
         innovation = c[:, None] - jnp.sum(x * h[:, None, None], axis=0)
         x = x + gain[:, None, :] * innovation[None, :, :]
-        white = innovation / jnp.sqrt(s)[None, :]
-        gram = gram + white[:, None, :] * white[None, :, :]
-        return (x, p, gram, logs + jnp.log(s)), None
+        return (x, p, logs + jnp.log(s)), innovation / jnp.sqrt(s)[None, :]
 
     size, lanes, width = a.shape[1], len(variances), columns.shape[1]
     start = (
         jnp.zeros((size, width, lanes)),
         jnp.zeros((size, size, lanes)),
-        jnp.zeros((width, width, lanes)),
         jnp.zeros(lanes),
     )
-    (_, _, gram, logs), _ = jax.lax.scan(step, start, (a, q, h, r, columns))
-    return gram.transpose(2, 0, 1), logs
+    (_, _, logs), white = jax.lax.scan(step, start, (a, q, h, r, columns))
+    return white, logs

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import numpy as np
 
+from ..._jax import eqx, jax
 from ...reduction.dwells import known_force
 from ...reduction.positionings import shared_positionings
 from ..candidates.columns import lengthen, span

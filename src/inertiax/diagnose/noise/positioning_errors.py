@@ -9,9 +9,9 @@ kept.
 from collections.abc import Sequence
 from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
 
+from ..._jax import eqx
 from ..candidates.columns import span, unit
 from ..candidates.signatures import Term
 from ..observations.blocks import Blocks

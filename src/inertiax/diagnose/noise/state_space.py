@@ -15,13 +15,12 @@ in $O(n)$. `grouped_filter` and `restricted_likelihood` are the forms in NumPy t
 Cambridge 1989, ch. 3; for $1/f$ as a sum of relaxations: van der Ziel, Physica 16 (1950) 359.
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ..._jax import Array, eqx, jax, jnp
 from ..._typing import AnyArray
+from ...effects import arrays as xp
 
 
 TIME_CONSTANTS = (6.0, 36.0, 216.0, 1300.0, 7800.0, 46800.0)  # s, of the Gauss-Markov processes
@@ -69,10 +68,10 @@ class Known(eqx.Module):
 
     def price(self, theta: Float[AnyArray, "7"]) -> Float[Array, ""]:
         """Twice minus the log density of log variances, up to a constant."""
-        off = jnp.asarray(theta) - jnp.asarray(self.center)
-        precision = jnp.asarray(self.precision)
-        told = jnp.sum(jnp.where(jnp.diag(precision) > 0.0, 1.0, 0.0))
-        return (FREEDOM + told) * jnp.log1p(off @ precision @ off / FREEDOM)
+        off = xp.asarray(theta) - xp.asarray(self.center)
+        precision = xp.asarray(self.precision)
+        told = xp.sum(xp.where(xp.einsum("kk->k", precision) > 0.0, 1.0, 0.0))
+        return (FREEDOM + told) * xp.log1p(off @ precision @ off / FREEDOM)
 
 
 def transition(
@@ -155,7 +154,7 @@ def whiten(
 
 def unpack(theta: Float[AnyArray, "7"], scale: Float[AnyArray, "7"]) -> Variances:
     """Variances from their logarithms relative to a scale."""
-    return Variances(*(jnp.exp(theta) * jnp.asarray(scale)))
+    return Variances(*(xp.exp(theta) * xp.asarray(scale)))
 
 
 def negative_log_likelihood(
@@ -194,4 +193,7 @@ def negative_log_likelihood(
     return 0.5 * (logdet + y @ y - part @ part + prior) + jnp.sum(logs)
 
 
-value_and_gradient = jax.jit(jax.value_and_grad(negative_log_likelihood))
+@jax.jit
+def value_and_gradient(*given):
+    """`negative_log_likelihood` and its slope by the log variances."""
+    return jax.value_and_grad(negative_log_likelihood)(*given)

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import eqx
 from ...data.recording import Rig
 from ...numerics.student_t import HeavyTails
 from .observation_series import BOUNDS, STARTS, System

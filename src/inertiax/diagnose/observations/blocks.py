@@ -7,14 +7,13 @@ tells the white noise.
 
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from ..._jax import eqx, jax
 from ...data.recording import Campaign, Recording, Site
 from ...data.recording_order import in_order
-from ...physics.earth import EARTH_RATE as EARTH_RATE
+from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
 from ...reduction.dwells import is_told
 from ...reduction.earth_at_rest import vertical_earth_rate
 from ...reduction.segments import (

@@ -10,11 +10,11 @@ far the ramps agree with each other tells how sure it is, whatever noise there i
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 import scipy.special
 from jaxtyping import Float
 
+from ..._jax import eqx
 from ..._typing import AnyArray
 from .blocks import Log
 from .model_rows import CalibratedTriad

@@ -6,16 +6,14 @@ the others, one chain of rows per channel. They are linearised at the calibratio
 
 import re
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ..._jax import eqx
 from ..._typing import AnyArray
 from ...calibrate.results import DeviceResult, TriadResult
-from ...estimators import AbstractEstimator, ESTIMATORS, GravityRotation, size_effect, StaticGyro
-from ...physics.error_model import AccelerometerErrors, compensate_accel, distort_accel
+from ...calibration.over_rows import solved
+from ...estimators import AbstractEstimator, ESTIMATORS, GravityRotation, StaticGyro
 from ...physics.temperature import Polynomial
 from ...procedure.single_device import linearise
 from ...reduction.dwells import Dwells, is_told
@@ -134,7 +132,7 @@ def _of_rests(estimator: AbstractEstimator) -> AbstractEstimator:
     """The estimator of the rows at rest; gyros that gravity turns show their bias and D there."""
     if isinstance(estimator, GravityRotation):
         estimator = StaticGyro(gravity=estimator.gravity, g_sensitivity=estimator.g_sensitivity)
-    return eqx.tree_at(lambda e: e.scatter, estimator, jnp.zeros(()))
+    return eqx.tree_at(lambda e: e.scatter, estimator, np.zeros(()))
 
 
 def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
@@ -151,28 +149,20 @@ def usable(form: ModelForm, blocks: Blocks) -> np.ndarray:
     return np.ones(blocks.num_blocks, bool)
 
 
-@jax.jit
 def _specific_force(
-    bias: Float[AnyArray, "row 3"],
-    matrix: Float[AnyArray, "row 3 3"],
-    output: Float[AnyArray, "row 3"],
-) -> Float[Array, "row 3"]:
-    def one(b, m, a):
-        return compensate_accel(AccelerometerErrors(b, m), a)
-
-    return jax.vmap(one)(jnp.asarray(bias), jnp.asarray(matrix), jnp.asarray(output))
+    bias: Float[np.ndarray, "row 3"],
+    matrix: Float[np.ndarray, "row 3 3"],
+    output: Float[np.ndarray, "row 3"],
+) -> Float[np.ndarray, "row 3"]:
+    return np.ascontiguousarray(solved(np.moveaxis(matrix, 0, 2), (output - bias).T).T)
 
 
-@jax.jit
 def _outputs(
-    bias: Float[AnyArray, "row 3"],
-    matrix: Float[AnyArray, "row 3 3"],
-    force: Float[AnyArray, "row 3"],
-) -> Float[Array, "row 3"]:
-    def one(b, m, a):
-        return distort_accel(AccelerometerErrors(b, m), a)
-
-    return jax.vmap(one)(jnp.asarray(bias), jnp.asarray(matrix), jnp.asarray(force))
+    bias: Float[np.ndarray, "row 3"],
+    matrix: Float[np.ndarray, "row 3 3"],
+    force: Float[np.ndarray, "row 3"],
+) -> Float[np.ndarray, "row 3"]:
+    return force + np.einsum("rij,rj->ri", matrix, force) + bias
 
 
 def expected_output(
@@ -205,7 +195,7 @@ def compensated(
     form: ModelForm, coefficients: np.ndarray, basis: np.ndarray, output: np.ndarray
 ) -> np.ndarray:
     """Specific force by equation (3) at each row, m/s²."""
-    return np.asarray(_specific_force(*errors_at(form, coefficients, basis), output))
+    return _specific_force(*errors_at(form, coefficients, basis), output)
 
 
 def rows(
@@ -248,10 +238,10 @@ def _invariant_rows(
     """
     form = model.form
     bias, matrix = errors_at(form, model.coefficients, basis)
-    force = np.asarray(_specific_force(bias, matrix, blocks.accel))
+    force = _specific_force(bias, matrix, blocks.accel)
     mean = _dwell_mean(force / np.linalg.norm(force, axis=1, keepdims=True), blocks.dwell)
     force = form.gravity * mean / np.linalg.norm(mean, axis=1, keepdims=True)
-    clean = eqx.tree_at(lambda d: d.accel, dwells, np.asarray(_outputs(bias, matrix, force)))
+    clean = eqx.tree_at(lambda d: d.accel, dwells, _outputs(bias, matrix, force))
     misfit, _ = _linearised(model, basis, dwells)
     _, jacobian = _linearised(model, basis, clean)
     columns = -jacobian[:, 0]
@@ -318,9 +308,10 @@ def _with_lever_arms(
     mine = [k for k, n in enumerate(form.names) if ".lever_arm" in n]
     if not mine or blocks.reference_gyro is None:
         return misfit, jacobian
-    unit = np.eye(9).reshape(9, 3, 3)
-    added = jax.vmap(lambda w: jax.vmap(lambda a: size_effect(a, w), out_axes=1)(unit))
-    shape = np.asarray(added(blocks.reference_gyro))  # (block, channel, arm)
+    # s_i = [ω × (ω × R_i)]_i by the lever arms' components
+    w = blocks.reference_gyro
+    each = w[:, :, None] * w[:, None, :] - np.square(w).sum(axis=1)[:, None, None] * np.eye(3)
+    shape = np.einsum("nij,ci->ncij", each, np.eye(3)).reshape(len(w), 3, 9)
     jacobian = jacobian.copy()
     jacobian[:, :, mine] = -shape
     return misfit - shape @ model.coefficients[mine, 0], jacobian

@@ -11,11 +11,10 @@ motions of seconds could; the rows leave only Θ to be fitted beside an effect.
 
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import eqx, jax
 from ...calibrate.results import DeviceResult, TriadResult
 from ...data.recording import Campaign
 from ...estimators import GravityRotation

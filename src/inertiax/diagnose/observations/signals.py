@@ -1,9 +1,9 @@
 """What each triad went through, from the log and the fitted models: the `Signal` that effects act on."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ..._jax import eqx
 from ..._typing import AnyArray, Scalar
 from ...effects import arrays as xp, Signal
 from ...effects.effect import chebyshev

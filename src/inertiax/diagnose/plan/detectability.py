@@ -8,12 +8,11 @@ this plan, whatever the noise; what remains is as large as its whitened length s
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
-import jax
 import numpy as np
 import scipy.linalg
 import scipy.special
 
+from ..._jax import eqx, jax
 from ...data.recording import Campaign
 from ...effects import CATALOGUE, Effect
 from ...numerics.blas_threads import one_blas_thread

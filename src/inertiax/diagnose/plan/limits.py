@@ -1,7 +1,6 @@
 """What a plan can tell and what it cannot: the outcome of an audit."""
 
-import equinox as eqx
-
+from ..._jax import eqx
 from ...model_selection.model_spec import ModelSpec
 
 

@@ -12,11 +12,10 @@ campaign's own rows have of it is taken away, since the diagnosis has weighed th
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import equinox as eqx
-import jax
 import msgspec
 import numpy as np
 
+from ..._jax import eqx, jax
 from ...data.recording import Campaign, Recording
 from ...effects import CATALOGUE
 from ...numerics.blas_threads import one_blas_thread
