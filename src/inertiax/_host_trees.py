@@ -52,17 +52,20 @@ def _with(record: Any, values: dict[str, Any]) -> Any:
 
 
 class _Path:
-    """Notes which attributes are asked of it."""
+    """Notes which attributes and items are asked of it."""
 
-    def __init__(self, *names: str):
+    def __init__(self, *names: str | int):
         self._names = names
 
     def __getattr__(self, name: str) -> "_Path":
         return _Path(*self._names, name)
 
+    def __getitem__(self, place: int) -> "_Path":
+        return _Path(*self._names, place)
+
 
 def tree_at(where: Callable[[Any], Any], tree: Any, replace: Any, is_leaf: Any = None) -> Any:
-    """As `equinox.tree_at` for `where` that names attributes, or attributes of attributes, of records."""
+    """As `equinox.tree_at` for `where` that names attributes of records or items of tuples, or theirs."""
     del is_leaf  # None is replaced as all else
     found = where(_Path())
     one = isinstance(found, _Path)
@@ -71,8 +74,13 @@ def tree_at(where: Callable[[Any], Any], tree: Any, replace: Any, is_leaf: Any =
     return tree
 
 
-def _replaced(record: Any, names: tuple[str, ...], value: Any) -> Any:
+def _replaced(record: Any, names: tuple[str | int, ...], value: Any) -> Any:
     first, *rest = names
+    if isinstance(first, int):
+        new = _replaced(record[first], tuple(rest), value) if rest else value
+        items = list(record)
+        items[first] = new
+        return type(record)(items)
     new = _replaced(getattr(record, first), tuple(rest), value) if rest else value
     return _with(record, {first: new})
 

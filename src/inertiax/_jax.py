@@ -52,7 +52,7 @@ else:
         def __getattr__(self, name: str) -> Any:
             if name in self._always:
                 return self._always[name]
-            if name in self._until_loaded and "jax" not in sys.modules:
+            if name in self._until_loaded and self._name not in sys.modules:
                 return self._until_loaded[name]
             return getattr(importlib.import_module(self._name), name)
 
@@ -92,7 +92,7 @@ else:
         },
         {
             "filter_jit": _later("equinox", "filter_jit"),
-            "is_array": lambda value: False,
+            "is_array": lambda value: isinstance(value, jax.Array),
             "tree_at": _host_trees.tree_at,
         },
     )
