@@ -225,6 +225,19 @@ def chebyshev(
     return value
 
 
+def change_at(
+    outputs: Callable[[AnyArray], AnyArray], element: AnyArray, probe: AnyArray
+) -> Float[AnyArray, "time 3"]:
+    """A model's outputs at the elements' temperatures less those at the probe's, m/s² or rad/s.
+
+    A model that knows which part of it the temperature has none in gives the `change` itself.
+    """
+    change = getattr(outputs, "change", None)
+    if change is not None:
+        return change(element, xp.asarray(probe))
+    return outputs(element) - outputs(xp.asarray(probe))
+
+
 def gradient(
     values: Float[AnyArray, "time 3"], time: Float[AnyArray, " time"]
 ) -> Float[AnyArray, "time 3"]:

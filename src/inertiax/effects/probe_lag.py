@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import Effect, over
+from .effect import change_at, Effect, over
 from .signal import Signal
 
 
@@ -19,7 +19,7 @@ def shape(
     probe, slope, outputs = signal.temperature, signal.temperature_rate, signal.at_temperature
     assert probe is not None and slope is not None and outputs is not None  # `requires` names them
     element = xp.asarray(probe) + time_constant * xp.asarray(slope)
-    return (outputs(element) - outputs(xp.asarray(probe)))[:, :, None]
+    return change_at(outputs, element, probe)[:, :, None]
 
 
 variants = over(

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import any_grade, Effect, lag, lag_step, over
+from .effect import any_grade, change_at, Effect, lag, lag_step, over
 from .moment import Moment, Online
 from .signal import Signal
 
@@ -29,7 +29,7 @@ def shape(
     if signal.ahead is not None:
         left = xp.exp(-xp.asarray(signal.since_power) / time_constant)
         element = element + xp.asarray(signal.ahead) * left
-    return (outputs(element) - outputs(xp.asarray(probe)))[:, :, None]
+    return change_at(outputs, element, probe)[:, :, None]
 
 
 def _grid(signal: Signal):

@@ -5,6 +5,7 @@ make a dwell, so that what happens within a positioning stays visible. The scatt
 tells the white noise.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -117,8 +118,10 @@ def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.nd
     # Sums between successive edges: every other one is of a block. The end of the rows is no edge to begin at.
     if len(edges) and edges[-1] == len(values):
         edges = edges[:-1]
-    shape = (-1,) + (1,) * (values.ndim - 1)
-    return np.add.reduceat(values, edges, axis=0)[::2] / (stop - start).reshape(shape)
+    # NumPy is quick along rows of one axis alone.
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
+    means = np.add.reduceat(flat, edges, axis=0)[::2] / (stop - start)[:, None]
+    return means.reshape(len(start), *values.shape[1:])
 
 
 def join(

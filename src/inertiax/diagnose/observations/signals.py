@@ -29,15 +29,29 @@ class AtTemperature(eqx.Module):
     high: Scalar | float
 
     def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[AnyArray, "time 3"]:
-        # What the temperature has no part in is made once for all.
-        kept = not xp.of_jax(self.input, self.bias, self.matrix)
-        made, *others = self._kept_parts if kept else self._parts()
+        made, *others = self._parts
         for k, part in enumerate(others, 1):
             made = made + chebyshev(temperature, k, self.low, self.high) * part
         return made.T
 
+    def change(
+        self, element: Float[AnyArray, " time"], probe: Float[AnyArray, " time"]
+    ) -> Float[AnyArray, "time 3"]:
+        """The outputs at one temperature less those at another."""
+        made, *others = self._parts
+        made = xp.zeros_like(made)
+        for k, part in enumerate(others, 1):
+            at = [chebyshev(t, k, self.low, self.high) for t in (element, probe)]
+            made = made + (at[0] - at[1]) * part
+        return made.T
+
+    @property
     def _parts(self) -> list[Float[AnyArray, "3 time"]]:
-        """The outputs for a unit of each polynomial."""
+        """The outputs for a unit of each polynomial; made once for all, but for those of JAX, which may be traced."""
+        known = not xp.of_jax(self.input, self.bias, self.matrix)
+        return self._kept_parts if known else self._made_parts()
+
+    def _made_parts(self) -> list[Float[AnyArray, "3 time"]]:
         # An axis a row: along rows of three numbers NumPy takes several times as long.
         given = xp.asarray(self.input).T
         parts = range(self.bias.shape[1])
@@ -45,7 +59,7 @@ class AtTemperature(eqx.Module):
 
     @cached_property
     def _kept_parts(self) -> list[Float[np.ndarray, "3 time"]]:
-        return self._parts()
+        return self._made_parts()
 
     def with_parameters(
         self, base: Baseline, coefficients: Float[np.ndarray, "parameter size"]
