@@ -5,7 +5,7 @@ where a hundred shapes are asked for once each, compiling them would take most o
 they are. The names are those that both libraries have.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,8 +55,8 @@ def _new(name: str) -> Callable[..., Any]:
 zeros, zeros_like, ones_like, full, eye = map(
     _new, ("zeros", "zeros_like", "ones_like", "full", "eye")
 )
-asarray, broadcast_to, concatenate, stack, roll, where = map(
-    _either, ("asarray", "broadcast_to", "concatenate", "stack", "roll", "where")
+asarray, broadcast_to, concatenate, roll, where = map(
+    _either, ("asarray", "broadcast_to", "concatenate", "roll", "where")
 )
 abs, clip, maximum, minimum, sign, logical_not = map(
     _either, ("abs", "clip", "maximum", "minimum", "sign", "logical_not")
@@ -65,7 +65,20 @@ cos, exp, expm1, log1p, sin, sqrt, square = map(
     _either, ("cos", "exp", "expm1", "log1p", "sin", "sqrt", "square")
 )
 max, mean, min, sum = map(_either, ("max", "mean", "min", "sum"))
-cross, diff, einsum, gradient = map(_either, ("cross", "diff", "einsum", "gradient"))
+diff, einsum, gradient = map(_either, ("diff", "einsum", "gradient"))
+
+
+def stack(arrays: Sequence[AnyArray], axis: int = 0) -> Any:
+    """As `numpy.stack`; each array stays together in memory, whatever the axis, and what follows is quicker."""
+    if of_jax(*arrays):
+        return jnp.stack(arrays, axis=axis)
+    return np.moveaxis(np.stack(arrays), 0, axis)
+
+
+def cross(a: AnyArray, b: AnyArray) -> Any:
+    """Cross products along the last axis, of three; NumPy's own takes three times as long over many rows."""
+    (a0, a1, a2), (b0, b1, b2) = ([x[..., k] for k in range(3)] for x in (a, b))
+    return stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 
 
 def norm(values: AnyArray, axis: int | None = None) -> Any:

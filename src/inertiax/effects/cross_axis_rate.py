@@ -12,17 +12,11 @@ from .signal import Signal
 def shape(signal: Signal, *, terms: str) -> Float[AnyArray, "time channels columns"]:
     """Products of rates about the input axis i and the two others p, o, (rad/s)²; magnitudes |p|, |o| in rad/s."""
     w = xp.asarray(signal.input)
-    p, o = xp.roll(w, -1, axis=1), xp.roll(w, -2, axis=1)
-    table = {
-        "ip": w * p,
-        "io": w * o,
-        "po": p * o,
-        "pp": p * p,
-        "oo": o * o,
-        "|p|": xp.abs(p),
-        "|o|": xp.abs(o),
-    }
-    return xp.stack([table[k] for k in terms.split()], axis=-1)
+    rates = {"i": w, "p": xp.roll(w, -1, axis=1), "o": xp.roll(w, -2, axis=1)}
+    made = [
+        xp.abs(rates[k[1]]) if k[0] == "|" else rates[k[0]] * rates[k[1]] for k in terms.split()
+    ]
+    return xp.stack(made, axis=-1)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:

@@ -11,7 +11,7 @@ from .signal import Signal
 def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """f³, g³."""
     f = xp.asarray(signal.input)
-    return (f**3)[:, :, None]
+    return (f * f * f)[:, :, None]  # a power takes fifty times as long
 
 
 EFFECT = Effect(

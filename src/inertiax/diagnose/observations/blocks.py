@@ -5,7 +5,6 @@ make a dwell, so that what happens within a positioning stays visible. The scatt
 tells the white noise.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -118,10 +117,9 @@ def block_mean(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.nd
     # Sums between successive edges: every other one is of a block. The end of the rows is no edge to begin at.
     if len(edges) and edges[-1] == len(values):
         edges = edges[:-1]
-    # NumPy is quick along rows of one axis alone.
-    flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    means = np.add.reduceat(flat, edges, axis=0)[::2] / (stop - start)[:, None]
-    return means.reshape(len(start), *values.shape[1:])
+    # The rows along the last axis, as they lie in memory where speed matters (`signals.by_axis`).
+    sums = np.add.reduceat(np.moveaxis(values, 0, -1), edges, axis=-1)[..., ::2]
+    return np.ascontiguousarray(np.moveaxis(sums / (stop - start), -1, 0))
 
 
 def join(
