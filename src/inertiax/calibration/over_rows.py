@@ -132,4 +132,5 @@ def _cross(
 def times(
     matrix: Float[np.ndarray, "3 3 *#row"], vector: Float[np.ndarray, "3 row"]
 ) -> Float[np.ndarray, "3 row"]:
+    """Products of matrices and vectors, row by row."""
     return matrix[:, 0] * vector[0] + matrix[:, 1] * vector[1] + matrix[:, 2] * vector[2]

@@ -88,7 +88,9 @@ class AtTemperature(eqx.Module):
         self, base: Baseline, coefficients: Float[np.ndarray, "parameter 1"]
     ) -> "AtTemperature":
         """The same for other values of the flattened parameters."""
-        given = jax.flatten_util.ravel_pytree(self.parameters)[1](jnp.asarray(coefficients[:, 0]))
+        from jax.flatten_util import ravel_pytree  # JAX by name, not by `_jax`
+
+        given = ravel_pytree(self.parameters)[1](jnp.asarray(coefficients[:, 0]))
         return AtTemperature(self.predict, given, self.signal)
 
 

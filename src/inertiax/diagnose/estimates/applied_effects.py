@@ -58,7 +58,9 @@ class OutputsAt(eqx.Module):
     rate: Float[AnyArray, "time 3"]  # rad/s
 
     def __call__(self, temperature: Float[AnyArray, " time"]) -> Float[np.ndarray, "time 3"]:
-        accel, gyro = distorted_rows(self.calibration, self.force, self.rate, temperature)
+        accel, gyro = distorted_rows(
+            self.calibration, *map(np.asarray, (self.force, self.rate, temperature))
+        )
         return accel if self.triad == "accel" else gyro
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._jax import Array, eqx, jax, jnp
-from ..._typing import AnyArray
+from ..._typing import AnyArray, Scalar
 from ...effects import arrays as xp
 
 
@@ -66,7 +66,7 @@ class Known(eqx.Module):
         """No knowledge beforehand."""
         return Known(np.zeros(NUM_VARIANCES), np.zeros((NUM_VARIANCES, NUM_VARIANCES)))
 
-    def price(self, theta: Float[AnyArray, "7"]) -> Float[Array, ""]:
+    def price(self, theta: Float[AnyArray, "7"]) -> Scalar | float:
         """Twice minus the log density of log variances, up to a constant."""
         off = xp.asarray(theta) - xp.asarray(self.center)
         precision = xp.asarray(self.precision)
@@ -154,7 +154,8 @@ def whiten(
 
 def unpack(theta: Float[AnyArray, "7"], scale: Float[AnyArray, "7"]) -> Variances:
     """Variances from their logarithms relative to a scale."""
-    return Variances(*(xp.exp(theta) * xp.asarray(scale)))
+    values = xp.exp(theta) * xp.asarray(scale)
+    return Variances(*(values[k, ...] for k in range(NUM_VARIANCES)))
 
 
 def negative_log_likelihood(

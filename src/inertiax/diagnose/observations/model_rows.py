@@ -238,6 +238,7 @@ def _invariant_rows(
     """
     form = model.form
     bias, matrix = errors_at(form, model.coefficients, basis)
+    assert blocks.accel is not None  # whose magnitude it is
     force = _specific_force(bias, matrix, blocks.accel)
     mean = _dwell_mean(force / np.linalg.norm(force, axis=1, keepdims=True), blocks.dwell)
     force = form.gravity * mean / np.linalg.norm(mean, axis=1, keepdims=True)

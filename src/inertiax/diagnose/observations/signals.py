@@ -1,5 +1,6 @@
 """What each triad went through, from the log and the fitted models: the `Signal` that effects act on."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -46,19 +47,19 @@ class AtTemperature(eqx.Module):
         return made.T
 
     @property
-    def _parts(self) -> list[Float[AnyArray, "3 time"]]:
+    def _parts(self) -> Sequence[Float[AnyArray, "3 time"]]:
         """The outputs for a unit of each polynomial; made once for all, but for those of JAX, which may be traced."""
         known = not xp.of_jax(self.input, self.bias, self.matrix)
         return self._kept_parts if known else self._made_parts()
 
-    def _made_parts(self) -> list[Float[AnyArray, "3 time"]]:
+    def _made_parts(self) -> Sequence[Float[AnyArray, "3 time"]]:
         # An axis a row: along rows of three numbers NumPy takes several times as long.
         given = xp.asarray(self.input).T
         parts = range(self.bias.shape[1])
         return [self.matrix[:, :, k] @ given + self.bias[:, k, None] for k in parts]
 
     @cached_property
-    def _kept_parts(self) -> list[Float[np.ndarray, "3 time"]]:
+    def _kept_parts(self) -> Sequence[Float[AnyArray, "3 time"]]:
         return self._made_parts()
 
     def with_parameters(
@@ -219,10 +220,10 @@ def _resolution(values: np.ndarray) -> np.ndarray:
     return np.array(steps)
 
 
-def by_axis(values: np.ndarray | None) -> np.ndarray | None:
+def by_axis(values: np.ndarray) -> np.ndarray:
     """The same values, each axis's rows next to each other in memory: along rows of three numbers NumPy takes several
     times as long."""
-    return None if values is None else np.asfortranarray(values)
+    return np.asfortranarray(values)
 
 
 def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) -> Signal:
@@ -249,8 +250,9 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
     return Signal(
         triad=triad, time=log.time, input=given, output=by_axis(output), since_power=since_power,
         since_start=since_start, since_move=since_move, move=by_axis(_moves(given, blocks, len(log.time))),
-        at_rest=log.position >= 0, temperature=temperature, temperature_rate=rate_t, force=by_axis(force),
-        rate=by_axis(rate), room=by_axis(room), supply=log.supply,
+        at_rest=log.position >= 0, temperature=temperature, temperature_rate=rate_t,
+        force=None if force is None else by_axis(force), rate=None if rate is None else by_axis(rate),
+        room=None if room is None else by_axis(room), supply=log.supply,
         vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
         scatter=np.sqrt(white.mean(axis=0)),
         at_temperature=None if temperature is None or form.degree == 0 else model,
