@@ -404,8 +404,8 @@ def two_logs(folder, late):
     ideal = ideal_readings(PITCH, np.deg2rad(angles), np.deg2rad(rates), G, LATITUDE)
     gyro = ideal.rate + 1e-3 * rng.standard_normal(force.shape)
     device = {"time_s": fine}
-    device |= {f"acc_{x}": force[:, k] for k, x in enumerate("xyz")}
-    device |= {f"gyr_{x}": np.rad2deg(gyro[:, k]) for k, x in enumerate("xyz")}
+    device |= {f"ACC_{x}": force[:, k] for k, x in enumerate("ABC")}
+    device |= {f"GYR_{x}": np.rad2deg(gyro[:, k]) for k, x in enumerate("ABC")}
     pl.DataFrame(device).write_csv(folder / "device.csv")
     own = {"elapsed_s": np.round(fine[::5] + late, 3), "chamber": np.full(len(fine[::5]), 21.0)}
     own |= {f"pos_{k}": np.round(angles[::5, k] % 360.0, 4) for k in range(2)}

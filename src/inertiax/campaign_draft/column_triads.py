@@ -10,15 +10,15 @@ _UNIT = 1e-3  # of a quaternion's norm, as it is printed
 
 
 def triads_by_name(names: tuple[str, ...]) -> list[tuple[str, str, str]]:
-    """Columns that differ in one letter x, y, z (or X, Y, Z; 1, 2, 3; 0, 1, 2) alone, or in a word such as roll, pitch,
-    yaw."""
+    """Columns that differ in one letter x, y, z (or X, Y, Z; 1, 2, 3; 0, 1, 2; a, b, c; A, B, C) alone, or in a word
+    such as roll, pitch, yaw."""
     found: list[tuple[str, str, str]] = []
     taken: set[str] = set()
     for name in names:
         if name in taken:
             continue
         for place, letter in enumerate(name):
-            for axes in ("xyz", "XYZ", "123", "012"):
+            for axes in ("xyz", "XYZ", "123", "012", "abc", "ABC"):
                 if letter != axes[0]:
                     continue
                 triad = tuple(name[:place] + a + name[place + 1 :] for a in axes)
