@@ -15,6 +15,7 @@ from scipy.signal import butter, freqz, sosfilt, sosfreqz, welch
 
 from inertiax.allan import identify, logs, noise_of, read_triad_noise, spectrum, triad_noise
 from inertiax.allan.process_noise import correlation_time
+from inertiax.allan.repeats import own_samples
 from inertiax.allan.sensor_filter import recursion_of
 from inertiax.data.recording import Recording
 from inertiax.exports import by_name
@@ -346,3 +347,17 @@ def test_the_limits_of_n_hold_behind_filters(filtered):
     # Binomial limits that 1 in 1000 sets of 40 would leave.
     assert inside >= 33 and false <= 3
     assert np.abs(np.mean(errors)) < 4.0 * np.std(errors) / np.sqrt(40)
+
+
+@pytest.mark.parametrize("held", [1.0, 1.3, 3.4, 10.5])
+def test_repeats_by_chance_are_samples_and_those_of_a_quick_reader_are_not(held):
+    """A coarse output less a correction by a rounded temperature shows no one step, and N was 3 % off."""
+    random = np.random.default_rng(3)
+    rows = (np.arange(20000) / held).astype(int)
+    if held == 1.0:
+        coarse = np.round(2.0 * random.standard_normal(len(rows)))
+        log = coarse + 0.01 * np.round(np.linspace(0.0, 500.0, len(rows)))
+        assert 0.1 < np.mean(np.diff(log) == 0.0) < 0.2
+    else:
+        log = random.standard_normal(rows[-1] + 1)[rows]
+    assert own_samples([log]).rate(100.0, len(log)) == pytest.approx(100.0 / held, rel=1e-3)

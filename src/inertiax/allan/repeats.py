@@ -22,6 +22,9 @@ _FINE = 4.0
 _STEADY = 0.95
 
 
+_EVEN = 0.5  # of the variance by chance (convention)
+
+
 class OwnSamples(Module):
     """Rows of a log in which the sensor gave a new value."""
 
@@ -80,9 +83,20 @@ def _by_holding(channels: Sequence[Log], same: Bool[np.ndarray, " step"]) -> boo
         moved = np.abs(np.diff(channels[0][:]))[~same]
         step = quantisation_step(channels[0][:])
         fine = step == 0.0 or float(np.median(moved)) >= _FINE * step
-        return fine or in_step
+        return in_step or (fine and _regular(same))
     # If held with probability h and repeated by chance with p: alone = h + (1 - h) p, together h + (1 - h) Π p.
     return in_step or float(np.mean(same)) > 2.0 * float(np.prod(alone))
+
+
+def _regular(same: Bool[np.ndarray, " step"]) -> bool:
+    """Whether repeats, or new values where these are fewer, come at more even distances than by chance, whose variance
+    is m (m − 1) for a mean m.
+
+    A coarse output less a correction in steps, as by a rounded temperature, repeats by chance and shows no one step.
+    """
+    distance = np.diff(np.flatnonzero(same if same.mean() < 0.5 else ~same))
+    mean = float(distance.mean())
+    return float(distance.var()) < _EVEN * mean * (mean - 1.0)
 
 
 def _steps(same: Bool[np.ndarray, " step"]) -> tuple[int, int, float]:
