@@ -11,7 +11,6 @@ from rich.table import Table
 from ..calibrate.fit_quality import judge
 from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..physics.temperature import Constant
-from ..reduction.handling import kept_sentence, left_out_sentence
 from .judge import TRIAD_NAMES, triads
 from .terminal import Terminal
 
@@ -109,9 +108,6 @@ def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
             console.print(f"    {name} = {value} {known}")
         if effect.separating_experiment:
             console.print(f"    to tell more: {effect.separating_experiment}")
-    for line in (left_out_sentence(found.handling), kept_sentence(found.handling)):
-        if line:
-            console.print(line)
     console.print(
         f"written: {folder / 'diagnosis.json'}, {folder / 'calibration.json'}, {folder / 'report.html'}"
     )

@@ -32,10 +32,10 @@ def noise_sentence(found: Sequence[AllanCheck]) -> str:
     """
     if not found:
         return ""
-    each = ", ".join(f"{c.channel} {c.expected / c.measured:.2g} times" for c in found)
-    names = ", ".join(c.channel for c in found)
+    each = ", ".join(
+        f"{c.channel} {float(f'{c.expected / c.measured:.2g}'):g} times" for c in found
+    )
     return (
-        f"The fitted noise is not that within the longest rest: {each} its Allan deviation at "
-        f"{found[0].tau:.2g} s. Rests differ in their noise, so that a step or a drift of {names} may hide in it, and "
-        "sizes and probabilities there do not hold."
+        f"The fitted noise is not that within the longest rest: {each} its Allan deviation at {found[0].tau:.2g} s. "
+        "Rests differ in their noise, where a step or a drift may hide; sizes and probabilities there do not hold."
     )
