@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.calibrate.misfit_pattern import misfit_pattern
+from inertiax.calibrate.misfit_pattern import misfit_pattern, remedy
 from inertiax.cli.next_step import after_diagnose
 from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel
 from inertiax.physics.temperature import Constant
@@ -120,4 +120,7 @@ def test_gyros_means_at_rest_that_follow_the_force_are_said(size, word):
         )  # fmt: skip
         dwells = eqx.tree_at(lambda d: d.motion, dwells, still, is_leaf=lambda x: x is None)
         estimator = GravityRotation(gravity=G)
-        assert misfit_pattern(estimator, Constant(), np.zeros((1, 12)), dwells) == word
+        found = misfit_pattern(estimator, Constant(), np.zeros((1, 12)), dwells)
+    assert found == word
+    assert ("g_sensitivity = true" in remedy(found, "gyro")) == bool(word)
+    assert "g_sensitivity" not in remedy(found, "accel")

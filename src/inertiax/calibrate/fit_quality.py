@@ -30,7 +30,7 @@ from .goodness_of_fit import (
     UNUSABLE,
     usual_size,
 )
-from .misfit_pattern import follows_temperature, LEVER_ARMS
+from .misfit_pattern import follows_temperature, remedy
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
@@ -215,16 +215,9 @@ def _misfit(name: str, triad: TriadCalibration, estimate: TriadResult) -> Findin
             if estimate.slow_noise.probability > 0.5
             else "Parameters may be off by more than is stated"
         )
-        cause = (
-            "set lever_arms = true under [model], and it is estimated"
-            if estimate.follows == LEVER_ARMS
-            else "constants leave out what biases do with temperature"
-            if follows_temperature(estimate.follows)
-            else "'inertiax diagnose' looks for the cause"
-        )
         words = (
             f"{what}, and most of it follows {estimate.follows}, so that it does not average out. "
-            f"{held}; {cause}"
+            f"{held}; {remedy(estimate.follows, estimate.estimator.triad)}"
         )
         grade = ATTENTION
     return Finding("misfit", grade, f"{name}: {words}.")

@@ -85,6 +85,17 @@ def misfit_pattern(
     return name if chance < RARE and share > MOST * beyond else ""
 
 
+def remedy(follows: str, triad: str) -> str:
+    """What to do about that in a `triad`, in words."""
+    if follows == LEVER_ARMS:
+        return "set lever_arms = true under [model], and it is estimated"
+    if follows == _FORCE and triad == "gyro":
+        return "set g_sensitivity = true under [model], and it is estimated"
+    if follows_temperature(follows):
+        return "constants leave out what biases do with temperature"
+    return "'inertiax diagnose' looks for the cause"
+
+
 def follows_temperature(follows: str) -> bool:
     """Whether an answer of `misfit_pattern` is that the biases moved with a temperature that constants leave out."""
     return follows.startswith(_TEMPERATURE)
