@@ -1,7 +1,11 @@
 """A log of a device that is turned by hand, made with NumPy and SciPy's rotations."""
 
+import tomllib
+
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from inertiax.campaign_draft import draft_campaign
 
 
 G, DEGREE = 9.80665, np.pi / 180
@@ -29,3 +33,18 @@ def hand_log(rate=50.0, rests=12, seed=0):
     accel = accel + 0.02 * rng.standard_normal(accel.shape)
     gyro = gyro + 0.05 * DEGREE * rng.standard_normal(gyro.shape)
     return np.arange(len(accel)) / rate, accel, gyro
+
+
+CANONICAL = "ax,ay,az,gx,gy,gz"
+
+
+def written(path, columns, header=None, delimiter=","):
+    rows = [delimiter.join(f"{v:.7g}" for v in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([*([] if header is None else [header]), *rows]) + "\n")
+    return path
+
+
+def draft(path, **settings):
+    text = draft_campaign(path, path.parent, **settings).text
+    (path.parent / "campaign.toml").write_text(text)
+    return tomllib.loads(text)

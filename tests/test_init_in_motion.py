@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_log_data import DEGREE, G, hand_log
-from test_init_unusual import CANONICAL, draft, written
+from hand_log_data import CANONICAL, DEGREE, draft, G, hand_log, written
 
 
 TIME, ACCEL, GYRO = hand_log()

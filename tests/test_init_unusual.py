@@ -1,33 +1,17 @@
 """`inertiax init` on layouts of public logs that it once read wrongly; the data are the hand log of these tests."""
 
-import tomllib
-
 import numpy as np
 import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
 
-from hand_log_data import DEGREE, G, hand_log
+from hand_log_data import CANONICAL, DEGREE, draft, G, hand_log, written
 from inertiax.calibrate.pipeline import calibrate
-from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.accel_unit import lacks_gravity
 from inertiax.data.campaign import load_campaign
 
 
 TIME, ACCEL, GYRO = hand_log()
-CANONICAL = "ax,ay,az,gx,gy,gz"
-
-
-def written(path, columns, header=None, delimiter=","):
-    rows = [delimiter.join(f"{v:.7g}" for v in row) for row in np.column_stack(columns)]
-    path.write_text("\n".join([*([] if header is None else [header]), *rows]) + "\n")
-    return path
-
-
-def draft(path, **settings):
-    text = draft_campaign(path, path.parent, **settings).text
-    (path.parent / "campaign.toml").write_text(text)
-    return tomllib.loads(text)
 
 
 def test_what_rises_throughout_is_the_clock_and_a_dead_temperature_is_none(tmp_path):
