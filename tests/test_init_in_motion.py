@@ -71,3 +71,15 @@ def test_the_field_in_motion_tells_the_gyros_unit_where_the_force_does_not(tmp_p
     path = written(tmp_path / "log.csv", columns, f"t,{CANONICAL},mx,my,mz")
     assert draft(path)["columns"]["gyro"]["unit"] == "rad/s"
     assert "the field turns as the outputs do" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_a_shaken_phone_does_not_turn_by_less_than_five_degrees_a_second(tmp_path):
+    """A walk: the force tells no turn, for it goes as much to and fro as the phone tilts."""
+    rng = np.random.default_rng(3)
+    time = np.arange(3000) / 60.0
+    walk = np.sin(2 * np.pi * 0.9 * time)[:, None] * [0.3, 0.4, 1.5]
+    accel = np.array([1.0, 3.0, -9.0]) + walk + 0.4 * rng.normal(size=(3000, 3))
+    gyro = 0.3 * rng.normal(size=(3000, 3))
+    path = written(tmp_path / "walk.csv", (time, accel / G, gyro), f"t,{CANONICAL}")
+    assert draft(path)["columns"]["gyro"]["unit"] == "rad/s"
+    assert "CHECK gyro" in (tmp_path / "campaign.toml").read_text()

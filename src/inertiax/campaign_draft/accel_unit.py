@@ -21,6 +21,7 @@ _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
 _TURNING = 0.9  # of the samples' norm: the means of a device that turned by 50° or more are shorter
 _BLOCK = 20  # rows
 _FEWEST_BLOCKS = 250
+_SHAKEN = 0.05  # of the norm
 _CALM = 0.3  # of the median norm: less is left where gravity was taken out
 _OFFSET_SHOWS = 0.25  # of the radius: no bias is as large, so it is an offset of the converter
 
@@ -126,6 +127,15 @@ def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:
     shaken = not whole(values) and bool(high - low > size)
     calm = calm_norm(values)
     return bool(shaken and (calm < _CALM * size or _unit_of(calm) is None))
+
+
+def shaken(values: Float[np.ndarray, "time 3"]) -> bool:
+    """Whether the norm's means over 20 rows scatter as those of a device in a hand or a bag, by 5 % and more."""
+    count = len(values) // _BLOCK
+    if count < _FEWEST_BLOCKS // 5:
+        return False
+    norm = np.linalg.norm(values[: count * _BLOCK], axis=1).reshape(count, _BLOCK).mean(axis=1)
+    return bool(norm.std() > _SHAKEN * np.median(norm))
 
 
 def calm_norm(values: Float[np.ndarray, "time 3"]) -> float:

@@ -40,6 +40,7 @@ _FULL_SCALES = (
 _LEVELS, _OFF_STEP, _ON_STEPS = 12, 0.08, 0.98
 _MOVES = 50.0  # times the quietest noise: the device is carried or turned
 _PEAK_RAD = 15.0  # as deg/s no hand turns so slowly throughout; as rad/s few gyros go further
+_SHAKEN_PEAK = 5.0  # as deg/s nothing that is shaken turns so slowly
 _QUIETEST_RAD = 0.02  # rad/s; in deg/s no MEMS gyro is quieter at the rates people log
 
 
@@ -54,11 +55,14 @@ def gyro_unit(
     hint: str,
     in_motion: Sequence[GravityTurns] = (),
     full_scale: float | None = None,
+    *,
+    shaken: bool = False,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
     **Arguments:** `hint` is what the file says in words of the columns; `in_motion` is how the force turns in a device
-    that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range.
+    that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range;
+    `shaken` says that the force's size goes to and fro as in a hand.
     """
     counts, offset = whole(values), middle(values) or None
     if _MILLI.search(hint) and (turns is None or turns.misfit(DEGREE / _PER_MILLI) < _AGREES):
@@ -84,7 +88,7 @@ def gyro_unit(
     limit = _AGREES if turns is None else _AGREES / 2
     told_by = [] if counts else [_by_motion(m, limit) for m in in_motion]
     moving = next((u for u in told_by if u is not None), None)
-    return _by_magnitude(values, counts, offset, missing, full_scale) if moving is None else moving
+    return moving or _by_magnitude(values, counts, offset, missing, full_scale, shaken)
 
 
 def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:
@@ -130,6 +134,7 @@ def _by_magnitude(
     offset: float | None,
     missing: str,
     full_scale: float | None,
+    shaken: bool,
 ) -> TriadUnit:
     """A guess, and said to be one."""
     if counts:
@@ -144,6 +149,7 @@ def _by_magnitude(
     noise, quietest, zero = _noise(values)
     bias, peak = float(np.abs(zero).max()), float(np.quantile(np.abs(values - zero), 0.999))
     carried = 0.0 < quietest < min(_QUIETEST_RAD, peak / _MOVES) and peak < _PEAK_RAD
+    carried |= shaken and peak < _SHAKEN_PEAK
     unit = "rad/s" if bias < _BIAS_RAD and (noise < _QUIET_RAD or carried) else "deg/s"
     of = f"rates up to {peak:.2g}, noise {quietest:.2g}" if carried else f"noise {noise:.2g}"
     text = f"{missing}; by magnitude ({of}, zero up to {bias:.2g}) likely {unit}"

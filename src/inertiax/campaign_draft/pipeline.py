@@ -14,7 +14,7 @@ from ..data.formats.detect import format_of
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.host_stamps import USUAL_RATES
-from .accel_unit import accel_unit, directions, lacks_gravity, sphere, TriadUnit
+from .accel_unit import accel_unit, directions, lacks_gravity, shaken, sphere, TriadUnit
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
@@ -269,7 +269,8 @@ def _columns(
             remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
         moving, range_ = _in_motion(found), found.log.stated_range
-        unit = gyro_unit(found.gyro, turns, found.gyro_words, moving, range_)
+        tossed = found.accel is not None and shaken(found.accel - middle(found.accel))
+        unit = gyro_unit(found.gyro, turns, found.gyro_words, moving, range_, shaken=tossed)
         unit, rate = with_reference_rate(found, unit)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
