@@ -181,6 +181,9 @@ def test_samples_along_the_rows_of_a_matlab_array(tmp_path):
     assert found["columns"]["gyro"]["names"] == ["u_3", "u_4", "u_5"]
     (recording,) = load_campaign(tmp_path).recordings
     np.testing.assert_allclose(recording.accel, ACCEL, rtol=1e-9)
+    # Other data of the file stay so, where arrays stand upright.
+    scipy.io.savemat(path, {"t": TIME, "acc": ACCEL, "gyr": GYRO, "raw": np.zeros((40, 9000))})
+    assert draft(path)["columns"]["accel"]["names"] == ["acc_x", "acc_y", "acc_z"]
 
 
 def test_a_heading_that_nothing_confirms_is_no_table(tmp_path):
@@ -329,3 +332,14 @@ def test_six_means_beside_what_they_should_be(tmp_path):
     named = dict(zip(accel.estimator.names, values, strict=True))
     assert named["accel.matrix[2,2]"] == pytest.approx(0.023, abs=1e-5)
     assert named["accel.matrix[0,2]"] == pytest.approx(0.009, abs=1e-5)
+
+
+def test_times_since_1970_are_in_the_unit_that_makes_them_our_years(tmp_path):
+    """A phone at two samples a second: in microseconds its rate were an IMU's."""
+    time = 1.586e12 + 573.0 * np.arange(400)
+    accel = ACCEL[:400] + 0.0
+    path = written(tmp_path / "log.csv", (accel,), "ax,ay,az")
+    rows = path.read_text().splitlines()
+    rows = ["timestamp," + rows[0], *(f"{t:.0f},{r}" for t, r in zip(time, rows[1:], strict=True))]
+    path.write_text("\n".join(rows) + "\n")
+    assert draft(path)["columns"]["time"] == {"name": "timestamp", "unit": "ms"}

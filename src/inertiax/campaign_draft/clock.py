@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ..reduction.host_stamps import host_stamps, usual_rate
 from .column_words import plain, said, TIME_UNITS
 from .raw_log import RawLog
-from .split_stamps import split_stamps
+from .split_stamps import EPOCH, split_stamps
 
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -127,6 +127,9 @@ def _unit(
         if len(slow) < len(possible) and slow:
             why = "with a smaller unit the temperature would move faster than any chamber moves it"
             return slow[-1], why, False
+    since_1970 = [u for u in possible if EPOCH[0] < UNITS[u] * float(np.nanmin(values)) < EPOCH[1]]
+    if since_1970:
+        return since_1970[0], "times since 1970", True
     said_unit = said(TIME_UNITS, log.hint(name))
     if said_unit in possible:
         return said_unit, "as the file says", True

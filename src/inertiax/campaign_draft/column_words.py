@@ -26,7 +26,7 @@ WORDS: dict[Role, dict[str, str]] = {
     },
     "gyro": {
         "any": r"^w[_ .-]?x|^g[_ .-]?x|w_rs_s|ω|^p$",
-        "en": r"gyr|ang\w*[_ .-]?(?:vel|rate)|omega|rot\w*rate|(?:roll|pitch|yaw)[_ .-]*(?:rate|speed)",
+        "en": r"gyr|^rotate_|ang\w*[_ .-]?(?:vel|rate)|omega|rot\w*rate|(?:roll|pitch|yaw)[_ .-]*(?:rate|speed)",
         "de": r"dreh(?!m|w|z)|winkelgeschw|winkelrate|kreisel|(?:roll|wank|nick|gier)\w*?(?:rate|geschw)",
         "fr": r"(?:vit\w*|taux)[_ .-]*(?:de[_ .-]*)?(?:ang|rot|roulis|tangage|lacet)",
         "es": r"giro|vel\w*[_ .-]*(?:de[_ .-]*)?(?:ang|rot|alabeo|balanceo|cabeceo|guinada)",

@@ -21,13 +21,9 @@ def to_table(arrays: dict[str, np.ndarray], columns: ColumnMap, where: str) -> p
 
     Raises `ValueError` where a column that the campaign names has another length than time.
     """
-    found: dict[str, np.ndarray] = {}
-    for name, values in arrays.items():
-        found |= _split(name, values)
-    if not found:
-        raise ValueError(f"{where}: no numeric arrays in it.")
+    found, lying = _all_columns(arrays, where)
     rows = _rows(found, columns, where)
-    kept = {k: v for k, v in found.items() if len(v) == rows}
+    kept = {k: v for k, v in (found | lying).items() if len(v) == rows}
     for name in _wanted(columns):
         if name in found and name not in kept:
             raise ValueError(
@@ -42,14 +38,28 @@ def longest_columns(arrays: dict[str, np.ndarray], where: str) -> pl.DataFrame:
 
     Raises `ValueError` where there is none.
     """
-    found: dict[str, np.ndarray] = {}
-    for name, values in arrays.items():
-        found |= _split(name, values)
-    if not found:
-        raise ValueError(f"{where}: no numeric arrays in it.")
+    found, lying = _all_columns(arrays, where)
     sizes = [len(v) for v in found.values()]
     rows = max(sorted(set(sizes), reverse=True), key=lambda n: n * sizes.count(n))
-    return pl.DataFrame({k: v for k, v in found.items() if len(v) == rows})
+    return pl.DataFrame({k: v for k, v in (found | lying).items() if len(v) == rows})
+
+
+def _all_columns(
+    arrays: dict[str, np.ndarray], where: str
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """All columns, and those that stand in the rows of arrays, which are columns only where nothing else is or where
+    they are as long."""
+    found: dict[str, np.ndarray] = {}
+    lying: dict[str, np.ndarray] = {}
+    for name, values in arrays.items():
+        found |= _split(name, values)
+        if values.ndim == 2 and 3 < values.shape[0] <= _CHANNELS < values.shape[1]:
+            lying |= _split(name, values.T)
+    if lying and max((len(v) for v in found.values()), default=0) <= _CHANNELS:
+        found |= lying
+    if not found:
+        raise ValueError(f"{where}: no numeric arrays in it.")
+    return found, lying
 
 
 def choose_group(groups: list[str], asked: str, where: str) -> None:
@@ -73,10 +83,7 @@ def _split(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
         return {name: np.ascontiguousarray(values)}
     if values.ndim != 2:
         return {}
-    # Three rows are a triad; more columns than channels a file has are samples.
-    if values.shape[1] != 3 and (
-        values.shape[0] == 3 or values.shape[1] > _CHANNELS >= values.shape[0]
-    ):
+    if values.shape[1] != 3 and values.shape[0] == 3:
         values = values.T
     labels = AXES if values.shape[1] == 3 else [str(k) for k in range(values.shape[1])]
     if values.shape[1] > _CHANNELS:  # an image or a matrix, no set of channels
