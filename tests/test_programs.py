@@ -1,7 +1,9 @@
 """A process that diagnoses hundreds of campaigns lets compiled programs go in time."""
 
 import json
+import mmap
 import pathlib
+import platform
 
 import jax
 import numpy as np
@@ -39,6 +41,20 @@ def test_a_system_that_does_not_say_is_left_alone(tmp_path, doubled, granted):
     assert not programs.make_room(*told(tmp_path, 51, granted))
     assert not programs.make_room(tmp_path / "nothing", tmp_path / "nowhere")
     assert doubled._cache_size() == 1
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library than glibc")
+def test_freed_memory_goes_back_to_the_system(tmp_path):
+    def resident() -> int:
+        return int(pathlib.Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
+
+    pieces = [
+        np.ones(10_000) for _ in range(2_000)
+    ]  # 160 MB, each too small for an area of its own
+    del pieces[:-1]
+    before = resident()
+    programs.make_room(*told(tmp_path, 50, "100\n"))
+    assert before - resident() > 120e6
 
 
 # In a process of its own: what the other tests have compiled stays with them.
