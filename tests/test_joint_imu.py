@@ -3,6 +3,7 @@
 import equinox as eqx
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -138,6 +139,40 @@ def test_covariance_of_both_triads_and_lever_arms_is_right():
     assert len(variance) == 42 and np.all((low < variance) & (variance < high)), variance
     assert np.all(np.abs(mean) < 3.5 / np.sqrt(runs))
     assert abs(np.mean(rotations) - 3.0) < 3.5 * np.sqrt(6.0 / runs)
+
+
+@pytest.mark.slow
+def test_biases_that_wander_widen_the_intervals_of_both_triads():
+    """Each bias wanders by five standard deviations of a dwell within five minutes, 30 dwells, while the temperature
+    goes through three settings: curves over temperature take part of it for their own. Intervals are of the log's mean.
+    """
+    arms, runs, squares = np.diag([0.03, -0.02, 0.025]), 24, []
+    for seed in range(runs):
+        rng = np.random.default_rng(100 + seed)
+        dwells, truth = _table(rng, arms=arms, temperatures=(0.0, 20.0, 40.0))
+        decay = np.exp(-10.0 / 300.0)
+        drive = np.sqrt(1.0 - decay**2) * rng.normal(size=(dwells.num_dwells, 6))
+        drive[0] = rng.normal(size=6)
+        wander = 5.0 * scipy.signal.lfilter([1.0], [1.0, -decay], drive, axis=0)
+        dwells.accel[:] += ACCEL_SIGMA * wander[:, :3]
+        dwells.gyro[:] += GYRO_SIGMA * wander[:, 3:]
+        found = fit_together(_reference(lever_arms=True), dwells, degrees=(1, 1))
+        mean = wander.mean(axis=0)
+        for part, bias, slope in (
+            (found.accel, truth["accel_bias"] + ACCEL_SIGMA * mean[:3], truth["slope"]),
+            (found.gyro, truth["gyro_bias"] + GYRO_SIGMA * mean[3:], np.zeros(3)),
+        ):
+            curve = part.solution.curve
+            for t in (0.0, 40.0):
+                phi = np.asarray(curve.basis(t))
+                covariance = np.asarray(part.solution.covariance)
+                blocks = covariance.reshape(phi.size, -1, phi.size, covariance.shape[0] // phi.size)
+                sigma = np.sqrt(np.einsum("a,aibi,b->i", phi, blocks, phi)[:3])
+                off = np.asarray(curve(t))[:3] - bias - (t - 20.0) * slope
+                squares.append(np.square(off / sigma))
+    # 288 numbers, of which those of one axis at two temperatures go together: 1 sigma of the mean is √(2/144) = 0.12;
+    # the covariance is a mean over what one log's residuals leave possible. Without slow noise it is 19.
+    assert 0.5 < np.mean(squares) < 1.5
 
 
 def _polar(matrix: np.ndarray) -> np.ndarray:

@@ -7,11 +7,12 @@ lever arms at degree 0. Scatter between dwells is found for each triad from its 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .._jax import eqx, jax, jnp, optx
 from .._typing import AnyArray
 from ..calibration.fitted_effects import FittedEffect
+from ..data.recording import Rig
 from ..estimators import JointImu, ReferenceAccel
 from ..estimators.host_forms import LinearisedDwells
 from ..numerics.linear_algebra import scaled_inverse
@@ -30,8 +31,10 @@ from .between_dwell_variance import (
 )
 from .observability import judge_normal, Observability
 from .results import TriadResult
+from .slow_noise_together import with_slow_noise_of
 
 
+_NOTHING_STATED = Rig()
 _MOST_PASSES = 3  # over the scatter between dwells, which changes weights, hardly the answer
 
 
@@ -118,12 +121,14 @@ def fit_together(
     *,
     degrees: tuple[int, int] = (0, 0),
     bounds: tuple[float, float] | None = None,
+    rig: Rig = _NOTHING_STATED,
 ) -> Together:
     """One least squares over both triads' rows of the dwells.
 
     **Arguments:** `dwells` hold raw outputs of both triads (with `GravityRotation`, as `with_motions`
     makes them of uncompensated dwells); `degrees` of the accelerometers' and gyros' polynomials over
-    temperature, scaled over `bounds` (°C; the dwells' own where absent).
+    temperature, scaled over `bounds` (°C; the dwells' own where absent); `rig` is what the station states,
+    which is no slow noise. Each triad's own covariance holds its slow noise, that of both together none.
 
     Raises `ValueError` where a triad is missing or the dwells do not determine the unknowns.
     """
@@ -145,12 +150,20 @@ def fit_together(
             break
         fit = _fit(settled, basis, dwells, free)
     covariance = _with_unseen_arms(fit, free, _covariance(fit, free))
+    problem = Problem(fit.estimator, basis, dwells)
+    accel, gyro = [
+        with_slow_noise_of(
+            problem, fit.coefficients, free, part.rows,
+            _result(fit, triad, basis, covariance, degree, seen), rig,
+        )
+        for triad, part, degree in zip(("accel", "gyro"), (fit.accel, fit.gyro), degrees, strict=True)
+    ]  # fmt: skip
     return Together(
         fit.estimator,
         Curve(basis, jnp.asarray(fit.coefficients)),
         covariance,
-        _result(fit, "accel", basis, covariance, degrees[0], seen),
-        _result(fit, "gyro", basis, covariance, degrees[1], seen),
+        accel,
+        gyro,
         fit.converged,
     )
 
@@ -238,6 +251,9 @@ class _Part(NamedTuple):
     sigma: Float[np.ndarray, "dwells rows"]
     dwells: Dwells
     unknowns: int
+    rows: tuple[
+        Int[np.ndarray, " dwell"], slice
+    ]  # the dwells that have them, and place in a dwell's
 
 
 class _Fit(NamedTuple):
@@ -302,8 +318,20 @@ def _split(
     accel = eqx.tree_at(lambda d: d.motion, seen[0], None, is_leaf=lambda x: x is None)[used]
     gyro = int(free[:, ~mine].any(axis=1).sum()) * num_judged(estimator.gyro, seen[1])
     return (
-        _Part(now.misfit[used, :first], now.sigma[used, :first], accel, int(free[:, mine].sum())),
-        _Part(now.misfit[kept, first:], now.sigma[kept, first:], seen[1][kept], gyro),
+        _Part(
+            now.misfit[used, :first],
+            now.sigma[used, :first],
+            accel,
+            int(free[:, mine].sum()),
+            (used, slice(0, first)),
+        ),
+        _Part(
+            now.misfit[kept, first:],
+            now.sigma[kept, first:],
+            seen[1][kept],
+            gyro,
+            (kept, slice(first, None)),
+        ),
     )
 
 

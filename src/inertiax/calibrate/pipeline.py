@@ -322,7 +322,9 @@ def _together(
         force = _raw_force if chosen.g_sensitivity else None
         used = with_motions(campaign.recordings, raw, force=force).dwells
     degrees = accel.solution.curve.basis.size - 1, gyro.solution.curve.basis.size - 1
-    found = fit_together(estimator, jax.tree.map(np.asarray, used), degrees=degrees)
+    found = fit_together(
+        estimator, jax.tree.map(np.asarray, used), degrees=degrees, rig=campaign.rig
+    )
     if not found.converged:
         raise ValueError(
             "accel and gyro together: the estimation did not converge; leave out [model] together to see "
