@@ -5,6 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_log_data import CANONICAL, DEGREE, draft, G, hand_log, written
+from inertiax.data.campaign import load_campaign
+from inertiax.plausibility import check_campaign
 
 
 TIME, ACCEL, GYRO = hand_log()
@@ -30,7 +32,16 @@ def test_the_force_in_motion_tells_the_gyros_unit(tmp_path):
     for unit, factor in (("rad/s", 1.0), ("deg/s", 1 / DEGREE)):
         path = written(tmp_path / "log.csv", (time, accel, factor * gyro), f"t,{CANONICAL}")
         assert draft(path)["columns"]["gyro"]["unit"] == unit
-        assert "CHECK gyro" not in (tmp_path / "campaign.toml").read_text()
+        toml = tmp_path / "campaign.toml"
+        assert "CHECK gyro" not in toml.read_text()
+        told = lambda: [
+            f for f in check_campaign(load_campaign(tmp_path)).findings if f.kind == "gyro_unit"
+        ]
+        assert not told()
+        other = {"rad/s": "deg/s", "deg/s": "rad/s"}[unit]
+        toml.write_text(toml.read_text().replace(f'unit = "{unit}"', f'unit = "{other}"'))
+        found = told()[-1]  # rates beyond all gyros' are an error before
+        assert f'likely unit "{unit}"' in found.statement
 
 
 @pytest.mark.parametrize("unit, factor", [("rad/s", DEGREE), ("deg/s", 1.0)])

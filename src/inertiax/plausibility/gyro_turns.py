@@ -12,6 +12,7 @@ from .dead_channels import is_dead
 from .evidence import DeviceLogs, Log
 from .exchanged_axes import taken_by_reference
 from .finding import Finding, finding
+from .gyro_in_motion import unit_in_motion
 from .thresholds import Thresholds
 from .turned_frame import turned_frame
 from .turns import (
@@ -98,7 +99,9 @@ def _judge(
         ]
     best = _search(motions, given, limits)
     if best is None:
-        return _unexplained(device, logs, motions, given, limits)
+        # The stillest stretches of a device that moves all along are no rests.
+        told = [f for log in logs for f in unit_in_motion(device, log, limits)]
+        return told or _unexplained(device, logs, motions, given, limits)
     ratio = 1.0 / _refined(motions, best)
     found = []
     if best.factor != 1.0:

@@ -17,6 +17,7 @@ from .dead_channels import check_dead_channels
 from .evidence import DeviceLogs, look_at
 from .finding import Finding, Plausibility
 from .gravity import check_gravity
+from .gyro_in_motion import check_gyro_in_motion
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
 from .mag_unit import check_mag_unit
@@ -50,6 +51,7 @@ CHECKS: tuple[Check, ...] = (
     check_mag_unit,
     check_gyro_rest,
     check_gyro_turns,
+    check_gyro_in_motion,
     check_references,
     check_table_delay,
     check_azimuth,
