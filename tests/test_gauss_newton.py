@@ -29,11 +29,11 @@ def test_an_arc_tangent_from_where_newtons_step_overshoots():
     assert found.converged and abs(found.unknowns[0]) < 1e-7
 
 
-def six_faces(rng, num=13):
-    """Outputs of a triad that was put on six faces, a few milliradians off: misalignments hardly show."""
+def six_faces(rng, num=13, off=0.004):
+    """Outputs of a triad that was put on six faces, milliradians off: misalignments hardly show."""
     up = np.eye(3)[rng.integers(3, size=num)] * rng.choice([-1.0, 1.0], size=num)[:, None]
     up[:6] = np.concatenate([np.eye(3), -np.eye(3)])
-    up += 0.004 * rng.normal(size=up.shape)
+    up += off * rng.normal(size=up.shape)
     force = 9.81 * up / np.linalg.norm(up, axis=1, keepdims=True)
     matrix = np.eye(3) + np.tril(0.02 * rng.normal(size=(3, 3)))
     return force @ matrix.T + 0.4 * rng.normal(size=3) + 2e-3 * rng.normal(size=(num, 3))
@@ -64,8 +64,10 @@ def scipys_cost(rows):
 
 
 def test_six_faces_end_at_scipys_cost():
-    for seed in range(20):
-        rows = invariant(six_faces(np.random.default_rng(seed)))
+    logs = [six_faces(np.random.default_rng(seed)) for seed in range(20)]
+    # Nearer to the faces the least cost is in a valley that too strong a damping only creeps along.
+    logs.append(six_faces(np.random.default_rng(13), num=12, off=0.0005))
+    for rows in map(invariant, logs):
         found = solve_on_host(rows, np.zeros(9))
         assert found.converged
         cost = float(np.sum(rows(found.unknowns)[1] ** 2))

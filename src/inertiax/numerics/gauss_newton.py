@@ -19,6 +19,10 @@ MAX_STEPS = 50  # closed-form starts take 3 to 8
 _FIRST_DAMPING = (
     1e-3  # of each column's own square; what Levenberg and Marquardt's descendants start from
 )
+# From which on it is left away. Along an unknown that the rows hardly tell a step is as short as the damping is strong
+# against that unknown's own part of a column's square, which may be a millionth: back at once to none, and to the first
+# again where that overshoots, such a valley is crept along.
+_LEAST_DAMPING = 1e-9
 _LAST_DAMPING = 1e8  # beyond, a step is shorter than rounding
 (_SOLVE,) = get_lapack_funcs(("potrs",), dtype=np.float64)
 _WORSE = 1e-9  # relative: a cost that rounding alone makes larger
@@ -53,21 +57,20 @@ def solve_on_host(linearise: Linearise, start: Float[np.ndarray, " unknown"]) ->
     cost = float(residual @ residual)
     for taken in range(1, MAX_STEPS + 1):
         full = linear_step(design, residual)
-        small = _small(full, design)
+        if _small(full, design):
+            return HostSolution(unknowns + full, taken, True)
         while True:
             step = full if damping == 0.0 else linear_step(design, residual, damping)
             new = unknowns + step
-            if small and damping == 0.0:
-                return HostSolution(new, taken, True)
             next_design, next_residual = linearise(new) if _finite(new) else (design, residual)
             next_cost = float(next_residual @ next_residual) if _finite(new) else np.inf
             if next_cost <= cost * (1.0 + _WORSE):
                 break
-            damping = max(10.0 * damping, _FIRST_DAMPING)
+            damping = 10.0 * damping if damping > 0.0 else _FIRST_DAMPING
             if damping > _LAST_DAMPING:
                 return HostSolution(unknowns, taken, False)
         unknowns, design, residual, cost = new, next_design, next_residual, next_cost
-        damping = 0.1 * damping if damping > _FIRST_DAMPING else 0.0
+        damping = 0.1 * damping if damping > _LEAST_DAMPING else 0.0
     return HostSolution(unknowns, MAX_STEPS, False)
 
 

@@ -25,6 +25,9 @@ from .shared_errors import shared_errors
 from .thermal_iterations import GaussNewtonIteration, ThermalSolution
 
 
+_PATIENCE = 3  # passes in turn without a solution, after which the rows do not tell some unknown
+
+
 class Problem:
     """One device's dwells with their estimator and basis, ready to be linearised again and again."""
 
@@ -165,17 +168,19 @@ def iterate_one(
 ) -> ThermalSolution:
     """`iterate(GaussNewtonIteration(estimator, basis), dwells)`, but compiled in a second or two.
 
-    Passes, convergence tests and result are the same to rounding; there are no derivatives of it.
+    Passes, convergence tests and result are the same to rounding where it converges; it gives up after `_PATIENCE`
+    passes in turn whose least squares do not. There are no derivatives of it.
     """
     problem = Problem(estimator, basis, dwells)
     coefficients = problem.start()
     covariance = problem.covariance(coefficients)
     sigma = np.sqrt(np.diagonal(covariance)).reshape(coefficients.shape)
     sigma = np.where(np.isfinite(sigma), sigma, 1.0)
-    history, steps = [coefficients], [np.nan]
-    while len(history) <= max_iterations and not steps[-1] < tolerance:
+    history, steps, unsolved = [coefficients], [np.nan], 0
+    while len(history) <= max_iterations and not steps[-1] < tolerance and unsolved < _PATIENCE:
         refined = problem.refined(coefficients)
-        correction, _, _ = problem.solve(np.zeros_like(coefficients), refined)
+        correction, _, solved = problem.solve(np.zeros_like(coefficients), refined)
+        unsolved = 0 if solved else unsolved + 1
         new = _composed(problem, coefficients, correction)
         steps.append(float(np.max(np.abs(new - coefficients) / sigma)))
         history.append(new)
