@@ -39,12 +39,13 @@ class AtTemperature(eqx.Module):
         self, element: Float[AnyArray, " time"], probe: Float[AnyArray, " time"]
     ) -> Float[AnyArray, "time 3"]:
         """The outputs at one temperature less those at another."""
-        made, *others = self._parts
-        made = xp.zeros_like(made)
+        constant, *others = self._parts
+        made = None
         for k, part in enumerate(others, 1):
             at = [chebyshev(t, k, self.low, self.high) for t in (element, probe)]
-            made = made + (at[0] - at[1]) * part
-        return made.T
+            more = (at[0] - at[1]) * part
+            made = more if made is None else made + more
+        return (xp.zeros_like(constant) if made is None else made).T
 
     @property
     def _parts(self) -> Sequence[Float[AnyArray, "3 time"]]:
