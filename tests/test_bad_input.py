@@ -367,6 +367,12 @@ OTHER_FILES = {
         b"PK\3\4\0\0",
         "a.xlsx: it is a spreadsheet; save its sheet as CSV and give that.",
     ),
+    "a NumPy array": (
+        "a.npy",
+        b"\x93NUMPY\1\0",
+        "a.npy: it is a NumPy array; write its columns as text: numpy.savetxt('log.csv', array, "
+        "delimiter=',').",
+    ),
     "imu_tk text with a column missing": (
         "a.mat",
         "0.0 1 2\n0.1 1 2\n",

@@ -119,6 +119,9 @@ def detect(path: Path) -> ModuleType:
         return csv
     if path.suffix.lower() in _SPREADSHEETS:
         raise ValueError(f"{path.name}: it is a spreadsheet; save its sheet as CSV and give that.")
+    cure = _CURES.get(path.suffix.lower())
+    if cure is not None:
+        raise ValueError(f"{path.name}: {cure}.")
     if head.startswith(_PACKED):
         raise ValueError(f"{path.name}: it is packed; unpack it first and give the file inside.")
     known = ", ".join(dict.fromkeys(s for m in FORMATS for s in m.SUFFIXES))
@@ -136,6 +139,13 @@ def _is_text(head: bytes) -> bool:
 
 _SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 _PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
+# Of binary files that other programs write as text.
+_CURES = {
+    ".npy": "it is a NumPy array; write its columns as text: numpy.savetxt('log.csv', array, delimiter=',')",
+    ".npz": "it holds NumPy arrays; write the columns as text: numpy.savetxt('log.csv', columns, delimiter=',')",
+    ".cwa": "it is Axivity's own format; export it as CSV (OmGui: Export, Raw CSV) and give that",
+    ".tlog": "it is a telemetry log; give the vehicle's own log (.bin, .ulg), or write it as CSV (mavlogdump.py)",
+}
 _CONTROLS = frozenset(range(32)) - set(b"\t\n\r\f\x1b")
 
 
