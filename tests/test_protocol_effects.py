@@ -31,6 +31,15 @@ def test_an_effect_is_a_result_in_the_reports_unit():
     assert entry["term"] == "f^T A f: yy" and entry["unit"] == "rad/s/g^2"
     assert protocol().left_out == ()
     assert content.effects(protocol(effects=())) is None
+    many = effect(
+        "size_effect", triad="accel", settings=(), coefficients=np.array([0.03, 0.02, 0.0]), covariance=np.eye(3), unit="m"
+    )  # fmt: skip
+    terms = [e.term.split(": ")[1] for e in protocol(effects=(many,)).effects]
+    assert terms == ["r along x", "r along y", "r along z"]
+    axes = effect(
+        "g_sensitivity", settings=(("axes", "xz"),), coefficients=np.zeros(2), covariance=np.eye(2)
+    )
+    assert [e.term for e in protocol(effects=(axes,)).effects] == ["D f: x", "D f: z"]
 
 
 def test_a_setting_has_the_uncertainty_that_the_diagnosis_kept():

@@ -10,9 +10,17 @@ import numpy as np
 
 from ..calibration.calibration import Calibration
 from ..calibration.fitted_effects import FittedEffect, known_effect
+from ..effects.effect import Effect
 from ..effects.form_units import acts_on
 from .expanded_uncertainty import coverage_factor
 from .record import Record
+
+
+# What the columns of effects are whose settings do not say it.
+_COLUMNS = {
+    "size_effect": ("r along x", "r along y", "r along z"),
+    "pier_tilt": ("first level axis", "second level axis"),
+}
 
 
 class EffectResult(NamedTuple):
@@ -56,20 +64,18 @@ def _of_effect(fitted: FittedEffect, record: Record) -> list[EffectResult]:
     label = "amplitude" if known.unit_amplitude else "coefficient"
     for k, (value, std) in enumerate(zip(values.tolist(), stds.tolist(), strict=True)):
         name = label if len(values) == 1 else f"{label}[{k}]"
-        term = _term(known.equation, settings, known.nuisance, k, len(values))
+        term = _term(known, settings, k, len(values))
         told = std if math.isfinite(std) and std > 0.0 else None
         unit = known.unit(fitted.triad, settings, k)
         made.append(EffectResult(fitted.name, channels, term, name, value, told, unit))
     return made
 
 
-def _term(
-    equation: str, settings: dict[str, float | int | str], nuisance: str, k: int, count: int
-) -> str:
+def _term(known: Effect, settings: dict[str, float | int | str], k: int, count: int) -> str:
     """The effect's equation with the form that was fitted, of the coefficient's own column where that has a name."""
     said = []
     for name, value in settings.items():
-        if name == nuisance:
+        if name == known.nuisance:
             continue
         if name == "on":
             said.append(f"on {acts_on(settings)}")
@@ -77,9 +83,13 @@ def _term(
         columns = str(value).split() if isinstance(value, str) else []
         if len(columns) == count:
             said.append(columns[k])
+        elif len(columns) == 1 < count == len(columns[0]):  # letters of axes
+            said.append(columns[0][k])
         else:
             said.append(f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}")
-    return f"{equation}: {', '.join(said)}" if said else equation
+    own = _COLUMNS.get(known.name, ())
+    said += [own[k]] if len(own) == count else []
+    return f"{known.equation}: {', '.join(said)}" if said else known.equation
 
 
 def _kept(fitted: FittedEffect, parameter: str, record: Record) -> float | None:
