@@ -32,7 +32,8 @@ def test_an_effect_is_a_result_in_the_reports_unit():
     assert protocol().left_out == ()
     assert content.effects(protocol(effects=())) is None
     many = effect(
-        "size_effect", triad="accel", settings=(), coefficients=np.array([0.03, 0.02, 0.0]), covariance=np.eye(3), unit="m"
+        "size_effect", triad="accel", settings=(), coefficients=np.array([0.03, 0.02, 0.0]),
+        covariance=np.eye(3), unit="m",
     )  # fmt: skip
     terms = [e.term.split(": ")[1] for e in protocol(effects=(many,)).effects]
     assert terms == ["r along x", "r along y", "r along z"]
