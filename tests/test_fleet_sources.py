@@ -99,6 +99,11 @@ def test_campaigns_that_do_not_fit_together_are_refused(tmp_path):
     _campaign(tmp_path / "b" / "2", {"log.csv": tables[1]}, degree=0)
     with pytest.raises(ValueError, match=r"2/campaign.toml: \[model\] is not that of"):
         run_fleet(tmp_path / "b", tmp_path / "out")
+    _campaign(tmp_path / "d" / "1", {"log.csv": tables[0]})
+    file = tmp_path / "d" / "1" / "campaign.toml"
+    file.write_text(file.read_text().replace("[model]", "[model]\nlever_arms = true"))
+    with pytest.raises(ValueError, match="a fleet estimates none"):
+        run_fleet(tmp_path / "d", tmp_path / "out")
     (tmp_path / "c").mkdir()
     with pytest.raises(ValueError, match="no campaign.toml in this folder"):
         run_fleet(tmp_path / "c", tmp_path / "out")

@@ -58,10 +58,8 @@ def beyond_batches(campaign: Campaign, trial: Sequence[Dwells]) -> bool:
 def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> LineModel:
     """The model that most of the first devices have, with the highest degree over temperature among them.
 
-    Raises `ValueError` where none of the first devices can be calibrated, or lever arms are asked for.
+    Raises `ValueError` where none of the first devices can be calibrated.
     """
-    if campaign.model.lever_arms:
-        raise ValueError("[model] lever_arms = true is for one device at a time.")
     found, failed = [], []
     for task in tasks:
         for name, one in devices(task):

@@ -281,6 +281,11 @@ def _settled(
     exact: bool,
 ) -> Manifest:
     """The plan of a new run over `files` by campaign.toml, stored with their hashes."""
+    if campaign.model.lever_arms:
+        raise ValueError(
+            "[model] lever_arms = true: a fleet estimates none; run `inertiax calibrate` and `inertiax protocol` for "
+            "each folder."
+        )
     trial = first_dwells(campaign, tasks, reader)
     plain = asked == _Asked(None, explain=False, precision="float64")
     one_by_one = exact and plain and beyond_batches(campaign, trial)
