@@ -38,7 +38,7 @@ def shape(
 def _vector(components: dict[int, Float[AnyArray, " time"]]) -> Float[AnyArray, "time 3"]:
     """The given components, and zero for the third."""
     zero = xp.zeros_like(next(iter(components.values())))
-    return xp.stack([components.get(k, zero) for k in range(3)], axis=-1)
+    return xp.stack([components[k] if k in components else zero for k in range(3)], axis=-1)
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
