@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from diagnose_data import FLICKER, only, slow_noise, sweep, tumble
-from inertiax.data.recording import Recording
+from inertiax.data.recording import Campaign, Recording
 from inertiax.diagnose import audit, diagnose, diagnose_model, hold_out, run_diagnosis
 from inertiax.diagnose.estimates.transients import most_scattered
+from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
 
 
@@ -273,3 +274,27 @@ def test_a_stretch_kept_out_is_predicted_better_by_an_effect_that_the_rest_has_n
     )  # what is left is the white noise of 4-s means, 1e-6 rad/s, against 6e-6 rad/s
     assert by_channel["gyro_x"].effects == ()
     assert by_channel["gyro_x"].augmented_rms == by_channel["gyro_x"].baseline_rms
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_effects_of_rates_are_not_told_by_earths(turning):
+    rng = np.random.default_rng(0)
+    axes = np.concatenate([np.eye(3), -np.eye(3), np.ones((1, 3)), -np.ones((1, 3))])
+    up = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    position = np.repeat(np.arange(8), 40)
+    rate = 7.3e-5 * up[position]
+    if turning:  # each axis at 10 and at 20 °/s
+        position, plateaus = np.append(position, np.full(240, -1)), np.repeat(axes[:6], 40, axis=0)
+        rate = np.concatenate(
+            [rate, np.deg2rad([10.0, 20.0])[np.arange(240) // 20 % 2, None] * plateaus]
+        )
+    output = rate + 1e-5 * rng.normal(size=rate.shape)
+    time = np.arange(len(position)) / 10.0
+    recording = Recording(time=time, gyro=output, reference_gyro=rate, position=position)
+    (gyros,) = prepare(Campaign((recording,))).triads
+    names = {"cross_axis_rate", "rate_nonlinearity", "scale_asymmetry", "saturation"}
+    there = names & {t.name for t in gyros.candidates}
+    assert there == (names if turning else set())
+    assert {gyros.missing[n] for n in names - there} == (
+        set() if turning else {"no rates but Earth's"}
+    )

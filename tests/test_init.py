@@ -21,12 +21,12 @@ from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.column_triads import triads_by_name
 from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
-from inertiax.campaign_draft.gravity_turns import gravity_turns
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.gravity_turns import gravity_turns
 from inertiax.reduction.rests import find_rests
 from magnetometer_cases import field_of, HARD, slow_turns, SOFT
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..reduction.gravity_turns import factors_between, GravityTurns
 from .accel_unit import TriadUnit
 from .column_words import RATE_UNITS, said
 from .converters import DEGREE, GYRO_SCALES, middle, nearest, rounded, whole
-from .gravity_turns import factors_between, GravityTurns
 
 
 _UNITS = {"rad/s": 1.0, "deg/s": DEGREE, "deg/h": DEGREE / 3600}

@@ -13,6 +13,7 @@ from ..data.formats import ros
 from ..data.formats.detect import format_of
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
+from ..reduction.gravity_turns import gravity_turns, GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import accel_unit, directions, lacks_gravity, shaken, sphere, TriadUnit
 from .bag_topics import topic_lines
@@ -21,7 +22,6 @@ from .column_roles import WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
 from .draft import Draft, draft_of
 from .further_columns import columns_table
-from .gravity_turns import gravity_turns, GravityTurns, turns_in_motion
 from .gyro_unit import clock_and_unit, gyro_unit
 from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import by_grade, Effect, Variant
+from .effect import BEYOND_EARTH, by_grade, Effect, Variant
 from .form_units import per_input, Settings
 from .signal import Signal
 
@@ -43,6 +43,7 @@ EFFECT = Effect(
     variants=variants,
     needs="rates about two axes",
     driver="rate",
+    least_rate=BEYOND_EARTH,
     sentence="The output of {channels} depends on the rates about the other axes, beyond misalignment.",
     separating="rates about skew axes",
     instant=True,

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from .._jax import eqx, jax, jnp
 from .._typing import AnyArray, Scalar
+from ..physics.wgs84 import EARTH_RATE
 from . import arrays as xp
 from .form_units import UnitOfForm
 from .moment import Online, without_memory
@@ -18,6 +19,9 @@ from .signal import Signal
 MICRO_G = 9.80665e-6  # m/s²
 DEG_PER_HOUR = 4.84813681e-6  # rad/s
 PPM = 1e-6
+# rad/s: a gyro whose rows turn with Earth alone; an effect of rates that shows there has coefficients of percents, and
+# what else differs between attitudes would be told as one (factor by convention).
+BEYOND_EARTH = 3.0 * EARTH_RATE
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,8 @@ class Effect(eqx.Module):
     # Of a coefficient per second, by triad and grade: usual change of the output over a whole log, SI.
     change: Mapping[str, Sizes] | None = eqx.field(static=True, default=None)
     lost: str = eqx.field(static=True, default="")  # why it cannot be compensated, if so
+    # rad/s, of gyros: the greatest in the rows from which they tell it.
+    least_rate: float = eqx.field(static=True, default=0.0)
     # Units of forms whose coefficients are in others than `units`.
     unit_of_form: UnitOfForm | None = eqx.field(static=True, default=None)
     online: Online | None = eqx.field(

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import by_grade, Effect, fixed
+from .effect import BEYOND_EARTH, by_grade, Effect, fixed
 from .form_units import Settings
 from .signal import Signal
 
@@ -33,6 +33,7 @@ EFFECT = Effect(
     variants=fixed(("quadratic", {"power": 2}), ("cubic", {"power": 3})),
     needs="three or more rates of each sign",
     driver="rate",
+    least_rate=BEYOND_EARTH,
     sentence="The scale factor of {channels} depends on the rate.",
     separating="more rates of both signs, integer turns",
     instant=True,

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
-from .effect import any_grade, Effect, inputs, Variant
+from .effect import any_grade, BEYOND_EARTH, Effect, inputs, Variant
 from .signal import Signal
 
 
@@ -45,6 +45,7 @@ EFFECT = Effect(
     variants=variants,
     needs="several levels of input near the end of the range",
     driver="input",
+    least_rate=BEYOND_EARTH,
     sentence="The output of {channels} saturates near the end of its range.",
     separating="change the range",
     nuisance="depth",

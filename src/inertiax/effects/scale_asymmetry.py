@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._typing import AnyArray
 from . import arrays as xp
-from .effect import by_grade, Effect, MICRO_G
+from .effect import BEYOND_EARTH, by_grade, Effect, MICRO_G
 from .signal import Signal
 
 
@@ -26,6 +26,7 @@ EFFECT = Effect(
     in_numpy=True,
     needs="both signs of the input at several levels",
     driver="input",
+    least_rate=BEYOND_EARTH,
     sentence="The scale factor of {channels} differs between positive and negative input.",
     separating="fine steps of input near zero; rate table in both directions",
     instant=True,

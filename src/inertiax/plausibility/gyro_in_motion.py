@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..campaign_draft.gravity_turns import turns_in_motion
+from ..reduction.gravity_turns import turns_in_motion
 from . import remedies
 from .dead_channels import is_dead
 from .evidence import DeviceLogs, Log

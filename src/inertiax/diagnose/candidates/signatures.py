@@ -186,6 +186,7 @@ def terms(
 ) -> tuple[list[Term], dict[str, str]]:
     """All candidates of one triad, and for each effect that cannot be tested why not."""
     coarse = coarsen(signal, blocks)
+    greatest = float(np.abs(np.asarray(coarse.input)).max())
     found: list[Term] = []
     missing: dict[str, str] = {}
     for effect in catalogue:
@@ -194,6 +195,9 @@ def terms(
         lacking = [k for k in effect.requires if getattr(signal, k) is None]
         if lacking:
             missing[effect.name] = f"no {', '.join(lacking)} recorded or known"
+            continue
+        if signal.triad == "gyro" and greatest < effect.least_rate:
+            missing[effect.name] = "no rates but Earth's"
             continue
         variants = effect.variants(coarse if effect.slow else signal)
         if not variants:

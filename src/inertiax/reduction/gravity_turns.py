@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..physics.vectors import angle_between
-from ..reduction.clipping import clipped_rows
-from ..reduction.rests import PAUSE
-from ..reduction.turned_direction import turned
+from .clipping import clipped_rows
+from .rests import PAUSE
+from .turned_direction import turned
 
 
 _MOST = 12  # motions: enough for a factor to a few percent
