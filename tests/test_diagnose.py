@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from diagnose_data import FLICKER, only, slow_noise, sweep, tumble
-from inertiax.data.recording import Campaign, Recording
+from inertiax.data.recording import Campaign, ModelChoice, Recording
 from inertiax.diagnose import audit, diagnose, diagnose_model, hold_out, run_diagnosis
 from inertiax.diagnose.estimates.transients import most_scattered
 from inertiax.diagnose.problem import prepare
@@ -298,3 +298,31 @@ def test_effects_of_rates_are_not_told_by_earths(turning):
     assert {gyros.missing[n] for n in names - there} == (
         set() if turning else {"no rates but Earth's"}
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width, cools", [(0.0, True), (0.6, True), (0.0, False)])  # °C
+def test_a_step_at_a_temperature_is_described_as_that(width, cools):
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, 900.0, 0.25)
+    x = time / time[-1]
+    temperature = -10.0 + 55.0 * (1.0 - np.abs(1.0 - 2.0 * x) if cools else x)
+    y = (temperature - 20.0) / 30.0
+    gyro = np.stack([2e-3 * y, 1e-3 * y**2, 4e-3 * y - 1e-3 * y**3], axis=1)
+    gyro[:, 2] += 5e-3 * (0.5 + 0.5 * np.tanh((temperature - 27.0) / (width or 1e-6)))
+    gyro += 2e-4 * rng.normal(size=gyro.shape)
+    recording = Recording(
+        time=time, gyro=gyro, temperature=temperature[:, None], position=np.zeros(len(time), int)
+    )
+    model = ModelChoice(gyro_estimator="static", temperature_degree=3)
+    found = diagnose(Campaign((recording,), model=model))
+    if cools:
+        assert found.verdict == "unexplained"
+        channel, _, rest = found.empirical.partition(" += (")
+        size, at = float(rest.split()[0]), float(rest.partition("step(T - ")[2].split()[0])
+        assert channel == "gyro_z" and abs(size / 5e-3 - 1.0) < 0.1
+    else:
+        (effect,) = found.effects
+        assert effect.name == "bias_step" and effect.channels == ("gyro_z",)
+        at = float(effect.statement.partition("passed ")[2].split()[0])
+    assert abs(at - 27.0) < 0.3

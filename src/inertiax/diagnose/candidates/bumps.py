@@ -1,4 +1,4 @@
-"""Bumps and waves along time or temperature: on a grid, and between its points.
+"""Bumps, waves and steps along time or temperature: on a grid, and between its points.
 
 A bump that misses the true one by its own width leaves most of it behind, which slow noise then takes
 up; so the leading ones of the grid are tried again with other places and widths.
@@ -20,6 +20,7 @@ Settings = Mapping[str, float | int | str]
 PLACES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of a bump, in widths
 WIDER = (0.6, 0.8, 1.0, 1.25, 1.6)
 NARROWEST, WIDEST = 0.01, 0.2  # of the range
+SHARPEST = 0.002  # of the range, of a step
 FEWEST_TURNS = 0.75
 TURNS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)  # of a wave
 
@@ -56,8 +57,16 @@ def wave(signal: Signal, turns: float) -> Course:
     )
 
 
+def step(signal: Signal, centre: float, width: float) -> Course:
+    """A rise from 0 to 1 at a temperature, most of it within twice a width; both as parts of the range."""
+    low, span, x = _scaled(signal, "temperature")
+    settings = {"over": "temperature", "step": float(centre), "width": float(width)}
+    text = f"step(T - {low + centre * span:.1f} °C)"
+    return Course("step in temperature", text, settings, 0.5 + 0.5 * np.tanh((x - centre) / width))
+
+
 def between(term: Term, signal: Signal, base: Baseline) -> list[Term]:
-    """The same bump or wave with other places, widths or turns; empty for other terms."""
+    """The same bump, wave or step with other places, widths or turns; empty for other terms."""
     settings = term.variant.settings
     if "over" not in settings:
         return []
@@ -86,13 +95,17 @@ def _near(signal: Signal, settings: Settings) -> Iterator[Course]:
             if turns >= FEWEST_TURNS:
                 yield wave(signal, turns)
         return
-    centre, width = float(settings["centre"]), float(settings["width"])
+    is_step = "step" in settings
+    centre, width = float(settings["step" if is_step else "centre"]), float(settings["width"])
     for place in PLACES:
         for wider in WIDER:
             at, wide = centre + place * width, wider * width
             moved = (place, wider) != (0.0, 1.0)
-            if moved and 0.0 <= at <= 1.0 and NARROWEST <= wide <= WIDEST:
-                yield bump(signal, str(settings["over"]), at, wide)
+            if moved and 0.0 <= at <= 1.0:
+                if is_step and SHARPEST <= wide <= WIDEST:
+                    yield step(signal, at, wide)
+                elif not is_step and NARROWEST <= wide <= WIDEST:
+                    yield bump(signal, str(settings["over"]), at, wide)
 
 
 def _scaled(signal: Signal, over: str) -> tuple[float, float, np.ndarray]:

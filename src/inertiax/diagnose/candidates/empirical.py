@@ -11,7 +11,7 @@ import numpy as np
 from ...effects import Signal, Variant
 from ..observations.blocks import Blocks
 from ..observations.model_rows import Baseline
-from .bumps import bump, Course, Settings, wave
+from .bumps import bump, Course, Settings, step, wave
 from .levels import at_levels
 from .signatures import channel_terms, Term
 
@@ -43,10 +43,11 @@ def _courses(signal: Signal) -> Iterator[Course]:
     for width in (0.05, 0.1, 0.18):
         for centre in np.arange(0.1, 0.95, max(width, 0.08)):
             yield bump(signal, "temperature", float(centre), width)
+    for width in (0.012, 0.04):
+        for centre in np.arange(0.05, 0.96, 0.025):
+            yield step(signal, float(centre), width)
     for centre in np.arange(0.1, 0.95, 0.1):
         at = low + centre * (high - low)
-        step = np.tanh((y - centre) / 0.02)
-        yield Course("step in temperature", f"step(T - {at:.1f} °C)", {}, step)
         yield Course("kink in temperature", f"|T - {at:.1f} °C|", {}, np.abs(y - centre))
     for turns in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0):
         yield wave(signal, turns)

@@ -130,13 +130,17 @@ def sharpen(
     forms: dict,
     grade: str | None,
 ) -> list[Term]:
-    """Forms beside the leading effect and the leading unlisted dependence, nearer step by step.
+    """Forms beside the leading effect, the leading unlisted dependence and the leading step, nearer step by step.
 
     What a form between the grid's points leaves behind is taken for slow noise; only where that is fitted
-    anew beside a near form does a nearer one show.
+    anew beside a near form does a nearer one show. A step that is a little off leaves the most of all, so that bumps
+    lead where it belongs.
     """
     made: list[Term] = []
-    for lead in first_of_both(c for c in ranked if _has_grid(c.term)):
+    gridded = [c for c in ranked if _has_grid(c.term)]
+    leads = list(first_of_both(gridded))
+    step = next((c for c in gridded if "step" in c.term.variant.settings), None)
+    for lead in [*leads, *([] if step in leads else [step])]:
         for _ in range(SHARPER):
             if lead is None or lead.ratio < FAINT:
                 break

@@ -22,6 +22,8 @@ from .sentences import Said, sentence
 
 
 IN_SHORT = 3  # numbers that a summary says of an effect; more are in the list of its parameters
+LEAST_SPAN = 2.0  # °C, of a log in which a temperature may make a jump; as of unlisted dependences
+NEAR = 0.02  # of that span, by which a probe may go back and forth (convention)
 
 
 def explain(
@@ -67,6 +69,7 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     lead = max(entries, key=lambda e: e.evidence.delta_bic)
     effect, alone = lead.term.known, not lead.rivals
     where = " It shows in the motions between rests." if prepared.motions else ""
+    where += _passed_once(prepared, lead.term) if effect.jump else ""
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
@@ -78,6 +81,27 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
         statement=_sentences(effect, entries, math.inf) + where,
         separating_experiment=PARTED_BY if prepared.motions else experiment(effect, alone=alone),
         in_short=_sentences(effect, entries, IN_SHORT) + where,
+    )
+
+
+def _passed_once(prepared: Prepared, jump: Term) -> str:
+    """That a temperature is as likely a cause of a jump as a moment, where it was passed then and never again."""
+    signal = prepared.coarse
+    if signal.temperature is None:
+        return ""
+    time, temperature = np.asarray(signal.time), np.asarray(signal.temperature)
+    moment, span = float(jump.variant.settings["time"]), float(np.ptp(temperature))
+    before, after = temperature[time < moment], temperature[time >= moment]
+    if span < LEAST_SPAN or not len(before) or not len(after):
+        return ""
+    at, near = float(np.interp(moment, time, temperature)), NEAR * span
+    rises = before.max() < at + near and after.min() > at - near
+    falls = before.min() > at - near and after.max() < at + near
+    if not rises and not falls:
+        return ""
+    return (
+        f" The temperature passed {at:.1f} °C then and at no other time, so that a step at that temperature explains "
+        "it as well; a run that passes it again tells."
     )
 
 
