@@ -9,12 +9,8 @@ it stopped. Prints how often the lag is named alone, and how many of its 95 % in
 error.
 """
 
-import argparse
-import json
-import time
-from pathlib import Path
-
 import numpy as np
+from seeded_runs import seeded_runs
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
@@ -98,29 +94,17 @@ def campaign(seed):
     return Campaign(tuple(recordings), Site(G), Rig(1e-6), model, "tactical")
 
 
+def judged(seed: int) -> dict:
+    """What was named in one campaign."""
+    found = diagnose(campaign(seed))
+    named = {e.name: dict(e.parameters) for e in found.effects}
+    lag = named.get("thermal_lag", {}).get("time_constant")
+    row = {"verdict": found.verdict, "names": sorted(named)}
+    return row | {"lag": lag and lag.value, "std": lag and lag.std}
+
+
 def main():
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--first", type=int, default=0, help="seed of the first run")
-    parser.add_argument("-o", "--output", type=Path)
-    args = parser.parse_args()
-    rows: list[dict] = []
-    if args.output is not None and args.output.exists():
-        rows = [json.loads(line) for line in args.output.read_text().splitlines()]
-    done = {row["seed"] for row in rows}
-    for seed in range(args.first, args.first + args.runs):
-        if seed in done:
-            continue
-        began = time.process_time()
-        found = diagnose(campaign(seed))
-        named = {e.name: dict(e.parameters) for e in found.effects}
-        lag = named.get("thermal_lag", {}).get("time_constant")
-        row = {"seed": seed, "verdict": found.verdict, "names": sorted(named)}
-        row |= {"lag": lag and lag.value, "std": lag and lag.std}
-        rows.append(row | {"seconds": time.process_time() - began})
-        print(json.dumps(rows[-1]), flush=True)
-        if args.output is not None:
-            args.output.write_text("".join(json.dumps(r) + "\n" for r in rows))
+    rows = seeded_runs(__doc__, judged)
     told = [r for r in rows if r["lag"] is not None and r["std"] is not None]
     off = np.array([(r["lag"] - LAG) / r["std"] for r in told])
     held = np.mean(np.abs(off) < 1.96)

@@ -9,13 +9,10 @@ An answer is right where it says of that channel that it steps at a temperature 
 unlisted dependence, or where it was heated alone as a jump that a step at that temperature explains as well.
 """
 
-import argparse
-import json
 import re
-import time
-from pathlib import Path
 
 import numpy as np
+from seeded_runs import seeded_runs
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 from inertiax.diagnose import diagnose
@@ -54,33 +51,21 @@ def campaign(seed: int) -> tuple[Campaign, str, float, bool]:
     return Campaign((recording,), Site(9.81), model=model), f"gyro_{'xyz'[axis]}", place, cools
 
 
+def judged(seed: int) -> dict:
+    """What was said of one campaign, and whether it is right."""
+    log, channel, place, cools = campaign(seed)
+    found = diagnose(log)
+    said = found.empirical or " ".join(
+        f"{', '.join(e.channels)} += {e.statement}" for e in found.effects
+    )
+    at = re.search(r"(\w+) \+= .*(?:step\(T -|passed) (-?[\d.]+) °C", said)
+    right = at is not None and at[1] == channel and abs(float(at[2]) - place) < NEAR
+    row = {"verdict": found.verdict, "said": said, "right": right, "cools": cools}
+    return row | {"names": [e.name for e in found.effects], "channel": channel, "place": place}
+
+
 def main():
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--first", type=int, default=0, help="seed of the first run")
-    parser.add_argument("-o", "--output", type=Path)
-    args = parser.parse_args()
-    rows: list[dict] = []
-    if args.output is not None and args.output.exists():
-        rows = [json.loads(line) for line in args.output.read_text().splitlines()]
-    done = {row["seed"] for row in rows}
-    for seed in range(args.first, args.first + args.runs):
-        if seed in done:
-            continue
-        began = time.process_time()
-        log, channel, place, cools = campaign(seed)
-        found = diagnose(log)
-        said = found.empirical or " ".join(
-            f"{', '.join(e.channels)} += {e.statement}" for e in found.effects
-        )
-        at = re.search(r"(\w+) \+= .*(?:step\(T -|passed) (-?[\d.]+) °C", said)
-        right = at is not None and at[1] == channel and abs(float(at[2]) - place) < NEAR
-        row = {"seed": seed, "verdict": found.verdict, "said": said, "right": right}
-        row |= {"names": [e.name for e in found.effects], "channel": channel, "place": place}
-        rows.append(row | {"cools": cools, "seconds": time.process_time() - began})
-        print(json.dumps(rows[-1], ensure_ascii=False), flush=True)
-        if args.output is not None:
-            args.output.write_text("".join(json.dumps(r) + "\n" for r in rows))
+    rows = seeded_runs(__doc__, judged)
     for cools, word in ((False, "heated"), (True, "heated and cooled")):
         part = [r["right"] for r in rows if r["cools"] == cools]
         print(f"{word}: described as a step at its temperature in {sum(part)} of {len(part)}")

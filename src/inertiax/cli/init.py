@@ -71,6 +71,7 @@ def init(
         environment.prepare()
         from ..campaign_draft import draft_campaign
         from ..data.campaign import load_campaign
+        from ..storage.whole_files import write_atomically
 
         stages(f"looking at {log.name}")
         draft = draft_campaign(
@@ -89,7 +90,7 @@ def init(
         if campaign is not None and "azimuth" in draft.untold:
             stages("asking the gyros for the azimuth")
             draft = _with_azimuth(draft, campaign)
-            file.write_text(draft.text, encoding="utf-8")
+            write_atomically(file, draft.text.encode())
     if as_json:
         outputs.print_json(
             {

@@ -6,6 +6,7 @@ separated by commas.
 """
 
 import re
+import shlex
 from pathlib import Path
 from typing import NoReturn
 
@@ -156,8 +157,9 @@ def _raise_cut(data: bytes, layout: TextLayout, width: int, delimiter: str, wher
         above = layout.header_line or len(layout.preamble)
         separator = {",": "-F, ", ";": "-F';' ", "\t": "-F'\\t' "}.get(layout.delimiter, "")
         raise ValueError(
-            f"{where}: {len(cut)} of {len(lines)} lines are cut off ('{short(cut[0].decode())}' has fewer than {width} "
-            f"fields); take them out: awk {separator}'NR<={above} || NF>={width}' {where} > whole_{where}"
+            f"{where}: {len(cut)} of {len(lines)} lines are cut off ('{short(cut[0].decode('utf-8', 'replace'))}' has "
+            f"fewer than {width} fields); take them out: awk {separator}'NR<={above} || NF>={width}' "
+            f"{shlex.quote(where)} > {shlex.quote(f'whole_{where}')}"
         )
 
 

@@ -95,17 +95,19 @@ def _near(signal: Signal, settings: Settings) -> Iterator[Course]:
             if turns >= FEWEST_TURNS:
                 yield wave(signal, turns)
         return
-    is_step = "step" in settings
-    centre, width = float(settings["step" if is_step else "centre"]), float(settings["width"])
+    kind, sharpest = ("step", SHARPEST) if "step" in settings else ("centre", NARROWEST)
+    centre, width = float(settings[kind]), float(settings["width"])
     for place in PLACES:
         for wider in WIDER:
             at, wide = centre + place * width, wider * width
-            moved = (place, wider) != (0.0, 1.0)
-            if moved and 0.0 <= at <= 1.0:
-                if is_step and SHARPEST <= wide <= WIDEST:
-                    yield step(signal, at, wide)
-                elif not is_step and NARROWEST <= wide <= WIDEST:
-                    yield bump(signal, str(settings["over"]), at, wide)
+            if (
+                (place, wider) == (0.0, 1.0)
+                or not 0.0 <= at <= 1.0
+                or not sharpest <= wide <= WIDEST
+            ):
+                continue
+            over = str(settings["over"])
+            yield step(signal, at, wide) if kind == "step" else bump(signal, over, at, wide)
 
 
 def _scaled(signal: Signal, over: str) -> tuple[float, float, np.ndarray]:

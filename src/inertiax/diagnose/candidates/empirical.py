@@ -17,6 +17,7 @@ from .signatures import channel_terms, Term
 
 
 PREFIX = "~"  # names of alternatives; never a name of the catalogue
+LEAST_SPAN = 2.0  # °C of a log, from which outputs may follow the temperature (convention)
 FEWEST_POSITIONS, MOST_POSITIONS = 4, 40  # that come again, from and up to which each has a level
 
 
@@ -37,7 +38,7 @@ def _courses(signal: Signal) -> Iterator[Course]:
         return
     t = np.asarray(signal.temperature)
     low, high = t.min(), t.max()
-    if high - low < 2.0:
+    if high - low < LEAST_SPAN:
         return
     y = (t - low) / (high - low)
     for width in (0.05, 0.1, 0.18):
@@ -119,7 +120,7 @@ def alternatives(signal: Signal, blocks: Blocks, base: Baseline) -> list[Term]:
     if np.any(u):
         x = np.linspace(-0.5, 0.5, len(u))[:, None, None]
         courses = [("time", "t", x)]
-        if signal.temperature is not None and np.ptp(signal.temperature) > 2.0:
+        if signal.temperature is not None and np.ptp(signal.temperature) > LEAST_SPAN:
             t = np.asarray(signal.temperature)
             courses.append(("temperature", "T", ((t - t.mean()) / np.ptp(t))[:, None, None]))
         for power, word in ((2, "squared"), (3, "cubed")):

@@ -9,6 +9,7 @@ import numpy as np
 from ...effects import Effect
 from ...effects.form_units import acts_on
 from ...effects.over_temperature import said_of_coefficients
+from ..candidates.empirical import LEAST_SPAN
 from ..candidates.signatures import Term
 from ..estimates.cross_validation import held_out_rms
 from ..estimates.parameters import parameters
@@ -22,8 +23,7 @@ from .sentences import Said, sentence
 
 
 IN_SHORT = 3  # numbers that a summary says of an effect; more are in the list of its parameters
-LEAST_SPAN = 2.0  # °C, of a log in which a temperature may make a jump; as of unlisted dependences
-NEAR = 0.02  # of that span, by which a probe may go back and forth (convention)
+NEAR = 0.02  # of a log's span of temperature, by which a probe may go back and forth (convention)
 
 
 def explain(
