@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ..numerics.forked_work import can_fork, ForkedWork
 from ..reduction.handling import Disturbance
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
@@ -69,10 +70,17 @@ def find_all(
     again without them. `kept` are findings of triads that are known already.
     """
     made: list[Finding] = []
-    for prepared in triads:
-        hint = made[-1].answer.remembered if made else None
-        known = kept.get(prepared.form.triad)
-        made.append(find(prepared, grade, progress, hint) if known is None else known)
+    aside = _begun_aside(triads, grade, kept)
+    try:
+        for prepared in triads:
+            hint = made[-1].answer.remembered if made else None
+            found = kept.get(prepared.form.triad)
+            if found is None and prepared is triads[-1] and aside is not None and hint is None:
+                found = aside.result(progress)
+            made.append(find(prepared, grade, progress, hint) if found is None else found)
+    finally:
+        if aside is not None:
+            aside.end()
     for k, (prepared, found) in enumerate(zip(triads, made, strict=True)):
         others = [d for j, other in enumerate(made) if j != k for d in other.left_out]
         touched = single_rests.within(prepared, others)
@@ -89,6 +97,22 @@ def find_all(
         again = find(prepared.only(~touched), grade, progress, found.answer.remembered)
         made[k] = replace(again, left_out=(*others, *again.left_out))
     return made
+
+
+def _begun_aside(
+    triads: Sequence[Prepared], grade: str | None, kept: Mapping[str, Finding]
+) -> ForkedWork[Finding] | None:
+    """The last triad's finding, looked for by a twin of this process while it looks for the first one's.
+
+    Not in a log whose rests were searched: rests that are left out make rows anew, which no message holds.
+    """
+    last = triads[-1]
+    alone = len(triads) < 2 or any(p.form.triad in kept for p in triads)
+    if alone or single_rests.searched(last) or not can_fork():
+        return None
+    known = [last, last.system, *last.candidates, *last.flexible]
+    known += dict.fromkeys(t.effect for t in known[2:] if t.effect is not None)
+    return ForkedWork(lambda say: find(last, grade, say), known)
 
 
 def find(

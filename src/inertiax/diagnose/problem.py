@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._jax import eqx
+from .._jax import eqx, jax
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult
 from ..data.recording import Campaign
@@ -13,6 +13,7 @@ from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
+from ..numerics.side_by_side import side_by_side
 from ..reduction.rig_errors import rig_covariance
 from ..reduction.segments import numbered_through, segment_each
 from .candidates.bumps import between
@@ -146,20 +147,20 @@ def prepared_triads(
     A delay is no candidate of the triads `in_ramps`, whose ramps tell it to a fraction of a millisecond: what rows of
     plateaus show in its shape, such as an axis off by an arc second, is something else.
     """
-    blocks, prepared = cut(log), []
-    accel = calibrated(fitted, "accel")
-    force = specific_force(log, blocks, accel)
-    for triad in triads:
-        model = calibrated(fitted, triad)
-        if model is None:
-            continue
-        form = model.form
+    blocks = cut(log)
+    force = specific_force(log, blocks, calibrated(fitted, "accel"))
+
+    def one(model: CalibratedTriad) -> Prepared:
+        triad = model.form.triad
         expected = expected_output(model, log, blocks)
         seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
-        mine = seen[usable(form, blocks)]
+        mine = seen[usable(model.form, blocks)]
         listed = [e for e in catalogue if not (e.stream_delay and triad in in_ramps)]
-        prepared.append(_of_blocks(campaign, log, model, force, listed, mine))
-    return prepared
+        with jax.enable_x64(True):  # which is set for each thread
+            return _of_blocks(campaign, log, model, force, listed, mine)
+
+    models = [m for m in (calibrated(fitted, triad) for triad in triads) if m is not None]
+    return side_by_side(one, models, rows=len(models) * len(log.time))
 
 
 def _of_blocks(

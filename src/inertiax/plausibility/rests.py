@@ -16,6 +16,7 @@ _SHORTEST = 20  # rows of a rest that is looked into
 _LONGEST = 300.0  # s; beyond, zeros wander by themselves
 _COURSE = 10.0  # s, over which a long rest's slow course is taken: longer than what disturbs one
 _COURSES = 8  # of them at least; a shorter rest has no course
+_IN_EACH = 250  # rows tell a median to a twelfth of the noise
 _SPIKE = 2  # rows; longer disturbances are knocks
 _LEAST_LEAD = 3  # rows of motion at an end
 _ENOUGH = 10_000  # rows tell the noise of a longer rest to 1 %
@@ -96,7 +97,8 @@ def _course(x: Float[np.ndarray, "row 3"], step: float) -> Float[np.ndarray, "ro
     count = len(x) // width if width else 0
     if count < _COURSES:
         return 0.0
-    middles = np.median(x[: count * width].reshape(count, width, 3), axis=1)
+    each = x[: count * width].reshape(count, width, 3)
+    middles = np.median(each[:, :: max(width // _IN_EACH, 1)], axis=1)
     at = (np.arange(count) + 0.5) * width
     return np.stack([np.interp(np.arange(len(x)), at, m) for m in middles.T], axis=1)
 

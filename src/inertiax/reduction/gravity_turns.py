@@ -129,8 +129,8 @@ def _windows(
 ) -> GravityTurns | None:
     """Windows of `apart` rows, between the means of `block` rows at their ends."""
     first = np.arange(0, len(force) - apart - block, max(1, apart // 2))
-    means = lambda at: np.array([force[k : k + block].mean(axis=0) for k in at]).reshape(-1, 3)
-    before, after = means(first), means(first + apart)
+    at_each = np.lib.stride_tricks.sliding_window_view(force, min(block, len(force)), axis=0)
+    before, after = (at_each[at].mean(axis=2) for at in (first, first + apart))
     sizes = np.stack([np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)])
     usual = float(np.median(sizes)) if sizes.size else 0.0
     told = np.all(np.abs(sizes - usual) < _STEADY * usual, axis=0) & (sizes > 0.0).all(axis=0)

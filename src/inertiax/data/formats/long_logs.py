@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
+from ...numerics.side_by_side import side_by_side
 from ..recording import Recording
 from ..stored_recording import ColumnStore, StoredRecording
 from . import csv
@@ -104,7 +105,7 @@ def _parts(store: ColumnStore, device: str, name: str, part: int) -> tuple[Recor
     middles = [k * store.rows // count for k in range(1, count)]
     cuts = [0, *(_still(store, at, part // _REACH) for at in middles), store.rows]
     ends = list(zip(cuts[:-1], cuts[1:], strict=True))
-    levels = [_quietest(store, a, b) for a, b in ends]
+    levels = side_by_side(lambda rows: _quietest(store, *rows), ends, rows=store.rows)
     quietest = min(x for x, _ in levels), min(y for _, y in levels)
     return tuple(
         StoredRecording.part(
