@@ -296,7 +296,7 @@ CONTENT = {
     "name twice": (
         PLAIN.replace("accel_y", "accel_x"),
         "a.csv: column name 'accel_x' stands twice in the header "
-        "['time', 'accel_x', 'accel_x', 'accel_z'].",
+        "['time', 'accel_x', 'accel_x', 'accel_z']; rename one of them.",
     ),
     "binary": (
         b"\0\1" * 100,

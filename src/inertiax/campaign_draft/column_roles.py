@@ -6,8 +6,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .column_triads import is_of_quaternion, of_one_six, triads_by_name
-from .column_words import FILES, FORCE_UNITS, means, plain, said, UNIT, without, without_unit
+from .column_kinds import gyros_of_one_name, kind_of, STEADY, unsteadiness
+from .column_triads import called, is_of_quaternion, of_one_six, triads_by_name
+from .column_words import (
+    FILES,
+    FORCE_UNITS,
+    is_a_rate,
+    means,
+    plain,
+    said,
+    UNIT,
+    without,
+)
 from .converters import G, whole
 from .mag_unit import mag_unit
 from .raw_log import RawLog
@@ -17,7 +27,6 @@ from .split_stamps import EPOCH, is_since_1970, split_stamps
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²
 _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
-_STEADY = 0.5  # spread of the norm, 5 to 95 %, over its median
 _MOST_LABELS = 32
 _UNIT = 1e-3  # of a quaternion's norm, as it is printed
 _MOST_SENSORS = 8  # words in a column that names each row's sensor
@@ -27,8 +36,6 @@ WITH_GRAVITY = (
     "an acceleration from which an app has taken gravity tells nothing of accelerometers; take the one with gravity "
     "(Sensor Logger: TotalAcceleration; phyphox: Acceleration (with g))"
 )
-# The first of a triad that is called by its axis alone, or by that and what was done with it.
-_OF_NO_NAME = re.compile(r"^x(?:-axis|[_ .-]?(?:mean|avg|average|raw))?$")
 _LISTED = 40  # names in an error
 
 
@@ -47,6 +54,7 @@ class Roles(NamedTuple):
     mag_by: str | None = None  # why a triad without a name is taken for magnetometers
     device: str | None = None  # labels under names of their own
     experiment: str | None = None
+    unnamed: tuple[tuple[str, str, str], ...] = ()  # triads whose names say nothing
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -156,7 +164,7 @@ def _by_name(log: RawLog) -> Roles:
     triads = [t for t in triads if not is_of_quaternion(log, t)]
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
-        first = without_unit(triad[0]).split("/")[-1]
+        first = called(triad)
         if means("mag", first) and not means("no_mag", first):
             mags.append(triad)
         reference = _reference(log, triad, first)
@@ -165,19 +173,24 @@ def _by_name(log: RawLog) -> Roles:
             continue
         if means("other", first) and not (sole and means("accel", first)):
             continue
-        if means("gyro", first) and not first.lower().startswith("gf"):
-            kinds["gyro"].append(triad)
-        elif means("accel", first) or _OF_NO_NAME.match(first.lower()):
-            kinds["accel"].append(triad)
-        else:
-            unnamed.append(triad)
+        kind = kind_of(first, log.hint(triad[0]))
+        (unnamed if kind is None else kinds[kind]).append(triad)
+    rates = [t for t in unnamed if is_a_rate(log.hint(t[0]))]
+    if rates and not kinds["gyro"]:
+        kinds["gyro"], unnamed = rates[:1], [t for t in unnamed if t not in rates[:1]]
     if sole and unnamed:  # nothing else to take it for
         kinds["accel"], unnamed = unnamed, []
     by_norm = [t for t in unnamed if not kinds["accel"] and _is_specific_force(log, t)]
     kinds["accel"] += by_norm[:1]
     array = [t for t in unnamed if by_norm and t not in by_norm and of_one_six(t, by_norm[0])]
     kinds["gyro"] += [] if kinds["gyro"] else array[:1]
+    kinds["accel"].sort(key=lambda t: means("no_gravity", called(t)))
+    doubled = gyros_of_one_name(log, kinds)
     notes = [
+        f"{t[0]}, {t[1]}, {t[2]}: taken for the gyros, because of those of this name it is the one without gravity"
+        for t in doubled
+    ]
+    notes += [
         f"{t[0]}, {t[1]}, {t[2]}: taken for the accelerometers, because their norm is that of gravity"
         for t in by_norm[:1]
     ]
@@ -188,7 +201,7 @@ def _by_name(log: RawLog) -> Roles:
     ]
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
-    temperature = [n for n in free if means("temperature", n)]
+    temperature = [n for n in free if means("temperature", n)] or _t_that_is_no_time(log, free)
     # Dead ones last
     temperature.sort(key=lambda n: n in log.numbers and not np.any(log.numbers[n]))
     times = [n for n in free if means("time", n) and n not in temperature]
@@ -208,7 +221,17 @@ def _by_name(log: RawLog) -> Roles:
         references.get("reference_gyro"),
         device=next((n for n in (*log.texts, *free) if means("device", n)), None),
         experiment=next((n for n in free if means("experiment", n) and n in log.numbers), None),
+        unnamed=tuple(
+            t for t in unnamed if t not in by_norm[:1] and all(n in log.numbers for n in t)
+        ),
     )
+
+
+def _t_that_is_no_time(log: RawLog, free: list[str]) -> list[str]:
+    """A column T beside a clock that goes up and down: a temperature."""
+    ts = [n for n in free if plain(n) == "t" and n in log.numbers and not _rises(log, n)]
+    clock = log.stamps or any(_rises(log, n) for n in free if n in log.numbers and n not in ts)
+    return ts if clock else []
 
 
 def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | None:
@@ -220,9 +243,10 @@ def _reference(log: RawLog, triad: tuple[str, str, str], first: str) -> str | No
     rest = without("reference", first)
     if re.search(r"mag|bias|cov|quat|euler", rest, re.IGNORECASE):
         return None
-    if means("gyro", rest) or (means("rate", rest) and not means("accel", rest)):
+    kind = kind_of(rest, log.hint(triad[0])) if rest != "x" else None
+    if kind == "gyro" or (kind is None and means("rate", rest)):
         return "reference_gyro"
-    force = means("accel", rest) or (rest == "x" and said(FORCE_UNITS, log.hint(triad[0])))
+    force = kind == "accel" or (rest == "x" and said(FORCE_UNITS, log.hint(triad[0])))
     return "reference_accel" if force else None
 
 
@@ -280,7 +304,7 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
         gyro = threes[further + 1] if further + 1 < len(threes) else threes[further - 1]
         return Roles(time, threes[further], gyro, None, None, notes)
     first, second = threes[:2]
-    if _unsteadiness(log, second) < _unsteadiness(log, first):
+    if unsteadiness(log, second) < unsteadiness(log, first):
         first, second = second, first
     return Roles(time, first, second, None, None, notes)
 
@@ -335,13 +359,4 @@ def _is_specific_force(log: RawLog, triad: tuple[str, str, str]) -> bool:
     if any(n not in log.numbers for n in triad):
         return False
     norm = np.linalg.norm([log.numbers[n] for n in triad], axis=0)
-    return (
-        abs(float(np.nanmedian(norm)) - G) < _NEAR_GRAVITY and _unsteadiness(log, triad) < _STEADY
-    )
-
-
-def _unsteadiness(log: RawLog, triad: tuple[str, str, str]) -> float:
-    """Spread of a triad's norm over its median: small where gravity is in it."""
-    norm = np.linalg.norm([log.numbers[n] for n in triad], axis=0)
-    low, middle, high = np.nanquantile(norm, [0.05, 0.5, 0.95])
-    return float((high - low) / middle) if middle > 0 else np.inf
+    return abs(float(np.nanmedian(norm)) - G) < _NEAR_GRAVITY and unsteadiness(log, triad) < STEADY

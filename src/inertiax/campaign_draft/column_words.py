@@ -1,8 +1,8 @@
 """Words by which columns are called, by language: one table of roles.
 
 Words are regular expressions on a name in lower case without accents (`plain`); of a triad it is the first column's
-name without its unit. "any" holds abbreviations, and names that data sheets and loggers use in all languages. Words
-that English has, too (acceleration, gyroscope, temperature, position), are in its line alone.
+name as `column_triads.called` makes it. "any" holds abbreviations, and names that data sheets and loggers use in all
+languages. Words that English has, too (acceleration, gyroscope, temperature, position), are in its line alone.
 """
 
 import re
@@ -23,30 +23,42 @@ WORDS: dict[Role, dict[str, str]] = {
         "en": r"acc|force",
         "de": r"beschl|spez\w*[_ .-]*kraft",
         "es": r"acel",  # and Portuguese
+        "ru": r"ускор",
+        "zh": r"加速",  # and Japanese
+        "ko": r"가속",
     },
     "gyro": {
-        "any": r"^w[_ .-]?x|^g[_ .-]?x|w_rs_s|ω|^p$",
+        "any": r"^w[_ .-]?x|^g[_ .-]?x|w_rs_s|ω|^p$|(?<![a-z])avel",
         "en": r"gyr|^rotate_|ang\w*[_ .-]?(?:vel|rate)|omega|rot\w*rate|(?:roll|pitch|yaw)[_ .-]*(?:rate|speed)",
         "de": r"dreh(?!m|w|z)|winkelgeschw|winkelrate|kreisel|(?:roll|wank|nick|gier)\w*?(?:rate|geschw)",
         "fr": r"(?:vit\w*|taux)[_ .-]*(?:de[_ .-]*)?(?:ang|rot|roulis|tangage|lacet)",
         "es": r"giro|vel\w*[_ .-]*(?:de[_ .-]*)?(?:ang|rot|alabeo|balanceo|cabeceo|guinada)",
         "it": r"vel\w*[_ .-]*(?:di[_ .-]*)?(?:rollio|beccheggio|imbardata)",
+        "ru": r"углов\w*[_ .-]*скор|гиро",
+        "zh": r"角速|陀螺|シャイロ",
+        "ko": r"각속|자이로",
     },
     "mag": {
-        "any": r"^m[_ .-]?x$|^b[_ .-]?x$",
+        "any": r"^[mbh][_ .-]?x$|^mf_x$",
         "en": r"mag|compass",
         "de": r"kompass",
         "fr": r"boussole|champ",
         "es": r"brujula|campo",
         "it": r"bussola",
+        "ru": r"магн",
+        "zh": r"磁",
+        "ko": r"자기",
     },
     "other": {  # triads that are no outputs of an IMU's sensors
-        "any": r"mag|^m[_ .-]?x|^b[_ .-]?x|euler|quat|pos|cov|bias|ref|(?<![a-z])(?:std|stdev|sigma|var)(?![a-z])",
+        "any": r"mag|^[mb][_ .-]?x|^(?:h|mf)_x$|euler|quat|pos|cov|bias|ref|(?<![a-z])(?:std|stdev|sigma|var)(?![a-z])",
         "en": r"orient|free_?acc|user_?acc|linear acc|^gravity|ang\w*[_ .-]?acc|compass",
         "de": r"lineare?[_ .-]?beschl|winkelbeschl|^schwerkraft|kompass|(?<![a-z])lage|soll",
         "fr": r"acc\w*[_ .-]*(?:lin|ang)|^gravite|boussole|champ|consigne",
         "es": r"acel\w*[_ .-]*(?:lin|ang)|^gravedad|brujula|campo|consigna",
         "it": r"^gravita|bussola|riferimento",
+        "ru": r"магн|(?:углов|линеи)\w*[_ .-]*ускор",
+        "zh": r"磁|角加速|線形加速|线性加速|角度|姿态|重力",
+        "ko": r"자기|각가속|선형",
     },
     "no_mag": {"any": r"cov|bias|ref|cal"},
     "no_gravity": {
@@ -71,6 +83,9 @@ WORDS: dict[Role, dict[str, str]] = {
         "fr": r"temps(?![a-z])|horodat|^heure",
         "es": r"tiempo|segund|^hora(?![a-z])",
         "it": r"tempo(?![a-z])|^ora(?![a-z])|^orario",
+        "ru": r"врем",
+        "zh": r"时间|時間|时刻|時刻",
+        "ko": r"시간|시각",
     },
     "counter": {  # of packets or rows, some of which are others' or are missing
         "any": r"^(?:n|no|nr|idx|id|#)$|index|seq",
@@ -81,12 +96,15 @@ WORDS: dict[Role, dict[str, str]] = {
         "it": r"pacchetto|contatore|campion|riga",
     },
     "temperature": {
-        "any": r"^tmp|°c|^t_?c$",
+        "any": r"^tmp|[°º˚']c\b|[\[(] ?(?:deg)?c(?:elsius)?[\])]|^t_?c$|^t ?\(°\)",
         "en": r"temp(?!s(?![a-z])|o(?![a-z])|oral|el)|^t_(?:imu|probe|sens|die|board|chip|case|degc)",
         "de": r"^t_(?:geh|platine|fuhler|fuehler|sonde)",
         "fr": r"^t_(?:capteur|boitier|carte)",
         "es": r"^t_(?:caja|placa|sonda)",
         "it": r"^t_(?:scheda|scatola)",
+        "ru": r"темпер",
+        "zh": r"温度|溫度",
+        "ko": r"온도",
     },
     "position": {
         "en": rf"^(?:position|pose){_NUMBER}",
@@ -132,30 +150,44 @@ AXES_IN_WORDS = (
 
 # Units of time and rate as files write them, the longer words first.
 TIME_UNITS = (
-    ("ns", r"nano|[\[(_ .]ns\b|ns$"),
-    ("us", r"mi[ck]ro|[\[(_ .](?:us|µs)\b|us$|µs$|sampletimefine"),
-    ("ms", r"milli|milis|[\[(_ .]ms\b|ms$"),
+    ("ns", r"nano|(?<![a-z])nsec|[\[(_ .]ns\b|ns$"),
+    ("us", r"mi[ck]ro|usec|[\[(_ .](?:us|µs)\b|us$|µs$|sampletimefine"),
+    ("ms", r"milli|milis|msec|[\[(_ .]ms\b|ms$"),
     ("s", r"se[ck][ou]nd|segund|\(s\)|\[s\]|_s$|\bs$|sec$|sek$"),
 )
 _DEGREE = r"(?:deg(?:re+s?)?|°|grad[ois]*)"
 RATE_UNITS = (
     ("deg/h", rf"{_DEGREE}[ _]?(?:/|per|pro)[ _]?(?:h|std)|dph"),
-    ("deg/s", rf"{_DEGREE}|dps"),
+    ("deg/s", rf"{_DEGREE}|dps|\bd/s"),
     (
         "rad/s",
-        r"rad|(?:^|[ ./])angular_velocity\.[xyz]\b",
+        r"rad|(?:^|[ ./])angular_velocity[./][xyz]\b",
     ),  # the latter: a field of ROS's sensor_msgs/Imu
 )
 FORCE_UNITS = (
     ("mg", r"milli_?g(?![a-z])|[\[(_ .]mg(?![a-z])"),
     ("mm/s^2", r"\bmm ?/ ?s|mm_?s2\b"),
     ("cm/s^2", r"\bcm ?/ ?s|cm_?s2\b|\bgal\b"),
-    ("m/s^2", r"m ?/ ?s(?:\^|\*\*)?(?:2|²|\b)|m ?s\^?-2|mps2|m_?s2\b|linear_acceleration\.[xyz]\b"),
+    (
+        "m/s^2",
+        r"m ?/ ?\(?s(?:\^|\*\*)?(?:2|²|\b)|m ?s\^?-2|mps2|m_?s2\b|linear_acceleration[./][xyz]\b",
+    ),
     ("g", r"[\[(_ .]gs?(?:[\])]|$|(?= ))"),
 )
 UNIT = re.compile(
-    r"[\[(].*|[_ .](?:m|mg|deg|mdeg|rad|°|grad|grados|gradi|degres)/(?:s|h).*", re.IGNORECASE
+    r"[\[(][^\[\]()]*(?:\([^()]*\)[^\[\]()]*)?(?:[\])]|$)"
+    r"|[_ .](?:m|mg|deg|mdeg|rad|°|grad|grados|gradi|degres)/(?:s|h).*",
+    re.IGNORECASE,
 )
+
+# What a triad is called by one letter or two, behind words that say whose it is: imu_a_x, raw_w_x.
+SYMBOLS: dict[str, Literal["accel", "gyro"]] = {
+    "a": "accel", "f": "accel", "la": "accel", "sf": "accel", "gf": "accel", "xl": "accel",
+    "w": "gyro", "ω": "gyro", "om": "gyro", "av": "gyro", "g": "gyro", "gy": "gyro",
+}  # fmt: skip
+_OWNER = re.compile(r"imu|sens|raw|body|dut|dev|mpu|icm|bmi|lsm|[a-z]?\d")
+# A rate in words that no angle has.
+_RATE = re.compile(rf"(?:{_DEGREE}|rad\w*|\bd) ?(?:/|_?per_?|pro) ?s|dps(?![a-z])|rads(?![a-z])")
 
 _COMPILED = {role: re.compile("|".join(words.values())) for role, words in WORDS.items()}
 
@@ -163,7 +195,8 @@ _COMPILED = {role: re.compile("|".join(words.values())) for role, words in WORDS
 def plain(name: str) -> str:
     """A name in lower case without accents: "Längs" and "längs" are "langs", "Température" is "temperature"."""
     parts = unicodedata.normalize("NFD", name)
-    return "".join(c for c in parts if not unicodedata.combining(c)).lower()
+    kept = "".join(c for c in parts if not unicodedata.combining(c))
+    return unicodedata.normalize("NFC", kept).lower()
 
 
 def means(role: Role, name: str) -> bool:
@@ -174,6 +207,18 @@ def means(role: Role, name: str) -> bool:
 def without(role: Role, name: str) -> str:
     """A name in lower case without the first word of that role."""
     return _COMPILED[role].sub("", plain(name), count=1).strip("_ .-")
+
+
+def symbol(name: str) -> Literal["accel", "gyro"] | None:
+    """What a triad is whose name, as `column_triads.called` makes it, is a symbol: `av_x` is the gyros."""
+    words = re.split(r"[^a-z0-9ω]+", plain(name))
+    first = next((w for w in words if not _OWNER.match(w)), "")
+    return SYMBOLS.get(first)
+
+
+def is_a_rate(hint: str) -> bool:
+    """Whether words of a file name a unit of rates that is none of angles."""
+    return _RATE.search(plain(hint)) is not None
 
 
 def without_unit(name: str) -> str:

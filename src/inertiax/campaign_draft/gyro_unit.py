@@ -186,6 +186,12 @@ def _noise(values: Float[np.ndarray, "time 3"]) -> tuple[float, float, Float[np.
     return float(np.median(change)) / 0.954, float(block.min()) / 0.954, zero
 
 
+def turn_as_gravity(values: Float[np.ndarray, "time 3"], turns: GravityTurns) -> bool:
+    """Whether outputs turn as gravity does, in some unit or scale and in several motions."""
+    enough = turns.num_motions >= _MOTIONS_FOR_A_SCALE
+    return enough and _by_turns(turns, whole(values), middle(values) or None) is not None
+
+
 def clock_and_unit(
     values: Float[np.ndarray, "time 3"], turns: GravityTurns | None
 ) -> tuple[float, float] | None:

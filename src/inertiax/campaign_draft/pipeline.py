@@ -13,7 +13,7 @@ from ..data.formats import ros
 from ..data.formats.detect import format_of
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
-from ..reduction.gravity_turns import gravity_turns, GravityTurns, turns_in_motion
+from ..reduction.gravity_turns import GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import accel_unit, directions, lacks_gravity, shaken, sphere, TriadUnit
 from .bag_topics import topic_lines
@@ -23,6 +23,7 @@ from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
 from .draft import Draft, draft_of
 from .further_columns import columns_table
 from .gyro_unit import clock_and_unit, gyro_unit
+from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit
 from .raw_triads import columns, given_names, RawTriads, read_triads
@@ -79,6 +80,7 @@ def draft_campaign(
     if table is not None:
         found, own = beside(found, table, others)
     rests = _rests(found)
+    found = with_gyros_by_turns(found, rests)
     found, turns = _with_clock(found, rests)
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
     if own is not None:
@@ -144,10 +146,10 @@ def _rests(found: RawTriads) -> Resting:
 def _with_clock(found: RawTriads, rests: Resting) -> tuple[RawTriads, GravityTurns | None]:
     """The clock, by the gyros where the file has none, and the motions on that clock."""
     if found.clock.known or rests.single_rows:
-        return found, _turns(found, rests)
+        return found, turns_between(found, rests)
     rows = np.arange(len(found.seconds), dtype=float)
     # As a clock of one row a second: the motions may be no longer than the rows of a minute at 100 Hz.
-    turns = _turns(found, rests)
+    turns = turns_between(found, rests)
     scaled = None if turns is None else turns._replace(output=turns.output * found.clock.rate)
     told = None if found.gyro is None else clock_and_unit(found.gyro, scaled)
     if told is None:
@@ -156,14 +158,7 @@ def _with_clock(found: RawTriads, rests: Resting) -> tuple[RawTriads, GravityTur
     why = f"the file has no clock; gravity turns as the gyros do at {told[0]:.4g} Hz, if their scale is nominal"
     clock = counted(rate, len(found.clock.seconds), why)._replace(certain=False)
     found = found._replace(clock=clock, seconds=rows / rate)
-    return found, _turns(found, rests)
-
-
-def _turns(found: RawTriads, rests: Resting) -> GravityTurns | None:
-    if found.accel is None or found.gyro is None or rests.accel is None or rests.single_rows:
-        return None
-    up = directions(found.accel, rests.accel)
-    return gravity_turns(found.seconds, found.gyro, up, rests.start, rests.stop)
+    return found, turns_between(found, rests)
 
 
 def _in_motion(found: RawTriads) -> list[GravityTurns]:

@@ -28,6 +28,7 @@ _LABELS = ("[A-Za-z][^,;=]*= *", "[A-Za-z][A-Za-z0-9_]*: *")
 _RATES = (1.0, 20000.0)  # Hz: what an IMU may be read at
 _FILTER = re.compile(r"lpf|low.?pass|filter|band.?width|cut.?off|corner|notch", re.IGNORECASE)
 _RANGE = re.compile(r"([0-9]{3,4}) ?(?:dps|deg/s|°/s)", re.IGNORECASE)
+_NUMBER_OF_NAME = re.compile(r" \(\d+\)$")
 _MONITOR = re.compile(
     r"\d\d:\d\d:\d\d\.\d{3} -> "
 )  # what Arduino's serial monitor writes before a line
@@ -58,8 +59,12 @@ class RawLog(NamedTuple):
         return self.layout is None or self.layout.names is not None
 
     def hint(self, column: str) -> str:
-        """What the file says in words of a column: its name and its units, in lower case."""
-        return f"{column} {self.words.get(column, '')}".strip().lower()
+        """What the file says in words of a column: its name and its units, in lower case.
+
+        A number behind a name that the header has more than once is none of its words.
+        """
+        name = _NUMBER_OF_NAME.sub("", column)
+        return f"{name} {self.words.get(column, '')}".strip().lower()
 
     @property
     def stated_rate(self) -> float | None:

@@ -104,7 +104,9 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
 def _read(found: RawTriads) -> set[str]:
     """Columns that are something else."""
     names: set[str] = {found.clock.name or ""}
-    for value in found.roles:
+    r = found.roles
+    triads = (r.accel, r.gyro, r.mag, r.reference_accel, r.reference_gyro)
+    for value in (r.time, r.temperature, r.position, r.device, r.experiment, *triads):
         names.update((value,) if isinstance(value, str) else value or ())
     return names
 

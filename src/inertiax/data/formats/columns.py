@@ -344,6 +344,11 @@ def _known(unit: str, units: Iterable[str], where: str) -> str:
     return unit
 
 
+def numbered_name(name: str, number: int) -> str:
+    """What the column of that number, from 1, is called where a header has a name more than once."""
+    return f"{name} ({number})"
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """ "did you mean 'x'? " with the likeliest of `names`, or nothing where none is near."""
     # Comparing takes time with the square of the length: hostile names are not compared.

@@ -7,14 +7,16 @@ separated by commas.
 
 import re
 import shlex
+from collections import Counter
 from pathlib import Path
 from typing import NoReturn
 
 import polars as pl
 
 from ...storage.harmless_text import short
-from ..recording import Recording
-from .columns import AS_FOUND, ColumnMap, Layout, shown
+from ..frames import TRIADS
+from ..recording import COLUMNS, Recording
+from .columns import AS_FOUND, AXES, ColumnMap, Layout, numbered_name, shown
 from .table import to_recordings
 from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout
 
@@ -24,6 +26,8 @@ SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv")
 _CUT = 0.01  # of all rows: more have an empty last field on purpose
 _CHECKSUM = re.compile(rb"\*[0-9A-Fa-f]{2}$", re.MULTILINE)
 KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
+# Names that are read unasked: which of two is meant nobody could say.
+_CANONICAL = {*COLUMNS, "device", *(f"{t}_{a}" for t in TRIADS for a in AXES)}
 
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
@@ -77,7 +81,12 @@ def with_line_feeds(text: bytes) -> bytes:
 
 
 def column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) -> tuple[str, ...]:
-    """Names of the columns, by the header or by the campaign. Raises `ValueError` where both or none say them."""
+    """Names of the columns, by the header or by the campaign.
+
+    A name that stands in the header more than once gets a number: `ax (1)`, `ax (2)`; canonical ones do not.
+
+    Raises `ValueError` where both or none say them.
+    """
     if layout.names is None and names is None:
         raise ValueError(
             f"{where}: no header line, the first line of data holds values, not names; give the "
@@ -85,11 +94,23 @@ def column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) 
         )
     if layout.names is None or names is None or names == layout.names:
         found = layout.names or names or ()
-        return tuple(n or f"column {k}" for k, n in enumerate(found, start=1))
+        found = tuple(n or f"column {k}" for k, n in enumerate(found, start=1))
+        return found if layout.names is None else _numbered(found)
     raise ValueError(
         f"{where}: [recordings] names is for files without a header line, but this one has "
         f"{shown(layout.names)} in line {layout.header_line}; map those under [columns]."
     )
+
+
+def _numbered(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of a header with numbers behind those that stand in it more than once."""
+    several = {n for n, count in Counter(names).items() if count > 1} - _CANONICAL
+    seen: Counter[str] = Counter()
+    made = []
+    for name in names:
+        seen[name] += 1
+        made.append(numbered_name(name, seen[name]) if name in several else name)
+    return tuple(made)
 
 
 def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: str) -> pl.DataFrame:
@@ -98,7 +119,8 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
         raise ValueError(
-            f"{where}: column name '{short(twice)}' stands twice in the header {shown(names)}."
+            f"{where}: column name '{short(twice)}' stands twice in the header {shown(names)}; rename one "
+            "of them."
         )
     if not data.strip():
         raise ValueError(

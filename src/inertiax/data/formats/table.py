@@ -17,6 +17,7 @@ from .columns import (
     CurrentColumn,
     Layout,
     nearest,
+    numbered_name,
     PositionColumn,
     pressure_scale,
     PressureColumn,
@@ -129,6 +130,12 @@ def _by_angles(
 def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:
     """The column, or a `ValueError` that lists the columns there are."""
     if column not in table.columns:
+        first, second = (numbered_name(column, k) for k in (1, 2))
+        if second in table.columns:
+            raise ValueError(
+                f"{where}: column '{column}' stands more than once in the header; name the one that is meant, "
+                f"'{first}' or '{second}', in the order of the file."
+            )
         raise ValueError(
             f"{where}: column '{column}' is missing; {nearest(column, table.columns)}the file has "
             f"{shown(table.columns)}."
