@@ -46,7 +46,7 @@ def _by_letter(names: Sequence[str]) -> list[tuple[str, str, str]]:
 
 
 def called(triad: tuple[str, str, str]) -> str:
-    """What three columns are called, with `_x` for the axis wherever it stands: `av_x` of xav, yav, zav.
+    """What three columns are called, with the first axis behind it wherever it stands: `av_x` of xav, yav, zav.
 
     In lower case, without units and without the path before it (`/imu/angular_velocity/x` is `angular_velocity_x`).
     """
@@ -56,7 +56,8 @@ def called(triad: tuple[str, str, str]) -> str:
     before, after = _BETWEEN.sub("_", triad[0][:place]), triad[0][place + 1 :]
     inside = before[-1:].isalnum() and after[:1].isalnum()
     rest = without_unit(f"{before}{'_' * inside}{after}")
-    return f"{plain(rest).rstrip(' /_.:-').split('/')[-1].strip('_.:- ')}_x".removeprefix("_")
+    name = plain(rest).rstrip(" /_.:-").split("/")[-1].strip("_.:- ")
+    return f"{name}_{plain(triad[0][place])}".removeprefix("_")
 
 
 def _axis(triad: tuple[str, str, str]) -> int | None:

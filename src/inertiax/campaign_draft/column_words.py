@@ -180,9 +180,10 @@ UNIT = re.compile(
     re.IGNORECASE,
 )
 
-# What a triad is called by one letter or two, behind words that say whose it is: imu_a_x, raw_w_x.
+# What a triad is called by one letter or two, behind words that say whose it is: imu_a_x, raw_w_x. No "la": that is a
+# linear acceleration with gravity for some and without it for others, as its norm says.
 SYMBOLS: dict[str, Literal["accel", "gyro"]] = {
-    "a": "accel", "f": "accel", "la": "accel", "sf": "accel", "gf": "accel", "xl": "accel",
+    "a": "accel", "f": "accel", "sf": "accel", "gf": "accel", "xl": "accel",
     "w": "gyro", "ω": "gyro", "om": "gyro", "av": "gyro", "g": "gyro", "gy": "gyro",
 }  # fmt: skip
 _OWNER = re.compile(r"imu|sens|raw|body|dut|dev|mpu|icm|bmi|lsm|[a-z]?\d")
@@ -210,7 +211,12 @@ def without(role: Role, name: str) -> str:
 
 
 def symbol(name: str) -> Literal["accel", "gyro"] | None:
-    """What a triad is whose name, as `column_triads.called` makes it, is a symbol: `av_x` is the gyros."""
+    """What a triad is whose name, as `column_triads.called` makes it, is a symbol: `av_x` is the gyros.
+
+    M1, M2, M3 are motors, and A0, A1, A2 inputs of a converter: symbols have x, y, z.
+    """
+    if not name.endswith("_x"):
+        return None
     words = re.split(r"[^a-z0-9ω]+", plain(name))
     first = next((w for w in words if not _OWNER.match(w)), "")
     return SYMBOLS.get(first)
