@@ -33,7 +33,7 @@ from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
 from ..reduction.earth_at_rest import without_vertical_earth_rate
 from ..reduction.handling import kept_sentence, left_out_sentence
-from ..reduction.rig_errors import rate_words, with_rig_errors
+from ..reduction.rig_errors import rate_words, table_words, with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
 from ..reduction.segments import (
     each_without_disturbances,
@@ -193,6 +193,8 @@ def calibrate_device(
     choices.extend(earth_rate_words(raw, campaign.site) if gyro_result is not None else ())
     if gyro_result is not None and chosen.gyro_estimator is not None:
         choices.extend(f"gyros: {w}" for w in rate_words(chosen.gyro_estimator, campaign.rig))
+    estimators = (chosen.accel_estimator, chosen.gyro_estimator)
+    warnings.extend(table_words(raw, campaign.rig, estimators))
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,

@@ -80,7 +80,7 @@ def with_slow_noise(
     slow = slow_noise_of(problem, coefficients, min(max(stated, 0.0), 1.0))
     if slow.alike == 0.0:
         return covariance, slow
-    design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
+    design = problem.weighted(problem.decorrelated(problem.design(jacobian)))
     changed = (slow.own - 1.0) * given(problem, device, design, covariance)
     return covariance + changed + slow_part(problem, coefficients, covariance, slow, device), slow
 

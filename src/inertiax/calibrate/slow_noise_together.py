@@ -98,7 +98,7 @@ def with_slow_noise_of(
 
     problem = RowsOfTriad(
         result.estimator, solution.curve.basis, result.dwells,
-        taken(design), taken(joint.decorrelated(design)), taken(residual),
+        taken(design), taken(joint.weighted(design)), taken(residual),
     )  # fmt: skip
     covariance, slow = with_slow_noise(
         problem, np.asarray(solution.curve.coefficients), np.asarray(solution.covariance), rig

@@ -5,10 +5,11 @@ source gives its share (`covariance_shares`):
 
     P_s = P (Σ_dwells Jᵀ share_s J) P,     Σ_s P_s = P.
 
-Where dwells share errors of their positioning (`procedure.shared_errors`), the whitened rows have the covariance
-V = E + U Uᵀ; P is (JᵀV⁻¹J)⁻¹, V⁻¹J stands in the place of J, and P JᵀV⁻¹U UᵀV⁻¹J P joins the rig's positions. Slow
-noise (`slow_noise`) scales what the device gives and adds its own part; misalignments that are held and, of gyros by
-gravity's turn, the accelerometers' calibration are what the covariance has beyond its rows.
+Where dwells share errors of their positioning or of the table (`procedure.shared_errors`), the whitened rows have the
+covariance V = E + U Uᵀ + W Wᵀ; P is (JᵀV⁻¹J)⁻¹, V⁻¹J stands in the place of J, P JᵀV⁻¹U UᵀV⁻¹J P joins the rig's
+positions, and the columns of W give as much by the table's level and its axes' right angle. Slow noise (`slow_noise`)
+scales what the device gives and adds its own part; misalignments that are held and, of gyros by gravity's turn, the
+accelerometers' calibration are what the covariance has beyond its rows.
 """
 
 import math
@@ -37,6 +38,7 @@ from .results import TriadResult
 from .slow_noise import slow_part, SlowNoise, within
 
 
+LEVEL, ORTHOGONALITY = "rig level", "rig orthogonality"
 SLOW, HELD, ACCEL = "slow noise", "held misalignments", "accelerometers' calibration"
 SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
 
@@ -98,7 +100,7 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     alone = fit.slow.alike == 0.0 and beyond is None
     covariance = fit.covariance if alone else scaled_inverse(problem.normal(jacobian))
     # V⁻¹J, where dwells share errors; else V is the identity.
-    design = problem.decorrelated(problem.decorrelated(problem.design(jacobian)))
+    design = problem.weighted(problem.decorrelated(problem.design(jacobian)))
     parts = []
     by_source = shares(fit.estimator, fit.dwells, rig, jacobian.shape[1])
     for source, share in by_source.items():
@@ -107,9 +109,15 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
             part = given(problem, within(problem, share), design, covariance)
             own = own + (fit.slow.own - 1.0) * part
         if source == POSITION and problem.shared is not None:
-            moved = problem.shared.signatures.T @ design @ covariance
-            own = own + moved.T @ moved
+            if problem.shared.positionings is not None:
+                moved = problem.shared.positionings.signatures.T @ design @ covariance
+                own = own + moved.T @ moved
         parts.append(Part(source, _degrees(source, fit, share), own))
+    if problem.shared is not None and problem.shared.table is not None:
+        errors = np.asarray(problem.shared.table.whitened).reshape(len(design), -1)
+        moved = errors.T @ design @ covariance
+        for source, which in ((LEVEL, slice(0, 2)), (ORTHOGONALITY, slice(2, 3))):
+            parts.append(Part(source, math.inf, moved[which].T @ moved[which]))
     device = within(problem, np.sum([by_source[s] for s in OF_THE_DEVICE], axis=0))
     slow = slow_part(problem, coefficients, covariance, fit.slow, device)
     parts.append(Part(SLOW, float(max(residual_degrees(fit), 1)), slow))

@@ -17,6 +17,8 @@ _PROMISE = (
     "position_uncertainty = 10.0     # arcsec, each positioning",
     "rate_uncertainty = 20.0         # ppm of the commanded rate",
     "temperature_uncertainty = 0.1   # degC",
+    "level_uncertainty = 10.0        # arcsec, the base's two horizontal angles, the same all along",
+    "orthogonality_uncertainty = 5.0 # arcsec, of the outer axis to the inner one, the same all along",
 )
 _NAMED = "The device's serial number, which calibrations and certificates then name."
 

@@ -13,11 +13,12 @@ from .formats import Layout, read_recordings
 from .formats.columns import TimeColumn
 from .formats.detect import is_recording
 from .formats.long_logs import read_long
+from .formats.table_angles import two_axes
 from .formats.table_log import read_table_log
 from .model_columns import check_model_columns
 from .pairing import pair
 from .recording import Campaign, ModelChoice, Recording, renamed, Rig, Site
-from .settings import CampaignTable, ModelTable, read_table, RecordingsTable, RigTable, SiteTable
+from .settings import CampaignTable, ModelTable, read_table, RecordingsTable, SiteTable
 
 
 ARCSEC = math.pi / 180 / 3600
@@ -44,7 +45,7 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
     return Campaign(
         recordings=recordings,
         site=_site(table.site),
-        rig=_rig(table.rig),
+        rig=_rig(table, file),
         model=_model(table.model),
         grade=table.device.grade,
         path=file,
@@ -84,7 +85,7 @@ def load_settings(path: Path | str) -> tuple[Campaign, CampaignTable]:
     campaign = Campaign(
         recordings=(),
         site=_site(table.site),
-        rig=_rig(table.rig),
+        rig=_rig(table, file),
         model=_model(table.model),
         grade=table.device.grade,
         path=file,
@@ -97,12 +98,21 @@ def _site(table: SiteTable) -> Site:
     return Site(table.gravity, latitude, table.magnetic_field)
 
 
-def _rig(table: RigTable) -> Rig:
-    position, rate = table.position_uncertainty, table.rate_uncertainty
+def _rig(table: CampaignTable, file: Path) -> Rig:
+    said, axes = table.rig, None
+    if table.columns.table_angles is not None:
+        try:
+            axes = two_axes(table.table)
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}") from None
+    scaled = lambda value, unit: None if value is None else value * unit
     return Rig(
-        position_uncertainty=None if position is None else position * ARCSEC,
-        rate_uncertainty=None if rate is None else rate * 1e-6,
-        temperature_uncertainty=table.temperature_uncertainty,
+        position_uncertainty=scaled(said.position_uncertainty, ARCSEC),
+        rate_uncertainty=scaled(said.rate_uncertainty, 1e-6),
+        temperature_uncertainty=said.temperature_uncertainty,
+        level_uncertainty=scaled(said.level_uncertainty, ARCSEC),
+        orthogonality_uncertainty=scaled(said.orthogonality_uncertainty, ARCSEC),
+        axes=axes,
     )
 
 

@@ -268,6 +268,11 @@ class Site(Module):
             )
 
 
+def _as_axes(given: Any) -> Any:
+    """Two unit vectors as plain numbers."""
+    return None if given is None else tuple(tuple(float(x) for x in axis) for axis in given)
+
+
 class Rig(Module):
     """What the station promises, 1 sigma. `None` where it says nothing.
 
@@ -280,6 +285,14 @@ class Rig(Module):
     rate_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
     # °C
     temperature_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
+    # rad, of each of the two horizontal angles by which the table's base leans, the same all along
+    level_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
+    # rad, by which the outer and the inner axis are not square, the same all along
+    orthogonality_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
+    # Unit vectors of a table with two axes: the outer one in the room (north, west, up), the inner one in the case
+    axes: tuple[tuple[float, ...], tuple[float, ...]] | None = field(
+        static=True, default=None, converter=_as_axes
+    )
 
     def __check_init__(self):
         # Beyond these a station promises nothing: 30° of attitude, half of the rate, 50 °C.
@@ -290,6 +303,8 @@ class Rig(Module):
         check_from_zero(
             "Rig(temperature_uncertainty=...)", self.temperature_uncertainty, 50.0, "°C"
         )
+        for key in ("level_uncertainty", "orthogonality_uncertainty"):
+            check_from_zero(f"Rig({key}=...)", getattr(self, key), 0.5, "rad")
 
 
 NOT_CALIBRATED = "none"  # as an estimator, of a triad that is left as it is

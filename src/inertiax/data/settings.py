@@ -56,6 +56,8 @@ class RigTable(_Strict, frozen=True):
     position_uncertainty: float | None = None  # arcsec
     rate_uncertainty: float | None = None  # ppm
     temperature_uncertainty: float | None = None  # °C
+    level_uncertainty: float | None = None  # arcsec, each of two horizontal angles of the base
+    orthogonality_uncertainty: float | None = None  # arcsec, of the outer axis to the inner one
 
 
 class DeviceTable(_Strict, frozen=True):

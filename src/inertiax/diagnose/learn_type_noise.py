@@ -7,7 +7,7 @@ from .._jax import jax
 from ..data.recording import Campaign, Rig
 from ..numerics.blas_threads import one_blas_thread
 from .findings import find_all, silent
-from .noise.type_noise import chain_labels, learn_chain, TypeNoise
+from .noise.type_noise import chain_labels, learn_chain, of_variances, TypeNoise
 from .problem import prepare, Prepared
 
 
@@ -97,7 +97,7 @@ def _require_one_rig(campaigns: Sequence[tuple[str, Campaign]]) -> None:
     """What a rig promises is the unit of two of the variances."""
     name, first = campaigns[0]
     for other, campaign in campaigns:
-        if campaign.rig != first.rig:
+        if of_variances(campaign.rig) != of_variances(first.rig):
             raise ValueError(
                 f"[rig] of {other} differs from that of {name}; the noise is learned on one station."
             )

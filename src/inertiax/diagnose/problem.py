@@ -7,7 +7,8 @@ import numpy as np
 
 from .._jax import eqx, jax
 from ..calibrate.pipeline import calibrate_device
-from ..calibrate.results import DeviceResult
+from ..calibrate.results import DeviceResult, TriadResult
+from ..calibrate.table_error_sizes import table_error_sizes, within_statement
 from ..data.recording import Campaign
 from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
@@ -35,6 +36,7 @@ from .observations.model_rows import (
     usable,
 )
 from .observations.signals import build, specific_force
+from .observations.table_rows import without_table_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +159,17 @@ def prepared_triads(
         mine = seen[usable(model.form, blocks)]
         listed = [e for e in catalogue if not (e.stream_delay and triad in in_ramps)]
         with jax.enable_x64(True):  # which is set for each thread
-            return _of_blocks(campaign, log, model, force, listed, mine)
+            sizes = _table_errors(getattr(fitted, triad))
+            return _of_blocks(campaign, log, model, force, listed, mine, sizes)
 
     models = [m for m in (calibrated(fitted, triad) for triad in triads) if m is not None]
     return side_by_side(one, models, rows=len(models) * len(log.time))
+
+
+def _table_errors(result: TriadResult) -> np.ndarray | None:
+    """The table's errors as far as the station's statement allows them, in stated standard deviations."""
+    sizes = table_error_sizes(result.estimator, result.solution.curve, result.dwells)
+    return None if sizes is None else within_statement(sizes)
 
 
 def _of_blocks(
@@ -170,11 +179,13 @@ def _of_blocks(
     force: np.ndarray | None,
     catalogue: Sequence[Effect],
     blocks: Blocks,
+    sizes: np.ndarray | None,
 ) -> Prepared:
-    """One triad on some blocks, able to be made again on fewer of them."""
+    """One triad on some blocks, without table errors of these `sizes`; able to be made again on fewer blocks."""
     base = rows(model, blocks, None if force is None else blocks.mean(force))
+    base = without_table_errors(base, blocks, log, campaign.rig, sizes)
     made = prepare_triad(campaign, log, blocks, base, force, catalogue)
-    again = lambda kept: _of_blocks(campaign, log, model, force, catalogue, blocks[kept])
+    again = lambda kept: _of_blocks(campaign, log, model, force, catalogue, blocks[kept], sizes)
     return replace(made, log=log, only=again)
 
 

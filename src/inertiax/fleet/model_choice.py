@@ -19,7 +19,7 @@ from ..model_selection.select_model import (
 )
 from ..model_selection.temperature_degree import choose_degree
 from ..reduction.dwells import Dwells
-from ..reduction.rig_errors import with_rig_errors
+from ..reduction.rig_errors import table_words, with_rig_errors
 from .population.population import Population, TriadPopulation
 from .reduce.many_dwells import Reduction
 from .reduce.tasks import Task
@@ -81,6 +81,8 @@ def choose_line_model(
             models[estimator.triad] = TriadModel(name, estimator.names, degree, low, high)
             if chosen.g_sensitivity and estimator.triad == "accel":
                 seen = [_with_force(estimator, chosen, d) for d in seen]
+    estimators = (chosen.accel_estimator, chosen.gyro_estimator)
+    reasons.extend(table_words(trial[0], campaign.rig, estimators))
     specs = [_spec(models[triad]) for triad in ("accel", "gyro")]
     spec = describe(campaign.model, *specs)
     return LineModel(models["accel"], models["gyro"], chosen.g_sensitivity, tuple(reasons), spec)

@@ -139,7 +139,7 @@ def _reader_of(context: Context) -> Reader:
 
 def _devices_of(context: Context) -> Devices:
     manifest = context.manifest
-    station = Campaign((), Site(manifest.gravity), Rig(*manifest.rig))
+    station = Campaign((), Site(manifest.gravity), manifest.station)
     return devices_of(station, context.columns, folders=manifest.campaigns)
 
 
@@ -298,7 +298,7 @@ def _settled(
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
-        rig=_promised(campaign.rig), exact=exact, one_by_one=one_by_one, documented=True,
+        rig=_promised(campaign.rig), axes=campaign.rig.axes, exact=exact, one_by_one=one_by_one, documented=True,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)
@@ -322,10 +322,16 @@ def _begun(manifest: Manifest, files: Mapping[Path, Iterable[Path]], folder: Pat
     return manifest
 
 
-def _promised(rig: Rig) -> tuple[float, float, float]:
+def _promised(rig: Rig) -> tuple[float, float, float, float, float]:
     said = rig.position_uncertainty, rig.rate_uncertainty, rig.temperature_uncertainty
     angle, rate, temperature = (value or 0.0 for value in said)
-    return angle, rate, temperature
+    return (
+        angle,
+        rate,
+        temperature,
+        rig.level_uncertainty or 0.0,
+        rig.orthogonality_uncertainty or 0.0,
+    )
 
 
 def _require_single(accel: TriadModel | None, prior: Population | None) -> None:

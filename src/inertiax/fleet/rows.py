@@ -15,7 +15,6 @@ from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibrate.goodness_of_fit import LIMITS
 from ..calibration.probe_error import probe_covariance
 from ..data.recorded import Recorded
-from ..data.recording import Rig
 from ..estimators import AbstractEstimator, Invariant
 from ..model_selection.select_model import build_estimators, ChosenModel
 from ..physics.error_model import compensate_accel
@@ -72,7 +71,7 @@ def _lacking(dwells: Dwells, manifest: Manifest) -> str:
 
 def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Columns:
     """What was found of the devices of a stack, by column of the results' table."""
-    together = with_rig_errors(stack.dwells, Rig(*manifest.rig))
+    together = with_rig_errors(stack.dwells, manifest.station)
     temperature = np.asarray(together.temperature)
     columns: Columns = {
         "dwells": stack.counts,
@@ -92,11 +91,11 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         # A prior's share is no source of the device's own, and beyond some million rows it takes too long.
         by_source = manifest.documented and manifest.exact and manifest.prior is None
         if by_source:
-            fit = with_slow_noise(estimator, basis, mine, fit, Rig(*manifest.rig))
+            fit = with_slow_noise(estimator, basis, mine, fit, manifest.station)
         columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
         columns[f"{triad}_noise"] = noise_at_rest(stack.dwells, triad)
         if by_source:
-            parts = source_columns(estimator, basis, mine, fit, Rig(*manifest.rig))
+            parts = source_columns(estimator, basis, mine, fit, manifest.station)
             columns |= {f"{triad}_{suffix}": values for suffix, values in parts.items()}
         if scores is not None:
             columns[f"{triad}_amplitudes"] = scores.amplitude

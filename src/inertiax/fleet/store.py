@@ -18,6 +18,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..data.json_documents import decode, encode
+from ..data.recording import Rig
 from ..model_selection.model_spec import ModelSpec
 from ..storage.whole_files import write_atomically, written_beside
 from .effects.score_statistics import Form
@@ -49,8 +50,9 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     )
 
     model: ModelSpec | None = None  # as other commands describe it
-    # What the station promises, 1 sigma: rad of each positioning, part of the rate, °C.
-    rig: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    # What the station promises, 1 sigma: rad of each positioning, part of the rate, °C, rad of level and of axes.
+    rig: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    axes: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # as `Rig` has them
 
     exact: bool = False  # every device was reduced as `calibrate` does, not by sums over blocks
     one_by_one: bool = False  # and calibrated as it does, for want of a program that takes many
@@ -59,6 +61,11 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     kept: int = (
         0  # devices of the first task whose results are those of an earlier run over other files
     )
+
+    @property
+    def station(self) -> Rig:
+        """What the station promises."""
+        return Rig(*self.rig, axes=self.axes)
 
 
 def fingerprint(states: Iterable[str]) -> str:

@@ -151,6 +151,13 @@ class Problem:
         by_dwell = rows.reshape(self.num_dwells, len(rows) // self.num_dwells, -1)
         return np.asarray(self.shared.decorrelated(by_dwell)).reshape(rows.shape)
 
+    def weighted(self, decorrelated: Float[np.ndarray, "row ..."]) -> Float[np.ndarray, "row ..."]:
+        """Sᵀ times rows that `decorrelated` made, S x, of whitened rows x: V⁻¹ x, V their covariance."""
+        if self.shared is None:
+            return decorrelated
+        by_dwell = decorrelated.reshape(self.num_dwells, len(decorrelated) // self.num_dwells, -1)
+        return np.asarray(self.shared.weighted(by_dwell)).reshape(decorrelated.shape)
+
     def judged_misfit(self, now: LinearisedDwells) -> Float[np.ndarray, "dwell misfit"]:
         """The misfit in SI as the dwells' own noise makes it: without what several dwells share."""
         if self.shared is None:

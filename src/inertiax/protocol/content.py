@@ -140,6 +140,8 @@ def procedure(protocol: Protocol) -> Section:
 _STATEMENTS = (
     ("  its uncertainty", 1.0, "m/s²"),
     ("position", 180.0 / math.pi * 3600.0, "″"),
+    ("level of the base", 180.0 / math.pi * 3600.0, "″"),
+    ("right angle of the axes", 180.0 / math.pi * 3600.0, "″"),
     ("rate of the table", 1e6, "ppm"),
     ("temperature probe", 1.0, "°C"),
 )

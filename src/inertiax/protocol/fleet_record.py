@@ -77,7 +77,7 @@ def fleet_measurements(folder: Path) -> Iterator[tuple[str, tuple[Calibration, R
 
 def _record(row: dict, manifest: Manifest, calibration: Calibration, begun: float) -> Record:
     """What the run keeps of a device itself."""
-    position, rate, temperature = (x or None for x in manifest.rig)
+    position, rate, temperature, level, orthogonality = (x or None for x in manifest.rig)
     return Record(
         schema=SCHEMA,
         created=time_text(datetime.datetime.fromtimestamp(begun, datetime.UTC)),
@@ -85,7 +85,9 @@ def _record(row: dict, manifest: Manifest, calibration: Calibration, begun: floa
         software=software(),
         calibration_sha256="",
         inputs=(),
-        station=StationRecord(manifest.gravity, None, position, rate, temperature),
+        station=StationRecord(
+            manifest.gravity, None, position, rate, temperature, level, orthogonality
+        ),
         conditions=ConditionsRecord(None, None, None, None, calibration.temperature_range),
         method="least squares device by device" if manifest.one_by_one else "batched least squares",
         verdict=device_verdict(row, manifest),

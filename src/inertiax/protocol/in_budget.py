@@ -3,12 +3,16 @@
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from ..calibrate.split_covariance import POSITION, RATE
+from ..calibrate.split_covariance import LEVEL, ORTHOGONALITY, POSITION, RATE
 from ..calibration.calibration import Calibration
 from .calibrated_triads import calibrated_triads
 from .record import Record
 from .results import Result
 from .sources_at import GRAVITY, PROBE
+
+
+# Of a fit that is not taken apart, by the record's word for it where it may be unused.
+_WITHIN = {POSITION: "position", LEVEL: "level", ORTHOGONALITY: "orthogonality"}
 
 
 class InBudget(NamedTuple):
@@ -26,10 +30,10 @@ def in_budget(
     gravity_uncertainty: float | None,
     results: Sequence[Result],
 ) -> tuple[InBudget, ...]:
-    """Gravity, positions, rate and probe, in this order.
+    """Gravity, positions, level, axes, rate and probe, in this order.
 
-    A source is contained where the budget of any result has it. Positions are within `fit` where the dwells are
-    compared with a reference and the fit is not taken apart.
+    A source is contained where the budget of any result has it. Positions, level and axes are within `fit` where the
+    dwells are compared with a reference and the fit is not taken apart.
     """
     station = record.station
     present = {source for r in results for source, _ in r.budget}
@@ -41,6 +45,8 @@ def in_budget(
     stated = {
         GRAVITY: gravity_uncertainty,
         POSITION: station.position_uncertainty,
+        LEVEL: station.level_uncertainty,
+        ORTHOGONALITY: station.orthogonality_uncertainty,
         RATE: station.rate_uncertainty,
         PROBE: station.temperature_uncertainty,
     }
@@ -48,7 +54,12 @@ def in_budget(
     for source, sigma in stated.items():
         if sigma is not None and source in present:
             made.append(InBudget(source, sigma, "yes"))
-        elif sigma is not None and source == POSITION and hidden:
+        elif (
+            sigma is not None
+            and hidden
+            and source in _WITHIN
+            and _WITHIN[source] not in station.unused
+        ):
             made.append(InBudget(source, sigma, "within fit"))
         else:
             made.append(InBudget(source, sigma, "no"))

@@ -19,7 +19,7 @@ from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.probe_error import probe_covariance
 from ..data.inputs import imu_topic, InputFile, sensor_ids
 from ..data.recorded import recorded
-from ..data.recording import Campaign
+from ..data.recording import Campaign, Rig
 from ..reduction.earth_at_rest import is_known
 from ..reduction.handling import left_out_sentence
 from .record import (
@@ -71,6 +71,9 @@ def record_of(
             position_uncertainty=rig.position_uncertainty,
             rate_uncertainty=rig.rate_uncertainty,
             temperature_uncertainty=rig.temperature_uncertainty,
+            level_uncertainty=rig.level_uncertainty,
+            orthogonality_uncertainty=rig.orthogonality_uncertainty,
+            unused=_unused(result, rig),
         ),
         conditions=_conditions(campaign, written),
         method=_method(result),
@@ -89,6 +92,17 @@ def record_of(
         ),
         gyro=_triad(result.gyro, campaign, result.calibration.gyro, written.gyro, beside, quality),
         mag=None if result.mag is None or written.mag is None else _magnetometers(result.mag),
+    )
+
+
+def _unused(result: DeviceResult, rig: Rig) -> tuple[str, ...]:
+    """The table's stated errors that no dwell's attitude could be used for."""
+    triads = [t for t in (result.accel, result.gyro) if t is not None and t.estimator.by_reference]
+    used = any(t.dwells.table_accel is not None for t in triads)
+    return tuple(
+        key
+        for key, known in (("level", used), ("orthogonality", used and rig.axes is not None))
+        if getattr(rig, f"{key}_uncertainty") and not known
     )
 
 

@@ -47,6 +47,11 @@ def not_known(
             "positions of the table: the campaign states no uncertainty ([rig] position_uncertainty); what differs "
             "from one position to the next is in re-positioning, what is common to all is not."
         )
+    if referenced and not station.level_uncertainty:
+        said.append(
+            "level of the table: a base that leans all along shifts misalignments and biases of accelerometers; the "
+            "campaign states no uncertainty ([rig] level_uncertainty), so none is in the budget."
+        )
     if calibration.mag is not None:
         said += _of_field(calibration.mag)
     said.append(

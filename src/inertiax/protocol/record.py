@@ -51,6 +51,9 @@ class StationRecord(_Strict, frozen=True):
     position_uncertainty: float | None  # rad
     rate_uncertainty: float | None  # relative
     temperature_uncertainty: float | None  # °C
+    level_uncertainty: float | None = None  # rad
+    orthogonality_uncertainty: float | None = None  # rad
+    unused: tuple[str, ...] = ()  # keys of these that no uncertainty could use
 
 
 class ConditionsRecord(_Strict, frozen=True):

@@ -28,6 +28,8 @@ _INNER = {
     "mag": (3,),
     "mag_covariance": (3, 3),
     "rows": (4,),
+    "table_accel": (3, 3),
+    "table_gyro": (3, 3),
 }
 
 
@@ -63,6 +65,9 @@ class Dwells(eqx.Module):
     positioning: Int[AnyArray, " *dwell"] | None = None
     # rad, 1 sigma of the error that is shared, and so not in the covariances; 0 where none is.
     shared_angle: Float[AnyArray, " *dwell"] | None = None
+    # Change of the references by 1 sigma of the table's errors, columns as `table_errors` has them; in no covariance.
+    table_accel: Float[AnyArray, "*dwell 3 3"] | None = None  # m/s²
+    table_gyro: Float[AnyArray, "*dwell 3 3"] | None = None  # rad/s
 
     def __check_init__(self):
         shape = jnp.shape(self.time)

@@ -9,7 +9,11 @@ Plateaus of one positioning (`positionings`) and the pieces that one long rest i
 two of them err together:
 
     δ_k = ε × u_k = −[u_k]× ε,     cov(δ_j, δ_k) = α² [u_j]× [u_k]×ᵀ
+
+What all dwells of a campaign share, the level of the base and the right angle of the axes, is `table_errors`.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,8 +21,10 @@ from jaxtyping import Float, Int
 from .._jax import eqx, jnp
 from .._typing import AnyArray
 from ..data.recording import Rig
-from .dwells import Dwells, known_force
+from ..physics.vectors import unit_vector
+from .dwells import Dwells, is_told, known_force
 from .positionings import shared_positionings
+from .table_errors import states_table_errors, table_error_words, table_errors, TableErrors
 
 
 def rig_covariance(
@@ -49,6 +55,36 @@ def rate_words(estimator: str, rig: Rig) -> tuple[str, ...]:
     return (
         f"± holds the table's {1e6 * rate:.3g} ppm as an error drawn anew for each rate. As far as all rates share it, "
         "every scale factor is off by that much (1 sigma) beside ±; `inertiax protocol` adds it.",
+    )
+
+
+def errors_of_table(dwells: Dwells, rig: Rig) -> TableErrors | None:
+    """What the table's errors do to references; `None` where the station states none, or there are none of both
+    triads."""
+    if not states_table_errors(rig) or dwells.reference_accel is None:
+        return None
+    if dwells.reference_gyro is None:
+        return None
+    return table_errors(
+        np.asarray(dwells.position),
+        np.asarray(dwells.reference_accel, float),
+        np.asarray(dwells.reference_gyro, float),
+        rig,
+        run=None if dwells.rows is None else np.asarray(dwells.rows)[..., 0],
+        valid=np.asarray(dwells.valid),
+    )
+
+
+def table_words(dwells: Dwells, rig: Rig, estimators: Sequence[str | None]) -> tuple[str, ...]:
+    """What of the table's stated errors could not be used, where an estimator compares with references."""
+    if not states_table_errors(rig) or "reference" not in estimators:
+        return ()
+    force = dwells.reference_accel
+    return table_error_words(
+        rig,
+        errors_of_table(dwells, rig),
+        np.asarray(dwells.position),
+        None if force is None else np.asarray(force),
     )
 
 
@@ -95,7 +131,31 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
             continue
         wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
-    return dwells
+    return _with_table_errors(dwells, rig)
+
+
+def _with_table_errors(dwells: Dwells, rig: Rig) -> Dwells:
+    """The dwells with the signatures of the table's errors. Plateaus whose axis stands nobody knows how get the level's
+    error as one of their own: a mean over whole turns keeps what is along the axis."""
+    found = errors_of_table(dwells, rig)
+    if found is None or not found.known.any():
+        return dwells
+    level, own = rig.level_uncertainty or 0.0, dwells.accel_covariance
+    force, rate = np.asarray(dwells.reference_accel), np.asarray(dwells.reference_gyro)
+    lacking = (np.asarray(dwells.position) < 0) & is_told(force) & ~found.known
+    if level and own is not None and lacking.any():
+        axis = unit_vector(rate)
+        gravity = np.median(np.linalg.norm(force[found.known], axis=-1))
+        across = np.square(gravity) - np.square(np.sum(axis * force, axis=-1))
+        part = np.where(lacking, level**2 * np.maximum(across, 0.0), 0.0)[..., None, None]
+        wider = np.asarray(own) + part * axis[..., :, None] * axis[..., None, :]
+        dwells = eqx.tree_at(lambda d: d.accel_covariance, dwells, wider)
+    return eqx.tree_at(
+        lambda d: (d.table_accel, d.table_gyro),
+        dwells,
+        (found.accel, found.gyro),
+        is_leaf=lambda x: x is None,
+    )
 
 
 def _with_long_rests(

@@ -94,6 +94,28 @@ def ideal_readings(
     return Readings(force @ case, None if rate is None else rate @ case)
 
 
+def two_axes(table: Turntable) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Unit vectors of a table with two axes: the outer one in the room (north, west, up), the inner one in the case.
+
+    `None` for other tables. Raises `ValueError` as `ideal_readings`.
+
+    ```python
+    from inertiax.data.formats.columns import Turntable
+    from inertiax.data.formats.table_angles import two_axes
+
+    print(two_axes(Turntable(axes=("west", "up"))))    # ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    ```
+    """
+    if len(table.axes) != 2:
+        return None
+    outer, inner = (_unit(d, "axes") for d in table.axes)
+    a = math.radians(table.azimuth or 0.0)
+    north = np.array([-math.sin(a), math.cos(a), 0.0])
+    west = np.array([-north[1], north[0], 0.0])
+    in_room = np.array([north @ outer, west @ outer, outer[2]]) + 0.0  # no zero is negative
+    return tuple(in_room.tolist()), tuple((inner @ _case(table) + 0.0).tolist())
+
+
 def rates_by_axis(
     angles: Float[np.ndarray, "rows axes"],
     stated: Float[np.ndarray, "rows columns"],

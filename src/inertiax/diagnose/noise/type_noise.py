@@ -77,7 +77,7 @@ class TypeNoise(eqx.Module):
 
     def require(self, rig: Rig) -> None:
         """Raises `ValueError` for a station that promises something else."""
-        if rig != self.rig:
+        if of_variances(rig) != of_variances(self.rig):
             raise ValueError(
                 f"the noise was learned where [rig] says {_promised(self.rig)}, but this campaign's says "
                 f"{_promised(rig)}; learn the noise on the station that is used."
@@ -95,6 +95,11 @@ class TypeNoise(eqx.Module):
             )
         known = tuple(by_label[x].relative(s) for x, s in zip(labels, system.scales))
         return eqx.tree_at(lambda s: s.known, system, known)
+
+
+def of_variances(rig: Rig) -> tuple[float | None, float | None, float | None]:
+    """What a rig states that is a variance of rows: position, rate and temperature."""
+    return rig.position_uncertainty, rig.rate_uncertainty, rig.temperature_uncertainty
 
 
 def _promised(rig: Rig) -> str:

@@ -144,8 +144,8 @@ def _decorrelated(
     fit: FleetFit,
     rows: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened rows, `(devices, rows, columns)`, without the errors that dwells of one positioning share."""
-    if dwells.positioning is None:
+    """Whitened rows, `(devices, rows, columns)`, without the errors that dwells share."""
+    if dwells.positioning is None and dwells.table_accel is None:
         return rows
     made = tuple(np.array(x) for x in rows)
     for k in range(len(fit.valid)):

@@ -96,8 +96,8 @@ def fit_linear(
 def _shared(
     estimator: AbstractEstimator, dwells: Dwells, scatter: Float[Array, " batch"]
 ) -> SharedErrors | None:
-    """What dwells of one positioning share, device by device; `None` where nothing is."""
-    if dwells.positioning is None:
+    """What dwells share, device by device; `None` where nothing is."""
+    if dwells.positioning is None and dwells.table_accel is None:
         return None
 
     def one(device: Dwells, extra: Array) -> SharedErrors | None:

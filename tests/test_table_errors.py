@@ -1,0 +1,171 @@
+"""A table out of level or out of square: what it does to references, to intervals, and what can be said without it.
+
+The table of `benchmarks/table_coverage.py` turns everything by SciPy's rotations, to all orders.
+"""
+
+import dataclasses
+import importlib.util
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from inertiax.calibrate.split_covariance import Fit, split
+from inertiax.calibrate.table_error_sizes import table_error_sizes, within_statement
+from inertiax.data.formats.columns import Turntable
+from inertiax.data.formats.table_angles import two_axes
+from inertiax.data.recording import Rig
+from inertiax.estimators import ReferenceAccel
+from inertiax.fleet.solve.batch import fit_fleet
+from inertiax.physics.temperature import Constant
+from inertiax.procedure.single_device import joint_fit_one
+from inertiax.reduction.rig_errors import table_words, with_rig_errors
+from inertiax.reduction.table_errors import table_errors
+
+
+SMALL = 1e-5  # rad
+
+
+@pytest.fixture(scope="module")
+def table():
+    path = Path(__file__).parents[1] / "benchmarks" / "table_coverage.py"
+    spec = importlib.util.spec_from_file_location("table_coverage", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def drawn(table):
+    rng = np.random.default_rng(5)
+    return [table.drawn(rng) for _ in range(120)]
+
+
+@pytest.fixture(autouse=True)
+def _double():
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.mark.parametrize("tilt, skew", [((1, 0), 0), ((0, 1), 0), ((0, 0), 1)])
+def test_references_change_as_rotations_to_all_orders_say(table, tilt, skew):
+    """In rests and in means at constant rates, of both triads with one sign."""
+    stated = Rig(level_uncertainty=SMALL, orthogonality_uncertainty=SMALL, axes=table.AXES)
+    found = table_errors(*table.PLAN, stated)
+    assert found.known.all()
+    _, force, rate = table.readings(SMALL * np.array(tilt), SMALL * skew)
+    which = [*tilt, skew].index(1)
+    # Second order: 1e-5 of what changes, 9.8 m/s² and 1.7 rad/s times 1e-5, or of the Earth's rate 7e-5 rad/s.
+    np.testing.assert_allclose(force - table.PLAN[1], -found.accel[..., which], atol=1e-9)
+    atol = 2e-10 if skew else 1e-14
+    np.testing.assert_allclose(rate - table.PLAN[2], -found.gyro[..., which], atol=atol)
+    assert np.abs(found.accel[..., which]).max() > 9.0 * SMALL
+
+
+def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table, drawn):
+    """A dense covariance of positions, noise and table by hand; one device, the same in a fleet, and its budget."""
+    dwells = with_rig_errors(drawn[0][0], table.STATED)
+    force, count = dwells.reference_accel, dwells.num_dwells
+    design = np.concatenate(
+        [np.tile(np.eye(3), (count, 1, 1)), np.einsum("ij,nk->nijk", np.eye(3), force).reshape(count, 3, 9)], axis=2
+    ).reshape(3 * count, 12)  # fmt: skip
+    skew = lambda v: np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    turn = np.concatenate([skew(v) for v in force])
+    number = dwells.positioning
+    same = (number[:, None] == number[None, :]) & (number >= 0)[:, None] | np.eye(count, dtype=bool)
+    whole = table.POSITION**2 * np.kron(same, np.ones((3, 3))) * (turn @ turn.T)
+    common = table_errors(*table.PLAN, table.STATED).accel.reshape(-1, 3)
+    whole += common @ common.T + table.FORCE_NOISE**2 * np.eye(3 * count)
+    inverse = np.linalg.inv(whole)
+    covariance = np.linalg.inv(design.T @ inverse @ design)
+    answer = covariance @ design.T @ inverse @ (dwells.accel - force).reshape(-1)
+    sigma = np.sqrt(np.diagonal(covariance))
+    estimator = ReferenceAccel()
+    alone = joint_fit_one(estimator, Constant(), dwells)
+    own = np.asarray(alone.covariance)
+    many = fit_fleet(estimator, Constant(), jax.tree.map(lambda x: np.stack([x, x]), dwells))
+    # Of the parameters by their sigmas; normal matrices have a condition of 1e5.
+    assert np.abs((np.asarray(alone.curve.coefficients)[0] - answer) / sigma).max() < 1e-6
+    np.testing.assert_allclose(
+        own / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-6
+    )
+    # A fleet finds what scatter is left: none, or little beside 120 rows.
+    assert np.abs((many.parameters[0] - answer) / sigma).max() < 0.1
+    np.testing.assert_allclose(np.sqrt(np.diagonal(many.covariance[0])) / sigma, 1.0, atol=0.05)
+    parts = split(Fit(estimator, alone.curve, own, dwells, 3 * count), table.STATED)
+    by_source = {p.source: p.covariance for p in parts}
+    np.testing.assert_allclose(np.diagonal(sum(by_source.values())), np.diagonal(own), rtol=1e-9)
+    moved = covariance @ design.T @ inverse @ common
+    np.testing.assert_allclose(
+        np.diagonal(by_source["rig level"]),
+        np.sum(moved[:, :2] ** 2, axis=1),
+        rtol=1e-5,
+        atol=1e-20,
+    )
+    np.testing.assert_allclose(
+        np.diagonal(by_source["rig orthogonality"]), moved[:, 2] ** 2, rtol=1e-5, atol=1e-20
+    )
+
+
+@pytest.mark.slow
+def test_intervals_of_misalignments_cover_with_the_statement_and_not_without(table, drawn):
+    """1440 values, of which the twelve of a device go together in part: 95 ± 4 % is five sigma of 120 devices."""
+    inside = lambda rig: np.abs([table.deviations(d, rig) for d in drawn]) < 1.96
+    stated, unstated = inside(table.STATED), inside(table.UNSTATED)
+    for triad in range(2):
+        assert 0.91 < stated[:, triad].mean() < 0.99
+    assert unstated[:, 0].mean() < 0.8
+    assert unstated[:, 1].mean() < stated[:, 1].mean() - 0.04
+
+
+def test_a_table_within_its_statement_is_no_missing_physics_and_one_beyond_it_is(table):
+    """The sizes that the fit predicts are those of the table; three sigma are allowed, ten are not."""
+    truth = {"within": np.array([2.0, -1.5]), "beyond": np.array([10.0, 0.0])}
+    for name, tilt in truth.items():
+        _, force, rate = table.readings(table.LEVEL * tilt, 0.0)
+        dwells = dataclasses.replace(with_rig_errors(table.drawn(np.random.default_rng(3))[0], table.STATED),
+                                     accel=force, gyro=rate)  # fmt: skip
+        fit = joint_fit_one(ReferenceAccel(), Constant(), dwells)
+        sizes = table_error_sizes(ReferenceAccel(), fit.curve, dwells)
+        # 32 positions of 4″ in each of two directions tell a level to 4″ / sqrt(32) = 0.07 of 10″.
+        np.testing.assert_allclose(-sizes[:2], tilt, atol=0.15)
+        kept = within_statement(sizes)
+        assert np.any(kept[:2]) == (name == "within")
+
+
+def test_what_cannot_be_used_is_said(table, drawn):
+    dwells = drawn[0][0]
+    both = ("reference", "reference")
+    assert table_words(dwells, table.STATED, both) == ()
+    assert table_words(dwells, Rig(), both) == ()
+    assert table_words(dwells, dataclasses.replace(table.STATED), ("invariant", "gravity")) == ()
+    (axes,) = table_words(dwells, Rig(orthogonality_uncertainty=1e-5), both)
+    assert "orthogonality_uncertainty is in no ±" in axes and "[table] axes" in axes
+    # Without the Earth's rate the references tell no heading.
+    still = dataclasses.replace(
+        dwells, reference_gyro=np.where(dwells.position[:, None] < 0, dwells.reference_gyro, 0)
+    )
+    (heading,) = table_words(still, Rig(level_uncertainty=1e-5), both)
+    assert "level_uncertainty is in no ±" in heading and "latitude" in heading
+    assert with_rig_errors(still, Rig(level_uncertainty=1e-5)).table_accel is None
+    # Without the axes a plateau about a level axis has an azimuth that nobody knows: its level is its own.
+    (plateaus,) = table_words(dwells, Rig(level_uncertainty=1e-5), both)
+    assert "drawn anew at 12 plateaus" in plateaus
+    own = (
+        with_rig_errors(dwells, Rig(level_uncertainty=1e-5)).accel_covariance
+        - dwells.accel_covariance
+    )
+    along = np.trace(own, axis1=1, axis2=2)
+    level = [k for k in range(len(along)) if along[k] > 0.0]
+    assert len(level) == 12
+    np.testing.assert_allclose(along[level], (1e-5 * 9.81) ** 2, rtol=1e-6)
+
+
+def test_axes_are_those_of_the_room_and_of_the_case():
+    # Azimuth 90°: what is called north points east, so that "east" is south.
+    turned = Turntable(axes=("east", "up"), case=("north", "up", "east"), azimuth=90.0)
+    outer, inner = two_axes(turned)
+    np.testing.assert_allclose(outer, [-1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(inner, [0.0, 1.0, 0.0], atol=1e-15)
+    assert two_axes(Turntable(axes=("up",))) is None
