@@ -3,15 +3,17 @@
 import numpy as np
 import polars as pl
 import pytest
+from scipy.spatial.transform import Rotation
 
 from inertiax.allan import deviations, logs_of, noise_of
 from inertiax.allan.logs import _channel
 from inertiax.allan.stored_channel import is_constant, StoredChannel
+from inertiax.calibrate.pipeline import calibrate
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import read_recordings
 from inertiax.data.formats.columns import AngleColumns, ColumnMap, Layout, RateColumns, Turntable
 from inertiax.data.formats.long_logs import read_long
-from inertiax.data.stored_recording import ColumnStore, StoredRecording
+from inertiax.data.stored_recording import ColumnStore, log_numbers, StoredRecording
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rotations_between_rests import with_motions
@@ -62,8 +64,8 @@ def log(*, labelled: bool = False, still: bool = False) -> pl.DataFrame:
     return pl.DataFrame(columns | ({"position": position} if labelled else {}))
 
 
-def in_parts(path, **how):
-    return read_long(path, part=PART, rows=700, size=40_000, **how)
+def in_parts(path, *columns_and_layout, **how):
+    return read_long(path, *columns_and_layout, part=PART, rows=700, size=40_000, **how)
 
 
 @pytest.fixture(params=["a.parquet", "a.csv"])
@@ -174,9 +176,10 @@ def test_what_is_odd_in_many_parts_is_told_once(tmp_path):
     )
     campaign = load_campaign(tmp_path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("inertiax.data.campaign.read_long", lambda f, *a, **k: in_parts(f))
+        patch.setattr("inertiax.data.campaign.read_long", in_parts)
         cut = load_campaign(tmp_path, in_parts=True)
     assert len(cut.recordings) == 5
+    assert list(log_numbers(cut.recordings)) == [0] * 5
     said = [f for f in check_campaign(cut).findings if f.what == "temperature"]
     assert [f.kind for f in said] == [
         f.kind for f in check_campaign(campaign).findings if f.what == "temperature"
@@ -270,3 +273,90 @@ def test_turns_that_are_a_thousandth_of_a_long_log_part_its_rests(tmp_path, in_p
     # Standard error of a mean of 18 000 samples is 7.5e-5 m/s²; rests cut at a part's end are two dwells.
     off = np.abs(np.asarray(found.accel)[:, None] - GRAVITY * up).max(axis=2).min(axis=1)
     assert len(off) in range(poses, poses + len(parts)) and off.max() < 1e-3
+
+
+MATRIX = np.eye(3) + [[1e-3, -5e-4, 8e-4], [4e-4, -7e-4, 2e-4], [-3e-4, 6e-4, 5e-4]]
+
+
+def turned_on_a_table(folder):
+    """Both logs of a table whose clock is 0.12 s ahead, rows of 0.1 s: 16 attitudes, then whole turns both ways; a device
+    some cm from the axes."""
+    fs, ahead, arm = 50.0, 0.12, np.array([0.03, -0.02, 0.05])
+    steps: list[tuple[int, float, float]] = []  # axis, deg, s; the table speeds up at 60 deg/s^2
+    steps += [*[(0, 90.0, 2.5)] * 4, (1, 90.0, 2.5)] * 4
+    for axis in (0, 1):
+        for turns in (1.0, -1.0, 2.0, -2.0):
+            steps.append((axis, 360.0 * turns, 2.5))
+    pieces, at = [np.zeros((120, 2))], np.zeros(2)
+    for axis, turn, rest in steps:
+        most = min(abs(turn) / 3.0, 110.0) if abs(turn) > 100 else 45.0
+        ramp = most / 60.0
+        lasts = abs(turn) / most + ramp
+        t = np.arange(1, int(np.ceil(lasts * fs)) + 1) / fs
+        rate = np.clip(np.minimum(60.0 * t, 60.0 * (lasts - t)), 0.0, most)
+        share = np.cumsum(rate) / np.sum(rate)
+        moved = at + turn * share[:, None] * np.eye(2)[axis]
+        at = moved[-1]
+        pieces += [moved, np.tile(at, (int(rest * fs), 1))]
+    angles = np.radians(np.concatenate(pieces))
+    time = 7.0 + np.arange(len(angles)) / fs
+    turn = Rotation.from_euler("X", angles[:, :1]) * Rotation.from_euler("z", angles[:, 1:])
+    # Places and axes in the room, differentiated numerically: no formula of the package's.
+    place = turn.apply(arm)
+    acceleration = np.gradient(np.gradient(place, 1 / fs, axis=0), 1 / fs, axis=0)
+    force = turn.inv().apply(acceleration + [0.0, 0.0, GRAVITY])
+    rate = np.gradient(angles, 1 / fs, axis=0)
+    omega = turn.inv().apply(rate[:, :1] * [1.0, 0.0, 0.0]) + rate[:, 1:] * [0.0, 0.0, 1.0]
+    rng = np.random.default_rng(8)
+    accel = force @ MATRIX.T + [0.05, -0.03, 0.02] + 5e-3 * rng.standard_normal(force.shape)
+    gyro = omega @ MATRIX.T + [1e-3, -2e-3, 5e-4] + 3e-4 * rng.standard_normal(force.shape)
+    columns = {"time": time} | {f"accel_{a}": accel[:, k] for k, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}": gyro[:, k] for k, a in enumerate("xyz")}
+    pl.DataFrame(columns).write_parquet(folder / "device.parquet")
+    own = slice(None, None, 5)
+    table = {"time": time[own] + ahead, "outer": np.degrees(angles[own, 0]) % 360.0}
+    table |= {"inner": np.degrees(angles[own, 1]) % 360.0}
+    table |= {f"rate_{k}": np.degrees(rate[own, k]) for k in range(2)}
+    pl.DataFrame(table).write_csv(folder / "table.csv")
+    (folder / "campaign.toml").write_text(
+        f"""[site]
+gravity = {GRAVITY}
+[recordings]
+files = ["device.parquet"]
+table_files = ["table.csv"]
+[columns]
+table_angles = {{ names = ["outer", "inner"], unit = "deg" }}
+table_rates = {{ names = ["rate_0", "rate_1"], unit = "deg/s" }}
+[table]
+axes = ["east", "up"]
+delay = {ahead}
+[model]
+lever_arms = true
+temperature_degree = 0
+"""
+    )
+    return arm
+
+
+def test_parts_of_a_table_s_log_with_a_clock_of_its_own_give_what_the_whole_gives(tmp_path):
+    """The first row of a move is no knock at the end of a rest, in the whole as in its parts."""
+    arm = turned_on_a_table(tmp_path)
+    whole = load_campaign(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("inertiax.data.campaign.read_long", in_parts)
+        parts = load_campaign(tmp_path, in_parts=True)
+    assert [len(c.recordings) for c in (whole, parts)] == [1, 4]
+    found = [segment_all(c.recordings) for c in (whole, parts)]
+    assert not any(s.disturbances for segments in found for s in segments)
+    used = [np.concatenate([s.used for s in segments]) for segments in found]
+    np.testing.assert_array_equal(*used)
+    fits = [calibrate(c)[0] for c in (whole, parts)]
+    one, other = (f.calibration for f in fits)
+    sigma = np.sqrt(np.diagonal(one.covariance))
+    # Each of three cuts makes two dwells of one.
+    assert np.abs((other.coefficients - one.coefficients) / sigma).max() < 0.5
+    for made in (one, other):
+        for effect in made.effects:
+            (k,) = effect.channels
+            # Plateaus about two axes show each arm along its own axis; the truth in four sigma.
+            assert abs(effect.coefficients[k] - arm[k]) < 4.0 * np.sqrt(effect.covariance[k, k])

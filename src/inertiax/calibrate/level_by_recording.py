@@ -23,6 +23,7 @@ _FREEDOM = 5  # rows beyond the unknowns that tell the accelerometers' scatter; 
 _FAR = 4.0  # standard errors between two recordings; chance has it in 6 of 100 000 pairs of an axis
 _NAMES = {"accel": "accelerometers", "gyro": "gyros"}
 
+LogNumbers = Int[np.ndarray, " recording"]
 Levels = tuple[Float[np.ndarray, "recording 3"], Float[np.ndarray, "recording 3"]]
 
 
@@ -35,15 +36,20 @@ def level_words(result: DeviceResult, gravity: float) -> dict[str, str]:
     return {triad: words for triad, words in found.items() if words is not None}
 
 
-def triad_words(estimate: TriadResult | None, gravity: float) -> str | None:
+def triad_words(
+    estimate: TriadResult | None, gravity: float, logs: LogNumbers | None = None
+) -> str | None:
     """The same of one triad; `None` where recordings differ by no more than chance, or have temperatures of their own:
-    levels could be those of what the curve over temperature leaves out."""
-    if estimate is None or _temperatures_apart(estimate):
+    levels could be those of what the curve over temperature leaves out.
+
+    **Arguments:** `logs` is the number of the log that each recording is of, where several are parts of one.
+    """
+    if estimate is None or _temperatures_apart(estimate, logs):
         return None
-    found = levels(estimate, gravity)
+    found = levels(estimate, gravity, logs=logs)
     if found is None:
         return None
-    slopes = levels(estimate, gravity, slopes=True)
+    slopes = levels(estimate, gravity, slopes=True, logs=logs)
     triad = estimate.estimator.triad
     per, unit = (1.0, "m/s²") if triad == "accel" else (DEG_PER_HOUR, "°/h")
     level, error = found
@@ -76,19 +82,21 @@ def _apart(
     return float((np.abs(level[:, None] - level[None]) / both).max())
 
 
-def levels(estimate: TriadResult, gravity: float, *, slopes: bool = False) -> Levels | None:
+def levels(
+    estimate: TriadResult, gravity: float, *, slopes: bool = False, logs: LogNumbers | None = None
+) -> Levels | None:
     """Each recording's mean of the rests' outputs less the fit, and its standard error, m/s² or rad/s.
 
     `None` where there are not two recordings with rests enough, or where their poses do not tell all three axes.
     The levels of accelerometers sum to zero.
 
     **Arguments:** `gravity` in m/s², which makes g-sensitivity's force dimensionless. With `slopes` those over
-    temperature beside the levels, per °C, where every recording has `LEAST_SPAN` of it.
+    temperature beside the levels, per °C, where every recording has `LEAST_SPAN` of it. `logs` as of `triad_words`.
     """
     dwells = estimate.dwells
-    if dwells.rows is None:
+    number = _numbers(estimate, logs)
+    if number is None:
         return None
-    number = np.asarray(dwells.rows)[:, 0]
     drivers = [np.ones(len(number))]
     if slopes:
         heat = _within(np.asarray(dwells.temperature), number)
@@ -202,12 +210,20 @@ def _of_means(
     return np.stack([f[-1] for f in fits]), np.outer(spread, scatter)
 
 
-def _temperatures_apart(estimate: TriadResult) -> bool:
-    """Whether no two recordings share a temperature; those without any share theirs."""
+def _numbers(estimate: TriadResult, logs: LogNumbers | None) -> Int[np.ndarray, " dwell"] | None:
+    """Number of the recording that each dwell is of, or of its log."""
     if estimate.dwells.rows is None:
+        return None
+    number = np.asarray(estimate.dwells.rows)[:, 0]
+    return number if logs is None else logs[number]
+
+
+def _temperatures_apart(estimate: TriadResult, logs: LogNumbers | None) -> bool:
+    """Whether no two recordings share a temperature; those without any share theirs."""
+    number = _numbers(estimate, logs)
+    if number is None:
         return False
     temperature = np.asarray(estimate.dwells.temperature)
-    number = np.asarray(estimate.dwells.rows)[:, 0]
     ranges = sorted(
         (temperature[number == k].min(), temperature[number == k].max()) for k in np.unique(number)
     )

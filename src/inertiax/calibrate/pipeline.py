@@ -10,6 +10,7 @@ from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.fitted_effects import FittedEffect
 from ..calibration.probe_error import probe_covariance
 from ..data.recording import Campaign, check_given_campaign, Recording, Rig
+from ..data.stored_recording import log_numbers
 from ..estimators import (
     GravityRotation,
     Invariant,
@@ -228,7 +229,7 @@ def calibrate_device(
 
 def _of_levels(estimate: TriadResult | None, campaign: Campaign) -> list[str]:
     """That a triad's biases differ from recording to recording, where they do."""
-    words = triad_words(estimate, campaign.site.gravity)
+    words = triad_words(estimate, campaign.site.gravity, log_numbers(campaign.recordings))
     return [] if words is None else [words]
 
 

@@ -8,10 +8,11 @@ are read when they are used. The files are gone when nobody uses them any more, 
 import tempfile
 import threading
 import weakref
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .._records import field
 from .recording import COLUMNS, Recording
@@ -141,3 +142,20 @@ class StoredRecording(Recording):
             time=np.zeros(0), device=device, name=name, store=store, first=first, stop=stop,
             whole=whole, quietest=quietest,
         )  # fmt: skip
+
+
+def log_numbers(recordings: Sequence[Recording]) -> Int[np.ndarray, " recording"]:
+    """Number of the log that each recording is of, from 0: parts of one log share theirs.
+
+    ```python
+    import numpy as np
+    from inertiax import Recording
+    from inertiax.data.stored_recording import log_numbers
+
+    one = Recording.from_arrays(accel=np.ones((10, 3)), sample_rate=100.0)
+    print(log_numbers([one, one]))    # [0 1]
+    ```
+    """
+    whole = [r.whole if isinstance(r, StoredRecording) else "" for r in recordings]
+    fresh = [not w or w != before for w, before in zip(whole, ["", *whole], strict=False)]
+    return np.cumsum(fresh) - 1

@@ -234,10 +234,12 @@ def _found(recording: Recording, window: float) -> Segments:
     if recording.reference_gyro is not None:
         rate = np.linalg.norm(recording.reference_gyro, axis=1)
         still = rate <= 1.5 * EARTH_RATE
+        # As of plateaus: at its ends a rest still moves, or already, where a table writes fewer rows than the device.
+        inside = still & np.append(True, still[:-1]) & np.append(still[1:], True)
         runs = np.cumsum(np.diff(still, prepend=still[0]))
         # Between a ramp and the next move a table hardly turns, and is not at rest.
         brief = np.bincount(runs)[runs] * usual_step(recording) < SHORTEST
-        position = np.where(still & ~brief, runs // 2, -1)
+        position = np.where(inside & ~brief, runs // 2, -1)
         return _planned(recording, position, "the reference rates say")
     found = _long_or_brief(recording, find_rests(recording, window=window), window)
     found = _with_held(recording, found, window)

@@ -11,6 +11,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ...numerics.side_by_side import side_by_side
+from ...physics.wgs84 import EARTH_RATE
 from ..recording import Recording
 from ..stored_recording import ColumnStore, StoredRecording
 from . import csv
@@ -24,6 +25,7 @@ PART = 1 << 19  # rows of a part, about
 _BYTES_A_ROW = 64  # of text, at the least: time and six numbers
 _LONG = 1.5  # parts, from which a log is cut
 _BLOCK = 128  # rows that are judged together where a cut is looked for
+_STANDS = 1.5 * EARTH_RATE  # of a reference, as `reduction.segments` has it
 _REACH = 8  # of a part's length, its fraction in which the stillest place is taken
 
 
@@ -137,20 +139,40 @@ def _quietest(store: ColumnStore, first: int, stop: int) -> tuple[float, float]:
 
 
 def _still(store: ColumnStore, middle: int, reach: int) -> int:
-    """The middle of the stillest rows within `reach` of a row; of rests, where a column tells them."""
+    """The middle of a rest within `reach` of a row, where columns tell rests; else of the stillest rows."""
     first = middle - reach
     count = max(2 * reach // _BLOCK, 1)
+    told = _told_rest(store, first, first + count * _BLOCK)
+    if told is not None:
+        return first + told
     motion = np.zeros(count)
     for name in ("accel", "gyro"):
         values = store.read(name, first, first + count * _BLOCK, keep=False)
         if values is not None:
             motion += _motion(values.reshape(count, _BLOCK, 3), turns=name == "gyro")
-    position = store.read("position", first, first + count * _BLOCK, keep=False)
-    if position is not None:
-        blocks = position.reshape(count, _BLOCK)
-        resting = (blocks == blocks[:, :1]).all(axis=1) & (blocks[:, 0] >= 0)
-        motion = np.where(resting | ~resting.any(), motion, np.inf)
     return first + int(np.argmin(motion)) * _BLOCK + _BLOCK // 2
+
+
+def _told_rest(store: ColumnStore, first: int, stop: int) -> int | None:
+    """The middle of a run of one position, or in which the reference stands; `None` where no column tells one.
+
+    It is the nearest to the middle of the rows that is no shorter than half of the runs: the halves of a long one, in
+    which the temperature moves, would be other dwells than the whole.
+    """
+    label = store.read("position", first, stop, keep=False)
+    if label is None:
+        rate = store.read("reference_gyro", first, stop, keep=False)
+        if rate is None:
+            return None
+        label = np.where(np.linalg.norm(rate, axis=1) <= _STANDS, 0, -1)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(label)) + 1, [len(label)]])
+    resting = label[edges[:-1]] >= 0
+    start, lasts = edges[:-1][resting], np.diff(edges)[resting]
+    if not len(start):
+        return None
+    usual = lasts >= np.median(lasts)
+    middle = (start + lasts // 2)[usual]
+    return int(middle[np.argmin(np.abs(middle - len(label) // 2))])
 
 
 def _motion(
