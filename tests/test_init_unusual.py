@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from hand_log_data import CANONICAL, DEGREE, draft, G, hand_log, written
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft.accel_unit import lacks_gravity
+from inertiax.campaign_draft.gyro_unit import gyro_unit
 from inertiax.data.campaign import load_campaign
 
 
@@ -343,3 +344,45 @@ def test_times_since_1970_are_in_the_unit_that_makes_them_our_years(tmp_path):
     rows = ["timestamp," + rows[0], *(f"{t:.0f},{r}" for t, r in zip(time, rows[1:], strict=True))]
     path.write_text("\n".join(rows) + "\n")
     assert draft(path)["columns"]["time"] == {"name": "timestamp", "unit": "ms"}
+
+
+@pytest.mark.parametrize("gravity", [1.0, G])
+def test_increments_of_velocity_and_angle_are_divided_by_their_step(tmp_path, gravity):
+    """A navigation unit's text: at 50 Hz 1 g reads 0.02 in g or 0.196 in m/s^2, and the gyros' part is as small."""
+    rows = (TIME, GYRO / 50.0, ACCEL * gravity / G / 50.0)
+    found = draft(written(tmp_path / "imu.txt", rows, delimiter=" "))["columns"]
+    per = "g" if gravity == 1.0 else "m/s^2"
+    assert found["accel"] == {"unit": "count", "scale": 0.02, "scale_unit": f"count per {per}"}
+    assert found["gyro"] == {"unit": "count", "scale": 0.02, "scale_unit": "count per rad/s"}
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-3)
+    np.testing.assert_allclose(recording.gyro, GYRO, atol=1e-4)
+
+
+def test_no_log_ends_within_a_second_by_a_clock_finer_than_a_microsecond(tmp_path):
+    """Half a second from row to row, by a computer's clock: in milliseconds it were 2 kHz for 0.2 s."""
+    time = 0.5 * np.arange(400) + 0.001 * np.random.default_rng(2).random(400)
+    path = written(tmp_path / "log.csv", (np.zeros(400), ACCEL[:400]), "Time,ax,ay,az")
+    rows = path.read_text().splitlines()[1:]
+    rows = [f"{t:.12f}{r[r.index(',') :]}" for t, r in zip(time, rows, strict=True)]
+    path.write_text("\n".join(["Time,ax,ay,az", *rows]) + "\n")
+    assert draft(path)["columns"]["time"] == {"name": "Time", "unit": "s"}
+
+
+def test_a_converter_reads_no_rate_beyond_its_range():
+    """A Shimmer's deg/s go in steps that, as rad/s, were those of a converter for 250 deg/s."""
+    step = np.radians(0.00875)
+    values = step * np.round(np.random.default_rng(1).normal(0.0, 20.0, (4000, 3)))
+    assert gyro_unit(values, None, "").certain
+    values[2000:2100] = step * np.round(np.linspace(0.0, 150.0, 100)[:, None] / step)
+    assert not gyro_unit(values, None, "").certain
+
+
+def test_an_acceleration_without_gravity_is_no_sphere_of_counts(tmp_path):
+    """A walk, as a phone's user acceleration has it; by chance the means of its calmest moments lie about a point."""
+    rng = np.random.default_rng(4)
+    size = np.abs(np.sin(TIME * 2.0))[:, None] * 3.0
+    accel = size * rng.normal(size=(len(TIME), 3)).cumsum(axis=0) / 20.0
+    accel -= accel.mean(axis=0)
+    with pytest.raises(ValueError, match="read gravity in no unit"):
+        draft(written(tmp_path / "log.csv", (TIME, accel), "time,Acc_x,Acc_y,Acc_z"))

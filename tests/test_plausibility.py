@@ -204,6 +204,20 @@ def test_kinds_of_broken_samples():
         x[2000:2200] = x[300:500]
     found = only({**columns, "gyro": copied[0], "accel": copied[1]}, "repeated_samples", "warning")
     assert "from 3 s and again from 20 s" in found.statement
+    held = np.where(np.abs(columns["gyro"]) < 0.03, 0.0, columns["gyro"])  # rad/s; zeros are below
+    found = only({**columns, "gyro": held}, "held_at_rest", "warning")
+    assert "gyro_x, gyro_y, gyro_z read exactly zero" in found.statement
+    assert "dropout" not in str(findings({**columns, "gyro": held}))
+    unit = G * columns["accel"] / np.linalg.norm(columns["accel"], axis=1, keepdims=True)
+    assert only({**columns, "accel": unit}, "normalised", "warning")
+    coarse = 0.2 * np.round(columns["accel"] / 0.2)
+    coarse[:250] = [9.8, 0.2, 0.0]  # x never reads more
+    coarse[:, 0] = np.minimum(coarse[:, 0], 9.8)
+    assert "saturation" not in str(findings({**columns, "accel": coarse}))
+    fast = {**columns, "time": 1.25 * columns["time"]}
+    assert dict(only(fast, "gyro_unit", "warning").evidence)["ratio"] == pytest.approx(
+        1.25 * 0.99, rel=0.02
+    )
     shocks = np.clip(columns["accel"], -90.0, 150.0)
     shocks[[800, 1500, 2300], 0], shocks[[801, 1501, 2301], 0] = -90.0, 150.0
     assert "wrap" not in str(findings({**columns, "accel": shocks}))

@@ -76,7 +76,7 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
         radius = samples
         what = f"|a| is {radius:.4g} in half of the samples; no rests were found"
     calm = calm_norm(values)
-    if not fitted and _unit_of(calm) is not None and _unit_of(radius) is None:
+    if not fitted and unit_of(calm) is not None and unit_of(radius) is None:
         radius = calm
         what = f"|a| is {radius:.4g} in the rows that move least; no rests were found"
     told = _written(radius, said(FORCE_UNITS, hint), what)
@@ -84,7 +84,7 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
         return told
     offset = _offset(center, radius, fitted)
     if not whole(values) or nearest(radius, (1000.0, 1000.0 * G), 0.015):
-        unit = _unit_of(radius)
+        unit = unit_of(radius)
         if offset is None and unit is not None:
             return TriadUnit(unit, None, None, None, G / _UNITS[unit], what, True)
     scale = nearest(radius, ACCEL_SCALES, _NEAR) if offset is None else None
@@ -126,7 +126,7 @@ def lacks_gravity(values: Float[np.ndarray, "time 3"]) -> bool:
     low, size, high = np.quantile(np.linalg.norm(values, axis=1), [0.05, 0.5, 0.95])
     shaken = not whole(values) and bool(high - low > size)
     calm = calm_norm(values)
-    return bool(shaken and (calm < _CALM * size or _unit_of(calm) is None))
+    return bool(shaken and (calm < _CALM * size or unit_of(calm) is None))
 
 
 def shaken(values: Float[np.ndarray, "time 3"]) -> bool:
@@ -148,8 +148,9 @@ def calm_norm(values: Float[np.ndarray, "time 3"]) -> float:
     return float(np.median(np.linalg.norm(block[calm].mean(axis=1), axis=1)))
 
 
-def _unit_of(radius: float) -> str | None:
-    return next((u for u, reads in _UNITS.items() if abs(radius / reads - 1.0) < _NEAR), None)
+def unit_of(radius: float, near: float = _NEAR) -> str | None:
+    """The unit in which gravity reads `radius`, within the relative `near`."""
+    return next((u for u, reads in _UNITS.items() if abs(radius / reads - 1.0) < near), None)
 
 
 def sphere(means: Float[np.ndarray, "rest 3"], offset: float) -> Sphere:

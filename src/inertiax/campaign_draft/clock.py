@@ -19,6 +19,7 @@ _STEPS = 0.2  # of the differences go back: what holds steps goes up and down
 _LONGEST_STEP = 50.0  # times the usual one
 _PAUSE = 20.0  # usual steps: neither a pause nor where stamps go back is part of a mean rate
 _ANEW = 1.5  # usual steps to mean ones: the stamps' span is that of one of several runs
+_SHORTEST = 1.0  # s
 UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
 
 
@@ -134,11 +135,21 @@ def _unit(
     if said_unit in possible:
         return said_unit, "as the file says", True
     usual = [u for u in possible if _USUAL[0] <= 1.0 / steps[u] <= _USUAL[1]]
+    if len(possible) > 1 and usual and _too_short(values, usual[0]):
+        why = f"in {usual[0]} the log would last {steps[usual[0]] * len(values):.2g} s, with stamps finer than a µs"
+        return possible[0], why, False
     chosen = next(iter(usual or possible), None)
     if chosen is not None and np.all(np.diff(values) == 1.0):
         return chosen, f"it goes up by one: {chosen}, if it does not count rows", False
     why = f"usual step is {step:.4g}" if _ANEW * step > mean else f"mean step is {mean:.4g}"
     return chosen, f"the {why}, so an IMU's rate needs this unit", len(usual) == 1
+
+
+def _too_short(values: Float[np.ndarray, " rows"], unit: str) -> bool:
+    """Whether nobody records for so short a time, by a clock so fine; whole numbers are ticks of a clock."""
+    told = values[np.isfinite(values)] * UNITS[unit]
+    fine = np.abs(told * 1e6 - np.round(told * 1e6)) > 1e-3
+    return bool(np.ptp(told) < _SHORTEST and fine.mean() > 0.5)
 
 
 def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], why: str) -> Clock:
@@ -162,4 +173,7 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     if bunched is not None and bunched.rate is not None:
         text = f"{name} was stamped in bursts ({bunched.pauses} pauses), so rows are counted at their mean rate"
         return _counted(bunched.rate, len(seconds), text, True)
-    return Clock(name, unit, None, seconds, f"{why}: {rate:.4g} Hz", True)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    often = 1.0 / usual if 0.0 < _ANEW * usual < 1.0 / rate else None
+    shown = f"{rate:.4g} Hz" if often is None else f"{often:.4g} Hz between pauses"
+    return Clock(name, unit, None, seconds, f"{why}: {shown}", True)

@@ -20,7 +20,7 @@ _NUMBER = r"s?(?:[_ .-]*(?:id|no|nr|num|numb?er|nummer|numero|index|#))?[_ .-]*$
 WORDS: dict[Role, dict[str, str]] = {
     "accel": {
         "any": r"^a[_ .-]?x|^x?a$|^f[_ .-]?x|^gfx|a_rs_s",
-        "en": r"acc|force",
+        "en": r"acc|force|delta[_ .-]?v(?:el)?",
         "de": r"beschl|spez\w*[_ .-]*kraft",
         "es": r"acel",  # and Portuguese
         "ru": r"ускор",
@@ -29,7 +29,8 @@ WORDS: dict[Role, dict[str, str]] = {
     },
     "gyro": {
         "any": r"^w[_ .-]?x|^g[_ .-]?x|w_rs_s|ω|^p$|(?<![a-z])avel",
-        "en": r"gyr|^rotate_|ang\w*[_ .-]?(?:vel|rate)|omega|rot\w*rate|(?:roll|pitch|yaw)[_ .-]*(?:rate|speed)",
+        "en": r"gyr|^rotate_|delta[_ .-]?(?:theta|ang)|ang\w*[_ .-]?(?:vel|rate)|omega|rot\w*rate|"
+        r"(?:roll|pitch|yaw)[_ .-]*(?:rate|speed)",
         "de": r"dreh(?!m|w|z)|winkelgeschw|winkelrate|kreisel|(?:roll|wank|nick|gier)\w*?(?:rate|geschw)",
         "fr": r"(?:vit\w*|taux)[_ .-]*(?:de[_ .-]*)?(?:ang|rot|roulis|tangage|lacet)",
         "es": r"giro|vel\w*[_ .-]*(?:de[_ .-]*)?(?:ang|rot|alabeo|balanceo|cabeceo|guinada)",

@@ -38,6 +38,11 @@ _FULL_SCALES = (
 )  # counts per deg/s: 16 bits for 2000 deg/s and less
 # Of small outputs, in steps of a converter: how many levels, how far off, and how many of them at least.
 _LEVELS, _OFF_STEP, _ON_STEPS = 12, 0.08, 0.98
+_LONGEST = 1.1 * 2**15  # steps: a bias may have been taken away
+_FINE_STEP, _WIDEST = (
+    1.0 / 131.072,
+    4400.0,
+)  # deg/s: of 20 bits at 2000 deg/s, too; MEMS gyros go to 4000
 _MOVES = 50.0  # times the quietest noise: the device is carried or turned
 _PEAK_RAD = 15.0  # as deg/s no hand turns so slowly throughout; as rad/s few gyros go further
 _SHAKEN_PEAK = 5.0  # as deg/s nothing that is shaken turns so slowly
@@ -157,10 +162,17 @@ def _by_magnitude(
 
 
 def _converter_step(values: Float[np.ndarray, "time 3"]) -> tuple[str, float] | None:
-    """The unit in which small outputs are whole numbers of a usual converter's steps (deg/s), where one alone fits."""
+    """The unit in which small outputs are whole numbers of a usual converter's steps (deg/s), where one alone fits.
+
+    A converter of 16 bits goes no further than 32768 of its steps, one of 20 bits no further than any gyro.
+    """
     found: dict[str, float] = {}
+    peak = float(np.abs(values).max())
     for unit in ("rad/s", "deg/s"):
         for step in sorted((1.0 / s for s in (*GYRO_SCALES, *_FULL_SCALES)), reverse=True):
+            widest = _WIDEST if step == _FINE_STEP else _LONGEST * step
+            if peak * _UNITS[unit] > DEGREE * widest:
+                continue
             level = values * (_UNITS[unit] / (DEGREE * step))
             level = level[np.abs(level) < _LEVELS]
             whole_ones = np.round(level)

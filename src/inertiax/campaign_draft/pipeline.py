@@ -19,11 +19,12 @@ from .accel_unit import accel_unit, directions, lacks_gravity, shaken, sphere, T
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
-from .converters import ACCEL_SCALES, middle, nearest, rounded, wraps
+from .converters import ACCEL_SCALES, middle, nearest, rounded, whole, wraps
 from .draft import Draft, draft_of
 from .further_columns import columns_table
 from .gyro_unit import clock_and_unit, gyro_unit
 from .gyros_by_turns import turns_between, with_gyros_by_turns
+from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit
 from .raw_triads import columns, given_names, RawTriads, read_triads
@@ -81,6 +82,9 @@ def draft_campaign(
         found, own = beside(found, table, others)
     rests = _rests(found)
     found = with_gyros_by_turns(found, rests)
+    found, step = as_rates(found, rests)
+    if step is not None:
+        rests = _rests(found)
     found, turns = _with_clock(found, rests)
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
     if own is not None:
@@ -89,7 +93,7 @@ def draft_campaign(
                 f"{table}: no columns of it are angles of a table about which gravity in {log.name} turns."
             )
         own = with_delay(found, own, angles)
-    columns = columns_table(*_columns(found, rests, turns, angles, own), found)
+    columns = columns_table(*_columns(found, rests, turns, angles, own, step), found)
     if latitude is None:
         site = _site_of_reference(found) or site
     tables = (
@@ -243,16 +247,19 @@ def _columns(
     turns: GravityTurns | None,
     angles: TableAngles | None,
     own: TableLog | None,
+    step: float | None,
 ) -> tuple[tuple[Line, ...], tuple[str, ...]]:
-    """`[columns]`, and remarks on what is left to others."""
+    """`[columns]`, and remarks on what is left to others; `step` (s) is that of increments."""
     lines, remarks = [] if rests.single_rows else [_time(found)], []
     named = found.log.has_header and found.log.format != "imu_tk"
     if found.accel is not None:
         unit = accel_unit(found.accel, rests, found.accel_words)
-        if not unit.certain and lacks_gravity(found.accel):
+        told = unit.certain and (unit.scale is None or whole(found.accel))
+        if not told and lacks_gravity(found.accel):
             raise ValueError(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
             )
+        unit = unit if step is None else of_increments(unit, step)
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         remarks += _on_poses(found, rests, references=angles is not None)
         if (
@@ -267,6 +274,7 @@ def _columns(
         tossed = found.accel is not None and shaken(found.accel - middle(found.accel))
         unit = gyro_unit(found.gyro, turns, found.gyro_words, moving, range_, shaken=tossed)
         unit, rate = with_reference_rate(found, unit)
+        unit = unit if step is None else of_increments(unit, step)
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
     if found.roles.mag is not None:

@@ -27,6 +27,8 @@ def check_azimuth(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     if not told or len(told) < len(asked) or "gyro" in device.left_alone:
         return []
     rests = _Rests(*(np.concatenate(part) for part in zip(*told, strict=True)))
+    if not len(rests.level):
+        return []
     size = float(np.median(np.linalg.norm(rests.level, axis=1)))
     if size < limits.earth_rate:
         return []

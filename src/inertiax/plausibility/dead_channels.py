@@ -105,11 +105,12 @@ def _held_rows(
     if rows < max(_HELD * len(x), _FEWEST_ROWS) or rows * log.step < limits.frozen:
         return None
     never = rows == len(x)
-    if not never and not _lives(np.delete(x, np.s_[start : start + rows])):
+    if not never and not lives(np.delete(x, np.s_[start : start + rows])):
         return None
     beside = np.delete(values[start : start + rows], axis, axis=1)
-    return (start, start + rows) if _lives(beside[:, 0]) and _lives(beside[:, 1]) else None
+    return (start, start + rows) if lives(beside[:, 0]) and lives(beside[:, 1]) else None
 
 
-def _lives(x: Float[np.ndarray, " time"]) -> bool:
+def lives(x: Float[np.ndarray, " time"]) -> bool:
+    """Whether a channel shows so many different values that it moves."""
     return len(np.unique(x)) >= _LIVES

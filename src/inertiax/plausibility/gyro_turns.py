@@ -38,6 +38,8 @@ FACTORS: tuple[float, ...] = (
     *(0.5, 2.0, 0.25, 4.0, 0.125, 8.0),
 )
 _FOR_FACTOR = 12  # motions
+# Half of the way, as a logarithm, from one of the factors to the next: 1 to 2.
+_BETWEEN = 0.5 * math.log(2.0)
 _TIME_FACTORS = (1e-3, 1e3, 1e-6, 1e6)
 _BLIND = 0.8  # of gravity's turn: as much is missed by rates that have nothing to do with it
 _MOTIONS_TO_SEE = 8
@@ -101,6 +103,7 @@ def _judge(
     if best is None:
         # The stillest stretches of a device that moves all along are no rests.
         told = [f for log in logs for f in unit_in_motion(device, log, limits)]
+        told = told or _small_factor(device, logs, motions, limits)
         return told or _unexplained(device, logs, motions, given, limits)
     ratio = 1.0 / _refined(motions, best)
     found = []
@@ -154,7 +157,9 @@ def _refined(motions: Motions, best: _Best) -> float:
     score = lambda log: float(_score(misfit_as_given(moved, best.factor * float(np.exp(log)))))
     from scipy.optimize import minimize_scalar  # slow to import, and seldom needed
 
-    found = minimize_scalar(score, bounds=(-0.17, 0.17), method="bounded", options={"xatol": 3e-3})
+    found = minimize_scalar(
+        score, bounds=(-_BETWEEN, _BETWEEN), method="bounded", options={"xatol": 3e-3}
+    )
     return best.factor * float(np.exp(found.x))
 
 

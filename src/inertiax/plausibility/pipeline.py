@@ -25,6 +25,7 @@ from .moving_label import check_moving_label
 from .no_rest import check_no_rest
 from .pose_rows import check_pose_rows
 from .positions import check_positions
+from .processed_outputs import check_processed_outputs
 from .reference import check_references
 from .rests import check_rests
 from .samples import (
@@ -65,6 +66,7 @@ CHECKS: tuple[Check, ...] = (
     check_zero_jump,
     check_spikes,
     check_dropouts,
+    check_processed_outputs,
     check_saturation,
     check_repeated_samples,
     check_band_limit,

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import AXES
-from ..reduction.clipping import holds_extreme
+from ..reduction.clipping import holds_extreme, in_coarse_steps
 from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
@@ -19,7 +19,6 @@ _FACTOR = 0x100000001B3  # of the polynomial in 64 bits that a stretch's number 
 
 def check_dropouts(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """Rows in which a whole triad is exactly zero although it varies."""
-    del limits
     found = []
     for log in device.logs:
         for name, values in triads(log):
@@ -29,6 +28,9 @@ def check_dropouts(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
                 continue
             if name == "gyro" and not _impossible(values, zero):
                 continue
+            resting = zero[log.at_rest]
+            if name == "gyro" and len(resting) and resting.mean() > limits.held_at_rest:
+                continue  # no sample was dropped: small rates are held at zero
             share = count / len(zero)
             if name == "accel" and share > 0.5:
                 continue  # no force at all is a matter of the unit
@@ -72,6 +74,8 @@ def _clipped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> l
             continue
         count = int((x == extreme).sum())
         rests = int(((x == extreme) & log.at_rest).sum())
+        if name == "accel" and _stands_still(log, x, extreme):
+            continue
         found.append(
             finding(
                 "saturation",
@@ -85,6 +89,13 @@ def _clipped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> l
             )
         )
     return found
+
+
+def _stands_still(log: Log, x: Float[np.ndarray, " time"], extreme: float) -> bool:
+    """Whether rests that do not reach the extreme stand at single values, too: then it need not end the range."""
+    reached = np.concatenate([[0], np.cumsum(x == extreme)])
+    free = reached[log.stop] == reached[log.start]
+    return in_coarse_steps(x, log.start[free], log.stop[free])
 
 
 def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> list[Finding]:

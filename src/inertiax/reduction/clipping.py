@@ -40,10 +40,22 @@ def clipped(
         suspect = (at_end >= limits.fewest) & (at_end >= limits.share * size)
         if not suspect.any() or suspect.all():
             continue
-        noise = np.median([np.std(r) for r, bad in zip(rests, suspect) if not bad])
-        if noise > max(limits.noise * quantisation_step(x), 0.0):
+        if not in_coarse_steps(x, start[~suspect], stop[~suspect], limits):
             marked |= suspect
     return marked
+
+
+def in_coarse_steps(
+    x: Float[np.ndarray, " time"],
+    start: Int[np.ndarray, " rest"],
+    stop: Int[np.ndarray, " rest"],
+    limits: ClipThresholds = THRESHOLDS,
+) -> bool:
+    """Whether a channel's noise at rest hides in the steps of its converter, so that any value repeats there."""
+    if not len(start):
+        return False
+    noise = float(np.median([np.std(x[a:b]) for a, b in zip(start, stop, strict=True)]))
+    return noise <= limits.noise * quantisation_step(x)
 
 
 def clipped_rows(values: Float[np.ndarray, "time 3"]) -> Bool[np.ndarray, " time"]:
