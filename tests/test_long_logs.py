@@ -279,8 +279,8 @@ MATRIX = np.eye(3) + [[1e-3, -5e-4, 8e-4], [4e-4, -7e-4, 2e-4], [-3e-4, 6e-4, 5e
 
 
 def turned_on_a_table(folder):
-    """Both logs of a table whose clock is 0.12 s ahead, rows of 0.1 s: 16 attitudes, then whole turns both ways; a device
-    some cm from the axes."""
+    """Both logs of a table whose clock is 0.12 s ahead, rows of 0.1 s: 16 attitudes, then whole turns both ways; a
+    device some cm from the axes."""
     fs, ahead, arm = 50.0, 0.12, np.array([0.03, -0.02, 0.05])
     steps: list[tuple[int, float, float]] = []  # axis, deg, s; the table speeds up at 60 deg/s^2
     steps += [*[(0, 90.0, 2.5)] * 4, (1, 90.0, 2.5)] * 4
