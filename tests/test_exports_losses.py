@@ -209,11 +209,17 @@ def test_imported_files_say_that_uncertainties_are_unknown():
 
 
 def test_named_effects_are_told_as_lost_with_the_lever_arms_size():
-    arm = np.array([0.03, 0.0, 0.04])
-    effect = FittedEffect("size_effect", "accel", (0,), (), arm, np.eye(3), "m")
-    known = dataclasses.replace(calibration(), effects=(effect,))
+    arms = np.array(
+        [[0.03, 0.02, 0.04], [0.03, 0.02, 0.01], [0.03, 0.02, 0.01]]
+    )  # from the table's axes
+    effects = tuple(
+        FittedEffect("size_effect", "accel", (k,), (), arms[k], 1e-8 * np.eye(3), "m")
+        for k in range(3)
+    )
+    known = dataclasses.replace(calibration(), effects=effects)
     (lost,) = [line for line in export(known, "c").losses if "effects" in line]
-    assert "size_effect on accel_x" in lost
+    assert "size_effect on accel_x" in lost and "accel_y" not in lost
+    arm = np.array([0.0, 0.0, 0.03])  # of x from the device's own place
     # By search over directions: the greatest first component of w x (w x r) at 1 rad/s.
     w = np.random.default_rng(0).normal(size=(200_000, 3))
     w /= np.linalg.norm(w, axis=1, keepdims=True)

@@ -51,6 +51,13 @@ def compensate(
     any_device: Annotated[
         bool, typer.Option("--any-device", help="Apply it to another device's recording, too.")
     ] = False,
+    at_table: Annotated[
+        bool,
+        typer.Option(
+            "--at-table",
+            help="With lever arms: the force at the table's axes, not at the device's own place.",
+        ),
+    ] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -83,6 +90,7 @@ def compensate(
             gyro_file=gyro_file,
             campaign=campaign or campaign_beside(recording),
             any_device=any_device,
+            at_table=at_table,
         )
     doubt = doubt_about(calibration)
     result = result._replace(notes=(*([doubt] if doubt else []), *result.notes))

@@ -12,6 +12,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..calibration.calibration import Calibration
+from ..calibration.device_place import about_device, place_on_table
 from ..calibration.over_rows import compensated_rows
 from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
@@ -74,6 +75,7 @@ def compensate_file(
     gyro_file: Path | None = None,
     campaign: Path | None = None,
     any_device: bool = False,
+    at_table: bool = False,
 ) -> Compensated:
     """The table of a recording with its outputs compensated, equation (3), named effects included.
 
@@ -84,19 +86,22 @@ def compensate_file(
     columns in SI, and a column `recording` where the file holds several of the device; of a log of several IMUs those
     of the calibration's. `gyro_file` holds the gyros
     where triads are logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
+    The force is that at the device's own place (`calibration.device_place`), with `at_table` that at the table's axes.
 
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
     says that it is of another device or was compensated before.
     """
+    calibration, place = at_place(calibration, path.name, at_table=at_table)
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     if chosen in (csv, parquet) and gyro_file is None:
         table = _read(path, chosen, layout)
         columns = in_service(columns, table.columns)
         found = tables.to_recordings(table, columns, layout, name=path.name)
         (recording,) = _of_device(found, path.name)
-        return _compensated_table(
+        made = _compensated_table(
             calibration, recording, table.slice(layout.start_row), path.name, any_device
         )
+        return made._replace(notes=(*made.notes, *place))
     read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
     found, notes = read(path, layout), ()
     if gyro_file is not None:
@@ -119,10 +124,25 @@ def compensate_file(
     return Compensated(
         pl.concat([p.table for p in parts]),
         sum(p.num_extrapolated for p in parts),
-        tuple(dict.fromkeys((*notes, *(note for p in parts for note in p.notes)))),
+        tuple(dict.fromkeys((*notes, *(note for p in parts for note in p.notes), *place))),
         {name: unit for p in parts for name, unit in p.units.items()},
         parts[0].at_rest,
     )
+
+
+def at_place(
+    calibration: Calibration, name: str, *, at_table: bool
+) -> tuple[Calibration, tuple[str, ...]]:
+    """The calibration whose lever arms are about the device's own place, and a note that says where that was."""
+    place = None if at_table else place_on_table(calibration)
+    if place is None:
+        return calibration, ()
+    shown = ", ".join("not shown" if np.isnan(p) else f"{1e3 * p:.1f}" for p in place)
+    note = (
+        f"{name}: the force is that at the device's own place, which the table turned at {shown} mm (x, y, z) from its "
+        "axes; --at-table gives that at the axes"
+    )
+    return about_device(calibration), (note,)
 
 
 def _compensated_table(
@@ -346,7 +366,7 @@ def notes_on(
             notes.append(f"{name}: the {label} were not calibrated and {kept}")
     if any(e.name == "size_effect" for e in calibration.effects) and recording.accel is not None:
         notes.append(
-            f"{name}: with the lever arms taken away, the accelerometers' force is that at the centre of rotation"
+            f"{name}: with the lever arms taken away, the accelerometers' force is that at the table's axes"
         )
     if feels_current(calibration) and recording.mag is not None and recording.current is None:
         notes.append(

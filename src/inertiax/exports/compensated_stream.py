@@ -24,6 +24,7 @@ from ..storage.whole_files import written_beside
 from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .compensated_recording import (
+    at_place,
     by_parameters,
     compensate_file,
     Extent,
@@ -60,6 +61,7 @@ def write_compensated(
     gyro_file: Path | None = None,
     campaign: Path | None = None,
     any_device: bool = False,
+    at_table: bool = False,
     rows: int = ROWS,
     size: int = BYTES,
 ) -> Written:
@@ -71,17 +73,20 @@ def write_compensated(
     """
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     with full_disk_told(output), written_beside(output) as beside:
-        if can_be_cut(chosen) and gyro_file is None and not calibration.effects:
+        known, place = at_place(calibration, path.name, at_table=at_table)
+        if can_be_cut(chosen) and gyro_file is None and not known.effects:
             read: Tables = lambda: pieces(path, chosen, layout, rows=rows, size=size)
             tables = _as_numbers(read) if chosen is csv else read
             write = lambda: TableWriter(beside, output.suffix)
             try:
-                return _in_pieces(calibration, path.name, tables, columns, write, any_device)
+                made = _in_pieces(known, path.name, tables, columns, write, any_device)
+                return made._replace(notes=(*made.notes, *place))
             except ValueError:
                 pass  # what is wrong, if anything is, is said with its row where the whole table is read
         made = compensate_file(
-            calibration, path, gyro_file=gyro_file, campaign=campaign, any_device=any_device
-        )
+            calibration, path, gyro_file=gyro_file, campaign=campaign, any_device=any_device,
+            at_table=at_table,
+        )  # fmt: skip
         with TableWriter(beside, output.suffix) as writer:
             writer.append(made.table)
     return Written(made.table.height, made.num_extrapolated, made.notes, made.units, made.at_rest)

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from ..calibration.calibration import Calibration
+from ..calibration.device_place import about_device
 from ..calibration.named_g_sensitivity import with_matrix_d
 from ..data.formats.columns import nearest
 from . import (
@@ -79,7 +80,7 @@ def export(calibration: Calibration, name: str, /, **settings: str | float | int
     module = by_name(name)
     chosen = settings_of(module, settings)
     if module is not native:
-        calibration = with_matrix_d(calibration)
+        calibration = about_device(with_matrix_d(calibration))
     missing = [s for s in _without(module) if getattr(calibration, _FURTHER[s]) is not None]
     if missing and calibration.accel is None and calibration.gyro is None:
         holders = ", ".join(f.NAME for f in FORMATS if missing[0] not in _without(f))
