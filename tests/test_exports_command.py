@@ -85,11 +85,11 @@ def test_noise_comes_from_the_noise_commands_document(
     noise = noise_file(tmp_path, ["another", "SN 7"])
     to = tmp_path / "out"
     arguments = ["export", file, "--to", name, "-o", to, "--noise", noise]
-    # Twenty seconds of white noise determine no random walk: its limit is exported, and the user is told.
+    # Twenty seconds of white noise determine no random walk: it is not exported, and the user is told.
     status, _, err = run(capsys, monkeypatch, *arguments, "--set", f"{walks[1]}=3e-6")
-    assert status == 0 and f"{walks[0]}: this log does not show K of the accel channels" in err
-    assert f"{walks[1]}: this log" not in err
-    assert ("# 95 % upper limit" in to.read_text()) == (name == "kalibr")
+    assert status == 1 and not to.exists()
+    assert f"the log does not determine {walks[0]} (K of accel; at most" in err
+    assert walks[1] not in err and err.strip().count("\n") == 0
     given = ["--set", f"{walks[0]}=2e-5", "--set", f"{walks[1]}=3e-6"]
     status, _, err = run(capsys, monkeypatch, *arguments, *given)
     assert status == 0, err

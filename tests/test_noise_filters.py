@@ -234,23 +234,15 @@ def test_a_document_says_null_and_the_band(found):
     assert any("does not determine random walk" in note for note in found.notes)
 
 
-def test_a_walk_that_is_not_determined_is_exported_as_its_limit(found):
-    document = noise_document([found])
-    content = json.dumps(document).encode()
+def test_what_is_not_determined_is_not_exported(found):
+    content = json.dumps(noise_document([found])).encode()
     given = ["accelerometer_noise_density", "accelerometer_random_walk"]
-    told = settings_from_noise(content, by_name("kalibr"), "A", given)
-    limits = [c["terms"]["K"]["upper_95"] for c in document["logs"][0]["channels"].values()]
-    assert told.values["gyroscope_random_walk"] == max(limits)
-    assert told.values["gyroscope_noise_density"] == pytest.approx(N, rel=0.07)
-    assert told.values["upper_limits"] == "gyroscope_random_walk"
-    (note,) = told.notes
-    assert "does not show K of the gyro channels" in note and "95 % upper limit" in note
+    with pytest.raises(
+        ValueError, match=r"gyroscope_random_walk \(K of gyro; at most .* at 95 %\)"
+    ):
+        settings_from_noise(content, by_name("kalibr"), "A", given)
     told = settings_from_noise(content, by_name("kalibr"), "A", [*given, "gyroscope_random_walk"])
-    assert told.notes == () and "gyroscope_random_walk" not in told.values
-    for channel in document["logs"][0]["channels"].values():
-        channel["terms"]["K"]["upper_95"] = None
-    with pytest.raises(ValueError, match=r"gyroscope_random_walk \(K of gyro; no limit known\)"):
-        settings_from_noise(json.dumps(document).encode(), by_name("kalibr"), "A", given)
+    assert told.values["gyroscope_noise_density"] == pytest.approx(N, rel=0.07)
 
 
 def test_a_triads_noise_is_the_same_from_memory_and_from_a_file(found, tmp_path):

@@ -50,7 +50,6 @@ class Settings(OneTemperature, frozen=True, kw_only=True):
     gyroscope_random_walk: float | None = None  # rad/s²/√Hz
     update_rate: float = 100.0  # Hz
     rostopic: str = "/imu0"
-    upper_limits: str = ""  # keys of noise, blanks between them, whose number is a 95 % limit
 
 
 def write(calibration: Calibration, settings: Settings) -> Export:
@@ -105,13 +104,8 @@ def write_noise(settings: Settings) -> bytes:
 
 
 def _noise_lines(settings: Settings) -> list[str]:
-    limits = settings.upper_limits.split()
-    remark = "  # 95 % upper limit: the log does not show a random walk"
     return [
-        *(
-            f"{key}: {_positive(settings, key, unit)!r}{remark * (key in limits)}"
-            for key, unit in _NOISE
-        ),
+        *(f"{key}: {_positive(settings, key, unit)!r}" for key, unit in _NOISE),
         f"rostopic: {_quoted(settings.rostopic)}",
         f"update_rate: {float(settings.update_rate)!r}",
     ]

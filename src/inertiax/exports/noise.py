@@ -1,8 +1,7 @@
 """Noise figures for formats that need them, from the document that `inertiax noise` writes.
 
 A filter has one figure per triad: the worst axis' is taken, as a filter with too small a noise trusts its sensor
-too much. For the same reason a random walk that the log does not show is its 95 % limit, and said to be that: a filter
-needs one above zero. Any other term that the log does not determine is not exported.
+too much. What a log does not determine is not exported: the user states it, knowing the 95 % limit.
 """
 
 import math
@@ -15,8 +14,6 @@ from ..data.json_documents import decode
 
 
 SCHEMA = "inertiax.noise/1"
-_WALK = "K"
-_LIMITS = "upper_limits"  # setting of a format that marks limits in its file
 
 
 class _Value(msgspec.Struct):
@@ -60,10 +57,10 @@ def settings_from_noise(
 
     `NOISE` of its module names the format's settings with triad and term of each, `RATE` the one that takes the
     log's sampling rate. Where the document holds several logs, that of `device` is taken. Settings in `given` have a
-    value of the user's own, which goes before. A random walk that no axis shows is the largest of their 95 % limits.
+    value of the user's own, which goes before.
 
     Raises `ValueError` where the format takes no noise, for another document, where a triad or the
-    device's log is missing, and where the log determines neither a term that is not given nor its limit.
+    device's log is missing, and where the log does not determine a term that is not given.
     """
     wanted = getattr(module, "NOISE", None)
     if wanted is None:
@@ -71,14 +68,11 @@ def settings_from_noise(
     document = decode(content, _Document, "--noise", "a document of `inertiax noise`", SCHEMA)
     log = _log_of(document, device)
     values: dict[str, float | int | str] = known_settings(module, log.rate.value, log.topic)
-    notes, missing, limits = [], [], []
+    notes, missing = [], []
     for key, (triad, term) in wanted.items():
         if key in given:
             continue
         value, said = _worst(log, triad, term)
-        if value is None and term == _WALK:
-            value, said = _limit_of_walk(log, triad)
-            limits += [] if value is None else [key]
         if value is None:
             missing.append(f"{key} ({said})")
             continue
@@ -89,8 +83,6 @@ def settings_from_noise(
         raise ValueError(
             f"--noise: the log does not determine {', '.join(missing)}; state it with --set KEY=VALUE."
         )
-    if limits and _LIMITS in _fields(module):
-        values[_LIMITS] = " ".join(limits)
     return NoiseSettings(values, tuple(notes))
 
 
@@ -104,12 +96,8 @@ def known_settings(
     numbers, where the format has a place for them."""
     told = ((getattr(module, "RATE", None), rate), (getattr(module, "TOPIC", None), topic))
     known = {key: value for key, value in told if key is not None and value is not None}
-    fields = _fields(module)
+    fields = {f.name for f in msgspec.structs.fields(module.Settings)}
     return known | {key: value for key, value in sensor_ids.items() if key in fields}
-
-
-def _fields(module: ModuleType) -> set[str]:
-    return {f.name for f in msgspec.structs.fields(module.Settings)}
 
 
 def _log_of(document: _Document, device: str) -> _Log:
@@ -137,28 +125,12 @@ def _worst(log: _Log, triad: str, term: str) -> tuple[float | None, str]:
         raise ValueError(f"--noise: {term} of the {triad} channels is not a positive number.")
     untold = [name for name, terms in channels.items() if not terms[term].shown]
     if not values:
-        limit = _limit(log, untold, term)
-        told_of = "no limit known" if limit is None else f"at most {limit:.2g} at 95 %"
-        return None, f"{term} of {triad}; {told_of}"
+        return None, f"{term} of {triad}; {_limit(log, untold, term)}"
     said = f"{', '.join(untold)} do not show {term}, the other axes do" if untold else ""
     return max(values), said
 
 
-def _limit_of_walk(log: _Log, triad: str) -> tuple[float | None, str]:
-    """The largest 95 % limit of a triad's random walks, none of which the log shows, and a sentence that says so."""
-    names = [n for n in log.channels if n.startswith(f"{triad}_")]
-    limit = _limit(log, names, _WALK)
-    if limit is None:
-        return None, f"{_WALK} of {triad}; no limit known"
-    said = (
-        f"this log does not show {_WALK} of the {triad} channels; {limit:.2g} is its 95 % upper limit, which a longer "
-        "log at rest lowers"
-    )
-    return limit, said
-
-
-def _limit(log: _Log, names: list[str], term: str) -> float | None:
-    """The largest 95 % limit of some channels' term; `None` where one of them has none."""
+def _limit(log: _Log, names: list[str], term: str) -> str:
     limits = [log.channels[n].terms[term].upper_95 for n in names]
-    known = [v for v in limits if v is not None and math.isfinite(v) and v > 0.0]
-    return max(known) if known and len(known) == len(limits) else None
+    known = [v for v in limits if v is not None and math.isfinite(v)]
+    return f"at most {max(known):.2g} at 95 %" if len(known) == len(limits) else "no limit known"
