@@ -230,6 +230,28 @@ def test_axes_that_are_not_square_turn_the_force_as_the_tables_rotations_do(pole
     assert np.abs(np.asarray(shape)[:, :, 0] / 9.80665 - slope).max() < 1e-7
 
 
+def test_axes_that_are_not_square_are_told_by_the_room_at_every_angle():
+    # The room's axes are those of a base whose y is the outer axis: up and down, and past either.
+    outer, inner = np.random.default_rng(3).uniform(-np.pi, np.pi, (2, 240))
+    at = lambda skew: Rotation.from_euler(
+        "YXZ", np.stack([outer, 0.0 * outer + skew, inner], axis=1)
+    )
+    force = lambda skew: at(skew).inv().apply([0.0, 0.0, 1.0])
+    rate = at(0.0).inv().apply([0.0, 0.5, 0.0])
+    signal = eqx.tree_at(
+        lambda s: (s.force, s.input, s.room, s.rate), make_signal("accel"),
+        (force(0.0), force(0.0), np.swapaxes(at(0.0).as_matrix(), 1, 2), rate), is_leaf=lambda x: x is None,
+    )  # fmt: skip
+    effect = BY_NAME["table_axis_error"]
+    found = effect.variants(dataclasses.replace(signal, upright=True))
+    (mine,) = (v for v in found if v.label == "skew about z")
+    assert np.cos(mine.settings["azimuth"]) == pytest.approx(0.0, abs=1e-9)
+    shape = np.asarray(effect.shape(signal, **mine.settings))[:, :, 0] / 9.80665
+    slope = (force(1e-4) - force(-1e-4)) / 2e-4
+    # Second differences of 1e-4 rad leave 1e-8; a turn about x is one about y's normal with z, of either sign.
+    assert min(np.abs(shape - sign * slope).max() for sign in (-1, 1)) < 1e-7
+
+
 def test_a_field_of_unknown_azimuth_is_nearly_among_the_forms():
     rng = np.random.default_rng(3)
     room = Rotation.random(400, rng).as_matrix()  # the room's axes, seen by the device
