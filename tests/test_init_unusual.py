@@ -378,11 +378,24 @@ def test_a_converter_reads_no_rate_beyond_its_range():
     assert not gyro_unit(values, None, "").certain
 
 
-def test_an_acceleration_without_gravity_is_no_sphere_of_counts(tmp_path):
-    """A walk, as a phone's user acceleration has it; by chance the means of its calmest moments lie about a point."""
+@pytest.mark.parametrize("size", [0.3, 0.8])
+def test_an_acceleration_without_gravity_reads_it_in_no_unit(tmp_path, size):
+    """A walk, as a phone's user acceleration has it; its norm may be near 1, or calm moments lie about a point."""
     rng = np.random.default_rng(4)
-    size = np.abs(np.sin(TIME * 2.0))[:, None] * 3.0
     accel = size * rng.normal(size=(len(TIME), 3)).cumsum(axis=0) / 20.0
-    accel -= accel.mean(axis=0)
+    accel = (accel - accel.mean(axis=0)) * np.abs(np.sin(2.0 * TIME))[:, None]
     with pytest.raises(ValueError, match="read gravity in no unit"):
         draft(written(tmp_path / "log.csv", (TIME, accel), "time,Acc_x,Acc_y,Acc_z"))
+
+
+def test_stamps_that_stand_twice_and_a_footer_leave_the_clock(tmp_path):
+    """Without names the first column is the clock, though a host stamped two rows alike; words may stand below."""
+    stamps = TIME - TIME[0]
+    stamps[1] = stamps[0]
+    path = written(tmp_path / "log.txt", (stamps, ACCEL / G, GYRO / DEGREE), delimiter="\t")
+    found = draft(path)
+    assert found["recordings"]["names"][:2] == ["time", "accel_x"]
+    assert found["columns"]["time"]["rate"] == pytest.approx(50.0, rel=0.01)
+    path = written(tmp_path / "named.csv", (TIME, ACCEL / G), "t_s,ax,ay,az")
+    path.write_text(path.read_text() + "TEMPS,21.6,21.4,20.0\n")
+    assert draft(path)["columns"]["time"]["rate"] == pytest.approx(50.0, rel=0.01)

@@ -14,6 +14,7 @@ _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
 # What 1 g reads; cm/s^2 and mg are too alike to be told apart by that.
 _UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0, "mm/s^2": 1000.0 * G}
 _SAID = {**_UNITS, "cm/s^2": 100.0 * G}
+NO_RESTS = "no rests were found"
 _FAR = (
     2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
 )
@@ -74,11 +75,11 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     samples = float(np.median(np.linalg.norm(values - center, axis=1)))
     if not fitted and radius < _TURNING * samples:
         radius = samples
-        what = f"|a| is {radius:.4g} in half of the samples; no rests were found"
+        what = f"|a| is {radius:.4g} in half of the samples; {NO_RESTS}"
     calm = calm_norm(values)
     if not fitted and unit_of(calm) is not None and unit_of(radius) is None:
         radius = calm
-        what = f"|a| is {radius:.4g} in the rows that move least; no rests were found"
+        what = f"|a| is {radius:.4g} in the rows that move least; {NO_RESTS}"
     told = _written(radius, said(FORCE_UNITS, hint), what)
     if told is not None:
         return told

@@ -110,8 +110,11 @@ def _unit(
     temperature: str | None,
 ) -> tuple[str | None, str, bool]:
     """The stamps' unit (`None`: they are no times), why, and whether that is certain."""
-    step = float(np.nanmedian(np.diff(values))) if len(values) > 1 else 1.0
-    mean = float((values[-1] - values[0]) / max(len(values) - 1, 1))
+    told = values[np.isfinite(values)]  # a logger may write words of another kind below its rows
+    if not len(told):
+        return None, "", False
+    step = float(np.median(np.diff(told))) if len(told) > 1 else 1.0
+    mean = float((told[-1] - told[0]) / max(len(told) - 1, 1))
     if not (step > 0 or mean > 0) or not np.isfinite(mean):
         return None, "", False
     steps = {u: mean * f for u, f in UNITS.items()}
@@ -173,7 +176,7 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     if bunched is not None and bunched.rate is not None:
         text = f"{name} was stamped in bursts ({bunched.pauses} pauses), so rows are counted at their mean rate"
         return _counted(bunched.rate, len(seconds), text, True)
-    usual = float(np.median(steps)) if len(steps) else 0.0
+    usual = float(np.nanmedian(steps)) if len(steps) else 0.0
     often = 1.0 / usual if 0.0 < _ANEW * usual < 1.0 / rate else None
     shown = f"{rate:.4g} Hz" if often is None else f"{often:.4g} Hz between pauses"
     return Clock(name, unit, None, seconds, f"{why}: {shown}", True)

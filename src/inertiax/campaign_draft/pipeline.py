@@ -15,7 +15,15 @@ from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.gravity_turns import GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
-from .accel_unit import accel_unit, directions, lacks_gravity, shaken, sphere, TriadUnit
+from .accel_unit import (
+    accel_unit,
+    directions,
+    lacks_gravity,
+    NO_RESTS,
+    shaken,
+    sphere,
+    TriadUnit,
+)
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
@@ -255,6 +263,7 @@ def _columns(
     if found.accel is not None:
         unit = accel_unit(found.accel, rests, found.accel_words)
         told = unit.certain and (unit.scale is None or whole(found.accel))
+        told = told and not rests.turned and NO_RESTS not in unit.why
         if not told and lacks_gravity(found.accel):
             raise ValueError(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
