@@ -12,7 +12,7 @@ import scipy.optimize
 from hard_limit import run_limited
 from inertiax.numerics.dense_normal import DenseNormal
 from inertiax.numerics.gauss_newton import linear_step, solve_on_host
-from inertiax.numerics.least_squares import least_squares, levenberg_marquardt
+from inertiax.numerics.least_squares import least_squares
 from inertiax.numerics.linear_algebra import (
     cholesky,
     cholesky_solve,
@@ -20,9 +20,6 @@ from inertiax.numerics.linear_algebra import (
     spd_inverse,
     symmetric_eigen,
 )
-
-
-pytestmark = pytest.mark.compiled_quickly
 
 
 @pytest.mark.slow
@@ -72,9 +69,7 @@ def _misra1a():
 @pytest.mark.slow
 @pytest.mark.parametrize("start", [(500.0, 1e-4), (250.0, 5e-4)])
 def test_certified_values_of_misra1a(start):
-    solution = least_squares(
-        _decay, jnp.asarray(start), _misra1a(), solver=levenberg_marquardt(), max_steps=200
-    )
+    solution = least_squares(_decay, jnp.asarray(start), _misra1a())
     # Certified: b1 = 2.3894212918E+02, b2 = 5.5015643181E-04, residual sum of squares
     # 1.2455138894E-01, standard deviations 2.7070075241E+00 and 7.2668688436E-06.
     assert bool(solution.succeeded)
@@ -173,7 +168,7 @@ assert float(jnp.abs(error).max()) < 1e-8, float(jnp.abs(error).max())
 
 @pytest.mark.slow
 def test_no_hang_of_a_large_batch():
-    run_limited(BATCHES, seconds=300.0, quick=True)
+    run_limited(BATCHES, seconds=300.0)
 
 
 @pytest.mark.slow

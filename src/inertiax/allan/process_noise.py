@@ -9,6 +9,7 @@ and correlation time T, ḃ = −b/T + σ √(2/T) w. Its Allan deviation is gre
 **Reference:** IEEE Std 952-1997, annex C.1.1.3 and C.2.2.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -56,24 +57,12 @@ class TriadNoise(Module):
     def cautious(self) -> "TriadNoise":
         """The same with the 95 % limits for terms that are not determined, where there is a limit."""
         chosen = np.isfinite(self.upper) & ~self.determined
-        names = ("white", "instability", "walk", "ramp", "quantisation")
-        white, instability, walk, ramp, quantisation = (
-            np.where(chosen[k], self.upper[k], getattr(self, name)) for k, name in enumerate(names)
-        )
-        time = correlation_time(white, instability, walk, self.duration)
-        return TriadNoise(
-            white,
-            instability,
-            walk,
-            ramp,
-            quantisation,
-            time,
-            self.bandwidth,
-            self.rate,
-            self.duration,
-            self.upper,
-            self.determined,
-        )
+        terms = {
+            name: np.where(chosen[k], self.upper[k], getattr(self, name))
+            for k, name in enumerate(("white", "instability", "walk", "ramp", "quantisation"))
+        }
+        time = correlation_time(terms["white"], terms["instability"], terms["walk"], self.duration)
+        return replace(self, **terms, correlation_time=time)
 
 
 def correlation_time(

@@ -5,9 +5,9 @@ and `temperatures` the optimal plans, `effort` how many positions and hours a st
 """
 
 from .advise import Advice, advise
-from .criteria import CRITERIA, d_efficiency, score
+from .criteria import CRITERIA, score
 from .effort import Effort, effort_for, Precision, precision
-from .information import ideal_rows, position_information
+from .information import ideal_rows
 from .positions import optimal_positions, shortest_order, TableLimits
 from .temperatures import optimal_temperatures
 
@@ -19,12 +19,10 @@ __all__ = [
     "Precision",
     "TableLimits",
     "advise",
-    "d_efficiency",
     "effort_for",
     "ideal_rows",
     "optimal_positions",
     "optimal_temperatures",
-    "position_information",
     "precision",
     "score",
     "shortest_order",

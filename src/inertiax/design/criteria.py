@@ -83,13 +83,3 @@ def score(
     """The score of a plan of `count` positions; 0 where its information is singular."""
     value = float(jnp.exp(log_score(criterion, information, count, weight)))
     return value if np.isfinite(value) else 0.0
-
-
-def d_efficiency(
-    first: Float[AnyArray, "p p"],
-    first_count: int,
-    second: Float[AnyArray, "p p"],
-    second_count: int,
-) -> float:
-    """D-score of the first plan over that of the second, per position."""
-    return score("D", first, first_count) / score("D", second, second_count)

@@ -119,14 +119,6 @@ def _dwell(force: Float[Array, "3"]) -> Dwells:
     )
 
 
-def position_information(
-    rows: Float[AnyArray, "positions rows parameters"],
-) -> Float[Array, "parameters parameters"]:
-    """M = Σ J_iᵀ J_i of a programme."""
-    stacked = jnp.asarray(rows)
-    return jnp.einsum("nri,nrj->ij", stacked, stacked)
-
-
 def sphere_average(estimator: AbstractEstimator, table: Table) -> Float[np.ndarray, "_ _"]:
     """Mean of JᵀJ over all directions of gravity in the case.
 

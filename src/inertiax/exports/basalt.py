@@ -13,6 +13,7 @@ import numpy as np
 from ..calibration.calibration import Calibration
 from .export import Export, frame_note, OneTemperature
 from .imported import calibration as imported, numbers, triad
+from .noise import stated_noise
 from .parameters import chosen_temperature, constants_loss, g_sensitivity_loss, parameters_at
 from .triangular import lower_times_rotation
 
@@ -23,7 +24,7 @@ SUFFIX = ".basalt.json"
 KEEPS = "bias, full matrices (in the accelerometers' frame); one temperature"
 LOSES = "temperature dependence, g-sensitivity, the case frame, uncertainties"
 
-NOISE = {  # triad and term of IEEE Std 952 of each; m/s³/√Hz is m/s²/√s
+NOISE = {  # triad and term of IEEE Std 952 of each
     "accel_noise_std": ("accel", "N"),
     "gyro_noise_std": ("gyro", "N"),
     "accel_bias_std": ("accel", "K"),
@@ -51,7 +52,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
     gyro = frame @ np.linalg.inv(p.gyro_matrix)
     accel_bias, gyro_bias = accel @ p.accel_bias, gyro @ p.gyro_bias
     s, s_g = accel - np.eye(3), gyro - np.eye(3)
-    noise = {key: [_positive(settings, key)] * 3 for key in NOISE}
+    noise = {key: [value] * 3 for key, value in stated_noise(NAME, NOISE, settings).items()}
     value = {
         "T_imu_cam": [],
         "intrinsics": [],
@@ -70,16 +71,6 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         notes=("copy the IMU's keys into the file that has the cameras", *frame_note(frame)),
         frame=frame,
     )
-
-
-def _positive(settings: Settings, key: str) -> float:
-    value = getattr(settings, key)
-    if value is None or not (np.isfinite(value) and value > 0):
-        raise ValueError(
-            f"basalt: {key} must be a positive number (from an Allan deviation); give --noise noise.json "
-            f"of `inertiax noise`, or --set {key}=..."
-        )
-    return float(value)
 
 
 def read(content: bytes) -> Calibration:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
 from .export import Export, OneTemperature
+from .noise import stated_noise
 from .parameters import chosen_temperature, constants_loss, parameters_at
 from .triangular import lower_times_rotation
 
@@ -24,14 +25,7 @@ SUFFIX = ".imu.yaml"
 KEEPS = "full matrices, g-sensitivity, the case frame; one temperature"
 LOSES = "biases (in a comment only), temperature dependence, uncertainties"
 
-_NOISE = (
-    ("accelerometer_noise_density", "m/s²/√Hz"),
-    ("accelerometer_random_walk", "m/s³/√Hz"),
-    ("gyroscope_noise_density", "rad/s/√Hz"),
-    ("gyroscope_random_walk", "rad/s²/√Hz"),
-)
-# Triad and term of IEEE Std 952 of each; m/s³/√Hz is m/s²/√s.
-NOISE = {
+NOISE = {  # triad and term of IEEE Std 952 of each
     "accelerometer_noise_density": ("accel", "N"),
     "accelerometer_random_walk": ("accel", "K"),
     "gyroscope_noise_density": ("gyro", "N"),
@@ -105,20 +99,10 @@ def write_noise(settings: Settings) -> bytes:
 
 def _noise_lines(settings: Settings) -> list[str]:
     return [
-        *(f"{key}: {_positive(settings, key, unit)!r}" for key, unit in _NOISE),
+        *(f"{key}: {value!r}" for key, value in stated_noise(NAME, NOISE, settings).items()),
         f"rostopic: {_quoted(settings.rostopic)}",
         f"update_rate: {float(settings.update_rate)!r}",
     ]
-
-
-def _positive(settings: Settings, key: str, unit: str) -> float:
-    value = getattr(settings, key)
-    if value is None or not (np.isfinite(value) and value > 0):
-        raise ValueError(
-            f"kalibr: {key} must be a positive number of {unit} (from an Allan deviation); give "
-            f"--noise noise.json of `inertiax noise`, or --set {key}=..."
-        )
-    return float(value)
 
 
 def _quoted(text: str) -> str:

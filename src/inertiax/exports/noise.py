@@ -14,6 +14,13 @@ from ..data.json_documents import decode
 
 
 SCHEMA = "inertiax.noise/1"
+# Of densities and random walks; m/s³/√Hz is m/s²/√s.
+_UNITS = {
+    ("accel", "N"): "m/s²/√Hz",
+    ("gyro", "N"): "rad/s/√Hz",
+    ("accel", "K"): "m/s³/√Hz",
+    ("gyro", "K"): "rad/s²/√Hz",
+}
 
 
 class _Value(msgspec.Struct):
@@ -134,3 +141,22 @@ def _limit(log: _Log, names: list[str], term: str) -> str:
     limits = [log.channels[n].terms[term].upper_95 for n in names]
     known = [v for v in limits if v is not None and math.isfinite(v)]
     return f"at most {max(known):.2g} at 95 %" if len(known) == len(limits) else "no limit known"
+
+
+def stated_noise(
+    format: str, noise: Mapping[str, tuple[str, str]], settings: object
+) -> dict[str, float]:
+    """The values of a format's settings of noise; `noise` is the `NOISE` of its module.
+
+    Raises `ValueError` for one that is not stated or not positive.
+    """
+    found = {}
+    for key, term in noise.items():
+        value = getattr(settings, key)
+        if value is None or not (math.isfinite(value) and value > 0):
+            raise ValueError(
+                f"{format}: {key} must be a positive number of {_UNITS[term]} (from an Allan deviation); give "
+                f"--noise noise.json of `inertiax noise`, or --set {key}=..."
+            )
+        found[key] = float(value)
+    return found

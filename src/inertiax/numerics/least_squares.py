@@ -63,13 +63,6 @@ def gauss_newton(*, tolerance: float = 1e-7) -> "optx.AbstractLeastSquaresSolver
     )
 
 
-def levenberg_marquardt(*, tolerance: float = 1e-7) -> "optx.AbstractLeastSquaresSolver":
-    """Levenberg-Marquardt with the dense solver: slower, for starts that are far off."""
-    return optx.LevenbergMarquardt(
-        rtol=1e-12, atol=tolerance, norm=optx.max_norm, linear_solver=_dense_normal()
-    )
-
-
 def _dense_normal() -> Any:
     from .dense_normal import (
         DenseNormal,  # made of a solver of lineax, for which the host need not wait
