@@ -1,14 +1,21 @@
 """64-bit arithmetic, strict promotion, and seeded randomness for every test."""
 
 import atexit
+import contextlib
+import gc
 import os
 import shutil
 import tempfile
 from importlib.metadata import version
+from pathlib import Path
 
 
 # Before JAX starts: one device, no accelerator probing.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+# Tests and the processes that they start run most programs for milliseconds, so compiling is what they cost. LLVM's
+# optimiser, left out but in files marked `compiled_fully`, changes the speed of the same formulas and nothing else.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 
 # Before NumPy starts, as in `cli/environment.py`; the workers keep all cores busy as it is.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -35,6 +42,15 @@ import typed_calls
 
 # Before the package is imported.
 typed_calls.install()
+
+# What is imported for all tests stays: going through it again and again is a quarter of collecting them.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """From here on garbage is collected, but for what is there already."""
+    gc.freeze()
+    gc.enable()
 
 
 # Files of the slow tier that take half a minute or more. They come first: begun last, one would keep a worker alone.
@@ -73,22 +89,33 @@ def pytest_runtest_call() -> None:
     typed_calls.begin_anew()
 
 
+# Where a file begins; the programs of one take up to 0.9 GB, and a process of tests at most 2.
+ROOM = 1.0e9  # bytes
+
+
 @pytest.fixture(autouse=True, scope="module")
 def _room_for_programs():
     """Two thousand tests in one process compile more programs than a process may hold."""
     from inertiax.numerics.compilation_cache import make_room
 
+    with contextlib.suppress(OSError):  # not Linux
+        resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        if resident > ROOM:
+            jax.clear_caches()
+            gc.collect()
     make_room()
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _compiled_quickly(request):
-    """Files marked `compiled_quickly` run each program a few times for milliseconds, so compiling is all that it costs.
-
-    LLVM's optimiser changes the speed of the same formulas and nothing else.
-    """
-    quickly = request.node.get_closest_marker("compiled_quickly") is not None
-    jax.config.update("jax_disable_most_optimizations", quickly)
+def _compiled_fully(request):
+    """Programs of files marked `compiled_fully` run for longer than they compile."""
+    if request.node.get_closest_marker("compiled_fully") is None:
+        yield
+        return
+    before = jax.config.jax_disable_most_optimizations
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture

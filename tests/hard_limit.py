@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import os
 import signal
 import subprocess
 import sys
@@ -21,21 +20,14 @@ import numpy as np
 """
 
 
-def run_limited(code: str, *, seconds: float, quick: bool = False) -> str:
-    """Standard output of the code. Fails if it takes longer than `seconds` or exits non-zero.
-
-    `quick` is for programs that run for less time than they compile: without LLVM's optimiser, which
-    changes the speed of the same formulas and nothing else.
-    """
-    flags = [os.environ.get("XLA_FLAGS", ""), "--xla_backend_optimization_level=0"]
-    environment = os.environ | ({"XLA_FLAGS": " ".join(flags).strip()} if quick else {})
+def run_limited(code: str, *, seconds: float) -> str:
+    """Standard output of the code. Fails if it takes longer than `seconds` or exits non-zero."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", PREAMBLE + code],
             capture_output=True,
             text=True,
             timeout=seconds,
-            env=environment,
         )
     except subprocess.TimeoutExpired as error:
         raise AssertionError(f"still running after {seconds} s: {error.stdout!r}") from error

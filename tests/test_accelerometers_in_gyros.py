@@ -59,7 +59,9 @@ def test_gyros_of_sixty_devices_are_as_far_off_as_their_covariance_says():
     of_accel = {"bias": np.array([0.1, -0.2, 0.05]), "matrix": 0.004 * np.eye(3)}
     z, apart, alone, together = [], [], [], []
     for seed in range(60):
-        found = calibrate_device(hand.log(100 + seed, motions=18), checked=True).calibration
+        found = calibrate_device(
+            hand.log(100 + seed, motions=18, rate=50.0), checked=True
+        ).calibration
         assert found.cross_covariance is not None
         errors = [
             np.asarray(triad.curve.coefficients).ravel() - _true(triad.names, true)

@@ -62,11 +62,7 @@ def test_traditional_needs_a_held_temperature(device):
 def test_passes_from_the_host_are_those_of_the_compiled_iteration(device):
     dwells, _ = simulate_dwells(jax.random.PRNGKey(1), paper_set(1), device)
     procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
-    # Three runs only: compiling is all that they cost.
-    one_pass = jax.jit(
-        lambda c: procedure.refine(c, dwells),
-        compiler_options={"xla_backend_optimization_level": 0},
-    )
+    one_pass = jax.jit(lambda c: procedure.refine(c, dwells))
     compiled = [np.asarray(start_curve(ESTIMATOR, BASIS, dwells))]
     for _ in range(3):
         compiled.append(np.asarray(one_pass(compiled[-1])))

@@ -21,9 +21,6 @@ from inertiax.physics.error_model import distort_accel, distort_gyro
 from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 GRAVITY = 9.8
 
 

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 from hard_limit import run_here
 
 
-# All of it waits for the same Monte Carlo, which takes longer to compile than to run.
-pytestmark = [pytest.mark.slow, pytest.mark.compiled_quickly]
+# All of it waits for the same Monte Carlo.
+pytestmark = pytest.mark.slow
 
 
 RUNS = """

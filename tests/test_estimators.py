@@ -34,9 +34,6 @@ from inertiax.procedure.thermal_iterations import joint_fit
 from inertiax.reduction.dwells import Dwells
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 def _dwells(getkey, num=24, sigma=1e-4):
     force = jax.random.normal(getkey(), (num, 3))
     force = GRAVITY * force / jnp.linalg.norm(force, axis=1, keepdims=True)

@@ -29,9 +29,6 @@ from inertiax.exports import export, measure_loss
 from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 def kalibr_forward(text, force, rate):
     """IccSensors.py: predicted measurements of a true force and rate in the body frame, no bias."""
     yaml = pytest.importorskip("ruamel.yaml", reason="ruamel.yaml is not installed (with rosbags)")

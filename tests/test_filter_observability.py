@@ -7,8 +7,6 @@ rate along one of its axes can be held constant while all else varies.
 degenerate motions of IMU intrinsics.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,8 +31,6 @@ GYRO = tuple(f"gyro.bias[{i}]" for i in range(3)) + tuple(
 # Biases as little known as columns by their share of the outputs, so that neither hides in the other.
 SIGMA = {"accel.bias": 5e-2, "accel.matrix": 1e-2, "gyro.bias": 1e-2, "gyro.matrix": 1e-2}
 SIGMA["gyro.g_sensitivity"] = 1e-2
-# Compiling is what these runs cost.
-QUICK = {"xla_backend_optimization_level": 0}
 TIME = (np.arange(SAMPLES * SEGMENTS) + 0.5) * STEP
 
 
@@ -55,7 +51,7 @@ def _felt():
     return force, 0.2 + 0.8 * waves(0.19, 0.29, 0.37) + 0.3 * waves(0.43, 0.47, 0.59)
 
 
-@partial(jax.jit, compiler_options=QUICK)
+@jax.jit
 def _run(filter_, start, data, fixes, valid):
     return filter_.run(start, data, [navigation.Position(fixes, 0.01, valid)])
 

@@ -22,9 +22,6 @@ from inertiax.physics import rotation
 from inertiax.physics.temperature import Curve, Polynomial
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 LATITUDE = 0.85
 ACCEL = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(
     f"accel.matrix[{i},{j}]" for i in range(3) for j in range(i + 1)

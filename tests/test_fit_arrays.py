@@ -11,9 +11,6 @@ from inertiax.fleet.solve.batch import fit_fleet
 from inertiax.physics.temperature import Constant
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 GRAVITY = 9.81
 DEVICES, DWELLS = 40, 24
 

@@ -21,9 +21,6 @@ from inertiax.diagnose.noise.state_space import (
 )
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 NUM = 3 * ROWS + 7  # the last group is not full
 THETAS = np.array(
     [

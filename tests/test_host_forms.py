@@ -19,9 +19,6 @@ from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.motions import Motions
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 G = 9.81
 
 

@@ -19,9 +19,6 @@ from inertiax.procedure.single_device import iterate_one
 from inertiax.reduction.dwells import Dwells
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 G = 9.81
 ACCEL_SIGMA, GYRO_SIGMA = 2e-4, 3e-5  # m/s² and rad/s, of a dwell's mean
 

@@ -11,9 +11,6 @@ import pytest
 from hard_limit import run_here
 
 
-# Each block runs once, for milliseconds.
-pytestmark = pytest.mark.compiled_quickly
-
 PAGE = Path(__file__).parents[1] / "docs" / "api" / "library.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 

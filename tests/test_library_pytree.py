@@ -21,9 +21,6 @@ from inertiax.calibration.stacking import stack, unstack
 from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 ACCEL = tuple(f"accel.bias[{i}]" for i in range(3)) + ("accel.matrix[0,0]", "accel.matrix[1,0]")
 GYRO = tuple(f"gyro.bias[{i}]" for i in range(3)) + ("gyro.matrix[0,1]",)
 

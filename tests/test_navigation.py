@@ -25,9 +25,6 @@ from inertiax.physics.error_model import distort_accel, distort_gyro
 from inertiax.physics.temperature import Curve, Polynomial
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 LATITUDE = float(np.deg2rad(55.0))
 START = jnp.array([LATITUDE, 0.5, 200.0])
 ACCEL_NAMES = tuple(f"accel.bias[{i}]" for i in range(3)) + tuple(

@@ -13,9 +13,6 @@ from inertiax.physics import rotation
 from inertiax.physics.temperature import Curve, Polynomial
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 LATITUDE, SAMPLES, STEP, SEGMENTS = 0.85, 50, 0.02, 12
 FRAME = navigation.LevelFrame(LATITUDE, 300.0)
 NOISE = navigation.ImuNoise(

@@ -23,9 +23,6 @@ from inertiax.simulate.plan import PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import Device, draw_accelerometers, draw_gyros
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 iterate = eqx.filter_jit(thermal_iterations.iterate)
 joint_fit = eqx.filter_jit(thermal_iterations.joint_fit)
 
@@ -126,12 +123,9 @@ def test_divergent_plan_is_predicted_and_named(device):
     assert "diverges on this plan (spectral radius" in warning
     assert "°C inside an experiment" in warning and "looks like accel." in warning
     default = GaussNewtonIteration(ESTIMATOR, BASIS)
-    fixed = iterate(default, dwells)
-    assert convergence_rate(default, fixed.curve.coefficients, dwells).radius < 0.01
-    assert (
-        rate_warning(default, convergence_rate(default, fixed.curve.coefficients, dwells), dwells)
-        is None
-    )
+    rate = convergence_rate(default, iterate(default, dwells).curve.coefficients, dwells)
+    assert rate.radius < 0.01
+    assert rate_warning(default, rate, dwells) is None
 
 
 @pytest.mark.slow

@@ -14,8 +14,6 @@ from inertiax.fleet.reduce.stacked_dwells import stack_dwells
 from inertiax.procedure.single_device import iterate_one, joint_fit_one
 
 
-pytestmark = pytest.mark.compiled_quickly
-
 GRAVITY = 9.81123
 RESTS, PLATEAUS = 24, 12
 BIAS = np.array([0.05, -0.03, 0.02])

@@ -10,9 +10,6 @@ from scipy.spatial.transform import Rotation
 from inertiax.physics import rotation
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 def vectors(length):
     v = np.random.default_rng(3).normal(size=(20, 3))
     return length * v / np.linalg.norm(v, axis=1, keepdims=True)

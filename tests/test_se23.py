@@ -9,9 +9,6 @@ import scipy.linalg
 from inertiax.navigation import se23
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 # Angles below and above the change from series to closed forms, at zero, and near half a turn.
 ANGLES = [0.0, 1e-9, 1e-3, 0.5, 0.999, 1.001, 2.0, 3.1]
 EXP, LOG = jax.jit(se23.exp), jax.jit(se23.log)

@@ -57,9 +57,6 @@ from inertiax.simulate.triad import (
 from inertiax.simulate.truth import read_truth
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 def device(seed=0, **settings):
     accel, gyro = jax.random.split(jax.random.key(seed))
     return Device(draw_accelerometers(accel, **settings), draw_gyros(gyro, **settings))

@@ -8,9 +8,6 @@ from scipy.optimize import least_squares
 import inertiax as ix
 
 
-pytestmark = pytest.mark.compiled_quickly
-
-
 GRAVITY = 9.8096
 SIGMA = 1e-3  # m/s²
 

@@ -12,7 +12,6 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
-import jax
 import pytest
 
 from command_runs import run_in
@@ -24,8 +23,7 @@ BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', flags=re.MULTI
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 # Pages with commands, and pages whose Python runs.
 WALKED = ("hand-log", "chamber-table", "fleet")
-# Of the navigators' and the twin's time most is compiling; a diagnosis would take longer for being compiled quickly.
-SCRIPTS = {"own-model": False, "navigation": True, "navigation-filter": True, "twin": True}
+SCRIPTS = ("own-model", "navigation", "navigation-filter", "twin")
 
 
 def _blocks(page: str) -> list[tuple[str, str, str]]:
@@ -118,11 +116,7 @@ def test_walk(page, tmp_path, capfd):
 def test_script_in_the_default_precision(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code = "\n".join(text for kind, title, text in _blocks(page) if kind == "python" and not title)
-    jax.config.update("jax_disable_most_optimizations", SCRIPTS[page])
-    try:
-        printed = run_here(code, seconds=600.0, wide=False)
-    finally:
-        jax.config.update("jax_disable_most_optimizations", False)
+    printed = run_here(code, seconds=600.0, wide=False)
     shown = [
         line for kind, _, text in _blocks(page) if kind == "text" for line in text.splitlines()
     ]
