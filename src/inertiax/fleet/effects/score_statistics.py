@@ -41,6 +41,7 @@ class Term(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     channel: str  # "accel_x", or "all" for an effect of the rig
     form: str
     unit: str
+    of_rig: bool
 
 
 class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -193,7 +194,7 @@ def terms_of(forms: Sequence[Form], triad: str) -> tuple[Term, ...]:
             for k in range(form.columns):
                 label = form.label + (f" [{k}]" if form.columns > 1 else "")
                 unit = effect.unit(triad, form.settings, k)
-                made.append(Term(effect.name, channel, label, unit))
+                made.append(Term(effect.name, channel, label, unit, effect.common))
     return tuple(made)
 
 
