@@ -89,21 +89,35 @@ def pytest_runtest_call() -> None:
     typed_calls.begin_anew()
 
 
-# Where a file begins; the programs of one take up to 0.9 GB, and a process of tests at most 2.
-ROOM = 1.0e9  # bytes
+def make_room() -> None:
+    """As a diagnosis does; the package is imported where a test first needs it."""
+    from inertiax.numerics import compilation_cache
+
+    compilation_cache.make_room()
 
 
+def _let_go_beyond(most: float) -> None:
+    """Forget compiled programs where the process holds more than `most` bytes; JAX's cache on disk has them."""
+    with contextlib.suppress(OSError):  # not Linux
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        if pages * os.sysconf("SC_PAGE_SIZE") > most:
+            jax.clear_caches()
+            gc.collect()
+            make_room()
+
+
+# A process of tests holds at most 2 GB: the programs of one file take up to 0.9, those of one test up to 0.6.
 @pytest.fixture(autouse=True, scope="module")
 def _room_for_programs():
     """Two thousand tests in one process compile more programs than a process may hold."""
-    from inertiax.numerics.compilation_cache import make_room
-
-    with contextlib.suppress(OSError):  # not Linux
-        resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-        if resident > ROOM:
-            jax.clear_caches()
-            gc.collect()
+    _let_go_beyond(1.0e9)
     make_room()
+
+
+@pytest.fixture(autouse=True)
+def _room_in_a_file():
+    """Some files' tests have large programs each."""
+    _let_go_beyond(1.4e9)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -10,7 +10,11 @@ from inertiax.numerics import forked_work
 from inertiax.numerics.forked_work import can_fork, ForkedWork
 
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork"),
+    # JAX warns where other tests have loaded it; the twins here do not use it.
+    pytest.mark.filterwarnings("ignore:os.fork.. was called:RuntimeWarning"),
+]
 
 
 def test_the_answer_is_a_twins_and_holds_what_both_know_as_it_is():
