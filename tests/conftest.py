@@ -14,7 +14,7 @@ from pathlib import Path
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 # Tests and the processes that they start run most programs for milliseconds, so compiling is what they cost. LLVM's
-# optimiser, left out but in files marked `compiled_fully`, changes the speed of the same formulas and nothing else.
+# optimiser, which is left out, changes the speed of the same formulas and nothing else.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 
 # Before NumPy starts, as in `cli/environment.py`; the workers keep all cores busy as it is.
@@ -118,18 +118,6 @@ def _room_for_programs():
 def _room_in_a_file():
     """Some files' tests have large programs each."""
     _let_go_beyond(1.4e9)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled_fully(request):
-    """Programs of files marked `compiled_fully` run for longer than they compile."""
-    if request.node.get_closest_marker("compiled_fully") is None:
-        yield
-        return
-    before = jax.config.jax_disable_most_optimizations
-    jax.config.update("jax_disable_most_optimizations", False)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture
