@@ -26,6 +26,7 @@ SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv")
 _CUT = 0.01  # of all rows: more have an empty last field on purpose
 _CHECKSUM = re.compile(rb"\*[0-9A-Fa-f]{2}$", re.MULTILINE)
 KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
+_MOST = 10_000  # columns of a header whose doubled names are numbered; more are no log's, and take minutes to read
 # Names that are read unasked: which of two is meant nobody could say.
 _CANONICAL = {*COLUMNS, "device", *(f"{t}_{a}" for t in TRIADS for a in AXES)}
 
@@ -104,6 +105,8 @@ def column_names(layout: TextLayout, names: tuple[str, ...] | None, where: str) 
 
 def _numbered(names: tuple[str, ...]) -> tuple[str, ...]:
     """Names of a header with numbers behind those that stand in it more than once."""
+    if len(names) > _MOST:
+        return names
     several = {n for n, count in Counter(names).items() if count > 1} - _CANONICAL
     seen: Counter[str] = Counter()
     made = []
