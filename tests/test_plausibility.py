@@ -60,6 +60,18 @@ def findings(columns: dict[str, np.ndarray], site: Site | None = None) -> list[F
     return [f for f in seen.findings if f.severity != "note"]
 
 
+@pytest.mark.parametrize(("jump", "found"), [(3e-3, True), (0.0, False)])
+def test_a_zero_that_jumps_less_than_by_g_sensitivity_is_told(jump, found):
+    columns = hand(3)
+    columns["gyro"] += columns["accel"] @ np.array([[2, 0, 1], [0, -2, 0], [1, 0, 2]]) * 1e-4
+    columns["gyro"][(REST + MOVE) * 7 :, 1] += jump
+    told = [f for f in findings(columns) if f.kind == "restart"]
+    assert [f.what for f in told] == ["gyro_y"] * found
+    assert all(
+        dict(f.evidence)["jump"] == pytest.approx(jump, abs=5e-4) for f in told
+    )  # 3 sigma of two rests
+
+
 def only(columns: dict[str, np.ndarray], kind: str, severity: str = "error") -> Finding:
     found = [f for f in findings(columns) if f.kind == kind]
     assert found and found[0].severity == severity, findings(columns)

@@ -10,13 +10,18 @@ from .thresholds import Thresholds
 
 
 _LEAST = 4e-3  # rad/s, 0.23 deg/s: g-sensitivity and warm-up between two rests are below
+_LEAST_APART = 5e-4  # rad/s, 0.03 deg/s, apart from what goes with the force
+_ENOUGH = 12  # rests tell what goes with the force, and how much the zero changes otherwise
 _TIMES = 8.0  # robust deviations of the differences from rest to rest
 _SIDE = 3  # rests on each side that have to agree
 _WARMER = 1.0  # °C between them at the most, or the zero follows the temperature
 
 
 def check_zero_jump(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
-    """Medians of three rests before and after each moment, against the scatter from rest to rest."""
+    """Medians of three rests before and after each moment, against the scatter from rest to rest.
+
+    What changes with the specific force is taken away first where there are rests enough to tell it.
+    """
     del limits
     return [f for log in device.logs for f in _one(log)]
 
@@ -25,10 +30,14 @@ def _one(log: Log) -> list[Finding]:
     rate = log.over_rests("gyro")
     if rate is None or log.num_rests < 2 * _SIDE + 2:
         return []
-    jump, at, axis = _largest(rate.mean)
-    if jump < _LEAST or not _same_warmth(log, at):
+    force = log.over_rests("accel")
+    zero, least = rate.mean, _LEAST
+    if force is not None and log.num_rests >= _ENOUGH:
+        zero, least = _apart(zero, force.mean), _LEAST_APART
+    jump, at, axis = _largest(zero)
+    if jump < least or not _same_warmth(log, at):
         return []
-    usual = 1.4826 * np.median(np.abs(np.diff(rate.mean[:, axis])))
+    usual = 1.4826 * np.median(np.abs(np.diff(zero[:, axis])))
     if jump < _TIMES * usual:
         return []
     before, after = (log.recording.time[log.stop[at] - 1], log.recording.time[log.start[at + 1]])
@@ -45,6 +54,21 @@ def _one(log: Log) -> list[Finding]:
             time=float(before),
         )
     ]
+
+
+def _apart(
+    zero: Float[np.ndarray, "rest 3"], force: Float[np.ndarray, "rest 3"]
+) -> Float[np.ndarray, "rest 3"]:
+    """The zero without what goes with the force from rest to rest; the change that fits worst has no part in it."""
+    made = np.empty_like(zero)
+    turned = np.diff(force, axis=0)
+    for axis in range(3):
+        change = np.diff(zero[:, axis])
+        by_force = np.linalg.lstsq(turned, change, rcond=1e-2)[0]
+        kept = np.arange(len(change)) != np.argmax(np.abs(change - turned @ by_force))
+        by_force = np.linalg.lstsq(turned[kept], change[kept], rcond=1e-2)[0]
+        made[:, axis] = zero[:, axis] - force @ by_force
+    return made
 
 
 def _largest(means: Float[np.ndarray, "rest 3"]) -> tuple[float, int, int]:
