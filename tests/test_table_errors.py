@@ -66,7 +66,7 @@ def test_references_change_as_rotations_to_all_orders_say(table, tilt, skew):
 def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table, drawn):
     """A dense covariance of positions, noise and table by hand; one device, the same in a fleet, and its budget."""
     dwells = with_rig_errors(drawn[0][0], table.STATED)
-    force, count = dwells.reference_accel, dwells.num_dwells
+    force, count = np.asarray(dwells.reference_accel), dwells.num_dwells
     design = np.concatenate(
         [np.tile(np.eye(3), (count, 1, 1)), np.einsum("ij,nk->nijk", np.eye(3), force).reshape(count, 3, 9)], axis=2
     ).reshape(3 * count, 12)  # fmt: skip
