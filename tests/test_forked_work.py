@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -29,6 +31,24 @@ def test_the_answer_is_a_twins_and_holds_what_both_know_as_it_is():
     assert process != os.getpid() and heard == ["begun"]
     assert same is known and again is known and long == b"x" * 3_000_000
     aside.end()  # without effect
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="prctl is of Linux")
+def test_a_twin_ends_with_the_process_that_began_it():
+    code = """if True:
+        import os, time
+        from inertiax.numerics.forked_work import ForkedWork
+        aside = ForkedWork(lambda say: (say("begun"), time.sleep(60)))
+        os.read(aside._pipe, 1)  # it has begun
+        print(aside._child, flush=True)
+        os.kill(os.getpid(), 9)"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30)
+    twin = Path(f"/proc/{int(ended.stdout)}/stat")
+    for _ in range(100):
+        if not twin.exists() or ") Z " in twin.read_text():
+            return
+        time.sleep(0.05)
+    pytest.fail("the twin works on")
 
 
 @pytest.mark.parametrize("fate", ["dies", "cannot send", "fails", "is silent"])

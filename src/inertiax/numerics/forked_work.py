@@ -5,6 +5,7 @@ that this process has, functions that no pickle takes among it, and needs not st
 both had before is named by its number instead.
 """
 
+import ctypes
 import io
 import os
 import pickle
@@ -23,6 +24,7 @@ _T = TypeVar("_T")
 Say = Callable[[str], None]
 PATIENCE = 20.0  # times as long as this process has worked, after which a silent twin is given up
 LEAST = 60.0  # s of patience, at least
+_SIGNAL_AT_PARENTS_END = 1  # PR_SET_PDEATHSIG of prctl(2), of Linux
 _LENGTH = 8  # bytes that say how long a message is
 
 
@@ -112,6 +114,10 @@ def _serve(work: Callable[[Say], Any], known: list[Any], pipe: int) -> None:
     """What the twin does: the work, whose answer it sends. An error is left to the other one, which meets it too."""
     for one in (signal.SIGINT, signal.SIGTERM):  # whose handlers are the affair of the other one
         signal.signal(one, signal.SIG_DFL)
+    with suppress(
+        OSError, AttributeError
+    ):  # nobody would hear it after the other one's end, however that came
+        ctypes.CDLL(None).prctl(_SIGNAL_AT_PARENTS_END, signal.SIGKILL)
     with suppress(BaseException):
         answer = work(lambda text: _send(pipe, ("say", text), known))
         _send(pipe, ("answer", answer), known)
