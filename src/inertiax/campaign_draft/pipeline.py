@@ -1,7 +1,6 @@
 """The whole draft: columns, units, clock and place of a log, and what could not be told."""
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,7 +34,8 @@ from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit
-from .raw_triads import columns, given_names, RawTriads, read_triads
+from .raw_triads import columns, RawTriads, read_triads
+from .recordings_table import file_names, recordings_table, sections_file
 from .references import force_unit
 from .resting import drifts_in_one_pose, poses, Resting, resting
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
@@ -47,10 +47,8 @@ from .toml_text import CHECK, Line, Table
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
-_MOST_FILES = 4  # that are named one by one where a glob would do
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
 _STANDARD = 9.80665  # m/s²
-_SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
 def draft_campaign(
@@ -74,7 +72,7 @@ def draft_campaign(
     """
     site = _site(latitude, height)
     chosen = format_of(log).NAME
-    paths = _files((log, *others), folder)
+    paths = file_names((log, *others), folder)
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         topics = topic_lines(log) if chosen == ros.NAME else ()
@@ -106,7 +104,7 @@ def draft_campaign(
         site = _site_of_reference(found) or site
     tables = (
         site,
-        _recordings(found, folder, paths, own),
+        recordings_table(found, folder, paths, own),
         columns,
         *station_tables(found, angles, latitude, serial=log.absolute().parent.name, own=own),
     )
@@ -190,63 +188,6 @@ def _in_motion(found: RawTriads) -> list[GravityTurns]:
         if v is not None
     }
     return [t._replace(what=k) for k, t in turns.items() if t is not None]
-
-
-def _recordings(found: RawTriads, folder: Path, paths: list[str], own: TableLog | None) -> Table:
-    log, layout = found.log, found.log.layout
-    lines = [Line("files", paths, _words(found))]
-    if own is not None:
-        lines.append(Line("table_files", [_path(own.path, folder)], "the table's own log"))
-    if found.gyro_log is not None:
-        lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
-    if _sections(found).is_file():
-        why = f"{_sections(found).name} labels its sections; turns are of -360 deg, say turn_angle otherwise"
-        lines.append(Line("format", "imucal", why))
-    elif log.format == "csv" and log.path.suffix.lower() == ".gcsv":
-        lines.append(Line("format", "csv"))
-    if layout is not None and layout.header_line not in (None, 1):
-        lines.append(
-            Line("header_line", layout.header_line, "the line that holds the column names")
-        )
-    names = given_names(log, found.roles)
-    if names is not None:
-        lines.append(Line("names", list(names), "the file has no header line"))
-    if found.gyro_log is not None and found.gyro_roles is not None:
-        names = given_names(found.gyro_log, found.gyro_roles)
-        lines += [] if names is None else [Line("gyro_names", list(names))]
-    if log.unit_rows:
-        lines.append(Line("start_row", log.unit_rows, "rows of units below the header"))
-    return Table("recordings", tuple(lines))
-
-
-def _words(found: RawTriads) -> str:
-    layout = found.log.layout
-    if layout is None:
-        return ""
-    between = _SPACES.get(layout.delimiter, repr(layout.delimiter))
-    above = len(layout.preamble)
-    settings = f", {above} line{'s' * (above > 1)} above the names" if above else ""
-    fields = max(len(layout.names or ()), layout.width)  # the first rows may have empty ones
-    return f"{between} between {fields} fields{settings}"
-
-
-def _files(logs: Sequence[Path], folder: Path) -> list[str]:
-    """The recordings as `campaign.toml` names them: by one glob where they are all of a kind in its own folder."""
-    glob = f"*{logs[0].suffix}"
-    if len(logs) > _MOST_FILES and {p.resolve() for p in folder.glob(glob)} == {
-        p.resolve() for p in logs
-    }:
-        return [glob]
-    return [_path(p, folder) for p in logs]
-
-
-def _path(file: Path, folder: Path) -> str:
-    """A file as `campaign.toml` names it, relative where that is possible."""
-    try:
-        relative = Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # another drive
-        relative = file.resolve().as_posix()
-    return relative
 
 
 def _columns(
@@ -361,7 +302,7 @@ def _triad(key: str, names: tuple[str, str, str] | None, unit: TriadUnit) -> Lin
 
 def _model(found: RawTriads, rests: Resting) -> Table:
     """The estimator that one pose allows; with more of them the tool's own choice is right."""
-    if found.accel is None or _sections(found).is_file():
+    if found.accel is None or sections_file(found).is_file():
         return Table("model", ())
     if rests.turned or _poses(found.accel, rests) > 1:
         if found.roles.temperature is None or not drifts_in_one_pose(found.seconds, found.accel):
@@ -373,12 +314,6 @@ def _model(found: RawTriads, rests: Resting) -> Table:
 def _poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> int:
     assert rests.accel is not None
     return poses(directions(accel, rests.accel))
-
-
-def _sections(found: RawTriads) -> Path:
-    """imucal's list of the labelled sections of a session, where there is one."""
-    path = found.log.path
-    return path.with_name(f"{path.stem}_list.json")
 
 
 # Of counts without names neither size nor sphere tells gravity from the Earth's field.

@@ -1,0 +1,79 @@
+"""Which files the draft names, and how their text is laid out."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from .raw_triads import given_names, RawTriads
+from .table_log import TableLog
+from .toml_text import Line, Table
+
+
+_MOST_FILES = 4  # that are named one by one where a glob would do
+_SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
+
+
+def recordings_table(
+    found: RawTriads, folder: Path, paths: list[str], own: TableLog | None
+) -> Table:
+    """`[recordings]`: the files as `file_names` names them, the table's `own` log, and how their text is laid out."""
+    log, layout = found.log, found.log.layout
+    lines = [Line("files", paths, _words(found))]
+    if own is not None:
+        lines.append(Line("table_files", [_path(own.path, folder)], "the table's own log"))
+    if found.gyro_log is not None:
+        lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
+    if sections_file(found).is_file():
+        why = f"{sections_file(found).name} labels its sections; turns are of -360 deg, say turn_angle otherwise"
+        lines.append(Line("format", "imucal", why))
+    elif log.format == "csv" and log.path.suffix.lower() == ".gcsv":
+        lines.append(Line("format", "csv"))
+    if layout is not None and layout.header_line not in (None, 1):
+        lines.append(
+            Line("header_line", layout.header_line, "the line that holds the column names")
+        )
+    names = given_names(log, found.roles)
+    if names is not None:
+        lines.append(Line("names", list(names), "the file has no header line"))
+    if found.gyro_log is not None and found.gyro_roles is not None:
+        names = given_names(found.gyro_log, found.gyro_roles)
+        lines += [] if names is None else [Line("gyro_names", list(names))]
+    if log.unit_rows:
+        lines.append(Line("start_row", log.unit_rows, "rows of units below the header"))
+    return Table("recordings", tuple(lines))
+
+
+def _words(found: RawTriads) -> str:
+    layout = found.log.layout
+    if layout is None:
+        return ""
+    between = _SPACES.get(layout.delimiter, repr(layout.delimiter))
+    above = len(layout.preamble)
+    settings = f", {above} line{'s' * (above > 1)} above the names" if above else ""
+    fields = max(len(layout.names or ()), layout.width)  # the first rows may have empty ones
+    return f"{between} between {fields} fields{settings}"
+
+
+def file_names(logs: Sequence[Path], folder: Path) -> list[str]:
+    """The recordings as `campaign.toml` names them: by one glob where they are all of a kind in its own folder."""
+    glob = f"*{logs[0].suffix}"
+    if len(logs) > _MOST_FILES and {p.resolve() for p in folder.glob(glob)} == {
+        p.resolve() for p in logs
+    }:
+        return [glob]
+    return [_path(p, folder) for p in logs]
+
+
+def _path(file: Path, folder: Path) -> str:
+    """A file as `campaign.toml` names it, relative where that is possible."""
+    try:
+        relative = Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        relative = file.resolve().as_posix()
+    return relative
+
+
+def sections_file(found: RawTriads) -> Path:
+    """imucal's list of the labelled sections of a session, where there is one."""
+    path = found.log.path
+    return path.with_name(f"{path.stem}_list.json")
