@@ -6,7 +6,7 @@ import scipy.optimize
 from scipy.optimize import least_squares, rosen
 
 from inertiax.numerics.gauss_newton import solve_on_host
-from inertiax.numerics.nonnegative import nonnegative_least_squares
+from inertiax.numerics.nonnegative import nonnegative_least_squares, squares_with_one_more
 from inertiax.numerics.recent_answers import RecentAnswers
 
 
@@ -88,6 +88,25 @@ def test_nonnegative_shares_are_scipys(unknowns):
         expected, length = scipy.optimize.nnls(design, target)
         np.testing.assert_allclose(shares, expected, rtol=0.0, atol=1e-12)  # of order 1
         assert left == pytest.approx(length**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("chosen", [[], [0], [0, 3], [0, 3, 5]])
+def test_one_more_share_leaves_what_scipy_leaves(chosen):
+    rng = np.random.default_rng(len(chosen))
+    for _ in range(20):
+        design, target = np.abs(rng.normal(size=(9, 30))), rng.normal(size=9) + 0.3
+        design[:, 7] = (
+            2.0 * design[:, 3]
+        )  # of one direction with a column that may be among those chosen
+        before = (
+            scipy.optimize.nnls(design[:, chosen], target)[1] if chosen else np.linalg.norm(target)
+        )
+        left = squares_with_one_more(design, chosen, target)
+        for k in set(range(30)) - set(chosen):
+            shares, length = scipy.optimize.nnls(design[:, [*chosen, k]], target)
+            least = min(left[k], before**2)  # without it, where it does not help
+            assert least == pytest.approx(length**2, rel=1e-12)
+            assert shares[-1] < 1e-3 or left[k] == pytest.approx(length**2, rel=1e-12)
 
 
 def test_an_answer_is_worked_out_once_while_it_is_kept():

@@ -15,7 +15,7 @@ from scipy.special import digamma, polygamma
 
 from .._records import field, Module
 from .._typing import AnyArray
-from ..numerics.nonnegative import nonnegative_least_squares
+from ..numerics.nonnegative import nonnegative_least_squares, squares_with_one_more
 
 
 class NoiseShape(Module):
@@ -166,9 +166,6 @@ def _hadamard(
 
 # In χ², for which another component is taken: 3 sigma, and 5 for a band, of whose hundreds some fit by chance.
 _GAIN, _GAIN_OF_BAND = 9.0, 25.0
-_DISTINCT = (
-    1e-24  # part of a component's square that must lie outside those chosen: rounding leaves less
-)
 _PER_OCTAVE = 8  # frequencies of bands
 
 
@@ -177,20 +174,6 @@ def _bands(memories: Float[np.ndarray, " memory"], longest: float) -> Complex[np
     octaves = max(np.log2(0.5 * longest), 0.0)
     frequencies = np.pi / np.geomspace(1.0, 2.0**octaves, int(_PER_OCTAVE * octaves) + 1)
     return np.exp(-1.0 / memories[:, None] + 1j * frequencies).ravel()
-
-
-def _most_gain(
-    design: Float[np.ndarray, "level component"],
-    target: Float[np.ndarray, " level"],
-    chosen: list[int],
-) -> Float[np.ndarray, " component"]:
-    """By how much each component beside those chosen lowers the sum of squares, shares of either sign allowed."""
-    span, _ = np.linalg.qr(design[:, chosen])
-    beside = design - span @ (span.T @ design)
-    square = np.sum(np.square(beside), axis=0)
-    new = square > _DISTINCT * np.sum(np.square(design), axis=0)
-    gain = np.square(beside.T @ target) / np.where(new, square, np.inf)
-    return np.where(new, gain, 0.0)
 
 
 def _grow(
@@ -204,21 +187,12 @@ def _grow(
     shares = np.array([max(white @ target, 0.0) / (white @ white)])
     left = float(np.sum(np.square(target - shares[0] * white)))
     while len(chosen) < min(4, len(target)):
-        # Shares of either sign leave no more than positive ones: where they gain too little, these do.
-        shown = target - design[:, chosen] @ np.linalg.lstsq(design[:, chosen], target)[0]
-        most = left - float(shown @ shown) + _most_gain(design, shown, chosen) - cost
-        most[chosen] = -np.inf
-        best, found = 0.0, None
-        for k in np.argsort(-most):
-            if most[k] <= best:
-                break
-            values, rest = nonnegative_least_squares(design[:, [*chosen, k]], target)
-            if left - rest - cost[k] > best:
-                best, found = left - rest - cost[k], (int(k), values, rest)
-        if found is None:
+        gain = left - squares_with_one_more(design, chosen, target) - cost
+        best = int(np.argmax(gain))
+        if not gain[best] > 0.0:
             break
-        chosen.append(found[0])
-        _, shares, left = found
+        chosen.append(best)
+        shares, left = nonnegative_least_squares(design[:, chosen], target)
     return np.bincount(chosen, shares, minlength=design.shape[1])
 
 
