@@ -37,11 +37,13 @@ if version("jaxlib").startswith("0.10."):
 import jax
 import pytest
 
+import long_programs
 import typed_calls
 
 
 # Before the package is imported.
 typed_calls.install()
+long_programs.install()
 
 # What is imported for all tests stays: going through it again and again is a quarter of collecting them.
 gc.disable()
