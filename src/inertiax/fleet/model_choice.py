@@ -169,8 +169,8 @@ def columns_of(dwells: Dwells) -> Recording:
 def _estimators(chosen: ChosenModel, gravity: float, dwells: Dwells) -> list[AbstractEstimator]:
     if chosen.together:
         raise ValueError(
-            "[model] together, lever_arms and misalignment = false go with no prior, no --explain and no more than "
-            "4 million rows."
+            "[model] together, lever_arms and misalignment = false go with no prior, no --explain and "
+            "no --precision float32."
         )
     for triad, name in (("accel", chosen.accel_estimator), ("gyro", chosen.gyro_estimator)):
         if name == "gravity":

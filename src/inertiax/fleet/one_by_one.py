@@ -28,6 +28,7 @@ from ..physics.temperature import AbstractBasis
 from ..reduction.dwells import Dwells
 from .copies import MARK, marks_of
 from .covariance_by_source import row_of, SUFFIXES
+from .lever_arms import lever_arm_columns
 from .model_choice import columns_of, LineModel, TRIALS
 from .reduce.campaign_folders import campaigns_of
 from .reduce.raw_rows import recordings_of
@@ -46,7 +47,7 @@ UNKNOWNS = 9  # of the invariant accelerometer problem that the batches solve
 def beyond_batches(campaign: Campaign, trial: Sequence[Dwells]) -> bool:
     """Whether the model is one that only `calibrate` fits, as far as the columns and the first devices' rests say."""
     chosen = choose_model(campaign, [columns_of(trial[0])])
-    if chosen.together or chosen.gyro_estimator == "gravity" or chosen.accel_estimator == "static":
+    if chosen.gyro_estimator == "gravity" or chosen.accel_estimator == "static":
         return True
     if chosen.accel_estimator != "invariant":
         return False
@@ -76,8 +77,8 @@ def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> L
             f"{campaign.path}: no device can be calibrated, the first because of this: {failed[0]}."
         )
     kinds = [_kind(r.model) for r in found]
-    common = max(dict.fromkeys(kinds), key=kinds.count)
-    alike = [r for r, kind in zip(found, kinds, strict=True) if kind == common]
+    usual = max(dict.fromkeys(kinds), key=kinds.count)
+    alike = [r for r, kind in zip(found, kinds, strict=True) if kind == usual]
     first = alike[0]
     accel = _triad_model([r.calibration.accel for r in alike], [r.accel for r in alike])
     gyro = _triad_model([r.calibration.gyro for r in alike], [r.gyro for r in alike])
@@ -88,7 +89,9 @@ def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> L
     )
     said = f"devices one by one: {len(alike)} of the first {len(found)} have this model"
     by_force = bool(spec.gyro is not None and spec.gyro.g_sensitivity)
-    return LineModel(accel, gyro, by_force, (*first.choices, said), spec)
+    # What was chosen of the first device alone, and what it was found to be, is not the line's.
+    common = [c for c in first.choices if all(c in r.choices for r in alike)]
+    return LineModel(accel, gyro, by_force, (*common, said), spec)
 
 
 def calibrate_one_by_one(task: Task, devices: Devices, manifest: Manifest) -> pl.DataFrame:
@@ -138,7 +141,7 @@ def _line(error: ValueError) -> str:
 def _kind(spec: ModelSpec) -> tuple[object, ...]:
     """A model but for its degrees over temperature."""
     of = lambda t: None if t is None else (t.estimator, t.parameters)
-    return of(spec.accel), of(spec.gyro), spec.together, spec.misalignment
+    return of(spec.accel), of(spec.gyro), spec.together, spec.lever_arms, spec.misalignment
 
 
 def _triad_model(
@@ -166,7 +169,8 @@ def _row(result: DeviceResult, manifest: Manifest) -> Columns:
     """What a device's calibration is in the results' table."""
     findings = judge(result).findings
     worst = max(findings, key=lambda f: f.grade)
-    reserved = [f.text for f in findings if f.grade == ATTENTION and f.topic != "warning"]
+    asking = [f for f in findings if f.grade == ATTENTION and f.topic != "warning"]
+    reserved = list(dict.fromkeys(f.text for f in asking))
     low, high = result.calibration.temperature_range or (0.0, 0.0)
     triads = [r for r in (result.accel, result.gyro) if r is not None]
     columns: Columns = {
@@ -177,6 +181,10 @@ def _row(result: DeviceResult, manifest: Manifest) -> Columns:
         "reservation": [reserved[0] if reserved else None],
         MARK: marks_of(jax.tree.map(lambda x: np.asarray(x)[None], triads[0].dwells)),
     }
+    if manifest.own_words:
+        own = [c for c in result.choices if c not in manifest.reasons]
+        columns |= {"choices": [[*manifest.reasons, *own]], "reservations": [reserved]}
+    columns |= lever_arm_columns(result.calibration)
     for triad in ("accel", "gyro"):
         model: TriadModel | None = getattr(manifest, triad)
         calibration: TriadCalibration | None = getattr(result.calibration, triad)

@@ -14,6 +14,7 @@ import msgspec
 from ..data.campaign import load_settings
 from ..data.formats import ColumnMap
 from ..data.recording import Campaign, Rig, Site
+from ..model_selection.select_model import asks_together
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
 from .cluster import on_dask, on_processes
@@ -33,7 +34,7 @@ from .reduce.campaign_folders import (
 from .reduce.locations import find_sources, is_address, local_state
 from .reduce.many_dwells import Reduction
 from .reduce.raw_rows import read
-from .reduce.tasks import split, Task, wherever_read
+from .reduce.tasks import apart, split, Task, wherever_read
 from .results import FleetSummary, summarise
 from .reuse import kept_results, take_away_parts
 from .rows import calibrate_reduced
@@ -139,7 +140,7 @@ def _reader_of(context: Context) -> Reader:
 
 def _devices_of(context: Context) -> Devices:
     manifest = context.manifest
-    station = Campaign((), Site(manifest.gravity), manifest.station)
+    station = Campaign((), Site(manifest.gravity, manifest.latitude), manifest.station)
     return devices_of(station, context.columns, folders=manifest.campaigns)
 
 
@@ -281,15 +282,12 @@ def _settled(
     exact: bool,
 ) -> Manifest:
     """The plan of a new run over `files` by campaign.toml, stored with their hashes."""
-    if campaign.model.lever_arms:
-        raise ValueError(
-            "[model] lever_arms = true: a fleet estimates none; run `inertiax calibrate` and `inertiax protocol` for "
-            "each folder."
-        )
-    trial = first_dwells(campaign, tasks, reader)
     plain = asked == _Asked(None, explain=False, precision="float64")
-    one_by_one = exact and plain and beyond_batches(campaign, trial)
-    if one_by_one:
+    # Asked for, whatever it takes; what the data alone would choose so, a large run has in a form that is quick.
+    one_by_one = plain and bool(asks_together(campaign.model))
+    trial = [] if one_by_one else first_dwells(campaign, tasks, reader)
+    if one_by_one or (plain and exact and beyond_batches(campaign, trial)):
+        one_by_one, tasks = True, apart(tasks)
         model = line_model(campaign, tasks, devices_of(campaign, columns, folders=campaigns))
     else:
         model = choose_line_model(campaign, trial, asked.prior)
@@ -298,7 +296,8 @@ def _settled(
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
-        rig=_promised(campaign.rig), axes=campaign.rig.axes, exact=exact, one_by_one=one_by_one, documented=True,
+        rig=_promised(campaign.rig), axes=campaign.rig.axes, exact=exact or one_by_one, one_by_one=one_by_one,
+        documented=True, own_words=one_by_one, latitude=campaign.site.latitude,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)

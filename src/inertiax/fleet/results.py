@@ -9,6 +9,7 @@ import polars as pl
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..model_selection.model_spec import ModelSpec
 from ..physics.temperature import Curve
+from .lever_arms import lever_arms_of
 from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest, read_manifest, read_parts, write_table
 
@@ -87,7 +88,8 @@ def calibration_of(row: dict, manifest: Manifest) -> Calibration:
         gyro=_triad(manifest.gyro, row, "gyro"),
         device=row["device"],
         temperature_range=(row["temperature_low"], row["temperature_high"]),
-        notes=manifest.reasons,
+        notes=tuple(row.get("choices") or manifest.reasons),
+        effects=lever_arms_of(row, manifest),
         model=manifest.model,
     )
 

@@ -24,6 +24,7 @@ from ..reduction.rig_errors import with_rig_errors
 from .copies import MARK, marks_of
 from .covariance_by_source import source_columns, SUFFIXES, with_slow_noise
 from .effects.score_statistics import FleetScores, score
+from .lever_arms import COLUMNS
 from .population.empirical_bayes import fit_informed, judge_informed
 from .population.population import TriadPopulation
 from .reduce.many_dwells import Reduction, Stack
@@ -246,6 +247,10 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
         schema |= {"recordings": pl.Int64(), "samples": pl.Int64(), "seconds": pl.Float64()}
         schema |= {"experiments": pl.Int64(), "warnings": pl.List(pl.String)}
         schema |= {k: pl.Float64() for k in ("begin", "end", "sample_rate")}
+    if manifest.own_words:
+        schema |= {k: pl.List(pl.String) for k in ("choices", "reservations")}
+    if manifest.model is not None and manifest.model.lever_arms:
+        schema |= COLUMNS
     for triad in ("accel", "gyro"):
         if getattr(manifest, triad) is not None:
             schema |= {f"{triad}_{k}": many for k in ("parameters", "sigma", "covariance", "noise")}

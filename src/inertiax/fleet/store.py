@@ -58,6 +58,9 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     one_by_one: bool = False  # and calibrated as it does, for want of a program that takes many
     # Rows hold what a protocol states beside the estimates: what was recorded, warnings, covariances by source.
     documented: bool = False
+    # Rows of devices calibrated one by one hold what was chosen of each, and all its reservations.
+    own_words: bool = False
+    latitude: float | None = None  # rad, where the campaign states it
     kept: int = (
         0  # devices of the first task whose results are those of an earlier run over other files
     )

@@ -83,6 +83,10 @@ def device_grades(table: pl.DataFrame, manifest: Manifest) -> Int[np.ndarray, " 
 
 def device_findings(row: dict, manifest: Manifest) -> tuple[Finding, ...]:
     """What of one device asks for attention, the worst first, in the words of `calibrate`; without its warnings."""
+    if (
+        row.get("reservations") is not None
+    ):  # all that `calibrate` found, of a device that is to be used
+        return tuple(Finding("reservation", ATTENTION, text) for text in row["reservations"])
     reserved = row.get("reservation")
     found = [Finding("reservation", ATTENTION, reserved)] if reserved else []
     calibration = calibration_of(row, manifest)

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._records import field, Module
 from ..data.formats.columns import nearest
-from ..data.recording import Campaign, NOT_CALIBRATED, Recording
+from ..data.recording import Campaign, ModelChoice, NOT_CALIBRATED, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
@@ -98,15 +98,20 @@ def choose_model(campaign: Campaign, recordings: Sequence[Recording]) -> ChosenM
     )
 
 
-def _together(campaign: Campaign, accel: str | None, gyro: str | None, where: str) -> bool:
-    """Whether both triads go into one least squares, which lever arms and aligned triads ask for too."""
-    model = campaign.model
+def asks_together(model: ModelChoice) -> tuple[str, ...]:
+    """The keys of `[model]`, with their values, by which both triads go into one least squares; empty where none."""
     asks = {
         "together = true": model.together,
         "lever_arms = true": model.lever_arms,
         "misalignment = false": model.misalignment is False,
     }
-    asked = [key for key, value in asks.items() if value]
+    return tuple(key for key, value in asks.items() if value)
+
+
+def _together(campaign: Campaign, accel: str | None, gyro: str | None, where: str) -> bool:
+    """Whether both triads go into one least squares, which lever arms and aligned triads ask for too."""
+    model = campaign.model
+    asked = asks_together(model)
     if not asked:
         return False
     if model.together is False:

@@ -86,13 +86,13 @@ def _record(row: dict, manifest: Manifest, calibration: Calibration, begun: floa
         calibration_sha256="",
         inputs=(),
         station=StationRecord(
-            manifest.gravity, None, position, rate, temperature, level, orthogonality
+            manifest.gravity, manifest.latitude, position, rate, temperature, level, orthogonality
         ),
         conditions=ConditionsRecord(None, None, None, None, calibration.temperature_range),
         method="least squares device by device" if manifest.one_by_one else "batched least squares",
         verdict=device_verdict(row, manifest),
         findings=tuple(f.text for f in device_findings(row, manifest)),
-        choices=manifest.reasons,
+        choices=calibration.notes,
         warnings=tuple(row.get("warnings") or ()),
         left_out=(),
         accel=_triad(row, calibration, "accel"),

@@ -5,6 +5,7 @@ find out.
 """
 
 import itertools
+import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,7 @@ from .locations import is_address, scan
 
 
 ROWS = 2_000_000  # of a task, at least: about 200 MB; fewer cost a tenth more time
+_SMALL_TASKS = 256  # at most: each is a file of the results
 _READ_AT_ONCE = 2_000_000
 _STRETCHES = 64  # of one device; more means a file in which the devices alternate row by row
 
@@ -98,6 +100,14 @@ def wherever_read(tasks: Iterable[Task]) -> tuple[Task, ...]:
                              for name, mine in t.devices))
         for t in tasks
     )  # fmt: skip
+
+
+def apart(tasks: Iterable[Task]) -> tuple[Task, ...]:
+    """The same devices in tasks of one each, of more where that would be too many: of devices that take a second."""
+    devices = [d for t in tasks for d in t.devices]
+    size = math.ceil(len(devices) / _SMALL_TASKS)
+    starts = range(0, len(devices), max(size, 1))
+    return tuple(Task(k, tuple(devices[s : s + size])) for k, s in enumerate(starts))
 
 
 def device_of_folder(file: Path) -> str | None:
