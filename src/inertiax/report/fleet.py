@@ -24,6 +24,7 @@ from ..plots.style import drawing
 from . import fleet_mismatch
 from .fleet_device import line_units, report_device, signed
 from .fleet_drift import beyond_chance, drift_section, drift_sentence
+from .fleet_lever_arms import line_lever_arms
 from .fleet_mismatch import LISTED
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
@@ -144,6 +145,7 @@ def report_fleet(
         sections=[
             *_reasons_section(page),
             *(_triad_section(t, v, page.units[t], folder) for t, v in page.views.items()),
+            *line_lever_arms(folder, page.manifest),
             *_mismatch_section(page),
             *_unlike_section(page, files),
             *_aside_section(page, files),

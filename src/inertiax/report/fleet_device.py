@@ -19,6 +19,7 @@ from ..fleet.verdicts import device_findings, device_verdict
 from ..physics.temperature import Curve
 from ..plots import fleet as plots
 from ..plots.style import drawing
+from .fleet_lever_arms import device_lever_arms
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 
 
@@ -61,6 +62,7 @@ def report_device(
         notable += far
         pictures = _pictures(triad, calibration, line, shown_in, home, name) if figures else ()
         sections.append(Section(TRIAD_NAMES[triad], tables=(table,), figures=pictures))
+    sections += device_lever_arms(row) if solved else []
     file = home / f"{name}.html"
     write_page(
         file,
