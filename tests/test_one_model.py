@@ -211,6 +211,12 @@ def same(one, other):
         (values, sigmas), (others, again) = a.over(grid), b.over(grid)
         assert np.all(np.abs(values - others) <= 1e-3 * sigmas + 1e-12)
         np.testing.assert_allclose(again, sigmas, rtol=0.05)
+    arms, others = ([e for e in c.effects if e.name == "size_effect"] for c in (one, other))
+    for arm, again in zip(arms, others, strict=True):
+        sigmas, theirs = (np.sqrt(np.diagonal(e.covariance)) for e in (arm, again))
+        assert arm.channels == again.channels
+        assert np.all(np.abs(arm.coefficients - again.coefficients) <= 1e-3 * sigmas + 1e-12)
+        np.testing.assert_allclose(theirs, sigmas, rtol=0.05)
 
 
 @pytest.mark.slow
@@ -272,6 +278,7 @@ FLEETS = (
     "faces only",
     "one pose",
     "together",
+    "lever arms",
 )
 
 
@@ -290,6 +297,7 @@ def written(campaign, folder, devices):
     text += "[model]\n"
     text += "g_sensitivity = true\n" if asked.g_sensitivity else ""
     text += "together = true\n" if asked.together else ""
+    text += "lever_arms = true\n" if asked.lever_arms else ""
     text += f"gyro_estimator = '{asked.gyro_estimator}'\n" if asked.gyro_estimator else ""
     (place / "campaign.toml").write_text(text)
     return folder if place == folder else folder / "line"
