@@ -23,7 +23,7 @@ from inertiax.protocol.fleet_record import fleet_measurement
 G, ROWS_A_SECOND = 9.8127, 25.0
 OUTER, INNER = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 EARTH = np.array([4.44e-5, 0.0, 5.79e-5])  # rad/s, north and up
-GOOD, BAD = ("D-1", "D-2", "D-3"), "D-4"
+GOOD, BAD, BARE = ("D-1", "D-2", "D-3"), "D-4", "D-5"
 TOML = f"""[site]
 gravity = {G}
 latitude = 52.5
@@ -100,13 +100,14 @@ def device(seed, ideal):
 @pytest.fixture(scope="module")
 def line(tmp_path_factory):
     """A folder for each device and one table of all of them, results of both, and the arms; one device has no numbers
-    while the table turns."""
+    while the table turns, and one in a folder no references."""
     place, ideal, arms, logs = tmp_path_factory.mktemp("line"), table(), {}, {}
     for seed, name in enumerate((*GOOD, BAD), start=11):
         logs[name], arms[name] = device(seed, ideal)
     gone = pl.when(pl.col("position") >= 0).then(pl.col("accel_y")).otherwise(None)
     logs[BAD] = logs[BAD].with_columns(accel_y=gone)
-    for name, log in logs.items():
+    bare = logs[GOOD[0]].drop([f"reference_{t}_{a}" for t in ("accel", "gyro") for a in "xyz"])
+    for name, log in {**logs, BARE: bare}.items():
         folder = place / "folders" / name
         folder.mkdir(parents=True)
         log.write_parquet(folder / "log.parquet")
@@ -191,7 +192,11 @@ def test_a_bad_device_stops_nothing_and_each_device_is_told(line):
         with pytest.raises(ValueError, match=f"device '{BAD}' was set aside: .*accel"):
             fleet_calibration(place / results, BAD)
         assert read_parts(place / results).filter(reason="").collect().height == len(GOOD)
-    assert told == [(k, 4) for k in range(5)]
+    with pytest.raises(
+        ValueError, match=f"'{BARE}' was set aside: accel: no column reference_accel_x"
+    ):
+        fleet_calibration(place / "of folders", BARE)
+    assert told == [(k, 5) for k in range(6)]
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from .model_choice import columns_of, LineModel, TRIALS
 from .reduce.campaign_folders import campaigns_of
 from .reduce.raw_rows import recordings_of
 from .reduce.tasks import Task
-from .rows import Columns, empty_table, recorded_columns, table_of
+from .rows import Columns, empty_table, lacking, recorded_columns, table_of
 from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest
 
@@ -101,12 +101,14 @@ def calibrate_one_by_one(task: Task, devices: Devices, manifest: Manifest) -> pl
     for number, (name, one) in enumerate(devices(task)):
         try:
             own = _given(one)
+            _require_columns(own, manifest)
             result = calibrate_device(own, model=manifest.model)
             columns = _row(result, manifest)
             if manifest.documented:
                 columns |= _documents(result, own, manifest)
         except ValueError as error:
-            columns = {"reason": [_line(error)]}
+            place = one.path if isinstance(one, Campaign) else None
+            columns = {"reason": [_line(error).removeprefix(f"{place}: ")]}
         columns |= {"device": [name], "number": np.array([number])}
         rows.append(table_of(columns, 1, empty))
     return pl.concat([empty, *rows]).drop("number")
@@ -132,6 +134,14 @@ def _given(one: Campaign | str) -> Campaign:
     if isinstance(one, str):
         raise ValueError(one)
     return one
+
+
+def _require_columns(campaign: Campaign, manifest: Manifest) -> None:
+    """Raise `ValueError` for a column that the line's model needs and a device has not."""
+    for recording in campaign.recordings:
+        lacked = lacking(recording, manifest)
+        if lacked:
+            raise ValueError(lacked)
 
 
 def _line(error: ValueError) -> str:

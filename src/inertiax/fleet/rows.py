@@ -15,6 +15,7 @@ from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibrate.goodness_of_fit import LIMITS
 from ..calibration.probe_error import probe_covariance
 from ..data.recorded import Recorded
+from ..data.recording import Recording
 from ..estimators import AbstractEstimator, Invariant
 from ..model_selection.select_model import build_estimators, ChosenModel
 from ..physics.error_model import compensate_accel
@@ -45,9 +46,9 @@ def calibrate_reduced(
     empty = empty_table(manifest)
     tables = [_without(reduced, empty)] if any(reduced.reasons) else []
     for stack in reduced.stacks:
-        lacking = _lacking(stack.dwells, manifest)
-        columns: Columns = {"reason": [lacking] * len(stack.members)}
-        if not lacking:
+        lacked = lacking(stack.dwells, manifest)
+        columns: Columns = {"reason": [lacked] * len(stack.members)}
+        if not lacked:
             columns = _columns(stack, manifest, observe)
         columns |= {"device": [reduced.devices[k] for k in stack.members], "number": stack.members}
         columns |= {MARK: marks_of(stack.dwells)}
@@ -57,7 +58,7 @@ def calibrate_reduced(
     return pl.concat(tables).sort("number").drop("number")
 
 
-def _lacking(dwells: Dwells, manifest: Manifest) -> str:
+def lacking(given: Dwells | Recording, manifest: Manifest) -> str:
     """In words, a column that the run's model needs and these devices have not; else empty."""
     for triad in ("accel", "gyro"):
         model: TriadModel | None = getattr(manifest, triad)
@@ -65,7 +66,7 @@ def _lacking(dwells: Dwells, manifest: Manifest) -> str:
             continue
         needed = (triad, f"reference_{triad}") if model.estimator == "reference" else (triad,)
         for column in needed:
-            if getattr(dwells, column) is None:
+            if getattr(given, column) is None:
                 return f"{triad}: no column {column}_x, which the fleet's model needs"
     return ""
 
