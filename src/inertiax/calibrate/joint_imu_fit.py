@@ -15,10 +15,8 @@ from ..calibration.fitted_effects import FittedEffect
 from ..data.recording import Rig
 from ..estimators import JointImu, ReferenceAccel
 from ..estimators.host_forms import LinearisedDwells
-from ..numerics.linear_algebra import scaled_inverse
 from ..physics.alignment import Alignment, inter_triad
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
-from ..procedure.rank import TOLERANCE
 from ..procedure.single_device import Problem
 from ..procedure.thermal_iterations import ThermalSolution
 from ..reduction.dwells import Dwells
@@ -32,6 +30,7 @@ from .between_dwell_variance import (
 from .observability import judge_normal, Observability
 from .results import TriadResult
 from .slow_noise_together import with_slow_noise_of
+from .unseen_arms import covariance_beside, with_arms_told, without_unseen_arms
 
 
 _NOTHING_STATED = Rig()
@@ -141,15 +140,18 @@ def fit_together(
     free = _free(estimator, basis, degrees)
     estimator = _with_provisional(estimator, dwells)
     problem = Problem(estimator, basis, dwells)
-    free = _without_unseen_arms(problem, free)
+    free = without_unseen_arms(problem, free)
     seen = _observable(problem, free)
     fit = _fit(estimator, basis, dwells, free)
+    told = with_arms_told(estimator.names, fit.coefficients, fit.normal, free)
+    if np.any(told != free):
+        free, fit = told, _fit(estimator, basis, dwells, told)
     for _ in range(_MOST_PASSES - 1):
         settled = _with_scatter(fit)
         if settled is None:
             break
         fit = _fit(settled, basis, dwells, free)
-    covariance = _with_unseen_arms(fit, free, _covariance(fit, free))
+    covariance = covariance_beside(estimator.names, fit.coefficients, fit.normal, free)
     problem = Problem(fit.estimator, basis, dwells)
     accel, gyro = [
         with_slow_noise_of(
@@ -190,39 +192,6 @@ def _free(
         0 if "lever_arm" in name else degrees[name.startswith("gyro")] for name in estimator.names
     ]
     return np.arange(basis.size)[:, None] <= np.array(highest)[None, :]
-
-
-def _without_unseen_arms(
-    problem: Problem, free: Bool[np.ndarray, "size parameter"]
-) -> Bool[np.ndarray, "size parameter"]:
-    """The unknowns without lever arms that no dwell shows, by the rule of `procedure.rank`.
-
-    A plateau about a case axis shows accelerometer i's arm along i alone: [ω × (ω × R_i)]_i = ω_i (ω·R_i) − ω² R_ii.
-    """
-    arms = np.array(["lever_arm" in name for name in problem.estimator.names])
-    if not arms.any():
-        return free
-    jacobian = problem.at(np.zeros(free.shape)).jacobian
-    size = np.linalg.norm(jacobian.reshape(-1, len(arms)), axis=0)
-    return free & ~(arms & (size < TOLERANCE * size[arms].max()))
-
-
-def _with_unseen_arms(
-    fit: "_Fit",
-    free: Bool[np.ndarray, "size parameter"],
-    covariance: Float[np.ndarray, "unknowns unknowns"],
-) -> Float[np.ndarray, "unknowns unknowns"]:
-    """The covariance with that of lever arms that are held at zero, unseen: they are as long as the others."""
-    arms = np.array(["lever_arm" in name for name in fit.estimator.names])
-    unseen, seen = arms & ~free[0], arms & free[0]
-    if not unseen.any():
-        return covariance
-    values = fit.coefficients[0, seen]
-    square = float(np.mean(np.square(values) + np.diagonal(covariance)[: len(arms)][seen]))
-    covariance = covariance.copy()
-    own = np.flatnonzero(unseen)
-    covariance[own, own] = square
-    return covariance
 
 
 def _observable(problem: Problem, free: Bool[np.ndarray, "size parameter"]) -> Observability:
@@ -289,16 +258,6 @@ def _fit(
 @eqx.filter_jit
 def _seen_by(estimator: JointImu, vectors: AnyArray, dwells: Dwells) -> tuple[Dwells, Dwells]:
     return jax.vmap(estimator.seen_by)(jnp.asarray(vectors), dwells)
-
-
-def _covariance(
-    fit: _Fit, free: Bool[np.ndarray, "size parameter"]
-) -> Float[np.ndarray, "unknowns unknowns"]:
-    """(JᵀJ)⁻¹ of the unknowns, zero for coefficients that are held at zero."""
-    own = np.flatnonzero(free.ravel())
-    result = np.zeros((free.size, free.size))
-    result[np.ix_(own, own)] = scaled_inverse(fit.normal[np.ix_(own, own)])
-    return result
 
 
 # Each triad's part -----------------------------------------------------------------------------------

@@ -117,6 +117,7 @@ def moment_of(
         rate=rate,
         temperature=real(temperature),
         at_temperature=outputs,
+        axes=_axes(calibration, fitted, temperature),
         degree=degree,
         low=real(low),
         high=real(high),
@@ -137,6 +138,17 @@ def on_channels(
     every = jnp.broadcast_to(columns @ coefficients, (3,))
     mine = jnp.asarray([c in fitted.channels for c in range(3)])
     return jnp.where(mine, every, jnp.zeros_like(every))
+
+
+def _axes(
+    calibration: Calibrated, fitted: FittedEffect, temperature: Scalar | float
+) -> Float[Array, "3 3"] | None:
+    """E + Γ or E + Θ at that temperature."""
+    triad = calibration.accel if fitted.triad == "accel" else calibration.gyro
+    if triad is None:
+        return None
+    matrix = triad.parameters(temperature)[3:12].reshape(3, 3)
+    return jnp.eye(3, dtype=matrix.dtype) + matrix
 
 
 def _scale(

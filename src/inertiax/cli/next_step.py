@@ -24,10 +24,10 @@ def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: 
             "next: inertiax init and inertiax calibrate of each log into a folder of its own, then inertiax export "
             "HAND/calibration.json --warm-up WARM/calibration.json --to FORMAT"
         )
-    if quality.verdict == "doubtful":
-        return f"next: inertiax check {_path(campaign)}"
     if any(_LEVER_ARMS in f.text for f in quality.findings):
         return _with_lever_arms(campaign, output)
+    if quality.verdict == "doubtful":
+        return f"next: inertiax check {_path(campaign)}"
     if any(f.topic == "misfit" and not f.fine for f in quality.findings):
         return f"next: inertiax diagnose {_path(campaign)} -o DIAGNOSIS"
     return f"next: {_compensate(campaign, output)}{_sign(output) if table else ''}"

@@ -25,6 +25,8 @@ class Moment(Module):
     at_rest: Bool[AnyArray, ""]
     # The model's outputs at another temperature, m/s² or rad/s.
     at_temperature: Callable[[Scalar | float], Float[AnyArray, "3"]]
+    # E + Γ at this temperature: by rows the elements' own axes; `None` where they are the case's
+    axes: Float[AnyArray, "3 3"] | None = None
     degree: int = field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1

@@ -42,6 +42,8 @@ class Signal(Module):
     # °C, since the power came on: by how much the elements were then warmer than a recorded past has them
     ahead: Float[AnyArray, " time"] | None = None
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[AnyArray, "time 3"]] | None = None
+    # E + Γ at a temperature in the middle: by rows the elements' own axes; `None` where they are the case's
+    axes: Float[AnyArray, "3 3"] | None = None
     degree: int = field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1

@@ -13,13 +13,15 @@ from .signal import Signal
 
 
 def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
-    """Row of ω × (ω × r) + dω/dt × r for the three components of the lever arm r, m/s² per m."""
+    """ω × (ω × r) + dω/dt × r along each element's axis for the three components of the lever arm r, m/s² per m."""
     w = xp.asarray(signal.rate)
-    return _rows(w, gradient(w, signal.time))
+    return _rows(w, gradient(w, signal.time), signal.axes)
 
 
 def _rows(
-    w: Float[AnyArray, "time 3"], change: Float[AnyArray, "time 3"]
+    w: Float[AnyArray, "time 3"],
+    change: Float[AnyArray, "time 3"],
+    axes: Float[AnyArray, "3 3"] | None,
 ) -> Float[AnyArray, "time channels columns"]:
     inner = w[:, :, None] * w[:, None, :] - xp.sum(w**2, axis=1)[:, None, None] * xp.eye(3)[None]
     x, y, z = change[:, 0], change[:, 1], change[:, 2]
@@ -27,7 +29,8 @@ def _rows(
     cross = xp.stack(
         [xp.stack([o, -z, y], -1), xp.stack([z, o, -x], -1), xp.stack([-y, x, o], -1)], axis=1
     )
-    return inner + cross
+    pull = inner + cross
+    return pull if axes is None else xp.asarray(axes) @ pull
 
 
 def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> AnyArray:
@@ -42,13 +45,13 @@ def _follow(
     del settings
     w = xp.asarray(moment.rate)
     change = xp.where(moment.first, xp.zeros_like(w), (w - state) / moment.step)
-    return w, _rows(w[None], change[None])[0]
+    return w, _rows(w[None], change[None], moment.axes)[0]
 
 
 EFFECT = Effect(
     name="size_effect",
     title="size effect, inner lever arms",
-    equation="w x (w x r) + dw/dt x r",
+    equation="(E + Gamma) (w x (w x r) + dw/dt x r)",
     units={"accel": "m"},
     prior={"accel": by_grade((0.001, 0.1), (0.001, 0.05), (0.0005, 0.02))},
     shape=shape,

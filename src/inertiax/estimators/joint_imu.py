@@ -7,8 +7,9 @@ r_accel and r_gyro are the residuals of the two triads' own estimators. The gyro
 give it, so that their uncertainty passes into the gyros'.
 
 s is the **size effect** (IEEE Std 1293): accelerometer i sits a lever arm R_i away from the point that the
-reference is for, and adds s_i = [ω × (ω × R_i)]_i, as the catalogue's `size_effect` has it. A plateau of constant
-rate has no angular acceleration.
+reference is for, and adds s_i = [(E + Γ) (ω × (ω × R_i))]_i, as the catalogue's `size_effect` has it: the force at its
+place along its own axis, which a device that stands a degree askew has a degree from the case's. A plateau of
+constant rate has no angular acceleration.
 
 **Gauge.** That of the accelerometers' estimator. In it Θ holds the gyros' rotation, which with `Invariant` is the
 *inter-triad misalignment* (`alignment.inter_triad`); with `misalignment` False it is held at zero: Θ is symmetric.
@@ -169,7 +170,8 @@ class JointImu(AbstractEstimator[ImuErrors]):
     def _without_size_effect(self, vector: AnyArray, dwell: Dwells) -> Dwells:
         if not self.lever_arms:
             return dwell
-        added = size_effect(self.arms(vector), jnp.asarray(dwell.reference_gyro))
+        matrix = self.accel.unpack(self._split(vector)[0]).matrix
+        added = size_effect(self.arms(vector), jnp.asarray(dwell.reference_gyro), matrix)
         return eqx.tree_at(lambda d: d.accel, dwell, jnp.asarray(dwell.accel) - added)
 
     def _with_force(self, accel: Array, dwell: Dwells) -> Dwells:
@@ -204,10 +206,14 @@ _UPPER = {
 }
 
 
-def size_effect(arms: Mat3, rate: Vec3) -> Float[Array, "3"]:
-    """s_i = [ω × (ω × R_i)]_i, m/s², of lever arms by rows (m) at a constant rate (rad/s).
+def size_effect(arms: Mat3, rate: Vec3, matrix: Mat3 | None = None) -> Float[Array, "3"]:
+    """s_i = [(E + Γ) (ω × (ω × R_i))]_i, m/s², of lever arms by rows (m) at a constant rate (rad/s).
+
+    `matrix` is Γ of the accelerometers, without which their axes are the case's.
 
     **Reference:** IEEE Std 1293-2018.
     """
     arms, w = jnp.asarray(arms), jnp.asarray(rate)
-    return w * (arms @ w) - jnp.vdot(w, w) * jnp.diagonal(arms)
+    pull = (arms @ w)[:, None] * w - jnp.vdot(w, w) * arms
+    along = jnp.diagonal(pull)
+    return along if matrix is None else along + jnp.sum(jnp.asarray(matrix) * pull, axis=1)

@@ -18,7 +18,7 @@ from ..._jax import eqx, jax
 from ..._typing import AnyArray
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect, known_effect
-from ...calibration.over_rows import compensated_rows, distorted_rows
+from ...calibration.over_rows import compensated_rows, distorted_rows, row_parameters
 from ...data.recording import Campaign, Recording
 from ...effects import addition, CATALOGUE, Effect, Signal, Variant
 from ...physics.temperature import Constant, Polynomial
@@ -227,6 +227,7 @@ class Course(eqx.Module):
             temperature=value, temperature_rate=slope, force=felt,
             rate=None if log.gyro is None else rate, room=room, upright=upright, oriented=oriented, vibration=vibration,
             at_temperature=None if degree == 0 else OutputsAt(calibration, triad, force, rate),
+            axes=_axes(known, 0.5 * (low + high)),
             degree=degree, low=low, high=high, supply=log.supply,
         )  # fmt: skip
 
@@ -243,6 +244,13 @@ class Course(eqx.Module):
             moves(given, blocks, len(log.time)),
             rest_vibration(log, blocks, float(self.calibration.gravity)),
         )
+
+
+def _axes(triad: TriadCalibration | None, temperature: float) -> Float[np.ndarray, "3 3"] | None:
+    """E + Γ or E + Θ at one temperature, °C."""
+    if triad is None:
+        return None
+    return np.eye(3) + row_parameters(triad, np.array([temperature])).matrix[:, :, 0]
 
 
 def _scale(
@@ -278,6 +286,7 @@ def within(signal: Signal, fitted: FittedEffect, effect: Effect, start: float) -
     made = jax.tree.map(
         longer, eqx.tree_at(lambda s: s.at_temperature, signal, None, is_leaf=_none)
     )
+    made = replace(made, axes=signal.axes)  # no rows, whatever their number
     if isinstance(at, OutputsAt):
         at = OutputsAt(
             at.calibration, at.triad, np.asarray(at.force)[rows], np.asarray(at.rate)[rows]

@@ -309,10 +309,11 @@ def _with_lever_arms(
     mine = [k for k, n in enumerate(form.names) if ".lever_arm" in n]
     if not mine or blocks.reference_gyro is None:
         return misfit, jacobian
-    # s_i = [ω × (ω × R_i)]_i by the lever arms' components
+    # s_i = [(E + Γ) (ω × (ω × R_i))]_i by the lever arms' components
     w = blocks.reference_gyro
     each = w[:, :, None] * w[:, None, :] - np.square(w).sum(axis=1)[:, None, None] * np.eye(3)
-    shape = np.einsum("nij,ci->ncij", each, np.eye(3)).reshape(len(w), 3, 9)
+    axes = np.eye(3) + errors_at(form, model.coefficients, basis)[1]
+    shape = np.einsum("nij,ci->ncij", axes @ each, np.eye(3)).reshape(len(w), 3, 9)
     jacobian = jacobian.copy()
     jacobian[:, :, mine] = -shape
     return misfit - shape @ model.coefficients[mine, 0], jacobian
