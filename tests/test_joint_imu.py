@@ -1,5 +1,7 @@
 """Both triads in one least squares, against truth simulated in NumPy and SciPy alone."""
 
+from pathlib import Path
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -7,9 +9,11 @@ import scipy.signal
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.joint_imu_fit import fit_together
 from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
 from inertiax.calibration.calibration import read_calibration, write_calibration
+from inertiax.cli.next_step import after_calibrate
 from inertiax.data.campaign import load_settings
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 from inertiax.estimators import Invariant, JointImu, ReferenceAccel, ReferenceGyro, size_effect
@@ -52,11 +56,11 @@ def _axes() -> np.ndarray:
     return np.vstack([case, inclined])
 
 
-def _table(rng, *, arms: np.ndarray, temperatures=(20.0,)) -> tuple[Dwells, dict]:
+def _table(rng, *, arms: np.ndarray, temperatures=(20.0,), askew=5e-3) -> tuple[Dwells, dict]:
     """Rests in 14 attitudes and plateaus about 7 axes both ways, at each temperature, and the truth."""
     truth = {
         "accel_bias": rng.normal(0.0, 0.05, 3),
-        "accel": rng.normal(0.0, 5e-3, (3, 3)),
+        "accel": rng.normal(0.0, askew, (3, 3)),
         "gyro_bias": rng.normal(0.0, 1e-3, 3),
         "gyro": rng.normal(0.0, 5e-3, (3, 3)),
         "d": rng.normal(0.0, 1e-4, (3, 3)),
@@ -71,12 +75,11 @@ def _table(rng, *, arms: np.ndarray, temperatures=(20.0,)) -> tuple[Dwells, dict
                 # About the vertical, so that gravity stands still in the case.
                 rows.append((t, -1, rate * axis, G * axis))
     temperature, position, rate, force = (np.array(x) for x in zip(*rows))
-    squares = np.sum(rate**2, axis=1)
-    felt = force.copy()
-    for i in range(3):  # ω (ω·R) − ω² R, of which accelerometer i reads component i
-        felt[:, i] += rate[:, i] * (rate @ arms[i]) - squares * arms[i, i]
-    extra = felt - force
-    accel = force @ (np.eye(3) + truth["accel"]).T + truth["accel_bias"] + extra
+    matrix = np.eye(3) + truth["accel"]
+    accel = np.empty_like(force)
+    for i in range(3):  # what accelerometer i feels at its place, along its own axis
+        felt = force + np.cross(rate, np.cross(rate, arms[i]))
+        accel[:, i] = felt @ matrix[i] + truth["accel_bias"][i]
     accel += (temperature - 20.0)[:, None] * truth["slope"]
     gyro = rate @ (np.eye(3) + truth["gyro"]).T + truth["gyro_bias"] + force @ truth["d"].T / G
     count = len(rows)
@@ -210,7 +213,7 @@ def test_lever_arms_stay_constant_over_temperature():
 def test_lever_arms_that_no_plateau_tells_are_held_at_zero_as_long_as_the_others():
     rng = np.random.default_rng(3)
     arms = rng.normal(0.0, 0.03, (3, 3))
-    dwells, _ = _table(rng, arms=arms)
+    dwells, _ = _table(rng, arms=arms, askew=0.0)
     along = np.sum(np.asarray(dwells.reference_gyro) != 0.0, axis=1) <= 1
     found = fit_together(_reference(lever_arms=True), dwells[np.flatnonzero(along)])
     shown, covariance = found.lever_arms
@@ -222,6 +225,25 @@ def test_lever_arms_that_no_plateau_tells_are_held_at_zero_as_long_as_the_others
     size = np.sqrt(np.mean(np.square(np.diagonal(shown)) + np.square(np.diagonal(sigma))))
     np.testing.assert_allclose(sigma[~own], size, rtol=1e-9)
     assert any("no plateau shows that along y, z" in line for line in found.statements)
+
+
+@pytest.mark.slow
+def test_lever_arms_show_along_other_axes_as_far_as_the_device_stands_askew():
+    """Plateaus about case axes, of a device that stands a degree askew: by its misalignments they show all nine."""
+    askew, off, told = np.deg2rad(1.0), [], 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        arms = rng.normal(0.0, 0.03, (3, 3))
+        dwells, _ = _table(rng, arms=arms, askew=askew)
+        along = np.sum(np.asarray(dwells.reference_gyro) != 0.0, axis=1) <= 1
+        found = fit_together(_reference(lever_arms=True), dwells[np.flatnonzero(along)])
+        shown, covariance = found.lever_arms
+        off.append((shown - arms).ravel() / np.sqrt(np.diagonal(covariance)))
+        told += np.sum(shown[~np.eye(3, dtype=bool)] != 0.0)
+    # 2e-4 m/s² over (3 rad/s)² and a degree are 1.3 mm, a third of the arms' size 10 mm: most are told.
+    assert told > 48
+    # 108 numbers of unit variance: within three of its standard deviations, 0.41; those held are of the arms' size.
+    assert 0.6 < np.mean(np.square(off)) < 1.4
 
 
 def test_lever_arms_without_a_plateau_are_refused_in_words():
@@ -249,6 +271,18 @@ def _campaign(dwells: Dwells, model: ModelChoice) -> Campaign:
         name="table",
     )
     return Campaign((recording,), Site(gravity=G), model=model)
+
+
+def test_a_campaign_that_leaves_lever_arms_out_is_told_to_set_them():
+    """3 cm at 3 rad/s are 0.27 m/s², a thousand times the noise: no wrong unit and no exchanged position."""
+    dwells, _ = _table(np.random.default_rng(6), arms=0.03 * np.ones((3, 3)))
+    (result,) = calibrate(_campaign(dwells, ModelChoice()))
+    assert isinstance(result, DeviceResult), result
+    quality = judge(result)
+    assert quality.verdict == "doubtful"
+    assert "set lever_arms = true" in quality.answer and "wrong units" not in quality.answer
+    said = after_calibrate(quality, Path("C"), Path("R"), table=True)
+    assert "lever_arms = true" in said and "campaign.toml" in said
 
 
 @pytest.mark.slow

@@ -145,12 +145,13 @@ def fit_together(
     fit = _fit(estimator, basis, dwells, free)
     told = with_arms_told(estimator.names, fit.coefficients, fit.normal, free)
     if np.any(told != free):
-        free, fit = told, _fit(estimator, basis, dwells, told)
+        # From there: at a start without misalignment these arms would not show at all.
+        free, fit = told, _fit(estimator, basis, dwells, told, fit.coefficients)
     for _ in range(_MOST_PASSES - 1):
         settled = _with_scatter(fit)
         if settled is None:
             break
-        fit = _fit(settled, basis, dwells, free)
+        fit = _fit(settled, basis, dwells, free, fit.coefficients)
     covariance = covariance_beside(estimator.names, fit.coefficients, fit.normal, free)
     problem = Problem(fit.estimator, basis, dwells)
     accel, gyro = [
@@ -243,9 +244,10 @@ def _fit(
     basis: AbstractBasis,
     dwells: Dwells,
     free: Bool[np.ndarray, "size parameter"],
+    start: Float[np.ndarray, "size parameter"] | None = None,
 ) -> _Fit:
     problem = Problem(estimator, basis, dwells)
-    start = np.where(free, problem.start(), 0.0)
+    start = np.where(free, problem.start() if start is None else start, 0.0)
     coefficients, steps, converged = problem.solve(start, free=free)
     now = problem.at(coefficients)
     now = now._replace(misfit=problem.judged_misfit(now))

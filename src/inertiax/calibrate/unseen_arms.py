@@ -15,7 +15,7 @@ from ..procedure.rank import TOLERANCE
 from ..procedure.single_device import Problem
 
 
-# Standard deviation, relative to the others' size, up to which an arm is estimated: beyond a third, the data hardly tell
+# Standard deviation, relative to the others' size, up to which an arm is estimated: beyond a third the data hardly tell
 # more than that chips sit together (convention).
 _TOLD = 1.0 / 3.0
 

@@ -214,6 +214,6 @@ def size_effect(arms: Mat3, rate: Vec3, matrix: Mat3 | None = None) -> Float[Arr
     **Reference:** IEEE Std 1293-2018.
     """
     arms, w = jnp.asarray(arms), jnp.asarray(rate)
-    pull = (arms @ w)[:, None] * w - jnp.vdot(w, w) * arms
+    pull = (arms @ w)[:, None] * w[None, :] - jnp.vdot(w, w) * arms
     along = jnp.diagonal(pull)
     return along if matrix is None else along + jnp.sum(jnp.asarray(matrix) * pull, axis=1)
