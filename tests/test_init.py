@@ -382,6 +382,18 @@ def test_gravity_tells_the_accelerometers_where_their_names_do_not(tmp_path):
     assert tables["columns"]["gyro"] == {"names": ["wx", "wy", "wz"], "unit": "rad/s"}
 
 
+def test_a_folder_that_is_no_recording_is_refused_with_its_logs(tmp_path, capfd):
+    folder = tmp_path / "A"
+    folder.mkdir()
+    (folder / "notes.md").write_text("of a day")
+    status, said = run(["init", folder], capfd)
+    assert status == 1 and "A: is a folder" in said.err and "name a recording" in said.err
+    (folder / "log.csv").write_text("time,accel_x\n")
+    status, said = run(["init", folder], capfd)
+    assert status == 1 and f"inertiax init {folder / 'log.csv'}" in said.err
+    assert said.err.count("\n") == 1 and not (tmp_path / "campaign.toml").exists()
+
+
 def test_signed_readings_written_as_unsigned_are_refused_with_the_cure(tmp_path):
     accel, gyro = counts(ACCEL / G, 16384), counts(GYRO / DEGREE, 131.0)
     log = tmp_path / "log.csv"

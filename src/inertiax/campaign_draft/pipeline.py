@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
-from ..data.formats.detect import format_of
+from ..data.formats.detect import FORMATS, format_of, is_recording
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.gravity_turns import GravityTurns, turns_in_motion
@@ -70,6 +70,8 @@ def draft_campaign(
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
+    for given in (log, *others):
+        _refuse_folder(given)
     site = _site(latitude, height)
     chosen = format_of(log).NAME
     paths = file_names((log, *others), folder)
@@ -119,6 +121,16 @@ def _refuse_wrapped(log: Path, found: RawTriads) -> None:
                 "signed 16-bit readings written as unsigned. Take 65536 from every value above 32767, then run "
                 "`inertiax init` again."
             )
+
+
+def _refuse_folder(log: Path) -> None:
+    """A folder that is no recording: its logs are to be named, of which it may hold others than one campaign's."""
+    if not log.is_dir() or is_recording(log):
+        return
+    suffixes = {s for module in FORMATS for s in module.SUFFIXES}
+    logs = sorted(p for p in log.iterdir() if p.is_file() and p.suffix.lower() in suffixes)
+    cure = f"name its logs, such as inertiax init {logs[0]}" if logs else "name a recording"
+    raise ValueError(f"{log}: is a folder, and neither a ROS bag nor of EuRoC's layout; {cure}.")
 
 
 def _site(latitude: float | None, height: float) -> Table:
