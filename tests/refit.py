@@ -1,16 +1,20 @@
 """Many Monte-Carlo runs of one plan fitted again at once, in NumPy: nothing to compile but one residual."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+import long_programs
 from inertiax.estimators import AbstractEstimator
 from inertiax.physics.temperature import Curve
 from inertiax.reduction.dwells import Dwells
 
 
-@eqx.filter_jit
+# Of half a million dwells at a time it takes seconds.
+@partial(jax.jit, compiler_options=long_programs.OPTIONS)
 def _linearise(estimator, vectors, dwells):
     one = lambda v, d: (estimator.residual(v, d), jax.jacfwd(estimator.residual)(v, d))
     return jax.vmap(one)(vectors, dwells)
