@@ -58,23 +58,20 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-# Files of the slow tier that take half a minute or more. They come first: begun last, one would keep a worker alone.
-LONG = (
-    "test_tutorials.py",
-    "test_real_recordings.py",
-    "test_practice_campaigns.py",
-    "test_procedure.py",
-    "test_fleet.py",
-    "test_first_layer_precision.py",
-    "test_one_model.py",
-    "test_hostile_files.py",
-    "test_delays.py",
-)
+# Files of the slow tier that take ten seconds or more, the longest first: what is begun last keeps one worker alone.
+LONG = """
+    tutorials procedure first_layer_precision real_recordings one_model fleet diagnose sensitivity practice_campaigns
+    bilinear degree_beside estimators no_open_port hostile_files calibration delays navigation_filter gravity_rotation
+    earth_at_rest joint_imu fleet_population covariance alike add_an_effect type_noise separate simulate package_lag
+    allan fleet_sharding fit_arrays design fleet_report blind_generator live_posterior solve library_pytree
+    filter_segment fleet_mismatch command_line any_output adapters navigation bad_commands cli approaches
+""".split()
+RANK = {f"test_{name}.py": place for place, name in enumerate(LONG)}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The long files first; each file stays together."""
-    items.sort(key=lambda item: item.path.name not in LONG)
+    """The longest files first; each file stays together."""
+    items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
 
 
 jax.config.update("jax_enable_x64", True)
