@@ -3,7 +3,7 @@
     pip install -e . pyceres        # and for jaxls what jaxls_peer.py says
     python benchmarks/fleet/solve.py [--devices 20000] [--platform gpu] [--json FILE]
 
-1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `fit_chunks` on all cores, which
+1. Nine parameters, 18 positions, float64, convergence tested, covariance included: `solve_chunks` on all cores, which
    begins at the ellipsoid of least algebraic error and takes steps with that one's inverse (see
    `fleet/solve/invariant.py`); Ceres through pyceres (one vector residual with analytic Jacobian, dense QR, its
    default tolerances, problem construction inside the clock, one device after the other); almond-jaxls under `vmap`
@@ -45,8 +45,7 @@ from jaxls_peer import jaxls_time
 from problem import constant_problem, GRAVITY, SIGMA, thermal_problem
 
 from inertiax.fleet import fit_thermal_invariant
-from inertiax.fleet.solve.batch import BLOCKS, CHUNKS, LANES
-from inertiax.fleet.solve.invariant import fit_chunks
+from inertiax.fleet.solve.batch import BLOCKS, CHUNKS, LANES, solve_chunks
 from inertiax.physics.temperature import Polynomial
 
 
@@ -96,13 +95,13 @@ def constant(devices: int, threads: int) -> dict[str, float | tuple[float, float
     gravity, used = jnp.asarray(GRAVITY), np.int32(CHUNKS)
     last = np.int32(-(-(devices - together * (len(calls) - 1)) // LANES))
     start = time.perf_counter()
-    compiled = jax.jit(fit_chunks).lower(calls[0], weights, gravity, used).compile()
+    jax.block_until_ready(solve_chunks(calls[0], weights, gravity, used))
     compile_time = time.perf_counter() - start
 
     def ours() -> np.ndarray:
         def one(number: int) -> np.ndarray:
             count = used if number + 1 < len(calls) else last
-            fit = compiled(calls[number], weights, gravity, count)
+            fit = solve_chunks(calls[number], weights, gravity, count)
             assert bool(np.asarray(fit.converged)[:count].all())
             return np.asarray(fit.parameters).reshape(-1, 9)
 

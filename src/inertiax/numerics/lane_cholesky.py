@@ -7,7 +7,10 @@ products; for tens of unknowns.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from .own_kernels import kept
 
 
 # A pivot below so many roundings of its diagonal tells that a column depends on those before it.
@@ -15,53 +18,46 @@ DEPENDENT = 500.0
 
 
 def invert_lanes(matrix: Float[Array, "n n batch"]) -> Float[Array, "n n batch"]:
-    """Inverses of symmetric matrices whose size is a multiple of three, by sweeps of three rows at a time.
+    """Inverses of symmetric matrices by Gauss and Jordan's elimination, all elements alike at every pivot.
 
-    NaN where a matrix is not positive definite to rounding. Source: Goodnight, *A tutorial on the sweep operator*,
-    Am. Stat. 33 (1979) 149. What is swept leaves at the top and comes in again at the bottom, so that every round is
-    the same.
+    NaN where a matrix is not positive definite to rounding. With the unit vector e of a pivot d = eᵀ A e, one
+    elimination is A − (A e − d e)(eᵀ A + d eᵀ)/d, by which row and column of the pivot are d times those of the inverse:
+    they are divided by the pivots at the end. Source: Golub & Van Loan, *Matrix Computations* (2013), section 3.4.
     """
     n = matrix.shape[0]
-    diagonal = jnp.stack([matrix[k, k] for k in range(n)])
+    lowest = jnp.stack([matrix[k, k] for k in range(n)]) * (DEPENDENT * jnp.finfo(matrix.dtype).eps)
+    at = lambda x, k, axis: jax.lax.dynamic_index_in_dim(x, k, axis, keepdims=False)
 
-    def sweep(_, state):
-        a, lowest = state
-        pivot = _inverse_three(a[:3, :3], lowest[:3])
-        top, left = a[:3, 3:], a[3:, :3]
-        row = (
-            pivot[:, 0, None] * top[None, 0]
-            + pivot[:, 1, None] * top[None, 1]
-            + pivot[:, 2, None] * top[None, 2]
-        )
-        rest = (
-            a[3:, 3:]
-            - left[:, 0, None] * row[None, 0]
-            - left[:, 1, None] * row[None, 1]
-            - left[:, 2, None] * row[None, 2]
-        )
-        above = jnp.concatenate([rest, jnp.swapaxes(row, 0, 1)], axis=1)
-        below = jnp.concatenate([row, -pivot], axis=1)
-        return jnp.concatenate([above, below]), jnp.concatenate([lowest[3:], lowest[:3]])
+    def pivot(k, state):
+        rest, over = state
+        row, unit = at(rest, k, 0), (jnp.arange(n) == k)[:, None]
+        one = _over_pivot(at(row, k, 0), at(lowest, k, 0))
+        rest = _eliminated(rest, *_arms(at(rest, k, 1), row, one, unit))
+        return rest, jax.lax.dynamic_update_index_in_dim(over, one, k, 0)
 
-    lowest = diagonal * (DEPENDENT * jnp.finfo(matrix.dtype).eps)
     # A loop: written out, it would take most of the compile time.
-    return -jax.lax.fori_loop(0, n // 3, sweep, (matrix, lowest))[0]
+    return _scaled(*jax.lax.fori_loop(0, n, pivot, (matrix, jnp.zeros_like(lowest))))
 
 
-def _inverse_three(a: Float[Array, "3 3 batch"], lowest: Float[Array, "3 batch"]) -> Array:
-    """Inverse by L D Lᵀ; NaN where a pivot is not above `lowest`."""
-    nan, one = jnp.full((), jnp.nan, a.dtype), jnp.ones((), a.dtype)
-    reciprocal = lambda x, low: jnp.where(x > low, one / x, nan)
-    d0 = reciprocal(a[0, 0], lowest[0])
-    l10, l20 = a[1, 0] * d0, a[2, 0] * d0
-    d1 = reciprocal(a[1, 1] - l10 * a[1, 0], lowest[1])
-    c21 = a[2, 1] - l20 * a[1, 0]
-    l21 = c21 * d1
-    d2 = reciprocal(a[2, 2] - l20 * a[2, 0] - l21 * c21, lowest[2])
-    m20 = l10 * l21 - l20
-    i21, i20, i10 = -l21 * d2, m20 * d2, -l10 * d1 - l21 * m20 * d2
-    i11, i00 = d1 + l21 * l21 * d2, d0 + l10 * l10 * d1 + m20 * m20 * d2
-    return jnp.stack([i00, i10, i20, i10, i11, i21, i20, i21, d2]).reshape(a.shape)
+@kept
+def _over_pivot(pivot: Array, lowest: Array) -> Array:
+    return jnp.where(pivot > lowest, 1.0 / pivot, jnp.full((), jnp.nan, pivot.dtype))
+
+
+@kept
+def _arms(column: Array, row: Array, over: Array, unit: Array | np.ndarray) -> tuple[Array, Array]:
+    two = jnp.full((), 2.0, row.dtype)
+    return jnp.where(unit, jnp.zeros_like(two), column), jnp.where(unit, two, row * over[None])
+
+
+@kept
+def _eliminated(matrix: Array, column: Array, row: Array) -> Array:
+    return matrix - column[:, None] * row[None]
+
+
+@kept
+def _scaled(matrix: Array, scale: Array) -> Array:
+    return matrix * scale[:, None] * scale[None]
 
 
 def inverse_blocks(matrix: Float[Array, "batch n n"], block: int) -> Float[Array, "batch n n"]:

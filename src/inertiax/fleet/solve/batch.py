@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...calibrate.slow_noise import SlowNoise
 from ...estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
+from ...numerics.own_kernels import is_tried, OPTIONS
 from ...numerics.paule_mandel import batched_excess_deviation, widened
 from ...physics.temperature import AbstractBasis, Constant
 from ...reduction.dwells import Dwells, with_harmless_padding
@@ -274,7 +275,7 @@ def _solve_lanes(
     filled = _filled(outputs, used * lanes).reshape(used, lanes, dwells, 3)
     a[:used] = filled.transpose(0, 3, 2, 1)
     w[:used] = _filled(weights, used * lanes).reshape(used, lanes, dwells).transpose(0, 2, 1)
-    fit = _constant(a, w, gravity, np.int32(used))
+    fit = solve_chunks(a, w, gravity, np.int32(used))
     return jax.tree.map(lambda x: np.asarray(x).reshape(-1, *x.shape[2:]), fit)
 
 
@@ -283,7 +284,24 @@ def _is_batched(estimator: AbstractEstimator) -> bool:
     return isinstance(estimator, Invariant) and estimator.robust is None
 
 
-_constant = jax.jit(fit_chunks)
+_plain = jax.jit(fit_chunks)
+_whole = jax.jit(partial(fit_chunks, whole=True), compiler_options=OPTIONS)
+_refused: set[tuple[int, ...]] = set()
+
+
+def solve_chunks(
+    outputs: Float[np.ndarray, "chunks 3 dwells batch"],
+    weights: Float[np.ndarray, "chunks dwells batch"],
+    gravity: Float[np.ndarray, ""] | Float[jax.Array, ""],
+    used: np.int32,
+) -> BatchFit:
+    """`fit_chunks`, compiled: each chunk as one kernel where XLA makes one."""
+    if is_tried() and outputs.shape not in _refused:
+        try:
+            return _whole(outputs, weights, gravity, used)
+        except jax.errors.JaxRuntimeError:  # of a shape that it does not: the same in many kernels
+            _refused.add(outputs.shape)
+    return _plain(outputs, weights, gravity, used)
 
 
 @eqx.filter_jit

@@ -24,6 +24,9 @@ Arrays of few, large operations: what a processor does between them, and what th
 as much as the arithmetic.
 """
 
+import functools
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -32,7 +35,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...estimators.invariant import _COLUMNS, _ROWS
 from ...numerics.lane_cholesky import invert_lanes
-from .moments import monomials, normal_matrix, square, total
+from ...numerics.own_kernels import kept, one_kernel
+from .moments import monomials, products, square
 
 
 # The outputs' own noise makes the rows of repeated positions differ. A coefficient that nothing else tells is as
@@ -42,6 +46,8 @@ UNDETERMINED = 0.1
 INFLATION = 1e4
 # Of a step's residuals, in units of g: what is left of a step at the minimum.
 ROUNDINGS = 16.0
+# Times the largest misfit, in units of g: how much smaller than the first step the second one is at most.
+FIRST = 4.0
 
 
 class BatchFit(eqx.Module):
@@ -90,46 +96,77 @@ def fit_invariant(
     standard deviations of a parameter. A device of fewer than nine independent positions has NaN
     covariance and is not `converged`; one that does not settle in `max_steps` is not `converged`.
     """
-    a = outputs / gravity
-    squared = jnp.square(weights * gravity)
+    found = _fit_lanes(outputs, weights, gravity, tolerance, max_steps)
+    return _device_first(found)
+
+
+class _Lanes(NamedTuple):
+    """A `BatchFit` with devices last, where they fill the vector lanes."""
+
+    parameters: Float[Array, "9 batch"]
+    covariance: Float[Array, "9 9 batch"]
+    misfit: Float[Array, "dwells batch"]
+    converged: Bool[Array, " batch"]
+    num_steps: Int[Array, " batch"]
+
+
+def _device_first(fit: _Lanes) -> BatchFit:
+    return BatchFit(
+        parameters=fit.parameters.T,
+        covariance=jnp.moveaxis(fit.covariance, 2, 0),
+        misfit=fit.misfit.T[:, :, None],
+        converged=fit.converged,
+        num_steps=fit.num_steps,
+    )
+
+
+def _fit_lanes(
+    outputs: Array, weights: Array, gravity: Array, tolerance: float = 1e-6, max_steps: int = 20
+) -> _Lanes:
+    a = outputs * (1.0 / gravity)
     lanes = a.shape[2]
     none, count = jnp.zeros((lanes,), bool), jnp.ones((lanes,), jnp.int32)
-    phi = monomials(a)
-    normal = normal_matrix(phi, squared)
-    scale = jnp.sqrt(jnp.stack([normal[i, i] for i in range(9)]))
-    largest = jnp.max(jnp.square(scale), axis=0)
+    root = weights * gravity
+    phi = _weighted(a, root)
+    normal = products(phi, phi)
+    diagonal = jnp.stack([normal[i, i] for i in range(9)])
+    scale = jnp.sqrt(diagonal)
+    largest = functools.reduce(jnp.maximum, jnp.square(scale))
     inverse = invert_lanes(normal)
-    p = _product(inverse, total(phi, 0.5 * squared * (square(a) - 1.0)))
-    excess = lambda p, shrink: (_form(p, a) - 1.0) * shrink[None]  # ‖f‖² − 1
+    p = _product(inverse, products(_algebraic(a, root), phi)[0])
+    centre, shrink = _centre(p)
 
     def improve(state):
-        p, centre, shrink, k, done, steps, before = state
-        beyond = excess(p, shrink)
-        pull = squared * (1.0 - jax.lax.rsqrt(1.0 + beyond))
-        slope = total(phi, pull) + total(beyond[None], pull) * monomials(centre)
-        step = _product(inverse, slope) / shrink[None]
-        size = jnp.max(jnp.abs(step) * scale, axis=0) * shrink
-        small = (_left(size, before) < tolerance) | is_rounding(step) | jnp.isnan(size)
+        p, centre, shrink, beyond, k, done, steps, before = state
+        pull = _pulls(beyond, root)
+        slope, lift = products(pull[:1], phi)[0], _sum_of(pull[1])
+        step = _product(inverse, _raised(slope, lift, centre)) * (1.0 / shrink)[None]
+        size = _largest(jnp.abs(step) * scale) * shrink
+        rate = jnp.where(k == 1, FIRST * _largest(jnp.abs(beyond)), size / before)
+        small = (_left(size, rate) < tolerance) | is_rounding(step) | jnp.isnan(size)
         p = p + jnp.where(done[None], jnp.zeros_like(step), step)
         left = jnp.where(done, 0, 1).astype(jnp.int32)
-        return p, *_centre(p), k + 1, done | small, steps + left, size
+        centre, shrink = _centre(p)
+        return p, centre, shrink, _excess(p, a, shrink), k + 1, done | small, steps + left, size
 
-    begin = (p, *_centre(p), 1, none, count, jnp.zeros((lanes,), a.dtype))
-    going = lambda state: (state[3] < max_steps) & jnp.any(~state[4])
-    p, centre, shrink, _, done, steps, _ = jax.lax.while_loop(going, improve, begin)
+    begin = (
+        p, centre, shrink, _excess(p, a, shrink), 1, none, count, jnp.zeros((lanes,), a.dtype)
+    )  # fmt: skip
+    going = lambda state: (state[4] < max_steps) & jnp.any(~state[5])
+    p, centre, shrink, beyond, _, done, steps, _ = jax.lax.while_loop(going, improve, begin)
     x = _map(p, centre, shrink)
-    misfit = (jnp.sqrt(1.0 + excess(p, shrink)) - 1.0) * gravity
+    misfit = (jnp.sqrt(1.0 + beyond) - 1.0) * gravity
     misfit = jnp.where(weights > 0, misfit, jnp.zeros_like(weights))
-    units = jnp.concatenate([jnp.full((3,), gravity, a.dtype), jnp.ones((6,), a.dtype)])
-    covariance = _spread(_matrix(x), centre, inverse)
-    variance = jnp.max(jnp.stack([inverse[i, i] for i in range(9)]), axis=0)
+    variance = _largest(jnp.stack([inverse[i, i] for i in range(9)]))
     repeated = (variance > UNDETERMINED**2) & (variance * largest > INFLATION)
     determined = ~(repeated | jnp.isnan(variance) | jnp.isnan(x[0, 0]))
-    covariance = jnp.where(determined[None, None], covariance, jnp.full((), jnp.nan, a.dtype))
-    return BatchFit(
-        parameters=_parameters(x).T * units[None],
-        covariance=jnp.moveaxis(covariance, 2, 0) * (units[:, None] * units[None, :])[None],
-        misfit=misfit.T[:, :, None],
+    size = jnp.where(determined, jnp.ones((), a.dtype), jnp.full((), jnp.nan, a.dtype))
+    units = jnp.concatenate([jnp.full((3, 1), gravity, a.dtype), jnp.ones((6, 1), a.dtype)])
+    turn = _turn(_matrix(x), centre, units)
+    return _Lanes(
+        parameters=_parameters(x) * units,
+        covariance=_turned_back(_by_columns(turn, inverse), turn, size),
+        misfit=misfit,
         converged=done & determined,
         num_steps=steps,
     )
@@ -140,12 +177,16 @@ def fit_chunks(
     weights: Float[Array, "chunks dwells batch"],
     gravity: Float[Array, ""],
     used: Int[Array, ""],
+    *,
+    whole: bool = False,
 ) -> BatchFit:
     """`fit_invariant` of the first `used` chunks one after the other, in one call: what stays in a core's cache.
 
-    Results lead with chunk and device; they are zero in chunks that are not used, which cost nothing.
+    Results lead with chunk and device; they are zero in chunks that are not used, which cost nothing. With `whole` a
+    chunk is one kernel (`numerics.own_kernels`, which says what its compilation asks for).
     """
     chunks, _, dwells, lanes = outputs.shape
+    solve = one_kernel(_fit_lanes) if whole else _fit_lanes
     # Written out: asking for the shapes would trace it once more.
     chunk = BatchFit(
         parameters=jnp.zeros((lanes, 9), outputs.dtype),
@@ -158,7 +199,7 @@ def fit_chunks(
 
     def one(k: Array, whole: BatchFit) -> BatchFit:
         at = lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False)
-        fit = fit_invariant(at(outputs), at(weights), gravity)
+        fit = _device_first(solve(at(outputs), at(weights), gravity))
         place = lambda w, x: jax.lax.dynamic_update_index_in_dim(w, x, k, 0)
         return jax.tree.map(place, whole, fit)
 
@@ -178,22 +219,51 @@ def is_rounding(step: Array, *, axis: int | tuple[int, ...] = 0) -> Bool[Array, 
     return jnp.max(jnp.abs(step), axis=axis) < ROUNDINGS * jnp.finfo(step.dtype).eps
 
 
-def _left(size: Array, before: Array) -> Array:
-    """Bound of what is left after a step, from its size and that of the one before: steps shrink at least so fast on.
+def _left(size: Array, rate: Array) -> Array:
+    """Bound of what is left after a step, from its size and how much smaller the next one is.
 
     The factor ten is for directions in which they shrink slower. Source: Hairer & Wanner, *Solving ODEs II* (1996),
     section IV.8.
     """
-    return jnp.where(size < 0.02 * before, 10.0 * size * (size / before), size)
+    return jnp.where(rate < 0.02, 10.0 * size * rate, size)
 
 
-def _forces(x: Array, a: Array) -> Array:
-    """X (a; 1) of every dwell."""
-    x = x[:, :, None]
-    f0 = x[0, 0] * a[0] + x[0, 3]
-    f1 = x[1, 0] * a[0] + x[1, 1] * a[1] + x[1, 3]
-    f2 = x[2, 0] * a[0] + x[2, 1] * a[1] + x[2, 2] * a[2] + x[2, 3]
-    return jnp.stack([f0, f1, f2])
+@kept
+def _weighted(a: Array, root: Array) -> Array:
+    return monomials(a) * root[None]
+
+
+@kept
+def _algebraic(a: Array, root: Array) -> Array:
+    return (0.5 * root * (square(a) - 1.0))[None]
+
+
+@kept
+def _excess(p: Array, a: Array, shrink: Array) -> Array:
+    """‖f‖² − 1."""
+    return (_form(p, a) - 1.0) * shrink[None]
+
+
+@kept
+def _pulls(beyond: Array, root: Array) -> Array:
+    """Over 1/σ, that of φ; and that of the change of ρ."""
+    pull = root * (1.0 - jax.lax.rsqrt(1.0 + beyond))
+    return jnp.stack([pull, pull * beyond * root])
+
+
+@kept
+def _sum_of(rows: Array) -> Array:
+    return functools.reduce(jnp.add, rows)
+
+
+@kept
+def _largest(rows: Array) -> Array:
+    return functools.reduce(jnp.maximum, rows)
+
+
+@kept
+def _raised(slope: Array, lift: Array, centre: Array) -> Array:
+    return slope + lift[None] * monomials(centre)
 
 
 def _form(p: Array, a: Array) -> Array:
@@ -210,6 +280,7 @@ def _quadratic(p: Array) -> list[Array]:
     return [1.0 - 2.0 * g00, -g10, -g20, 1.0 - 2.0 * g11, -g21, 1.0 - 2.0 * g22]
 
 
+@kept
 def _centre(p: Array) -> tuple[Float[Array, "3 batch"], Float[Array, " batch"]]:
     """Centre b = Q⁻¹ β of the ellipsoid and 1/ρ, ρ = 1 + β · b."""
     q00, q10, q20, q11, q21, q22 = _quadratic(p)
@@ -222,6 +293,7 @@ def _centre(p: Array) -> tuple[Float[Array, "3 batch"], Float[Array, " batch"]]:
     return jnp.stack([b0, b1, b2]), 1.0 / (1.0 + b0 * p[0] + b1 * p[1] + b2 * p[2])
 
 
+@kept
 def _map(p: Array, centre: Array, shrink: Array) -> Float[Array, "3 4 batch"]:
     """X with f = X (a; 1): lower triangular, ‖f‖² − 1 = (F − 1)/ρ. NaN where it is no ellipsoid."""
     q00, q10, q20, q11, q21, q22 = (q * shrink for q in _quadratic(p))
@@ -235,6 +307,7 @@ def _map(p: Array, centre: Array, shrink: Array) -> Float[Array, "3 4 batch"]:
     return jnp.concatenate([rows, -_product(rows, centre)[:, None]], axis=1)
 
 
+@kept
 def _matrix(x: Array) -> Array:
     """E + Γ of a map."""
     d0, d1, d2 = 1.0 / x[0, 0], 1.0 / x[1, 1], 1.0 / x[2, 2]
@@ -244,6 +317,7 @@ def _matrix(x: Array) -> Array:
     return jnp.stack([d0, zero, zero, m10, d1, zero, m20, m21, d2]).reshape(3, 3, -1)
 
 
+@kept
 def _parameters(x: Array) -> Array:
     """Of `estimators.Invariant`, the bias in units of g."""
     m = _matrix(x)
@@ -252,20 +326,17 @@ def _parameters(x: Array) -> Array:
     return jnp.concatenate([bias, off])
 
 
-# The frame's unknowns go down G's columns, those of the estimator along its rows.
-_ORDER = np.array([0, 1, 2, 3, 4, 6, 5, 7, 8])
-
-
 # Pairs of components, in the order of the unknowns.
 _FIRST, _SECOND = np.array([0, 1, 2, 1, 2, 2]), np.array([0, 0, 0, 1, 1, 2])
 _EQUAL = _FIRST == _SECOND
 
 
-def _spread(matrix: Array, bias: Array, inverse: Array) -> Array:
-    """Covariance of the estimator's parameters from (Σ w² φφᵀ)⁻¹ of the outputs' φ.
+@kept
+def _turn(matrix: Array, bias: Array, units: Array) -> Float[Array, "9 9 batch"]:
+    """By which the estimator's parameters follow the form's coefficients, near the minimum.
 
     With a = M f + b and ‖f‖ = 1, φ(a) = H φ(f); a change p of the form moves the frame by Hᵀ p, and that the
-    parameters (`_turned`).
+    parameters: (E + Γ) times β and each column of G.
     """
     whole = jnp.asarray(_EQUAL, matrix.dtype)[None, :, None]
     low = jnp.concatenate([matrix, bias[:, None] * whole], axis=1)
@@ -274,37 +345,37 @@ def _spread(matrix: Array, bias: Array, inverse: Array) -> Array:
     crossed = one[:, _SECOND] * other[:, _FIRST] * (1.0 - whole)
     squares = one[:, _FIRST] * other[:, _SECOND] + crossed + b * c * whole
     high = jnp.concatenate([b * other + c * one, squares], axis=1)
-    turn = _turned(matrix, jnp.swapaxes(jnp.concatenate([low, high]), 0, 1))[_ORDER]
-
-    def half(_, state):
-        turn, inner = state
-        total = turn[:, 0, None] * inner[None, 0]
-        for k in range(1, 9):
-            total = total + turn[:, k, None] * inner[None, k]
-        return turn, jnp.swapaxes(total, 0, 1)
-
-    return jax.lax.fori_loop(0, 2, half, (turn, inverse))[1]
-
-
-def _turned(matrix: Array, rows: Array) -> Array:
-    """(E + Γ) times β and each column of G, as rows of an array (9, n, batch)."""
+    rows = jnp.swapaxes(jnp.concatenate([low, high]), 0, 1)
     m = matrix[:, :, None]
 
-    def product(first: int, block: Array) -> Array:
-        total = m[first:, first] * block[0][None]
-        for k in range(1, len(block)):
-            total = total + m[first:, first + k] * block[k][None]
-        return total
+    def product(first: int, last: int, column: int, block: Array) -> Array:
+        """Rows of M times a block whose first row stands at that column's diagonal."""
+        terms = (m[first:last, column + k] * block[k][None] for k in range(len(block)))
+        return functools.reduce(jnp.add, terms)
 
-    parts = [
-        product(0, rows[:3]),
-        product(0, rows[3:6]),
-        product(1, rows[6:8]),
-        product(2, rows[8:]),
-    ]
-    return jnp.concatenate(parts)
+    # The frame's unknowns go down G's columns, those of the estimator along its rows.
+    columns = rows[3:6], rows[6:8], rows[8:]
+    parts = [product(0, 3, 0, rows[:3])]
+    parts += [product(i, i + 1, j, columns[j]) for i, j in zip(_ROWS, _COLUMNS, strict=True)]
+    return jnp.concatenate(parts) * units[:, None]
 
 
+@kept
+def _by_columns(matrix: Array, other: Array) -> Array:
+    """A B of every lane."""
+    return functools.reduce(
+        jnp.add, (matrix[:, k, None] * other[None, k] for k in range(len(other)))
+    )
+
+
+@kept
+def _turned_back(matrix: Array, other: Array, size: Array) -> Array:
+    """A Bᵀ of every lane, times `size`."""
+    terms = (matrix[:, k, None] * other[None, :, k] for k in range(other.shape[1]))
+    return functools.reduce(jnp.add, terms) * size[None, None]
+
+
+@kept
 def _product(matrix: Array, vector: Array) -> Array:
-    """Of every lane. A sum, which the compiler keeps; what is written out it works out anew wherever it is used."""
-    return jnp.sum(matrix * vector[None], axis=1)
+    """Of every lane."""
+    return functools.reduce(jnp.add, (matrix[:, k] * vector[None, k] for k in range(len(vector))))

@@ -10,8 +10,12 @@ the nine monomials φ(u) over −‖u‖. So Jᵀ J = Σ v φφᵀ with v = w²/
 The nine unknowns are β₀ β₁ β₂ G₀₀ G₁₀ G₂₀ G₁₁ G₂₁ G₂₂.
 """
 
+import functools
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from ...numerics.own_kernels import kept
 
 
 # Dwells summed in one expression: more take longer to compile, and are summed in several parts.
@@ -32,27 +36,36 @@ def normal_matrix(
     phi: Float[Array, "9 dwells batch"], weights: Float[Array, "dwells batch"]
 ) -> Float[Array, "9 9 batch"]:
     """Σ v φφᵀ; `weights` are v."""
-    return _sums(phi * weights[None], phi)
+    return products(phi * weights[None], phi)
 
 
 def total(
     phi: Float[Array, "rows dwells batch"], pull: Float[Array, "dwells batch"]
 ) -> Float[Array, "rows batch"]:
     """Σ p φ; `pull` is p."""
-    return _sums(pull[None], phi)[0]
+    return products(pull[None], phi)[0]
 
 
-def _sums(
+def products(
     x: Float[Array, "rows dwells batch"], y: Float[Array, "columns dwells batch"]
 ) -> Float[Array, "rows columns batch"]:
     """Σ_d x_id y_jd, written out: a batched matrix product, and a sum over an axis, cost several times as much."""
     dwells = x.shape[1]
     parts = -(-dwells // TERMS)
-    if parts > 1:
-        terms = -(-dwells // parts)
-        missing = ((0, 0), (0, terms * parts - dwells), (0, 0))
-        x, y = (jnp.pad(z, missing).reshape(len(z), terms, -1) for z in (x, y))
-    total = x[:, None, 0] * y[None, :, 0]
-    for k in range(1, x.shape[1]):
-        total = total + x[:, None, k] * y[None, :, k]
-    return total.reshape(len(x), len(y), parts, -1).sum(axis=2) if parts > 1 else total
+    if parts <= 1:
+        return _added(x, y)
+    terms = -(-dwells // parts)
+    missing = ((0, 0), (0, terms * parts - dwells), (0, 0))
+    x, y = (jnp.pad(z, missing).reshape(len(z), terms, -1) for z in (x, y))
+    return _joined(_added(x, y).reshape(len(x), len(y), parts, -1))
+
+
+@kept
+def _added(x: Array, y: Array) -> Array:
+    terms = (x[:, None, k] * y[None, :, k] for k in range(x.shape[1]))
+    return functools.reduce(jnp.add, terms)
+
+
+@kept
+def _joined(parts: Array) -> Array:
+    return functools.reduce(jnp.add, (parts[:, :, k] for k in range(parts.shape[2])))
