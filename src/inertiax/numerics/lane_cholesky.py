@@ -7,7 +7,6 @@ products; for tens of unknowns.
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from .own_kernels import kept
@@ -21,8 +20,9 @@ def invert_lanes(matrix: Float[Array, "n n batch"]) -> Float[Array, "n n batch"]
     """Inverses of symmetric matrices by Gauss and Jordan's elimination, all elements alike at every pivot.
 
     NaN where a matrix is not positive definite to rounding. With the unit vector e of a pivot d = eᵀ A e, one
-    elimination is A − (A e − d e)(eᵀ A + d eᵀ)/d, by which row and column of the pivot are d times those of the inverse:
-    they are divided by the pivots at the end. Source: Golub & Van Loan, *Matrix Computations* (2013), section 3.4.
+    elimination is A − (A e − d e)(eᵀ A + d eᵀ)/d, by which row and column of the pivot are d times those of the
+    inverse: they are divided by the pivots at the end. Source: Golub & Van Loan, *Matrix Computations* (2013),
+    section 3.4.
     """
     n = matrix.shape[0]
     lowest = jnp.stack([matrix[k, k] for k in range(n)]) * (DEPENDENT * jnp.finfo(matrix.dtype).eps)
@@ -30,7 +30,7 @@ def invert_lanes(matrix: Float[Array, "n n batch"]) -> Float[Array, "n n batch"]
 
     def pivot(k, state):
         rest, over = state
-        row, unit = at(rest, k, 0), (jnp.arange(n) == k)[:, None]
+        row, unit = at(rest, k, 0), (jnp.arange(n) == k)[:, None].astype(matrix.dtype)
         one = _over_pivot(at(row, k, 0), at(lowest, k, 0))
         rest = _eliminated(rest, *_arms(at(rest, k, 1), row, one, unit))
         return rest, jax.lax.dynamic_update_index_in_dim(over, one, k, 0)
@@ -45,9 +45,9 @@ def _over_pivot(pivot: Array, lowest: Array) -> Array:
 
 
 @kept
-def _arms(column: Array, row: Array, over: Array, unit: Array | np.ndarray) -> tuple[Array, Array]:
-    two = jnp.full((), 2.0, row.dtype)
-    return jnp.where(unit, jnp.zeros_like(two), column), jnp.where(unit, two, row * over[None])
+def _arms(column: Array, row: Array, over: Array, unit: Array) -> tuple[Array, Array]:
+    # Products where a choice would keep the loop out of the vector lanes.
+    return column * (1.0 - unit), row * over[None] * (1.0 - unit) + 2.0 * unit
 
 
 @kept

@@ -1,8 +1,9 @@
 """What XLA compiles for processors: which results are kept, and what is one kernel.
 
-XLA joins loops over arrays: where a result is used twice, it may be worked out anew in each place, and every loop that is
-left is a kernel, whose call costs some 0.3 µs. For programs of many small arrays both cost more than the arithmetic.
-`kept` and `one_kernel` say where the borders are, by attributes of a call. They are hints: results are the same without.
+XLA joins loops over arrays: where a result is used twice, it may be worked out anew in each place, and every loop
+that is left is a kernel, whose call costs some 0.3 µs. For programs of many small arrays both cost more than the
+arithmetic. `kept` and `one_kernel` say where the borders are, by attributes of a call: hints, without which results
+are the same.
 """
 
 import functools
@@ -19,7 +20,11 @@ from jax.experimental.xla_metadata import set_xla_metadata
 # Versions of jaxlib of which it was tried that a call becomes one kernel: it is XLA's own device for small loops.
 TRIED = ("0.10.",)
 # Of a program with `one_kernel`, for `jax.jit`: loops of one kernel are not to be handed to several threads.
-OPTIONS = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+# Vectors as wide as the processor has them take a tenth less.
+OPTIONS = {
+    "xla_disable_hlo_passes": "cpu-parallel-task-assigner",
+    "xla_cpu_prefer_vector_width": 512,
+}
 
 _KNOWN = version("jaxlib").startswith(TRIED)
 

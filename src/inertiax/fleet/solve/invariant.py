@@ -96,8 +96,8 @@ def fit_invariant(
     standard deviations of a parameter. A device of fewer than nine independent positions has NaN
     covariance and is not `converged`; one that does not settle in `max_steps` is not `converged`.
     """
-    found = _fit_lanes(outputs, weights, gravity, tolerance, max_steps)
-    return _device_first(found)
+    scaled = outputs * (1.0 / gravity), weights * gravity
+    return _device_first(_fit_lanes(*scaled, gravity, tolerance, max_steps))
 
 
 class _Lanes(NamedTuple):
@@ -121,12 +121,11 @@ def _device_first(fit: _Lanes) -> BatchFit:
 
 
 def _fit_lanes(
-    outputs: Array, weights: Array, gravity: Array, tolerance: float = 1e-6, max_steps: int = 20
+    a: Array, root: Array, gravity: Array, tolerance: float = 1e-6, max_steps: int = 20
 ) -> _Lanes:
-    a = outputs * (1.0 / gravity)
+    """Of outputs in g and weights per g."""
     lanes = a.shape[2]
     none, count = jnp.zeros((lanes,), bool), jnp.ones((lanes,), jnp.int32)
-    root = weights * gravity
     phi = _weighted(a, root)
     normal = products(phi, phi)
     diagonal = jnp.stack([normal[i, i] for i in range(9)])
@@ -156,7 +155,7 @@ def _fit_lanes(
     p, centre, shrink, beyond, _, done, steps, _ = jax.lax.while_loop(going, improve, begin)
     x = _map(p, centre, shrink)
     misfit = (jnp.sqrt(1.0 + beyond) - 1.0) * gravity
-    misfit = jnp.where(weights > 0, misfit, jnp.zeros_like(weights))
+    misfit = jnp.where(root > 0, misfit, jnp.zeros_like(root))
     variance = _largest(jnp.stack([inverse[i, i] for i in range(9)]))
     repeated = (variance > UNDETERMINED**2) & (variance * largest > INFLATION)
     determined = ~(repeated | jnp.isnan(variance) | jnp.isnan(x[0, 0]))
@@ -199,7 +198,7 @@ def fit_chunks(
 
     def one(k: Array, whole: BatchFit) -> BatchFit:
         at = lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False)
-        fit = _device_first(solve(at(outputs), at(weights), gravity))
+        fit = _device_first(solve(at(outputs) * (1.0 / gravity), at(weights) * gravity, gravity))
         place = lambda w, x: jax.lax.dynamic_update_index_in_dim(w, x, k, 0)
         return jax.tree.map(place, whole, fit)
 
