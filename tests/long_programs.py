@@ -18,13 +18,12 @@ def install() -> None:
     plain = jax.jit
 
     @functools.wraps(plain)
-    def jit(*function, **options):
-        if not function:
+    def jit(fun=None, **options):
+        if fun is None:
             return functools.partial(jit, **options)
-        (one,) = function
-        name = f"{getattr(one, '__module__', '')}.{getattr(one, '__qualname__', '')}"
+        name = f"{getattr(fun, '__module__', '')}.{getattr(fun, '__qualname__', '')}"
         if name in NAMES:
             options = {"compiler_options": OPTIONS} | options
-        return plain(one, **options)
+        return plain(fun, **options)
 
     jax.jit = jit
