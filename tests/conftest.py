@@ -61,11 +61,11 @@ def pytest_collection_finish() -> None:
 # Files of the slow tier that take ten seconds or more, the longest first: what is begun last keeps one worker alone.
 LONG = """
     tutorials procedure first_layer_precision real_recordings one_model fleet diagnose sensitivity bilinear
-    degree_beside live_command practice_campaigns estimators no_open_port hostile_files calibration delays
-    library_page navigation_filter gravity_rotation earth_at_rest joint_imu fleet_population covariance library_pytree
-    add_an_effect type_noise separate simulate package_lag allan alike fleet_sharding fit_arrays design fleet_report
-    blind_generator solve filter_segment fleet_mismatch command_line any_output adapters library_checks navigation
-    bad_commands cli approaches
+    degree_beside live_recordings live_command practice_campaigns estimators no_open_port hostile_files calibration
+    delays library_page navigation_filter gravity_rotation earth_at_rest joint_imu fleet_population covariance
+    library_pytree add_an_effect type_noise separate simulate package_lag allan alike fleet_sharding fit_arrays design
+    fleet_report blind_generator solve filter_segment fleet_mismatch command_line any_output adapters library_checks
+    navigation bad_commands cli approaches
 """.split()
 RANK = {f"test_{name}.py": place for place, name in enumerate(LONG)}
 
