@@ -370,3 +370,25 @@ def test_a_fleet_of_two_devices_says_the_same_of_each(tmp_path):
     for alone in results:
         assert alone.model.document() == summary.as_dict()["model"]
         same(alone.calibration, fleet_calibration(tmp_path / "out", alone.calibration.device))
+
+
+@pytest.mark.slow
+def test_devices_in_common_files_know_the_latitude(tmp_path):
+    """Rests tell the vertical part of the Earth's rate with it, and gravity's turns between them the rest."""
+    moving = np.arange(24 * 200) % 200 >= 150
+    log = without(hand(), position=np.where(moving, -1, np.arange(24 * 200) // 200))
+    line = written(log, tmp_path, {"A-1": log})
+    file = line / "campaign.toml"
+    biases = {}
+    for latitude in ("", "latitude = 52.5\n"):
+        file.write_text(file.read_text().replace("[recordings]", f"{latitude}[recordings]"))
+        out = tmp_path / f"out{len(latitude)}"
+        run_fleet(line, out)
+        (alone,) = calibrate(load_campaign(line))
+        found = fleet_calibration(out, "A-1")
+        assert found.gyro.estimator == "gravity"
+        same(alone.calibration, found)
+        biases[latitude] = np.asarray(found.gyro.curve(25.0))[:3]
+    first, second = biases.values()
+    # 15.04 °/h × sin 52.5°, by the mean of the rests' verticals
+    assert 1e-7 < np.abs(first - second).max() < 5.8e-5
