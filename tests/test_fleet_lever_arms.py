@@ -72,7 +72,7 @@ def table():
 
 
 def device(seed, ideal):
-    """A device's log, and how its lever arms show in its outputs, m: 30 to 60 mm and some millimetres between them."""
+    """A device's log, and its lever arms, m: 30 to 60 mm and some millimetres between them."""
     clock, force, rate, label, warm = ideal
     rng = np.random.default_rng(seed)
     place = rng.standard_normal(3)
@@ -94,7 +94,7 @@ def device(seed, ideal):
     columns = {"time": clock, "position": label, "temperature": warm}
     for name, values in triads.items():
         columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
-    return pl.DataFrame(columns), np.diagonal(accel)[:, None] * arms
+    return pl.DataFrame(columns), arms
 
 
 @pytest.fixture(scope="module")
