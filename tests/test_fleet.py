@@ -28,7 +28,7 @@ from inertiax.fleet import (
     stack_dwells,
 )
 from inertiax.fleet.reduce.tasks import split
-from inertiax.numerics.lane_cholesky import inverse_blocks, invert_lanes
+from inertiax.numerics.lane_cholesky import inverse_blocks, invert_lanes, invert_lanes_by_blocks
 from inertiax.physics.temperature import Constant, Polynomial
 from inertiax.procedure.thermal_iterations import joint_fit
 
@@ -55,6 +55,20 @@ def test_lanes_tell_columns_that_depend_on_others():
     found = np.asarray(jax.jit(invert_lanes)(matrix))
     assert np.isnan(found[:, :, :10]).any(axis=(0, 1)).all()
     assert np.isfinite(found[:, :, 10:]).all()
+
+
+@pytest.mark.parametrize("n", [9, 27])
+def test_lanes_invert_by_blocks_as_numpy_does(n):
+    matrix = _spd(n, 5)
+    matrix[3] = np.ones((n, n))  # of rank one, which shows in the later blocks
+    inverse = jax.jit(invert_lanes_by_blocks, static_argnums=1)
+    with jax.enable_x64(True):
+        found = np.asarray(inverse(matrix.transpose(1, 2, 0), 9)).transpose(2, 0, 1)
+    assert np.isnan(found[3]).all()
+    good = [0, 1, 2, 4]
+    expected = np.linalg.inv(matrix[good])
+    size = np.sqrt(np.einsum("bii,bjj->bij", expected, expected))
+    assert (np.abs(found[good] - expected) / size).max() < 1e-8
 
 
 @pytest.mark.slow

@@ -11,8 +11,8 @@ from inertiax.fleet import fit_invariant
 from inertiax.fleet.solve.invariant import fit_chunks, predicted
 from inertiax.fleet.solve.moments import monomials, normal_matrix, total
 from inertiax.fleet.solve.refined_noise import refined_sigma
-from inertiax.fleet.solve.thermal import normal_matrices
-from inertiax.physics.temperature import Polynomial
+from inertiax.fleet.solve.thermal import _products_of, normal_matrices
+from inertiax.physics.temperature import CubicSpline, Polynomial
 from inertiax.reduction.dwells import Dwells
 
 
@@ -139,13 +139,22 @@ def test_the_frame_of_moments_gives_the_estimators_normal_matrix(first_form):
     np.testing.assert_allclose(pull, -own.T @ misfit / GRAVITY, rtol=0, atol=1e-13)
 
 
-def test_thermal_normal_matrices_are_those_of_the_kronecker_rows():
+@pytest.mark.parametrize(
+    "basis", [Polynomial(3, -10.0, 40.0), CubicSpline(np.array([-10.0, 5.0, 20.0, 40.0]))]
+)
+def test_thermal_normal_matrices_are_those_of_the_kronecker_rows(basis):
+    """Also where products of two functions of the basis are means of two others, as Chebyshev's are."""
     rng = np.random.default_rng(5)
-    phi, rows = rng.normal(size=(4, 3, 30)), rng.normal(size=(4, 9, 30))
-    found = jax.jit(normal_matrices)(phi, rows)
+    temperature, rows = rng.uniform(-10.0, 40.0, (4, 30)), rng.normal(size=(4, 9, 30))
+    with jax.enable_x64(True):
+        products, pairs = _products_of(basis)
+        over = np.asarray(jax.vmap(jax.vmap(products))(temperature)).transpose(2, 1, 0)
+        given = over, rows.transpose(1, 2, 0)
+        found = np.asarray(jax.jit(lambda o, r: normal_matrices(o, r, pairs))(*given))
+        phi = np.asarray(jax.vmap(jax.vmap(basis))(temperature))
     for k in range(4):
-        design = np.stack([np.kron(p, g) for p, g in zip(phi[k].T, rows[k].T, strict=True)])
-        np.testing.assert_allclose(found[k], design.T @ design, rtol=0, atol=1e-12)
+        design = np.stack([np.kron(p, g) for p, g in zip(phi[k], rows[k].T, strict=True)])
+        np.testing.assert_allclose(found[:, :, k], design.T @ design, rtol=0, atol=1e-11)
 
 
 @pytest.mark.slow

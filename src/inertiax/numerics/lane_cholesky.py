@@ -5,6 +5,8 @@ to about a dozen unknowns. *Blocks*: an array `(batch, n, n)` in which all but t
 products; for tens of unknowns.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -16,27 +18,30 @@ from .own_kernels import kept
 DEPENDENT = 500.0
 
 
-def invert_lanes(matrix: Float[Array, "n n batch"]) -> Float[Array, "n n batch"]:
+def invert_lanes(
+    matrix: Float[Array, "n n batch"], lowest: Float[Array, "n batch"] | None = None
+) -> Float[Array, "n n batch"]:
     """Inverses of symmetric matrices by Gauss and Jordan's elimination, all elements alike at every pivot.
 
-    NaN where a matrix is not positive definite to rounding. With the unit vector e of a pivot d = eᵀ A e, one
-    elimination is A − (A e − d e)(eᵀ A + d eᵀ)/d, by which row and column of the pivot are d times those of the
-    inverse: they are divided by the pivots at the end. Source: Golub & Van Loan, *Matrix Computations* (2013),
-    section 3.4.
+    NaN where a matrix is not positive definite to rounding, or a pivot is not above `lowest`. With the unit vector e of
+    a pivot d = eᵀ A e, one elimination is A − (A e − d e)(eᵀ A + d eᵀ)/d, by which row and column of the pivot are d
+    times those of the inverse: they are divided by the pivots at the end. Source: Golub & Van Loan, *Matrix
+    Computations* (2013), section 3.4.
     """
     n = matrix.shape[0]
-    lowest = jnp.stack([matrix[k, k] for k in range(n)]) * (DEPENDENT * jnp.finfo(matrix.dtype).eps)
+    diagonal = jnp.stack([matrix[k, k] for k in range(n)])
+    least = diagonal * (DEPENDENT * jnp.finfo(matrix.dtype).eps) if lowest is None else lowest
     at = lambda x, k, axis: jax.lax.dynamic_index_in_dim(x, k, axis, keepdims=False)
 
     def pivot(k, state):
         rest, over = state
         row, unit = at(rest, k, 0), (jnp.arange(n) == k)[:, None].astype(matrix.dtype)
-        one = _over_pivot(at(row, k, 0), at(lowest, k, 0))
+        one = _over_pivot(at(row, k, 0), at(least, k, 0))
         rest = _eliminated(rest, *_arms(at(rest, k, 1), row, one, unit))
         return rest, jax.lax.dynamic_update_index_in_dim(over, one, k, 0)
 
     # A loop: written out, it would take most of the compile time.
-    return _scaled(*jax.lax.fori_loop(0, n, pivot, (matrix, jnp.zeros_like(lowest))))
+    return _scaled(*jax.lax.fori_loop(0, n, pivot, (matrix, jnp.zeros_like(least))))
 
 
 @kept
@@ -58,6 +63,38 @@ def _eliminated(matrix: Array, column: Array, row: Array) -> Array:
 @kept
 def _scaled(matrix: Array, scale: Array) -> Array:
     return matrix * scale[:, None] * scale[None]
+
+
+def invert_lanes_by_blocks(
+    matrix: Float[Array, "n n batch"], block: int
+) -> Float[Array, "n n batch"]:
+    """`invert_lanes` for tens of unknowns, so many pivots at a time; `block` divides n.
+
+    Rows and columns are scaled to a unit diagonal first. With the columns E of the unit matrix that belong to a block
+    D = Eᵀ A E, one elimination is A − (A E − E) D⁻¹ (Eᵀ A + Eᵀ), for D near one.
+    """
+    n, batch = len(matrix), matrix.shape[2]
+    scale = jax.lax.rsqrt(jnp.stack([matrix[k, k] for k in range(n)]))
+    a = _scaled(matrix, scale)
+    lowest = jnp.full((block, batch), DEPENDENT * jnp.finfo(a.dtype).eps, a.dtype)
+    for start in range(0, n, block):
+        here = slice(start, start + block)
+        unit = jnp.eye(n, dtype=a.dtype)[:, here, None]
+        row = _product_of(invert_lanes(a[here, here], lowest), a[here] + jnp.swapaxes(unit, 0, 1))
+        a = _less_product(a, a[:, here] - unit, row)
+    return _scaled(a, scale)
+
+
+@kept
+def _product_of(left: Array, right: Array) -> Array:
+    terms = (left[:, k, None] * right[None, k] for k in range(len(right)))
+    return functools.reduce(jnp.add, terms)
+
+
+@kept
+def _less_product(matrix: Array, left: Array, right: Array) -> Array:
+    terms = (left[:, k, None] * right[None, k] for k in range(len(right)))
+    return functools.reduce(jnp.subtract, terms, matrix)
 
 
 def inverse_blocks(matrix: Float[Array, "batch n n"], block: int) -> Float[Array, "batch n n"]:

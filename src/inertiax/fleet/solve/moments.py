@@ -53,19 +53,19 @@ def products(
     dwells = x.shape[1]
     parts = -(-dwells // TERMS)
     if parts <= 1:
-        return _added(x, y)
+        return sum_of_terms(x, y)
     terms = -(-dwells // parts)
     missing = ((0, 0), (0, terms * parts - dwells), (0, 0))
     x, y = (jnp.pad(z, missing).reshape(len(z), terms, -1) for z in (x, y))
-    return _joined(_added(x, y).reshape(len(x), len(y), parts, -1))
+    return sum_of_parts(sum_of_terms(x, y).reshape(len(x), len(y), parts, -1))
 
 
 @kept
-def _added(x: Array, y: Array) -> Array:
+def sum_of_terms(x: Array, y: Array) -> Array:
     terms = (x[:, None, k] * y[None, :, k] for k in range(x.shape[1]))
     return functools.reduce(jnp.add, terms)
 
 
 @kept
-def _joined(parts: Array) -> Array:
+def sum_of_parts(parts: Array) -> Array:
     return functools.reduce(jnp.add, (parts[:, :, k] for k in range(parts.shape[2])))
