@@ -15,8 +15,8 @@ its own normal matrix alone, which is made anew after the first steps. A step th
 taken back and made shorter.
 
 Devices stand last in every array, and what is worked out element by element stands in one row of dwells and devices:
-products of small matrices and short loops cost more than their arithmetic. Only the sums of a normal matrix are products
-of matrices.
+products of small matrices and short loops cost more than their arithmetic. Only the sums of a normal matrix are
+products of matrices.
 """
 
 import functools
@@ -33,7 +33,7 @@ from ...numerics.lane_cholesky import inverse_blocks, invert_lanes_by_blocks
 from ...numerics.own_kernels import kept
 from ...physics.temperature import AbstractBasis, Polynomial
 from .invariant import BatchFit, is_small, ROUNDINGS
-from .moments import sum_of_terms, sum_of_parts, TERMS
+from .moments import sum_of_parts, sum_of_terms, TERMS
 
 
 SHARED_STEPS = 5
