@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
-from ..data.formats.detect import FORMATS, format_of, is_recording
+from ..data.formats.detect import format_of, FORMATS, is_recording
 from ..data.pose_rows import turn_between_rows
 from ..physics.earth import gravity as normal_gravity
 from ..reduction.gravity_turns import GravityTurns, turns_in_motion
