@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, TYPE_CHECKING
 
@@ -13,7 +14,10 @@ from .options import AsJson, CampaignPath, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..calibrate.pipeline import DeviceFailure, DeviceResult
+    from ..data.inputs import InputFile
     from ..data.recording import Campaign
 
 
@@ -55,14 +59,18 @@ def calibrate(
         console.Stages(quiet=quiet) as stages,
         outputs.owned_results(output),
         environment.prepared_to_draw("inertiax.plots.calibration_panels", several=True),
+        ThreadPoolExecutor(1) as meanwhile,
     ):
         from ..calibrate.pipeline import calibrate as run
         from ..data.campaign import load_campaign
+        from ..data.inputs import campaign_inputs
 
         stages("reading recordings")
         loaded = load_campaign(campaign, in_parts=True)
+        # SHA-256 of a long log takes half a second, and leaves the interpreter to the estimation.
+        inputs = meanwhile.submit(campaign_inputs, loaded.path)
         results = run(loaded, method=method, robust=robust, force=force, progress=stages)
-        folders = write_results(results, loaded, output, stages)
+        folders = write_results(results, loaded, output, stages, inputs.result)
     _tell(results, folders, campaign, output, as_json=as_json, quiet=quiet)
 
 
@@ -82,11 +90,11 @@ def write_results(
     campaign: "Campaign",
     output: Path,
     stages: console.Stages,
+    inputs: "Callable[[], tuple[InputFile, ...]]",
 ) -> dict[str, str]:
     """Write everything; the folder of each device, relative to `output` ("" = itself)."""
     from ..calibrate.pipeline import DeviceResult
     from ..calibration.calibration import write_calibration
-    from ..data.inputs import campaign_inputs
     from ..protocol.make_record import record_of
     from ..protocol.record import write_record
     from ..report.calibration import FIGURES, report_calibration, report_summary
@@ -97,7 +105,6 @@ def write_results(
     devices = tuple(campaign.devices)
     folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
     command = command_line()
-    inputs = campaign_inputs(campaign.path)
     replaces = tuple(str(Path(f) / n) for f in folders.values() for n in FIGURES)
     with outputs.staged_folder(output, replaces=replaces) as staging:
         for result in done:
@@ -106,7 +113,7 @@ def write_results(
             folder = staging / folders[device]
             own = campaign.of_device(device)
             write_calibration(result.calibration, folder / "calibration.json")
-            write_record(record_of(result, own, folder, command, inputs), folder)
+            write_record(record_of(result, own, folder, command, inputs()), folder)
             report_calibration(result, folder, command, campaign=own)
         if len(devices) > 1:
             from ..report.document import calibration_document

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, TYPE_CHECKING
@@ -183,12 +184,14 @@ def _results(folder: Path, *, force: bool, quiet: bool) -> None:
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(folder):
         from ..calibrate.pipeline import calibrate, DeviceFailure
         from ..data.campaign import load_campaign
+        from ..data.inputs import campaign_inputs
         from ..live.recorder import FILES
 
         stages("reading what was recorded")
         loaded = load_campaign(folder)
         results = calibrate(loaded, force=force, progress=stages)
-        folders = calibrate_command.write_results(results, loaded, folder, stages)
+        inputs = partial(campaign_inputs, loaded.path)
+        folders = calibrate_command.write_results(results, loaded, folder, stages, inputs)
     failed = [r for r in results if isinstance(r, DeviceFailure)]
     if failed:
         console.warn(f"{folder}: recorded, but not calibrated: {failed[0].reason}")
