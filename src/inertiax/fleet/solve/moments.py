@@ -62,10 +62,12 @@ def products(
 
 @kept
 def sum_of_terms(x: Array, y: Array) -> Array:
+    """Σ_d x_id y_jd in one expression, of as many dwells as there are."""
     terms = (x[:, None, k] * y[None, :, k] for k in range(x.shape[1]))
     return functools.reduce(jnp.add, terms)
 
 
 @kept
 def sum_of_parts(parts: Array) -> Array:
+    """Sum over the third axis, written out."""
     return functools.reduce(jnp.add, (parts[:, :, k] for k in range(parts.shape[2])))
