@@ -98,7 +98,7 @@ def diagnosis(verdict: str) -> Diagnosis:
             ("time_constant", Parameter(310.0, 12.0, "s")),
             ("k", Parameter(1.0, None, "1")),
         ),
-        evidence=Evidence(512.0, 1e-30, 0.61),
+        evidence=Evidence(512.0, 0.0, 0.61),
         statement=f"accel_y lags behind the probe {EVIL}",
         separating_experiment="a soak of an hour",
     )

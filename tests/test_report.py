@@ -189,6 +189,7 @@ def test_a_diagnosis_is_told_and_drawn(tmp_path, verdict):
         assert "thermal_lag or temperature_rate" in parsed.text
         assert re.search(r"time_constant\s*310\s*12\s*s", parsed.text)
         assert "not determined" in parsed.text
+        assert "p < 1e-300" in parsed.text and "p = 0.0e+00" not in parsed.text
         assert "-75 %" in parsed.text  # held-out rms from 4e-4 to 1e-4
     if verdict == "unexplained":
         assert "a formula" in parsed.text

@@ -85,13 +85,18 @@ def _ratio(found: Diagnosis) -> float:
     return found.augmented.held_out_rms / found.baseline.held_out_rms
 
 
+def _chance(p: float) -> str:
+    """A chance in words; of one below what a number of 64 bits holds the bound."""
+    return f"p = {p:.1e}" if p > 1e-300 else "p < 1e-300"
+
+
 def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
     sections = []
     for number, effect in enumerate(found.effects, start=1):
         evidence = effect.evidence
         lines = [
             effect.in_short or effect.statement,  # the table below has the sizes
-            f"Evidence: ΔBIC {evidence.delta_bic:.0f}, p = {evidence.p_value:.1e}. On data left out of the fit "
+            f"Evidence: ΔBIC {evidence.delta_bic:.0f}, {_chance(evidence.p_value)}. On data left out of the fit "
             f"it {gain_on_left_out(evidence.held_out_gain, 'the misfit')}.",
         ]
         rows = tuple(shown_parameters(effect.name, effect.parameters, found.first))
@@ -225,7 +230,7 @@ def _place_section(found: Diagnosis, folder: Path, campaign: Campaign | None) ->
             f"{since(w.end, found.first):.1f}",
             w.driver,
             f"{w.excess_rms:.2e}",
-            f"{w.p_value:.1e}",
+            _chance(w.p_value).removeprefix("p = ").removeprefix("p "),
         )
         for w in found.where
     )

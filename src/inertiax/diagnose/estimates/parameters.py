@@ -16,6 +16,8 @@ from .moments import tuned_moments
 CHI2_95 = 3.8415  # of one degree of freedom
 LOBES = 6.0  # resolution widths 1/T on either side that a frequency is looked for
 PER_LOBE = 24  # frequencies tried in each
+# Of the largest coefficient: what least squares leave in one that no row shows.
+_ROUNDING = 1e-9
 
 
 def _drop(score: Score, amplitude: float | None) -> float:
@@ -166,6 +168,8 @@ def parameters(
         for k, (value, std) in enumerate(zip(values, spread)):
             name = label if len(values) == 1 else f"{label}[{k}]"
             told = float(std) if found[0].told[k] else None
+            if told is None and abs(value) < _ROUNDING * np.abs(values).max():
+                value = 0.0
             unit = effect.unit(term.triad, term.variant.settings, k)
             made.append((name, Parameter(float(value), told, unit)))
     return tuple(made)
