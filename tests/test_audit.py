@@ -19,7 +19,7 @@ from inertiax.diagnose.plan.detectability import (
     needed,
     sigma,
 )
-from inertiax.diagnose.plan.limits import POWER
+from inertiax.diagnose.plan.limits import Absorbed, Audit, POWER
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.forward import GATE
 from inertiax.diagnose.selection.multiple_testing import Count, Family
@@ -208,3 +208,23 @@ def test_the_page_has_no_row_for_what_is_not_there():
     sections = audit_sections(audit(still()))
     assert all(s.lines or s.tables for s in sections)
     assert not any("alike" in s.title and not s.tables for s in sections)
+
+
+def test_what_the_calibration_estimates_itself_is_said_in_its_own_name():
+    """Three effects of which a model holds two; and an arm that no plateau shows is no misalignment."""
+    by = {
+        "size_effect": ("accel.lever_arm[0,0]", "accel.lever_arm[1,1]"),
+        "g_sensitivity": ("gyro.g_sensitivity[2,0]",),
+        "gravity_error": ("accel.matrix[0,0]",),
+    }
+    made = Audit(
+        not_testable=tuple((name, "the calibration itself absorbs it in this plan") for name in by),
+        detectable=(), aliases=(), absorbed=tuple(Absorbed(n, ("accel_x",), p) for n, p in by.items()),
+        unobservable=("accel.lever_arm[0,2]", "accel.matrix[0,2]"),
+    )  # fmt: skip
+    (blind,) = audit_sections(made)
+    rows = {row[0]: row[1:] for row in blind.tables[0].rows}
+    held = "the calibration estimates it as parameters of its own"
+    assert rows["size_effect"] == rows["g_sensitivity"] == (held, "")
+    assert "accelerometers' scale factor x" in rows["gravity_error"][0] and rows["gravity_error"][1]
+    assert "accelerometers' lever arm xz; accelerometers' misalignment xz" in blind.lines[0]

@@ -74,7 +74,21 @@ def test_the_force_is_that_at_the_device_s_own_place(tmp_path, at_table):
     off = np.abs(made.to_numpy() - (axes if at_table else own))[10:-10].max()
     # Knots of the attitude's spline have jumps in its third derivative; the arms' own part is 1 m/s² here.
     assert off < 0.02 < np.abs(own - axes)[10:-10].max() / 20.0
-    assert ("at 30.0, -20.0, 52.0 mm" in done.notes[-1]) != at_table
+    # One place is said, the right one.
+    (said,) = [note for note in done.notes if "the force is" in note or "force is that" in note]
+    assert ("at 30.0, -20.0, 52.0 mm" in said) != at_table
+    assert ("is that at the table's axes" in said) == at_table and "no plateau" not in said
+
+
+def test_the_force_at_the_table_s_axes_says_which_arms_it_lacks(tmp_path):
+    """Turns about the axes alone show three of nine; the others are held at zero, here ± 7 mm."""
+    moved()[0].write_parquet(tmp_path / "log.parquet")
+    log, out = (tmp_path / f"{n}.parquet" for n in ("log", "out"))
+    done = write_compensated(known(np.diag(PLACE), 7e-3), log, out, at_table=True)
+    assert done.notes[-1].endswith(
+        "arms that no plateau showed, taken for 0 ± 7 mm: "
+        "x along y, x along z, y along x, y along z, z along x, z along y"
+    )
 
 
 def test_where_the_device_was_mounted_is_none_of_its_properties():

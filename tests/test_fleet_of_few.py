@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREAD
 from inertiax.cli.app import app
+from inertiax.cli.next_step import after_fleet
 from inertiax.cli.outputs import folder_names
 from inertiax.fleet.overview.view import triad_view
 from inertiax.fleet.rows import _gaps
@@ -148,3 +149,18 @@ def test_explain_says_how_many_devices_it_needs(tmp_path):
         assert units["U1"][name][0] == units["U2"][name][0] == both[name][0]
     text = (tmp_path / "run" / "devices" / "U2.html").read_text("utf-8")
     assert "Calibrated, with a reservation." in text
+
+
+def test_the_command_to_run_next_diagnoses_a_folder_whose_fit_is_not_good(tmp_path):
+    """Devices of a common table have no campaign of their own to diagnose."""
+    line = tmp_path / "my line"
+    for name in ("A", "B"):
+        (line / name).mkdir(parents=True)
+        (line / name / "campaign.toml").write_text("")
+    assert after_fleet(line, ("B",)) == f"next: inertiax diagnose '{line / 'B'}' -o DIAGNOSIS"
+    assert after_fleet(line, ("A/7", "B")).endswith(
+        f"{line / 'A'}' -o DIAGNOSIS; likewise of 1 more"
+    )
+    assert after_fleet(line, ()) == after_fleet(line, ("C",)) == ""
+    (line / "campaign.toml").write_text("")
+    assert after_fleet(line, ("C", "./D")) == ""

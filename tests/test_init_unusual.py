@@ -399,3 +399,46 @@ def test_stamps_that_stand_twice_and_a_footer_leave_the_clock(tmp_path):
     path = written(tmp_path / "named.csv", (TIME, ACCEL / G), "t_s,ax,ay,az")
     path.write_text(path.read_text() + "TEMPS,21.6,21.4,20.0\n")
     assert draft(path)["columns"]["time"]["rate"] == pytest.approx(50.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "chamber",
+    [
+        "T_Kammer [degC]",
+        "Chamber Temp (C)",
+        "ambient_temp_C",
+        "T_set [C]",
+        "Temp. étuve [°C]",
+        "Temp_aire_horno",
+    ],
+)
+def test_the_device_s_temperature_is_taken_and_not_the_chamber_s_before_it(tmp_path, chamber):
+    warm = 20.0 + TIME / 60.0
+    columns = (TIME, warm + 3.0, ACCEL, GYRO, warm)
+    draft(written(tmp_path / "log.csv", columns, f"time_s,{chamber},{CANONICAL},Temp_2 [C]"))
+    text = (tmp_path / "campaign.toml").read_text()
+    assert f"{chamber}: a further temperature" in text
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.temperature[:, 0], warm, rtol=1e-5)
+
+
+@pytest.mark.parametrize("chamber", ["Chamber Temp (C)", "T_Kammer [degC]"])
+def test_the_chamber_s_temperature_is_taken_where_there_is_none_else(tmp_path, chamber):
+    columns = (TIME, 20.0 + TIME / 60.0, ACCEL, GYRO)
+    found = draft(written(tmp_path / "log.csv", columns, f"time_s,{chamber},{CANONICAL}"))
+    assert found["columns"]["temperature"]["name"] == chamber
+
+
+@pytest.mark.parametrize("beside, serial", [(None, "batch"), ("SN8.csv", "SN7")])
+def test_the_serial_number_that_is_proposed_is_the_file_s_where_its_folder_holds_more(
+    tmp_path, beside, serial
+):
+    """On a station: columns of references are what makes a log one."""
+    home = tmp_path / "batch"
+    home.mkdir()
+    header = f"time_s,{CANONICAL},ref_ax,ref_ay,ref_az"
+    log = written(home / "SN7.csv", (TIME, ACCEL, GYRO, ACCEL), header)
+    if beside is not None:
+        written(home / beside, (TIME, ACCEL, GYRO, ACCEL), header)
+    draft(log)
+    assert f'# serial = "{serial}"' in (home / "campaign.toml").read_text()

@@ -164,3 +164,14 @@ def test_the_unit_of_a_limit_is_that_of_its_text(text, shown):
     assert unit == shown
     size = {"mg": 9.80665e-3, "g": 9.80665, "m/s^2": 1.0, "SI": 1.0}[shown]
     assert factor == pytest.approx(1.0 / size)
+
+
+@pytest.mark.parametrize("arm, said", [((0.03, 0.0, 0.0), True), ((0.03, 0.01, 2e-5), False)])
+def test_lever_arms_of_zero_are_told_from_measured_ones(arm, said):
+    arms = effect(
+        "size_effect", triad="accel", channels=(0,), settings=(), coefficients=np.array(arm),
+        covariance=np.diag([1e-4, 0.03, 0.03]) ** 2, unit="m",
+    )  # fmt: skip
+    section = content.effects(protocol(effects=(arms,)))
+    assert any("held at zero" in line for line in section.lines) == said
+    assert len(section.tables[0].rows) == 3

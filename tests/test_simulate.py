@@ -492,6 +492,7 @@ position_uncertainty = 20.0
 
 [model]
 g_sensitivity = true
+lever_arms = false
 """
 
 
@@ -511,6 +512,7 @@ def test_a_written_campaign_is_read_back_by_the_package(tmp_path):
     assert campaign.rig.position_uncertainty is not None
     np.testing.assert_allclose(campaign.rig.position_uncertainty, 20.0 * np.pi / 180 / 3600)
     assert (campaign.model.g_sensitivity, campaign.grade) == (True, "navigation")
+    assert campaign.model.lever_arms is False
     assert campaign.notes == ()
     first = campaign.recordings[0]
     # 6 rests of 4 s and 5 slews of 2 s, then six times slew 2, spin up 2, turn 4, spin down 2 s.

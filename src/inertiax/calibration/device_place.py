@@ -10,6 +10,7 @@ where it is less than two of its standard deviations: the chips of most devices 
 about two axes shows no less than that.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -41,6 +42,16 @@ def place_on_table(calibration: Calibration) -> Float[np.ndarray, "3"] | None:
         return None
     arms = _arms(calibration)
     return np.where(np.diagonal(arms.seen), np.diagonal(arms.arm), np.nan)
+
+
+def arms_not_shown(calibration: Calibration) -> str:
+    """What the plan did not show of the arms themselves, as the end of a sentence; empty where it showed all."""
+    arms = _arms(calibration)
+    if arms.seen.all():
+        return ""
+    unseen = ", ".join(f"{'xyz'[k]} along {'xyz'[j]}" for k, j in np.argwhere(~arms.seen))
+    sigma = 1e3 * math.sqrt(arms.variance[~arms.seen].max())
+    return f", but for arms that no plateau showed, taken for 0 ± {sigma:.0f} mm: {unseen}"
 
 
 def about_device(calibration: Calibration) -> Calibration:

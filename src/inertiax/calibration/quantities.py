@@ -33,6 +33,8 @@ def label(name: str) -> str:
         return f"field of the current {axes}"
     if kind == "g_sensitivity":
         return f"g-sensitivity {axes}"
+    if kind == "lever_arm":
+        return f"lever arm {axes}"
     return f"scale factor {axes[0]}" if axes[0] == axes[1] else f"misalignment {axes}"
 
 

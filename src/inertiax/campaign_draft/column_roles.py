@@ -202,8 +202,10 @@ def _by_name(log: RawLog) -> Roles:
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
     temperature = [n for n in free if means("temperature", n)] or _t_that_is_no_time(log, free)
-    # Dead ones last
-    temperature.sort(key=lambda n: n in log.numbers and not np.any(log.numbers[n]))
+    # Dead ones last, and before them those of the chamber, which the device follows late
+    temperature.sort(
+        key=lambda n: (n in log.numbers and not np.any(log.numbers[n]), means("surroundings", n))
+    )
     times = [n for n in free if means("time", n) and n not in temperature]
     position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]

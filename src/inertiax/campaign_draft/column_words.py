@@ -12,7 +12,7 @@ from typing import Literal
 
 Role = Literal[
     "accel", "gyro", "mag", "other", "no_mag", "no_gravity", "reference", "rate", "time", "counter",
-    "temperature", "position", "experiment", "device",
+    "temperature", "surroundings", "position", "experiment", "device",
 ]  # fmt: skip
 
 _NUMBER = r"s?(?:[_ .-]*(?:id|no|nr|num|numb?er|nummer|numero|index|#))?[_ .-]*$"
@@ -106,6 +106,15 @@ WORDS: dict[Role, dict[str, str]] = {
         "ru": r"темпер",
         "zh": r"温度|溫度",
         "ko": r"온도",
+    },
+    "surroundings": {  # of a temperature: of what is around the device, or commanded
+        "any": r"klima|climat|ambi[ea]nt|therm\w*_?stat",
+        "en": r"chamber|oven|(?<![a-z])(?:air|room|lab|bath|set(?:_?point)?|target|outside)(?![a-z])",
+        "de": r"kammer|ofen(?![a-z])|umgeb|(?<![a-z])(?:luft|raum|labor|soll)",
+        "fr": r"enceinte|etuve|consigne|(?<![a-z])(?:salle|four)(?![a-z])",
+        "es": r"camara|horno|consigna|(?<![a-z])sala(?![a-z])",
+        "it": r"camera|forno|stanza",
+        "ru": r"камер|окруж|воздух|печ",
     },
     "position": {
         "en": rf"^(?:position|pose){_NUMBER}",

@@ -108,9 +108,17 @@ def draft_campaign(
         site,
         recordings_table(found, folder, paths, own),
         columns,
-        *station_tables(found, angles, latitude, serial=log.absolute().parent.name, own=own),
+        *station_tables(found, angles, latitude, serial=_serial(log, others, table), own=own),
     )
     return draft_of(log, (*tables, _model(found, rests)))
+
+
+def _serial(log: Path, others: Sequence[Path], table: Path | None) -> str:
+    """What a device is called without a column that names it: its folder, or its one file where a folder holds more."""
+    folder = log.absolute().parent
+    mine = {f.absolute() for f in (log, *others, *([] if table is None else [table]))}
+    alone = {f for f in folder.glob(f"*{log.suffix}") if log.suffix} <= mine
+    return folder.name if alone or others else log.stem
 
 
 def _refuse_wrapped(log: Path, found: RawTriads) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, TYPE_CHECKING
 import msgspec
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, next_step, outputs
 from .calibrate import command_line
 from .options import AsJson, CampaignPath, OutputFolder, Quiet
 
@@ -124,7 +124,7 @@ def fleet(
                 earlier=earlier,
                 temperatures=temperatures,
             )
-    _tell(summary, page, output, explain=explain, as_json=as_json, quiet=quiet)
+    _tell(summary, page, campaign, output, explain=explain, as_json=as_json, quiet=quiet)
     if not summary.calibrated:
         why = "; ".join(f"{count} × {reason}" for reason, count in summary.reasons[:3])
         console.warn(f"none of {summary.devices} devices was calibrated: {why}")
@@ -171,6 +171,7 @@ def _one_device(output: Path, device: str, *, as_json: bool) -> None:
 def _tell(
     summary: "FleetSummary",
     page: "FleetPage",
+    campaign: Path,
     output: Path,
     *,
     explain: bool,
@@ -210,3 +211,6 @@ def _tell(
         for sentence in (s for found in line for s in found.sentences):
             console.say(f"  {sentence}")
         console.say(f"results in {output}, see {output / 'report.html'}")
+        following = next_step.after_fleet(campaign, page.reserved)
+        if following:
+            console.say(following)

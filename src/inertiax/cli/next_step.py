@@ -1,6 +1,7 @@
 """The last line of a command: the command to run next, to be copied."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,16 @@ def after_diagnose(verdict: str, campaign: Path, output: Path, *, lever_arms: bo
             f"next: look where it is in {_path(output / 'report.html')}; docs/how-to/unexplained.md"
         )
     return f"next: {_compensate(campaign, output)}{_sign(output)}"
+
+
+def after_fleet(campaign: Path, reserved: Sequence[str]) -> str:
+    """Diagnose the first device whose fit is not good, where each has a folder of its own; else nothing."""
+    for device in reserved:
+        for folder in (campaign / device, campaign / Path(device).parent):
+            if folder != campaign and (folder / "campaign.toml").is_file():
+                rest = "" if len(reserved) == 1 else f"; likewise of {len(reserved) - 1} more"
+                return f"next: inertiax diagnose {_path(folder)} -o DIAGNOSIS{rest}"
+    return ""
 
 
 def _with_lever_arms(campaign: Path, output: Path) -> str:

@@ -12,7 +12,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..calibration.calibration import Calibration
-from ..calibration.device_place import about_device, place_on_table
+from ..calibration.device_place import about_device, arms_not_shown, place_on_table
 from ..calibration.over_rows import compensated_rows
 from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
@@ -134,9 +134,14 @@ def at_place(
     calibration: Calibration, name: str, *, at_table: bool
 ) -> tuple[Calibration, tuple[str, ...]]:
     """The calibration whose lever arms are about the device's own place, and a note that says where that was."""
-    place = None if at_table else place_on_table(calibration)
+    place = place_on_table(calibration)
     if place is None:
         return calibration, ()
+    if at_table:
+        note = (
+            "with the lever arms taken away, the accelerometers' force is that at the table's axes"
+        )
+        return calibration, (f"{name}: {note}{arms_not_shown(calibration)}",)
     shown = ", ".join("not shown" if np.isnan(p) else f"{1e3 * p:.1f}" for p in place)
     note = (
         f"{name}: the force is that at the device's own place, which the table turned at {shown} mm (x, y, z) from its "
@@ -364,10 +369,6 @@ def notes_on(
             named = [e.name for e in calibration.effects if e.triad == triad]
             kept = f"have only {', '.join(named)} taken away" if named else "are left as recorded"
             notes.append(f"{name}: the {label} were not calibrated and {kept}")
-    if any(e.name == "size_effect" for e in calibration.effects) and recording.accel is not None:
-        notes.append(
-            f"{name}: with the lever arms taken away, the accelerometers' force is that at the table's axes"
-        )
     if feels_current(calibration) and recording.mag is not None and recording.current is None:
         notes.append(
             f"{name}: no current column, so that its field is not taken from the magnetometers'"

@@ -246,8 +246,14 @@ def effects(protocol: Protocol) -> Section | None:
         "What a diagnosis found and fitted beside the parameters; they hold without it, and a reading needs both. "
         f"± is the expanded uncertainty of {100 * COVERAGE:g} %, its covariance taken as known."
     )
+    lines = (line,)
+    if any(e.effect == "size_effect" and e.value == 0.0 for e in protocol.effects):
+        lines += (
+            "Lever arms of 0 are those that no plateau of the table shows: held at zero, as uncertain as the others "
+            "are long.",
+        )
     head = ("effect", "channel", "term", "value", "±", "unit")
-    return Section("Named effects", lines=(line,), tables=(Table(head, rows, numeric=(3, 4)),))
+    return Section("Named effects", lines=lines, tables=(Table(head, rows, numeric=(3, 4)),))
 
 
 def _effect_text(effect: EffectResult) -> tuple[str, str, str]:

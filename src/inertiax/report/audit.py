@@ -10,6 +10,8 @@ from .page import Section, Table
 
 
 _TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
+# Effects that a calibration may estimate beside its other parameters, and what those are called
+_OF_THE_MODEL = {"g_sensitivity": "g_sensitivity", "size_effect": "lever_arm"}
 _COLUMNS = {
     "temperature, at_temperature": "temperature",
     "no at_temperature recorded or known": "the model meant has no temperature dependence",
@@ -99,6 +101,9 @@ def _blind(audit: Audit, catalogue: Sequence[Effect]) -> Section:
             continue
         if name in by and by[name].by:
             shown = ", ".join(_parameter(p) for p in by[name].by)
+            if all(_kind(p) == _OF_THE_MODEL.get(name) for p in by[name].by):
+                rows.append((name, "the calibration estimates it as parameters of its own", ""))
+                continue
             reason = f"the calibration absorbs it: it looks like {shown}"
         if reason.startswith("it needs"):
             reason = "this plan does not excite it"
@@ -123,6 +128,11 @@ def _plain(reason: str) -> str:
     for column, words in _COLUMNS.items():
         reason = reason.replace(column, words)
     return reason
+
+
+def _kind(name: str) -> str:
+    """`lever_arm` of `accel.lever_arm[0,1]`."""
+    return name.partition(".")[2].partition("[")[0]
 
 
 def _parameter(name: str) -> str:

@@ -14,6 +14,7 @@ from .page import Section, Table
 _TITLE = "Lever arms"
 _MM = 1e3
 _WHERE = "Where each accelerometer is, from the point about which the table turns"
+_HELD = " 0: no plateau shows it; held at zero, as uncertain as the others are long."
 
 
 def device_lever_arms(row: dict) -> list[Section]:
@@ -28,7 +29,8 @@ def device_lever_arms(row: dict) -> list[Section]:
         for j in range(3)
     )
     head = ("accelerometer", "mm", "± 1 sigma")
-    return [Section(_TITLE, tables=(Table(head, rows, numeric=(1, 2), caption=f"{_WHERE}."),))]
+    caption = f"{_WHERE}.{_HELD if np.any(arms == 0.0) else ''}"
+    return [Section(_TITLE, tables=(Table(head, rows, numeric=(1, 2), caption=caption),))]
 
 
 def line_lever_arms(folder: Path, manifest: Manifest) -> list[Section]:
@@ -48,6 +50,7 @@ def line_lever_arms(folder: Path, manifest: Manifest) -> list[Section]:
         rows.append((name, *shown, with_sigma(0.0, own)[1]))
     head = ("accelerometer", "median, mm", "least", "greatest", "own 1 sigma")
     caption = f"{_WHERE}, over {kept.height} devices; own: of one device, median."
+    caption += _HELD if np.any(arms == 0.0) else ""
     return [
         Section(_TITLE, tables=(Table(head, tuple(rows), numeric=(1, 2, 3, 4), caption=caption),))
     ]

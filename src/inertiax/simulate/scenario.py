@@ -104,6 +104,9 @@ class ModelTable(_Strict, frozen=True):
     accel_estimator: Literal["invariant", "reference", "static"] | None = None
     gyro_estimator: Literal["reference", "gravity", "static"] | None = None
     g_sensitivity: bool | None = None
+    lever_arms: bool | None = (
+        None  # the simulated case turns about its sensors: their truth is zero
+    )
     temperature_degree: int | None = None
 
 
