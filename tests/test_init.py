@@ -180,6 +180,26 @@ def test_a_file_without_names_is_told_by_its_numbers(tmp_path):
     check(tmp_path)
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_a_flight_controller_s_two_files_are_one_log(tmp_path, named):
+    """As `ulog2csv` writes them, twelve columns each; the second one given like a further log, or left out."""
+    rows = {"accel": ACCEL, "gyro": GYRO}
+    files = {t: tmp_path / f"hand_sensor_{t}_0.csv" for t in rows}
+    for triad, values in rows.items():
+        stamps = 1e6 * TIME + 1300.0 * (triad == "gyro")
+        columns = np.column_stack([stamps + 620.0, stamps, np.full(len(TIME), 2490378), values])
+        body = "".join(",".join(f"{v:.10g}" for v in row) + ",41.5,0,0,0,0,8\n" for row in columns)
+        files[triad].write_text(
+            "timestamp,timestamp_sample,device_id,x,y,z,temperature,error_count,clip_counter[0],clip_counter[1],"
+            f"clip_counter[2],samples\n{body}"
+        )
+    others = [files["gyro"]] if named else []
+    toml = tomllib.loads(draft_campaign(files["accel"], tmp_path, others=others).text)
+    assert toml["recordings"]["files"] == ["hand_sensor_accel_0.csv"]
+    assert toml["recordings"]["gyro_files"] == ["hand_sensor_gyro_0.csv"]
+    assert toml["columns"]["gyro"] == {"names": ["x", "y", "z"], "unit": "rad/s"}
+
+
 def test_triads_apart_are_found_beside_each_other(tmp_path):
     sparse = slice(0, None, 2)
     accel = np.column_stack([TIME, ACCEL])[sparse]

@@ -39,6 +39,10 @@ HEADERS = [
     ("ArduPilot", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz", 0, 5, 2, 10, ("us", None, None)),
     ("Betaflight", "loopIteration,time (us),axisP[0],gyroADC[0],gyroADC[1],gyroADC[2],accSmooth[0],accSmooth[1],"
      "accSmooth[2],setpoint[0],setpoint[1],setpoint[2]", 1, 6, 3, None, ("us", None, None)),
+    ("INAV", "loopIteration,time (us),axisRate[0],axisRate[1],axisRate[2],axisP[0],axisP[1],axisP[2],axisI[0],axisI[1],"
+     "axisI[2],rcCommand[0],rcCommand[1],rcCommand[2],rcCommand[3],gyroADC[0],gyroADC[1],gyroADC[2],accSmooth[0],"
+     "accSmooth[1],accSmooth[2],attitude[0],attitude[1],attitude[2],motor[0],motor[1],motor[2],motor[3],imuTemperature,"
+     "baroTemperature", 1, 18, 15, 28, ("us", None, None)),
     ("DJI DatCon", "Clock:offsetTime,IMU_ATTI(0):roll:C,IMU_ATTI(0):pitch:C,IMU_ATTI(0):yaw:C,IMU_ATTI(0):accelX,"
      "IMU_ATTI(0):accelY,IMU_ATTI(0):accelZ,IMU_ATTI(0):gyroX,IMU_ATTI(0):gyroY,IMU_ATTI(0):gyroZ,"
      "IMU_ATTI(0):magX,IMU_ATTI(0):magY,IMU_ATTI(0):magZ", 0, 4, 7, None, (None, None, None)),
@@ -170,6 +174,27 @@ def test_gyros_whose_name_says_nothing_are_told_by_what_they_read(tmp_path, name
     (read,) = load_campaign(tmp_path).recordings
     np.testing.assert_allclose(read.accel, accel, atol=1e-6)
     np.testing.assert_allclose(read.gyro, gyro, atol=1e-6)
+
+
+def _with_dead_columns(folder: Path, alive: bool) -> Path:
+    """A hand log behind three accelerometer columns that the logger left at zero."""
+    time, accel, gyro = hand_log()
+    live = [accel / G] if alive else []
+    columns = np.concatenate([time[:, None], np.zeros_like(accel), *live, gyro], axis=1)
+    names = "t,accHigh[0],accHigh[1],accHigh[2]," + "acc[0],acc[1],acc[2]," * alive
+    text = "\n".join(",".join(f"{v:.9g}" for v in row) for row in columns)
+    (folder / "log.csv").write_text(f"{names}gyro[0],gyro[1],gyro[2]\n{text}\n")
+    return folder / "log.csv"
+
+
+def test_columns_of_zeros_stand_back_behind_columns_that_read(tmp_path):
+    made = draft_campaign(_with_dead_columns(tmp_path, alive=True), tmp_path).text
+    assert 'accel = { names = ["acc[0]", "acc[1]", "acc[2]"], unit = "g" }' in made
+
+
+def test_accelerometers_of_zeros_alone_are_refused_by_name(tmp_path):
+    with pytest.raises(ValueError, match=r"accHigh\[0\], .* are zero throughout"):
+        draft_campaign(_with_dead_columns(tmp_path, alive=False), tmp_path)
 
 
 def test_a_name_that_stands_twice_is_not_guessed(tmp_path):

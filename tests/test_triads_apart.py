@@ -5,9 +5,11 @@
 import numpy as np
 import pytest
 
+from inertiax.calibration.calibration import Calibration
 from inertiax.data.campaign import load_campaign
 from inertiax.data.pairing import pair
 from inertiax.data.recording import Recording
+from inertiax.exports.compensated_recording import compensate_file
 
 
 RATE, SLOPE = np.array([0.3, -0.2, 0.1]), np.array([0.05, 0.02, -0.07])
@@ -92,6 +94,19 @@ def test_a_campaign_reads_phones_files_of_different_width(tmp_path):
     campaign = load_campaign(tmp_path)
     np.testing.assert_array_equal(campaign.recordings[0].gyro, gyro.gyro)
     assert campaign.notes[0].startswith("accelerometer.txt + gyroscope.txt: the triads have stamps")
+
+
+def test_one_triad_s_file_is_not_taken_for_both(tmp_path):
+    """`x, y, z` are accelerometers in one file and gyros in the other: of one alone, rates would be accelerations."""
+    (tmp_path / "accel.csv").write_text(
+        "time,x,y,z\n" + "".join(f"{k},0,0,9.8\n" for k in range(9))
+    )
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.80665\n[recordings]\nfiles = ["accel.csv"]\ngyro_files = ["gyro.csv"]\n'
+        '[columns]\naccel = { names = ["x", "y", "z"] }\ngyro = { names = ["x", "y", "z"] }\n'
+    )
+    with pytest.raises(ValueError, match="accel.csv: the columns x, y, z .* by --gyro FILE"):
+        compensate_file(Calibration(9.80665), tmp_path / "accel.csv", campaign=tmp_path)
 
 
 def test_counted_rows_must_agree():

@@ -159,7 +159,7 @@ def calibrate_device(
     choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
     ramps = sum(s.ramps for s in segments)
     choices += [f"plateaus: {ramps_sentence(ramps)}"] if ramps else []
-    warnings = [*campaign.notes, *statements(found_odd), *_of_turning(campaign, segments)]
+    warnings = [*statements(found_odd), *_of_turning(campaign, segments)]
     warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells
     if chosen.accel_estimator is not None:
@@ -196,6 +196,7 @@ def calibrate_device(
         choices.extend(f"gyros: {w}" for w in rate_words(chosen.gyro_estimator, campaign.rig))
     estimators = (chosen.accel_estimator, chosen.gyro_estimator)
     warnings.extend(table_words(raw, campaign.rig, estimators))
+    warnings.extend(campaign.notes)  # how files were read: behind what the data themselves say
     spec = _described(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,

@@ -185,6 +185,8 @@ def _by_name(log: RawLog) -> Roles:
     array = [t for t in unnamed if by_norm and t not in by_norm and of_one_six(t, by_norm[0])]
     kinds["gyro"] += [] if kinds["gyro"] else array[:1]
     kinds["accel"].sort(key=lambda t: means("no_gravity", called(t)))
+    for found in kinds.values():
+        found.sort(key=lambda t: _reads_nothing(log, t))
     doubled = gyros_of_one_name(log, kinds)
     notes = [
         f"{t[0]}, {t[1]}, {t[2]}: taken for the gyros, because of those of this name it is the one without gravity"
@@ -227,6 +229,11 @@ def _by_name(log: RawLog) -> Roles:
             t for t in unnamed if t not in by_norm[:1] and all(n in log.numbers for n in t)
         ),
     )
+
+
+def _reads_nothing(log: RawLog, triad: tuple[str, str, str]) -> bool:
+    """Whether all three columns are zero or empty throughout."""
+    return not any(np.nan_to_num(log.numbers[n]).any() for n in triad if n in log.numbers)
 
 
 def _t_that_is_no_time(log: RawLog, free: list[str]) -> list[str]:

@@ -19,7 +19,7 @@ _NUMBER = r"s?(?:[_ .-]*(?:id|no|nr|num|numb?er|nummer|numero|index|#))?[_ .-]*$
 
 WORDS: dict[Role, dict[str, str]] = {
     "accel": {
-        "any": r"^a[_ .-]?x|^x?a$|^f[_ .-]?x|^gfx|a_rs_s",
+        "any": r"^a[_ .-]?x(?!is)|^x?a$|^f[_ .-]?x|^gfx|a_rs_s",
         "en": r"acc|force|delta[_ .-]?v(?:el)?",
         "de": r"beschl|spez\w*[_ .-]*kraft",
         "es": r"acel",  # and Portuguese

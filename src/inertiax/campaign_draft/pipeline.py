@@ -34,7 +34,8 @@ from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit
-from .raw_triads import columns, RawTriads, read_triads
+from .raw_log import read_log
+from .raw_triads import columns, gyros_beside, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
 from .references import force_unit
 from .resting import drifts_in_one_pose, poses, Resting, resting
@@ -72,6 +73,7 @@ def draft_campaign(
     """
     for given in (log, *others):
         _refuse_folder(given)
+    gyro, others = _with_gyros_among(log, others, gyro)
     site = _site(latitude, height)
     chosen = format_of(log).NAME
     paths = file_names((log, *others), folder)
@@ -119,6 +121,17 @@ def _serial(log: Path, others: Sequence[Path], table: Path | None) -> str:
     mine = {f.absolute() for f in (log, *others, *([] if table is None else [table]))}
     alone = {f for f in folder.glob(f"*{log.suffix}") if log.suffix} <= mine
     return folder.name if alone or others else log.stem
+
+
+def _with_gyros_among(
+    log: Path, others: Sequence[Path], gyro: Path | None
+) -> tuple[Path | None, tuple[Path, ...]]:
+    """The gyros' file and the further recordings, where two files named alike are given as two recordings."""
+    if gyro is None and len(others) == 1 and format_of(log).NAME in _TABLES:
+        beside_it = gyros_beside(log, read_log(log))
+        if beside_it is not None and beside_it.absolute() == others[0].absolute():
+            return others[0], ()
+    return gyro, tuple(others)
 
 
 def _refuse_wrapped(log: Path, found: RawTriads) -> None:
@@ -222,6 +235,11 @@ def _columns(
     lines, remarks = [] if rests.single_rows else [_time(found)], []
     named = found.log.has_header and found.log.format != "imu_tk"
     if found.accel is not None:
+        if not found.accel.any():
+            raise ValueError(
+                f"{found.log.path}: {', '.join(found.roles.accel or ())} are zero throughout: the logger did not fill "
+                "these columns. Log the accelerometers, or name other columns under [columns] in a campaign.toml."
+            )
         unit = accel_unit(found.accel, rests, found.accel_words)
         told = unit.certain and (unit.scale is None or whole(found.accel))
         told = told and not rests.turned and NO_RESTS not in unit.why

@@ -47,7 +47,7 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     log = read_log(path)
     if gyro_path is None:
         try:
-            return _read(path, log, _gyros_beside(path, log))
+            return _read(path, log, gyros_beside(path, log))
         except ValueError:  # what lies beside it is no part of this log
             return _read(path, log, None)
     return _read(path, log, gyro_path)
@@ -117,9 +117,12 @@ def columns(log: RawLog, names: tuple[str, str, str] | None) -> Float[np.ndarray
     return None if names is None else np.stack([log.numbers[n] for n in names], axis=1)
 
 
-def _gyros_beside(path: Path, log: RawLog) -> Path | None:
-    """The gyros' file beside one that holds the accelerometers alone: `gyroscope.txt` beside `accelerometer.txt`."""
-    if "acc" not in path.stem.lower() or len(log.names) > 5:
+def gyros_beside(path: Path, log: RawLog) -> Path | None:
+    """The gyros' file beside one that holds the accelerometers alone: `gyroscope.txt` beside `accelerometer.txt`.
+
+    Raises `ValueError` where the log holds no triad.
+    """
+    if "acc" not in path.stem.lower() or roles_of(log).gyro is not None:
         return None
     for word, others in (
         ("accelerometer", ("gyroscope", "gyro")), ("acceleration", ("gyroscope",)), ("accel", ("gyro",)),

@@ -283,9 +283,16 @@ def source_of(
 ) -> tuple[ColumnMap, Layout, ModuleType]:
     """How a recording is to be read: names and units, layout, format.
 
-    Raises `ValueError` where it is none, or was compensated before.
+    Raises `ValueError` where it is none, was compensated before, or holds one triad whose columns are called as the
+    other's, which no `gyro_file` holds.
     """
     columns, layout, format_name = _mapping(campaign)
+    of_both = _named(columns, "accel") & _named(columns, "gyro")
+    if of_both and gyro_file is None:
+        raise ValueError(
+            f"{path}: the columns {', '.join(sorted(of_both))} are the accelerometers' and, in a file of their own, "
+            "the gyros'; name that file by --gyro FILE."
+        )
     for file in (path, gyro_file):
         if file is not None and is_compensated(file):
             raise ValueError(

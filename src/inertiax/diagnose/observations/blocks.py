@@ -23,6 +23,7 @@ from ...reduction.segments import (
     segment_each,
     Segments,
 )
+from .block_length import length_beyond_tremor
 
 
 MOST_BLOCKS = 1600
@@ -238,6 +239,7 @@ def cut(log: Log) -> Blocks:
     total = sum(b - a for a, b, _ in runs)
     coarsest = max(FEWEST_SAMPLES, -(-total // MOST_BLOCKS))
     held = log.segments.held_by_hand
+    shortest = _beyond_tremor(log, runs, coarsest) if log.searched else coarsest
     start, stop, dwell = [], [], []
     for a, b, number in runs:
         pieces = max(
@@ -247,6 +249,8 @@ def cut(log: Log) -> Blocks:
                 max(PER_DWELL, (b - a) // (4 * coarsest) + 1, round((b - a) * MOST_BLOCKS / total)),
             ),
         )
+        if shortest > coarsest:
+            pieces = min(pieces, max(PER_DWELL, (b - a) // shortest))
         if held[number]:
             pieces = 1
         cuts = np.linspace(a, b, pieces + 1).round().astype(int)
@@ -254,6 +258,22 @@ def cut(log: Log) -> Blocks:
         stop.extend(cuts[1:])
         dwell.extend([number] * pieces)
     return _summarise(log, np.array(start), np.array(stop), np.array(dwell))
+
+
+def _beyond_tremor(log: Log, runs: Sequence[tuple[int, int, int]], shortest: int) -> int:
+    """Samples of a block that a hand's tremor does not reach, where rests were found in the data.
+
+    Of the force it is |a| that tells: a hand also tilts the device slowly, which its axes see and |a| does not.
+    """
+    position, held = log.segments.position, log.segments.held_by_hand
+    rests = [(a, b) for a, b, k in runs if position[k] >= 0 and not held[k]]
+    channels = [] if log.gyro is None else [log.gyro]
+    if log.accel is not None:
+        channels.append(np.linalg.norm(log.accel, axis=1, keepdims=True))
+    if not rests or not channels:
+        return shortest
+    first, stop = np.array(rests).T
+    return length_beyond_tremor(np.concatenate(channels, axis=1), first, stop, shortest)
 
 
 def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray) -> Blocks:
