@@ -5,8 +5,9 @@
 import numpy as np
 import pytest
 
+from inertiax.allan import noise_of_triads
 from inertiax.calibration.calibration import Calibration
-from inertiax.data.campaign import load_campaign
+from inertiax.data.campaign import load_campaign, load_triads_apart
 from inertiax.data.pairing import pair
 from inertiax.data.recording import Recording
 from inertiax.exports.compensated_recording import compensate_file
@@ -107,6 +108,34 @@ def test_one_triad_s_file_is_not_taken_for_both(tmp_path):
     )
     with pytest.raises(ValueError, match="accel.csv: the columns x, y, z .* by --gyro FILE"):
         compensate_file(Calibration(9.80665), tmp_path / "accel.csv", campaign=tmp_path)
+
+
+def test_the_noise_of_triads_apart_is_that_of_their_own_samples(tmp_path):
+    """White noise of 0.01 rad/s, on stamps 3 ms of 10 ms behind the accelerometers': straight lines would leave
+    √(0.7² + 0.3²) = 0.76 of it."""
+    rng, time = np.random.default_rng(5), np.arange(12000) / 100.0
+    for triad, stamps, values in (
+        ("accel", time, [0.0, 0.0, 9.8] + 0.02 * rng.normal(size=(len(time), 3))),
+        ("gyro", time[:-2] + 0.003, 0.01 * rng.normal(size=(len(time) - 2, 3))),
+    ):
+        rows = np.column_stack([stamps, values])
+        np.savetxt(tmp_path / f"{triad}.csv", rows, "%.9g", ",", header="time,x,y,z", comments="")
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.8\n[recordings]\nfiles = ["accel.csv"]\ngyro_files = ["gyro.csv"]\n'
+        '[columns]\naccel = { names = ["x", "y", "z"] }\ngyro = { names = ["x", "y", "z"] }\n'
+    )
+    ((accel, gyro),) = load_triads_apart(tmp_path)
+    found = {c.channel: c for c in noise_of_triads(accel, gyro).channels}
+    for triad, sigma in (("accel", 0.02), ("gyro", 0.01)):
+        for axis in "xyz":
+            # Of 12000 samples a standard deviation is known to 0.65 %, and N from them to about twice that.
+            channel = found[f"{triad}_{axis}"]
+            assert channel.sample == pytest.approx(sigma, rel=4 * 0.0065)
+            assert channel.model.discrete_sigma == pytest.approx(sigma, rel=4 * 0.013)
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.8\n[recordings]\nfiles = ["accel.csv"]\n'
+    )
+    assert load_triads_apart(tmp_path) == ()
 
 
 def test_counted_rows_must_agree():

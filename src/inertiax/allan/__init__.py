@@ -8,7 +8,12 @@ from .deviations import (
     usual_factors as usual_factors,
 )
 from .identify import identify as identify
-from .logs import ChannelNoise as ChannelNoise, LogNoise as LogNoise, noise_of as noise_of
+from .logs import (
+    ChannelNoise as ChannelNoise,
+    LogNoise as LogNoise,
+    noise_of as noise_of,
+    noise_of_triads as noise_of_triads,
+)
 from .model import NoiseModel as NoiseModel, NoiseTerm as NoiseTerm, TERMS as TERMS
 from .process_noise import (
     read_triad_noise as read_triad_noise,

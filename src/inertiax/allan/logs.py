@@ -117,6 +117,27 @@ def noise_of(
     )
 
 
+def noise_of_triads(
+    accel: Recording, gyro: Recording, *, progress: Callable[[str], None] | None = None
+) -> LogNoise:
+    """The noise of a log whose triads were logged apart, each by its own samples.
+
+    Of samples put onto the other triad's stamps by straight lines as little as half of the white noise would be left.
+    Rate and duration are the accelerometers'; each channel has its own rate.
+
+    Raises `ValueError` as `noise_of` does.
+    """
+    one, other = (noise_of(r, progress=progress) for r in (accel, gyro))
+    return LogNoise(
+        f"{one.recording} + {other.recording}",
+        one.device or other.device,
+        one.rate,
+        one.duration,
+        (*one.channels, *other.channels),
+        tuple(dict.fromkeys((*one.notes, *other.notes))),
+    )
+
+
 def _channel(name: str, triad: str, log: Log, rate: float) -> ChannelNoise:
     model = identify_samples(log, rate=rate, triad=triad)
     curve = _curve(log, rate)

@@ -38,7 +38,8 @@ def noise(
         outputs.owned_results(output),
         environment.prepared_to_draw("inertiax.plots.noise_panels"),
     ):
-        from ..allan import logs_of, name_of, noise_of
+        from ..allan import logs_of, name_of, noise_of, noise_of_triads
+        from ..data.campaign import load_triads_apart
         from ..plausibility import require_plausible, statements
         from ..report.noise import noise_document, print_noise, write_figures
 
@@ -46,7 +47,8 @@ def noise(
         campaign = _campaign(log)
         odd = require_plausible(campaign, force=force)
         compensated = _compensated(campaign, log)
-        found = [
+        apart = () if campaign.path is None else load_triads_apart(campaign.path)
+        found = [noise_of_triads(*triads, progress=stages) for triads in apart] or [
             noise_of(parts, compensated=name_of(parts).startswith(compensated), progress=stages)
             for parts in logs_of(campaign.recordings)
         ]

@@ -53,6 +53,23 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
     )
 
 
+def load_triads_apart(path: Path | str) -> tuple[tuple[Recording, Recording], ...]:
+    """The accelerometers' and the gyros' recording of each log of a campaign, each on stamps of its own, in SI.
+
+    Empty where the same files hold both. Raises `ValueError` as `load_campaign` does.
+    """
+    file = _campaign_file(Path(path))
+    table = read_table(file)
+    if table.recordings.gyro_files is None:
+        return ()
+    try:
+        accels, gyros = _read_apart(table, file.parent, _layout(table))
+        named = [_named(tuple(found), table.device.serial) for found in (accels, gyros)]
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    return tuple(zip(*named, strict=True))
+
+
 def _note_on_empty_rows(recording: Recording) -> str:
     several = recording.empty_rows > 1
     return (
@@ -256,17 +273,7 @@ def _read_all(
 ) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
     """The recordings, and notes on how they were put together."""
     said, folder = table.recordings, file.parent
-    special = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
-    special += ("header_line",)
-    layout = Layout(
-        names=said.names,
-        gyro_names=said.gyro_names,
-        start_row=said.start_row,
-        gravity=table.site.gravity,
-        latitude=_site(table.site).latitude,
-        turntable=table.table,
-        **{key: getattr(said, key) for key in special},
-    )
+    layout = _layout(table)
     if said.gyro_files is None:
         files = find_files(folder, said.files)
         layouts = _with_table_logs(table, folder, files, layout)
@@ -275,6 +282,43 @@ def _read_all(
             for f, one in zip(files, layouts, strict=True)
             for r in read(f, table.columns, one, name=said.format)
         ), _compensated_notes(folder, said, set(files))
+    accels, gyros = _read_apart(table, folder, layout)
+    time = table.columns.time
+    counted = isinstance(time, TimeColumn) and time.rate is not None
+    paired = [pair(a, g, counted=counted) for a, g in zip(accels, gyros, strict=True)]
+    notes = tuple(p.note for p in paired if p.note is not None)
+    return tuple(p.recording for p in paired), notes + _compensated_notes(
+        folder,
+        said,
+        {
+            *find_files(folder, said.files),
+            *find_files(folder, said.gyro_files, "gyro_files"),
+        },
+    )
+
+
+def _layout(table: CampaignTable) -> Layout:
+    """How the files under `[recordings]` are laid out."""
+    said = table.recordings
+    special = ("group", "topic", "temperature_topic", "instance", "sections", "turn_angle")
+    special += ("header_line",)
+    return Layout(
+        names=said.names,
+        gyro_names=said.gyro_names,
+        start_row=said.start_row,
+        gravity=table.site.gravity,
+        latitude=_site(table.site).latitude,
+        turntable=table.table,
+        **{key: getattr(said, key) for key in special},
+    )
+
+
+def _read_apart(
+    table: CampaignTable, folder: Path, layout: Layout
+) -> tuple[list[Recording], list[Recording]]:
+    """The accelerometers' recordings and the gyros', from as many files in the same order."""
+    said = table.recordings
+    assert said.gyro_files is not None
     if said.table_files is not None:
         raise ValueError(
             "[recordings] table_files: needs both triads in each of files; gyro_files logs them apart."
@@ -286,15 +330,14 @@ def _read_all(
             f"[recordings] gyro_files names {len(gyro_files)} files but files names "
             f"{len(accel_files)}; they are paired in order, so there must be as many."
         )
-    triads = []
-    for triad, files in (("accel", accel_files), ("gyro", gyro_files)):
-        one = msgspec.structs.replace(layout, triad=triad)
-        triads.append(
-            [r for f in files for r in read_recordings(f, table.columns, one, name=said.format)]
-        )
-    time = table.columns.time
-    counted = isinstance(time, TimeColumn) and time.rate is not None
-    paired = [pair(a, g, counted=counted) for a, g in zip(*triads, strict=True)]
-    notes = tuple(p.note for p in paired if p.note is not None)
-    notes += _compensated_notes(folder, said, {*accel_files, *gyro_files})
-    return tuple(p.recording for p in paired), notes
+    accels, gyros = (
+        [
+            r
+            for f in files
+            for r in read_recordings(
+                f, table.columns, msgspec.structs.replace(layout, triad=triad), name=said.format
+            )
+        ]
+        for triad, files in (("accel", accel_files), ("gyro", gyro_files))
+    )
+    return accels, gyros
