@@ -228,3 +228,13 @@ def test_what_the_calibration_estimates_itself_is_said_in_its_own_name():
     assert rows["size_effect"] == rows["g_sensitivity"] == (held, "")
     assert "accelerometers' scale factor x" in rows["gravity_error"][0] and rows["gravity_error"][1]
     assert "accelerometers' lever arm xz; accelerometers' misalignment xz" in blind.lines[0]
+
+
+def test_a_plan_is_not_said_to_lack_what_only_its_ramps_show():
+    """Ramps are no rows of an audit, so that it cannot know whether they show a delay."""
+    silent = {"time_delay": "it needs ramps", "quantization": "it needs noise below half a step"}
+    made = Audit(not_testable=tuple(silent.items()), detectable=(), aliases=(), absorbed=())
+    (blind,) = audit_sections(made)
+    rows = {row[0]: row[1] for row in blind.tables[0].rows}
+    assert "in the ramps" in rows["time_delay"] and "does not excite" not in rows["time_delay"]
+    assert rows["quantization"] == "this plan does not excite it"

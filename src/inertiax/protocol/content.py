@@ -243,7 +243,7 @@ def effects(protocol: Protocol) -> Section | None:
         for e in protocol.effects
     )
     line = (
-        "What a diagnosis found and fitted beside the parameters; they hold without it, and a reading needs both. "
+        "What the model, or a diagnosis, fitted beside the parameters; they hold without it, and a reading needs both. "
         f"± is the expanded uncertainty of {100 * COVERAGE:g} %, its covariance taken as known."
     )
     lines = (line,)

@@ -12,6 +12,7 @@ from .page import Section, Table
 _TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
 # Effects that a calibration may estimate beside its other parameters, and what those are called
 _OF_THE_MODEL = {"g_sensitivity": "g_sensitivity", "size_effect": "lever_arm"}
+_IN_RAMPS = "that are audited do not show it; a diagnosis looks for it in the ramps between them"
 _COLUMNS = {
     "temperature, at_temperature": "temperature",
     "no at_temperature recorded or known": "the model meant has no temperature dependence",
@@ -93,6 +94,7 @@ def _alike(audit: Audit) -> Section:
 def _blind(audit: Audit, catalogue: Sequence[Effect]) -> Section:
     """Effects that the calibration absorbs or that the plan does not excite, and what it would take."""
     needs = {e.name: e.needs for e in catalogue}
+    in_ramps = {e.name for e in catalogue if e.stream_delay}
     by = {a.name: a for a in audit.absorbed}
     rows = []
     other = [name for name, reason in audit.not_testable if reason.startswith("it is an effect")]
@@ -106,7 +108,12 @@ def _blind(audit: Audit, catalogue: Sequence[Effect]) -> Section:
                 continue
             reason = f"the calibration absorbs it: it looks like {shown}"
         if reason.startswith("it needs"):
-            reason = "this plan does not excite it"
+            streamed = name in in_ramps
+            reason = (
+                f"the rows of rests and plateaus {_IN_RAMPS}"
+                if streamed
+                else "this plan does not excite it"
+            )
         rows.append((name, _plain(reason), needs.get(name, "")))
     lines = []
     if other:
