@@ -246,6 +246,15 @@ def test_the_temperature_s_unit(tmp_path, values, unit):
         assert (340.0, 36.53, "MPU-6050") in TEMPERATURE_SCALES
 
 
+def test_inav_logs_tenths_of_a_degree(tmp_path):
+    """409 was 37.7 °C by another sensor's data sheet, and a warm-up of 5 °C one of 0.15 °C."""
+    tenths = np.round(10.0 * (38.0 + TIME / TIME[-1] * 5.0)).astype(int)
+    found, _ = drafted(tmp_path, text(table(TIME, ACCEL, GYRO) | {"imuTemperature": tenths}))
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.temperature[:, 0], tenths / 10.0, rtol=1e-12)
+    assert "CHECK temperature" not in found.text
+
+
 def test_gravity_of_the_place(tmp_path):
     # WGS 84 at 45.5° by Somigliana's closed form, less the free-air gradient of 3.0855e-6 per s² at this latitude.
     _, toml = drafted(tmp_path, text(table(TIME, ACCEL, GYRO)), latitude=45.5, height=300.0)

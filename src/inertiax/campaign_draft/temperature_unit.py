@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .column_words import plain
 from .converters import TEMPERATURE_SCALES
 from .raw_log import RawLog
 
@@ -13,6 +14,9 @@ from .raw_log import RawLog
 _CELSIUS = (-60.0, 130.0)  # what electronics bears
 _KELVIN = (210.0, 405.0)
 _ROOM = (10.0, 55.0)  # °C, a board at work in a room
+_TENTHS = re.compile(
+    r"^(?:imu|baro|esc)temperature$"
+)  # columns of INAV's blackbox: int16 in 0.1 °C
 _FAHRENHEIT = re.compile(r"degf|°f|fahr|\bf\b")
 
 
@@ -36,6 +40,15 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     span = f"{low:.4g} to {high:.4g}"
     if _FAHRENHEIT.search(log.hint(name)):
         return TemperatureUnit("degF", None, None, f"as the file says; {span}", True)
+    tenths = (
+        bool(_TENTHS.match(plain(name)))
+        and np.all(values == np.round(values))
+        and high > _CELSIUS[1]
+    )
+    if tenths and 10.0 * _CELSIUS[0] <= low and high <= 10.0 * _CELSIUS[1]:
+        return TemperatureUnit(
+            "count", 10.0, 0.0, f"{span}: tenths of a degree, as INAV logs it", True
+        )
     if _CELSIUS[0] <= low and high <= _CELSIUS[1]:
         warm = float(np.median(values)) > _ROOM[1]
         doubt = "; degF would be 32 + 1.8 times as much, check" if warm else ""
