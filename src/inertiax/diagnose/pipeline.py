@@ -50,7 +50,7 @@ from .selection.verdict import Answer, Named
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
 from .wording.noise_doubt import doubted, noise_sentence
-from .wording.scatter import scatter_sentence
+from .wording.scatter import model_scatter_sentence, scatter_sentence
 from .wording.sentences import summary
 
 
@@ -196,7 +196,8 @@ def diagnose_model(
     `Signal` (times, temperature, inputs...); `parameters` is a pytree fitted beforehand, and what its Jacobian
     spans counts as absorbed by a refit; `inputs` (time, 3) is what an ideal triad reads, m/s² or rad/s, where
     the recording has no reference columns; plateaus of constant rate need one of both.
-    **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number.
+    **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number, and its `summary` says where
+    dwells still differ by far more than their noise, in a way that nothing in the catalogue follows.
     Raises `ValueError` where the recording lacks the triad.
     """
     with jax.enable_x64(True):
@@ -204,7 +205,13 @@ def diagnose_model(
         prepared = prepare_model(
             predict, parameters, campaign, catalogue, triad=triad, inputs=inputs
         )
-        return conclude_findings([find(prepared, grade, progress)], catalogue, progress)[0]
+        finding = find(prepared, grade, progress)
+        found = conclude_findings([finding], catalogue, progress)[0]
+        if found.verdict == "unexplained":  # its formula describes what dwells differ by
+            return found
+        judged = finding.prepared
+        scatter = model_scatter_sentence(judged.system, judged.blocks, finding.answer.noise)
+        return replace(found, summary=" ".join(s for s in (found.summary, scatter) if s))
 
 
 def run_diagnosis(

@@ -43,9 +43,10 @@ class Fit:
     more than 0.3 rad, which are a wrong unit, sign or axis; `reasons` says in a line why not.
 
     `residuals`, `chi2` and `dof` have an entry for each triad that was fitted. χ² weighs with the dwells' own sigma
-    and is NaN where that was not given. Where it exceeds what one fit in a hundred has by chance, dwells differ by
-    more than their noise: `fit.accel.scatter` and `fit.gyro.scatter` are that further standard deviation (m/s², rad/s;
-    zero where the noise suffices), and the covariance includes it.
+    and is NaN where that was not given. Where it exceeds its expectation ν, made ν / (1 + 2/ν) for few residuals,
+    `fit.accel.scatter` and `fit.gyro.scatter` are the further standard deviation between dwells that explains it
+    (m/s², rad/s; zero where the noise suffices), and the covariance includes it. More than half of all fits have some
+    by chance where sigma is right, so that the covariance is never less than sigma alone gives.
     """
 
     calibration: Calibration  # stacked where there are devices
