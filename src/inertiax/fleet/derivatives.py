@@ -13,7 +13,7 @@ from .._typing import AnyArray
 from ..analysis.error_budget import check_sources, source_derivatives
 from ..analysis.sources import NAMES, Source
 from ..calibration.calibration import Calibration
-from ..physics.leaves import is_traced
+from ..physics.leaves import is_traced, own_object
 from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
 from .fit import Fit
@@ -75,7 +75,7 @@ def derivatives(fit: Fit, sources: Source | Sequence[Source]) -> Derivatives:
     if is_traced(fit.succeeded):
         return _derivatives(fit, tuple(sources))
     with jax.enable_x64(True):
-        return jax.tree.map(np.asarray, _many(fit, tuple(sources)))
+        return jax.tree.map(np.asarray, _many(*jax.tree.map(own_object, (fit, tuple(sources)))))
 
 
 @eqx.filter_jit

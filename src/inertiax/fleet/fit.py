@@ -15,7 +15,7 @@ from ..calibration.labels import register_labelled
 from ..calibration.stacking import unstack
 from ..estimators import AbstractEstimator, GravityRotation, Invariant
 from ..estimators.base import check_estimator
-from ..physics.leaves import is_traced
+from ..physics.leaves import is_traced, own_object
 from ..physics.temperature import AbstractBasis, Constant, Curve, Polynomial
 from ..reduction.dwells import check_dwells, Dwells
 from .rows import with_force
@@ -111,6 +111,7 @@ def fit(
     _check(dwells, accel, gyro, degree)
     lead = dwells.valid.shape[:-1]
     flat = jax.tree.map(lambda x: np.asarray(x).reshape(-1, *np.shape(x)[len(lead) :]), dwells)
+    flat, accel, gyro = jax.tree.map(own_object, (flat, accel, gyro))
     basis = _basis(flat, degree)
     with jax.enable_x64(True):
         triads, weights, seen = {}, {}, flat

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._jax import jax, jnp
-from ..physics.leaves import is_traced
+from ..physics.leaves import is_traced, own_object
 
 
 Result = TypeVar("Result")
@@ -36,7 +36,7 @@ def _narrow(value: Any) -> bool:
 
 
 def _widened(value: Any) -> Any:
-    return np.asarray(value, np.float64) if _narrow(value) else value
+    return np.asarray(value, np.float64) if _narrow(value) else own_object(value)
 
 
 def _on_host(value: Any) -> Any:

@@ -26,3 +26,12 @@ def as_plain(value: Any) -> Any:
     """A number of NumPy's or JAX's as Python's, which a pytree's structure may hold; what is none, as it is."""
     single = hasattr(value, "dtype") and np.ndim(value) == 0 and not is_traced(value)
     return value.item() if single else value
+
+
+def own_object(value: Any) -> Any:
+    """A NumPy array's numbers as another object, without a copy; anything else as it is.
+
+    JAX keeps what it made of an array that a program of 32 bits captured, by the object, and takes it for the array where
+    a program of 64 bits is given the same one: that fails, or computes in 32 bits (JAX 0.10.2).
+    """
+    return value.view() if isinstance(value, np.ndarray) else value
