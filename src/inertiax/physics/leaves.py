@@ -31,7 +31,7 @@ def as_plain(value: Any) -> Any:
 def own_object(value: Any) -> Any:
     """A NumPy array's numbers as another object, without a copy; anything else as it is.
 
-    JAX keeps what it made of an array that a program of 32 bits captured, by the object, and takes it for the array where
-    a program of 64 bits is given the same one: that fails, or computes in 32 bits (JAX 0.10.2).
+    JAX keeps what it made of an array that a program of 32 bits captured, by the object, and takes it for the array
+    where a program of 64 bits is given the same one: that fails, or computes in 32 bits (JAX 0.10.2).
     """
     return value.view() if isinstance(value, np.ndarray) else value
