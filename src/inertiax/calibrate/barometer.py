@@ -45,6 +45,19 @@ class BarometerResult(Module):
     ]  # Pa: the averages less place and drift, zero at the reference temperature
 
 
+def barometer_beside(
+    recordings: Sequence[Recording],
+) -> tuple[BarometerResult | None, tuple[str, ...]]:
+    """The barometer over temperature where both were recorded beside the triads, and what to say of it."""
+    if any(r.pressure is None or r.temperature is None for r in recordings):
+        return None, ()
+    try:
+        found = calibrate_barometer(recordings)
+    except ValueError as error:
+        return None, (f"the barometer is not calibrated: {error}",)
+    return found, found.warnings
+
+
 def calibrate_barometer(recordings: Sequence[Recording]) -> BarometerResult:
     """A barometer over temperature from one device's recordings.
 

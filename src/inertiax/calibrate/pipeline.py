@@ -1,6 +1,7 @@
 """From a campaign to calibrations: reduce, choose, estimate, judge; one device at a time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -28,7 +29,8 @@ from ..model_selection.select_model import (
     settle_accel,
 )
 from ..numerics.blas_threads import one_blas_thread
-from ..plausibility import Finding, require_plausible, statements
+from ..plausibility import statements
+from ..plausibility.aside import Asked
 from ..plausibility.stated_rates import ramps_sentence
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
@@ -44,7 +46,7 @@ from ..reduction.segments import (
 )
 from .accelerometers import calibrate_accelerometers
 from .attitudes_over_temperature import one_attitude_over_temperature
-from .barometer import BarometerResult, calibrate_barometer
+from .barometer import barometer_beside
 from .bias_moment import moment_words
 from .earth_rate import earth_rate_words, with_earth_rate
 from .gyros import calibrate_gyros
@@ -127,9 +129,33 @@ def calibrate_device(
     Raises `ValueError` with the reason where the data do not determine the model, or cannot be right.
     """
     check_given_campaign("calibrate_device(campaign)", campaign)
+    as_recorded = segment_each(campaign.recordings, handling=False) if segments is None else None
+    if checked:
+        return _estimated(campaign, method, robust, progress, model, as_recorded, segments)
+    asked = Asked(campaign, force=force, as_recorded=as_recorded)
+    try:
+        result = _estimated(campaign, method, robust, progress, model, as_recorded, segments)
+        found = asked.findings()
+    except Exception:
+        asked.findings()  # an error of the data is the reason of whatever failed
+        raise
+    finally:
+        asked.end()
+    warnings = (*statements(found), *result.warnings)
+    return replace(result, warnings=warnings, plausibility=found)
+
+
+def _estimated(
+    campaign: Campaign,
+    method: str,
+    robust: float | None,
+    progress: Progress,
+    model: ModelSpec | None,
+    as_recorded: Sequence[Segments] | None,
+    segments: Sequence[Segments] | None,
+) -> DeviceResult:
+    """The result without what plausibility finds."""
     recordings = campaign.recordings
-    as_recorded = segment_each(recordings, handling=False) if segments is None else None
-    found_odd = () if checked else require_plausible(campaign, force=force, as_recorded=as_recorded)
     fixed = None if model is None else fixed_model(model)
     chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
     progress("reducing recordings to dwells")
@@ -150,7 +176,7 @@ def calibrate_device(
             if alone
             else (f"accelerometers and gyros are not calibrated: {str(error).rstrip('.')}",)
         )
-        return _magnetometers_alone(campaign, chosen, robust, progress, found_odd, why)
+        return _magnetometers_alone(campaign, chosen, robust, progress, why)
     dwells = with_rig_errors(dwells, campaign.rig)
     dwells = without_vertical_earth_rate(dwells, campaign.site)
     warning = None
@@ -159,7 +185,7 @@ def calibrate_device(
     choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
     ramps = sum(s.ramps for s in segments)
     choices += [f"plateaus: {ramps_sentence(ramps)}"] if ramps else []
-    warnings = [*statements(found_odd), *_of_turning(campaign, segments)]
+    warnings = [*_of_turning(campaign, segments)]
     warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells
     if chosen.accel_estimator is not None:
@@ -188,7 +214,7 @@ def calibrate_device(
     mag, failed = calibrate_mag(campaign, chosen, accel_result, dwells, segments, robust, progress)
     warnings.extend(failed)
     choices.extend(() if mag is None else mag.statements)
-    baro, failed = _barometer(campaign)
+    baro, failed = barometer_beside(campaign.recordings)
     warnings.extend(failed)
     choices.extend(() if baro is None else baro.statements)
     choices.extend(earth_rate_words(raw, campaign.site) if gyro_result is not None else ())
@@ -220,7 +246,7 @@ def calibrate_device(
         spec,
         tuple(choices),
         tuple(warnings),
-        found_odd,
+        (),
         handling,
         segments,
         mag,
@@ -234,23 +260,11 @@ def _of_levels(estimate: TriadResult | None, campaign: Campaign) -> list[str]:
     return [] if words is None else [words]
 
 
-def _barometer(campaign: Campaign) -> tuple[BarometerResult | None, tuple[str, ...]]:
-    """The barometer over temperature where both were recorded, and warnings."""
-    if any(r.pressure is None or r.temperature is None for r in campaign.recordings):
-        return None, ()
-    try:
-        found = calibrate_barometer(campaign.recordings)
-    except ValueError as error:
-        return None, (f"the barometer is not calibrated: {error}",)
-    return found, found.warnings
-
-
 def _magnetometers_alone(
     campaign: Campaign,
     chosen: ChosenModel,
     robust: float | None,
     progress: Progress,
-    found_odd: tuple[Finding, ...],
     why: tuple[str, ...],
 ) -> DeviceResult:
     """A device that is turned all ways without a rest: its magnetometers, in their own frame.
@@ -258,7 +272,7 @@ def _magnetometers_alone(
     Raises `ValueError` where they are not determined either.
     """
     mag, failed = calibrate_mag(campaign, chosen, None, None, (), robust, progress)
-    warnings = (*campaign.notes, *statements(found_odd), *why, *failed)
+    warnings = (*campaign.notes, *why, *failed)
     if mag is None:
         raise ValueError("; ".join((*why, *failed)))
     spec = _described(campaign, chosen, None, None, None)
@@ -270,7 +284,7 @@ def _magnetometers_alone(
         model=spec,
         mag=magnetometer_calibration(mag, campaign.rig),
     )
-    return DeviceResult(calibration, None, None, spec, mag.statements, warnings, found_odd, mag=mag)
+    return DeviceResult(calibration, None, None, spec, mag.statements, warnings, (), mag=mag)
 
 
 def _described(

@@ -64,12 +64,14 @@ def calibrate(
         from ..calibrate.pipeline import calibrate as run
         from ..data.campaign import load_campaign
         from ..data.inputs import campaign_inputs
+        from ..plausibility.aside import spare_processor
 
         stages("reading recordings")
         loaded = load_campaign(campaign, in_parts=True)
         # SHA-256 of a long log takes half a second, and leaves the interpreter to the estimation.
         inputs = meanwhile.submit(campaign_inputs, loaded.path)
-        results = run(loaded, method=method, robust=robust, force=force, progress=stages)
+        with spare_processor():
+            results = run(loaded, method=method, robust=robust, force=force, progress=stages)
         folders = write_results(results, loaded, output, stages, inputs.result)
     _tell(results, folders, campaign, output, as_json=as_json, quiet=quiet)
 

@@ -138,7 +138,11 @@ def require_plausible(
 
     Raises `ValueError` with the statement (and remedy) of the first error, and how many there are.
     """
-    seen = check_campaign(campaign, as_recorded=as_recorded)
+    return required(campaign, check_campaign(campaign, as_recorded=as_recorded), force=force)
+
+
+def required(campaign: Campaign, seen: Plausibility, *, force: bool) -> tuple[Finding, ...]:
+    """`require_plausible` of a campaign that was checked before; raises as it does."""
     errors = list(seen.of("error"))
     if errors and not force:
         where = "" if campaign.path is None else f"{campaign.path}: "
