@@ -1,7 +1,8 @@
-"""Excess variance of Paule and Mandel, by hand and one form against the other."""
+"""Excess variance of Paule and Mandel, by hand and by SciPy."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from inertiax.numerics.paule_mandel import batched_excess_deviation, excess_deviation, widened
 
@@ -24,14 +25,19 @@ def test_unequal_noise_solves_its_equation():
     assert np.sum(residuals**2 / (sigmas**2 + found**2)) == pytest.approx(3.0, rel=1e-10)
 
 
-def test_the_batched_form_is_the_same_equation():
+def test_one_set_and_many_have_the_root_that_scipy_finds():
     draw = np.random.default_rng(3)
     sigmas = draw.uniform(0.1, 2.0, (20, 30))
+    sigmas[:5, :3] = 0.0  # known exactly
     residuals = 3.0 * draw.standard_normal((20, 30))
+    excess = lambda v, r, s: np.sum(np.square(r) / (np.square(s) + v)) - 21.0
+    least = 1e-12  # from where the sum is finite without a noise, too
+    roots = [brentq(excess, least, 100.0, (r, s), xtol=1e-14) for r, s in zip(residuals, sigmas)]
     one = [excess_deviation(r, s, 9) for r, s in zip(residuals, sigmas)]
     many = batched_excess_deviation(residuals**2, sigmas**2, np.full(20, 21.0))
-    # Both solve to rounding: brentq to 1e-14 of the variance's upper limit, Newton to 1e-13.
-    np.testing.assert_allclose(many, one, rtol=1e-9)
+    # brentq stops at 4 roundings of the root, Newton's steps at 1e-13 of it.
+    np.testing.assert_allclose(np.square(one), roots, rtol=1e-11)
+    np.testing.assert_allclose(np.square(many), roots, rtol=1e-11)
 
 
 @pytest.mark.parametrize("freedom", [6, 15])

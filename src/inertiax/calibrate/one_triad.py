@@ -134,8 +134,8 @@ def _settled(
         settled = with_scatter(estimator, misfit, own_sigma, unknowns)
         if float(settled.scatter) == float(estimator.scatter):
             break
-        estimator = settled
-        solution = _solve(estimator, basis, dwells, method)
+        estimator, before = settled, solution
+        solution = _solve(estimator, basis, dwells, method, before)
         misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
     if not bool(solution.succeeded):
         raise ValueError(_failure(estimator, solution, dwells, method))
@@ -237,14 +237,24 @@ def with_refined_force(result: TriadResult, dwells: Dwells) -> Dwells:
 
 
 def _solve(
-    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells, method: str
+    estimator: AbstractEstimator,
+    basis: AbstractBasis,
+    dwells: Dwells,
+    method: str,
+    before: ThermalSolution | None = None,
 ) -> ThermalSolution:
+    """The solution, by the default method from one under other weights, with the iterations of both."""
     if method == "joint":
         return joint_fit_one(estimator, basis, dwells)
     if method == "paper":
         solution = iterate(PaperIteration.plan(estimator, basis, dwells), dwells)
         return _with_shared_errors(solution, Problem(estimator, basis, dwells))
-    return iterate_one(estimator, basis, dwells)
+    if before is None or not bool(before.succeeded):
+        return iterate_one(estimator, basis, dwells)
+    start = np.asarray(before.curve.coefficients)
+    found = iterate_one(estimator, basis, dwells, start=start)
+    taken = before.num_iterations + found.num_iterations
+    return eqx.tree_at(lambda s: s.num_iterations, found, taken)
 
 
 def _with_shared_errors(solution: ThermalSolution, problem: Problem) -> ThermalSolution:

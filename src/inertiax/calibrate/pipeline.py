@@ -1,6 +1,6 @@
 """From a campaign to calibrations: reduce, choose, estimate, judge; one device at a time."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..estimators import (
     ReferenceGyro,
     StaticAccel,
 )
-from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
+from ..model_selection.model_spec import ModelSpec
 from ..model_selection.select_model import (
     build_estimators,
     choose_model,
@@ -48,6 +48,7 @@ from .accelerometers import calibrate_accelerometers
 from .attitudes_over_temperature import one_attitude_over_temperature
 from .barometer import barometer_beside
 from .bias_moment import moment_words
+from .described_model import described_model
 from .earth_rate import earth_rate_words, with_earth_rate
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
@@ -64,6 +65,7 @@ from .results import (
 
 
 METHODS = ("gauss-newton", "joint", "paper")
+Seen = Callable[[Sequence[Segments] | TriadResult], None]
 
 
 def calibrate(
@@ -73,12 +75,14 @@ def calibrate(
     robust: float | None = None,
     force: bool = False,
     progress: Progress | None = None,
+    seen: Seen | None = None,
 ) -> tuple[DeviceResult | DeviceFailure, ...]:
     """Calibrate every device of a campaign. A bad device becomes a `DeviceFailure`, not an error.
 
     **Arguments:** `method` is "gauss-newton" (the procedure as a Gauss-Newton method), "joint" or
     "paper"; `robust` a pseudo-Huber threshold in standard deviations; `force` goes on where a plausibility
-    check finds an error; `progress` is called with a line of text at each stage.
+    check finds an error; `progress` is called with a line of text at each stage, `seen` with what is settled of the
+    device: its segments, then each triad's result, unless both triads are estimated together in the end.
 
     Raises `ValueError` for another method, and for what is no campaign.
 
@@ -96,7 +100,12 @@ def calibrate(
         name = f"device {device}" if device else "the device"
         try:
             result = calibrate_device(
-                campaign.of_device(device), method=method, robust=robust, force=force, progress=tell
+                campaign.of_device(device),
+                method=method,
+                robust=robust,
+                force=force,
+                progress=tell,
+                seen=seen,
             )
         except ValueError as error:
             results.append(DeviceFailure(device, str(error)))
@@ -118,6 +127,7 @@ def calibrate_device(
     force: bool = False,
     checked: bool = False,
     segments: Sequence[Segments] | None = None,
+    seen: Seen | None = None,
 ) -> DeviceResult:
     """Calibrate the one device of a campaign.
 
@@ -130,11 +140,12 @@ def calibrate_device(
     """
     check_given_campaign("calibrate_device(campaign)", campaign)
     as_recorded = segment_each(campaign.recordings, handling=False) if segments is None else None
+    seen = seen if seen is not None else lambda _: None
     if checked:
-        return _estimated(campaign, method, robust, progress, model, as_recorded, segments)
+        return _estimated(campaign, method, robust, progress, model, as_recorded, segments, seen)
     asked = Asked(campaign, force=force, as_recorded=as_recorded)
     try:
-        result = _estimated(campaign, method, robust, progress, model, as_recorded, segments)
+        result = _estimated(campaign, method, robust, progress, model, as_recorded, segments, seen)
         found = asked.findings()
     except Exception:
         asked.findings()  # an error of the data is the reason of whatever failed
@@ -153,6 +164,7 @@ def _estimated(
     model: ModelSpec | None,
     as_recorded: Sequence[Segments] | None,
     segments: Sequence[Segments] | None,
+    seen: Seen,
 ) -> DeviceResult:
     """The result without what plausibility finds."""
     recordings = campaign.recordings
@@ -164,6 +176,7 @@ def _estimated(
         segments = numbered_through(recordings, undisturbed)
     assert segments is not None  # given, or just found
     segments = tuple(segments)
+    seen(segments)
     handling = tuple(d for s in segments for d in s.disturbances)
     try:
         dwells = reduce_to_dwells(campaign.recordings, segments=segments)
@@ -192,6 +205,8 @@ def _estimated(
         accel_result, chosen = calibrate_accelerometers(
             campaign, chosen, dwells, method, robust, progress, choices, warnings
         )
+        if not chosen.together:
+            seen(accel_result)
         dwells = with_refined_force(accel_result, dwells)
         warnings.extend(words_of_the_mean(accel_result))
         warnings.extend(_of_levels(accel_result, campaign))
@@ -200,6 +215,8 @@ def _estimated(
     gyro_result, chosen, cross = calibrate_gyros(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
+    if gyro_result is not None and not chosen.together:
+        seen(gyro_result)
     warnings.extend(_of_levels(gyro_result, campaign))
     choices.extend(w for r in (accel_result, gyro_result) for w in moment_words(r))
     effects: tuple[FittedEffect, ...] = ()
@@ -223,7 +240,7 @@ def _estimated(
     estimators = (chosen.accel_estimator, chosen.gyro_estimator)
     warnings.extend(table_words(raw, campaign.rig, estimators))
     warnings.extend(campaign.notes)  # how files were read: behind what the data themselves say
-    spec = _described(campaign, chosen, accel_result, gyro_result, model)
+    spec = described_model(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
         accel=_triad(told_of_the_sensor(accel_result), chosen.accel_estimator, campaign.rig),
@@ -275,7 +292,7 @@ def _magnetometers_alone(
     warnings = (*campaign.notes, *why, *failed)
     if mag is None:
         raise ValueError("; ".join((*why, *failed)))
-    spec = _described(campaign, chosen, None, None, None)
+    spec = described_model(campaign, chosen, None, None, None)
     calibration = Calibration(
         gravity=campaign.site.gravity,
         device=campaign.devices[0],
@@ -285,34 +302,6 @@ def _magnetometers_alone(
         mag=magnetometer_calibration(mag, campaign.rig),
     )
     return DeviceResult(calibration, None, None, spec, mag.statements, warnings, (), mag=mag)
-
-
-def _described(
-    campaign: Campaign,
-    chosen: ChosenModel,
-    accel: TriadResult | None,
-    gyro: TriadResult | None,
-    model: ModelSpec | None,
-) -> ModelSpec:
-    """The model that was fitted."""
-    if model is not None:
-        return model
-
-    def triad(result: TriadResult | None, name: str | None) -> TriadSpec | None:
-        if result is None or name is None:
-            return None
-        names = result.estimator.names
-        by_force = any("g_sensitivity" in n for n in names)
-        return TriadSpec(name, result.solution.curve.basis.size - 1, names, by_force)
-
-    return describe(
-        campaign.model,
-        triad(accel, chosen.accel_estimator),
-        triad(gyro, chosen.gyro_estimator),
-        together=chosen.together,
-        lever_arms=chosen.lever_arms,
-        misalignment=chosen.misalignment,
-    )
 
 
 def _together(

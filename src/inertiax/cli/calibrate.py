@@ -14,11 +14,12 @@ from .options import AsJson, CampaignPath, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-    from ..calibrate.pipeline import DeviceFailure, DeviceResult
+    from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
     from ..data.inputs import InputFile
     from ..data.recording import Campaign
+    from ..reduction.segments import Segments
 
 
 _METHODS = ("gauss-newton", "joint", "paper")  # as in ..calibrate, which needs JAX to import
@@ -71,9 +72,31 @@ def calibrate(
         # SHA-256 of a long log takes half a second, and leaves the interpreter to the estimation.
         inputs = meanwhile.submit(campaign_inputs, loaded.path)
         with spare_processor():
-            results = run(loaded, method=method, robust=robust, force=force, progress=stages)
+            results = run(
+                loaded,
+                method=method,
+                robust=robust,
+                force=force,
+                progress=stages,
+                seen=_figures_ahead(loaded),
+            )
         folders = write_results(results, loaded, output, stages, inputs.result)
     _tell(results, folders, campaign, output, as_json=as_json, quiet=quiet)
+
+
+def _figures_ahead(
+    campaign: "Campaign",
+) -> "Callable[[Sequence[Segments] | TriadResult], None] | None":
+    """What begins figures while the estimation goes on; of several devices, or of long logs, which take long to be
+    looked through, none."""
+    from ..data.stored_recording import StoredRecording
+    from ..report.calibration import figures_ahead
+
+    if len(tuple(campaign.devices)) > 1 or any(
+        isinstance(r, StoredRecording) for r in campaign.recordings
+    ):
+        return None
+    return figures_ahead(campaign)
 
 
 def _check_options(method: str, robust: float | None) -> None:
@@ -99,11 +122,18 @@ def write_results(
     from ..calibration.calibration import write_calibration
     from ..protocol.make_record import record_of
     from ..protocol.record import write_record
-    from ..report.calibration import FIGURES, report_calibration, report_summary
+    from ..report.calibration import (
+        FIGURES,
+        parameters_ahead,
+        report_calibration,
+        report_summary,
+    )
 
     done = [r for r in results if isinstance(r, DeviceResult)]
     if not done:
         return {}
+    if len(done) == 1:
+        parameters_ahead(done[0])
     devices = tuple(campaign.devices)
     folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
     command = command_line()

@@ -8,7 +8,7 @@ there is one root or, where the stated noise explains the residuals already, non
 **Reference:** Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87: 377.
 """
 
-from typing import cast, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -34,25 +34,14 @@ def excess_deviation(
     sigmas: Float[AnyArray, " rows"],
     num_parameters: int | float,
 ) -> float:
-    """τ of one set of rows, in the unit of the residuals; by SciPy's `brentq`."""
-    r2, s2 = np.square(np.asarray(residuals)), np.square(np.asarray(sigmas))
+    """τ of one set of rows, in the unit of the residuals."""
+    r2, s2 = np.square(np.asarray(residuals, float)), np.square(np.asarray(sigmas, float))
     freedom = len(r2) - num_parameters
     if freedom <= 0 or not np.any(r2):
         return 0.0
-    excess = lambda variance: float(np.sum(r2 / (s2 + variance)) - freedom)
-    if np.all(s2 > 0) and excess(0.0) <= 0:
+    if np.all(s2 > 0) and float(np.sum(r2 / s2)) <= freedom:
         return 0.0
-    # Without any s the root is Σ r² / (n − p); with it, it lies below.
-    high = float(np.sum(r2) / freedom)
-    low = 0.0 if np.all(s2 > 0) else high * np.finfo(float).tiny ** 0.5
-    if excess(high) >= 0:
-        return float(np.sqrt(high))
-    from scipy.optimize import (
-        brentq,
-    )  # 0.2 s to import, and dwells as alike as their noise do without
-
-    root = cast(float, brentq(excess, low, high, xtol=1e-14 * high))
-    return float(np.sqrt(root))
+    return float(batched_excess_deviation(r2[None], s2[None], np.array([float(freedom)]))[0])
 
 
 def batched_excess_deviation(

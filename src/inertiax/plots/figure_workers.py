@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any, Generic, IO, NamedTuple, TypeVar
 
@@ -44,6 +44,12 @@ class Drawing(Generic[Form]):
             made = _draw(*self._task)
             return lambda: made
         return _workers.begin(self._task)
+
+    def begin_ahead(self) -> None:
+        """Have it drawn by another process, where there is one, before it is asked for: `begin` of a figure of the same
+        numbers finds it."""
+        if _workers is not None:
+            _workers.begin(self._task)
 
 
 def _draw(
@@ -89,9 +95,13 @@ class _Workers:
         for worker in self._pipes:
             self._free.put(worker)
         self._threads = ThreadPoolExecutor(len(self._pipes))
+        self._begun: dict[bytes, Future[Any]] = {}
 
     def begin(self, task: tuple[Any, ...]) -> Callable[[], Any]:
-        future = self._threads.submit(self._ask, task)
+        sent = pickle.dumps(task, pickle.HIGHEST_PROTOCOL)
+        future = self._begun.get(sent)
+        if future is None:
+            future = self._begun[sent] = self._threads.submit(self._ask, sent)
 
         def result() -> Any:
             try:
@@ -101,10 +111,10 @@ class _Workers:
 
         return result
 
-    def _ask(self, task: tuple[Any, ...]) -> Any:
+    def _ask(self, sent: bytes) -> Any:
         worker = self._free.get()
         try:
-            pickle.dump(task, worker.tasks, pickle.HIGHEST_PROTOCOL)
+            worker.tasks.write(sent)
             worker.tasks.flush()
             error, made = pickle.load(worker.results)
         finally:

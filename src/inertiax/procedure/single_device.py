@@ -172,14 +172,16 @@ def iterate_one(
     *,
     max_iterations: int = 20,
     tolerance: float = 1e-6,
+    start: Float[np.ndarray, "size parameter"] | None = None,
 ) -> ThermalSolution:
     """`iterate(GaussNewtonIteration(estimator, basis), dwells)`, but compiled in a second or two.
 
     Passes, convergence tests and result are the same to rounding where it converges; it gives up after `_PATIENCE`
-    passes in turn whose least squares do not. There are no derivatives of it.
+    passes in turn whose least squares do not. There are no derivatives of it. `start` are coefficients near the
+    answer, such as those under other weights, where there are some.
     """
     problem = Problem(estimator, basis, dwells)
-    coefficients = problem.start()
+    coefficients = problem.start() if start is None else start
     covariance = problem.covariance(coefficients)
     sigma = np.sqrt(np.diagonal(covariance)).reshape(coefficients.shape)
     sigma = np.where(np.isfinite(sigma), sigma, 1.0)

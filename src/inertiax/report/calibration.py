@@ -1,7 +1,7 @@
 """The report of `inertiax calibrate`: one page per device, and a page over several devices."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +10,14 @@ from ..calibrate.fit_quality import judge, Quality
 from ..calibrate.pipeline import DeviceFailure, DeviceResult, TriadResult
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
-from ..data.recording import Campaign, Rig
+from ..data.recording import Campaign, Recording, Rig
 from ..physics.temperature import Constant
 from ..plots import calibration as plots, calibration_panels as panels
 from ..plots.figure_workers import Drawing
-from ..plots.style import both_forms
+from ..plots.style import both_forms, Forms
+from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import rate_words
-from ..reduction.segments import rests_are_searched
+from ..reduction.segments import rests_are_searched, Segments
 from .barometer import barometer_sections, FIGURE as BAROMETER_FIGURE
 from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
 from .magnetometers import (
@@ -52,6 +53,7 @@ def report_calibration(
     calibration = result.calibration
     device = calibration.device
     quality = judge(result)
+    data = _data_section(result, folder, campaign)  # first, since its figures take longest to draw
     write_page(
         folder / "report.html",
         title=f"Calibration of {device}" if device else "Calibration",
@@ -63,12 +65,36 @@ def report_calibration(
             *_magnetometer_sections(result, folder),
             *barometer_sections(result, folder),
             *_misfit_sections(result, folder),
-            _data_section(result, folder, campaign),
+            data,
             _quality_section(quality),
             _choices_section(result),
         ],
         command=command,
     )
+
+
+def figures_ahead(campaign: Campaign) -> Callable[[Sequence[Segments] | TriadResult], None]:
+    """What begins figures of one device's report while `calibrate` goes on, from what it tells by `seen`."""
+
+    def seen(found: Sequence[Segments] | TriadResult) -> None:
+        figures: list[Drawing[Forms] | None]
+        if not isinstance(found, TriadResult):
+            figures = [_rests_figure(campaign.recordings, found)]
+        else:
+            figures = [Drawing(both_forms, panels.misfits, plots.misfits_of(found))]
+            if found.estimator.triad == "accel":
+                figures.append(_coverage_figure(found.dwells))
+        for figure in figures:
+            if figure is not None:
+                figure.begin_ahead()
+
+    return seen
+
+
+def parameters_ahead(result: DeviceResult) -> None:
+    """Begin the report's figures of parameters, before other files are written."""
+    for triad, _ in triads(result).values():
+        _curve_figure(triad, result.calibration).begin_ahead()
 
 
 def _under(result: DeviceResult) -> str:
@@ -185,19 +211,27 @@ def parameter_table(triad: TriadCalibration, calibration: Calibration) -> Table:
 def _curve_picture(
     name: str, triad: TriadCalibration, calibration: Calibration, folder: Path
 ) -> Picture:
-    title = TRIAD_NAMES[name]
-    if isinstance(triad.curve.basis, Constant) or calibration.temperature_range is None:
-        figure = Drawing(both_forms, panels.parameters, plots.constant_panels(triad))
-        caption = "Constant parameters with their 95 % intervals."
-    else:
-        figure = Drawing(
-            both_forms, panels.parameters, plots.curve_panels(triad, calibration.temperature_range)
-        )
+    caption = "Constant parameters with their 95 % intervals."
+    if not _is_constant(triad, calibration):
         caption = (
             "Parameters over temperature with their 95 % bands (often thinner than the line). "
             "Shaded: outside the temperatures that the data covered."
         )
-    return picture(figure, folder, f"curves-{name}", caption, f"{title}: {caption}")
+    figure = _curve_figure(triad, calibration)
+    return picture(figure, folder, f"curves-{name}", caption, f"{TRIAD_NAMES[name]}: {caption}")
+
+
+def _is_constant(triad: TriadCalibration, calibration: Calibration) -> bool:
+    return isinstance(triad.curve.basis, Constant) or calibration.temperature_range is None
+
+
+def _curve_figure(triad: TriadCalibration, calibration: Calibration) -> Drawing[Forms]:
+    """The parameters with their intervals, over temperature where they depend on it."""
+    if _is_constant(triad, calibration):
+        return Drawing(both_forms, panels.parameters, plots.constant_panels(triad))
+    assert calibration.temperature_range is not None
+    over = plots.curve_panels(triad, calibration.temperature_range)
+    return Drawing(both_forms, panels.parameters, over)
 
 
 def _magnetometer_sections(result: DeviceResult, folder: Path) -> list[Section]:
@@ -253,24 +287,46 @@ def _misfit_row(name: str, result: TriadResult) -> tuple[str, ...]:
 def _data_section(result: DeviceResult, folder: Path, campaign: Campaign | None) -> Section:
     figures, lines = [], []
     for _, estimate in triads(result).values():
-        directions = plots.force_directions(estimate.dwells)
-        if directions is not None and len(directions):
+        figure = _coverage_figure(estimate.dwells)
+        if figure is not None:
             caption = (
                 "Directions of the specific force in the case frame at rest (equal-area projection, "
                 "circles 30° apart). Large empty regions leave parameters uncertain."
             )
-            figure = Drawing(both_forms, panels.coverage, directions)
             figures.append(picture(figure, folder, "coverage", caption, caption))
             break
     recordings = () if campaign is None else campaign.recordings
-    pairs = [p for p in zip(recordings, result.segments) if rests_are_searched(p[0])]
-    if pairs:
-        searched, found = zip(*pairs)
-        lines += [f"{r.name}: {s.statement}." for r, s in zip(searched, found, strict=True)]
+    figure = _rests_figure(recordings, result.segments)
+    if figure is not None:
+        lines += [f"{r.name}: {s.statement}." for r, s in _searched(recordings, result.segments)]
         caption = "Raw outputs with the rests that were found (shaded)."
-        figure = Drawing(both_forms, panels.rests, plots.rest_panels(searched[:3], found[:3]))
         figures.append(picture(figure, folder, "rests", caption, caption))
     return Section("Data", lines=tuple(lines), figures=tuple(figures))
+
+
+def _coverage_figure(dwells: Dwells) -> Drawing[Forms] | None:
+    """Directions of the specific force at rest; `None` without accelerometers."""
+    directions = plots.force_directions(dwells)
+    if directions is None or not len(directions):
+        return None
+    return Drawing(both_forms, panels.coverage, directions)
+
+
+def _rests_figure(
+    recordings: Sequence[Recording], segments: Sequence[Segments]
+) -> Drawing[Forms] | None:
+    """Raw outputs with the rests that were found in them; `None` where none were searched."""
+    pairs = _searched(recordings, segments)[:3]
+    if not pairs:
+        return None
+    searched, found = zip(*pairs)
+    return Drawing(both_forms, panels.rests, plots.rest_panels(searched, found))
+
+
+def _searched(
+    recordings: Sequence[Recording], segments: Sequence[Segments]
+) -> list[tuple[Recording, Segments]]:
+    return [p for p in zip(recordings, segments) if rests_are_searched(p[0])]
 
 
 def _quality_section(quality: Quality) -> Section:

@@ -171,10 +171,10 @@ def picture(
 
 def _written(made: Forms, figures: Path, name: str) -> Markup:
     """Write both files; the figure for the page."""
-    write_atomically(figures / f"{name}.png", made.png)
+    write_atomically(figures / f"{name}.png", made.png, durable=False)
     # Alone, a figure has no page to take its colour from.
     alone = made.svg.replace("<svg ", '<svg style="background:#fff;color:#262626" ', 1)
-    write_atomically(figures / f"{name}.svg", alone.encode())
+    write_atomically(figures / f"{name}.svg", alone.encode(), durable=False)
     inside = _own_ids(made.svg, name)
     inside = inside.replace("<svg ", f'<svg style="--full:{8 * made.width:.0f}rem" ', 1)
     for number, colour in enumerate(COLOURS):

@@ -29,29 +29,31 @@ def unfinished_name(path: Path) -> str:
 
 
 @contextmanager
-def written_beside(path: Path) -> Iterator[Path]:
+def written_beside(path: Path, *, durable: bool = True) -> Iterator[Path]:
     """A place beside `path` for a file that takes its name when the block ends without error.
 
-    The place's name is of this process and call alone. The file gets the permissions of the user's other files and
-    is on the disk before it is renamed.
+    The place's name is of this process and call alone. The file gets the permissions of the user's other files and,
+    if it is to be `durable`, is on the disk before it is renamed.
     """
     beside = _register(path)
     try:
         yield beside
         beside.chmod(file_mode())
-        with beside.open("rb+") as stream:
-            os.fsync(stream.fileno())
+        if durable:
+            with beside.open("rb+") as stream:
+                os.fsync(stream.fileno())
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
         _unfinished.discard(beside)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file, and the folders above it: whole or not at all."""
+def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> None:
+    """Write a file, and the folders above it: whole or not at all. One that is not `durable`, since it can be made
+    again, may be lost where the power fails a moment later."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with written_beside(path) as beside:
+    with written_beside(path, durable=durable) as beside:
         beside.write_bytes(content)
 
 
