@@ -11,14 +11,15 @@ RATE, RESTS, SAMPLES = 200.0, 16, 800
 FIRST = np.arange(RESTS) * (SAMPLES + 100)
 
 
-def _length(values):
-    return length_beyond_tremor(values, FIRST, FIRST + SAMPLES, 8)
+def _length(values, shortest=8):
+    return length_beyond_tremor(values, FIRST, FIRST + SAMPLES, shortest)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_white_noise_keeps_the_shortest_block(seed):
     rng = np.random.default_rng(seed)
-    assert _length(rng.normal(size=(FIRST[-1] + SAMPLES, 4))) == 8
+    values = rng.normal(size=(FIRST[-1] + SAMPLES, 4))
+    assert [_length(values, shortest) for shortest in (6, 8, 11)] == [6, 8, 11]
 
 
 @pytest.mark.parametrize("seed", range(5))

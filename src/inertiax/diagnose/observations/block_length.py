@@ -40,6 +40,7 @@ def length_beyond_tremor(
             continue
         density = samples * variances
         least = np.minimum.accumulate(density[::-1])[::-1]
-        enough = samples[(density <= _FALLS * least) & (samples >= shortest)]
+        # Levels double: the one below `shortest` stands for it.
+        enough = samples[(density <= _FALLS * least) & (2 * samples > shortest)]
         length = max(length, int(enough[0] if len(enough) else samples[-1]))
     return length
