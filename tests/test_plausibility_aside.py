@@ -1,11 +1,15 @@
 """Checks that a twin of the process makes while it estimates."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+from inertiax.calibrate import pipeline
+from inertiax.calibrate.results import DeviceFailure
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.plausibility import aside, require_plausible
 from inertiax.plausibility.aside import Asked, spare_processor
@@ -60,13 +64,45 @@ def test_an_error_is_raised_as_without_a_twin(twins):
         require_plausible(campaign)
     with spare_processor():
         asked = Asked(campaign, force=False, as_recorded=None)
-    with pytest.raises(ValueError) as said:
-        asked.findings()
-    assert str(said.value) == str(plain.value) and "unit" in str(said.value)
+    for _ in range(2):  # whenever it is asked
+        with pytest.raises(ValueError) as said:
+            asked.findings()
+        assert str(said.value) == str(plain.value) and "unit" in str(said.value)
     with spare_processor():
         forced = Asked(campaign, force=True, as_recorded=None).findings()
     assert forced == require_plausible(campaign, force=True)
     assert len(twins) == 2
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_device_whose_data_are_wrong_fails_with_the_reason(twins, monkeypatch, fails):
+    """Whether the estimation comes to an end meanwhile or not."""
+    if fails:
+        broken = lambda *_, **__: np.linalg.inv(np.zeros((3, 3)))
+        monkeypatch.setattr(pipeline, "reduce_to_dwells", broken)
+    campaign = _campaign(9.81)
+    with pytest.raises(ValueError) as plain:
+        require_plausible(campaign)
+    with spare_processor():
+        (failure,) = pipeline.calibrate(campaign)
+    assert isinstance(failure, DeviceFailure) and failure.reason == str(plain.value)
+    assert len(twins) == 1
+
+
+def test_the_command_says_what_is_wrong_and_writes_nothing(tmp_path):
+    """In a process of its own, which has a twin where there are two processors."""
+    (recording,) = _campaign(1.0 / 9.81).recordings
+    assert recording.accel is not None
+    rows = np.column_stack([recording.time, recording.accel])
+    names = "time,accel_x,accel_y,accel_z"
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=names, comments="")
+    settings = '[site]\ngravity = 9.81\n[recordings]\nfiles = ["log.csv"]\n'
+    (tmp_path / "campaign.toml").write_text(settings)
+    command = [sys.executable, "-m", "inertiax", "calibrate", tmp_path, "-o", tmp_path / "out"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 1 and ended.stderr.splitlines()[-1].startswith("inertiax: ")
+    assert 'accel = { unit = "g" }' in ended.stderr and "descriptor" not in ended.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_worker_among_others_has_no_twin(twins):

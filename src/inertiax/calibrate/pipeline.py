@@ -145,11 +145,14 @@ def calibrate_device(
         return _estimated(campaign, method, robust, progress, model, as_recorded, segments, seen)
     asked = Asked(campaign, force=force, as_recorded=as_recorded)
     try:
-        result = _estimated(campaign, method, robust, progress, model, as_recorded, segments, seen)
+        try:
+            result = _estimated(
+                campaign, method, robust, progress, model, as_recorded, segments, seen
+            )
+        except Exception:
+            asked.findings()  # an error of the data is the reason of whatever failed
+            raise
         found = asked.findings()
-    except Exception:
-        asked.findings()  # an error of the data is the reason of whatever failed
-        raise
     finally:
         asked.end()
     warnings = (*statements(found), *result.warnings)

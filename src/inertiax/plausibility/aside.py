@@ -41,19 +41,19 @@ class Asked:
         # Parts of long logs are read by libraries whose threads a twin lacks.
         stored = any(isinstance(r, StoredRecording) for r in campaign.recordings)
         self._twin: ForkedWork[Plausibility] | None = None
-        self._found: tuple[Finding, ...] | None = None
+        self._seen: Plausibility | None = None
         if _spare.get() and not stored and can_fork():
             self._twin = ForkedWork(work)
         else:
-            self._found = required(campaign, work(None), force=force)
+            self._seen = work(None)
+            self.findings()
 
     def findings(self) -> tuple[Finding, ...]:
-        """What was found; raises `ValueError` for an error as `require_plausible` does."""
-        if self._found is None:
+        """What was found; raises `ValueError` for an error as `require_plausible` does, whenever it is asked."""
+        if self._seen is None:
             assert self._twin is not None
-            seen = self._twin.result(lambda _: None)
-            self._found = required(self._campaign, seen, force=self._force)
-        return self._found
+            self._seen = self._twin.result(lambda _: None)
+        return required(self._campaign, self._seen, force=self._force)
 
     def end(self) -> None:
         """End the twin, whatever it has found."""

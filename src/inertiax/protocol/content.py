@@ -249,8 +249,7 @@ def effects(protocol: Protocol) -> Section | None:
     lines = (line,)
     if any(e.effect == "size_effect" and e.value == 0.0 for e in protocol.effects):
         lines += (
-            "Lever arms of 0 are those that no plateau of the table shows: held at zero, as uncertain as the others "
-            "are long.",
+            "Lever arms of 0 are those that no plateau shows: held at zero, as uncertain as the others are long.",
         )
     head = ("effect", "channel", "term", "value", "±", "unit")
     return Section("Named effects", lines=lines, tables=(Table(head, rows, numeric=(3, 4)),))
