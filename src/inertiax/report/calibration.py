@@ -326,7 +326,12 @@ def _rests_figure(
 def _searched(
     recordings: Sequence[Recording], segments: Sequence[Segments]
 ) -> list[tuple[Recording, Segments]]:
-    return [p for p in zip(recordings, segments) if rests_are_searched(p[0])]
+    """Of recordings with accelerometers or gyros, those whose rests were found in their outputs."""
+    return [
+        (r, s)
+        for r, s in zip(recordings, segments)
+        if rests_are_searched(r) and (r.accel is not None or r.gyro is not None)
+    ]
 
 
 def _quality_section(quality: Quality) -> Section:
