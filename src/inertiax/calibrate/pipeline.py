@@ -242,7 +242,10 @@ def _estimated(
         choices.extend(f"gyros: {w}" for w in rate_words(chosen.gyro_estimator, campaign.rig))
     estimators = (chosen.accel_estimator, chosen.gyro_estimator)
     warnings.extend(table_words(raw, campaign.rig, estimators))
-    warnings.extend(campaign.notes)  # how files were read: behind what the data themselves say
+    # How files were read: behind what the data themselves say. Rests and the turns between them are the same on stamps
+    # of either triad, and a delay between the two changes neither.
+    warnings.extend(campaign.reservations)
+    choices.extend(campaign.pairings)
     spec = described_model(campaign, chosen, accel_result, gyro_result, model)
     calibration = Calibration(
         gravity=campaign.site.gravity,
@@ -292,7 +295,8 @@ def _magnetometers_alone(
     Raises `ValueError` where they are not determined either.
     """
     mag, failed = calibrate_mag(campaign, chosen, None, None, (), robust, progress)
-    warnings = (*campaign.notes, *why, *failed)
+    warnings = (*campaign.reservations, *why, *failed)
+    statements = (*(() if mag is None else mag.statements), *campaign.pairings)
     if mag is None:
         raise ValueError("; ".join((*why, *failed)))
     spec = described_model(campaign, chosen, None, None, None)
@@ -300,11 +304,11 @@ def _magnetometers_alone(
         gravity=campaign.site.gravity,
         device=campaign.devices[0],
         temperature_range=_temperature_range(campaign, None, None, mag),
-        notes=mag.statements,
+        notes=statements,
         model=spec,
         mag=magnetometer_calibration(mag, campaign.rig),
     )
-    return DeviceResult(calibration, None, None, spec, mag.statements, warnings, (), mag=mag)
+    return DeviceResult(calibration, None, None, spec, statements, warnings, (), mag=mag)
 
 
 def _together(

@@ -36,7 +36,9 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
     file = _campaign_file(Path(path))
     table = read_table(file)
     try:
-        recordings, notes = _read_all(table, file, read_long if in_parts else read_recordings)
+        recordings, pairings, notes = _read_all(
+            table, file, read_long if in_parts else read_recordings
+        )
         check_model_columns(_model(table.model), recordings)
         recordings = _named(recordings, table.device.serial)
         notes += tuple(_note_on_empty_rows(r) for r in recordings if r.empty_rows)
@@ -49,7 +51,8 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         model=_model(table.model),
         grade=table.device.grade,
         path=file,
-        notes=notes,
+        notes=pairings + notes,
+        pairings=pairings,
     )
 
 
@@ -270,31 +273,33 @@ def _listing(folder: Path) -> str:
 
 def _read_all(
     table: CampaignTable, file: Path, read: Callable[..., tuple[Recording, ...]]
-) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
-    """The recordings, and notes on how they were put together."""
+) -> tuple[tuple[Recording, ...], tuple[str, ...], tuple[str, ...]]:
+    """The recordings, how files of the two triads became one each, and further notes."""
     said, folder = table.recordings, file.parent
     layout = _layout(table)
     if said.gyro_files is None:
         files = find_files(folder, said.files)
         layouts = _with_table_logs(table, folder, files, layout)
-        return tuple(
-            r
-            for f, one in zip(files, layouts, strict=True)
-            for r in read(f, table.columns, one, name=said.format)
-        ), _compensated_notes(folder, said, set(files))
+        return (
+            tuple(
+                r
+                for f, one in zip(files, layouts, strict=True)
+                for r in read(f, table.columns, one, name=said.format)
+            ),
+            (),
+            _compensated_notes(folder, said, set(files)),
+        )
     accels, gyros = _read_apart(table, folder, layout)
     time = table.columns.time
     counted = isinstance(time, TimeColumn) and time.rate is not None
     paired = [pair(a, g, counted=counted) for a, g in zip(accels, gyros, strict=True)]
-    notes = tuple(p.note for p in paired if p.note is not None)
-    return tuple(p.recording for p in paired), notes + _compensated_notes(
-        folder,
-        said,
-        {
-            *find_files(folder, said.files),
-            *find_files(folder, said.gyro_files, "gyro_files"),
-        },
-    )
+    pairings = tuple(p.note for p in paired if p.note is not None)
+    used = {
+        *find_files(folder, said.files),
+        *find_files(folder, said.gyro_files, "gyro_files"),
+    }
+    recordings = tuple(p.recording for p in paired)
+    return recordings, pairings, _compensated_notes(folder, said, used)
 
 
 def _layout(table: CampaignTable) -> Layout:

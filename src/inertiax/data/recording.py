@@ -347,6 +347,8 @@ class Campaign(Module):
     grade: str | None = field(static=True, default=None)  # navigation | tactical | consumer
     path: Path | None = field(static=True, default=None)  # campaign.toml, if read from one
     notes: tuple[str, ...] = field(static=True, default=())  # what a reader should know
+    # Those of the notes that say how files of the two triads became one recording: no reservation on a calibration
+    pairings: tuple[str, ...] = field(static=True, default=())
 
     def __check_init__(self):
         for each in self.recordings:
@@ -368,7 +370,21 @@ class Campaign(Module):
             raise ValueError(
                 f"`Campaign.of_device({device!r})`: no such device; found {list(self.devices)}."
             )
-        return Campaign(chosen, self.site, self.rig, self.model, self.grade, self.path, self.notes)
+        return Campaign(
+            chosen,
+            self.site,
+            self.rig,
+            self.model,
+            self.grade,
+            self.path,
+            self.notes,
+            self.pairings,
+        )
+
+    @property
+    def reservations(self) -> tuple[str, ...]:
+        """The notes that a result has to be read with."""
+        return tuple(note for note in self.notes if note not in self.pairings)
 
 
 def check_given_campaign(call: str, campaign: object) -> None:

@@ -19,7 +19,7 @@ from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import rate_words
 from ..reduction.segments import rests_are_searched, Segments
 from .barometer import barometer_sections, FIGURE as BAROMETER_FIGURE
-from .judge import coverage_sentence, TRIAD_NAMES, triads, weakest
+from .judge import coverage_sentence, further_warnings, TRIAD_NAMES, triads, weakest
 from .magnetometers import (
     FIGURES as FIELD_FIGURES,
     magnetometer_keys,
@@ -121,7 +121,7 @@ def _verdict(result: DeviceResult, quality: Quality) -> Verdict:
     tone, headline = _HEADLINES[quality.verdict]
     lines = [f"Is it good? {quality.answer}", *_beside(quality)]
     lines += [coverage_sentence(result.calibration, r) for _, r in triads(result).values()]
-    lines += [f"Warning: {w}" for w in result.warnings]
+    lines += [f"Warning: {w}" for w in further_warnings(result, quality)]
     lines += [f"Would improve it most: {n}" for n in quality.next]
     return Verdict(tone, headline, tuple(lines))
 

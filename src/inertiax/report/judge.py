@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..calibrate.fit_quality import TRIAD_NAMES as TRIAD_NAMES, weakest as weakest
+from ..calibrate.fit_quality import Quality, TRIAD_NAMES as TRIAD_NAMES, weakest as weakest
 from ..calibrate.pipeline import DeviceResult, TriadResult
 from ..calibration.calibration import Calibration, TriadCalibration
 
@@ -14,6 +14,12 @@ def triads(result: DeviceResult) -> dict[str, tuple[TriadCalibration, TriadResul
         "gyro": (result.calibration.gyro, result.gyro),
     }
     return {k: (c, r) for k, (c, r) in both.items() if c is not None and r is not None}
+
+
+def further_warnings(result: DeviceResult, quality: Quality) -> tuple[str, ...]:
+    """The warnings that the answer itself does not say; it begins them with a letter of its own size."""
+    said = quality.answer.casefold()
+    return tuple(w for w in result.warnings if w.casefold() not in said)
 
 
 def coverage_sentence(calibration: Calibration, result: TriadResult) -> str:

@@ -11,7 +11,7 @@ from rich.table import Table
 from ..calibrate.fit_quality import judge
 from ..calibration.quantities import middle_temperature, quantities, rms_text, with_sigma
 from ..physics.temperature import Constant
-from .judge import TRIAD_NAMES, triads
+from .judge import further_warnings, TRIAD_NAMES, triads
 from .terminal import Terminal
 
 
@@ -49,9 +49,9 @@ def print_result(result: "DeviceResult", folder: Path) -> "Quality":
         console.print(f"  rms misfit {rms_text('T', result.mag.rms)}")
     for choice in result.choices:
         console.print(f"chosen: {choice}")
-    for warning in result.warnings:
-        console.print(f"warning: {warning}")
     quality = judge(result)
+    for warning in further_warnings(result, quality):
+        console.print(f"warning: {warning}")
     console.print(f"is it good? {quality.answer}", style="bold")
     for wanted in quality.next:
         console.print(f"would improve it most: {wanted}")
