@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
-from inertiax.diagnose.observations.block_length import length_beyond_tremor
+from inertiax.reduction.block_length import length_beyond_tremor
 
 
 RATE, RESTS, SAMPLES = 200.0, 16, 800

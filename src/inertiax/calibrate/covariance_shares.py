@@ -83,6 +83,8 @@ def _turned(
     square = lambda x, size: np.square(x)[:, None, None] * np.eye(size)
     at_rest = {NOISE: np.asarray(dwells.gyro_covariance, float) - square(wander, 3)}
     at_rest[SCATTER] = square(wander, 3)
+    # Less than τ T where a hand's turning was counted as noise (`noise_of_motions`).
+    drifted = np.minimum(drifted, np.sqrt(np.asarray(motion.noise)))
     tilts = {NOISE: tilt_covariance(dwells) - square(drifted, 2)}
     tilts[SCATTER] = square(drifted, 2) + variance * np.eye(2)
     at_rest, tilts = _relative(at_rest), _relative(tilts)

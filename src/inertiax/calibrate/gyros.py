@@ -15,6 +15,8 @@ from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import Turns, with_motions
 from .accelerometers_in_gyros import with_accelerometers
+from .between_dwell_variance import num_judged
+from .noise_of_motions import with_noise_shown
 from .one_triad import (
     estimate_triad,
     Progress,
@@ -42,12 +44,26 @@ def calibrate_gyros(
     still tell the bias; a warning says so.
     """
 
-    def estimate(model: ChosenModel, used: Dwells) -> TriadResult:
+    def estimate(
+        model: ChosenModel, used: Dwells, chosen: list[str] = choices, doubts: list[str] = warnings
+    ) -> TriadResult:
         _, gyro = build_estimators(model, campaign.site.gravity, dwells, robust=robust)
         assert gyro is not None
-        return estimate_triad(
-            gyro, used, model, method, progress, choices, warnings, rig=campaign.rig
+        return estimate_triad(gyro, used, model, method, progress, chosen, doubts, rig=campaign.rig)
+
+    def by_gravity(used: Dwells) -> tuple[TriadResult, Dwells]:
+        said, doubts = [], []
+        found = estimate(chosen, used, said, doubts)
+        own = np.sqrt(np.maximum(np.square(found.sigma) - found.scatter**2, 0.0))
+        size = found.solution.curve.basis.size
+        shown = with_noise_shown(
+            used, np.asarray(found.misfit), own, size * num_judged(found.estimator, used)
         )
+        if shown is not used:
+            return estimate(chosen, shown), shown
+        choices.extend(said)
+        warnings.extend(doubts)
+        return found, used
 
     if chosen.gyro_estimator is None:
         return None, chosen, None
@@ -58,10 +74,9 @@ def calibrate_gyros(
         choices.extend([] if reason is None else [reason])
         try:
             if name == "gravity":
-                by_gravity = with_accelerometers(
-                    estimate(chosen, turns.dwells), accel, turns.dwells
-                )
-                return by_gravity.result, chosen, by_gravity.cross_covariance
+                found, used = by_gravity(turns.dwells)
+                whole = with_accelerometers(found, accel, used)
+                return whole.result, chosen, whole.cross_covariance
         except ValueError as error:
             if chosen.fixed or campaign.model.gyro_estimator == "gravity":
                 raise

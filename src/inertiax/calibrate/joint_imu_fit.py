@@ -27,6 +27,7 @@ from .between_dwell_variance import (
     with_provisional_scatter,
     with_scatter,
 )
+from .noise_of_motions import with_noise_shown
 from .observability import judge_normal, Observability
 from .results import TriadResult
 from .slow_noise_together import with_slow_noise_of
@@ -147,6 +148,9 @@ def fit_together(
     if np.any(told != free):
         # From there: at a start without misalignment these arms would not show at all.
         free, fit = told, _fit(estimator, basis, dwells, told, fit.coefficients)
+    shown = with_noise_shown(dwells, fit.gyro.misfit, fit.gyro.sigma, fit.gyro.unknowns)
+    if shown is not dwells:
+        dwells, fit = shown, _fit(estimator, basis, shown, free, fit.coefficients)
     for _ in range(_MOST_PASSES - 1):
         settled = _with_scatter(fit)
         if settled is None:

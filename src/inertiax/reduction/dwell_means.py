@@ -18,6 +18,7 @@ from .mean_covariance import covariances_of_means
 from .rests import TURNED_SLOWLY, usual_step
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
 from .segments import segment_all, Segments
+from .turning_hand import less_turning
 
 
 def reduce_to_dwells(
@@ -248,6 +249,8 @@ def _covariances(
         # Without its reference the force that turns in the case would pass for noise of the other plateaus.
         pool = np.where(is_told(ideal), pool, 2)
     covariance = covariances_of_means(scatter, pool)
+    if triad == "accel" and ideal is None and (output := joined_means(found, "accel")) is not None:
+        covariance = less_turning(covariance, scatter, output, resting)
     if triad == "accel" or ideal is None:
         return covariance
     spread = np.concatenate([f.spread for f in found if f.spread is not None])

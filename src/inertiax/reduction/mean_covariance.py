@@ -13,25 +13,26 @@ _SAMPLES_FOR_SHAPE = 1 << 18
 
 
 class Scatter(Module):
-    """Samples of one triad in each dwell, as deviations from what the dwell should read."""
+    """Samples of a triad's channels in each dwell, as deviations from what the dwell should read."""
 
     counts: Int[np.ndarray, " dwell"]  # samples in each dwell
-    products: Float[np.ndarray, "dwell 3 3"]  # sums over a dwell of products of two channels, unit²
+    # Sums over a dwell of products of two channels, unit².
+    products: Float[np.ndarray, "dwell channel channel"]
     sloping: Bool[np.ndarray, " dwell"]  # deviations are from a straight line, not only the mean
-    step: Float[np.ndarray, "dwell 3"]  # LSB of the converter, 0 where it does not show
+    step: Float[np.ndarray, "dwell channel"]  # LSB of the converter, 0 where it does not show
     number: Int[np.ndarray, " dwell"]  # of the dwell, as `first` counts them
-    # Deviations (row, 3) of the first samples of some dwells: their numbers, and how many of each.
+    # Deviations (row, channel) of the first samples of some dwells: their numbers, and how many of each.
     first: Callable[[np.ndarray, np.ndarray], np.ndarray] = field(static=True)
 
     @property
-    def squares(self) -> Float[np.ndarray, "dwell 3"]:
+    def squares(self) -> Float[np.ndarray, "dwell channel"]:
         """Sums of squares of each channel, unit²."""
         return np.diagonal(self.products, axis1=1, axis2=2)
 
 
 def covariances_of_means(
     scatter: Scatter, pool: Int[np.ndarray, " dwell"]
-) -> Float[np.ndarray, "dwell 3 3"]:
+) -> Float[np.ndarray, "dwell channel channel"]:
     """Covariance of each dwell's mean, unit²; dwells of one number in `pool` are pooled, as rests are, and plateaus.
 
     For channel c of dwell k with n samples
@@ -46,14 +47,15 @@ def covariances_of_means(
     the covariances are zero: an estimator then weights the dwells equally and takes the scale
     from its residuals.
     """
-    result = np.zeros((len(scatter.counts), 3, 3))
+    result = np.zeros(scatter.products.shape)
     for number in np.unique(pool):
         group = pool == number
-        result[group] = _pooled(_select(scatter, group))
+        result[group] = _pooled(select(scatter, group))
     return result
 
 
-def _select(scatter: Scatter, dwells: Bool[np.ndarray, " dwell"]) -> Scatter:
+def select(scatter: Scatter, dwells: Bool[np.ndarray, " dwell"]) -> Scatter:
+    """That of some dwells."""
     if dwells.all():
         return scatter
     return Scatter(
@@ -62,11 +64,11 @@ def _select(scatter: Scatter, dwells: Bool[np.ndarray, " dwell"]) -> Scatter:
     )  # fmt: skip
 
 
-def _pooled(scatter: Scatter) -> Float[np.ndarray, "dwell 3 3"]:
+def _pooled(scatter: Scatter) -> Float[np.ndarray, "dwell channel channel"]:
     counts = scatter.counts.astype(float)
     squares = scatter.squares
-    factor, left, freedom = (np.ones((len(counts), 3)) for _ in range(3))
-    for axis in range(3):
+    factor, left, freedom = (np.ones(squares.shape) for _ in range(3))
+    for axis in range(squares.shape[1]):
         shape = _shape(scatter, squares[:, axis], axis)
         factor[:, axis] = shape.mean_factor(counts)
         left[:, axis] = _samples_left(shape, scatter)
@@ -109,12 +111,12 @@ def _samples_left(shape: NoiseShape, scatter: Scatter) -> Float[np.ndarray, " dw
 
 
 def _shrunk(
-    squares: Float[np.ndarray, "dwell 3"],
-    left: Float[np.ndarray, "dwell 3"],
-    freedom: Float[np.ndarray, "dwell 3"],
-    step: Float[np.ndarray, "dwell 3"],
+    squares: Float[np.ndarray, "dwell channel"],
+    left: Float[np.ndarray, "dwell channel"],
+    freedom: Float[np.ndarray, "dwell channel"],
+    step: Float[np.ndarray, "dwell channel"],
     own: Bool[np.ndarray, " dwell"],
-) -> Float[np.ndarray, "dwell 3"]:
+) -> Float[np.ndarray, "dwell channel"]:
     """Variance of a sample: each dwell's own, weighted with the pooled one."""
     variance = np.maximum(squares / np.maximum(left, 0.5), step**2 / 12.0)
     pooled = (freedom * variance)[own].sum(axis=0) / freedom[own].sum(axis=0)
@@ -129,14 +131,16 @@ def _shrunk(
 
 
 def _between_channels(
-    scatter: Scatter, variance: Float[np.ndarray, "dwell 3"]
-) -> Float[np.ndarray, "3 3"]:
-    """Correlation of the three channels at one instant, over all dwells."""
+    scatter: Scatter, variance: Float[np.ndarray, "dwell channel"]
+) -> Float[np.ndarray, "channel channel"]:
+    """Correlation of the channels at one instant, over all dwells."""
     sigma = np.sqrt(np.maximum(variance, 1e-300))
     products = (scatter.products / (sigma[:, :, None] * sigma[:, None, :])).sum(axis=0)
     scale = np.sqrt(np.maximum(np.diag(products), 1e-300))
-    return np.where(np.eye(3) > 0, 1.0, products / np.outer(scale, scale))
+    return np.where(np.eye(len(scale)) > 0, 1.0, products / np.outer(scale, scale))
 
 
-def _diagonal(variances: Float[np.ndarray, "dwell 3"]) -> Float[np.ndarray, "dwell 3 3"]:
-    return variances[:, :, None] * np.eye(3)
+def _diagonal(
+    variances: Float[np.ndarray, "dwell channel"],
+) -> Float[np.ndarray, "dwell channel channel"]:
+    return variances[:, :, None] * np.eye(variances.shape[1])

@@ -14,6 +14,7 @@ from ..._jax import eqx, jax
 from ...data.recording import Campaign, Recording, Site
 from ...data.recording_order import in_order
 from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
+from ...reduction.block_length import length_beyond_tremor
 from ...reduction.dwells import is_told
 from ...reduction.earth_at_rest import vertical_earth_rate
 from ...reduction.segments import (
@@ -23,7 +24,6 @@ from ...reduction.segments import (
     segment_each,
     Segments,
 )
-from .block_length import length_beyond_tremor
 
 
 MOST_BLOCKS = 1600
