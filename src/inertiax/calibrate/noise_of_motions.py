@@ -26,13 +26,13 @@ _CHANCE = 1e-3
 
 def with_noise_shown(
     dwells: Dwells,
-    misfit: Float[np.ndarray, "motions 2"],
-    sigma: Float[np.ndarray, "motions 2"],
+    misfit: Float[np.ndarray, "judged rows"],
+    sigma: Float[np.ndarray, "judged rows"],
     unknowns: int,
 ) -> Dwells:
     """The dwells with the noise of their motions as the tilts that are left show it; the same where χ² is as expected.
 
-    **Arguments:** `misfit` and its standard deviation `sigma` by the dwells' own noise, rad, of those that a motion led
+    **Arguments:** `misfit` and its standard deviation `sigma` by the dwells' own noise, rad, two of each that a motion led
     to; `unknowns` of the fit that these judge.
     """
     motion = dwells.motion

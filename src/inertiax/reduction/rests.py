@@ -4,6 +4,7 @@ A rest is where accelerometers and gyros move little, compared with the quietest
 recording; how little is read off the data too.
 """
 
+import weakref
 from typing import TypeAlias
 
 import numpy as np
@@ -71,12 +72,25 @@ class Rests(Module):
     levels: QuietLevels | None = None  # `None` where no window was judged
 
 
+_USUAL: dict[int, tuple[weakref.ref, float]] = {}
+
+
 def usual_step(recording: Recording) -> float:
-    """Median time from sample to sample, s; 0 for a single sample."""
-    steps = np.diff(recording.time)
+    """Median time from sample to sample, s; 0 for a single sample. Kept as long as the stamps are: every stage asks."""
+    time = recording.time
+    key = id(time)
+    known = _USUAL.get(key)
+    if known is None or known[0]() is not time:
+        known = weakref.ref(time, lambda _: _USUAL.pop(key, None)), _median_step(time)
+        _USUAL[key] = known
+    return known[1]
+
+
+def _median_step(time: Float[np.ndarray, " time"]) -> float:
+    steps = np.diff(time)
     if not len(steps):
         return 0.0
-    # As `np.median`, which takes five times as long for a short recording; this is asked a dozen times of each.
+    # As `np.median`, which takes five times as long for a short recording.
     middle = [(len(steps) - 1) // 2, len(steps) // 2]
     return float(0.5 * np.partition(steps, middle)[middle].sum())
 

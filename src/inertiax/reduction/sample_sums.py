@@ -64,9 +64,11 @@ class Reduced(Module):
         kept: Int[np.ndarray, " chosen"],
     ) -> Float[np.ndarray, "row 3"]:
         """Deviations of the first `kept` samples of some dwells."""
-        starts = np.cumsum(self.counts) - self.counts
-        before = np.cumsum(kept) - kept
-        rows = self.rows[np.arange(kept.sum()) + np.repeat(starts[dwells] - before, kept)]
+        # Dwell by dwell: `rows` would count through all of a long log.
+        of_one = lambda k, n: (
+            self.start[k] + np.flatnonzero(self.used[self.start[k] : self.stop[k]])[:n]
+        )
+        rows = np.concatenate([of_one(k, n) for k, n in zip(dwells, kept, strict=True)])
         line = getattr(self, triad)
         return _deviations(self.recording, triad, rows, np.repeat(dwells, kept), line)
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -89,7 +90,8 @@ def _stored(
         raise ValueError(f"{name}: rows of poses are no long log.")
     rate = columns.time.rate if isinstance(columns.time, TimeColumn) else None
     layout = msgspec.structs.replace(layout, start_row=0)  # left out of the pieces already
-    for table in tables:
+
+    def keep(table: pl.DataFrame, device: str, last: float) -> tuple[str, float]:
         (recording,) = to_recordings(table, columns, layout, name=name)
         if rate is not None:
             time = (store.rows + np.arange(recording.num_samples)) / rate
@@ -97,7 +99,17 @@ def _stored(
         if recording.time[0] <= last or (store.rows and recording.device != device):
             raise ValueError(f"{name}: the pieces are not those of one recording.")
         store.append(recording)
-        device, last = recording.device, float(recording.time[-1])
+        return recording.device, float(recording.time[-1])
+
+    # One piece is decoded while the one before it is written.
+    with ThreadPoolExecutor(1) as pool:
+        written: Future[tuple[str, float]] | None = None
+        for table in tables:
+            if written is not None:
+                device, last = written.result()
+            written = pool.submit(keep, table, device, last)
+        if written is not None:
+            device, last = written.result()
     return store, device
 
 
@@ -109,13 +121,14 @@ def _parts(store: ColumnStore, device: str, name: str, part: int) -> tuple[Recor
     ends = list(zip(cuts[:-1], cuts[1:], strict=True))
     levels = side_by_side(lambda rows: _quietest(store, *rows), ends, rows=store.rows)
     quietest = min(x for x, _ in levels), min(y for _, y in levels)
-    return tuple(
-        StoredRecording.part(
-            store, a, b, device=device, name=f"{name} (part {k} of {count})", whole=name,
+
+    def checked(k: int) -> StoredRecording:
+        return StoredRecording.part(
+            store, *ends[k], device=device, name=f"{name} (part {k + 1} of {count})", whole=name,
             quietest=quietest,
-        )
-        for k, (a, b) in enumerate(ends, start=1)
-    )  # fmt: skip
+        )  # fmt: skip
+
+    return tuple(side_by_side(checked, range(count), rows=store.rows))
 
 
 def _quietest(store: ColumnStore, first: int, stop: int) -> tuple[float, float]:
