@@ -1,11 +1,12 @@
-"""From raw Parquet to calibrations, beside only reading and grouping the same columns with polars.
+"""From raw Parquet to calibrations, beside only reading and grouping the same columns with polars, and hashing too.
 
     pip install -e .
     python benchmarks/fleet/raw.py [--gigabytes 2] [--folder DIR] [--json FILE]
 
 A line of devices, 18 positions × 500 samples each, float64 with noise (so that the files do not compress), is written
 in eight files. Each measured run is a process of its own: `inertiax.fleet.run_fleet` into a fresh folder, and the
-peer `scan_parquet → group_by(device, position) → mean` of the four measured columns. Peak memory is that of the
+peer `scan_parquet → group_by(device, position) → mean` of clock and measured columns. A second peer does besides what a
+run has to do for its protocol: SHA-256 of the same files, side by side in threads. Peak memory is that of the
 process, for one, two, four and all eight files. Medians of five, alternating; compile time is inside ours. Processor
 time is told beside the clock's, which other work on the machine lengthens.
 """
@@ -95,9 +96,17 @@ print(time.perf_counter() - start, time.process_time() - used, peak(), summary.c
 PEER = (
     PEAK
     + """
-import sys, time
+import hashlib, os, sys, time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 import polars as pl
 start, used = time.perf_counter(), time.process_time()
+def digest(file):
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+if sys.argv[2] == "hashed":
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        assert all(pool.map(digest, Path(sys.argv[1]).glob("*.parquet")))
 table = pl.scan_parquet(sys.argv[1] + "/*.parquet").group_by("device", "position").agg(
     pl.col("time", "accel_x", "accel_y", "accel_z", "temperature").mean()).collect(engine="streaming")
 print(time.perf_counter() - start, time.process_time() - used, peak(), table.height)
@@ -105,7 +114,7 @@ print(time.perf_counter() - start, time.process_time() - used, peak(), table.hei
 )
 
 
-def measured(script: str, *arguments: Path) -> tuple[float, float, float, int]:
+def measured(script: str, *arguments: Path | str) -> tuple[float, float, float, int]:
     """Seconds, processor seconds, GB and count of one process."""
     run = subprocess.run(
         [sys.executable, "-c", script, *map(str, arguments)],
@@ -129,13 +138,14 @@ def main() -> None:
     devices, size = write(source, chosen.gigabytes)
     print(f"{devices} devices, {size:.2f} GB written in {time.perf_counter() - start:.0f} s")
     full = campaign(base / "full", source, FILES)
-    ours, peer = [], []
+    ours, read, hashed = [], [], []
     for _ in range(REPEATS):
         shutil.rmtree(base / "results", ignore_errors=True)
         ours.append(measured(OURS, full, base / "results"))
-        peer.append(measured(PEER, full))
+        read.append(measured(PEER, full, "read"))
+        hashed.append(measured(PEER, full, "hashed"))
         assert ours[-1][3] == devices, "every device must be calibrated"
-        assert peer[-1][3] == devices * 18
+        assert read[-1][3] == hashed[-1][3] == devices * 18
     memory = {}
     for files in (1, 2, 4, 8):
         part = campaign(base / f"part-{files}", source, files)
@@ -145,19 +155,22 @@ def main() -> None:
         "devices": devices,
         "gigabytes": size,
         "ours_s": statistics.median(x[0] for x in ours),
-        "polars_s": statistics.median(x[0] for x in peer),
+        "polars_s": statistics.median(x[0] for x in read),
+        "hashed_s": statistics.median(x[0] for x in hashed),
         "ours_processor_s": statistics.median(x[1] for x in ours),
-        "polars_processor_s": statistics.median(x[1] for x in peer),
+        "polars_processor_s": statistics.median(x[1] for x in read),
+        "hashed_processor_s": statistics.median(x[1] for x in hashed),
         "ours_gb": statistics.median(x[2] for x in ours),
-        "polars_gb": statistics.median(x[2] for x in peer),
+        "polars_gb": statistics.median(x[2] for x in read),
         "load": os.getloadavg()[0],
         "memory_gb_by_files": memory,
     }
     for what, key in (("time", "s"), ("processor time", "processor_s")):
-        ours_s, polars_s = result[f"ours_{key}"], result[f"polars_{key}"]
-        result[f"ratio_{key}"] = ours_s / polars_s
+        ours_s, polars_s, hashed_s = (result[f"{k}_{key}"] for k in ("ours", "polars", "hashed"))
+        result[f"ratio_{key}"], result[f"ratio_hashed_{key}"] = ours_s / polars_s, ours_s / hashed_s
         print(
-            f"{what}: ours {ours_s:.2f} s, polars {polars_s:.2f} s, ratio {ours_s / polars_s:.2f}"
+            f"{what}: ours {ours_s:.2f} s; polars {polars_s:.2f} s, ratio {ours_s / polars_s:.2f}; "
+            f"polars and SHA-256 {hashed_s:.2f} s, ratio {ours_s / hashed_s:.2f}"
         )
     print(f"load of the machine at the end: {result['load']:.1f}")
     print("peak memory, GB: " + ", ".join(f"{k} files {v:.2f}" for k, v in memory.items()))

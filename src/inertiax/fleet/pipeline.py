@@ -102,10 +102,12 @@ def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -
     """What the parts say together, when all are done: copies, summary, population, effects of the line."""
     set_copies_aside(folder)
     summary = summarise(folder, before)
-    fits = tuple(count_verdicts(folder, manifest).items())
+    with ThreadPoolExecutor(1) as beside:
+        verdicts = beside.submit(count_verdicts, folder, manifest)
+        _write_population(folder, manifest)
+        fits = tuple(verdicts.result().items())
     summary = replace(summary, fits=fits, devices_before=manifest.kept)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
-    _write_population(folder, manifest)
     if manifest.forms is not None:
         write_line(folder, manifest, _reader(manifest.campaigns, columns, manifest.exact))
     return summary

@@ -28,6 +28,7 @@ from .solve.triad_model import TriadModel as TriadModel
 
 
 SCHEMA = "inertiax.fleet/1"
+_AT_ONCE = 2**20  # bytes of parts read together: each call takes a millisecond
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -124,9 +125,24 @@ def read_parts(folder: Path | str) -> pl.LazyFrame:
 
 
 def each_part(folder: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
-    """Part by part, the devices that were not set aside; raises as `read_parts` does."""
-    for file in part_files(folder):
-        yield pl.scan_parquet(file).filter(pl.col("reason") == "").select(columns).collect()
+    """Part by part, small ones together, the devices that were not set aside; raises as `read_parts` does."""
+    for files in _lots(part_files(folder)):
+        yield pl.scan_parquet(files).filter(pl.col("reason") == "").select(columns).collect()
+
+
+def _lots(files: Iterable[Path]) -> Iterator[list[Path]]:
+    """Files that follow one another, as many as are small together."""
+    lot: list[Path] = []
+    size = 0
+    for file in files:
+        own = file.stat().st_size
+        if lot and size + own > _AT_ONCE:
+            yield lot
+            lot, size = [], 0
+        lot.append(file)
+        size += own
+    if lot:
+        yield lot
 
 
 def part_files(folder: Path) -> list[Path]:

@@ -118,8 +118,10 @@ def _of_parameters(
     table: pl.DataFrame, triad: str, model: TriadModel, grid: np.ndarray
 ) -> Int[np.ndarray, " devices"]:
     """Grades by the uncertainties, each device over its own temperatures."""
+    # What does not follow temperature is the same at each.
+    grid = grid if model.degree else grid[:, :1]
     count, size, parameters = len(grid), model.degree + 1, len(model.names)
-    phi = basis_of(model).rows(grid.ravel()).reshape(count, GRID, size)
+    phi = basis_of(model).rows(grid.ravel()).reshape(*grid.shape, size)
     coefficients = matrix_of(table.get_column(f"{triad}_parameters"))
     values = phi @ coefficients.reshape(count, size, parameters)
     covariance = full_covariances(table.get_column(f"{triad}_covariance"))

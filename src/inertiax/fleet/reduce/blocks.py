@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 BLOCKS = 16  # of a dwell
 FEWEST = 4  # samples in a block
+_PIECES = 64  # of a column; of more each is too short for sums of its own
 
 
 class Blocks(eqx.Module):
@@ -63,13 +64,25 @@ class Blocks(eqx.Module):
         series = series.cast(pl.Float64, strict=False)
         if series.null_count():
             series = series.fill_null(float("nan"))
-        values = series.to_numpy()
-        # Sums between consecutive edges hold the rows between dwells too, so both edges are cut.
+        if series.n_chunks() > _PIECES:
+            series = series.rechunk()
         end = self.edge + self.count.astype(int)
-        cuts = np.stack([self.edge, end], axis=1).reshape(-1)
-        inside = cuts[-1] == len(values)
-        sums = np.add.reduceat(values, cuts[:-1] if inside else cuts)
-        return sums[::2] / self.count
+        sums = np.empty(len(end))
+        row = left = 0  # before the piece; and the first block that has no sum yet
+        # Piece by piece as they were decoded: to copy them together takes as long as to sum them.
+        for piece in series.get_chunks():
+            first = int(np.searchsorted(self.edge, row))
+            row += len(piece)
+            last = int(np.searchsorted(end, row, side="right"))
+            for k in range(left, min(first, last)):  # begun before the piece
+                apart = series.slice(int(self.edge[k]), int(end[k] - self.edge[k])).to_numpy()
+                sums[k] = np.add.reduceat(apart, [0])[0]
+            if last > first:
+                start = row - len(piece)
+                mine = slice(first, last)
+                sums[mine] = _sums(piece.to_numpy(), self.edge[mine] - start, end[mine] - start)
+            left = max(left, last)
+        return sums / self.count
 
     def over_dwells(self, means: Float[np.ndarray, " block"]) -> Float[np.ndarray, " dwell"]:
         """Means over dwells from those over blocks."""
@@ -97,6 +110,26 @@ class Blocks(eqx.Module):
     def any_of_device(self, dwells: Bool[np.ndarray, " dwell"]) -> Bool[np.ndarray, " present"]:
         """Whether a statement holds for any dwell of each device."""
         return np.logical_or.reduceat(dwells, self.first_dwell)
+
+
+def _sums(
+    values: Float[np.ndarray, " row"],
+    edge: Int[np.ndarray, " block"],
+    end: Int[np.ndarray, " block"],
+) -> Float[np.ndarray, " block"]:
+    """Sums from each `edge` to before its `end`, which follow one another."""
+    apart = end[:-1] != edge[1:]
+    place = np.arange(len(edge))
+    if not apart.any():
+        cuts = edge
+    else:  # sums between consecutive cuts hold the rows between dwells too
+        place[1:] += np.cumsum(apart)
+        cuts = np.empty(place[-1] + 1, edge.dtype)
+        cuts[place] = edge
+        cuts[place[:-1][apart] + 1] = end[:-1][apart]
+    if end[-1] < len(values):
+        cuts = np.append(cuts, end[-1])
+    return np.add.reduceat(values, cuts)[place]
 
 
 def means_of_runs(

@@ -37,7 +37,14 @@ from .columns import (
 from .implausible_devices import implausible_devices
 from .locations import scan
 from .many_dwells import Reduction, Stack
-from .single_devices import labels, recording_of, reduce_alone, with_moving_rows, with_plateaus
+from .single_devices import (
+    changes,
+    labels,
+    recording_of,
+    reduce_alone,
+    with_moving_rows,
+    with_plateaus,
+)
 from .stacked_dwells import shared_length
 from .tasks import Stretch, Task
 
@@ -153,19 +160,17 @@ def _cut(
     name = experiment_name(columns)
     experiment = labels(table, name) if name in table.columns else None
     ends = np.cumsum(rows)
-    changes = position[1:] != position[:-1]
-    if experiment is not None:
-        changes |= experiment[1:] != experiment[:-1]
-    changes[ends[:-1] - 1] = True
-    edges = np.concatenate([[0], np.flatnonzero(changes) + 1, [len(position)]])
+    told = [changes(c) for c in (position, experiment) if c is not None]
+    edges = np.unique(np.concatenate([[0], *told, ends[:-1], [len(position)]]).astype(np.int64))
     start, stop = edges[:-1], edges[1:]
-    rest = position[start] >= 0
+    number = position.gather(start).to_numpy()
+    rest = number >= 0
     start, stop = start[rest], stop[rest]
-    of_dwell = np.zeros(len(start)) if experiment is None else experiment[start]
+    of_dwell = np.zeros(len(start)) if experiment is None else experiment.gather(start).to_numpy()
     blocks = None
     if len(start):
         blocks = Blocks.cut(np.searchsorted(ends, start, side="right"), start, stop)
-    return blocks, position[start].astype(np.int64), of_dwell.astype(np.int64)
+    return blocks, number[rest].astype(np.int64), of_dwell.astype(np.int64)
 
 
 def _means(

@@ -95,7 +95,7 @@ def with_moving_rows(table: pl.DataFrame, columns: ColumnMap) -> pl.DataFrame:
     return table.with_columns(pl.when(moving).then(-1).otherwise(pl.col(name)).alias(name))
 
 
-def labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
+def labels(table: pl.DataFrame, column: str) -> pl.Series:
     """A column of whole numbers, -1 where it is empty. Raises `ValueError` where it holds no numbers."""
     series = table.get_column(column)
     if not series.dtype.is_numeric():
@@ -103,5 +103,20 @@ def labels(table: pl.DataFrame, column: str) -> Int[np.ndarray, " row"]:
             f"column '{column}' is of type {series.dtype}; it must hold whole numbers."
         )
     if series.dtype.is_integer() and not series.null_count():
-        return series.to_numpy()
-    return series.cast(pl.Int64, strict=False).fill_null(-1).to_numpy()
+        return series
+    return series.cast(pl.Int64, strict=False).fill_null(-1)
+
+
+def changes(series: pl.Series) -> Int[np.ndarray, " change"]:
+    """Rows at which a column without gaps has another number than the row before."""
+    found, row, before = [np.empty(0, int)], 0, None
+    # Piece by piece as they were decoded, without a copy of all.
+    for piece in series.get_chunks():
+        if not len(piece):
+            continue
+        values = piece.to_numpy()
+        if before is not None and values[0] != before:
+            found.append(np.array([row]))
+        found.append(np.flatnonzero(values[1:] != values[:-1]) + row + 1)
+        row, before = row + len(values), values[-1]
+    return np.concatenate(found)

@@ -16,11 +16,11 @@ import polars as pl
 
 from ...data.formats import ColumnMap
 from .locations import is_address, scan
+from .serial_numbers import runs_of
 
 
 ROWS = 2_000_000  # of a task, at least: about 200 MB; fewer cost a tenth more time
 _SMALL_TASKS = 256  # at most: each is a file of the results
-_READ_AT_ONCE = 2_000_000
 _STRETCHES = 64  # of one device; more means a file in which the devices alternate row by row
 
 
@@ -126,15 +126,10 @@ def _stretches(file: Path | str, columns: ColumnMap) -> Iterable[tuple[str, Stre
         path = Path(file)
         yield device_of_folder(path) or path.stem, Stretch(str(file), 0, height)
         return
-    for first in range(0, height, _READ_AT_ONCE):
-        serial = rows.select(pl.col(column).cast(pl.String)).slice(first, _READ_AT_ONCE).collect()
-        runs = serial.get_column(column).rle().struct.unnest()
-        at = first
-        for length, device in runs.iter_rows():
-            if device is None:
-                raise ValueError(
-                    f"{file}: column '{column}' is empty in row {at}; every row needs the serial number "
-                    "of its device."
-                )
-            yield device, Stretch(str(file), at, length)
-            at += length
+    for device, first, count in runs_of(str(file), column, height):
+        if device is None:
+            raise ValueError(
+                f"{file}: column '{column}' is empty in row {first}; every row needs the serial number "
+                "of its device."
+            )
+        yield device, Stretch(str(file), first, count)
