@@ -31,6 +31,7 @@ from ..model_selection.select_model import (
 from ..numerics.blas_threads import one_blas_thread
 from ..plausibility import statements
 from ..plausibility.aside import Asked
+from ..plausibility.settled_rests import without_settled_rests
 from ..plausibility.stated_rates import ramps_sentence
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
@@ -155,6 +156,7 @@ def calibrate_device(
         found = asked.findings()
     finally:
         asked.end()
+    found = without_settled_rests(found, result.handling)
     warnings = (*statements(found), *result.warnings)
     return replace(result, warnings=warnings, plausibility=found)
 

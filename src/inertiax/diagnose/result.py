@@ -8,6 +8,7 @@ from .._jax import eqx
 from ..calibrate.results import DeviceResult
 from ..model_selection.model_spec import ModelSpec
 from ..plausibility import Finding, statements
+from ..plausibility.settled_rests import without_settled_rests
 from ..reduction.handling import Disturbance
 from ..storage.whole_files import write_atomically
 from .plan.limits import Audit, Detectable as Detectable
@@ -156,6 +157,7 @@ class Diagnosis(eqx.Module):
 
 def with_findings(found: Diagnosis, findings: tuple[Finding, ...]) -> Diagnosis:
     """The diagnosis with what is implausible in its data; the summary says so of warnings."""
+    findings = without_settled_rests(findings, found.handling)
     said = statements(findings)
     summary = found.summary
     if said:

@@ -22,6 +22,10 @@ _LEAST_LEAD = 3  # rows of motion at an end
 _ENOUGH = 10_000  # rows tell the noise of a longer rest to 1 %
 _NOTICED = 5.0  # standard errors by which a rest's mean has to move
 _NO_REST = 0.1  # rad
+CREEPING = (
+    "starts",
+    "stops",
+)  # evidence: s on the recording's clock, of the rests in which gravity creeps
 _MATTERS = {"accel": 2e-3, "gyro": 2e-4}  # m/s², rad/s: what a rest's mean has to move at the least
 
 
@@ -30,6 +34,7 @@ class _Rest:
     """What one rest shows beside rest."""
 
     start: float  # s
+    stop: float  # s, of its last row
     spikes: int
     knocks: int
     shift: float  # of the mean, in standard errors
@@ -88,7 +93,8 @@ def _look(log: Log, k: int, limits: Thresholds) -> _Rest | None:
     inner = far[head : len(far) - tail]
     spikes, knocks = _runs(inner)
     tilt, doubt = _tilt(log, a + head, b - tail)
-    return _Rest(float(log.recording.time[a]), spikes, knocks, shift, head, tail, tilt, doubt)
+    time = log.recording.time
+    return _Rest(float(time[a]), float(time[b - 1]), spikes, knocks, shift, head, tail, tilt, doubt)
 
 
 def _course(x: Float[np.ndarray, "row 3"], step: float) -> Float[np.ndarray, "row 3"] | float:
@@ -203,6 +209,7 @@ def _tilts(log: Log, rests: list[_Rest], limits: Thresholds) -> list[Finding]:
     if not hit:
         return []
     worst = max(hit, key=lambda r: r.tilt)
+    times = zip(CREEPING, (tuple(r.start for r in hit), tuple(r.stop for r in hit)), strict=True)
     return [
         finding(
             "disturbed_rest",
@@ -213,5 +220,7 @@ def _tilts(log: Log, rests: list[_Rest], limits: Thresholds) -> list[Finding]:
             "slowly or slipped.",
             rests=len(hit),
             largest=worst.tilt,
+            recording=log.recording.name,
+            **dict(times),
         )
     ]
