@@ -32,8 +32,8 @@ def with_noise_shown(
 ) -> Dwells:
     """The dwells with the noise of their motions as the tilts that are left show it; the same where χ² is as expected.
 
-    **Arguments:** `misfit` and its standard deviation `sigma` by the dwells' own noise, rad, two of each that a motion led
-    to; `unknowns` of the fit that these judge.
+    **Arguments:** `misfit` and its standard deviation `sigma` by the dwells' own noise, rad, two of each that a motion
+    led to; `unknowns` of the fit that these judge.
     """
     motion = dwells.motion
     freedom = misfit.size - unknowns
