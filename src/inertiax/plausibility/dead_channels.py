@@ -98,6 +98,8 @@ def _held_rows(
     """Rows of the longest stretch in which a channel holds one value although both others live there; `None` where
     it is shorter than a tenth of the log."""
     x = values[:, axis]
+    if np.count_nonzero(x[1:] == x[:-1]) < max(_HELD * len(x), _FEWEST_ROWS) - 1:
+        return None  # as a channel that lives: quicker than its runs
     edges = np.flatnonzero(np.concatenate([[True], np.diff(x) != 0, [True]]))
     lengths = np.diff(edges)
     longest = int(np.argmax(lengths))
