@@ -1,13 +1,12 @@
 """64-bit arithmetic, strict promotion, and seeded randomness for every test."""
 
-import atexit
 import contextlib
 import gc
 import os
-import shutil
-import tempfile
 from importlib.metadata import version
 from pathlib import Path
+
+import compiled_programs
 
 
 # Before JAX starts: one device, no accelerator probing.
@@ -21,11 +20,9 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Most of the time goes into compiling, small operations too: each program is compiled once for all workers and the
-# processes that tests start, which inherit this environment.
+# processes that tests start, which inherit this environment, and for the runs of the next weeks.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    _compiled = tempfile.mkdtemp(prefix="inertiax-tests-")
-    atexit.register(shutil.rmtree, _compiled, ignore_errors=True)
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(compiled_programs.folder())
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
