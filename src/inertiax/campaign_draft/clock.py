@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..data.formats.mended_stamps import can_be_mended, mended
 from ..reduction.host_stamps import host_stamps, usual_rate
 from .column_words import plain, said, TIME_UNITS
 from .raw_log import RawLog
@@ -32,6 +33,7 @@ class Clock(NamedTuple):
     seconds: Float[np.ndarray, " rows"]
     why: str
     certain: bool
+    mend: bool = False  # a few stamps that repeat or go back stand between their neighbours
 
     @property
     def known(self) -> bool:
@@ -159,6 +161,10 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     """The stamps, or a rate in their place where they were not made with the samples."""
     steps = np.diff(seconds)
     bad = int((~(steps > 0)).sum())
+    if bad and can_be_mended(seconds):
+        found = _checked(name, unit, mended(seconds), why)
+        text = f"{found.why}; {bad} stamps that repeat or go back are put between their neighbours"
+        return found if found.name is None else found._replace(why=text, mend=True)
     rate = (
         len(steps) / float(np.nanmax(seconds) - np.nanmin(seconds)) if len(steps) else UNKNOWN_RATE
     )

@@ -323,8 +323,9 @@ def _time(found: RawTriads) -> Line:
     if clock.rate is not None:
         return Line("time", {"rate": clock.rate}, clock.why, clock.certain)
     own = found.log.has_header and found.log.format != "imu_tk"
-    value = {"name": clock.name if own else "time"}
+    value: dict[str, object] = {"name": clock.name if own else "time"}
     value |= {} if clock.unit is None else {"unit": clock.unit}
+    value |= {"mend": True} if clock.mend else {}
     return Line("time", value, clock.why, clock.certain)
 
 

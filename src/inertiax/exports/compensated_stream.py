@@ -17,7 +17,7 @@ import polars as pl
 from ..calibration.calibration import Calibration
 from ..data.formats import ColumnMap, csv, Layout
 from ..data.formats.columns import TimeColumn
-from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, pieces, ROWS
+from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, mends_stamps, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
 from ..storage.whole_files import written_beside
@@ -101,6 +101,8 @@ def _in_pieces(
     any_device: bool,
 ) -> Written:
     """The pieces, compensated and written. Raises `ValueError` for what the whole table alone can tell."""
+    if mends_stamps(columns):
+        raise ValueError(f"{name}: stamps are mended in the whole log alone.")
     columns = in_service(columns)  # a sample is compensated without references and labels
     extent, last, replaced = Extent(), None, ()
     tally = Tally(float(calibration.gravity))

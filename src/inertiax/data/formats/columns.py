@@ -49,12 +49,14 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class TimeColumn(_Strict, frozen=True):
     """`name` and `unit` of the stamps; or `rate` (Hz) where a log has no usable clock, and then
-    time is row number / rate. `row_index = true` says the same in words and needs `rate`."""
+    time is row number / rate. `row_index = true` says the same in words and needs `rate`. `mend = true` puts a few
+    stamps that repeat or go back between their neighbours."""
 
     name: str | None = None
     unit: str = "s"
     rate: float | None = None
     row_index: bool = False
+    mend: bool = False
 
 
 class TriadColumns(_Strict, frozen=True):
@@ -236,6 +238,10 @@ def time_scale(column: TimeColumn, where: str) -> float:
         raise ValueError(
             f"{where} time: both name = '{column.name}' and rate are given; write name and unit to "
             "use the stamps, or rate alone to count rows."
+        )
+    if column.rate is not None and column.mend:
+        raise ValueError(
+            f"{where} time: both mend and rate are given; counted rows have no stamps to mend."
         )
     if column.row_index and column.rate is None:
         raise ValueError(f"{where} time: row_index = true needs rate, the samples per second.")

@@ -18,7 +18,7 @@ from ..stored_recording import ColumnStore, StoredRecording
 from . import csv
 from .columns import AS_FOUND, CANONICAL, ColumnMap, Layout, TimeColumn
 from .detect import by_name, format_of, read_recordings, special_keys
-from .pieces import BYTES, can_be_cut, pieces, ROWS
+from .pieces import BYTES, can_be_cut, mends_stamps, pieces, ROWS
 from .table import to_recordings
 
 
@@ -88,6 +88,8 @@ def _stored(
     store, device, last = ColumnStore(), "", -np.inf
     if columns.each_row_is_a_pose:
         raise ValueError(f"{name}: rows of poses are no long log.")
+    if mends_stamps(columns):
+        raise ValueError(f"{name}: stamps are mended in the whole log alone.")
     rate = columns.time.rate if isinstance(columns.time, TimeColumn) else None
     layout = msgspec.structs.replace(layout, start_row=0)  # left out of the pieces already
 

@@ -46,3 +46,8 @@ def counts_rows(columns: ColumnMap) -> bool:
     """Whether a row's number is its time, so that pieces have no clock that tells their order."""
     rate = columns.time.rate if isinstance(columns.time, TimeColumn) else None
     return rate is not None or columns.each_row_is_a_pose
+
+
+def mends_stamps(columns: ColumnMap) -> bool:
+    """Whether stamps are put between their neighbours, which may be those of another piece."""
+    return isinstance(columns.time, TimeColumn) and columns.time.mend

@@ -32,6 +32,7 @@ from .columns import (
     TriadColumns,
 )
 from .empty_rows import without_empty_rows
+from .mended_stamps import can_be_mended, mended
 from .table_angles import ideal_readings
 from .table_motion import table_motion
 from .time_stamps import seconds_of
@@ -198,15 +199,18 @@ def _clock(
     """Stamps of one device, checked; or its own row count where the campaign gives only a rate."""
     if isinstance(column, TimeColumn) and column.rate is not None:
         return np.arange(len(time)) / column.rate
+    if isinstance(column, TimeColumn) and column.mend:
+        time = mended(time, where)
     steps = np.diff(time)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0)) + 1
         again, back = int((steps == 0).sum()), int((steps < 0).sum())
         what = "repeats" if steps[row - 1] == 0 else "goes back from"
+        repair = "Add mend = true to [columns] time" if can_be_mended(time) else "Repair them"
         raise ValueError(
             f"{where}: time must increase strictly, but row {row} ({time[row]:.6f} s) {what} the "
             f"stamp of row {row - 1} ({time[row - 1]:.6f} s); {again} repeated and {back} backward "
-            "stamps in all. Repair them, or count rows with [columns] time = { rate = ... } in Hz."
+            f"stamps in all. {repair}, or count rows with [columns] time = {{ rate = ... }} in Hz."
         )
     return time
 

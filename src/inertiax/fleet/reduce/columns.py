@@ -50,6 +50,10 @@ def time_name(columns: ColumnMap) -> str:
         raise ValueError(
             "[columns] time: rate is for logs without a clock; a fleet's Parquet files need a time column."
         )
+    if isinstance(said, TimeColumn) and said.mend:
+        raise ValueError(
+            "[columns] time: mend is for logs of one device; a fleet's Parquet files need stamps in order."
+        )
     return said if isinstance(said, str) else (said.name if said and said.name else "time")
 
 
