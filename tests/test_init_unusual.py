@@ -444,3 +444,25 @@ def test_the_serial_number_that_is_proposed_is_the_file_s_where_its_folder_holds
         written(home / beside, (TIME, ACCEL, GYRO, ACCEL), header)
     draft(log)
     assert f'# serial = "{serial}"' in (home / "campaign.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    "name, celsius, unit, told",
+    [
+        ("chip_temp_F", (27.0, 29.0), "degF", "as the file says; 80.6 to 84.2"),
+        ("temp_f", (12.0, 25.0), "degF", "as the file says; 53.6 to 77"),
+        ("temp", (27.0, 29.0), "degC", "80.6 to 84.2; if degF (27 to 29 degC), write so"),
+    ],
+)
+def test_a_name_that_ends_in_f(tmp_path, name, celsius, unit, told):
+    fahrenheit = np.linspace(*(32.0 + 1.8 * np.array(celsius)), len(TIME))
+    columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, fahrenheit)
+    path = written(tmp_path / "log.csv", columns, f"now[ms],{CANONICAL},{name}")
+    assert draft(path)["columns"]["temperature"] == {"name": name, "unit": unit}
+    assert told in (tmp_path / "campaign.toml").read_text()
+
+
+def test_a_filtered_temperature_is_no_fahrenheit(tmp_path):
+    columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, np.linspace(27.0, 29.0, len(TIME)))
+    path = written(tmp_path / "log.csv", columns, f"now[ms],{CANONICAL},temp_f")
+    assert draft(path)["columns"]["temperature"]["unit"] == "degC"

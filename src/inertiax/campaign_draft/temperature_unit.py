@@ -18,6 +18,7 @@ _TENTHS = re.compile(
     r"^(?:imu|baro|esc)temperature$"
 )  # columns of INAV's blackbox: int16 in 0.1 °C
 _FAHRENHEIT = re.compile(r"degf|°f|fahr|\bf\b")
+_MAYBE_FAHRENHEIT = re.compile(r"_f\b")  # or "filtered"; the values tell
 
 
 class TemperatureUnit(NamedTuple):
@@ -40,6 +41,15 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     span = f"{low:.4g} to {high:.4g}"
     if _FAHRENHEIT.search(log.hint(name)):
         return TemperatureUnit("degF", None, None, f"as the file says; {span}", True)
+    in_celsius = tuple((v - 32.0) / 1.8 for v in (low, high))
+    warm = float(np.median(values)) > _ROOM[1]
+    if (
+        warm
+        and _MAYBE_FAHRENHEIT.search(log.hint(name))
+        and _ROOM[0] <= in_celsius[0]
+        and in_celsius[1] <= _ROOM[1]
+    ):
+        return TemperatureUnit("degF", None, None, f"as the file says; {span}", True)
     tenths = (
         bool(_TENTHS.match(plain(name)))
         and np.all(values == np.round(values))
@@ -50,8 +60,9 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
             "count", 10.0, 0.0, f"{span}: tenths of a degree, as INAV logs it", True
         )
     if _CELSIUS[0] <= low and high <= _CELSIUS[1]:
-        warm = float(np.median(values)) > _ROOM[1]
-        doubt = "; degF would be 32 + 1.8 times as much, check" if warm else ""
+        doubt = (
+            f"; if degF ({in_celsius[0]:.3g} to {in_celsius[1]:.3g} degC), write so" if warm else ""
+        )
         return TemperatureUnit("degC", None, None, f"{span}{doubt}", not warm)
     if _KELVIN[0] <= low and high <= _KELVIN[1]:
         return TemperatureUnit("K", None, None, span, True)
