@@ -9,7 +9,7 @@ from fleet_data import COLUMNS, directions, dwell_means, GRAVITY, parameters, RO
 from inertiax.estimators import Invariant
 from inertiax.fleet import fit_invariant
 from inertiax.fleet.solve.invariant import fit_chunks, predicted
-from inertiax.fleet.solve.moments import monomials, normal_matrix, total
+from inertiax.fleet.solve.moments import monomials, normal_matrix, squares, total
 from inertiax.fleet.solve.refined_noise import refined_sigma
 from inertiax.fleet.solve.thermal import _products_of, normal_matrices
 from inertiax.physics.temperature import CubicSpline, Polynomial
@@ -50,6 +50,15 @@ def test_moments_are_the_normal_matrix_of_numerical_derivatives(dwells):
         np.testing.assert_allclose(
             pull[:, lane], -jacobian.T @ residual(np.zeros(9), lane), atol=1e-9
         )
+
+
+@pytest.mark.parametrize("dwells", [4, 18, 50])
+def test_squares_are_the_symmetric_product_of_numpy(dwells):
+    rows = np.random.default_rng(5).normal(size=(9, dwells, 6))
+    with jax.enable_x64(True):
+        found = np.asarray(squares(jnp.asarray(rows)))
+    # Sums of up to 50 products of numbers of size 1, in another order.
+    np.testing.assert_allclose(found, np.einsum("idb,jdb->ijb", rows, rows), rtol=0, atol=1e-13)
 
 
 @pytest.mark.slow

@@ -46,6 +46,7 @@ from problem import constant_problem, GRAVITY, SIGMA, thermal_problem
 
 from inertiax.fleet import fit_thermal_invariant
 from inertiax.fleet.solve.batch import BLOCKS, CHUNKS, LANES, solve_chunks
+from inertiax.numerics.aligned_arrays import empty_aligned
 from inertiax.physics.temperature import Polynomial
 
 
@@ -87,11 +88,11 @@ def constant(devices: int, threads: int) -> dict[str, float | tuple[float, float
     a = constant_problem(devices)
     together = LANES * CHUNKS
     padded = np.concatenate([a, a[: -devices % together]])
-    calls = [
-        np.ascontiguousarray(c.reshape(CHUNKS, LANES, 18, 3).transpose(0, 3, 2, 1))
-        for c in np.split(padded, len(padded) // together)
-    ]
-    weights = np.full((CHUNKS, 18, LANES), 1 / SIGMA)
+    calls = [empty_aligned((CHUNKS, 3, 18, LANES), float) for _ in range(len(padded) // together)]
+    for call, own in zip(calls, np.split(padded, len(calls)), strict=True):
+        call[:] = own.reshape(CHUNKS, LANES, 18, 3).transpose(0, 3, 2, 1)
+    weights = empty_aligned((CHUNKS, 18, LANES), float)
+    weights[:] = 1 / SIGMA
     gravity, used = jnp.asarray(GRAVITY), np.int32(CHUNKS)
     last = np.int32(-(-(devices - together * (len(calls) - 1)) // LANES))
     start = time.perf_counter()

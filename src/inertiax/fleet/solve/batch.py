@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...calibrate.slow_noise import SlowNoise
 from ...estimators import AbstractEstimator, Invariant, NOMINAL_SIGMA
+from ...numerics.aligned_arrays import empty_aligned
 from ...numerics.own_kernels import is_tried, OPTIONS
 from ...numerics.paule_mandel import batched_excess_deviation, widened
 from ...physics.temperature import AbstractBasis, Constant
@@ -31,8 +32,9 @@ from .thermal import fit_thermal_invariant
 # Devices solved at once: what stays in a core's cache (measured in benchmarks/fleet/solve.py).
 LANES = 64
 BLOCKS = 16
-# Lots of `LANES` in one call of the compiled program, which is told how many of them are used.
-CHUNKS = 16
+# Lots of `LANES` in one call of the compiled program, which is told how many of them are used; a call costs as much as
+# a hundred devices.
+CHUNKS = 32
 # Calls of a part at most, all rounds of which are done by one thread: what a round costs beside its solves, and
 # the lanes that it leaves empty, are shared.
 CALLS = 4
@@ -88,8 +90,7 @@ def fit_fleet(
     count, cores = len(dwells.valid), threads or os.cpu_count() or 1
     size = _chunk(estimator, basis, count)
     # Parts enough for several cores, but of a size that is not that of the machine, so that results are not either.
-    calls = min(max(count // (4 * size), 1), CALLS) if isinstance(basis, Constant) else CALLS
-    step = size * calls
+    step = _part_size(basis, size, count)
     parts = [slice(s, min(s + step, count)) for s in range(0, count, step)]
     fit = _unsolved(estimator, basis, dwells)
     if len(parts) <= 1:
@@ -103,6 +104,15 @@ def fit_fleet(
     with ThreadPoolExecutor(cores) as pool:
         list(pool.map(one, parts[1:]))
     return fit
+
+
+def _part_size(basis: AbstractBasis, size: int, count: int) -> int:
+    """Devices of a part, in calls of `size`."""
+    if not isinstance(basis, Constant):
+        return size * CALLS
+    # What a call does not use costs nothing on processors, so that parts may be smaller.
+    least = size // 2 if size == LANES * CHUNKS and jax.default_backend() == "cpu" else size
+    return least * min(max(count // (4 * least), 1), CALLS)
 
 
 def _unsolved(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> FleetFit:
@@ -270,8 +280,8 @@ def _solve_lanes(
     """Constant parameters: chunks of lanes in one call, of which only the used ones cost anything."""
     lanes = min(LANES, size) if jax.default_backend() == "cpu" else size
     dwells, used = outputs.shape[1], -(-len(outputs) // lanes)
-    a = np.empty((size // lanes, 3, dwells, lanes), gravity.dtype)
-    w = np.empty((size // lanes, dwells, lanes), gravity.dtype)
+    a = empty_aligned((size // lanes, 3, dwells, lanes), gravity.dtype)
+    w = empty_aligned((size // lanes, dwells, lanes), gravity.dtype)
     filled = _filled(outputs, used * lanes).reshape(used, lanes, dwells, 3)
     a[:used] = filled.transpose(0, 3, 2, 1)
     w[:used] = _filled(weights, used * lanes).reshape(used, lanes, dwells).transpose(0, 2, 1)

@@ -36,7 +36,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...estimators.invariant import _COLUMNS, _ROWS
 from ...numerics.lane_cholesky import invert_lanes
 from ...numerics.own_kernels import kept, one_kernel
-from .moments import monomials, products, square
+from .moments import monomials, products, square, squares
 
 
 # The outputs' own noise makes the rows of repeated positions differ. A coefficient that nothing else tells is as
@@ -127,7 +127,7 @@ def _fit_lanes(
     lanes = a.shape[2]
     none, count = jnp.zeros((lanes,), bool), jnp.ones((lanes,), jnp.int32)
     phi = _weighted(a, root)
-    normal = products(phi, phi)
+    normal = squares(phi)
     diagonal = jnp.stack([normal[i, i] for i in range(9)])
     scale = jnp.sqrt(diagonal)
     largest = functools.reduce(jnp.maximum, jnp.square(scale))

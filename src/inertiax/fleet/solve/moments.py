@@ -60,6 +60,32 @@ def products(
     return sum_of_parts(sum_of_terms(x, y).reshape(len(x), len(y), parts, -1))
 
 
+def squares(x: Float[Array, "9 dwells batch"]) -> Float[Array, "9 9 batch"]:
+    """Σ_d x_id x_jd: three rows at a time up to the diagonal, and their mirror image."""
+    if x.shape[1] > TERMS:
+        return products(x, x)
+    return mirrored(*(rows(x) for rows in _LOWER))
+
+
+def _lower_rows(x: Array, *, first: int) -> Array:
+    """Three rows of Σ_d x_id x_jd, up to the diagonal."""
+    last = first + 3
+    terms = (x[first:last, None, k] * x[None, :last, k] for k in range(x.shape[1]))
+    return functools.reduce(jnp.add, terms)
+
+
+_LOWER = tuple(kept(functools.partial(_lower_rows, first=k)) for k in (0, 3, 6))
+
+
+@kept
+def mirrored(first: Array, middle: Array, last: Array) -> Array:
+    """A symmetric matrix from its rows up to the diagonal, three by three."""
+    turned = lambda block: jnp.swapaxes(block, 0, 1)
+    first = jnp.concatenate([first, turned(middle[:, :3]), turned(last[:, :3])], axis=1)
+    middle = jnp.concatenate([middle, turned(last[:, 3:6])], axis=1)
+    return jnp.concatenate([first, middle, last])
+
+
 @kept
 def sum_of_terms(x: Array, y: Array) -> Array:
     """Σ_d x_id y_jd in one expression, of as many dwells as there are."""
