@@ -17,6 +17,7 @@ from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect, Signal
 from ..numerics.compilation_cache import make_room
 from .candidates.empirical import alternatives
+from .candidates.repeated_inputs import repeated_levels
 from .candidates.signatures import coarsen, terms
 from .candidates.smooth import flexible
 from .noise.observation_series import make
@@ -139,5 +140,6 @@ def prepare_model(
     none = np.zeros(blocks.num_blocks)
     system = make(base, blocks, [none] * 3, [none[:, None][:, :0]] * 3)
     unlisted = alternatives(coarse, blocks, base)
-    candidates, free = (*listed, *unlisted), tuple(flexible(coarse, base))
+    candidates = (*listed, *unlisted)
+    free = (*flexible(coarse, base), *repeated_levels(coarse, blocks, base))
     return Prepared(form, blocks, signal, coarse, system, candidates, free, missing, log.clock)

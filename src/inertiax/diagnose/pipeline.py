@@ -196,8 +196,9 @@ def diagnose_model(
     `Signal` (times, temperature, inputs...); `parameters` is a pytree fitted beforehand, and what its Jacobian
     spans counts as absorbed by a refit; `inputs` (time, 3) is what an ideal triad reads, m/s² or rad/s, where
     the recording has no reference columns; plateaus of constant rate need one of both.
-    **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number, and its `summary` says where
-    dwells still differ by far more than their noise, in a way that nothing in the catalogue follows.
+    **Returns** a `Diagnosis`; its `parameters_moved` lists flat parameters by number. Its `verdict` is `unexplained`,
+    too, where dwells differ alike each time an input comes again, in a way that nothing in the catalogue follows;
+    where they differ by far more than their noise and no such thing shows, its `summary` says so.
     Raises `ValueError` where the recording lacks the triad.
     """
     with jax.enable_x64(True):

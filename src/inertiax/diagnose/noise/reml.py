@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ...numerics.quasi_newton import minimise, Minimum
 from ..candidates.columns import span
+from ..candidates.repeated_inputs import NAME as LEVELS
 from ..candidates.signatures import Term
 from .common_mode_fit import couple, recoupled
 from .grouped_filter import groups_of
@@ -20,7 +21,7 @@ from .state_space import Known, NUM_VARIANCES
 LEARNED = [1, 2, 3, 4]  # flicker, walk, dwells and power cycles, which nothing but the rows tells
 LEAN = 0.5  # log density of a log variance whose standard deviation has a flat one, for each e-fold
 TOLERANCE = 1e-3  # of log likelihoods; a model is chosen by differences of several
-EXTRA = 16  # columns of effects that a fit of variances has room for
+EXTRA = 16  # columns of effects that a fit of variances has room for, beside a level of each input
 
 
 def likelihood_inputs(
@@ -34,7 +35,9 @@ def likelihood_inputs(
     mine = [t.columns[t.chains.index(c)] for t in chosen if c in t.chains]
     extra = np.zeros((len(y), 0))
     if mine:
-        extra = span(np.concatenate(mine, axis=1))[:, :EXTRA] * unit
+        # Levels are a test all together: what some of them leave of the others counts as scatter.
+        room = EXTRA + sum(t.size for t in chosen if t.name == LEVELS and c in t.chains)
+        extra = span(np.concatenate(mine, axis=1))[:, :room] * unit
     return y, system.frames[c] * unit, extra
 
 

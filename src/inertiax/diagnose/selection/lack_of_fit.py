@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.special
 
+from ..candidates.repeated_inputs import NAME as LEVELS
 from ..candidates.signatures import Term
 from ..candidates.smooth import on_input
 from ..noise.observation_series import NoiseFit, System
@@ -37,28 +38,40 @@ def left_over(
 ) -> LeftOver | None:
     """What the named effects leave for the flexible dependences, if it counts beside what they explain.
 
-    Where nothing was named, dependences on the inputs alone: a smooth course in time is what slow noise is.
+    On channels where nothing was named, dependences on the inputs alone, a smooth course in time being what slow noise
+    is; beside names on other channels only a level of each input.
 
     **Arguments:** `noise` is the fit beside the chosen effects, or that of the null where there are none.
     """
     terms = [c.term for c in chosen]
     chains = {c for t in terms for c in t.chains}
-    asked = [t for t in flexible if chains.issuperset(t.chains) or (not terms and on_input(t))]
+    anywhere = lambda t: t.name == LEVELS or (not terms and on_input(t))
+    asked = [t for t in flexible if chains.issuperset(t.chains) or anywhere(t)]
+    if not asked:
+        return None
     start = bank(system, [noise], terms)
     rareness = lambda c: _rareness(system, terms, c)
-    ranked = sorted(judge(system, start, asked, terms, {}, grade), key=rareness)
+    levels = [t for t in asked if t.name == LEVELS]
+    ranked = judge(system, start, [t for t in asked if t.name != LEVELS], terms, {}, grade)
+    ranked.sort(key=rareness)
     if not terms and (not ranked or rareness(ranked[0]) > np.log(UNSEEN)):
-        return None
-    fuller = refine(system, start, ranked[:6], terms, most=3)
-    ranked = judge(system, fuller, [c.term for c in ranked[:6]], terms, {}, grade)
+        ranked = []  # nothing smooth
+    if ranked:
+        fuller = refine(system, start, ranked[:6], terms, most=3)
+        ranked = judge(system, fuller, [c.term for c in ranked[:6]], terms, {}, grade)
+    if levels:
+        # Of up to half as many coefficients as dwells: under a noise that was fitted without them none is rare.
+        beside = judge(system, start, levels, terms, {}, grade)
+        ranked += judge(system, refine(system, start, beside, terms), levels, terms, {}, grade)
     if not ranked:
         return None
     worst = min(ranked, key=rareness)
     p = float(np.exp(min(rareness(worst) + np.log(len(asked)), 0.0)))
     mine = sum(c.ratio for c in chosen if set(c.term.chains) & set(worst.term.chains))
     share = (worst.ratio - worst.score.size) / max(mine, 1e-300)
-    say(f"left over: {share:.2f} of the explained, p {p:.1e} ({worst.term.variant.label})")
-    return LeftOver(worst, p) if p < (LEFT if terms else UNSEEN) and share > SHARE else None
+    say(f"left over: {share:.2g} of the explained, p {p:.1e} ({worst.term.variant.label})")
+    rare = LEFT if chains.issuperset(worst.term.chains) else UNSEEN
+    return LeftOver(worst, p) if p < rare and share > SHARE else None
 
 
 def _rareness(system: System, chosen: Sequence[Term], candidate: Candidate) -> float:

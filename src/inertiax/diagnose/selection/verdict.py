@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..candidates.empirical import PREFIX
+from ..candidates.repeated_inputs import NAME as LEVELS
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit, System
 from ..noise.pooled_channels import alike
@@ -130,10 +131,10 @@ def identify(
         ask.look_again(noise, terms)
         fuller, ranked = ask.rank_on(fuller, noise, terms, memory.chosen)
         found = ask.search(list(memory.chosen), fuller, ranked, memory)
-    left = None
-    if memory is None and found.unlisted is None:
-        noise = null if found.noise is None else found.noise
-        left = left_over(ask.system, found.chosen, noise, flexible, grade=grade, say=say)
+    if memory is not None or found.unlisted is not None:
+        flexible = [t for t in flexible if t.name == LEVELS]
+    noise = null if found.noise is None else found.noise
+    left = left_over(ask.system, found.chosen, noise, flexible, grade=grade, say=say)
     return _conclude(ask, found, left, memory, null, gate, first, scores)
 
 
@@ -168,13 +169,12 @@ def _conclude(
         # What is named is not all that was chosen: beside it the noise is another one.
         noise = fit_noise(ask.system, [n.candidate.term for n in named], noise) if named else None
     best_open, open_p = found.unlisted, found.unlisted_p
-    if best_open is None and left is not None:
+    wins = best_open is not None and (
+        not named or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)
+    )
+    if left is not None and not wins:
         best_open, open_p = left.candidate, left.p_value
-    if best_open is not None and (
-        left is not None
-        or not named
-        or best_open.ratio > 0.3 * sum(n.candidate.ratio for n in named)
-    ):
+    if wins or left is not None:
         verdict = "unexplained"
     elif named:
         verdict = "missing-physics"

@@ -161,12 +161,15 @@ def delta_bic(ratio: float, size: int, effect: Effect, rows: float) -> float:
 
 
 def formula(candidate: Candidate) -> str:
-    """The best-found dependence with its coefficients, in SI units."""
-    numbers = " , ".join(
-        f"{v:.3g} ± {s:.1g}"
-        for v, s in zip(
-            candidate.score.coefficients[:3], np.sqrt(np.diag(candidate.score.covariance))
-        )
+    """The best-found dependence in SI units: its coefficients, or of more than three the first and the rms of all."""
+    term, values = candidate.term, candidate.score.coefficients
+    sigmas = np.sqrt(np.diag(candidate.score.covariance))
+    numbers = " , ".join(f"{v:.3g} ± {s:.1g}" for v, s in zip(values[:3], sigmas))
+    unit = "m/s^2" if term.triad == "accel" else "rad/s"
+    more = rms = ""
+    if len(values) > 3:
+        course = np.concatenate([x @ values for x in term.columns])
+        more, rms = " , …", f", {np.sqrt(np.mean(course**2)):.2g} {unit} rms"
+    return (
+        f"{', '.join(term.channel_names)} += ({numbers}{more}) {unit} · {term.variant.label}{rms}"
     )
-    unit = "m/s^2" if candidate.term.triad == "accel" else "rad/s"
-    return f"{', '.join(candidate.term.channel_names)} += ({numbers}) {unit} · {candidate.term.variant.label}"
