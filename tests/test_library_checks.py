@@ -211,7 +211,15 @@ CASES = [
     ("ix.Recording(t, x[:, :2])", "'accel' has shape (10, 2); it must be (time, 3)"),
     ("ix.Recording.from_frame({**frame, 'position': t})", "position`: must hold whole numbers; row 1 is 0.01"),
     ("ix.Recording.from_frame({**frame, 'time': 1e3 * t})", "samples are 10 s apart, in which the device turns by"),
+    ("ix.Recording.from_frame({**frame, 'time': 1e3 * t})", "it is in s (in ms?)."),  # 100 Hz
     ("ix.Recording.from_frame({**frame, 'time': 1e6 * t})", "samples are 10000 s apart"),
+    ("ix.Recording.from_frame({**frame, 'time': 1e6 * t})", "it is in s (in µs?)."),
+    ("ix.Recording.from_frame({**frame, 'time': 1e9 * t})", "it is in s (in ns?)."),
+    ("ix.Recording.from_frame({**frame, 'time': 5e4 * t})", "it is in s (in ms or µs?)."),  # 2 Hz or 2 kHz
+    # A second of 2023: single precision has 24 bits, and 1.7e9 lies between 2^30 and 2^31, so that they are 2^7 apart.
+    ("R(np.float32(1.7e9 + t), x)", "rows 0 and 1 are both 1.7e+09 s in 32 bits, which tell 1.3e+02 s apart there"),
+    ("R(jax.numpy.asarray(1.7e9 + t, 'float32'), x)", "give 64 bits (NumPy), or count from the first sample"),
+    ("R(np.float32(np.maximum(t, 0.01)), x)", "'time' must increase strictly, but row 1 (0.010000 s) does not come"),
     ("ix.Twin(c, {'accel': {'full_scale': 2.0}})", "accel full_scale is 2; it is in m/s², from 9.7"),
     ("ix.Twin(c, {'gyro': {'full_scale': 2000.0}})", "gyro full_scale is 2000; it is in rad/s"),
     ("ix.reduce_to_dwells([])", "(recordings)`: no recordings"),

@@ -27,6 +27,8 @@ DEGREES = 57.3
 # s from sample to sample. Hourly means are the slowest logs; a device whose samples are 2 s and more apart and that
 # turns by more than half a turn between some is not sampled so slowly (500 Hz in ms).
 SLOWEST, SLOWLY, TURNED_SHARE = 3600.0, 2.0, 0.02
+QUICKLY = 1e-4  # s from sample to sample: 10 kHz, more than IMUs give
+FINER = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}  # s, units that loggers count in
 LEAST_OF_LARGEST = 0.1  # of the largest reference, from which outputs tell a unit
 # m/s²: gravity of no other body that people calibrate on is outside, but 1 g, 981 gal and 9810 mm/s² are.
 LEAST_GRAVITY, GREATEST_GRAVITY = 1.5, 30.0
@@ -56,7 +58,28 @@ def check_steps(call: str, time: np.ndarray, gyro: np.ndarray | None) -> None:
     if step <= SLOWEST and not (step >= SLOWLY and turned > np.pi):
         return
     why = f", in which the device turns by {turned:.3g} rad" if turned > np.pi else ""
-    raise ValueError(f"`{call}(time=...)`: samples are {step:g} s apart{why}; it is in s (in ms?).")
+    # Only those in which a log would be sampled as IMUs are; a tenth of a millisecond in µs is no 10 kHz by rounding.
+    fitting = [unit for unit, size in FINER.items() if 1.01 * QUICKLY < step * size < SLOWLY]
+    asked = f" (in {' or '.join(fitting)}?)" if fitting else ""
+    raise ValueError(f"`{call}(time=...)`: samples are {step:g} s apart{why}; it is in s{asked}.")
+
+
+def check_stamps_differ(call: str, given: Any) -> None:
+    """Raise `ValueError` for times whose few bits make one of two samples, as JAX's default 32 do of clocks."""
+    time = np.asarray(given)
+    if time.dtype.kind != "f" or time.dtype.itemsize >= 8:
+        return
+    same = np.flatnonzero(np.diff(time) == 0.0)
+    if not same.size:
+        return
+    row = int(same[0])
+    bits, least = 8 * time.dtype.itemsize, np.spacing(abs(time[row]))
+    if least < 0.5 * (float(time[-1]) - float(time[0])) / (len(time) - 1):
+        return  # samples are farther apart than the bits round: a stamp that the logger repeated
+    raise ValueError(
+        f"`{call}(time=...)`: rows {row} and {row + 1} are both {time[row]:g} s in {bits} bits, which tell {least:.2g} "
+        "s apart there; give 64 bits (NumPy), or count from the first sample before rounding."
+    )
 
 
 def check_temperature(call: str, values: Any, valid: Any, name: str = "temperature") -> None:

@@ -22,6 +22,7 @@ from .plausible_units import (
     check_from_zero,
     check_gravity,
     check_rate,
+    check_stamps_differ,
     check_steps,
     check_temperature,
     whole_numbers,
@@ -154,6 +155,7 @@ class Recording(Module):
             made["time"] = np.arange(rows) / sample_rate
         else:
             made["time"] = _samples(call, "time", time)
+            check_stamps_differ(call, time)
         _check_units(call, made)
         return cls(**made, device=device, name="")
 
