@@ -107,10 +107,19 @@ def _held_rows(
     if rows < max(_HELD * len(x), _FEWEST_ROWS) or rows * log.step < limits.frozen:
         return None
     never = rows == len(x)
+    if not never and _ends_range(x, x[start], rows):
+        return None
     if not never and not lives(np.delete(x, np.s_[start : start + rows])):
         return None
     beside = np.delete(values[start : start + rows], axis, axis=1)
     return (start, start + rows) if lives(beside[:, 0]) and lives(beside[:, 1]) else None
+
+
+def _ends_range(x: Float[np.ndarray, " time"], value: float, rows: int) -> bool:
+    """Whether a channel comes back to the value that it held, and goes beyond it nowhere: the end of its range, which
+    `check_saturation` tells. A channel that died holds a value that is one of many before or behind."""
+    extreme = value in (x.max(), x.min())
+    return bool(extreme and np.count_nonzero(x == value) - rows >= _FEWEST_ROWS)
 
 
 def lives(x: Float[np.ndarray, " time"]) -> bool:
