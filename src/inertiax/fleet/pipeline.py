@@ -1,27 +1,22 @@
 """A fleet from its recordings to a table of calibrations, task by task, resumable."""
 
-import functools
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-import equinox as eqx
-import jax
 import msgspec
 
 from ..data.campaign import load_settings
 from ..data.formats import ColumnMap
-from ..data.recording import Campaign, Rig, Site
+from ..data.recording import Campaign, Rig
 from ..model_selection.select_model import asks_together
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
-from .cluster import on_dask, on_processes
 from .copies import set_copies_aside
 from .input_hashes import changes_since, hashes_of, same_files, write_inputs
 from .model_choice import choose_line_model, first_dwells, Reader
-from .one_by_one import beyond_batches, calibrate_one_by_one, Devices, devices_of, line_model
+from .one_by_one import beyond_batches, devices_of, line_model
 from .overview.explain import choose_line_forms, write_line
 from .overview.populate import population_of
 from .population.population import as_prior, Population, write_population
@@ -32,20 +27,16 @@ from .reduce.campaign_folders import (
     split_campaigns,
 )
 from .reduce.locations import find_sources, is_address, local_state
-from .reduce.many_dwells import Reduction
-from .reduce.raw_rows import read
 from .reduce.tasks import apart, split, Task, wherever_read
 from .results import FleetSummary, summarise
 from .reuse import kept_results, take_away_parts
-from .rows import calibrate_reduced
 from .solve.batch import Precision
 from .solve.triad_model import TriadModel
 from .store import fingerprint, is_done, Manifest, read_manifest, SCHEMA, write_manifest, write_part
+from .task_runs import Ahead, Context, each_done, reader_of
 from .verdicts import count_verdicts
 
 
-# Devices that compile ahead: as many as fill the smallest shape of the programs over temperature.
-AHEAD = 16
 # Rows of a run up to which every device is reduced as `calibrate` does, and has its very weights, for some ten
 # milliseconds a device. Beyond, the covariance of a mean comes from sums over blocks, and estimates move by some
 # hundredths of a sigma.
@@ -83,8 +74,9 @@ def run_fleet(
     """
     asked = _Asked(None if prior is None else as_prior(prior), explain, precision)
     folder = Path(folder)
-    with owned(folder):
-        manifest, columns = _plan(Path(campaign), folder, asked)
+    # Other processes have programs of their own.
+    with owned(folder), Ahead(scheduler is None) as ahead:
+        manifest, columns = _plan(Path(campaign), folder, asked, ahead)
         left = [t for t in manifest.tasks if not is_done(folder, t.number)]
         before, total = len(manifest.tasks) - len(left), len(manifest.tasks)
         tell = progress if progress is not None else lambda done, of: None
@@ -93,7 +85,8 @@ def run_fleet(
         context = Context(
             msgspec.structs.replace(manifest, tasks=()), columns, str(folder.absolute())
         )
-        for number, _ in enumerate(_each(left, context, workers, scheduler)):
+        ahead.begin(left, context)
+        for number, _ in enumerate(each_done(left, context, workers, scheduler)):
             tell(before + number + 1, total)
         return _gather(folder, manifest, columns, before)
 
@@ -109,13 +102,8 @@ def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -
     summary = replace(summary, fits=fits, devices_before=manifest.kept)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     if manifest.forms is not None:
-        write_line(folder, manifest, _reader(manifest.campaigns, columns, manifest.exact))
+        write_line(folder, manifest, reader_of(manifest.campaigns, columns, manifest.exact))
     return summary
-
-
-def _reader(campaigns: bool, columns: ColumnMap, exact: bool) -> Reader:
-    """What turns a task into dwells."""
-    return read_campaigns if campaigns else functools.partial(read, columns=columns, exact=exact)
 
 
 def _write_population(folder: Path, manifest: Manifest) -> None:
@@ -125,75 +113,6 @@ def _write_population(folder: Path, manifest: Manifest) -> None:
         (folder / "population.json").unlink(missing_ok=True)
     else:
         write_population(found, folder / "population.json")
-
-
-class Context(eqx.Module):
-    """What every task needs beside its own rows."""
-
-    manifest: Manifest = eqx.field(static=True)
-    columns: ColumnMap = eqx.field(static=True)
-    folder: str = eqx.field(static=True)
-
-
-def _reader_of(context: Context) -> Reader:
-    manifest = context.manifest
-    return _reader(manifest.campaigns, context.columns, manifest.exact)
-
-
-def _devices_of(context: Context) -> Devices:
-    manifest = context.manifest
-    station = Campaign((), Site(manifest.gravity, manifest.latitude), manifest.station)
-    return devices_of(station, context.columns, folders=manifest.campaigns)
-
-
-def run_task(task: Task, context: Context) -> int:
-    """Read, reduce, solve and store one task; returns its number. Runs wherever a worker is."""
-    # A worker process has JAX's defaults; the precision is local to this call.
-    with jax.enable_x64(True):
-        if context.manifest.one_by_one:
-            rows = calibrate_one_by_one(task, _devices_of(context), context.manifest)
-        else:
-            rows = calibrate_reduced(_reader_of(context)(task), context.manifest)
-        write_part(Path(context.folder), task.number, rows)
-    return task.number
-
-
-def _some_dwells(tasks: Sequence[Task], context: Context) -> Reduction:
-    """A few devices of the first task."""
-    task = msgspec.structs.replace(tasks[0], devices=tasks[0].devices[:AHEAD])
-    with jax.enable_x64(True):
-        return _reader_of(context)(task)
-
-
-def _compile(some: Reduction, context: Context) -> None:
-    """Calibrate some devices for nothing, which compiles the programs. What goes wrong here goes wrong in the
-    task, too, which tells."""
-    with jax.enable_x64(True):
-        calibrate_reduced(some, context.manifest)
-
-
-def _each(
-    tasks: Sequence[Task], context: Context, workers: int | None, scheduler: str | None
-) -> Iterator[int]:
-    if scheduler is not None:
-        one = functools.partial(run_task, context=context)
-        yield from (
-            on_processes(one, tasks, workers)
-            if scheduler == "local"
-            else on_dask(one, tasks, scheduler)
-        )
-        return
-    with ThreadPoolExecutor(1) as ahead, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        # Programs are compiled while the first tasks are read; campaigns take longer to be read twice.
-        if tasks and not (context.manifest.campaigns or context.manifest.one_by_one):
-            ahead.submit(_compile, _some_dwells(tasks, context), context)
-        futures = [pool.submit(run_task, t, context) for t in tasks]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 # --- the plan ------------------------------------------------------------------------------------
@@ -207,9 +126,9 @@ class _Asked(msgspec.Struct, frozen=True):
     precision: Precision
 
 
-def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]:
+def _plan(path: Path, folder: Path, asked: _Asked, ahead: Ahead) -> tuple[Manifest, ColumnMap]:
     if path.is_dir() and not (path / "campaign.toml").exists() and (files := find_campaigns(path)):
-        return _plan_campaigns(path, files, folder, asked), ColumnMap()
+        return _plan_campaigns(path, files, folder, asked, ahead), ColumnMap()
     campaign, table = load_settings(path)
     file = campaign.path
     assert file is not None
@@ -231,7 +150,7 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     exact = sum(t.rows for t in tasks) <= EXACT_ROWS
-    reader = _reader(False, columns, exact)
+    reader = reader_of(False, columns, exact)
     found = _settled(
         campaign,
         tasks,
@@ -241,13 +160,16 @@ def _plan(path: Path, folder: Path, asked: _Asked) -> tuple[Manifest, ColumnMap]
         folder,
         asked,
         {file: local},
+        ahead,
         campaigns=False,
         exact=exact,
     )
     return found, columns
 
 
-def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _Asked) -> Manifest:
+def _plan_campaigns(
+    path: Path, files: tuple[Path, ...], folder: Path, asked: _Asked, ahead: Ahead
+) -> Manifest:
     campaign, used = common_settings(path, files)
     mark = fingerprint(
         [f"{f.parent.name}/{local_state(f)}" for c, own in used.items() for f in (c, *own)]
@@ -265,6 +187,7 @@ def _plan_campaigns(path: Path, files: tuple[Path, ...], folder: Path, asked: _A
         folder,
         asked,
         used,
+        ahead,
         campaigns=True,
         exact=True,
     )
@@ -279,6 +202,7 @@ def _settled(
     folder: Path,
     asked: _Asked,
     files: Mapping[Path, Iterable[Path]],
+    ahead: Ahead,
     *,
     campaigns: bool,
     exact: bool,
@@ -304,6 +228,8 @@ def _settled(
     if asked.explain:
         forms = choose_line_forms(manifest, reader)
         manifest = msgspec.structs.replace(manifest, forms=forms)
+    light = msgspec.structs.replace(manifest, tasks=())
+    ahead.begin(tasks, Context(light, columns, str(folder.absolute())))
     return _begun(manifest, files, folder)
 
 
