@@ -271,13 +271,13 @@ CONTENT = {
     "repeated stamp": (
         with_row(5, "0.4,0.01,0.02,9.8"),
         "a.csv: time must increase strictly, but row 5 (0.400000 s) repeats the stamp of row 4 "
-        "(0.400000 s); 1 repeated and 0 backward stamps in all. Repair them, or count rows with "
+        "(0.400000 s); 1 repeated and 0 backward stamps in all. Add mend = true to [columns] time, or count rows with "
         "[columns] time = { rate = ... } in Hz.",
     ),
     "backward stamp": (
         with_row(5, "0.3,0.01,0.02,9.8"),
         "a.csv: time must increase strictly, but row 5 (0.300000 s) goes back from the stamp of "
-        "row 4 (0.400000 s); 0 repeated and 1 backward stamps in all. Repair them, or count rows "
+        "row 4 (0.400000 s); 0 repeated and 1 backward stamps in all. Add mend = true to [columns] time, or count rows "
         "with [columns] time = { rate = ... } in Hz.",
     ),
     "cut off": (
