@@ -119,10 +119,10 @@ def _sums(
 ) -> Float[np.ndarray, " block"]:
     """Sums from each `edge` to before its `end`, which follow one another."""
     apart = end[:-1] != edge[1:]
-    place = np.arange(len(edge))
-    if not apart.any():
-        cuts = edge
-    else:  # sums between consecutive cuts hold the rows between dwells too
+    place: slice | np.ndarray = slice(len(edge))
+    cuts = edge
+    if apart.any():  # sums between consecutive cuts hold the rows between dwells too
+        place = np.arange(len(edge))
         place[1:] += np.cumsum(apart)
         cuts = np.empty(place[-1] + 1, edge.dtype)
         cuts[place] = edge
