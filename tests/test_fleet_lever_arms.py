@@ -133,6 +133,22 @@ def alone(line):
 
 
 @pytest.mark.slow
+def test_a_library_call_in_32_bits_gives_the_same(line, alone):
+    """Both triads with nine arms over temperature are solved in 64 bits, whatever JAX is set to."""
+    place, _, _ = line
+    with jax.enable_x64(False):
+        (found,) = calibrate(load_campaign(place / "folders" / GOOD[0]))
+        assert isinstance(found, DeviceResult), found.reason
+        kinds = {type(x) for x in jax.tree.leaves(found.calibration) if hasattr(x, "dtype")}
+    assert kinds <= {np.ndarray, np.float64}
+    own = alone[GOOD[0]].calibration
+    sigmas = np.sqrt(np.diagonal(own.covariance))
+    assert np.abs((found.calibration.coefficients - own.coefficients) / sigmas).max() < 1e-6
+    for arm, other in zip(own.effects, found.calibration.effects, strict=True):
+        np.testing.assert_allclose(other.coefficients, arm.coefficients, atol=1e-9)  # m
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("results", ["of folders", "of table"])
 def test_a_device_in_a_fleet_is_calibrated_as_alone(results, line, alone):
     place, _, _ = line

@@ -163,6 +163,44 @@ def test_curvature_of_the_biases_alone_is_a_degree_and_a_lag_is_none():
         assert degrees.count(1) >= 9, other
 
 
+def creeping_runs(seed: int) -> Dwells:
+    """Means of 58 rests at each of three temperatures, which a chamber nears by 8 of 75 °C meanwhile. Biases follow the
+    second power of temperature and, in each run, a first-order process of 200 s that is three times their noise."""
+    rng = np.random.default_rng(seed)
+    up = rng.standard_normal((58, 3))
+    force = np.tile(9.81 * up / np.linalg.norm(up, axis=1, keepdims=True), (3, 1))
+    run, since = np.repeat(np.arange(3), 58), np.tile(9.0 * np.arange(58), 3)
+    heat = np.array([-17.0, 23.0, 63.0])[run]
+    heat = heat + np.array([14.0, -14.0, -14.0])[run] * np.exp(-since / 600.0)
+    slow, decay = rng.standard_normal((3, 58, 3)), np.exp(-9.0 / 200.0)
+    for k in range(1, 58):
+        slow[:, k] = decay * slow[:, k - 1] + np.sqrt(1.0 - decay**2) * slow[:, k]
+    x = ((heat - 23.0) / 36.0)[:, None]
+    white = 1e-4 * rng.standard_normal((174, 3))
+    return Dwells(
+        time=since + 1e4 * run,
+        duration=np.full(174, 5.0),
+        count=np.full(174, 500.0),
+        temperature=heat,
+        experiment=run,
+        position=np.tile(np.arange(58), 3),
+        valid=np.ones(174, bool),
+        accel=force * (1.0 + 0.002 * x)
+        + (0.02 * x + 0.005 * x**2)
+        + 3e-4 * slow.reshape(-1, 3)
+        + white,
+        accel_covariance=np.tile(1e-8 * np.eye(3), (174, 1, 1)),
+        reference_accel=force,
+    )
+
+
+def test_what_a_chamber_creeps_by_within_a_run_is_no_further_temperature():
+    """Three temperatures tell a second degree, and what slow noise makes of the slopes within the runs is no third: it
+    would bend the curves between the temperatures, where nothing was measured."""
+    degrees = [choose_degree(ReferenceAccel(), creeping_runs(k))[0] for k in range(12)]
+    assert degrees == [2] * 12
+
+
 def test_references_of_one_pose_tell_biases_and_the_refusal_says_how():
     dwells = chamber_rests(0, poses=1)
     degree, words = choose_degree(ReferenceAccel(), dwells)

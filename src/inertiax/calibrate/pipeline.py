@@ -29,6 +29,7 @@ from ..model_selection.select_model import (
     settle_accel,
 )
 from ..numerics.blas_threads import one_blas_thread
+from ..numerics.wide_arithmetic import whole_in_64_bits
 from ..plausibility import statements
 from ..plausibility.aside import Asked
 from ..plausibility.settled_rests import without_settled_rests
@@ -161,6 +162,7 @@ def calibrate_device(
     return replace(result, warnings=warnings, plausibility=found)
 
 
+@whole_in_64_bits  # many curves beside lever arms do not converge in 32
 def _estimated(
     campaign: Campaign,
     method: str,

@@ -25,6 +25,11 @@ SPARE = (
     3  # equations beyond the unknowns, so that something is left to judge a degree by. Convention.
 )
 
+# Part of the whole span by which the temperature of an experiment may creep and still be one temperature. Slopes
+# within such an experiment are few hundredths of the curve, which slow noise and a table's errors give as well; two
+# of the twelve steps of `separate_temperatures`. Convention.
+CREEP = 1.0 / 6.0
+
 STRETCHES = 8  # of a campaign's time, each predicted from the others
 
 
@@ -39,8 +44,9 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     well where the biases' coefficients alone are worth their number and predict stretches of time from the others
     better: biases off by a curvature are in no uncertainty; but biases follow a lag or a warm-up as well, which is
     another one when the same temperature comes again.
-    No degree is considered that the number of different temperatures cannot carry, or whose unknowns the dwells do not
-    determine, and none from the first on whose own coefficients they hardly tell (`LEAST_TOLD`).
+    No degree is considered that the number of different temperatures cannot carry, where an experiment whose
+    temperature creeps counts as one (`CREEP`), or whose unknowns the dwells do not determine, and none from the first
+    on whose own coefficients they hardly tell (`LEAST_TOLD`).
     **Returns** the degree and the reason in words.
 
     Raises `ValueError` where a dwell has a channel without any scatter, whose weight would be infinite.
@@ -63,7 +69,8 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
     biases = np.array([".bias[" in name for name in estimator.names])
     stretch = per_dwell * -(-num_dwells // STRETCHES)
     alone, asked, ahead = np.ones(count), "", 0.0
-    for degree in range(min(HIGHEST_DEGREE, temperature_levels(temperature) - 1) + 1):
+    levels = temperature_levels(_at_settings(temperature, np.asarray(dwells.experiment)))
+    for degree in range(min(HIGHEST_DEGREE, levels - 1) + 1):
         unknowns = (degree + 1) * count
         if num_dwells * per_dwell < unknowns + SPARE:
             break
@@ -124,6 +131,18 @@ def _told_beside_the_rest(
     scale = np.sqrt(np.diagonal(gram))
     inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-14, hermitian=True)
     return 1.0 / np.diagonal(inverse)
+
+
+def _at_settings(
+    temperature: Float[np.ndarray, " dwell"], experiment: np.ndarray
+) -> Float[np.ndarray, " dwell"]:
+    """The temperatures with an experiment's mean where it creeps by no more than `CREEP` of the whole span."""
+    settled, most = temperature.astype(float), CREEP * np.ptp(temperature)
+    for number in np.unique(experiment):
+        own = experiment == number
+        if np.ptp(temperature[own]) <= most:
+            settled[own] = temperature[own].mean()
+    return settled
 
 
 def temperature_levels(temperature: np.ndarray) -> int:

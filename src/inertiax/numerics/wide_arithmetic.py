@@ -1,6 +1,7 @@
 """64 bits for what needs them, whatever JAX is set to."""
 
 from collections.abc import Callable
+from functools import wraps
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +28,23 @@ def in_64_bits(call: str, function: Callable[..., Result], *args: Any) -> Result
         return function(*jax.tree.map(_widened, args))
     with jax.enable_x64(True):
         return jax.tree.map(_on_host, function(*jax.tree.map(_widened, args)))
+
+
+def whole_in_64_bits(function: Callable[..., Result]) -> Callable[..., Result]:
+    """The function in 64 bits, for one whose arguments are on the host and of their own precision, such as files' rows.
+
+    Arrays of JAX in what it returns become NumPy's where JAX is set to 32 bits, which would warn of every use of them.
+    """
+
+    @wraps(function)
+    def run(*args: Any, **settings: Any) -> Result:
+        if jnp.result_type(float) == np.float64:
+            return function(*args, **settings)
+        with jax.enable_x64(True):
+            made = function(*args, **settings)
+            return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, made)
+
+    return run
 
 
 def _narrow(value: Any) -> bool:

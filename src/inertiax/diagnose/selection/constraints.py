@@ -3,10 +3,14 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from ..candidates.signatures import Term
 from .evidence import Candidate
 
 
 MOST_EFFECTS = 3  # on rows of one kind: one channel, or |a|
+SAME_COLUMN = 1e-6  # part of a column beyond others' span that is rounding
 
 
 def full(chosen: Sequence[Candidate], new: Candidate) -> bool:
@@ -35,6 +39,21 @@ def twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
         return False
     mine, names = set(new.term.channels), (effect.name, effect.opposite)
     return any(old.term.name in names and mine & {*old.term.channels} for old in chosen)
+
+
+def holds(wide: Term, narrow: Term) -> bool:
+    """Whether a form of the same effect has another form's columns in its span, so that the two are one.
+
+    All three axes hold each alone; beside one another neither has a size of its own.
+    """
+    if wide.name != narrow.name or not set(narrow.chains) <= set(wide.chains):
+        return False
+    for chain, columns in zip(narrow.chains, narrow.columns):
+        frame = wide.columns[wide.chains.index(chain)]
+        beyond = columns - frame @ np.linalg.lstsq(frame, columns, rcond=None)[0]
+        if np.any(np.linalg.norm(beyond, axis=0) > SAME_COLUMN * np.linalg.norm(columns, axis=0)):
+            return False
+    return True
 
 
 def among(chosen: Sequence[Candidate], chains: Sequence[int]) -> bool:

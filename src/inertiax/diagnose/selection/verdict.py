@@ -13,6 +13,7 @@ from ..noise.observation_series import NoiseFit, System
 from ..noise.pooled_channels import alike
 from ..noise.reml import fit_noise
 from .candidate_screening import finer_forms, leaders, rank, screen, sharpen
+from .constraints import holds
 from .evidence import bank, Candidate, count_forms, judge
 from .forward import Asked, Found, STILL
 from .lack_of_fit import left_over, LeftOver
@@ -165,6 +166,7 @@ def _conclude(
         if again.p_value < STILL:
             named.append(again)
     beside = [null] if noise is None else [noise, null]
+    named = once(ask, named, beside)
     if noise is not None and [n.candidate.term for n in named] != [c.term for c in chosen]:
         # What is named is not all that was chosen: beside it the noise is another one.
         noise = fit_noise(ask.system, [n.candidate.term for n in named], noise) if named else None
@@ -200,6 +202,30 @@ def _conclude(
         ask.system is not ask.alone,
         instead,
     )
+
+
+def once(ask: Asked, named: list[Named], noises: list[NoiseFit]) -> list[Named]:
+    """The names without forms that another form of the same effect holds; that one compared once more without them.
+
+    An effect that came in two parts, each of which is compared beside the other, may be named twice in its full form.
+    """
+    terms = [n.candidate.term for n in named]
+    kept, wider = [], set()
+    for k, term in enumerate(terms):
+        by = [
+            j
+            for j, other in enumerate(terms)
+            if j != k and holds(other, term) and (j < k or not holds(term, other))
+        ]
+        wider.update(by)
+        if not by:
+            kept.append(k)
+    made = [named[k] for k in kept]
+    for place, k in enumerate(kept):
+        if k in wider:
+            others = [n.candidate.term for j, n in enumerate(made) if j != place]
+            made[place] = _again(ask, named[k].candidate, others, noises)
+    return made
 
 
 def _listed(

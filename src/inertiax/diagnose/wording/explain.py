@@ -66,6 +66,7 @@ class _Entry(NamedTuple):
 
 def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     """One entry for an effect on all its channels; the evidence and the alternatives are those of the clearest."""
+    entries = [_told_apart(e, entries) for e in entries]
     lead = max(entries, key=lambda e: e.evidence.delta_bic)
     effect, alone = lead.term.known, not lead.rivals
     where = " It shows in the motions between rests." if prepared.motions else ""
@@ -82,6 +83,16 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
         separating_experiment=PARTED_BY if prepared.motions else experiment(effect, alone=alone),
         in_short=_sentences(effect, entries, IN_SHORT) + where,
     )
+
+
+def _told_apart(entry: _Entry, entries: list[_Entry]) -> _Entry:
+    """The entry with its form in the names of its numbers, where another form acts on the same channels."""
+    forms = {e.term.variant.label for e in entries if e.term.channels == entry.term.channels}
+    if len(forms) == 1:
+        return entry
+    form = entry.term.variant.label
+    values = tuple((f"{name} {form}", value) for name, value in entry.said.values)
+    return entry._replace(said=entry.said._replace(values=values, form=form))
 
 
 def _passed_once(prepared: Prepared, jump: Term) -> str:

@@ -28,6 +28,7 @@ class Said(NamedTuple):
     values: Sequence[tuple[str, Parameter]]
     odds: Sequence[tuple[str, float]]  # of this name and of those that the data do not exclude
     first: float = 0.0  # s, the recordings' clock at its first row
+    form: str = ""  # where another form acts on the same channels
 
 
 def sentence(
@@ -56,7 +57,8 @@ def sentence(
     for m in members:
         if len(m.odds) > 1:
             shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in m.odds)
-            where = f"On {', '.join(m.channels)} this" if apart else "This"
+            part = f" (form {m.form})" if m.form else ""
+            where = f"On {', '.join(m.channels)}{part} this" if apart else "This"
             text += f" {where} data cannot decide between: {shares}."
     return text
 
