@@ -9,7 +9,7 @@ from .._jax import eqx, jax
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..model_selection.select_model import ChosenModel, polynomial_basis
-from ..model_selection.temperature_degree import choose_degree, SPARE
+from ..model_selection.temperature_degree import biases_follow, choose_degree, SPARE, UNDETERMINED
 from ..physics.temperature import AbstractBasis
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
@@ -22,6 +22,7 @@ from .between_dwell_variance import (
     with_provisional_scatter,
     with_scatter,
 )
+from .goodness_of_fit import LIMITS
 from .misfit_pattern import misfit_pattern
 from .observability import judge_normal, Observability
 from .results import TriadResult
@@ -60,6 +61,7 @@ def estimate_triad(
     asked = (
         bool(degree) and not chosen.fixed
     )  # by `[model]`; what the tool takes has equations to spare
+    reason = ""
     if degree is None:
         degree, reason = choose_degree(estimator, dwells)
         choices.append(f"{estimator.triad}: {reason}")
@@ -84,6 +86,12 @@ def estimate_triad(
         rate = convergence_rate(procedure, solution.curve.coefficients, dwells)
         warning = rate_warning(procedure, rate, dwells)
         warnings.extend([] if warning is None else [warning])
+    if (
+        reason == UNDETERMINED
+        and own_chi2 > LIMITS.noise_ratio**2
+        and biases_follow(estimator, dwells)
+    ):
+        warnings.append(_constants_beside_slopes(estimator, dwells, misfit, own_chi2))
     scatter = float(estimator.scatter)
     solution, slow = _with_slow_noise(estimator, solution, dwells, rig)
     kept = judged(dwells)
@@ -99,6 +107,24 @@ def estimate_triad(
         follows=misfit_pattern(estimator, basis, np.asarray(solution.curve.coefficients), dwells),
         slow_noise=slow,
         fitted=None if np.all(kept) else dwells,
+    )
+
+
+def _constants_beside_slopes(
+    estimator: AbstractEstimator, dwells: Dwells, misfit: np.ndarray, chi2: float
+) -> str:
+    """What to do where biases follow temperature and only constants are determined."""
+    low, high = float(np.min(dwells.temperature)), float(np.max(dwells.temperature))
+    told = (
+        f"{estimator.triad}: biases follow temperature, {low:.0f} to {high:.0f} °C, and the poses hardly tell so of "
+        f"every parameter: constants leave {np.sqrt(chi2):.0f} times the noise, and may be off by more than is stated. "
+        "Take more poses, the same cold and warm"
+    )
+    if misfit.size < 2 * estimator.num_parameters + SPARE:  # which degree 1 would be refused for
+        return told
+    return (
+        f"{told}, or degree 1 (`temperature_degree = 1` under [model], `ModelChoice(temperature_degree=1)`), and "
+        '`calibration.conditioned("*.matrix.c1")` for biases alone that follow it'
     )
 
 

@@ -30,6 +30,9 @@ SPARE = (
 # of the twelve steps of `separate_temperatures`. Convention.
 CREEP = 1.0 / 6.0
 
+# The reason where no degree above 0 is determined.
+UNDETERMINED = "the dwells determine no dependence on temperature, so the parameters are constants"
+
 STRETCHES = 8  # of a campaign's time, each predicted from the others
 
 
@@ -103,11 +106,29 @@ def choose_degree(estimator: AbstractEstimator, dwells: Dwells) -> tuple[int, st
                 ahead = log_left_out(design, rows, stretch)
                 asked = " of the biases alone" if told_by_biases else ""
     if highest < 1:
-        return (
-            0,
-            "the dwells determine no dependence on temperature, so the parameters are constants",
-        )
+        return 0, UNDETERMINED
     return best, f"temperature degree {best} by BIC{asked} among 0…{highest}"
+
+
+def biases_follow(estimator: AbstractEstimator, dwells: Dwells) -> bool:
+    """Whether biases linear in temperature are worth their number where everything else is constant.
+
+    A log by hand that warms up meets each attitude at one temperature, and hardly tells a slope of every element of a
+    matrix; slopes of the biases alone it may tell well.
+    """
+    problem = Problem(estimator, Constant(), dwells)
+    now = problem.at(problem.start())
+    rows, parameters = problem.decorrelated(now.residual.reshape(-1)), now.jacobian
+    temperature = np.asarray(dwells.temperature)
+    x = 2.0 * (temperature - temperature.min()) / np.ptp(temperature) - 1.0
+    biases = parameters[:, :, [".bias[" in name for name in estimator.names]]
+    design = np.concatenate([parameters, x[:, None, None] * biases], axis=2)
+    design = problem.decorrelated(design.reshape(-1, design.shape[2]))
+    kept = parameters.shape[2]
+    if len(rows) < design.shape[1] + SPARE:
+        return False
+    solution, *_ = np.linalg.lstsq(design[:, :kept], rows, rcond=1e-10)
+    return _worth(design, rows, kept, float(np.sum((rows - design[:, :kept] @ solution) ** 2)))
 
 
 def _worth(
