@@ -163,7 +163,7 @@ def test_curvature_of_the_biases_alone_is_a_degree_and_a_lag_is_none():
         assert degrees.count(1) >= 9, other
 
 
-def creeping_runs(seed: int) -> Dwells:
+def creeping_runs(seed: int, *, one_file: bool = False) -> Dwells:
     """Means of 58 rests at each of three temperatures, which a chamber nears by 8 of 75 °C meanwhile. Biases follow the
     second power of temperature and, in each run, a first-order process of 200 s that is three times their noise."""
     rng = np.random.default_rng(seed)
@@ -182,7 +182,7 @@ def creeping_runs(seed: int) -> Dwells:
         duration=np.full(174, 5.0),
         count=np.full(174, 500.0),
         temperature=heat,
-        experiment=run,
+        experiment=0 * run if one_file else run,
         position=np.tile(np.arange(58), 3),
         valid=np.ones(174, bool),
         accel=force * (1.0 + 0.002 * x)
@@ -197,8 +197,9 @@ def creeping_runs(seed: int) -> Dwells:
 def test_what_a_chamber_creeps_by_within_a_run_is_no_further_temperature():
     """Three temperatures tell a second degree, and what slow noise makes of the slopes within the runs is no third: it
     would bend the curves between the temperatures, where nothing was measured."""
-    degrees = [choose_degree(ReferenceAccel(), creeping_runs(k))[0] for k in range(12)]
-    assert degrees == [2] * 12
+    for one_file in (False, True):
+        runs = [creeping_runs(k, one_file=one_file) for k in range(12)]
+        assert [choose_degree(ReferenceAccel(), dwells)[0] for dwells in runs] == [2] * 12
 
 
 def test_references_of_one_pose_tell_biases_and_the_refusal_says_how():

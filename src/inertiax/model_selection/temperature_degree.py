@@ -157,10 +157,15 @@ def _told_beside_the_rest(
 def _at_settings(
     temperature: Float[np.ndarray, " dwell"], experiment: np.ndarray
 ) -> Float[np.ndarray, " dwell"]:
-    """The temperatures with an experiment's mean where it creeps by no more than `CREEP` of the whole span."""
+    """The temperatures with a setting's mean where it creeps by no more than `CREEP` of the whole span.
+
+    A setting ends with the experiment, or where a temperature is more than half of that from the one before it: a file
+    may hold several.
+    """
     settled, most = temperature.astype(float), CREEP * np.ptp(temperature)
-    for number in np.unique(experiment):
-        own = experiment == number
+    ends = np.diff(experiment) != 0
+    ends |= np.abs(np.diff(temperature)) > 0.5 * most
+    for own in np.split(np.arange(len(temperature)), np.flatnonzero(ends) + 1):
         if np.ptp(temperature[own]) <= most:
             settled[own] = temperature[own].mean()
     return settled
