@@ -654,7 +654,8 @@ def _shown() -> Any:
 
 # What takes and gives no numbers: text, choices, structure.
 WITHOUT_NUMBERS = {
-    "ModelChoice", "Campaign.devices", "FittedEffect.channel_names", "Calibration.coefficient_names",
+    "ModelChoice", "Campaign.devices", "Campaign.reservations", "FittedEffect.channel_names",
+    "Calibration.coefficient_names",
     "Calibration.coefficient_units", "Calibration.without_effects", "Calibration.plot",
     *(f"{e}.names" for e in _ESTIMATORS), "navigation.Filter.names", "navigation.Observability.parameters",
     "navigation.Observability.statement", "sources.Disturbance.touches",
