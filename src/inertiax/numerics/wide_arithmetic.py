@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._jax import jax, jnp
+from .._records import WITHOUT_JAX
 from ..physics.leaves import is_traced, own_object
 
 
@@ -38,7 +39,8 @@ def whole_in_64_bits(function: Callable[..., Result]) -> Callable[..., Result]:
 
     @wraps(function)
     def run(*args: Any, **settings: Any) -> Result:
-        if jnp.result_type(float) == np.float64:
+        # A command of the host has 64 bits from the start (`_without_jax`), and asking JAX would load it.
+        if WITHOUT_JAX or jnp.result_type(float) == np.float64:
             return function(*args, **settings)
         with jax.enable_x64(True):
             made = function(*args, **settings)
