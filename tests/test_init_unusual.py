@@ -466,3 +466,25 @@ def test_a_filtered_temperature_is_no_fahrenheit(tmp_path):
     columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, np.linspace(27.0, 29.0, len(TIME)))
     path = written(tmp_path / "log.csv", columns, f"now[ms],{CANONICAL},temp_f")
     assert draft(path)["columns"]["temperature"]["unit"] == "degC"
+
+
+@pytest.mark.parametrize("name", ["imu_degC", "sensor_deg_c", "die degC", "board_celsius"])
+def test_a_unit_behind_a_word_makes_a_temperature(tmp_path, name):
+    columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, np.linspace(-8.0, 57.0, len(TIME)))
+    path = written(tmp_path / "log.csv", columns, f"now[ms],{CANONICAL},{name}")
+    assert draft(path)["columns"]["temperature"] == {"name": name, "unit": "degC"}
+
+
+def test_seconds_that_name_and_temperature_both_say_are_certain(tmp_path):
+    """Three settings of a chamber, 45 minutes apart: in milliseconds the temperature would jump by 30 °C a second."""
+    runs = np.array_split(np.arange(len(TIME)), 3)
+    stamps = np.concatenate([TIME[rows] + 2700.0 * k for k, rows in enumerate(runs)])
+    heat = np.concatenate(
+        [np.linspace(a, b, len(r)) for (a, b), r in zip([(-8, -2), (31, 26), (52, 57)], runs)]
+    )
+    path = written(
+        tmp_path / "log.csv", (stamps, ACCEL / G, GYRO / DEGREE, heat), f"stamp_s,{CANONICAL},T_imu"
+    )
+    assert draft(path)["columns"]["time"] == {"name": "stamp_s", "unit": "s"}
+    said = (tmp_path / "campaign.toml").read_text()
+    assert "# time: as the file says" in said and "CHECK time" not in said

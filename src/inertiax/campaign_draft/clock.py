@@ -131,6 +131,8 @@ def _unit(
         swing = float(np.ptp(log.numbers[temperature]))
         slow = [u for u in possible if swing < 5.0 or swing / (steps[u] * len(values)) < _WARMING]
         if len(slow) < len(possible) and slow:
+            if said(TIME_UNITS, log.hint(name)) == slow[-1]:
+                return slow[-1], "as the file says", True
             why = "with a smaller unit the temperature would move faster than any chamber moves it"
             return slow[-1], why, False
     since_1970 = [u for u in possible if EPOCH[0] < UNITS[u] * float(np.nanmin(values)) < EPOCH[1]]

@@ -107,8 +107,8 @@ def station_tables(
         ]
         if latitude is not None:
             why = (
-                "where that north points, deg clockwise of true north; it matters for the Earth's rate, 15 deg/h, and "
-                "`inertiax check` tells it where the gyros do"
+                "where that north points, deg clockwise of true north (of an axis called east that points to 32 deg: "
+                "-58); it matters for the Earth's rate, 15 deg/h, and `inertiax check` tells it where the gyros do"
             )
             lines.append(Line("azimuth", 0.0, why, certain=False))
         lines += [] if own is None else [delay_line(own)]
