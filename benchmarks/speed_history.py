@@ -117,8 +117,8 @@ def of_small_calibration(found: dict) -> list[Figure]:
 
 
 def of_fleet(found: dict) -> list[Figure]:
-    """Of `fleet/solve.py`, in processor time of all cores; Ceres only where pyceres is installed."""
-    nine, many = found["constant"], found["thermal"]
+    """Of `fleet/solve.py`, core for core; Ceres only where pyceres is installed."""
+    nine, many = found["on_one_core"]["constant"], found["on_one_core"]["thermal"]
     made = [
         Figure(
             "63 parameters a device, SciPy over ours",

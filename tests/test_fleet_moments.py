@@ -11,7 +11,7 @@ from inertiax.fleet import fit_invariant
 from inertiax.fleet.solve.invariant import fit_chunks, predicted
 from inertiax.fleet.solve.moments import monomials, normal_matrix, squares, total
 from inertiax.fleet.solve.refined_noise import refined_sigma
-from inertiax.fleet.solve.thermal import _products_of, normal_matrices
+from inertiax.fleet.solve.thermal_rows import _products_of, normal_matrices
 from inertiax.physics.temperature import CubicSpline, Polynomial
 from inertiax.reduction.dwells import Dwells
 

@@ -17,6 +17,9 @@ beside those of the processor (relative to the largest of a kind), the throughpu
 (that of a copy, measured here) which reading the dwells and writing the results once would take. `--check-form` does
 so on the processor with few devices, to see that it runs through: its figures tell nothing of an accelerator.
 
+Once all of it in a process that has one core, which is core for core, and once ours on all threads, where a device's
+arrays move from core to core and two threads share a cache, while Ceres and SciPy have all of it for themselves.
+
 Medians of seven, by the clock and of processor time, which other work on the machine changes less; every solver's
 answers are compared before its time is told. Compile time is told apart.
 """
@@ -27,6 +30,7 @@ import json
 import os
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -50,6 +54,9 @@ from inertiax.numerics.aligned_arrays import empty_aligned
 from inertiax.physics.temperature import Polynomial
 
 
+Timings = dict[str, dict[str, float | tuple[float, float]]]
+
+ONE_CORE = "--one-core"
 REPEATS = 7
 WIDTH = 8
 
@@ -256,12 +263,43 @@ def thermal(devices: int, threads: int) -> dict[str, float | tuple[float, float]
     }
 
 
+def on_one_core(devices: int) -> Timings:
+    """Both problems in a process of its own, which has one core; XLA makes as many threads as there are cores."""
+    call = [sys.executable, __file__, ONE_CORE, "--devices", str(devices)]
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})  # of this thread, from which the process has it
+    try:
+        run = subprocess.run(call, stdout=subprocess.PIPE, check=True, text=True)
+    finally:
+        os.sched_setaffinity(0, cores)
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+def both(devices: int, threads: int) -> Timings:
+    return {"constant": constant(devices, threads), "thermal": thermal(512, threads)}
+
+
+def table(found: Timings) -> None:
+    print("| problem | ours | peer | ratio | compile, s |\n|---|---|---|---|---|")
+    for peer, name, problem in (
+        ("ceres", "9 parameters, Ceres", "constant"),
+        ("jaxls", "9 parameters, jaxls under vmap", "constant"),
+        ("bound", "9 parameters, C bound", "constant"),
+        ("scipy", "63 parameters, SciPy", "thermal"),
+    ):
+        one = found[problem]
+        ours, theirs = one["ours_us"], one[f"{peer}_us"]
+        print(f"| {name} | {ours[0]:.2f} / {ours[1]:.2f} | {theirs[0]:.2f} / {theirs[1]:.2f} | "
+              f"{theirs[0] / ours[0]:.2f} / {theirs[1] / ours[1]:.2f} | {one['compile_s']:.1f} |")  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--devices", type=int, default=20_000)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--platform", choices=("cpu", "gpu"), default="cpu")
     parser.add_argument("--check-form", action="store_true")
+    parser.add_argument(ONE_CORE, action="store_true", help="on one core, as JSON")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     jax.config.update(
@@ -271,25 +309,22 @@ def main() -> None:
     if options.check_form:
         accelerator_table(256, options.json, thermal_devices=32, copied=2**22)
         return
+    if options.one_core:
+        print(json.dumps(both(options.devices, 1)))
+        return
     if options.platform != "cpu":
         accelerator_table(options.devices, options.json)
         return
-    nine = constant(options.devices, options.threads)
-    many = thermal(512, options.threads)
+    many, one = both(options.devices, options.threads), on_one_core(options.devices)
     load = os.getloadavg()[0]
-    print(
-        f"{options.devices} devices, {options.threads} threads, float64, medians of {REPEATS}, load {load:.1f}"
-    )
-    print("µs a device by the clock / of all cores together (Ceres and SciPy use one core)\n")
-    print("| problem | ours | peer | ratio | compile, s |\n|---|---|---|---|---|")
-    table = [("ceres", "9 parameters, Ceres", nine), ("jaxls", "9 parameters, jaxls under vmap", nine),
-             ("bound", "9 parameters, C bound", nine), ("scipy", "63 parameters, SciPy", many)]  # fmt: skip
-    for peer, name, found in table:
-        ours, theirs = found["ours_us"], found[f"{peer}_us"]
-        print(f"| {name} | {ours[0]:.2f} / {ours[1]:.2f} | {theirs[0]:.2f} / {theirs[1]:.2f} | "
-              f"{theirs[0] / ours[0]:.2f} / {theirs[1] / ours[1]:.2f} | {found['compile_s']:.1f} |")  # fmt: skip
+    print(f"{options.devices} devices, float64, medians of {REPEATS}, load {load:.1f}")
+    print("µs a device by the clock / of all cores together\n")
+    print("Core for core: all in a process that has one core\n")
+    table(one)
+    print(f"\n{options.threads} threads; Ceres and SciPy use one\n")
+    table(many)
     if options.json:
-        options.json.write_text(json.dumps({"constant": nine, "thermal": many}, indent=1))
+        options.json.write_text(json.dumps({**many, "on_one_core": one}, indent=1))
 
 
 if __name__ == "__main__":

@@ -80,13 +80,13 @@ def invert_lanes_by_blocks(
     for start in range(0, n, block):
         here = slice(start, start + block)
         unit = jnp.eye(n, dtype=a.dtype)[:, here, None]
-        row = _product_of(invert_lanes(a[here, here], lowest), a[here] + jnp.swapaxes(unit, 0, 1))
+        row = product_of(invert_lanes(a[here, here], lowest), a[here] + jnp.swapaxes(unit, 0, 1))
         a = _less_product(a, a[:, here] - unit, row)
     return _scaled(a, scale)
 
 
 @kept
-def _product_of(left: Array, right: Array) -> Array:
+def product_of(left: Array, right: Array) -> Array:
     terms = (left[:, k, None] * right[None, k] for k in range(len(right)))
     return functools.reduce(jnp.add, terms)
 

@@ -36,7 +36,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...estimators.invariant import _COLUMNS, _ROWS
 from ...numerics.lane_cholesky import invert_lanes
 from ...numerics.own_kernels import kept, one_kernel
-from .moments import monomials, products, square, squares
+from .moments import largest_of, monomials, products, square, squares
 
 
 # The outputs' own noise makes the rows of repeated positions differ. A coefficient that nothing else tells is as
@@ -140,9 +140,9 @@ def _fit_lanes(
         pull = _pulls(beyond, root)
         slope, lift = products(pull[:1], phi)[0], _sum_of(pull[1])
         step = _product(inverse, _raised(slope, lift, centre)) * (1.0 / shrink)[None]
-        size = _largest(jnp.abs(step) * scale) * shrink
-        rate = jnp.where(k == 1, FIRST * _largest(jnp.abs(beyond)), size / before)
-        small = (_left(size, rate) < tolerance) | is_rounding(step) | jnp.isnan(size)
+        size = largest_of(jnp.abs(step) * scale) * shrink
+        rate = jnp.where(k == 1, FIRST * largest_of(jnp.abs(beyond)), size / before)
+        small = (remainder(size, rate) < tolerance) | is_rounding(step) | jnp.isnan(size)
         p = p + jnp.where(done[None], jnp.zeros_like(step), step)
         left = jnp.where(done, 0, 1).astype(jnp.int32)
         centre, shrink = _centre(p)
@@ -156,7 +156,7 @@ def _fit_lanes(
     x = _map(p, centre, shrink)
     misfit = (jnp.sqrt(1.0 + beyond) - 1.0) * gravity
     misfit = jnp.where(root > 0, misfit, jnp.zeros_like(root))
-    variance = _largest(jnp.stack([inverse[i, i] for i in range(9)]))
+    variance = largest_of(jnp.stack([inverse[i, i] for i in range(9)]))
     repeated = (variance > UNDETERMINED**2) & (variance * largest > INFLATION)
     determined = ~(repeated | jnp.isnan(variance) | jnp.isnan(x[0, 0]))
     size = jnp.where(determined, jnp.ones((), a.dtype), jnp.full((), jnp.nan, a.dtype))
@@ -218,7 +218,7 @@ def is_rounding(step: Array, *, axis: int | tuple[int, ...] = 0) -> Bool[Array, 
     return jnp.max(jnp.abs(step), axis=axis) < ROUNDINGS * jnp.finfo(step.dtype).eps
 
 
-def _left(size: Array, rate: Array) -> Array:
+def remainder(size: Array, rate: Array) -> Array:
     """Bound of what is left after a step, from its size and how much smaller the next one is.
 
     The factor ten is for directions in which they shrink slower. Source: Hairer & Wanner, *Solving ODEs II* (1996),
@@ -253,11 +253,6 @@ def _pulls(beyond: Array, root: Array) -> Array:
 @kept
 def _sum_of(rows: Array) -> Array:
     return functools.reduce(jnp.add, rows)
-
-
-@kept
-def _largest(rows: Array) -> Array:
-    return functools.reduce(jnp.maximum, rows)
 
 
 @kept

@@ -50,14 +50,17 @@ def products(
     x: Float[Array, "rows dwells batch"], y: Float[Array, "columns dwells batch"]
 ) -> Float[Array, "rows columns batch"]:
     """Σ_d x_id y_jd, written out: a batched matrix product, and a sum over an axis, cost several times as much."""
-    dwells = x.shape[1]
-    parts = -(-dwells // TERMS)
-    if parts <= 1:
+    dwells, batch = x.shape[1:]
+    if dwells <= TERMS:
         return sum_of_terms(x, y)
-    terms = -(-dwells // parts)
-    missing = ((0, 0), (0, terms * parts - dwells), (0, 0))
-    x, y = (jnp.pad(z, missing).reshape(len(z), terms, -1) for z in (x, y))
-    return sum_of_parts(sum_of_terms(x, y).reshape(len(x), len(y), parts, -1))
+    # In parts: one long sum waits for itself at every term.
+    terms = next((t for t in range(TERMS, TERMS // 2, -1) if dwells % t == 0), TERMS)
+    parts = -(-dwells // terms)
+    if parts * terms != dwells:
+        missing = ((0, 0), (0, terms * parts - dwells), (0, 0))
+        x, y = jnp.pad(x, missing), jnp.pad(y, missing)
+    x, y = (z.reshape(len(z), terms, -1) for z in (x, y))
+    return sum_of_parts(sum_of_terms(x, y).reshape(len(x), len(y), parts, batch))
 
 
 def squares(x: Float[Array, "9 dwells batch"]) -> Float[Array, "9 9 batch"]:
@@ -97,3 +100,9 @@ def sum_of_terms(x: Array, y: Array) -> Array:
 def sum_of_parts(parts: Array) -> Array:
     """Sum over the third axis, written out."""
     return functools.reduce(jnp.add, (parts[:, :, k] for k in range(parts.shape[2])))
+
+
+@kept
+def largest_of(rows: Float[Array, "rows batch"]) -> Float[Array, " batch"]:
+    """Largest over the first axis, written out."""
+    return functools.reduce(jnp.maximum, rows)
