@@ -19,6 +19,7 @@ import numpy as np
 
 import inertiax as ix
 from inertiax import navigation
+from inertiax.allan.model import NoiseModel, NoiseTerm
 from inertiax.navigation import strapdown
 from inertiax.physics import rotation
 
@@ -555,9 +556,10 @@ def _noise() -> navigation.ImuNoise:
     "navigation.TriadNoise", "navigation.TriadNoise.from_models", tolerance=SAME,
 )  # fmt: skip
 def _noises() -> Any:
-    terms = {k: SimpleNamespace(value=v) for k, v in (("N", 1e-3), ("B", None), ("K", 2e-5))}
-    models = [SimpleNamespace(triad="accel", terms=terms)] * 3
-    found = navigation.TriadNoise.from_models(models)
+    known = (("N", 1e-3), ("B", None), ("K", 2e-5))
+    terms = {k: NoiseTerm(v, None, 0.0, np.inf) for k, v in known}
+    model = NoiseModel("accel", 100.0, 1000.0, terms, chi2_per_dof=1.0, band=(0.1, 50.0))
+    found = navigation.TriadNoise.from_models([model] * 3)
     return _noise().correlation_times[1:], _noise().count, found.white, found.flicker, found.walk
 
 

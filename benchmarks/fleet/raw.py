@@ -6,9 +6,9 @@
 A line of devices, 18 positions × 500 samples each, float64 with noise (so that the files do not compress), is written
 in eight files. Each measured run is a process of its own: `inertiax.fleet.run_fleet` into a fresh folder, and the
 peer `scan_parquet → group_by(device, position) → mean` of clock and measured columns. A second peer does besides what a
-run has to do for its protocol: SHA-256 of the same files, side by side in threads. Peak memory is that of the
-process, for one, two, four and all eight files. Medians of five, alternating; compile time is inside ours. Processor
-time is told beside the clock's, which other work on the machine lengthens.
+run has to do for its protocol: SHA-256 of the same files, side by side in threads; and ours is run without that, too.
+Peak memory is that of the process, for one, two, four and all eight files. Medians of five, alternating; compile time
+is inside ours. Processor time is told beside the clock's, which other work on the machine lengthens.
 """
 
 import argparse
@@ -87,7 +87,9 @@ OURS = (
 import sys, time
 from inertiax.cli import environment
 environment.prepare()
-from inertiax.fleet import run_fleet
+from inertiax.fleet import pipeline, run_fleet
+if sys.argv[3] == "unhashed":
+    pipeline.hashes_of = lambda files: {}
 start, used = time.perf_counter(), time.process_time()
 summary = run_fleet(sys.argv[1], sys.argv[2])
 print(time.perf_counter() - start, time.process_time() - used, peak(), summary.calibrated)
@@ -138,26 +140,30 @@ def main() -> None:
     devices, size = write(source, chosen.gigabytes)
     print(f"{devices} devices, {size:.2f} GB written in {time.perf_counter() - start:.0f} s")
     full = campaign(base / "full", source, FILES)
-    ours, read, hashed = [], [], []
+    ours, unhashed, read, hashed = [], [], [], []
     for _ in range(REPEATS):
         shutil.rmtree(base / "results", ignore_errors=True)
-        ours.append(measured(OURS, full, base / "results"))
+        ours.append(measured(OURS, full, base / "results", "hashed"))
+        shutil.rmtree(base / "results")
+        unhashed.append(measured(OURS, full, base / "results", "unhashed"))
         read.append(measured(PEER, full, "read"))
         hashed.append(measured(PEER, full, "hashed"))
-        assert ours[-1][3] == devices, "every device must be calibrated"
+        assert ours[-1][3] == unhashed[-1][3] == devices, "every device must be calibrated"
         assert read[-1][3] == hashed[-1][3] == devices * 18
     memory = {}
     for files in (1, 2, 4, 8):
         part = campaign(base / f"part-{files}", source, files)
         shutil.rmtree(base / "results", ignore_errors=True)
-        memory[files] = measured(OURS, part, base / "results")[2]
+        memory[files] = measured(OURS, part, base / "results", "hashed")[2]
     result = {
         "devices": devices,
         "gigabytes": size,
         "ours_s": statistics.median(x[0] for x in ours),
+        "unhashed_s": statistics.median(x[0] for x in unhashed),
         "polars_s": statistics.median(x[0] for x in read),
         "hashed_s": statistics.median(x[0] for x in hashed),
         "ours_processor_s": statistics.median(x[1] for x in ours),
+        "unhashed_processor_s": statistics.median(x[1] for x in unhashed),
         "polars_processor_s": statistics.median(x[1] for x in read),
         "hashed_processor_s": statistics.median(x[1] for x in hashed),
         "ours_gb": statistics.median(x[2] for x in ours),
@@ -166,11 +172,15 @@ def main() -> None:
         "memory_gb_by_files": memory,
     }
     for what, key in (("time", "s"), ("processor time", "processor_s")):
-        ours_s, polars_s, hashed_s = (result[f"{k}_{key}"] for k in ("ours", "polars", "hashed"))
+        ours_s, unhashed_s, polars_s, hashed_s = (
+            result[f"{k}_{key}"] for k in ("ours", "unhashed", "polars", "hashed")
+        )
         result[f"ratio_{key}"], result[f"ratio_hashed_{key}"] = ours_s / polars_s, ours_s / hashed_s
+        result[f"ratio_unhashed_{key}"] = unhashed_s / polars_s
         print(
             f"{what}: ours {ours_s:.2f} s; polars {polars_s:.2f} s, ratio {ours_s / polars_s:.2f}; "
-            f"polars and SHA-256 {hashed_s:.2f} s, ratio {ours_s / hashed_s:.2f}"
+            f"polars and SHA-256 {hashed_s:.2f} s, ratio {ours_s / hashed_s:.2f}; ours without SHA-256 "
+            f"{unhashed_s:.2f} s, ratio to polars {unhashed_s / polars_s:.2f}"
         )
     print(f"load of the machine at the end: {result['load']:.1f}")
     print("peak memory, GB: " + ", ".join(f"{k} files {v:.2f}" for k, v in memory.items()))

@@ -172,7 +172,7 @@ class Calibration:
         return accel + added[0], gyro + added[1]
 
     def distort_by_parameters(
-        self, force: Array, rate: Array, temperature: Scalar | float
+        self, force: Vec3, rate: Vec3, temperature: Scalar | float
     ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         """Equation (1) without the named effects."""
         accel = distort_accel(self.accel_errors(temperature), force)

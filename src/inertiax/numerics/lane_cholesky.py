@@ -86,7 +86,10 @@ def invert_lanes_by_blocks(
 
 
 @kept
-def product_of(left: Array, right: Array) -> Array:
+def product_of(
+    left: Float[Array, "rows inner batch"], right: Float[Array, "inner columns batch"]
+) -> Float[Array, "rows columns batch"]:
+    """Product of each device's two matrices, written out."""
     terms = (left[:, k, None] * right[None, k] for k in range(len(right)))
     return functools.reduce(jnp.add, terms)
 

@@ -141,7 +141,7 @@ def is_told(reference_accel: Float[AnyArray, "*dwell 3"]) -> Bool[AnyArray, " *d
     A station that writes nothing while its table turns leaves zeros, and no device on the ground feels none.
     """
     library = np if isinstance(reference_accel, np.ndarray) else jnp
-    return library.any(library.asarray(reference_accel) != 0.0, axis=-1)
+    return library.asarray(library.any(library.asarray(reference_accel) != 0.0, axis=-1))
 
 
 def known_force(

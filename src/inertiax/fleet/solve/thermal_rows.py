@@ -68,6 +68,7 @@ class ThermalRows:
         return _of_all(self._over, self.temperature)
 
     def at(self, c: Coefficients) -> Rows:
+        """The rows at the curves φ(T) C."""
         theta = _along(self.phi, c).reshape(9, -1)
         over_scale = _reciprocals(theta)
         force = _forces(theta, self.outputs, over_scale)
@@ -82,6 +83,7 @@ class ThermalRows:
         return Rows((_square(a) * back - 1.0) * self.weights, a * back[None], a)
 
     def cost(self, rows: Rows) -> Float[Array, " batch"]:
+        """Sum of squares of each device."""
         return self._sum_of_squares(rows.residual)
 
     def columns(self, rows: Rows) -> Float[Array, "9 dwells batch"]:
