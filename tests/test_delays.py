@@ -5,6 +5,7 @@ import json
 import jax
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from inertiax.calibration.calibration import write_calibration
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
@@ -116,3 +117,50 @@ def test_the_augmented_calibration_takes_the_delay_away(tmp_path):
     before = np.sqrt(np.mean((recording.gyro - given)[ramp] ** 2))
     after = np.sqrt(np.mean((rate - given)[ramp] ** 2))
     assert after < 0.35 * before
+
+
+def tilting_table(delay, arm, seed=0):
+    """Rests at quarter turns about x and about y, all in one sense, of an accelerometer beside the axes."""
+    rng, rate = np.random.default_rng(seed), 100.0
+    turn, still = [np.zeros(200)], [(0, 200)]
+    for _ in range(9):
+        s = np.arange(1, 251) / 250.0
+        smooth = 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5
+        turn += [turn[-1][-1] + 0.5 * np.pi * smooth, np.full(300, turn[-1][-1] + 0.5 * np.pi)]
+        end = sum(map(len, turn))
+        still.append((end - 290, end - 10))
+    angle = np.concatenate(turn)
+    halves = []
+    for axis in ("x", "y"):
+        # From the case to the world, for a specific force of one g upwards.
+        given = Rotation.from_euler(axis, angle[:, None]).inv().apply([0.0, 0.0, 9.81])
+        omega = np.gradient(angle, 1.0 / rate)[:, None] * np.eye(3)["xy".index(axis)]
+        swung = np.cross(np.gradient(omega, 1.0 / rate, axis=0), arm)
+        swung += np.cross(omega, np.cross(omega, arm))
+        halves.append((given, omega, given + swung))
+    given, omega, felt = (np.concatenate(x) for x in zip(*halves))
+    time = np.arange(len(given)) / rate
+    late = np.stack([np.interp(time - delay, time, x) for x in felt.T], axis=1)
+    output = late @ (np.eye(3) + 1e-3 * rng.standard_normal((3, 3))).T + 0.02
+    position = np.full(len(time), -1)
+    for number, (start, stop) in enumerate(still):
+        for half in (0, 1):
+            position[half * len(angle) + start : half * len(angle) + stop] = number + half * len(
+                still
+            )
+    recording = Recording(
+        time=time, accel=output + 2e-3 * rng.standard_normal(output.shape), position=position,
+        temperature=np.full((len(time), 1), 25.0), reference_accel=given, reference_gyro=omega,
+    )  # fmt: skip
+    model = ModelChoice(accel_estimator="reference", temperature_degree=0)
+    return Campaign((recording,), Site(9.81), Rig(5e-6, None), model, "consumer")
+
+
+@pytest.mark.parametrize("delay", [0.0, 4e-3])
+def test_an_accelerometer_beside_the_axes_is_not_late(delay):
+    # Three centimetres under 1.5 rad/s² are what some tenths of a millisecond of delay would be.
+    for seed, arm in enumerate(([0.0, 0.03, 0.0], [0.03, -0.02, 0.03], [-0.02, 0.0, -0.03])):
+        found = seen(tilting_table(delay, np.array(arm), seed))
+        assert found.found == ((0, 1, 2) if delay else ())
+        assert np.all(np.abs(found.value - delay) < 4.0 * found.std)  # 4 sigma: a chance of 1e-4
+        assert np.all(found.std < 2e-5)

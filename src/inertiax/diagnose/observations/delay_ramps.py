@@ -5,6 +5,9 @@ calibration is fitted on, so it is looked for in the rows that they leave out. E
 much of its surroundings as it lasts, and keeps a constant of its own: then what changes the output at the plateaus
 themselves, such as a nonlinearity, acts alike while the table speeds up and slows down, and a delay does not. How
 far the ramps agree with each other tells how sure it is, whatever noise there is.
+
+An accelerometer beside the axes feels $\\dot\\omega \\times R$ while the table speeds up, which moves in one sense do
+not tell from a delay: what arms of any length explain is taken from both first.
 """
 
 from collections.abc import Sequence
@@ -100,7 +103,34 @@ def _seen(log: Log, base: CalibratedTriad, ramps: Sequence[Ramp]) -> _Seen:
     change, left = -_slope(log, expected), getattr(log, triad) - expected
     pieces = [slice(ramp.start, ramp.stop) for ramp in ramps]
     centred = lambda x: [x[rows] - x[rows].mean(axis=0) for rows in pieces]
-    return _Seen(centred(left), centred(change))
+    if triad == "gyro" or log.reference_gyro is None:
+        return _Seen(centred(left), centred(change))
+    arms = centred(_by_lever_arms(log, log.reference_gyro))
+    return _Seen(_beside(arms, centred(left)), _beside(arms, centred(change)))
+
+
+def _by_lever_arms(log: Log, rate: np.ndarray) -> np.ndarray:
+    """Derivative of each element's specific force by the components of its arm, (row, 3, 3).
+
+    $\\dot\\omega \\times R + \\omega \\times (\\omega \\times R)$, for axes along the case's.
+    """
+    change = _slope(log, rate)
+    turn = np.cross(np.eye(3), change[:, None])  # rows are e_j × ω̇, which is −ω̇ × e_j
+    inward = rate[:, :, None] * rate[:, None] - np.square(rate).sum(axis=1)[:, None, None] * np.eye(
+        3
+    )
+    return inward - turn.swapaxes(1, 2)
+
+
+def _beside(arms: Sequence[np.ndarray], seen: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """What arms do not explain, channel by channel."""
+    columns, values, stops = (
+        np.concatenate(arms),
+        np.concatenate(seen),
+        np.cumsum([len(s) for s in seen]),
+    )
+    left = [v - c @ np.linalg.lstsq(c, v)[0] for c, v in zip(columns.swapaxes(0, 1), values.T)]
+    return np.split(np.stack(left, axis=1), stops[:-1])
 
 
 def _agreed(seen: _Seen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
