@@ -9,7 +9,7 @@ import pytest
 
 from inertiax.calibrate.misfit_pattern import misfit_pattern, remedy
 from inertiax.cli.next_step import after_diagnose
-from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel
+from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel, ReferenceGyro
 from inertiax.physics.temperature import Constant
 from inertiax.procedure.single_device import iterate_one
 from inertiax.reduction.dwells import Dwells
@@ -77,6 +77,32 @@ def test_a_lever_arm_is_said_where_accelerometers_turn_on_a_table(arm, word):
         fitted = iterate_one(estimator, Constant(), dwells)
         found = misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
     assert found == word
+
+
+@pytest.mark.parametrize(
+    ("size", "named", "word"),
+    [(0.1, False, "the specific force"), (0.1, True, ""), (0.004, False, ""), (0.0, False, "")],
+)
+def test_a_g_sensitivity_is_said_where_gyros_turn_on_a_table(size, named, word):
+    """24 poses at rest and turned; `size` in °/s/g. What is no more than the Earth's rate (0.0042 °/s) may be that."""
+    rng = np.random.default_rng(5)
+    up = np.tile(poses(24), (2, 1))
+    turned = (np.eye(3)[:, None] * np.array([-1.6, -0.7, 0.7, 1.6])[:, None]).reshape(12, 3)
+    rate = np.concatenate([np.zeros((24, 3)), turned, turned[::-1]])
+    sensitivity = np.deg2rad(size) * np.array([[1.0, -0.3, 0.2], [0.1, -0.8, 0.0], [0.4, 0.2, 0.6]])
+    means = rate + up @ sensitivity.T + 1e-5 * rng.standard_normal(rate.shape)
+    with jax.enable_x64(True):
+        dwells = Dwells.from_arrays(
+            G * up, means, reference_accel=G * up, reference_gyro=rate, sigma=(NOISE, 1e-6)
+        )
+        estimator = ReferenceGyro(
+            gravity=G, g_sensitivity=named, scatter=max(1e-5, np.deg2rad(size))
+        )
+        fitted = iterate_one(estimator, Constant(), dwells)
+        found = misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
+    assert found == word
+    if word:
+        assert "set g_sensitivity = true under [model]" in remedy(found, "gyro")
 
 
 def test_lever_arms_that_were_found_are_fitted_next():

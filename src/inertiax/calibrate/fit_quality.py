@@ -30,7 +30,7 @@ from .goodness_of_fit import (
     UNUSABLE,
     usual_size,
 )
-from .misfit_pattern import follows_temperature, LEVER_ARMS, remedy
+from .misfit_pattern import follows_temperature, FORCE, LEVER_ARMS, remedy
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
 
 
@@ -208,9 +208,11 @@ def _misfit(name: str, triad: TriadCalibration, estimate: TriadResult) -> Findin
         return _one_pose(name, estimate, UNUSABLE)
     words = misfit_words(unit, rms, ratio, estimate.scatter)
     grade = int(grade_misfit(unit, rms, ratio))
-    if estimate.follows == LEVER_ARMS and grade == UNUSABLE:  # no other cause need be looked for
+    named = estimate.follows in (LEVER_ARMS, FORCE)
+    if named and grade == UNUSABLE:  # no other cause need be looked for
         left = f"{rms_text(unit, rms)} rms is left, {ratio:.{1 if ratio < 100 else 0}f} times the noise"
-        words = f"{left}, and most of it follows {LEVER_ARMS}; {remedy(LEVER_ARMS, estimate.estimator.triad)}"
+        cure = remedy(estimate.follows, estimate.estimator.triad)
+        words = f"{left}, and most of it follows {estimate.follows}; {cure}"
     elif estimate.follows and grade != UNUSABLE:
         what = "rests differ" if unit == "rad" else words.partition(";")[0]
         held = (

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from ..estimators import AbstractEstimator, Invariant, ReferenceAccel, ReferenceGyro
 from ..model_selection.model_spec import LEAST_SPAN
 from ..physics.temperature import AbstractBasis, Constant
+from ..physics.wgs84 import EARTH_RATE
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 
@@ -36,7 +37,7 @@ WARMED = 0.1
 EXPECTED = 0.05
 
 LEVER_ARMS = "ω²r of a lever arm"
-_FORCE = "the specific force"
+FORCE = "the specific force"
 _TEMPERATURE = "the temperature, which moved by"
 
 
@@ -53,9 +54,9 @@ def misfit_pattern(
     accelerometers on a turning table, too, what one lever arm adds. Said is the
     driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
     dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
-    first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Of gyros that are
-    calibrated by gravity's rotation the means at rest are tried against the specific force, where no g-sensitivity is
-    estimated.
+    first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Gyros are tried
+    against the specific force, too, where no g-sensitivity is estimated: on a table all means, of those that are
+    calibrated by gravity's rotation the means at rest.
 
     **Arguments:** the estimator with the scatter between dwells that was found, and the curve that was fitted. Nothing
     else is looked for without scatter, nor anything in a static fit, which has no input. An ordinary F test; no source.
@@ -77,11 +78,11 @@ def misfit_pattern(
     if not float(estimator.scatter) > 0.0:
         return ""
     beyond = 1.0 - np.square(now.sigma).sum() / max(np.square(now.misfit).sum(), 1e-300)
-    found = [
-        (*_f_test(model, residual, columns), name)
-        for name, columns in _trials(estimator, problem, now.jacobian)
-    ]
+    trials = dict(_trials(estimator, problem, now.jacobian))
+    found = [(*_f_test(model, residual, columns), name) for name, columns in trials.items()]
     chance, share, name = min(found, default=(1.0, 0.0, ""))
+    if name == FORCE and not _beyond_earth(model, residual, trials[name]):
+        return ""
     return name if chance < RARE and share > MOST * beyond else ""
 
 
@@ -89,7 +90,7 @@ def remedy(follows: str, triad: str) -> str:
     """What to do about that in a `triad`, in words."""
     if follows == LEVER_ARMS:
         return "set lever_arms = true under [model], and it is estimated"
-    if follows == _FORCE and triad == "gyro":
+    if follows == FORCE and triad == "gyro":
         return "set g_sensitivity = true under [model], and it is estimated"
     if follows_temperature(follows):
         return "constants leave out what biases do with temperature"
@@ -143,6 +144,24 @@ def _trials(
         return
     if turns:
         yield "the square of the rate", scaled(np.square(turning))
+    felt = dwells.accel if dwells.accel is not None else dwells.reference_accel
+    if felt is not None and not any("g_sensitivity" in name for name in estimator.names):
+        force = np.asarray(felt)[:many]
+        yield FORCE, np.concatenate([scaled(force[:, j, None]) for j in range(3)], axis=1)
+
+
+def _beyond_earth(
+    model: Float[np.ndarray, "row unknown"],
+    residual: Float[np.ndarray, " row"],
+    columns: Float[np.ndarray, "row column"],
+) -> bool:
+    """Whether a bias in proportion to the force is more than a reference without the Earth's rate would leave: the part
+    of that along the vertical goes with the force."""
+    both = np.concatenate([model, columns], axis=1)
+    size = np.linalg.norm(both, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    each = np.linalg.lstsq(both / size, residual)[0] / size
+    return bool(np.abs(each[model.shape[1] :]).max() * 9.8 > 2.0 * EARTH_RATE)
 
 
 def _biases(
@@ -167,7 +186,7 @@ def _of_rests(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
         for y, w in zip(np.asarray(dwells.gyro).T, weight.T)
     ]
     chance, share = min(found)
-    return _FORCE if chance < RARE / 3.0 and share > MOST else ""
+    return FORCE if chance < RARE / 3.0 and share > MOST else ""
 
 
 def _span(columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row direction"]:

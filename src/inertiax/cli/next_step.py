@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..calibrate.fit_quality import Quality
 
+# Lines of `[model]` that a finding asks for.
 _LEVER_ARMS = "lever_arms = true"
+_LINES = (_LEVER_ARMS, "g_sensitivity = true")
 
 
 def after_init(folder: Path, *, checks: bool) -> str:
@@ -25,8 +27,9 @@ def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: 
             "next: inertiax init and inertiax calibrate of each log into a folder of its own, then inertiax export "
             "HAND/calibration.json --warm-up WARM/calibration.json --to FORMAT"
         )
-    if any(_LEVER_ARMS in f.text for f in quality.findings):
-        return _with_lever_arms(campaign, output)
+    asked = [line for line in _LINES if any(line in f.text for f in quality.findings)]
+    if asked:
+        return _again_with(asked, campaign, output)
     if quality.verdict == "doubtful":
         return f"next: inertiax check {_path(campaign)}"
     if any(f.topic == "misfit" and not f.fine for f in quality.findings):
@@ -38,7 +41,7 @@ def after_diagnose(verdict: str, campaign: Path, output: Path, *, lever_arms: bo
     """Use the calibration; of something unexplained, look where it is. Lever arms that were found and not fitted are
     fitted first."""
     if lever_arms:
-        return _with_lever_arms(campaign, Path("RESULT"))
+        return _again_with([_LEVER_ARMS], campaign, Path("RESULT"))
     if verdict == "unexplained":
         return (
             f"next: look where it is in {_path(output / 'report.html')}; docs/how-to/unexplained.md"
@@ -56,10 +59,10 @@ def after_fleet(campaign: Path, reserved: Sequence[str]) -> str:
     return ""
 
 
-def _with_lever_arms(campaign: Path, output: Path) -> str:
+def _again_with(lines: Sequence[str], campaign: Path, output: Path) -> str:
     file = _path(campaign if campaign.suffix == ".toml" else campaign / "campaign.toml")
     again = f"inertiax calibrate {_path(campaign)} -o {_path(output)}"
-    return f"next: write {_LEVER_ARMS} under [model] in {file}, then {again}"
+    return f"next: write {' and '.join(lines)} under [model] in {file}, then {again}"
 
 
 def _compensate(campaign: Path, output: Path) -> str:
