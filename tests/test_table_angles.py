@@ -307,6 +307,21 @@ def test_init_finds_the_table_whose_angles_these_are(tmp_path, name):
     assert np.abs(recording.reference_gyro - ideal.rate).max() < 1.1 * np.linalg.norm(earth)
 
 
+def test_init_finds_a_table_whose_encoders_are_noisy(tmp_path):
+    """Half a thousandth of a degree at 0.0001°: no row is as the one before it, at rest neither, where it mostly is."""
+    station(tmp_path / "c", wander=1e-12)
+    log = tmp_path / "c" / "log.csv"
+    rng, table = np.random.default_rng(8), pl.read_csv(log)
+    noisy = {
+        name: (table[name] + pl.Series(5e-4 * rng.standard_normal(len(table)))).round(4)
+        for name in ("aussen", "innen")
+    }
+    table.with_columns(**noisy).write_csv(log)
+    text = draft_campaign(log, tmp_path / "c").text
+    assert 'table_angles = { names = ["aussen", "innen"], unit = "deg" }' in text
+    assert 'table_rates = { names = ["rate aussen", "rate innen"], unit = "deg/s" }' in text
+
+
 @pytest.mark.parametrize(
     "ramp, error", [(0.0, 1e-4), (1.0, 0.053)]
 )  # a row of the ramp is 3 °/s, 0.05 rad/s

@@ -79,8 +79,8 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
     up = directions(accel, rests.accel)[kept]
     units = ["deg" if np.nanmax(np.abs(c)) > _RADIANS else "rad" for c in columns.T]
     angles = columns * [_UNITS[u] for u in units]
-    moving, turn = _moving(columns), _turned(angles)
-    turning = moving & _steady(turn)
+    moving, turn = _moving(columns, start[kept], stop[kept]), _turned(angles)
+    turning = moving & _steady(turn, moving)
     driven = np.flatnonzero(turning[1:-1]) + 1
     driven = driven[:: max(1, -(-len(driven) // _MOST_MOVING))]
     fits = [
@@ -118,15 +118,25 @@ def _is_angle(values: Float[np.ndarray, " row"], start: np.ndarray, stop: np.nda
     return bool(np.mean(spread < _STILL) > 0.5) and len(places) >= 3
 
 
-def _moving(columns: Float[np.ndarray, "row angle"]) -> Bool[np.ndarray, " row"]:
-    change = np.any(np.diff(columns, axis=0) != 0.0, axis=1)
-    return np.r_[False, change] & np.r_[change, False]
+def _moving(
+    columns: Float[np.ndarray, "row angle"], start: np.ndarray, stop: np.ndarray
+) -> Bool[np.ndarray, " row"]:
+    """Rows before and after which a column changes by more than an encoder's noise does at rest."""
+    change = np.abs(np.diff(columns, axis=0))
+    noise = np.max(
+        [change[a : b - 1].max(axis=0) for a, b in zip(start, stop) if b - a > 1], axis=0
+    )
+    moves = np.any(~(change <= noise), axis=1)  # also where angles are empty
+    return np.r_[False, moves] & np.r_[moves, False]
 
 
-def _steady(turn: Float[np.ndarray, "row angle"]) -> Bool[np.ndarray, " row"]:
+def _steady(
+    turn: Float[np.ndarray, "row angle"], moving: Bool[np.ndarray, " row"]
+) -> Bool[np.ndarray, " row"]:
     """Rows whose change is none of a gap or of a jump from one plan's step to the next."""
     size = np.linalg.norm(turn, axis=1)
-    usual = np.median(size[size > 0.0]) if np.any(size > 0.0) else 0.0
+    moves = size[moving & (size > 0.0)]
+    usual = np.median(moves) if len(moves) else 0.0
     return np.isfinite(turn).all(axis=1) & (size <= _JUMP * usual)
 
 
