@@ -322,6 +322,19 @@ def test_init_finds_a_table_whose_encoders_are_noisy(tmp_path):
     assert 'table_rates = { names = ["rate aussen", "rate innen"], unit = "deg/s" }' in text
 
 
+def test_columns_that_never_stand_still_together_are_no_table(tmp_path):
+    """Three columns, each at rest in three rests of five, and no rest in which all three are."""
+    station(tmp_path / "c")
+    log = tmp_path / "c" / "log.csv"
+    table = pl.read_csv(log).drop("rate aussen", "rate innen")
+    swing = pl.Series(np.sin(np.arange(len(table))))
+    for k in range(3):
+        wild = table["position"].is_in([p for p in range(12) if p % 3 == k])
+        table = table.with_columns((table["innen"] + swing * wild).alias(f"angle {k}"))
+    table.drop("aussen", "innen").write_csv(log)
+    assert "table_angles = {" not in draft_campaign(log, tmp_path / "c").text
+
+
 @pytest.mark.parametrize(
     "ramp, error", [(0.0, 1e-4), (1.0, 0.053)]
 )  # a row of the ramp is 3 °/s, 0.05 rad/s

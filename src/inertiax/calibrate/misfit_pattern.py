@@ -79,10 +79,10 @@ def misfit_pattern(
         return ""
     beyond = 1.0 - np.square(now.sigma).sum() / max(np.square(now.misfit).sum(), 1e-300)
     trials = dict(_trials(estimator, problem, now.jacobian))
+    if FORCE in trials and not _beyond_earth(model, residual, trials[FORCE]):
+        del trials[FORCE]
     found = [(*_f_test(model, residual, columns), name) for name, columns in trials.items()]
     chance, share, name = min(found, default=(1.0, 0.0, ""))
-    if name == FORCE and not _beyond_earth(model, residual, trials[name]):
-        return ""
     return name if chance < RARE and share > MOST * beyond else ""
 
 

@@ -76,6 +76,8 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
     middle = (start + stop) // 2
     still = np.stack([np.ptp(columns[a:b], axis=0) for a, b in zip(start, stop)]).max(axis=1)
     kept = np.flatnonzero(still < _STILL)[:: -(-rests.num_rests // _MOST_RESTS)]
+    if len(kept) == 0:
+        return None
     up = directions(accel, rests.accel)[kept]
     units = ["deg" if np.nanmax(np.abs(c)) > _RADIANS else "rad" for c in columns.T]
     angles = columns * [_UNITS[u] for u in units]
@@ -123,9 +125,8 @@ def _moving(
 ) -> Bool[np.ndarray, " row"]:
     """Rows before and after which a column changes by more than an encoder's noise does at rest."""
     change = np.abs(np.diff(columns, axis=0))
-    noise = np.max(
-        [change[a : b - 1].max(axis=0) for a, b in zip(start, stop) if b - a > 1], axis=0
-    )
+    still = [change[a : b - 1].max(axis=0) for a, b in zip(start, stop) if b - a > 1]
+    noise = np.max(still, axis=0) if still else np.zeros(columns.shape[1])
     moves = np.any(~(change <= noise), axis=1)  # also where angles are empty
     return np.r_[False, moves] & np.r_[moves, False]
 

@@ -105,17 +105,20 @@ def _seen(log: Log, base: CalibratedTriad, ramps: Sequence[Ramp]) -> _Seen:
     centred = lambda x: [x[rows] - x[rows].mean(axis=0) for rows in pieces]
     if triad == "gyro" or log.reference_gyro is None:
         return _Seen(centred(left), centred(change))
-    arms = centred(_by_lever_arms(log, log.reference_gyro))
+    rate, faster = log.reference_gyro, _slope(log, log.reference_gyro)
+    arms = [_by_lever_arms(rate[rows], faster[rows]) for rows in pieces]
+    arms = [a - a.mean(axis=0) for a in arms]
     return _Seen(_beside(arms, centred(left)), _beside(arms, centred(change)))
 
 
-def _by_lever_arms(log: Log, rate: np.ndarray) -> np.ndarray:
-    """Derivative of each element's specific force by the components of its arm, (row, 3, 3).
+def _by_lever_arms(
+    rate: Float[np.ndarray, "row 3"], acceleration: Float[np.ndarray, "row 3"]
+) -> Float[np.ndarray, "row 3 3"]:
+    """Derivative of each element's specific force by the components of its arm, for axes along the case's.
 
-    $\\dot\\omega \\times R + \\omega \\times (\\omega \\times R)$, for axes along the case's.
+    $\\dot\\omega \\times R + \\omega \\times (\\omega \\times R)$, of rad/s and rad/s².
     """
-    change = _slope(log, rate)
-    turn = np.cross(np.eye(3), change[:, None])  # rows are e_j × ω̇, which is −ω̇ × e_j
+    turn = np.cross(np.eye(3), acceleration[:, None])  # rows are e_j × ω̇, which is −ω̇ × e_j
     inward = rate[:, :, None] * rate[:, None] - np.square(rate).sum(axis=1)[:, None, None] * np.eye(
         3
     )
