@@ -16,8 +16,8 @@ from inertiax.data.recording import Recording
 from inertiax.live.follow import events, plan
 from inertiax.live.recorder import Recorder
 from inertiax.live.session import Session
+from inertiax.reduction.device_segments import segment_all
 from inertiax.reduction.rests import find_rests
-from inertiax.reduction.segments import segment_all
 
 
 GRAVITY = 9.81

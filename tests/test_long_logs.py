@@ -15,9 +15,10 @@ from inertiax.data.formats.columns import AngleColumns, ColumnMap, Layout, RateC
 from inertiax.data.formats.long_logs import read_long
 from inertiax.data.stored_recording import ColumnStore, log_numbers, StoredRecording
 from inertiax.plausibility import check_campaign
+from inertiax.reduction.device_segments import segment_all
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.rotations_between_rests import with_motions
-from inertiax.reduction.segments import segment, segment_all
+from inertiax.reduction.segments import segment
 
 
 RATE = 50.0  # Hz

@@ -16,7 +16,7 @@ from inertiax.calibration.calibration import TriadCalibration
 from inertiax.calibration.quantities import label, quantities, with_sigma
 from inertiax.data.recording import Campaign, Recording
 from inertiax.physics.temperature import Curve, Polynomial
-from inertiax.reduction.segments import segment_all
+from inertiax.reduction.device_segments import segment_all
 from inertiax.report.calibration import FIGURES, report_calibration, report_summary
 from inertiax.report.diagnosis import report_diagnosis
 from inertiax.report.document import calibration_document

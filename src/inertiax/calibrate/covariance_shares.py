@@ -16,7 +16,7 @@ from ..estimators import AbstractEstimator
 from ..estimators.host_forms.gravity_rotation import tilt_covariance
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
-from ..reduction.rig_errors import rig_covariance
+from ..reduction.rig_errors import angles_of_moves, rig_covariance
 
 
 NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
@@ -60,6 +60,7 @@ def _of_means(
         angle = rig.position_uncertainty or 0.0
         alone = 1.0 if dwells.shared_angle is None else np.asarray(dwells.shared_angle) == 0.0
         position = rig_covariance(u, angle * np.broadcast_to(alone, len(u)))
+        position = position + (angles_of_moves(dwells, angle) if triad == "gyro" else 0.0)
         rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
         parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)
         parts[NOISE] = given - parts[POSITION] - parts[RATE]

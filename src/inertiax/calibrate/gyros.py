@@ -13,6 +13,7 @@ from ..model_selection.select_model import build_estimators, ChosenModel, settle
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
+from ..reduction.known_moves import num_axes
 from ..reduction.rotations_between_rests import Turns, with_motions
 from .accelerometers_in_gyros import with_accelerometers
 from .between_dwell_variance import num_judged
@@ -82,7 +83,33 @@ def calibrate_gyros(
                 raise
             warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
         chosen = dataclasses.replace(chosen, gyro_estimator="static")
+    lacking = missing_axes(dwells) if chosen.gyro_estimator == "reference" else ""
+    if lacking:
+        try:
+            return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen, None
+        except ValueError as error:
+            raise ValueError(f"gyro: {lacking}") from error
     return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen, None
+
+
+def missing_axes(dwells: Dwells) -> str:
+    """In words, that known rates turn about one axis alone, or two, and what would be right; else empty."""
+    if dwells.reference_gyro is None:
+        return ""
+    turning = np.asarray(dwells.position) < 0
+    axes = num_axes(np.asarray(dwells.reference_gyro)[turning])
+    if axes not in (1, 2):
+        return ""
+    which = "one axis" if axes == 1 else "axes in one plane"
+    gravity = (
+        '; or write gyro_estimator = "gravity" under [model], by which turns between rests tell the matrix'
+        if dwells.accel is not None
+        else ""
+    )
+    return (
+        f"the known rates are about {which}, and Earth's rate, which is all that tells the rest of the matrix, is too "
+        f"small for this noise; add rates about other axes, or rates that are known while the table moves{gravity}."
+    )
 
 
 def _turns(campaign: Campaign, accel: TriadResult, dwells: Dwells, *, g_sensitivity: bool) -> Turns:

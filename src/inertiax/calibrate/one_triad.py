@@ -200,10 +200,22 @@ def require_observable(
     if seen.rank < seen.unknowns:
         raise ValueError(
             f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
-            f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; add positions in "
-            f"other orientations (or temperatures){_biases_alone(estimator, problem, ideal.jacobian)}."
+            f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; {_more(estimator, dwells)}"
+            f"{_biases_alone(estimator, problem, ideal.jacobian)}."
         )
     return seen
+
+
+def _more(estimator: AbstractEstimator, dwells: Dwells) -> str:
+    """What would show more of a model: for gyros against known rates, rates."""
+    if not estimator.by_reference or estimator.triad != "gyro":
+        return "add positions in other orientations (or temperatures)"
+    gravity = (
+        ', or write gyro_estimator = "gravity" under [model], by which turns between rests tell a matrix'
+        if dwells.accel is not None
+        else ""
+    )
+    return f"add rates about other axes (or temperatures){gravity}"
 
 
 def _biases_alone(

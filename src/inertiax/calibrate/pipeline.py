@@ -34,15 +34,16 @@ from ..plausibility import statements
 from ..plausibility.aside import Asked
 from ..plausibility.settled_rests import without_settled_rests
 from ..plausibility.stated_rates import ramps_sentence
+from ..reduction.device_segments import of_one_device
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
-from ..reduction.earth_at_rest import without_vertical_earth_rate
+from ..reduction.earth_at_rest import without_earth_rate
 from ..reduction.handling import kept_sentence, left_out_sentence
+from ..reduction.known_moves import move_words
 from ..reduction.rig_errors import rate_words, table_words, with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
 from ..reduction.segments import (
     each_without_disturbances,
-    numbered_through,
     segment_each,
     Segments,
 )
@@ -180,7 +181,7 @@ def _estimated(
     progress("reducing recordings to dwells")
     if as_recorded is not None:
         undisturbed = each_without_disturbances(recordings, as_recorded)
-        segments = numbered_through(recordings, undisturbed)
+        segments = of_one_device(recordings, undisturbed)
     assert segments is not None  # given, or just found
     segments = tuple(segments)
     seen(segments)
@@ -198,13 +199,14 @@ def _estimated(
         )
         return _magnetometers_alone(campaign, chosen, robust, progress, why)
     dwells = with_rig_errors(dwells, campaign.rig)
-    dwells = without_vertical_earth_rate(dwells, campaign.site)
+    dwells = without_earth_rate(dwells, campaign)
     warning = None
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
     choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
     ramps = sum(s.ramps for s in segments)
     choices += [f"plateaus: {ramps_sentence(ramps)}"] if ramps else []
+    choices += move_words(segments) if chosen.gyro_estimator == "reference" else ()
     warnings = [*_of_turning(campaign, segments)]
     warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells

@@ -159,7 +159,10 @@ def _site(latitude: float | None, height: float) -> Table:
         why = "standard gravity; give --latitude and --height, or a survey's value: 0.1 % off is 0.1 % of each scale"
         return Table("site", (Line("gravity", _STANDARD, why, certain=False),))
     value = round(float(normal_gravity(math.radians(latitude), height)), 5)
-    why = f"normal gravity of WGS 84 at {height:g} m; a place differs from it by up to some 1e-3 m/s^2"
+    why = (
+        f"normal gravity of WGS 84 at {height:g} m; a place differs from it by up to some 1e-3 m/s^2, or 100 ppm of "
+        "all scale factors, which their ± leaves out"
+    )
     return Table("site", (Line("gravity", value, why), Line("latitude", float(latitude))))
 
 

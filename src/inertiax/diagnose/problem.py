@@ -15,8 +15,9 @@ from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
 from ..numerics.side_by_side import side_by_side
-from ..reduction.rig_errors import rig_covariance
-from ..reduction.segments import numbered_through, segment_each
+from ..reduction.device_segments import of_one_device
+from ..reduction.rig_errors import move_covariance, rig_covariance
+from ..reduction.segments import segment_each
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
 from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
@@ -72,15 +73,18 @@ class Problem:
 
 
 def rig_variance(
-    campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline
+    campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline, step: float
 ) -> list[np.ndarray]:
-    """Variance that the rig's stated uncertainties give to each chain's rows at every positioning."""
+    """Variance that the rig's stated uncertainties give to each chain's rows at every positioning; `step`, s, is
+    between samples."""
     num = blocks.num_blocks
     made = [np.zeros(num) for _ in base.observed]
     angle, rate = campaign.rig.position_uncertainty or 0.0, campaign.rig.rate_uncertainty or 0.0
     if form.by_reference:
         given = getattr(blocks, f"reference_{form.triad}")
         square = rig_covariance(given, angle, rate if form.triad == "gyro" else 0.0)
+        if form.triad == "gyro":
+            square = square + move_covariance(blocks.move, step * blocks.count, angle)
         made = [square[:, c, c] for c in range(3)]
     return made
 
@@ -117,7 +121,7 @@ def prepare(
     make_room()
     found = segment_each(campaign.recordings, held=True)
     log = join(campaign, found=found)
-    numbered = numbered_through(campaign.recordings, found)
+    numbered = of_one_device(campaign.recordings, found)
     segments = tuple(s.without_held() for s in numbered)
     plain = calibrate_device(campaign, checked=True, model=model, segments=segments)
     fitted = plain
@@ -234,7 +238,7 @@ def prepare_triad(
     system = make(
         base,
         blocks,
-        rig_variance(campaign, form, blocks, base),
+        rig_variance(campaign, form, blocks, base, log.step),
         probe_error(campaign, signal, blocks, base),
     )
     if form.by_reference:

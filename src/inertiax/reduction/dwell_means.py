@@ -11,14 +11,19 @@ from .._records import Module
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
+from .device_segments import segment_all
 from .dwells import Dwells, is_told
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
 from .rests import TURNED_SLOWLY, usual_step
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
-from .segments import segment_all, Segments
+from .segments import Segments
 from .turning_hand import less_turning
+
+
+# Which dwells' scatter is pooled: that of plateaus (0), of rests (1), and these.
+UNTOLD, MOVE = 2, 3
 
 
 def reduce_to_dwells(
@@ -124,6 +129,7 @@ class _Blocks(Module):
     experiment: Int[np.ndarray, " block"]
     used: Bool[np.ndarray, " time"]
     turning: float | None  # m/s², see `Segments`
+    move: Bool[np.ndarray, " block"]
 
     @property
     def counts(self) -> Int[np.ndarray, " block"]:
@@ -147,7 +153,7 @@ def _blocks(
     if temperature_step is not None and recording.temperature is not None:
         by_temperature = _pieces_by_temperature(recording, segments, temperature_step)
         pieces = np.maximum(pieces, by_temperature)
-    pieces = np.minimum(pieces, counts)
+    pieces = np.where(segments.known_moves, 1, np.minimum(pieces, counts))
     owner = np.repeat(np.arange(len(counts)), pieces)
     within = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     start = segments.start[owner] + within * counts[owner] // pieces[owner]
@@ -156,7 +162,10 @@ def _blocks(
     filled = total[stop] > total[start]  # a piece may be disturbed from end to end
     start, stop, owner = start[filled], stop[filled], owner[filled]
     where = segments.position[owner]
-    return _Blocks(start, stop, owner, where, experiment[start], segments.used, segments.turning)
+    move = segments.known_moves[owner]
+    return _Blocks(
+        start, stop, owner, where, experiment[start], segments.used, segments.turning, move
+    )
 
 
 def _pieces_by_temperature(
@@ -195,6 +204,10 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
     mean = lambda column: joined_means(found, column)
     time, temperature = mean("time"), mean("temperature")
     assert time is not None
+    move, force = np.concatenate([p.move for p in parts]), mean("reference_accel")
+    if force is not None:  # of a point beside the axes only plateaus tell the force
+        force = np.where(move[:, None], 0.0, force)
+    kind = np.where(move, MOVE, position >= 0)
     return Dwells(
         time=time,
         duration=counts * step,
@@ -204,14 +217,13 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         position=position,
         valid=np.ones(len(counts), bool),
         accel=mean("accel"),
-        accel_covariance=_with_turning(
-            parts, _covariances(found, "accel", position >= 0, counts * step)
-        ),
+        accel_covariance=_with_turning(parts, _covariances(found, "accel", kind, counts * step)),
         gyro=mean("gyro"),
-        gyro_covariance=_covariances(found, "gyro", position >= 0, counts * step),
-        reference_accel=mean("reference_accel"),
+        gyro_covariance=_covariances(found, "gyro", kind, counts * step),
+        reference_accel=force,
         reference_gyro=mean("reference_gyro"),
         rows=_ranges(parts),
+        move=move if move.any() else None,
     )
 
 
@@ -238,21 +250,25 @@ def _ranges(parts: list[_Blocks]) -> Int[np.ndarray, "dwell 4"]:
 def _covariances(
     found: Sequence[Reduced],
     triad: Literal["accel", "gyro"],
-    resting: Bool[np.ndarray, " dwell"],
+    kind: Int[np.ndarray, " dwell"],
     duration: Float[np.ndarray, " dwell"],
 ) -> Float[np.ndarray, "dwell 3 3"] | None:
     scatter = scatter_of(found, triad)
     if scatter is None:
         return None
-    ideal, pool = joined_means(found, f"reference_{triad}"), resting.astype(int)
+    resting = kind == 1
+    ideal, pool = joined_means(found, f"reference_{triad}"), kind
     if triad == "accel" and ideal is not None:
         # Without its reference the force that turns in the case would pass for noise of the other plateaus.
-        pool = np.where(is_told(ideal), pool, 2)
+        pool = np.where(is_told(ideal), pool, UNTOLD)
     covariance = covariances_of_means(scatter, pool)
     if triad == "accel" and ideal is None and (output := joined_means(found, "accel")) is not None:
         covariance = less_turning(covariance, scatter, output, resting)
     if triad == "accel" or ideal is None:
         return covariance
     spread = np.concatenate([f.spread for f in found if f.spread is not None])
-    turns = turned_by_hand(spread, ideal, resting)
-    return with_known_angles(covariance, duration, turns, resting)
+    moves = kind == MOVE
+    turns = turned_by_hand(spread, ideal, resting | moves)
+    covariance = with_known_angles(covariance, duration, turns, resting)
+    # The errors of a move's two positionings are the rig's: `rig_errors`.
+    return with_known_angles(covariance, duration, moves, resting, 0.0)

@@ -65,6 +65,7 @@ class Dwells(eqx.Module):
     positioning: Int[AnyArray, " *dwell"] | None = None
     # rad, 1 sigma of the error that is shared, and so not in the covariances; 0 where none is.
     shared_angle: Float[AnyArray, " *dwell"] | None = None
+    move: Bool[AnyArray, " *dwell"] | None = None  # from rest to rest, see `known_moves`
     # Change of the references by 1 sigma of the table's errors, columns as `table_errors` has them; in no covariance.
     table_accel: Float[AnyArray, "*dwell 3 3"] | None = None  # m/s²
     table_gyro: Float[AnyArray, "*dwell 3 3"] | None = None  # rad/s

@@ -5,7 +5,8 @@ specific force beside it, whatever the heading:
 
     ω = Ω sin φ u + Ω cos φ n,     n ⊥ u, |n| = 1, of unknown heading
 
-The first part is taken away. It is what a g-sensitivity of Ω sin φ on all axes would read. It has no part in
+Where a reference tells all of it and gyros are calibrated by gravity's rotation all the same, all is taken away. Else
+the first part is. It is what a g-sensitivity of Ω sin φ on all axes would read. It has no part in
 gravity's turn between rests, since a rotation about the vertical leaves the vertical where it is. The second part
 stays in the biases, with the variance of a heading that may be any: (Ω cos φ)² / 2 on each horizontal axis, one draw
 for each attitude.
@@ -18,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._typing import AnyArray
-from ..data.recording import Site
+from ..data.recording import Campaign, Site
 from ..physics.wgs84 import EARTH_RATE
 from .dwells import Dwells
 
@@ -58,6 +59,25 @@ def without_vertical_earth_rate(dwells: Dwells, site: Site) -> Dwells:
     rest = np.asarray(dwells.position)[:, None] >= 0
     vertical = np.where(rest, vertical_earth_rate(np.asarray(dwells.accel), site), 0.0)
     return dataclasses.replace(dwells, gyro=np.asarray(dwells.gyro) - vertical)
+
+
+def without_earth_rate(dwells: Dwells, campaign: Campaign) -> Dwells:
+    """Dwells whose gyro means at rest are without what is known of Earth's rate: all of it where `[model]` asks for
+    gravity's rotation beside a reference of rates, else its vertical part (`without_vertical_earth_rate`).
+
+    Gravity's rotation has no use for a reference but this.
+    """
+    known = dwells.reference_gyro
+    if not is_told_beside_gravity(campaign) or known is None or dwells.gyro is None:
+        return without_vertical_earth_rate(dwells, campaign.site)
+    rest = np.asarray(dwells.position)[:, None] >= 0
+    return dataclasses.replace(dwells, gyro=np.asarray(dwells.gyro) - np.where(rest, known, 0.0))
+
+
+def is_told_beside_gravity(campaign: Campaign) -> bool:
+    """Whether gyros are to be calibrated by gravity's rotation, and a reference holds Earth's rate at rest."""
+    told = all(r.reference_gyro is not None for r in campaign.recordings)
+    return told and campaign.model.gyro_estimator == "gravity"
 
 
 def is_known(dwells: Dwells, site: Site) -> bool:

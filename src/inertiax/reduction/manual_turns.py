@@ -37,15 +37,16 @@ def with_known_angles(
     duration: Float[np.ndarray, " dwell"],
     turns: Bool[np.ndarray, " dwell"],
     resting: Bool[np.ndarray, " dwell"],
+    angle: float = ANGLE_UNCERTAINTY,
 ) -> Float[np.ndarray, "dwell 3 3"]:
     """Covariances of mean rates, (rad/s)², those of the turns replaced by N² / T + (σ_angle / T)².
 
-    N² is the angle random walk that the rests' covariances imply.
+    `angle` is σ_angle, rad. N² is the angle random walk that the rests' covariances imply.
     """
     if not turns.any():
         return covariance
     walk = np.mean(covariance[resting] * duration[resting, None, None], axis=0)
     t = duration[turns, None, None]
     result = covariance.copy()
-    result[turns] = walk / t + (ANGLE_UNCERTAINTY / t) ** 2 * np.eye(3)
+    result[turns] = walk / t + (angle / t) ** 2 * np.eye(3)
     return result

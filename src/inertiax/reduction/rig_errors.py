@@ -16,7 +16,7 @@ What all dwells of a campaign share, the level of the base and the right angle o
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .._jax import eqx, jnp
 from .._typing import AnyArray
@@ -130,8 +130,25 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
         if reference is None or own is None or not (angle or part):
             continue
         wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
+        if triad == "gyro":
+            wider = wider + angles_of_moves(dwells, angle)
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
     return _with_table_errors(dwells, rig)
+
+
+def angles_of_moves(dwells: Dwells, angle: float) -> Float[AnyArray, "*dwell 3 3"] | float:
+    """`move_covariance` of dwells; zero where none is a move."""
+    if dwells.move is None:
+        return 0.0
+    return move_covariance(np.asarray(dwells.move), np.asarray(dwells.duration), angle)
+
+
+def move_covariance(
+    move: Bool[np.ndarray, "*dwell"], duration: Float[np.ndarray, "*dwell"], angle: float
+) -> Float[np.ndarray, "*dwell 3 3"]:
+    """2 α² / T² E, (rad/s)²: the mean rate of a move is the difference of two positionings over its duration T, s."""
+    square = np.where(move, 2.0 * angle**2 / np.square(duration), 0.0)
+    return square[..., None, None] * np.eye(3)
 
 
 def _with_table_errors(dwells: Dwells, rig: Rig) -> Dwells:

@@ -52,6 +52,8 @@ class Segments(Module):
     held: Bool[np.ndarray, " segment"] | None = None
     # s, of plateaus at whose ends the gyros still changed; left out. See `plateaus.without_unsaid_ramps`.
     ramps: float = field(static=True, default=0.0)
+    # From rest to rest, at rates that change and are known all along. See `known_moves`.
+    moves: Bool[np.ndarray, " segment"] | None = None
 
     @property
     def num_segments(self) -> int:
@@ -60,8 +62,13 @@ class Segments(Module):
 
     @property
     def resting(self) -> Bool[np.ndarray, " segment"]:
-        """Which segments are rests; the others are plateaus of constant rate."""
+        """Which segments are rests; the others are plateaus of constant rate, or known moves."""
         return self.position >= 0
+
+    @property
+    def known_moves(self) -> Bool[np.ndarray, " segment"]:
+        """Which segments are moves at known rates; none where they were not asked for."""
+        return np.zeros(self.num_segments, bool) if self.moves is None else self.moves
 
     @property
     def held_by_hand(self) -> Bool[np.ndarray, " segment"]:
@@ -84,6 +91,7 @@ class Segments(Module):
             self.statement,
             self.turning,
             ramps=self.ramps,
+            moves=None if self.moves is None else self.moves[kept],
         )
 
     def runs(
@@ -168,18 +176,6 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
     )
 
 
-def segment_all(
-    recordings: Sequence[Recording],
-    *,
-    window: float = 1.0,
-    handling: bool = True,
-    held: bool = False,
-) -> tuple[Segments, ...]:
-    """The segments of each recording; positions that no recording states are numbered through all of them."""
-    found = segment_each(recordings, window=window, handling=handling, held=held)
-    return numbered_through(recordings, found)
-
-
 def segment_each(
     recordings: Sequence[Recording],
     *,
@@ -200,20 +196,6 @@ def each_without_disturbances(
     return side_by_side(lambda pair: without_disturbances(*pair), pairs, rows=rows)
 
 
-def numbered_through(
-    recordings: Sequence[Recording], segments: Sequence[Segments]
-) -> tuple[Segments, ...]:
-    """Segments of which positions that no recording states are numbered through all recordings."""
-    made, first = [], 0
-    for recording, found in zip(recordings, segments, strict=True):
-        if recording.position is None:  # numbers of our own: no two recordings share a position
-            position = np.where(found.position >= 0, found.position + first, found.position)
-            first = max(first, int(position.max(initial=-1)) + 1)
-            found = dataclasses.replace(found, position=position)
-        made.append(found)
-    return tuple(made)
-
-
 def joined(segments: Sequence[Segments]) -> Segments:
     """The segments of recordings that are put behind each other, row after row."""
     sizes = [len(s.used) for s in segments]
@@ -225,6 +207,7 @@ def joined(segments: Sequence[Segments]) -> Segments:
         np.concatenate([s.used for s in segments]),
         tuple(d for s in segments for d in s.disturbances),
         held=np.concatenate([s.held_by_hand for s in segments]),
+        moves=np.concatenate([s.known_moves for s in segments]),
     )
 
 

@@ -36,6 +36,11 @@ _SLOW = math.radians(0.1)  # rad/s, below which an axis stands
 _OTHER = 0.5  # of the turn that a rate makes: further off it is not that of any axis
 _SIGMAS = 5.0  # of an encoder's noise, beyond which a stated rate is not the angles', or theirs not constant
 _BASE = 0.1  # s to either side, over which the angles alone say a rate
+# s, and of a move's duration, and at most: rows at its ends, in which a smooth ramp (of third order in time) is slower
+# than an encoder's noise tells. Of a half turn in 30 s they make 130 ppm (convention).
+_TAIL, _TAIL_SHARE, _LONGEST_TAIL = 0.1, 0.08, 2.0
+_WOBBLE = 2e-3  # of a rate, by which a table that holds it may miss it (convention)
+_SHORT = 1e-4  # of the angle through which an axis turns at a constant rate, by which that may miss it (convention)
 _HELD = 0.5  # s, the shortest stretch of constant rate
 _JUMP = 0.5  # of the rate, from one row's side to the other: no table speeds up so fast
 _NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
@@ -167,7 +172,8 @@ def rates_by_axis(
         rows = np.flatnonzero(told)
         rates[rows, cost[rows].argmin(axis=1)] = stated[rows, 0]
     zero = np.all(stated == 0.0, axis=1)
-    unsaid = _turning(angles, time, near, zero) & np.isfinite(spent)
+    unsaid = _turning(angles, time, near, zero)
+    unsaid = (unsaid | zero & _beside(unsaid, time)) & np.isfinite(spent)
     rates[unsaid] = turn[unsaid] / spent[unsaid, None]
     rates += _late(angles, time, near, rates, ~zero)
     return rates
@@ -212,14 +218,24 @@ def rates_of_angles(
         told = turning & np.isfinite(differs).all(axis=1)
         if not told.any():
             return rates
-        least = np.maximum(_SLOW / 5.0, _SIGMAS * _noise(differs[told]))
+        # Where an axis turns at no constant rate, what that changes is no noise.
+        still = np.isfinite(differs).all(axis=1) & ~turning
+        quiet = _noise(differs[still]) if still.any() else np.inf
+        digit = _ROUNDED * _digit(angles) / float(np.median(spent[told]))
+        most = np.maximum(np.maximum(_SIGMAS * quiet, digit), _WOBBLE * np.abs(mean))
+        least = np.maximum(_SLOW / 5.0, np.minimum(_SIGMAS * _noise(differs[told]), most))
         edges = np.flatnonzero(np.diff(np.r_[0, told & (differs <= least).all(axis=1), 0]))
     for a, b in edges.reshape(-1, 2):
         if time[b - 1] - time[a] >= _HELD:
             seconds = time[a:b] - time[a:b].mean()
             middle = mean[(a + b) // 2]
             away = np.unwrap(angles[a:b] - middle * seconds[:, None], axis=0)
-            rates[a:b] = middle + seconds @ away / (seconds @ seconds)
+            line = middle + seconds @ away / (seconds @ seconds)
+            # A smooth move's slow ends and its flat top are no constant rate: a line would miss the angle.
+            turned = (time[b - 1] - time[a]) * np.array([rates[a:b].mean(axis=0) - line, line])
+            noise = np.maximum(0.5 * _SIGMAS * quiet * np.median(spent[told]), _digit(angles))
+            if np.all(np.abs(turned[0]) <= np.maximum(noise, _SHORT * np.abs(turned[1]).max())):
+                rates[a:b] = line
     return rates
 
 
@@ -244,8 +260,7 @@ def _late(
     if not told.any():
         return np.zeros(angles.shape)
     size = np.abs(rates).max(axis=1)
-    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0)))
-    digit = np.min(steps, initial=np.inf, where=steps > _NO_DIGIT)
+    digit = _digit(angles)
     every = near * float(np.median(np.diff(time)))
     # Noise of the angles, and of the stamps, which is in proportion to the rate.
     noise = np.maximum(_noise(nearest[told]), _noise(nearest[told] / size[told]) * size)
@@ -254,6 +269,12 @@ def _late(
     both = off.max(axis=0) - nearest < _JUMP * size
     one = np.where((off[0] == nearest)[:, None], *sides)
     return np.where(late[:, None], np.where(both[:, None], sides.mean(axis=0), one), 0.0)
+
+
+def _digit(angles: Float[np.ndarray, "rows axes"]) -> float:
+    """The smallest change of an angle from row to row, rad."""
+    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0)))
+    return float(np.min(steps, initial=np.inf, where=steps > _NO_DIGIT))
 
 
 def _noise(
@@ -309,6 +330,27 @@ def _turning(
         some = (turns(came) | turns(goes)).any(axis=1)
     ends = inside[before] | inside[after]
     return unsaid & (inside | ends & some) & np.isfinite(came + goes).all(axis=1)
+
+
+def _beside(
+    turning: Bool[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
+) -> Bool[np.ndarray, " rows"]:
+    """Rows just before and after those in which an axis turns, where a smooth ramp is within an encoder's noise.
+
+    Without them a move would be short of its angle."""
+    edges = np.flatnonzero(np.diff(np.r_[0, turning, 0])).reshape(-1, 2)
+    # A plateau's row or two are no move.
+    first, last = edges[time[edges[:, 1] - 1] - time[edges[:, 0]] > _TAIL].T - [[0], [1]]
+    tail = np.minimum(_TAIL + _TAIL_SHARE * np.abs(time[last] - time[first]), _LONGEST_TAIL)
+    here = np.arange(len(time))
+    before = np.minimum(
+        np.searchsorted(last, here), len(last) - 1
+    )  # the run that ends here or later
+    after = np.maximum(np.searchsorted(first, here, side="right") - 1, 0)  # that began before
+    if not len(first):
+        return np.zeros(len(time), bool)
+    ahead, behind = time[first[before]] - time, time - time[last[after]]
+    return (np.abs(ahead) <= tail[before]) | (np.abs(behind) <= tail[after])
 
 
 def _change(

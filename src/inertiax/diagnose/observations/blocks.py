@@ -11,15 +11,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ..._jax import eqx, jax
-from ...data.recording import Campaign, Recording, Site
+from ...data.recording import Campaign, Recording
 from ...data.recording_order import in_order
 from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
 from ...reduction.block_length import length_beyond_tremor
+from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
-from ...reduction.earth_at_rest import vertical_earth_rate
+from ...reduction.earth_at_rest import is_told_beside_gravity, vertical_earth_rate
 from ...reduction.segments import (
     joined,
-    numbered_through,
     rests_are_searched,
     segment_each,
     Segments,
@@ -74,6 +74,7 @@ class Blocks(eqx.Module):
     dwell: Int[np.ndarray, " block"]
     moving: Bool[np.ndarray, " block"]  # on a constant-rate plateau
     held: Bool[np.ndarray, " block"]  # a rest held by hand, one block each
+    move: Bool[np.ndarray, " block"]  # from rest to rest at known rates, one block each
     time: Float[np.ndarray, " block"]  # s, middle
     experiment: Int[np.ndarray, " block"]
     position: Int[np.ndarray, " block"]
@@ -154,7 +155,7 @@ def join(
     if found is None:
         found = segment_each(campaign.recordings, handling=handling, held=True)
     of_recording = {id(r): s for r, s in zip(campaign.recordings, found, strict=True)}
-    segments = numbered_through(recordings, [of_recording[id(r)] for r in recordings])
+    segments = of_one_device(recordings, [of_recording[id(r)] for r in recordings])
     for recording, part in zip(recordings, segments):
         if part.turning is not None:
             raise ValueError(
@@ -163,7 +164,7 @@ def join(
             )
     gyro = _column(recordings, "gyro")
     if gyro is not None:
-        gyro = _without_earth(gyro, recordings, segments, campaign.site)
+        gyro = _without_earth(gyro, recordings, segments, campaign)
     return Log(
         time=time - time[0],
         clock=np.concatenate([r.time for r in recordings]),
@@ -186,17 +187,20 @@ def _without_earth(
     gyro: Float[np.ndarray, "time 3"],
     recordings: Sequence[Recording],
     segments: Sequence[Segments],
-    site: Site,
+    campaign: Campaign,
 ) -> Float[np.ndarray, "time 3"]:
-    """Gyros whose rests are without Earth's vertical part, as the calibration has them; a turn about the vertical has
-    no part in gravity's turn between rests."""
+    """Gyros whose rests are without what the calibration takes away of Earth's rate (`without_earth_rate`)."""
     gyro, first = gyro.copy(), 0
+    all_of_it = is_told_beside_gravity(campaign)
     for recording, part in zip(recordings, segments, strict=True):
-        if recording.accel is not None and recording.reference_gyro is None:
-            rests = zip(part.start[part.resting], part.stop[part.resting], strict=True)
-            for a, b in rests:
+        known = recording.reference_gyro
+        rests = zip(part.start[part.resting], part.stop[part.resting], strict=True)
+        for a, b in rests:
+            if known is not None and all_of_it:
+                gyro[first + a : first + b] -= known[a:b].mean(axis=0)
+            elif known is None and recording.accel is not None:
                 force = recording.accel[a:b].mean(axis=0)[None]
-                gyro[first + a : first + b] -= vertical_earth_rate(force, site)
+                gyro[first + a : first + b] -= vertical_earth_rate(force, campaign.site)
         first += recording.num_samples
     return gyro
 
@@ -251,7 +255,7 @@ def cut(log: Log) -> Blocks:
         )
         if shortest > coarsest:
             pieces = min(pieces, max(PER_DWELL, (b - a) // shortest))
-        if held[number]:
+        if held[number] or log.segments.known_moves[number]:
             pieces = 1
         cuts = np.linspace(a, b, pieces + 1).round().astype(int)
         start.extend(cuts[:-1])
@@ -282,10 +286,12 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
 
     position = log.segments.position[dwell]
     moving, held = position < 0, log.segments.held_by_hand[dwell]
+    move = log.segments.known_moves[dwell]
     stated = mean(log.reference_accel)
     if stated is not None and log.reference_accel is not None:
         lacking = np.asarray(~is_told(log.reference_accel), float)
-        stated[block_mean(lacking, start, stop) > 0.0] = 0.0
+        # What a point beside the axes feels in a move, its mean rate does not tell.
+        stated[(block_mean(lacking, start, stop) > 0.0) | move] = 0.0
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
     return Blocks(
         start=start,
@@ -293,6 +299,7 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         dwell=dwell,
         moving=moving,
         held=held,
+        move=move,
         time=time,
         experiment=log.experiment[start],
         position=position,
@@ -302,8 +309,8 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         gyro=gyro,
         reference_accel=stated,
         reference_gyro=mean(log.reference_gyro),
-        accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving, held),
-        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving, held),
+        accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving, held, move),
+        gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving, held, move),
     )
 
 
@@ -322,6 +329,7 @@ def with_scatter_about(
         blocks.dwell,
         blocks.moving,
         blocks.held,
+        blocks.move,
     )
     return eqx.tree_at(lambda b: getattr(b, f"{triad}_white"), blocks, white)
 
@@ -334,10 +342,12 @@ def _white(
     dwell: np.ndarray,
     moving: np.ndarray,
     held: np.ndarray,
+    move: np.ndarray,
 ) -> np.ndarray | None:
     """Variance of each block's mean: scatter about the block's mean, pooled over rests and over plateaus.
 
-    Of a rest held by hand, that of the means of its parts.
+    Of a rest held by hand, that of the means of its parts; of a move the rests' scatter, for what a triad lags behind
+    the rates is none of the mean's.
     """
     if values is None:
         return None
@@ -354,10 +364,12 @@ def _white(
     told = np.ones(len(count), bool)
     if reference is not None:
         told = block_mean(np.asarray(is_told(reference), float), start, stop) > 0.0
-    kind = moving + 2 * (moving & ~told) + 4 * held
+    kind = moving + 2 * (moving & ~told) + 4 * held + 8 * move
     for number in np.unique(kind):
         group = kind == number
         pooled[group] = _pooled(scatter[group], count[group] - 1, dwell[group])
+    if move.any():
+        pooled[move] = np.median(pooled[kind == 0], axis=0)
     floor = 1e-30 + 1e-12 * pooled.max()
     white = np.maximum(pooled, floor) / count[:, None]
     for k in np.flatnonzero(held & (count >= 2 * PARTS)):

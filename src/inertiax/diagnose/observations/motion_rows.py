@@ -147,6 +147,7 @@ def _blocks(
         dwell=twice(np.arange(len(start))),
         moving=np.ones(2 * len(start), bool),
         held=np.zeros(2 * len(start), bool),
+        move=np.zeros(2 * len(start), bool),
         time=twice(log.time[middle]),
         experiment=twice(log.experiment[start]),
         position=twice(np.full(len(start), -1)),

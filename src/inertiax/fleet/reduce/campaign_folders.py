@@ -15,7 +15,7 @@ from ...data.recorded import recorded
 from ...data.recording import Campaign
 from ...plausibility import require_plausible, statements
 from ...reduction.dwell_means import reduce_to_dwells
-from ...reduction.earth_at_rest import without_vertical_earth_rate
+from ...reduction.earth_at_rest import without_earth_rate
 from .many_dwells import Reduced, Reduction
 from .tasks import Stretch, Task
 
@@ -118,7 +118,7 @@ def _reduced(name: str, one: Campaign | str) -> Reduced:
     try:
         warnings = statements(require_plausible(one))
         known = recorded(one.recordings, warnings)
-        dwells = without_vertical_earth_rate(reduce_to_dwells(one.recordings), one.site)
+        dwells = without_earth_rate(reduce_to_dwells(one.recordings), one)
         return Reduced(name, dwells, recorded=known)
     except ValueError as error:
         assert one.path is not None  # read from a file
