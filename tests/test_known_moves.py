@@ -173,6 +173,7 @@ def test_moves_of_which_the_station_writes_no_rates_are_not_used(tmp_path):
     with pytest.raises(ValueError, match="known rates are about one axis") as error:
         calibrate_device(campaign)
     assert 'gyro_estimator = "gravity"' in str(error.value)
+    assert "do not determine 6 of 12 unknowns" in str(error.value.__cause__)  # of what converged
 
     # As the error says; beside gravity's rotation the reference still holds the Earth's rate at rest.
     (tmp_path / "A" / "campaign.toml").write_text(text + '[model]\ngyro_estimator = "gravity"\n')

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .._jax import eqx, jax
+from .._jax import eqx, jax, optx
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS
 from ..model_selection.select_model import ChosenModel, polynomial_basis
@@ -164,6 +164,9 @@ def _settled(
         solution = _solve(estimator, basis, dwells, method, before)
         misfit, own_sigma = _misfits(estimator, solution, dwells, kept)
     if not bool(solution.succeeded):
+        if bool(solution.result == optx.RESULTS.successful):
+            # What the noise of the means determined may be too little beside the scatter between dwells.
+            require_observable(estimator, basis, dwells)
         raise ValueError(_failure(estimator, solution, dwells, method))
     return estimator, solution, misfit, own_sigma, own_chi2
 
@@ -200,22 +203,25 @@ def require_observable(
     if seen.rank < seen.unknowns:
         raise ValueError(
             f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
-            f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; {_more(estimator, dwells)}"
+            f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; {_more(estimator, basis, dwells)}"
             f"{_biases_alone(estimator, problem, ideal.jacobian)}."
         )
     return seen
 
 
-def _more(estimator: AbstractEstimator, dwells: Dwells) -> str:
-    """What would show more of a model: for gyros against known rates, rates."""
-    if not estimator.by_reference or estimator.triad != "gyro":
-        return "add positions in other orientations (or temperatures)"
-    gravity = (
-        ', or write gyro_estimator = "gravity" under [model], by which turns between rests tell a matrix'
-        if dwells.accel is not None
-        else ""
-    )
-    return f"add rates about other axes (or temperatures){gravity}"
+def _more(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> str:
+    """What would show more of a model, or take less: for gyros against known rates, rates."""
+    rates = estimator.by_reference and estimator.triad == "gyro"
+    ways = [
+        f"add {'rates about other axes' if rates else 'positions in other orientations'} (or temperatures)"
+    ]
+    if basis.size > 1:
+        ways.append("use a lower temperature_degree")
+    if rates and dwells.accel is not None:
+        ways.append(
+            'write gyro_estimator = "gravity" under [model], by which turns between rests tell a matrix'
+        )
+    return ", or ".join(ways)
 
 
 def _biases_alone(
