@@ -45,7 +45,7 @@ def smooth(a, b, seconds):
     return a + (b - a) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
-def profile(*, outer_turns=False):
+def profile(*, turns=True, outer_turns=False):
     """Angles of both axes, deg: 20 attitudes, then rates about the inner axis, and about the outer one."""
     angles = [np.zeros((int(6 * RATE), 2))]
     at = lambda: angles[-1][-1].copy()
@@ -61,11 +61,11 @@ def profile(*, outer_turns=False):
         row[:, axis] += np.cumsum(rate * ramp) / RATE
         angles.append(row)
 
-    for outer in (0, 45, 90, 135, 180):
-        for inner in (0, 90, 180, -90):
+    for k, outer in enumerate((0, 45, 90, 135, 180)):
+        for inner in (0, 90, 180, -90)[:: -1 if k % 2 else 1]:  # the outer axis turns at two inner angles
             move(np.array([outer, inner], float))
             hold(6)
-    for outer in (0, 90):
+    for outer in (0, 90) if turns else ():
         move(np.array([outer, 0.0]))
         hold(6)
         for rate in (60.0, -60.0):
@@ -93,10 +93,12 @@ def readings(angles):
     return whole.inv().apply(np.tile([0.0, 0.0, GRAVITY], (len(angles), 1))), rate
 
 
-def record(folder, seed=1, *, outer_turns=False, lag=0, by_force=None, columns="", extra=None):
+def record(
+    folder, seed=1, *, turns=True, outer_turns=False, lag=0, by_force=None, columns="", extra=None
+):
     """A campaign of one log; `lag` rows by which the gyros are late, `by_force` their g-sensitivity, rad/s/(m/s²)."""
     rng = np.random.default_rng(seed)
-    angles = profile(outer_turns=outer_turns)
+    angles = profile(turns=turns, outer_turns=outer_turns)
     force, rate = readings(angles)
     felt = np.concatenate([np.repeat(rate[:1], lag, axis=0), rate[: len(rate) - lag]])
     gyro = felt + felt @ MATRIX.T + BIAS + rng.normal(0.0, NOISE, rate.shape)
@@ -132,9 +134,23 @@ def test_the_matrix_of_gyros_is_found_by_moves_where_rates_are_about_one_axis(tm
     assert np.abs(z).max() < 4.0 and np.sqrt(np.mean(z**2)) < 1.7
     said = [t for t in result.choices if "moves between rests" in t]
     assert said == [
-        "gyros: 21 moves between rests are used by their mean rates, for the plateaus of constant rate do not turn "
-        "about three axes"
+        "gyros: 21 moves between rests are used by their mean rates, for no plateaus of constant rate are about all "
+        "three axes"
     ]
+
+
+def test_moves_do_where_a_table_only_positions(tmp_path):
+    result = calibrate_device(record(tmp_path / "A", turns=False))
+    z, sigma = found(result)
+    assert np.abs(z).max() < 4.0 and sigma.max() < 5e-4
+
+
+def test_gyros_that_are_not_left_to_their_reference_get_no_moves(tmp_path):
+    record(tmp_path / "A", turns=False)
+    path = tmp_path / "A" / "campaign.toml"
+    path.write_text(CAMPAIGN + '[model]\ngyro_estimator = "static"\n')
+    result = calibrate_device(load_campaign(tmp_path / "A"))
+    assert not any(part.known_moves.any() for part in result.segments)
 
 
 def test_a_lag_of_the_gyros_leaves_the_means_of_moves_as_they_are(tmp_path):

@@ -39,7 +39,7 @@ from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells
 from ..reduction.earth_at_rest import without_earth_rate
 from ..reduction.handling import kept_sentence, left_out_sentence
-from ..reduction.known_moves import move_words
+from ..reduction.known_moves import move_words, take_moves
 from ..reduction.rig_errors import rate_words, table_words, with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
 from ..reduction.segments import (
@@ -181,7 +181,7 @@ def _estimated(
     progress("reducing recordings to dwells")
     if as_recorded is not None:
         undisturbed = each_without_disturbances(recordings, as_recorded)
-        segments = of_one_device(recordings, undisturbed)
+        segments = of_one_device(recordings, undisturbed, moves=take_moves(campaign.model))
     assert segments is not None  # given, or just found
     segments = tuple(segments)
     seen(segments)

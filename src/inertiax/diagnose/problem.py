@@ -16,6 +16,7 @@ from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
 from ..numerics.side_by_side import side_by_side
 from ..reduction.device_segments import of_one_device
+from ..reduction.known_moves import take_moves
 from ..reduction.rig_errors import move_covariance, rig_covariance
 from ..reduction.segments import segment_each
 from .candidates.bumps import between
@@ -121,7 +122,7 @@ def prepare(
     make_room()
     found = segment_each(campaign.recordings, held=True)
     log = join(campaign, found=found)
-    numbered = of_one_device(campaign.recordings, found)
+    numbered = of_one_device(campaign.recordings, found, moves=take_moves(campaign.model))
     segments = tuple(s.without_held() for s in numbered)
     plain = calibrate_device(campaign, checked=True, model=model, segments=segments)
     fitted = plain

@@ -23,10 +23,10 @@ def segment_all(
 
 
 def of_one_device(
-    recordings: Sequence[Recording], segments: Sequence[Segments]
+    recordings: Sequence[Recording], segments: Sequence[Segments], *, moves: bool = True
 ) -> tuple[Segments, ...]:
     """Segments of which positions that no recording states are numbered through all recordings; with the moves between
-    rests where plateaus do not tell the gyros' matrix (`known_moves`)."""
+    rests where plateaus do not tell the gyros' matrix (`known_moves`), unless `moves` is `False`."""
     made, first = [], 0
     for recording, found in zip(recordings, segments, strict=True):
         if recording.position is None:  # numbers of our own: no two recordings share a position
@@ -34,4 +34,4 @@ def of_one_device(
             first = max(first, int(position.max(initial=-1)) + 1)
             found = dataclasses.replace(found, position=position)
         made.append(found)
-    return with_known_moves(recordings, made)
+    return with_known_moves(recordings, made) if moves else tuple(made)

@@ -1,5 +1,5 @@
 """Moves of a table from one rest to the next whose rates are known all along: rows for gyros of a table that turns
-at constant rate about one axis, or two.
+at constant rate about one axis or two, or not at all.
 
 The error model is linear in what a triad feels at an instant, so that it holds between means over any rows, too:
 
@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..data.recording import Recording
+from ..data.recording import ModelChoice, Recording
 from ..physics.wgs84 import EARTH_RATE
 from .plateaus import FEWEST, TURNING
 from .rests import PAUSE, usual_step
@@ -35,14 +35,18 @@ def with_known_moves(
     recordings: Sequence[Recording], segments: Sequence[Segments]
 ) -> tuple[Segments, ...]:
     """The segments of one device's recordings, with the moves between rests where plateaus of constant rate do not turn
-    about three axes.
+    about three axes, or where there are none.
 
-    Where they do, or where nothing turns at constant rate, the segments are as they were; so they are for a recording
-    without gyros or their reference.
+    Where they do the segments are as they were; so they are for a recording without gyros or their reference.
     """
     if _span(recordings, segments):
         return tuple(segments)
     return tuple(_with_moves(r, s) for r, s in zip(recordings, segments, strict=True))
+
+
+def take_moves(model: ModelChoice) -> bool:
+    """Whether `[model]` leaves gyros to their reference: no other estimator has a use for moves."""
+    return model.gyro_estimator in (None, "reference")
 
 
 def move_words(segments: Sequence[Segments]) -> tuple[str, ...]:
@@ -51,8 +55,8 @@ def move_words(segments: Sequence[Segments]) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        f"gyros: {count} moves between rests are used by their mean rates, for the plateaus of constant rate do not "
-        "turn about three axes",
+        f"gyros: {count} moves between rests are used by their mean rates, for no plateaus of constant rate are about "
+        "all three axes",
     )
 
 
@@ -75,7 +79,7 @@ def num_axes(rates: Float[np.ndarray, "plateau 3"]) -> int:
 
 
 def _span(recordings: Sequence[Recording], segments: Sequence[Segments]) -> bool:
-    """Whether the plateaus of all recordings turn about three axes; so it counts where there are none at all."""
+    """Whether the plateaus of all recordings turn about three axes."""
     rates = []
     for recording, part in zip(recordings, segments, strict=True):
         known = recording.reference_gyro
@@ -83,7 +87,7 @@ def _span(recordings: Sequence[Recording], segments: Sequence[Segments]) -> bool
             continue
         turning = zip(part.start[~part.resting], part.stop[~part.resting], strict=True)
         rates += [known[a:b].mean(axis=0) for a, b in turning]
-    return num_axes(np.array(rates).reshape(-1, 3)) in (0, 3)
+    return num_axes(np.array(rates).reshape(-1, 3)) == 3
 
 
 def _with_moves(recording: Recording, found: Segments) -> Segments:

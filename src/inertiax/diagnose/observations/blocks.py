@@ -18,6 +18,7 @@ from ...reduction.block_length import length_beyond_tremor
 from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
 from ...reduction.earth_at_rest import is_told_beside_gravity, vertical_earth_rate
+from ...reduction.known_moves import take_moves
 from ...reduction.segments import (
     joined,
     rests_are_searched,
@@ -155,7 +156,9 @@ def join(
     if found is None:
         found = segment_each(campaign.recordings, handling=handling, held=True)
     of_recording = {id(r): s for r, s in zip(campaign.recordings, found, strict=True)}
-    segments = of_one_device(recordings, [of_recording[id(r)] for r in recordings])
+    segments = of_one_device(
+        recordings, [of_recording[id(r)] for r in recordings], moves=take_moves(campaign.model)
+    )
     for recording, part in zip(recordings, segments):
         if part.turning is not None:
             raise ValueError(
