@@ -62,7 +62,9 @@ def profile(*, turns=True, outer_turns=False):
         angles.append(row)
 
     for k, outer in enumerate((0, 45, 90, 135, 180)):
-        for inner in (0, 90, 180, -90)[:: -1 if k % 2 else 1]:  # the outer axis turns at two inner angles
+        for inner in (0, 90, 180, -90)[
+            :: -1 if k % 2 else 1
+        ]:  # the outer axis turns at two inner angles
             move(np.array([outer, inner], float))
             hold(6)
     for outer in (0, 90) if turns else ():

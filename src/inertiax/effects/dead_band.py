@@ -53,5 +53,6 @@ EFFECT = Effect(
     nuisance_unit="rad/s",
     unit_amplitude=True,
     once=True,
+    flat_at_zero=True,
     instant=True,
 )

@@ -78,6 +78,8 @@ class Effect(eqx.Module):
     opposite: str = eqx.field(
         static=True, default=""
     )  # the effect that a channel has instead of it
+    # The output is flat where the channel's own input is near zero: there it tells nothing of that input.
+    flat_at_zero: bool = eqx.field(static=True, default=False)
     instant: bool = eqx.field(static=True, default=False)  # force, rate and temperature tell it
     # Whether dwell means show it, as a fleet has them; the others need the samples.
     seen_in_means: bool = eqx.field(static=True, default=False)

@@ -5,14 +5,16 @@ compensation is the fixed point
 
     a ← (E + Γ)⁻¹ (a' − a⁰ − e(a, …)),
 
-which contracts by the size of ∂e/∂a: a thousandth or less for every effect of a usable sensor.
+which contracts by the size of ∂e/∂a: a thousandth or less for every effect of a usable sensor. A dead band does not:
+within it ∂e/∂a = −1, and each step would add the noise once more. There the output tells nothing of the input, and
+nothing is taken away.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..._jax import eqx, jax
 from ..._typing import AnyArray
@@ -38,6 +40,8 @@ from .common_size import held_to_common_size
 
 
 ITERATIONS = 12
+_HALF_NORMAL = 0.6745  # median of a Gaussian's absolute value, sigmas
+_SIGMAS = 4.0  # of the noise: of as many as a million samples some sixty pass for a rate
 SETTLED = 1e-10  # change of the additions, relative to the largest output, at which iteration stops
 
 
@@ -81,8 +85,9 @@ def compensate(
     added = np.zeros_like(zeros), np.zeros_like(zeros)
     force, rate = compensated_rows(calibration, accel, gyro, temperature)
     course = Course(calibration, log)
+    flat = {"accel": _is_noise(force), "gyro": _is_noise(rate)}
     for _ in range(ITERATIONS if usable else 0):
-        now = course.additions(usable, force, rate)
+        now = course.additions(usable, force, rate, flat)
         change = [np.abs(n - b).max() for n, b in zip(now, added)]
         added = now
         force, rate = compensated_rows(calibration, accel - added[0], gyro - added[1], temperature)
@@ -187,9 +192,15 @@ class Course(eqx.Module):
         return bool(self.log.clock[0] < fitted.clock[0] or self.log.clock[-1] > fitted.clock[1])
 
     def additions(
-        self, usable: Usable, force: np.ndarray, rate: np.ndarray
+        self,
+        usable: Usable,
+        force: np.ndarray,
+        rate: np.ndarray,
+        flat: Mapping[str, Bool[np.ndarray, "time 3"]] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What the effects add to the accelerometers' and the gyros' outputs at these inputs."""
+        """What the effects add to the accelerometers' and the gyros' outputs at these inputs.
+
+        `flat` are samples of either triad in which an effect that is flat at zero adds nothing that is known."""
         added = {"accel": np.zeros_like(force), "gyro": np.zeros_like(rate)}
         for triad in ("accel", "gyro"):
             mine = [u for u in usable if u[0].triad == triad]
@@ -202,7 +213,10 @@ class Course(eqx.Module):
                 coefficients = np.zeros((3, count))
                 coefficients[list(fitted.channels)] = np.asarray(fitted.coefficients)
                 variant = Variant("", fitted.plain_settings)
-                added[triad] += np.asarray(addition(effect, coefficients, variant, own))[1:-3]
+                made = np.asarray(addition(effect, coefficients, variant, own))[1:-3]
+                if effect.flat_at_zero and flat is not None:
+                    made = np.where(flat[triad], 0.0, made)
+                added[triad] += made
         return added["accel"], added["gyro"]
 
     def signal(self, triad: str, force: np.ndarray, rate: np.ndarray) -> Signal:
@@ -244,6 +258,14 @@ class Course(eqx.Module):
             moves(given, blocks, len(log.time)),
             rest_vibration(log, blocks, float(self.calibration.gravity)),
         )
+
+
+def _is_noise(compensated: Float[np.ndarray, "time 3"]) -> Bool[np.ndarray, "time 3"]:
+    """Samples that are zero within their channel's noise, by how successive ones differ."""
+    if len(compensated) < 2:
+        return np.zeros(compensated.shape, bool)
+    sigma = np.median(np.abs(np.diff(compensated, axis=0)), axis=0) / (_HALF_NORMAL * np.sqrt(2.0))
+    return np.abs(compensated) < _SIGMAS * sigma
 
 
 def _axes(triad: TriadCalibration | None, temperature: float) -> Float[np.ndarray, "3 3"] | None:
