@@ -114,3 +114,81 @@ def test_pieces_of_one_long_rest_share_its_positioning():
         np.diagonal(made.accel_covariance[2]), [9.81e-4**2 + 1e-8, 9.81e-4**2 + 1e-8, 1e-8]
     )
     np.testing.assert_allclose(made.accel_covariance[3], noise[3])
+
+
+UP = np.array([0.0, 0.0, 1.0])
+MOUNTED = 3e-4  # rad, of a device put into a fixture by hand
+
+
+@pytest.mark.parametrize(
+    ("turned", "recording", "attitude", "shared"),
+    [
+        (UP, [0, 0, 0, 0], UP, True),  # a staircase about the vertical: it stands as it did
+        (UP, [0, 0, 0, 1], UP, False),  # mounted anew
+        (UP, [0, 0, 0, 0], [0.0, 1.0, 0.0], False),  # another face up
+        ([1.0, 0.0, 0.0], [0, 0, 0, 0], UP, False),  # about a level axis, and back
+    ],
+    ids=["vertical", "recording", "face", "level"],
+)
+def test_rests_before_and_after_turns_about_the_vertical_share_their_positioning(
+    turned, recording, attitude, shared
+):
+    """Two rests with plateaus of ± 1 rad/s between them."""
+    place = np.arange(4)
+    rows = np.stack([recording, 100 * place, 100 * place + 90, place], axis=1)
+    force = 9.81 * np.array([UP, np.zeros(3), np.zeros(3), attitude])
+    rate = np.outer([0.0, 1.0, -1.0, 0.0], turned)
+    made = with_rig_errors(
+        Dwells(
+            time=np.arange(4.0), duration=np.full(4, 5.0), count=np.full(4, 90.0), temperature=np.full(4, 20.0),
+            experiment=np.zeros(4, int), position=np.array([0, -1, -1, 1]), valid=np.ones(4, bool),
+            accel=force, accel_covariance=np.tile(1e-8 * np.eye(3), (4, 1, 1)), reference_accel=force,
+            reference_gyro=rate, rows=rows,
+        ),
+        Rig(position_uncertainty=1e-4),
+    )  # fmt: skip
+    rests = np.asarray(made.positioning)[[0, 3]]
+    assert (rests[0] == rests[1]) and (rests[0] >= 0) == shared
+    expected = 1e-8 + (0.0 if shared else 9.81e-4**2)  # across, by hand
+    np.testing.assert_allclose(made.accel_covariance[0][0, 0], expected)
+
+
+def test_six_mountings_on_a_table_with_a_vertical_axis_show_biases_beyond_the_mountings():
+    """A fixture's six faces, each rested on, turned on and rested on again. What a mounting is off moves the
+    misalignments by α/√2, of two mountings, and biases and scale factors by α² alone."""
+    rng = np.random.default_rng(5)  # mountings that differ by half as much again as is stated
+    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    staircase = np.radians([0.0, 30.0, -30.0, 90.0, -90.0, 0.0])
+    bias = np.array([0.2, -0.1, 0.15])
+    recordings = []
+    for k, up in enumerate(faces):
+        felt = G * (up + np.cross(MOUNTED * rng.standard_normal(3), up))
+        rate = np.repeat(np.outer(staircase, up), 200, axis=0)
+        rests = np.all(rate == 0.0, axis=1)
+        recordings.append(
+            Recording(
+                time=np.arange(len(rate)) / 20.0,
+                accel=felt + bias + 2e-3 * rng.standard_normal(rate.shape),
+                gyro=rate + 1e-3 * rng.standard_normal(rate.shape),
+                reference_accel=np.where(rests[:, None], G * up, 0.0),
+                reference_gyro=rate,
+                position=np.where(rests, k, -1),
+                name=f"{k}.csv",
+            )
+        )
+    model = ModelChoice(
+        accel_estimator="reference", gyro_estimator="reference", temperature_degree=0
+    )
+    campaign = Campaign(tuple(recordings), Site(G), Rig(position_uncertainty=MOUNTED), model)
+    with jax.enable_x64(True):
+        triad = calibrate_device(campaign).calibration.accel
+        assert triad is not None
+        sigma = dict(zip(triad.names, np.asarray(triad.standard_deviations(20.0))))
+        found = np.asarray(triad.parameters(20.0))
+    for i in range(3):
+        # Four means of 200 rows along the axis: 2e-3/√800 = 7e-5 m/s². With mountings drawn anew at each rest the two
+        # rests of one would look like ten times the noise in every direction: 8e-4.
+        assert sigma[f"accel.bias[{i}]"] < 2e-4
+        assert found[i] == pytest.approx(bias[i], abs=4.0 * 7e-5)
+    # Two mountings tell each: α/√2, and more as these differ by more.
+    assert 1.0 < sigma["accel.matrix[0,1]"] / (MOUNTED / np.sqrt(2.0)) < 2.0

@@ -4,6 +4,8 @@ A table is set once and then turns about one axis at a whole staircase of rates.
 and so the error of the position, is the same for all of them. Plateaus that follow one another are of one positioning
 where their rates are parallel or antiparallel and gravity lies at one angle to them; so do rests between them, or the
 table was set anew. Where no force is known, another number of the rest's position says so.
+
+Rests before and after a staircase about the vertical stand in one attitude, too: `rests_of_one_attitude`.
 """
 
 import numpy as np
@@ -16,6 +18,7 @@ from .plateaus import TURNING
 
 ACROSS = 0.02  # part of a rate across another's axis, from which they are about two axes
 EARTHS = 1.5  # Earth rates across: a table's slow rate and the Earth's are no longer parallel to the axis
+SAME = 1e-3  # rad; references within it are one attitude: far more than their digits, far less than from pose to pose
 TILTED = 0.5  # m/s²; force along the axis changes by that if it tilts by 3°, more than biases do
 
 
@@ -59,6 +62,46 @@ def shared_positionings(
         numbers[:, k] = np.where(turns, number, -1)
         open_, moved = open_ | turns, moved & ~turns
     return _of_several(numbers).reshape(*lead, count)
+
+
+def rests_of_one_attitude(
+    position: Int[np.ndarray, " dwell"],
+    rate: Float[np.ndarray, "dwell 3"],
+    force: Float[np.ndarray, "dwell 3"],
+    recording: Int[np.ndarray, " dwell"],
+) -> Bool[np.ndarray, " dwell"]:
+    """Whether a rest has the attitude of the rest before it, because a table turned about the vertical alone between.
+
+    So it is where a device is mounted once and then turned by a rate table with a vertical axis: how the mounting is
+    off is the same in all rests of a recording. Without turns between them a table may have been set anew.
+
+    **Arguments:** dwells in the order they were recorded: `position` is −1 while the table turns, `rate` and `force`
+    are the references in rad/s and m/s², zero where they are not told.
+
+    ```python
+    import numpy as np
+    from inertiax.reduction.positionings import rests_of_one_attitude
+
+    up = np.array([0.0, 0.0, 1.0])
+    rate, force = np.outer([0.0, 1.0, -1.0, 0.0], up), 9.81 * np.outer([1.0, 0.0, 0.0, 1.0], up)
+    print(rests_of_one_attitude(np.array([0, -1, -1, 0]), rate, force, np.zeros(4, int)))    # [False False False  True]
+    ```
+    """
+    same = np.zeros(position.shape, bool)
+    last, turned = -1, False
+    for k in range(len(position)):
+        if last >= 0 and recording[k] != recording[last]:
+            last = -1
+        if position[k] >= 0:
+            size = np.linalg.norm(force[k])
+            if turned and last >= 0 and size > 0.0:
+                same[k] = np.linalg.norm(force[k] - force[last]) <= SAME * size
+            last, turned = k, False
+        elif last >= 0:
+            across = np.linalg.norm(np.cross(unit_vector(force[last]), rate[k]))
+            vertical = across <= ACROSS * np.linalg.norm(rate[k]) + EARTHS * EARTH_RATE
+            last, turned = (last, True) if vertical else (-1, False)
+    return same
 
 
 def _parallel(

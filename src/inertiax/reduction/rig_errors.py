@@ -5,8 +5,8 @@ rate that is off by the part ρ scales it:
 
     C = α² (|u|² E − u uᵀ) + ρ² u uᵀ
 
-Plateaus of one positioning (`positionings`) and the pieces that one long rest is cut into share its angles ε, so that
-two of them err together:
+Plateaus of one positioning, rests between which a table turned about the vertical alone (`positionings`) and the pieces
+that one long rest is cut into share its angles ε, so that two of them err together:
 
     δ_k = ε × u_k = −[u_k]× ε,     cov(δ_j, δ_k) = α² [u_j]× [u_k]×ᵀ
 
@@ -23,7 +23,7 @@ from .._typing import AnyArray
 from ..data.recording import Rig
 from ..physics.vectors import unit_vector
 from .dwells import Dwells, is_told, known_force
-from .positionings import shared_positionings
+from .positionings import rests_of_one_attitude, shared_positionings
 from .table_errors import states_table_errors, table_error_words, table_errors, TableErrors
 
 
@@ -115,7 +115,7 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
                 None if force is None else np.asarray(force),
                 np.asarray(dwells.valid),
             )
-        numbers = _with_long_rests(numbers, dwells)
+        numbers = _with_rests(numbers, dwells)
         if np.any(numbers >= 0):
             own_angle = np.where(numbers >= 0, 0.0, angle)
             dwells = eqx.tree_at(
@@ -175,17 +175,33 @@ def _with_table_errors(dwells: Dwells, rig: Rig) -> Dwells:
     )
 
 
-def _with_long_rests(
-    numbers: Int[np.ndarray, "*dwell"], dwells: Dwells
-) -> Int[np.ndarray, "*dwell"]:
-    """The numbers, with one for each rest that is several dwells; as they are where no rows tell rests."""
+def _with_rests(numbers: Int[np.ndarray, "*dwell"], dwells: Dwells) -> Int[np.ndarray, "*dwell"]:
+    """The numbers, with one for each attitude in which several dwells rest; as they are where no rows tell rests."""
     if dwells.rows is None or numbers.ndim != 1:
         return numbers
     rest = np.asarray(dwells.valid) & (np.asarray(dwells.position) >= 0) & (numbers < 0)
-    of_rest = np.asarray(dwells.rows)[:, [0, 3]]
-    _, place, count = np.unique(of_rest[rest], axis=0, return_inverse=True, return_counts=True)
+    _, place, count = np.unique(
+        _attitudes(dwells)[rest], axis=0, return_inverse=True, return_counts=True
+    )
     several = count[place.reshape(-1)] > 1
     _, renamed = np.unique(place.reshape(-1)[several], return_inverse=True)
     made = numbers.copy()
     made[np.flatnonzero(rest)[several]] = numbers.max(initial=-1) + 1 + renamed
+    return made
+
+
+def _attitudes(dwells: Dwells) -> Int[np.ndarray, "dwell 2"]:
+    """Recording and segment of each dwell, of rests the segment in which the device came to stand as it does there."""
+    own = np.asarray(dwells.rows)[:, [0, 3]]
+    if dwells.reference_accel is None or dwells.reference_gyro is None:
+        return own
+    kept = np.flatnonzero(np.asarray(dwells.valid))
+    position = np.asarray(dwells.position)[kept]
+    rate, force = (np.asarray(x)[kept] for x in (dwells.reference_gyro, dwells.reference_accel))
+    again = kept[rests_of_one_attitude(position, rate, force, own[kept, 0])]
+    resting = kept[position >= 0]
+    made = own.copy()
+    for k in again:
+        before = resting[np.searchsorted(resting, k) - 1]
+        made[np.all(own == own[k], axis=1)] = made[before]
     return made
