@@ -28,7 +28,7 @@ from .clock import counted
 from .column_roles import WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole, wraps
 from .draft import Draft, draft_of
-from .further_columns import columns_table
+from .further_columns import columns_table, ONE_AXIS
 from .gyro_unit import clock_and_unit, gyro_unit
 from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
@@ -100,7 +100,7 @@ def draft_campaign(
     if own is not None:
         if angles is None:
             raise ValueError(
-                f"{table}: no columns of it are angles of a table about which gravity in {log.name} turns."
+                f"{table}: no columns of it are angles of a table about which gravity in {log.name} turns. {ONE_AXIS}"
             )
         own = with_delay(found, own, angles)
     columns = columns_table(*_columns(found, rests, turns, angles, own, step), found)
