@@ -139,6 +139,19 @@ def test_angles_called_roll_pitch_yaw_are_no_rates():
         ("Rollrate", "Nickrate", "Gierrate")
     ]
     assert triads_by_name(("q", "r", "p")) == [("p", "q", "r")]
+    assert triads_by_name(("p_bar", "q_bar", "r_bar")) == []
+
+
+@pytest.mark.parametrize("behind", ["_degs", "_deg_s", "_dps", "_degps", " deg_per_s", " [deg/s]"])
+def test_p_q_r_are_rates_with_a_unit_behind_them_too(tmp_path, behind):
+    header = [f"{letter}{behind}" for letter in "pqr"]
+    columns = [TIME, *(ACCEL / 9.80665).T, *np.degrees(GYRO).T]
+    rows = "\n".join(",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True))
+    (tmp_path / "log.csv").write_text(
+        f"{','.join(['t_s', 'ax_g', 'ay_g', 'az_g', *header])}\n{rows}\n"
+    )
+    columns = tomllib.loads(draft_campaign(tmp_path / "log.csv", tmp_path).text)["columns"]
+    assert columns["gyro"] == {"names": header, "unit": "deg/s"}
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,8 @@ FORCE_UNITS = (
 )
 UNIT = re.compile(
     r"[\[(][^\[\]()]*(?:\([^()]*\)[^\[\]()]*)?(?:[\])]|$)"
-    r"|[_ .](?:m|mg|deg|mdeg|rad|°|grad|grados|gradi|degres)/(?:s|h).*",
+    r"|[_ .](?:m|mg|deg|mdeg|rad|°|grad|grados|gradi|degres)/(?:s|h).*"
+    r"|[_ .](?:m?dps|(?:m?deg|rad)(?:ps|_?(?:per_?)?s(?:ec)?))$",  # p_degs, wx_rad_s
     re.IGNORECASE,
 )
 
