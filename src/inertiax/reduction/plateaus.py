@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Recording
+from ..physics.vectors import unit_vector
 from ..physics.wgs84 import EARTH_RATE
 from .rests import usual_step
 
@@ -18,6 +19,8 @@ BY_EARTH = 2.0  # Earth rates a second: the Earth's rate turns in the case at th
 FAST = 20.0  # Earth rates, from which one sample's change in the Earth's direction is small
 GROWING = 0.05  # of a slower rate: what it may change from sample to sample
 NOISE = 4.0  # times the change that a quarter of the steps stay below: the noise of a measured reference
+# The same of noise along the axis alone, as an encoder has it: 5 σ; a quarter of Gaussian changes is below 0.319 σ.
+ALONG = 5.0 / 0.319
 MOST_NOISE = (
     3.0,
     1e-4,
@@ -45,7 +48,9 @@ def steady_steps(recording: Recording) -> Bool[np.ndarray, " step"]:
     allowed = (RELATIVE * speed + BY_EARTH * EARTH_RATE) * step
     turning = speed > TURNING * EARTH_RATE
     if turning.any():
+        along = np.abs(np.sum(np.diff(rate, axis=0) * unit_vector(rate[1:]), axis=1))
         noise = NOISE * float(np.quantile(change[turning], 0.25))
+        noise = max(noise, ALONG * float(np.quantile(along[turning], 0.25)))
         least = MOST_NOISE[0] * EARTH_RATE + MOST_NOISE[1] * speed
         allowed = np.maximum(allowed, np.minimum(noise, least))
     return (change <= allowed) & ((speed > FAST * EARTH_RATE) | (change <= GROWING * speed))

@@ -350,6 +350,8 @@ def _planned(
     start, stop = edges[:-1], edges[1:]
     kept = resting = position[start] >= 0
     if rate is not None:
+        back = resting & _turning_back(recording, rate, start, stop)
+        start, stop, resting = start[~back], stop[~back], resting[~back]
         first, last = without_ramps(rate, position, start, stop)
         start, stop = np.where(resting, start, first), np.where(resting, stop, last)
         long = np.flatnonzero(~resting & (start < stop))
@@ -371,3 +373,16 @@ def _planned(
     where = np.maximum(position[start], -1).astype(np.int64)
     used = _inside(start, stop, len(position))
     return Segments(start, stop, where, used, statement=f"{statement}, as {source}", ramps=ramps)
+
+
+def _turning_back(
+    recording: Recording,
+    rate: Float[np.ndarray, "time 3"],
+    start: Int[np.ndarray, " run"],
+    stop: Int[np.ndarray, " run"],
+) -> Bool[np.ndarray, " run"]:
+    """Runs shorter than a rest with a turn right before and right after: rows in which a table turns back."""
+    turning = np.linalg.norm(rate, axis=1) > TURNING * EARTH_RATE
+    before, after = np.maximum(start - 1, 0), np.minimum(stop, len(turning) - 1)
+    inside = (start > 0) & (stop < len(turning)) & turning[before] & turning[after]
+    return inside & (recording.time[after] - recording.time[before] < SHORTEST)
