@@ -41,23 +41,15 @@ def logs(folder, rng):
         pl.DataFrame(columns | {"table_rate": np.degrees(rate)}).write_csv(folder / f"{name}.csv")
 
 
-def test_a_rate_without_angles_is_pointed_to_the_page_whose_script_calibrates(
-    tmp_path, monkeypatch
-):
-    logs(tmp_path, np.random.default_rng(2))
-    monkeypatch.chdir(tmp_path)
-    first, *others = [tmp_path / f"{name}.csv" for name in NAMES]
-    said = draft_campaign(first, tmp_path, others=others).text
-    assert '"table_rate" goes with the gyros\' rate' in said and "'One vertical axis'" in said
-
-    (script,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
-    exec(script, {})
-    first, *others = [tmp_path / f"ref_{name}.csv" for name in NAMES]
-    drawn = draft_campaign(first, tmp_path, latitude=52.27, others=others).text
-    assert "goes with the gyros' rate" not in drawn
-    (tmp_path / "campaign.toml").write_text(f"{drawn}\n[rig]\nposition_uncertainty = 62\n")
+def judged(folder, names):
+    """Errors over sigmas of both triads, and sigmas, of a campaign that `init` drafts of these files."""
+    first, *others = [folder / f"{name}.csv" for name in names]
+    drawn = draft_campaign(first, folder, latitude=52.27, others=others).text
+    assert "goes with the gyros' rate" not in drawn and 'axes = ["up"]' in drawn
+    drawn = re.sub("gravity = [0-9.]+", f"gravity = {GRAVITY}", drawn)
+    (folder / "campaign.toml").write_text(f"{drawn}\n[rig]\nposition_uncertainty = 62\n")
     with jax.enable_x64(True):
-        (result,) = calibrate(load_campaign(tmp_path))
+        (result,) = calibrate(load_campaign(folder))
         accel, gyro = result.calibration.accel, result.calibration.gyro
     # A triad's matrix takes what is read to what is felt, and the bias is of what is read.
     for triad, bias, matrix in ((accel, BIAS, SCALE), (gyro, TURN, GYROS)):
@@ -66,10 +58,75 @@ def test_a_rate_without_angles_is_pointed_to_the_page_whose_script_calibrates(
             np.asarray(v(20.0))[:12] for v in (triad.parameters, triad.standard_deviations)
         )
         truth = np.r_[bias, (matrix - np.eye(3)).ravel()]
-        assert (
-            np.abs((found - truth) / sigma).max() < 3.5
-        )  # of 12 normal numbers in 1 of 180 triads
+        yield (found - truth) / sigma, sigma
+
+
+def test_init_reads_a_rate_and_gravity_tells_the_faces(tmp_path):
+    logs(tmp_path, np.random.default_rng(2))
+    for z, sigma in judged(tmp_path, NAMES):
+        assert np.abs(z).max() < 3.5  # of 12 normal numbers in 1 of 180 triads
         assert sigma[[3, 7, 11]].max() < 2e-4 and sigma[:3].max() < 2e-3
+
+
+def test_a_left_handed_rate_in_other_units_is_about_down(tmp_path):
+    logs(tmp_path, np.random.default_rng(4))
+    for name in NAMES:
+        log = pl.read_csv(tmp_path / f"{name}.csv")
+        log.with_columns(pl.col("table_rate") * -np.pi / 180.0).write_csv(tmp_path / f"{name}.csv")
+    first, *others = [tmp_path / f"{name}.csv" for name in NAMES]
+    drawn = draft_campaign(first, tmp_path, latitude=52.27, others=others).text
+    assert 'axes = ["down"]' in drawn
+    assert 'table_rates = { names = ["table_rate"], unit = "rad/s" }' in drawn
+    (tmp_path / "campaign.toml").write_text(drawn)
+    campaign = load_campaign(tmp_path)
+    (recording,) = (r for r in campaign.recordings if r.name.startswith("ydn"))
+    fast = int(np.argmax(recording.gyro[:, 1]))  # about y, which points down: a turn about down
+    assert recording.reference_gyro[fast, 1] == pytest.approx(np.pi, rel=1e-3)
+    np.testing.assert_allclose(recording.reference_accel[0], [0.0, -campaign.site.gravity, 0.0])
+
+
+def test_the_page_puts_a_rate_of_the_tables_own_log_into_the_devices(tmp_path, monkeypatch):
+    logs(tmp_path, np.random.default_rng(5))
+    for k, name in enumerate(NAMES):
+        log = pl.read_csv(tmp_path / f"{name}.csv")
+        own = log.select(time=pl.col("t") + 3.0 - k, rate="table_rate")  # another clock in each
+        own.write_csv(tmp_path / f"table_{name}.csv")
+        log.drop("table_rate").write_csv(tmp_path / f"{name}.csv")
+    first, *others = [tmp_path / f"{name}.csv" for name in NAMES]
+    assert "table_rates" not in draft_campaign(first, tmp_path, others=others).text
+    monkeypatch.chdir(tmp_path)
+    (script,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    exec(script, {})
+    for z, sigma in judged(tmp_path, [f"with_{name}" for name in NAMES]):
+        assert np.abs(z).max() < 3.5
+        assert sigma[[3, 7, 11]].max() < 2e-4
+
+
+def test_mountings_in_one_file_are_refused(tmp_path):
+    logs(tmp_path, np.random.default_rng(6))
+    parts = [pl.read_csv(tmp_path / f"{name}.csv") for name in ("xup", "yup")]
+    later = parts[1].with_columns(pl.col("t") + 100.0)
+    pl.concat([parts[0], later]).write_csv(tmp_path / "both.csv")
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["both.csv"]\n[columns]\ntime = "t"\n'
+        'accel = { names = ["ax [g]", "ay [g]", "az [g]"], unit = "g" }\n'
+        'gyro = { names = ["gx [deg/s]", "gy [deg/s]", "gz [deg/s]"], unit = "deg/s" }\n'
+        'table_rates = { names = ["table_rate"], unit = "deg/s" }\n[table]\naxes = ["up"]\n'
+    )
+    with pytest.raises(ValueError, match="Give each mounting a file of its own"):
+        load_campaign(tmp_path)
+
+
+def test_rates_alone_need_the_vertical(tmp_path):
+    logs(tmp_path, np.random.default_rng(7))
+    text = (
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["zup.csv"]\n[columns]\ntime = "t"\n'
+        'accel = { names = ["ax [g]", "ay [g]", "az [g]"], unit = "g" }\n'
+        'table_rates = { names = ["table_rate"], unit = "deg/s" }\n'
+    )
+    (tmp_path / "campaign.toml").write_text(text)
+    with pytest.raises(ValueError, match="about the vertical: write"):
+        load_campaign(tmp_path)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

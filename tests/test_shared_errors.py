@@ -18,7 +18,7 @@ from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.evidence import bank, judge
 from inertiax.diagnose.selection.score_test import whiten_columns, whiten_system
 from inertiax.effects import CATALOGUE
-from inertiax.numerics.common_errors import root
+from inertiax.numerics.common_errors import inverse_root
 
 
 def test_the_signatures_have_the_covariance_of_a_rotation_and_a_rate_error():
@@ -37,7 +37,7 @@ def test_the_signatures_have_the_covariance_of_a_rotation_and_a_rate_error():
 def test_rows_with_shared_errors_become_white():
     u = np.random.default_rng(1).standard_normal((9, 4))
     u[:, 3] = 0.0  # an error that shows nowhere
-    f = root(u)
+    f = u @ inverse_root(u.T @ u)
     s = np.eye(9) - f @ f.T
     assert np.allclose(s @ (np.eye(9) + u @ u.T) @ s.T, np.eye(9), atol=1e-12)
 

@@ -9,6 +9,7 @@ from .column_roles import Roles
 from .column_words import plain
 from .raw_triads import RawTriads
 from .toml_text import Line, Table, value_text
+from .upright_rate import rates_of_a_table
 
 
 _READ_AS_THEY_ARE = (
@@ -17,12 +18,11 @@ _READ_AS_THEY_ARE = (
 )  # fmt: skip
 _MOST_LABELS = 64  # different numbers: more are a measured quantity or a counter
 _MOST_NAMED = 12
-_TURNS_ALIKE = 0.99  # correlation with the gyros' rate, from which a column is the rate that made it (convention)
 _ANGLE = re.compile(r"angle|winkel|angulo|angolo")
 
 ONE_AXIS = (
-    "Of a table that turns about the vertical alone write references into the log: docs/how-to/turntable.md, "
-    "'One vertical axis'."
+    "Of a table that turns about the vertical alone a log needs the rate as a column, and each mounting a file of its "
+    "own: docs/how-to/turntable.md, 'One vertical axis'."
 )
 
 
@@ -52,7 +52,7 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
         remarks += (
             "Angles of a table make its references: [columns] table_angles, and [table] axes.",
         )
-    turning = [] if roles.reference_gyro is not None else _rates_of_a_table(found, others)
+    turning = [] if roles.reference_gyro is not None else rates_of_a_table(found, others)
     if turning and "table_angles" not in (line.key for line in lines):
         remarks += (
             f"{_listed(turning)} goes with the gyros' rate as a table's does, but no angles tell how the device stood. "
@@ -61,17 +61,6 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
     if others:
         remarks += (f"Not read: {_listed(others)}.",)
     return Table("columns", lines, remarks)
-
-
-def _rates_of_a_table(found: RawTriads, names: list[str]) -> list[str]:
-    """Those of the columns that have both signs and whose size goes with that of the gyros' rate, in any unit."""
-    if found.gyro is None:
-        return []
-    speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
-    held = {n: found.log.numbers[n] for n in names if n in found.log.numbers}
-    signed = {n: v for n, v in held.items() if len(v) == len(speed) and v.min() < 0.0 < v.max()}
-    alike = lambda v: np.corrcoef(np.abs(v), speed)[0, 1] > _TURNS_ALIKE
-    return [n for n, v in signed.items() if np.ptp(speed) > 0.0 and alike(v)]
 
 
 def _label_lines(roles: Roles) -> list[Line]:

@@ -44,6 +44,7 @@ from .table_angles import table_angles, TableAngles
 from .table_log import beside, column_lines, TableLog, with_delay
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table
+from .upright_rate import upright_rate, UprightRate
 
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
@@ -103,14 +104,17 @@ def draft_campaign(
                 f"{table}: no columns of it are angles of a table about which gravity in {log.name} turns. {ONE_AXIS}"
             )
         own = with_delay(found, own, angles)
-    columns = columns_table(*_columns(found, rests, turns, angles, own, step), found)
+    lines, remarks, upright = _columns(found, rests, turns, angles, own, step)
+    columns = columns_table(lines, remarks, found)
     if latitude is None:
         site = _site_of_reference(found) or site
     tables = (
         site,
         recordings_table(found, folder, paths, own),
         columns,
-        *station_tables(found, angles, latitude, serial=_serial(log, others, table), own=own),
+        *station_tables(
+            found, angles, latitude, serial=_serial(log, others, table), own=own, upright=upright
+        ),
     )
     return draft_of(log, (*tables, _model(found, rests)))
 
@@ -233,8 +237,10 @@ def _columns(
     angles: TableAngles | None,
     own: TableLog | None,
     step: float | None,
-) -> tuple[tuple[Line, ...], tuple[str, ...]]:
-    """`[columns]`, and remarks on what is left to others; `step` (s) is that of increments."""
+) -> tuple[tuple[Line, ...], tuple[str, ...], UprightRate | None]:
+    """`[columns]`, remarks on what is left to others, and the rate of a table that turns about the vertical alone;
+    `step` (s) is that of increments."""
+    units: dict[str, TriadUnit] = {}
     lines, remarks = [] if rests.single_rows else [_time(found)], []
     named = found.log.has_header and found.log.format != "imu_tk"
     if found.accel is not None:
@@ -251,6 +257,7 @@ def _columns(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
             )
         unit = unit if step is None else of_increments(unit, step)
+        units["accel"] = unit
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         remarks += _on_poses(found, rests, references=angles is not None)
         if (
@@ -266,6 +273,7 @@ def _columns(
         unit = gyro_unit(found.gyro, turns, found.gyro_words, moving, range_, shaken=tossed)
         unit, rate = with_reference_rate(found, unit)
         unit = unit if step is None else of_increments(unit, step)
+        units["gyro"] = unit
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
     if found.roles.mag is not None:
@@ -280,6 +288,11 @@ def _columns(
         lines += [] if own is None else column_lines(own)
     else:
         lines += reference_force(found)
+    referred = angles or found.roles.reference_accel or found.roles.reference_gyro
+    upright = None
+    if len(units) == 2 and named and not referred and not rests.single_rows:
+        upright = upright_rate(found, units["accel"], units["gyro"])
+    lines += [] if upright is None else [upright.line]
     if found.roles.temperature is not None:
         name = found.roles.temperature
         told = temperature_unit(found.log, name)
@@ -294,7 +307,7 @@ def _columns(
                     "offset": told.offset,
                 }
             lines.append(Line("temperature", value, told.why, told.certain))
-    return tuple(lines), tuple(remarks)
+    return tuple(lines), tuple(remarks), upright
 
 
 def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]]:

@@ -9,6 +9,7 @@ from .references import force_unit, labels_of_positions, moving_labels, rate_uni
 from .table_angles import TableAngles
 from .table_log import delay_line, TableLog
 from .toml_text import Line, Table, value_text
+from .upright_rate import UprightRate
 
 
 _PROMISE = (
@@ -93,10 +94,12 @@ def station_tables(
     latitude: float | None,
     serial: str,
     own: TableLog | None = None,
+    upright: UprightRate | None = None,
 ) -> tuple[Table, ...]:
     """`[table]`, and what to write under `[rig]` and `[device]`, where there is a table.
 
-    **Arguments:** `serial` is proposed where no column names the device; `own` is a log of the table's own.
+    **Arguments:** `serial` is proposed where no column names the device; `own` is a log of the table's own; `upright`
+    the rate of a table that turns about the vertical alone.
     """
     tables = []
     if angles is not None:
@@ -114,7 +117,15 @@ def station_tables(
         lines += [] if own is None else [delay_line(own)]
         tables.append(Table("table", tuple(lines)))
     roles = found.roles
-    if angles is not None or roles.reference_accel is not None or roles.reference_gyro is not None:
+    if upright is not None:
+        why = "the table's one axis, as gravity and the gyros show; the device lies on one face in each file"
+        tables.append(Table("table", (Line("axes", [upright.axis], why),)))
+    if (
+        upright is not None
+        or angles is not None
+        or roles.reference_accel is not None
+        or roles.reference_gyro is not None
+    ):
         tables.append(Table("rig", (), _PROMISE))
         if roles.device is None:
             tables.append(

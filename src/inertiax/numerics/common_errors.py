@@ -25,8 +25,3 @@ def inverse_root(
     small = value < 1e-8  # the limit of the factor is one half
     factor = xp.where(small, 0.5, (1.0 - 1.0 / xp.sqrt(1.0 + value)) / xp.where(small, 1.0, value))
     return vector * xp.sqrt(factor)[..., None, :]
-
-
-def root(whitened: Float[np.ndarray, "row error"]) -> Float[np.ndarray, "row error"]:
-    """`F` of the module's formula: rows `a` with covariance `I + U Uᵀ` become white as `a − F (Fᵀ a)`."""
-    return whitened @ inverse_root(whitened.T @ whitened)

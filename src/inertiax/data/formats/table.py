@@ -36,6 +36,7 @@ from .mended_stamps import can_be_mended, mended
 from .table_angles import ideal_readings
 from .table_motion import table_motion
 from .time_stamps import seconds_of
+from .upright_table import is_upright_table, readings_on_a_face
 
 
 def to_recordings(
@@ -74,6 +75,7 @@ def to_recordings(
         "pressure": _quantity(table, columns.pressure, "pressure", pressure_scale, name),
     }
     values |= _by_angles(table, columns, layout, name, moving, values["time"])
+    values |= _by_rate(table, columns, layout, name, values["time"], values["accel"])
     if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
             f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
@@ -126,6 +128,42 @@ def _by_angles(
     return {"reference_accel": force} | (
         {} if rate is None else {"reference_gyro": np.nan_to_num(rate)}
     )
+
+
+def _by_rate(
+    table: pl.DataFrame,
+    columns: ColumnMap,
+    layout: Layout,
+    where: str,
+    stamps: Float[np.ndarray, " rows"],
+    accel: Float[np.ndarray, "rows 3"] | None,
+) -> dict[str, Float[np.ndarray, "rows 3"]]:
+    """References that the rate of a table makes whose one axis is the vertical; none where `[columns]` names angles."""
+    said = columns.table_rates
+    if said is None or columns.table_angles is not None or layout.gravity is None:
+        return {}
+    if not is_upright_table(layout.turntable) or len(said.names) != 1:
+        raise ValueError(
+            "[columns] table_rates without table_angles is the one rate of a table that turns about the vertical: "
+            'write [table] axes = ["up"], or ["down"] where a positive rate is left-handed about up. Other tables need '
+            "table_angles."
+        )
+    if accel is None:
+        raise ValueError(
+            f"{where}: [columns] table_rates without table_angles needs accelerometers, which tell how the device lies."
+        )
+    log, delay = layout.table_log, layout.turntable.delay
+    if log is None:
+        read = lambda names, scale: (
+            scale * np.stack([numbers(table, n, where) for n in names], axis=1)
+        )
+        log = table_motion(read, columns, layout.turntable, stamps)
+    if layout.table_log is not None or delay != 0.0:
+        log = log.at(stamps + delay)
+    found = readings_on_a_face(
+        layout.turntable, accel, log.rates[:, 0], layout.gravity, layout.latitude, where
+    )
+    return {"reference_accel": found.force, "reference_gyro": found.rate}
 
 
 def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:

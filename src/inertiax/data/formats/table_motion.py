@@ -23,7 +23,13 @@ class TableMotion(NamedTuple):
 
     def at(self, time: Float[np.ndarray, " stamps"]) -> "TableMotion":
         """The same at other stamps, s; angles go on beyond a whole turn."""
-        put = lambda values: np.stack([np.interp(time, self.time, v) for v in values.T], axis=1)
+
+        def put(values: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "stamps axes"]:
+            made = np.zeros((len(time), values.shape[1]))
+            for k, axis in enumerate(values.T):
+                made[:, k] = np.interp(time, self.time, axis)
+            return made
+
         angles = np.array(self.angles)
         for axis in angles.T:
             told = np.isfinite(axis)
@@ -45,6 +51,9 @@ def table_motion(
     Raises `ValueError` where `[columns]` names no angles, and as `rates_by_axis` does.
     """
     said, turning = columns.table_angles, columns.table_rates
+    if said is None and turning is not None:  # about the vertical alone: `upright_table`
+        rates = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
+        return TableMotion(time, np.zeros((len(time), 0)), rates)
     if said is None:
         raise ValueError(
             "[recordings] table_files: name the table's columns with [columns] table_angles."

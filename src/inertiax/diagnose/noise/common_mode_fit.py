@@ -102,32 +102,32 @@ class JointLikelihood:
     def __call__(self, theta: Sequence[np.ndarray]) -> float:
         system = self._system
         part = float(np.exp(0.5 * theta[0][RIG]) * system.scales[0][RIG] ** 0.5)
-        total, signatures, fixed, observed = 0.0, [], [], []
+        total, grams, fixed = 0.0, [], []
         for c, own in enumerate(theta):
-            size, split = system.scales[c][1] ** 0.5, 1 + self._fixed[c]
-            white, logdet = self._whitened(c, own)
+            products, logdet = self._products(c, own)
             total += logdet + float(system.known[c].price(own))
-            observed.append(white[:, 0] * size)
-            fixed.append(white[:, 1:split] * size)
-            signatures.append(white[:, split:] * (size * part))
+            grams.append(products * system.scales[c][1])
+            fixed.append(slice(1, 1 + self._fixed[c]))
         if not self._shared.num:
-            return 0.5 * (total + _restricted(observed, fixed))
-        gram = np.eye(self._shared.num) + sum(u.T @ u for u in signatures)
+            return 0.5 * (total + _restricted(grams, fixed))
+        shared = [slice(here.stop, None) for here in fixed]
+        gram = np.eye(self._shared.num) + part**2 * sum(g[u, u] for g, u in zip(grams, shared))
         factor = np.linalg.cholesky(gram)
         total += 2.0 * float(np.log(np.diag(factor)).sum())
-        solve = lambda x: scipy.linalg.solve_triangular(factor, x, lower=True)
-        seen = solve(sum(u.T @ y for u, y in zip(signatures, observed)))
-        square = sum(y @ y for y in observed) - seen @ seen
-        wide = solve(np.concatenate([u.T @ x for u, x in zip(signatures, fixed)], axis=1))
-        inner = scipy.linalg.block_diag(*(x.T @ x for x in fixed)) - wide.T @ wide
-        cross = np.concatenate([x.T @ y for x, y in zip(fixed, observed)]) - wide.T @ seen
+        solve = lambda x: scipy.linalg.solve_triangular(factor, part * x, lower=True)
+        seen = solve(sum(g[u, 0] for g, u in zip(grams, shared)))
+        square = sum(g[0, 0] for g in grams) - seen @ seen
+        wide = solve(np.concatenate([g[u, x] for g, u, x in zip(grams, shared, fixed)], axis=1))
+        inner = scipy.linalg.block_diag(*(g[x, x] for g, x in zip(grams, fixed))) - wide.T @ wide
+        cross = np.concatenate([g[x, 0] for g, x in zip(grams, fixed)]) - wide.T @ seen
         value, vector = np.linalg.eigh(inner)
         good = value > 1e-11 * value[-1]
         part_of = vector[:, good].T @ cross
         square -= float(part_of @ (part_of / value[good]))
         return 0.5 * (total + float(square) + float(np.log(value[good]).sum()))
 
-    def _whitened(self, c: int, own: np.ndarray) -> tuple[np.ndarray, float]:
+    def _products(self, c: int, own: np.ndarray) -> tuple[np.ndarray, float]:
+        """Products of a chain's whitened columns, observed first, then fixed, then shared; and log determinant."""
         # Where the chain stands without any part of the rig's, its variance does not matter here.
         rig = self._shared.chains[c].rig
         key = c, (own if np.any(rig) else np.delete(own, RIG)).tobytes()
@@ -136,19 +136,20 @@ class JointLikelihood:
             for old in mine[: 1 - KEPT]:
                 del self._known[old]
             variances = np.exp(own) * self._system.scales[c]
-            self._known[key] = whiten(self._shared.chains[c], variances, self._stacks[c])
+            white, logdet = whiten(self._shared.chains[c], variances, self._stacks[c])
+            self._known[key] = white.T @ white, logdet
         self._known[key] = self._known.pop(key)  # the latest one stands last
         return self._known[key]
 
 
-def _restricted(observed: Sequence[np.ndarray], fixed: Sequence[np.ndarray]) -> float:
+def _restricted(grams: Sequence[np.ndarray], fixed: Sequence[slice]) -> float:
     """The residual's square and the logarithm of the information's determinant, chain by chain."""
     total = 0.0
-    for y, x in zip(observed, fixed):
-        value, vector = np.linalg.eigh(x.T @ x)
+    for gram, here in zip(grams, fixed):
+        value, vector = np.linalg.eigh(gram[here, here])
         good = value > 1e-11 * value[-1]
-        part = vector[:, good].T @ (x.T @ y)
-        total += float(y @ y - part @ (part / value[good]) + np.log(value[good]).sum())
+        part = vector[:, good].T @ gram[here, 0]
+        total += float(gram[0, 0] - part @ (part / value[good]) + np.log(value[good]).sum())
     return total
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...numerics.common_errors import root
+from ...numerics.common_errors import inverse_root
 from ..candidates.columns import span, unit
 from ..candidates.signatures import Term
 from ..noise.common_mode_fit import coupled_theta, RIG
@@ -218,11 +218,11 @@ def scored_together(
         fixed[-1][here] = base
         for k, place in places:
             rest[here, widths[k] : widths[k + 1]] = columns[:, place]
-    f = _shared_root(system, noise)
-    y = y - f @ (f.T @ y)
-    wide = np.concatenate(fixed, axis=1)
-    q = span(wide - f @ (f.T @ wide))
-    _project_out(rest, f)
+    wide = np.concatenate([y[:, None], *fixed], axis=1)
+    signatures, middle = _shared_root(system, noise)
+    for columns in (wide, rest):
+        _take_shared(columns, rows, signatures, middle)
+    y, q = wide[:, 0], span(wide[:, 1:])
     before = _squares(rest)
     y = y - q @ (q.T @ y)
     _project_out(rest, q)
@@ -234,26 +234,42 @@ def scored_together(
     return scores
 
 
-def _shared_root(system: System, noise: NoiseFit) -> np.ndarray:
-    """The inverse root of what the shared errors add to the whitened rows of all chains."""
+def _take_shared(
+    columns: np.ndarray, rows: Sequence[slice], signatures: Sequence[np.ndarray], middle: np.ndarray
+) -> None:
+    """Multiply columns by the inverse root $1 - U M U^T$ of what chains share, with its rows by chain, in place."""
+    for here in _chunks(columns.shape[1]):
+        seen = sum(u.T @ columns[mine, here] for mine, u in zip(rows, signatures))
+        seen = middle @ seen
+        for mine, u in zip(rows, signatures):
+            columns[mine, here] -= u @ seen
+
+
+def _shared_root(system: System, noise: NoiseFit) -> tuple[list[np.ndarray], np.ndarray]:
+    """The inverse root of what the shared errors add to the whitened rows of all chains: the chains' whitened
+    signatures $U$, and the symmetric $M$ of $1 - U M U^T$."""
     shared = system.shared
     assert shared is not None
     theta = coupled_theta(noise)
     key = tuple(t.tobytes() for t in theta)
-    if key not in shared.known:
-        if len(shared.known) > REMEMBERED:
-            shared.known.clear()
-        white = []
-        for c, own in enumerate(key):
-            if (c, own) not in shared.known:
-                columns = shared.columns[c]
-                size = np.linalg.norm(columns, axis=0) + 1e-300
-                done = whiten_columns(system, noise, c, columns / size, apart=True) * size
-                shared.known[c, own] = done
-            white.append(shared.known[c, own])
+    if len(shared.known) > REMEMBERED:
+        shared.known.clear()
+    white, grams = [], []
+    for c, own in enumerate(key):
+        done = shared.known.get((c, own))
+        if done is None:
+            columns = shared.columns[c]
+            size = np.linalg.norm(columns, axis=0) + 1e-300
+            rows = whiten_columns(system, noise, c, columns / size, apart=True) * size
+            shared.known[c, own] = done = rows, rows.T @ rows
+        white.append(done[0])
+        grams.append(done[1])
+    middle = shared.known.get(key)
+    if middle is None:
         part = np.mean([np.exp(t[RIG]) * s[RIG] for t, s in zip(theta, system.scales)])
-        shared.known[key] = root(np.sqrt(part) * np.concatenate(white))
-    return shared.known[key]
+        turned = inverse_root(part * sum(grams))
+        shared.known[key] = middle = part * turned @ turned.T
+    return white, middle
 
 
 def _columns_seen(
