@@ -160,10 +160,11 @@ def _by_rate(
         log = table_motion(read, columns, layout.turntable, stamps)
     if layout.table_log is not None or delay != 0.0:
         log = log.at(stamps + delay)
-    found = readings_on_a_face(
+    assert log.rates is not None  # `[columns]` names one
+    force, rate = readings_on_a_face(
         layout.turntable, accel, log.rates[:, 0], layout.gravity, layout.latitude, where
     )
-    return {"reference_accel": found.force, "reference_gyro": found.rate}
+    return {"reference_accel": force, "reference_gyro": rate}
 
 
 def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:

@@ -10,13 +10,13 @@ rate, the horizontal part. Of whole turns its mean is zero.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ...physics.wgs84 import EARTH_RATE
 from .columns import Turntable
-from .table_angles import Readings
 
 
 SLOW = (
@@ -26,6 +26,13 @@ SLOW = (
 # consumer device, and between two faces there are 45 (convention).
 _LEANS = math.radians(20.0)
 _MOVED = 0.1  # part of the rows at rest that may be farther off: the device is lifted out at the end (convention)
+
+
+class Faced(NamedTuple):
+    """What ideal triads read."""
+
+    force: Float[np.ndarray, "rows 3"]  # m/s², zero while the table turns
+    rate: Float[np.ndarray, "rows 3"]  # rad/s
 
 
 def is_upright_table(table: Turntable) -> bool:
@@ -48,7 +55,7 @@ def readings_on_a_face(
     gravity: float,
     latitude: float | None,
     where: str,
-) -> Readings:
+) -> Faced:
     """Specific force (m/s², zero while the table turns) and rate (rad/s), see the module.
 
     **Arguments:** `accel` are the outputs, m/s², of one mounting; `rate` in rad/s about the table's axis, up or down;
@@ -88,4 +95,4 @@ def readings_on_a_face(
     sense = 1.0 if table.axes == ("up",) else -1.0
     vertical = 0.0 if latitude is None else EARTH_RATE * math.sin(latitude)
     turning = np.where(rests, 0.0, sense * rate)
-    return Readings(np.outer(gravity * rests, up), np.outer(turning + vertical, up))
+    return Faced(np.outer(gravity * rests, up), np.outer(turning + vertical, up))

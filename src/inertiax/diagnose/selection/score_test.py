@@ -267,7 +267,7 @@ def _shared_root(system: System, noise: NoiseFit) -> tuple[list[np.ndarray], np.
     middle = shared.known.get(key)
     if middle is None:
         part = np.mean([np.exp(t[RIG]) * s[RIG] for t, s in zip(theta, system.scales)])
-        turned = inverse_root(part * sum(grams))
+        turned = np.asarray(inverse_root(part * np.sum(grams, axis=0)))
         shared.known[key] = middle = part * turned @ turned.T
     return white, middle
 
