@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import GYRO_UNITS, Turntable
-from ..data.formats.table_angles import DIRECTIONS, ideal_readings
+from ..data.formats.table_angles import DIRECTIONS, held_rows, ideal_readings
 from .accel_unit import directions
 from .raw_triads import RawTriads
 from .references import labels_while_moving
@@ -66,7 +66,7 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
         return None
     if any(len(v) != rows for v in log.numbers.values()) or rests.num_rests < _FEWEST:
         return None
-    start, stop = rests.start, rests.stop
+    start, stop = _without_ends(rests.start, rests.stop)
     candidates = [
         n for n in log.names if n not in _read(found) and _is_angle(log.numbers[n], start, stop)
     ]
@@ -74,14 +74,16 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
         return None
     columns = np.stack([log.numbers[n] for n in candidates], axis=1)
     middle = (start + stop) // 2
-    still = np.stack([np.ptp(columns[a:b], axis=0) for a, b in zip(start, stop)]).max(axis=1)
+    still = np.stack([_spread(columns[a:b]) for a, b in zip(start, stop)]).max(axis=1)
     kept = np.flatnonzero(still < _STILL)[:: -(-rests.num_rests // _MOST_RESTS)]
     if len(kept) == 0:
         return None
     up = directions(accel, rests.accel)[kept]
     units = ["deg" if np.nanmax(np.abs(c)) > _RADIANS else "rad" for c in columns.T]
     angles = columns * [_UNITS[u] for u in units]
-    moving, turn = _moving(columns, start[kept], stop[kept]), _turned(angles)
+    held = held_rows(angles)
+    moving = _moving(columns, start[kept], stop[kept], held)
+    turn = _turned(angles, held)
     turning = moving & _steady(turn, moving)
     driven = np.flatnonzero(turning[1:-1]) + 1
     driven = driven[:: max(1, -(-len(driven) // _MOST_MOVING))]
@@ -115,20 +117,45 @@ def _read(found: RawTriads) -> set[str]:
 
 def _is_angle(values: Float[np.ndarray, " row"], start: np.ndarray, stop: np.ndarray) -> bool:
     """Whether a column stands still at rest, mostly, at three places or more."""
-    spread = np.array([np.ptp(values[a:b]) for a, b in zip(start, stop)])
+    spread = np.array([_spread(values[a:b, None])[0] for a, b in zip(start, stop)])
     places = np.unique(np.round(values[(start + stop) // 2][spread < _STILL], 1))
     return bool(np.mean(spread < _STILL) > 0.5) and len(places) >= 3
 
 
+def _without_ends(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rests without an eighth at either end, where the outputs do not show that a ramp begins, and angles do."""
+    cut = (stop - start) // 8
+    return start + cut, stop - cut
+
+
+def _whole_turn(columns: Float[np.ndarray, "row angle"]) -> Float[np.ndarray, " angle"]:
+    """Of each column, by its largest value: in degrees, or in radians."""
+    largest = np.nanmax(np.abs(columns), axis=0, initial=0.0)
+    return np.where(largest > _RADIANS, 360.0, 2.0 * np.pi)
+
+
+def _spread(columns: Float[np.ndarray, "row angle"]) -> Float[np.ndarray, " angle"]:
+    """Of each column, whole turns taken away: at rest an encoder may go to and fro between 359.999 and 0."""
+    away = columns - columns[:1]
+    turn = _whole_turn(columns)
+    return np.ptp(away - turn * np.round(away / turn), axis=0)
+
+
 def _moving(
-    columns: Float[np.ndarray, "row angle"], start: np.ndarray, stop: np.ndarray
+    columns: Float[np.ndarray, "row angle"], start: np.ndarray, stop: np.ndarray, held: int
 ) -> Bool[np.ndarray, " row"]:
-    """Rows before and after which a column changes by more than an encoder's noise does at rest."""
-    change = np.abs(np.diff(columns, axis=0))
+    """Rows before and after which a column changes by more than an encoder's noise does at rest; `held` are the rows
+    for which a column stays the same while it moves."""
+    change, turn = np.diff(columns, axis=0), _whole_turn(columns)
+    change = np.abs(change - turn * np.round(change / turn))
     still = [change[a : b - 1].max(axis=0) for a, b in zip(start, stop) if b - a > 1]
     noise = np.max(still, axis=0) if still else np.zeros(columns.shape[1])
     moves = np.any(~(change <= noise), axis=1)  # also where angles are empty
-    return np.r_[False, moves] & np.r_[moves, False]
+    total = np.r_[0, np.cumsum(moves)]
+    here = np.arange(len(columns))
+    before = total[here] > total[np.maximum(here - held, 0)]
+    after = total[np.minimum(here + held, len(moves))] > total[here]
+    return before & after
 
 
 def _steady(
@@ -141,11 +168,12 @@ def _steady(
     return np.isfinite(turn).all(axis=1) & (size <= _JUMP * usual)
 
 
-def _turned(angles: Float[np.ndarray, "row angle"]) -> Float[np.ndarray, "row angle"]:
-    """Turn from the row before to the row after, rad; angles may start anew after a whole turn."""
+def _turned(angles: Float[np.ndarray, "row angle"], held: int) -> Float[np.ndarray, "row angle"]:
+    """Turn from the row before to the row after, rad; angles may start anew after a whole turn. Where rows are `held`
+    it is the part of a whole step."""
     both = np.zeros_like(angles)
-    both[1:-1] = angles[2:] - angles[:-2]
-    return np.arctan2(np.sin(both), np.cos(both))
+    both[held:-held] = angles[2 * held :] - angles[: -2 * held]
+    return np.arctan2(np.sin(both), np.cos(both)) / held
 
 
 def _fits(

@@ -24,6 +24,7 @@ from .dwells import is_told
 LEAST_NORTH = (
     0.1  # of the Earth's rate: a level part that is smaller tells no north (84° of latitude)
 )
+FEW = 0.05  # of the rests: of so few it does not matter whether they have the error (convention)
 SAME_VERTICAL = (
     0.02  # of the Earth's rate, by which the vertical part of it may differ from rest to rest
 )
@@ -228,10 +229,10 @@ def table_error_words(
             "rate tell it: of a table's angles they are made with [site] latitude and [table] azimuth (any)."
         )
         return tuple(said)
-    if np.any(rest & ~known):
-        said.append(
-            f"[rig] {which}: not of {np.sum(rest & ~known)} rests, whose heading is not known."
-        )
+    lacking = int(np.sum(rest & ~known))
+    if lacking > FEW * np.sum(rest):
+        rests = "1 rest" if lacking == 1 else f"{lacking} rests"
+        said.append(f"[rig] {which}: not of {rests}, whose heading is not known.")
     told = np.zeros(position.shape, bool) if force is None else is_told(np.asarray(force))
     lacking = int(np.sum(~rest & told & ~known))
     if lacking:

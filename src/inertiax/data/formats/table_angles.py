@@ -43,6 +43,7 @@ _WOBBLE = 2e-3  # of a rate, by which a table that holds it may miss it (convent
 _SHORT = 1e-4  # of the angle through which an axis turns at a constant rate, by which that may miss it (convention)
 _HELD = 0.5  # s, the shortest stretch of constant rate
 _JUMP = 0.5  # of the rate, from one row's side to the other: no table speeds up so fast
+_MANY_STEPS = 16  # from which the usual number of rows between them is told (convention)
 _NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
 _ROUNDED = (
     1.5  # of an encoder's digit, by which a change of angle may be off, and a rate's own digits
@@ -154,7 +155,9 @@ def rates_by_axis(
         )
     if len(time) < 3:
         return np.broadcast_to(stated, angles.shape).copy()
+    held = held_rows(angles)
     near = max(1, math.ceil(_WHILE / max(float(np.median(np.diff(time))), 1e-9) - 1e-6))
+    near = near if held == 1 else _in_steps(max(near, 2 * held), held)
     turn, spent = _change(angles, time, near)
     rates = np.array(stated)
     if stated.shape[1] < many:
@@ -203,6 +206,8 @@ def rates_of_angles(
         if len(time) > 1
         else 1
     )
+    held = held_rows(angles)
+    near = _in_steps(near, held)
     if len(time) < 4 * near + 1:
         return rates
     turn, spent = _change(angles, time, near)
@@ -227,9 +232,11 @@ def rates_of_angles(
         edges = np.flatnonzero(np.diff(np.r_[0, told & (differs <= least).all(axis=1), 0]))
     for a, b in edges.reshape(-1, 2):
         if time[b - 1] - time[a] >= _HELD:
-            seconds = time[a:b] - time[a:b].mean()
+            # Of stairs the first row of each step, which is on the line.
+            rows = np.arange(a, b)[_fresh(angles[a:b]) if held > 1 else slice(None)]
+            seconds = time[rows] - time[rows].mean()
             middle = mean[(a + b) // 2]
-            away = np.unwrap(angles[a:b] - middle * seconds[:, None], axis=0)
+            away = np.unwrap(angles[rows] - middle * seconds[:, None], axis=0)
             line = middle + seconds @ away / (seconds @ seconds)
             # A smooth move's slow ends and its flat top are no constant rate: a line would miss the angle.
             turned = (time[b - 1] - time[a]) * np.array([rates[a:b].mean(axis=0) - line, line])
@@ -237,6 +244,34 @@ def rates_of_angles(
             if np.all(np.abs(turned[0]) <= np.maximum(noise, _SHORT * np.abs(turned[1]).max())):
                 rates[a:b] = line
     return rates
+
+
+def held_rows(angles: Float[np.ndarray, "rows axes"]) -> int:
+    """Rows for which an angle is held: a table's telegram that comes less often than the log's rows makes stairs of it.
+
+    The usual number of rows from one change to the next, of the axis with the fewest; whole turns are no change.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.table_angles import held_rows
+
+    print(held_rows(np.repeat(0.1 * np.arange(30.0), 4)[:, None]))    # 4
+    ```
+    """
+    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0))) > _NO_DIGIT
+    apart = [np.diff(np.flatnonzero(axis)) for axis in steps.T]
+    usual = [float(np.median(rows)) for rows in apart if len(rows) >= _MANY_STEPS]
+    return max(1, round(min(usual))) if usual else 1
+
+
+def _fresh(angles: Float[np.ndarray, "rows axes"]) -> Bool[np.ndarray, " rows"]:
+    """Rows in which an angle is another than in the row before."""
+    return np.r_[False, (np.abs(np.diff(angles, axis=0)) > _NO_DIGIT).any(axis=1)]
+
+
+def _in_steps(rows: int, held: int) -> int:
+    """So many rows or a few more, that a stair's steps fit in: then the change over them is that of a straight line."""
+    return -(-rows // held) * held
 
 
 def _late(
