@@ -5,10 +5,12 @@ import pytest
 
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft.pipeline import draft_campaign
+from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.table_angles import held_rows, rates_by_axis, rates_of_angles
 from inertiax.data.recording import Rig
+from inertiax.plausibility import check_campaign
 from inertiax.reduction.table_errors import table_error_words, TableErrors
-from table_of_two_axes import MATRIX, RATE, record
+from table_of_two_axes import CAMPAIGN, MATRIX, RATE, record
 
 
 @pytest.mark.parametrize("held", [2, 4, 10])
@@ -50,6 +52,25 @@ def test_an_encoder_that_goes_to_and_fro_over_zero_is_still(tmp_path):
     said = draft_campaign(tmp_path / "A" / "log.csv", tmp_path / "A").text
     assert 'table_angles = { names = ["outer", "inner"], unit = "deg" }' in said
     assert 'axes = ["east", "up"]' in said
+
+
+def test_a_reference_that_rests_while_the_gyros_turn_is_named(tmp_path):
+    names = ",reference_gyro_x,reference_gyro_y,reference_gyro_z"
+    record(tmp_path / "A", columns=names, extra=lambda force, rate: np.full(rate.shape, 4e-5))
+    text = CAMPAIGN.partition("[columns]")[0]
+    (tmp_path / "A" / "campaign.toml").write_text(text)
+    (found,) = idle(tmp_path / "A")
+    assert found.severity == "error" and "says rest in" in found.statement
+    # By the plan: some twenty moves at 30 °/s in the mean, and four turns of 6 s at 60.
+    assert 40.0 < dict(found.evidence)["seconds"] < 90.0
+    record(tmp_path / "B", columns=names, extra=lambda force, rate: rate)
+    (tmp_path / "B" / "campaign.toml").write_text(text)
+    assert not idle(tmp_path / "B")
+
+
+def idle(folder):
+    """Findings of that kind in a campaign."""
+    return [f for f in check_campaign(load_campaign(folder)).findings if f.kind == "idle_reference"]
 
 
 def test_one_rest_of_many_without_a_heading_is_no_reservation():

@@ -20,6 +20,7 @@ from .gravity import check_gravity
 from .gyro_in_motion import check_gyro_in_motion
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
+from .idle_reference import check_idle_reference
 from .mag_unit import check_mag_unit
 from .moving_label import check_moving_label
 from .no_rest import check_no_rest
@@ -54,6 +55,7 @@ CHECKS: tuple[Check, ...] = (
     check_gyro_turns,
     check_gyro_in_motion,
     check_references,
+    check_idle_reference,
     check_table_delay,
     check_azimuth,
     check_stated_rates,

@@ -31,6 +31,10 @@ class Thresholds:
     )
     # Heading of the Earth's rate (conventions)
     earth_rate: float = 7e-6  # rad/s, horizontal, below which its heading does not matter
+    idle_rate: float = 0.35  # rad/s, 20 deg/s: no gyro's bias
+    idle_noise: float = 20.0  # times the noise of successive rows
+    # Of a recording; knocks and a carry to the table are less.
+    idle_share: float = 0.1
     azimuth_by_chance: float = 1e-6
     azimuth_sigmas: float = 5.0  # of its own standard deviation
     azimuth_share: float = 0.5  # of the Earth's rate that gyros must read at least; twice at most
