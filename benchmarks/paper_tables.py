@@ -238,8 +238,8 @@ def page(found: dict[str, np.ndarray], study: dict) -> str:
         "their own noise decides. Below, on another scale, the mean of each of the eight positions.",
         "## Every approach on one table",
         *comparison(found),
-        "Chamber hours follow from a model, `reference_methods.chamber_hours`: a thermal time constant of half an hour, "
-        "a chamber of 2 °C/min and experiments of 21 min, all assumed. The sweep's hours include the wait at its "
+        "Chamber hours follow from a model, `reference_methods.chamber_hours`: a thermal time constant of half an "
+        "hour, a chamber of 2 °C/min and experiments of 21 min, all assumed. The sweep's hours include the wait at its "
         "start. An experiment in which 15 °C are allowed needs no soak; one in which 0.5 °C are allowed waits an hour "
         "and a half.",
         "## What the station contributes",
