@@ -28,9 +28,7 @@ def _of_one(log: Log, limits: Thresholds) -> Finding | None:
     if gyro is None or known is None or recording.position is not None or len(gyro) < 2:
         return None
     speed = np.linalg.norm(gyro - np.median(gyro, axis=0), axis=1)
-    noise = (
-        float(np.median(np.abs(np.diff(gyro, axis=0)))) / 0.954
-    )  # of a difference of Gaussian numbers
+    noise = float(np.median(np.abs(np.diff(gyro, axis=0)))) / _NORMAL
     turns = speed > max(limits.idle_rate, limits.idle_noise * noise)
     idle = turns & (np.linalg.norm(known, axis=1) <= _AT_REST * EARTH_RATE)
     share = float(np.mean(idle))
