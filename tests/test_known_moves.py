@@ -10,7 +10,7 @@ import pytest
 
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.campaign import load_campaign
-from inertiax.data.formats.table_angles import rates_of_angles
+from inertiax.data.formats.table_rates import rates_of_angles
 from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.reduction.device_segments import segment_all
 from inertiax.reduction.dwell_means import reduce_to_dwells

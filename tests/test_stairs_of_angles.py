@@ -6,7 +6,7 @@ import pytest
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.campaign import load_campaign
-from inertiax.data.formats.table_angles import held_rows, rates_by_axis, rates_of_angles
+from inertiax.data.formats.table_rates import held_rows, rates_by_axis, rates_of_angles
 from inertiax.data.recording import Rig
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.table_errors import table_error_words, TableErrors

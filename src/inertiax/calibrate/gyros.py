@@ -23,6 +23,7 @@ from .one_triad import (
     Progress,
     rests_of,
     rows_for,
+    TooHighDegree,
 )
 from .results import TriadResult
 
@@ -87,6 +88,8 @@ def calibrate_gyros(
     if lacking:
         try:
             return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen, None
+        except TooHighDegree:
+            raise
         except ValueError as error:
             raise ValueError(f"gyro: {lacking}") from error
     return estimate(chosen, rows_for("gyro", chosen, dwells)), chosen, None

@@ -1,6 +1,5 @@
 """The whole draft: columns, units, clock and place of a log, and what could not be told."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
 from ..data.formats.detect import format_of, FORMATS, is_recording
 from ..data.pose_rows import turn_between_rows
-from ..physics.earth import gravity as normal_gravity
 from ..reduction.gravity_turns import GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import (
@@ -37,8 +35,8 @@ from .mag_unit import about_center, field_unit
 from .raw_log import read_log
 from .raw_triads import columns, gyros_beside, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
-from .references import force_unit
 from .resting import drifts_in_one_pose, poses, Resting, resting
+from .site_lines import site_of_reference, site_table
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
 from .table_log import beside, column_lines, TableLog, with_delay
@@ -50,7 +48,6 @@ from .upright_rate import upright_rate, UprightRate
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
-_STANDARD = 9.80665  # m/s²
 
 
 def draft_campaign(
@@ -75,7 +72,7 @@ def draft_campaign(
     for given in (log, *others):
         _refuse_folder(given)
     gyro, others = _with_gyros_among(log, others, gyro)
-    site = _site(latitude, height)
+    site = site_table(latitude, height)
     chosen = format_of(log).NAME
     paths = file_names((log, *others), folder)
     if chosen not in _TABLES:
@@ -107,7 +104,7 @@ def draft_campaign(
     lines, remarks, upright = _columns(found, rests, turns, angles, own, step)
     columns = columns_table(lines, remarks, found)
     if latitude is None:
-        site = _site_of_reference(found) or site
+        site = site_of_reference(found) or site
     tables = (
         site,
         recordings_table(found, folder, paths, own),
@@ -156,30 +153,6 @@ def _refuse_folder(log: Path) -> None:
     logs = sorted(p for p in log.iterdir() if p.is_file() and p.suffix.lower() in suffixes)
     cure = f"name its logs, such as inertiax init {logs[0]}" if logs else "name a recording"
     raise ValueError(f"{log}: is a folder, and neither a ROS bag nor of EuRoC's layout; {cure}.")
-
-
-def _site(latitude: float | None, height: float) -> Table:
-    if latitude is None:
-        why = "standard gravity; give --latitude and --height, or a survey's value: 0.1 % off is 0.1 % of each scale"
-        return Table("site", (Line("gravity", _STANDARD, why, certain=False),))
-    value = round(float(normal_gravity(math.radians(latitude), height)), 5)
-    why = (
-        f"normal gravity of WGS 84 at {height:g} m; a place differs from it by up to some 1e-3 m/s^2, or 100 ppm of "
-        "all scale factors, which their ± leaves out"
-    )
-    return Table("site", (Line("gravity", value, why), Line("latitude", float(latitude))))
-
-
-def _site_of_reference(found: RawTriads) -> Table | None:
-    """Gravity as a table's reference has it."""
-    names = found.roles.reference_accel
-    if names is None:
-        return None
-    told = force_unit(np.stack([found.log.numbers[n] for n in names], axis=1))
-    if told.gravity is None:
-        return None
-    why = "the norm of reference_accel, in all of its rests"
-    return Table("site", (Line("gravity", told.gravity, why),))
 
 
 def _rests(found: RawTriads) -> Resting:

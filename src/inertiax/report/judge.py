@@ -26,10 +26,13 @@ def coverage_sentence(calibration: Calibration, result: TriadResult) -> str:
     """What the data covered: dwells, experiments, positions, temperatures."""
     dwells = result.dwells
     rests = np.asarray(dwells.position) >= 0
-    num_turns = int(np.sum(~rests))
+    moves = np.zeros(len(rests), bool) if dwells.move is None else np.asarray(dwells.move)
     parts = [f"{int(np.sum(rests))} rests"]
-    if num_turns:
-        parts.append(f"{num_turns} turns at constant rate")
+    for count, what in (
+        (int(np.sum(~rests & ~moves)), "turns at constant rate"),
+        (int(np.sum(moves)), "moves between rests"),
+    ):
+        parts += [f"{count} {what}"] if count else []
     experiments = len(np.unique(np.asarray(dwells.experiment)))
     text = f"{TRIAD_NAMES[result.estimator.triad]}: {' and '.join(parts)}"
     text += f" in {experiments} experiments" if experiments > 1 else ""

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from .columns import AXES, ColumnMap, nearest, ProbeColumns, shown, TimeColumn, TriadColumns
-from .table import require
+from .numeric_columns import require
 
 
 _CHANNELS = 64  # the most that one array holds

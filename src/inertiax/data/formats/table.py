@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float, Int
 
-from ...storage.harmless_text import short
 from ..recording import Recording
 from .columns import (
     AXES,
@@ -16,8 +15,6 @@ from .columns import (
     current_scale,
     CurrentColumn,
     Layout,
-    nearest,
-    numbered_name,
     PositionColumn,
     pressure_scale,
     PressureColumn,
@@ -33,10 +30,9 @@ from .columns import (
 )
 from .empty_rows import without_empty_rows
 from .mended_stamps import can_be_mended, mended
-from .table_angles import ideal_readings
-from .table_motion import table_motion
+from .numeric_columns import numbers, require
+from .table_references import references_of_table
 from .time_stamps import seconds_of
-from .upright_table import is_upright_table, readings_on_a_face
 
 
 def to_recordings(
@@ -74,8 +70,9 @@ def to_recordings(
         "current": _quantity(table, columns.current, "current", current_scale, name),
         "pressure": _quantity(table, columns.pressure, "pressure", pressure_scale, name),
     }
-    values |= _by_angles(table, columns, layout, name, moving, values["time"])
-    values |= _by_rate(table, columns, layout, name, values["time"], values["accel"])
+    values |= references_of_table(
+        table, columns, layout, name, moving, values["time"], values["accel"]
+    )
     if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
             f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
@@ -88,148 +85,6 @@ def to_recordings(
         mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
         parts.append(Recording(**mine, device=device, name=label, empty_rows=empty))
     return tuple(parts)
-
-
-def _by_angles(
-    table: pl.DataFrame,
-    columns: ColumnMap,
-    layout: Layout,
-    where: str,
-    moving: Bool[np.ndarray, " rows"] | None,
-    stamps: Float[np.ndarray, " rows"],
-) -> dict[str, Float[np.ndarray, "rows 3"]]:
-    """References that a table's angles (and rates) make; none where `[columns]` names no angles.
-
-    Where the table moves its angles are late or missing: the force is not told there.
-    """
-    said = columns.table_angles
-    if said is None or layout.gravity is None:
-        return {}
-    if not layout.turntable.axes:
-        raise ValueError(
-            "[columns] table_angles needs [table] axes, the directions of the table's axes with all angles zero, for "
-            'example axes = ["up", "north"].'
-        )
-    if columns.reference_accel is not None or "reference_accel_x" in table.columns:
-        raise ValueError(
-            "[columns]: both reference_accel and table_angles are given; angles make the reference, so leave one out."
-        )
-    log, delay = layout.table_log, layout.turntable.delay
-    if log is None:
-        read = lambda names, scale: (
-            scale * np.stack([numbers(table, n, where, empty=moving) for n in names], axis=1)
-        )
-        log = table_motion(read, columns, layout.turntable, stamps)
-    if layout.table_log is not None or delay != 0.0:
-        log = log.at(stamps + delay)
-    found = ideal_readings(layout.turntable, log.angles, log.rates, layout.gravity, layout.latitude)
-    force, rate = found
-    force[np.isnan(force).any(axis=1) if moving is None else moving] = 0.0
-    return {"reference_accel": force} | (
-        {} if rate is None else {"reference_gyro": np.nan_to_num(rate)}
-    )
-
-
-def _by_rate(
-    table: pl.DataFrame,
-    columns: ColumnMap,
-    layout: Layout,
-    where: str,
-    stamps: Float[np.ndarray, " rows"],
-    accel: Float[np.ndarray, "rows 3"] | None,
-) -> dict[str, Float[np.ndarray, "rows 3"]]:
-    """References that the rate of a table makes whose one axis is the vertical; none where `[columns]` names angles."""
-    said = columns.table_rates
-    if said is None or columns.table_angles is not None or layout.gravity is None:
-        return {}
-    if not is_upright_table(layout.turntable) or len(said.names) != 1:
-        raise ValueError(
-            "[columns] table_rates without table_angles is the one rate of a table that turns about the vertical: "
-            'write [table] axes = ["up"], or ["down"] where a positive rate is left-handed about up. Other tables need '
-            "table_angles."
-        )
-    if accel is None:
-        raise ValueError(
-            f"{where}: [columns] table_rates without table_angles needs accelerometers, which tell how the device lies."
-        )
-    log, delay = layout.table_log, layout.turntable.delay
-    if log is None:
-        read = lambda names, scale: (
-            scale * np.stack([numbers(table, n, where) for n in names], axis=1)
-        )
-        log = table_motion(read, columns, layout.turntable, stamps)
-    if layout.table_log is not None or delay != 0.0:
-        log = log.at(stamps + delay)
-    assert log.rates is not None  # `[columns]` names one
-    force, rate = readings_on_a_face(
-        layout.turntable, accel, log.rates[:, 0], layout.gravity, layout.latitude, where
-    )
-    return {"reference_accel": force, "reference_gyro": rate}
-
-
-def require(table: pl.DataFrame, column: str, where: str) -> pl.Series:
-    """The column, or a `ValueError` that lists the columns there are."""
-    if column not in table.columns:
-        first, second = (numbered_name(column, k) for k in (1, 2))
-        if second in table.columns:
-            raise ValueError(
-                f"{where}: column '{column}' stands more than once in the header; name the one that is meant, "
-                f"'{first}' or '{second}', in the order of the file."
-            )
-        raise ValueError(
-            f"{where}: column '{column}' is missing; {nearest(column, table.columns)}the file has "
-            f"{shown(table.columns)}."
-        )
-    return table.get_column(column)
-
-
-def numbers(
-    table: pl.DataFrame,
-    column: str,
-    where: str,
-    *,
-    gaps: bool = False,
-    empty: Bool[np.ndarray, " rows"] | None = None,
-) -> Float[np.ndarray, " rows"]:
-    """A column as finite float64. Raises `ValueError` for text, gaps, NaN and infinities.
-
-    With `gaps` rows without a number are NaN: a sensor that is read less often than the others. `empty` marks the only
-    rows that may be without.
-    """
-    series = require(table, column, where)
-    if series.dtype == pl.String:
-        series = _of_text(series, column, where)
-    elif not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
-        raise ValueError(
-            f"{where}: column '{column}' is of type {series.dtype}; it must hold numbers."
-        )
-    series = series.cast(pl.Float64)
-    values = (series.fill_null(float("nan")) if series.null_count() else series).to_numpy()
-    finite = np.isfinite(values) | (np.isnan(values) & (gaps if empty is None else empty))
-    if not finite.all():
-        only = " outside position −1" if empty is not None and empty.any() else ""
-        raise ValueError(
-            f"{where}: column '{column}' has no finite number in {int((~finite).sum())} of "
-            f"{len(values)} rows{only}, first in row {int(np.argmin(finite))}; drop or repair them."
-        )
-    return values
-
-
-def _of_text(given: pl.Series, column: str, where: str) -> pl.Series:
-    """Numbers of a column of text; null where there is none. Raises `ValueError` for what is no number."""
-    plain = given.cast(pl.Float64, strict=False)
-    if plain.null_count() == given.null_count():  # no blanks around any number, as nearly always
-        return plain
-    text = given.str.strip_chars()
-    found = text.cast(pl.Float64, strict=False)
-    bad = found.is_null() & text.is_not_null() & (text != "")
-    if bad.any():
-        row = int(bad.arg_true()[0])
-        raise ValueError(
-            f"{where}: column '{column}' holds text in row {row}: '{short(text[row])}'; every row "
-            "must be a number."
-        )
-    return found
 
 
 def _clock(

@@ -8,7 +8,8 @@ import numpy as np
 from . import csv, parquet
 from .columns import ColumnMap, Turntable
 from .detect import detect
-from .table import numbers, stamps_of
+from .numeric_columns import numbers
+from .table import stamps_of
 from .table_motion import table_motion, TableMotion
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import angle_scale, ColumnMap, rate_scale, Turntable
-from .table_angles import rates_by_axis, rates_of_angles
+from .table_rates import rates_by_axis, rates_of_angles
 
 
 class TableMotion(NamedTuple):

@@ -10,7 +10,6 @@ rate, the horizontal part. Of whole turns its mean is zero.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -26,13 +25,6 @@ SLOW = (
 # consumer device, and between two faces there are 45 (convention).
 _LEANS = math.radians(20.0)
 _MOVED = 0.1  # part of the rows at rest that may be farther off: the device is lifted out at the end (convention)
-
-
-class Faced(NamedTuple):
-    """What ideal triads read."""
-
-    force: Float[np.ndarray, "rows 3"]  # m/s², zero while the table turns
-    rate: Float[np.ndarray, "rows 3"]  # rad/s
 
 
 def is_upright_table(table: Turntable) -> bool:
@@ -55,7 +47,7 @@ def readings_on_a_face(
     gravity: float,
     latitude: float | None,
     where: str,
-) -> Faced:
+) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]]:
     """Specific force (m/s², zero while the table turns) and rate (rad/s), see the module.
 
     **Arguments:** `accel` are the outputs, m/s², of one mounting; `rate` in rad/s about the table's axis, up or down;
@@ -70,8 +62,8 @@ def readings_on_a_face(
     from inertiax.data.formats.upright_table import readings_on_a_face
 
     accel = np.tile([0.1, -9.7, 0.2], (3, 1))    # y points down
-    found = readings_on_a_face(Turntable(axes=("up",)), accel, np.array([0.0, 0.0, 1.0]), 9.81, None, "log")
-    print(found.force[0], found.rate[2])    # [ 0.   -9.81  0.  ] [ 0. -1.  0.]
+    force, rate = readings_on_a_face(Turntable(axes=("up",)), accel, np.array([0.0, 0.0, 1.0]), 9.81, None, "log")
+    print(force[0], rate[2])    # [ 0.   -9.81  0.  ] [ 0. -1.  0.]
     ```
     """
     rests = np.abs(rate) < SLOW
@@ -95,4 +87,4 @@ def readings_on_a_face(
     sense = 1.0 if table.axes == ("up",) else -1.0
     vertical = 0.0 if latitude is None else EARTH_RATE * math.sin(latitude)
     turning = np.where(rests, 0.0, sense * rate)
-    return Faced(np.outer(gravity * rests, up), np.outer(turning + vertical, up))
+    return np.outer(gravity * rests, up), np.outer(turning + vertical, up)
