@@ -357,6 +357,18 @@ def test_the_command_writes_a_campaign_that_reads_the_log(tmp_path, capfd):
     np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-5)
 
 
+def test_the_command_prints_which_columns_no_line_reads(tmp_path, capfd):
+    """A table's rate that was joined wrongly and stays at one number: the campaign is one without a table."""
+    log = tmp_path / "hand.csv"
+    head, rows = text(table(TIME, ACCEL, GYRO)).split("\n", 1)
+    log.write_text(f"{head},table_rate\n" + "".join(f"{r},-0.004\n" for r in rows.splitlines()))
+    status, said = run(["init", log, "--latitude", "50"], capfd)
+    assert status == 0 and said.out.startswith('Not read: "table_rate".\nwritten: ')
+    assert json.loads(run(["init", log, "--replace", "--json"], capfd)[1].out)["unread"] == [
+        'Not read: "table_rate".'
+    ]
+
+
 def test_the_command_replaces_nothing_unasked(tmp_path, capfd):
     log = tmp_path / "hand.csv"
     log.write_text(text(table(TIME, ACCEL, GYRO)))

@@ -10,6 +10,7 @@ from inertiax.calibrate.level_by_recording import levels, triad_words
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose.wording.scatter import scatter_sentence
+from inertiax.estimators import Invariant
 
 
 def days(shift, force=0.0, slopes=None):
@@ -71,6 +72,23 @@ def test_recordings_at_temperatures_of_their_own_tell_no_level(apart):
     assert triad_words(apart.gyro, G) is not None
     chamber = eqx.tree_at(lambda r: r.dwells.temperature, apart.gyro, heat)
     assert triad_words(chamber, G) is None
+
+
+def test_a_recording_of_one_face_tells_no_level_by_magnitudes():
+    """Six faces, a file each, one bias: across gravity a magnitude tells nothing of the bias, and 6 m/s² were said."""
+    rng, time = np.random.default_rng(5), np.arange(0.0, 130.0, 0.02)
+    bias, made = np.array([0.26, 0.39, 0.12]), []
+    for face in (*np.eye(3), *-np.eye(3)):
+        held = np.repeat(
+            np.array([0, 1, 0, -1, 0, 2, 0, -2, 0, 3, 0, -3, 0], float), len(time) // 13
+        )
+        accel = G * face + bias + 6e-3 * rng.standard_normal((len(time), 3))
+        gyro = np.outer(held, face) + 1e-3 * rng.standard_normal((len(time), 3))
+        made.append(Recording(time=time + 200.0 * len(made), accel=accel, gyro=gyro))
+    found = calibrate_device(Campaign(tuple(made), Site(G)))
+    assert isinstance(found.accel.estimator, Invariant)
+    assert levels(found.accel, G) is None
+    assert not [w for w in found.warnings if "accelerometers: the biases of the" in w]
 
 
 def test_days_that_differ_by_noise_alone_are_not():

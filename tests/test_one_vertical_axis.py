@@ -46,6 +46,9 @@ def judged(folder, names):
     first, *others = [folder / f"{name}.csv" for name in names]
     drawn = draft_campaign(first, folder, latitude=52.27, others=others).text
     assert "goes with the gyros' rate" not in drawn and 'axes = ["up"]' in drawn
+    assert (
+        "need 9 or more" not in drawn and "sign of the accelerometers" not in drawn
+    )  # six faces are enough
     drawn = re.sub("gravity = [0-9.]+", f"gravity = {GRAVITY}", drawn)
     (folder / "campaign.toml").write_text(f"{drawn}\n[rig]\nposition_uncertainty = 62\n")
     with jax.enable_x64(True):
@@ -77,6 +80,7 @@ def test_a_left_handed_rate_in_other_units_is_about_down(tmp_path):
     drawn = draft_campaign(first, tmp_path, latitude=52.27, others=others).text
     assert 'axes = ["down"]' in drawn
     assert 'table_rates = { names = ["table_rate"], unit = "rad/s" }' in drawn
+    assert "or else the accelerometers' sign is wrong" in drawn and "need 9 or more" not in drawn
     (tmp_path / "campaign.toml").write_text(drawn)
     campaign = load_campaign(tmp_path)
     (recording,) = (r for r in campaign.recordings if r.name.startswith("ydn"))
@@ -89,7 +93,13 @@ def test_the_page_puts_a_rate_of_the_tables_own_log_into_the_devices(tmp_path, m
     logs(tmp_path, np.random.default_rng(5))
     for k, name in enumerate(NAMES):
         log = pl.read_csv(tmp_path / f"{name}.csv")
-        own = log.select(time=pl.col("t") + 3.0 - k, rate="table_rate")  # another clock in each
+        started = pl.DataFrame(
+            {"time": [-4.0 - k, -4.0 - k / 2, -0.02], "rate": [0.0, 0.0, 0.0]}
+        )  # before the log
+        own = log.select(time="t", rate="table_rate")
+        own = pl.concat([started, own]).with_columns(
+            pl.col("time") + 43267.8 + 211.3 * k
+        )  # the hour of the day
         own.write_csv(tmp_path / f"table_{name}.csv")
         log.drop("table_rate").write_csv(tmp_path / f"{name}.csv")
     first, *others = [tmp_path / f"{name}.csv" for name in NAMES]

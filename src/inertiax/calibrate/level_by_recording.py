@@ -21,6 +21,9 @@ from .results import DeviceResult, TriadResult
 _FEWEST = 3  # rests of a recording that tell its level and scatter
 _FREEDOM = 5  # rows beyond the unknowns that tell the accelerometers' scatter; convention
 _FAR = 4.0  # standard errors between two recordings; chance has it in 6 of 100 000 pairs of an axis
+# Of directions that tell a bias, their least spread to the largest, in which the noise of a rest's direction is small:
+# rests farther than some 10° from one plane (convention). On one face the lean that biases and noise feign is 1e-2.
+_FLAT = 0.1
 _NAMES = {"accel": "accelerometers", "gyro": "gyros"}
 
 LogNumbers = Int[np.ndarray, " recording"]
@@ -141,6 +144,8 @@ def _of_rows(
     kept, counts = np.unique(number, return_counts=True)
     if len(kept) < 2 or counts.min() < _FEWEST:
         return None
+    if any(_flat(bias[number == k].reshape(-1, 3)) for k in kept):
+        return None
     contrast = scipy.linalg.null_space(np.ones((1, len(kept))))
     mine = (number[:, None] == kept) @ contrast
     made = [np.einsum("ndi,nk->ndki", bias, d[:, None] * mine) for d in drivers]
@@ -158,6 +163,13 @@ def _of_rows(
     spread = inverse[first:, first:].reshape(len(kept) - 1, 3, len(kept) - 1, 3)
     error = [_quasi_errors(contrast @ spread[:, i, :, i] @ contrast.T) for i in range(3)]
     return level, np.stack(error, axis=1)
+
+
+def _flat(rows: Float[np.ndarray, "row 3"]) -> bool:
+    """Whether rows of biases lie so near to one plane that they tell two axes at most."""
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    spread = np.linalg.svd(rows / np.maximum(size, np.finfo(float).tiny), compute_uv=False)
+    return bool(len(spread) < 3 or spread[-1] < _FLAT * spread[0])
 
 
 def _quasi_errors(

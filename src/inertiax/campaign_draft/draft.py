@@ -15,6 +15,11 @@ class Draft(NamedTuple):
     log: Path
     tables: tuple[Table, ...]
 
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Remarks on what of the log no line reads."""
+        return tuple(remark for table in self.tables for remark in table.unread)
+
 
 def draft_of(log: Path, tables: tuple[Table, ...]) -> Draft:
     """The file that these tables are."""

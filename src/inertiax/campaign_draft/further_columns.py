@@ -43,24 +43,25 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
     left = [n for n in names if n not in read and n not in _READ_AS_THEY_ARE]
     labels = [n for n in left if n in log.texts or _is_label(log.numbers.get(n))]
     others = [n for n in left if n not in labels]
+    unread: tuple[str, ...] = ()
     if labels:
         what = (
             "device (serial number), experiment (one chamber setting), position (-1 while it moves)"
         )
-        remarks += (f"Not read, perhaps labels: {_listed(labels)}. Add what they are: {what}.",)
+        unread += (f"Not read, perhaps labels: {_listed(labels)}. Add what they are: {what}.",)
     if any(_ANGLE.search(plain(n)) for n in others):
-        remarks += (
+        unread += (
             "Angles of a table make its references: [columns] table_angles, and [table] axes.",
         )
     turning = [] if roles.reference_gyro is not None else rates_of_a_table(found, others)
     if turning and "table_angles" not in (line.key for line in lines):
-        remarks += (
+        unread += (
             f"{_listed(turning)} goes with the gyros' rate as a table's does, but no angles tell how the device stood. "
             f"{ONE_AXIS}",
         )
     if others:
-        remarks += (f"Not read: {_listed(others)}.",)
-    return Table("columns", lines, remarks)
+        unread += (f"Not read: {_listed(others)}.",)
+    return Table("columns", lines, remarks, unread)
 
 
 def _label_lines(roles: Roles) -> list[Line]:

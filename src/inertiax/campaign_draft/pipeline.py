@@ -232,7 +232,6 @@ def _columns(
         unit = unit if step is None else of_increments(unit, step)
         units["accel"] = unit
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
-        remarks += _on_poses(found, rests, references=angles is not None)
         if (
             found.gyro is None
             and not named
@@ -266,6 +265,9 @@ def _columns(
     if len(units) == 2 and named and not referred and not rests.single_rows:
         upright = upright_rate(found, units["accel"], units["gyro"])
     lines += [] if upright is None else [upright.line]
+    if found.accel is not None:
+        about = None if upright is None else upright.axis
+        remarks = [*_on_poses(found, rests, references=angles is not None, about=about), *remarks]
     if found.roles.temperature is not None:
         name = found.roles.temperature
         told = temperature_unit(found.log, name)
@@ -348,10 +350,18 @@ def _poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> int:
 _OR_A_FIELD = f"{CHECK} accel: counts without a name may be a magnetometer's as well; then call their columns mag"
 
 
-def _on_poses(found: RawTriads, rests: Resting, *, references: bool) -> list[str]:
-    """What the log can calibrate of the accelerometers; `references` of a table tell more than the norm of gravity."""
-    if references or found.roles.reference_accel is not None:
+def _on_poses(
+    found: RawTriads, rests: Resting, *, references: bool, about: str | None
+) -> list[str]:
+    """What the log can calibrate of the accelerometers; `references` of a table tell more than the norm of gravity, and
+    the faces on a table that turns about one axis do, `about` up or down."""
+    if references or found.roles.reference_accel is not None or about == "up":
         return []
+    if about is not None:
+        return [
+            "A positive rate of the table is left-handed about up, or else the accelerometers' sign is wrong: at rest "
+            "the axis that points up must read +g."
+        ]
     assert found.accel is not None
     said = [
         "The sign of the accelerometers does not show: at rest the axis that points up must read +g."

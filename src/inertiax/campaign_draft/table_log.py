@@ -13,6 +13,7 @@ from ..data.formats.columns import angle_scale, rate_scale
 from ..data.formats.delay import delay_of
 from ..data.formats.table_angles import ideal_readings
 from .clock import Clock, clock_of
+from .further_columns import ONE_AXIS
 from .raw_log import RawLog, read_log
 from .raw_triads import absolute, RawTriads
 from .table_angles import TableAngles
@@ -47,7 +48,7 @@ def beside(found: RawTriads, path: Path, others: Sequence[Path] = ()) -> tuple[R
     if others or found.gyro_log is not None:
         raise ValueError(
             f"{path}: a table's own log is put beside one log of both triads; add further ones to [recordings] files "
-            "and table_files by hand."
+            f"and table_files by hand. {ONE_AXIS}"
         )
     log = read_log(path)
     name = _clock_column(log)

@@ -22,6 +22,7 @@ class Table(NamedTuple):
     name: str
     lines: tuple[Line, ...]
     remarks: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()  # remarks that `init` prints, too: what of the log goes unused
 
 
 def toml_text(title: tuple[str, ...], tables: tuple[Table, ...]) -> str:
@@ -33,7 +34,7 @@ def toml_text(title: tuple[str, ...], tables: tuple[Table, ...]) -> str:
             mark = "" if line.certain else f"{CHECK} "
             rows += [f"# {mark}{line.key}: {_plain(line.why)}"] if line.why else []
             rows.append(f"{line.key} = {value_text(line.value)}")
-        rows += [f"# {_plain(remark)}" for remark in table.remarks]
+        rows += [f"# {_plain(remark)}" for remark in (*table.remarks, *table.unread)]
         if rows:
             parts.append("\n".join(rows))
     return "\n\n".join(parts) + "\n"

@@ -98,12 +98,15 @@ def init(
                 "campaign": str(file),
                 "told": draft.told,
                 "untold": draft.untold,
+                "unread": draft.unread,
                 "problem": problem,
             }
         )
     elif not quiet:
         for key, why in draft.untold.items():
             console.say(console.one_line(f"check {key}: {why}"))
+        for remark in draft.unread:
+            console.say(console.one_line(remark))
         console.say(console.one_line(f"written: {file}"))
         if problem is None:
             console.say(console.one_line(after_init(folder, checks=bool(draft.untold))))
