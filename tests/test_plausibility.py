@@ -384,12 +384,12 @@ def test_the_command_prints_the_document(tmp_path: Path, capsys):
 
 def test_a_stretchs_number_is_its_polynomial_in_64_bits():
     rows, length = np.random.default_rng(0).standard_normal((60, 6)), 20
-    found = _stretch_hashes(rows, length)
-    single = _stretch_hashes(rows, 10)
+    found = _stretch_hashes([rows[:, :3], rows[:, 3:]], length)
+    single = _stretch_hashes([rows[:, :3], rows[:, 3:]], 10)
     assert len(found) == 41 and len(single) == 51 and len(set(found.tolist())) == 41
     # Twice 10 rows are 20: f(0..19) = f(0..9) + f(10..19) times the factor to the tenth, in Python's whole numbers.
     factor = pow(0x100000001B3, 10, 2**64)
     for k in range(41):
         assert int(found[k]) == (int(single[k]) + factor * int(single[k + 10])) % 2**64
-    again = _stretch_hashes(np.concatenate([rows, rows]), length)
+    again = _stretch_hashes([np.tile(rows[:, :3], (2, 1)), np.tile(rows[:, 3:], (2, 1))], length)
     assert again[0] == again[60] and found[0] == again[0]

@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 
+from .kept_memory import keep_freed_memory
+
 
 KNOWING = ("0.10.",)  # versions of jaxlib
 
@@ -58,6 +60,7 @@ def prepare_without_jax() -> None:
     if "jax" in sys.modules:
         prepare()
         return
+    keep_freed_memory()
     _settle_process()
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     os.environ.setdefault("JAX_ENABLE_X64", "1")

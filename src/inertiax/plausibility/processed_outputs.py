@@ -36,8 +36,8 @@ def held_at_rest(
     held = {}
     for axis in range(3):
         resting, moving = values[at_rest, axis], values[~at_rest, axis]
-        value, count = _commonest(resting)
-        share = count / len(resting)
+        value = _middle(resting)
+        share = float(np.mean(resting == value))
         if share > limits.held_at_rest and lives(moving) and np.mean(moving == value) < _SELDOM:
             held[axis] = (value, share)
     return held
@@ -98,7 +98,6 @@ def _one_length(log: Log, values: Float[np.ndarray, "time 3"], limits: Threshold
     ]
 
 
-def _commonest(x: Float[np.ndarray, " time"]) -> tuple[float, int]:
-    values, counts = np.unique(x, return_counts=True)
-    k = int(np.argmax(counts))
-    return float(values[k]), int(counts[k])
+def _middle(x: Float[np.ndarray, " time"]) -> float:
+    """The one value that more than half of the rows can have: their median."""
+    return float(np.partition(x, len(x) // 2)[len(x) // 2])

@@ -106,7 +106,8 @@ def _course(x: Float[np.ndarray, "row 3"], step: float) -> Float[np.ndarray, "ro
     each = x[: count * width].reshape(count, width, 3)
     middles = np.median(each[:, :: max(width // _IN_EACH, 1)], axis=1)
     at = (np.arange(count) + 0.5) * width
-    return np.stack([np.interp(np.arange(len(x)), at, m) for m in middles.T], axis=1)
+    # Axis by axis in memory, as the samples of a `Recording` lie.
+    return np.stack([np.interp(np.arange(len(x)), at, m) for m in middles.T]).T
 
 
 def _ends(far: Bool[np.ndarray, " row"]) -> tuple[int, int]:

@@ -184,8 +184,7 @@ def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         outputs = [v for _, v in triads(log)]
         if not outputs or len(outputs[0]) < 2 * length:
             continue
-        rows = np.concatenate(outputs, axis=1)
-        hashes = _stretch_hashes(rows, length)
+        hashes = _stretch_hashes(outputs, length)
         # Of a long log a part of the stretches, the same wherever they stand.
         row.append(np.flatnonzero(hashes % np.uint64(every) == 0))
         keys.append(hashes[row[-1]])
@@ -223,16 +222,10 @@ def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     ]
 
 
-def _stretch_hashes(rows: Float[np.ndarray, "time channel"], length: int) -> np.ndarray:
+def _stretch_hashes(outputs: list[Float[np.ndarray, "time 3"]], length: int) -> np.ndarray:
     """A number for the `length` rows from each row on; 0 where they take fewer than 8 different rows."""
-    weights = np.random.default_rng(0).integers(
-        1, 2**62, rows.shape[1], dtype=np.uint64
-    ) | np.uint64(1)
-    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)
+    one = _row_hashes([values[:, axis] for values in outputs for axis in range(3)])
     with np.errstate(over="ignore"):
-        mixed = bits * weights
-        mixed ^= mixed >> np.uint64(29)
-        one = (mixed * np.uint64(0x9E3779B97F4A7C15)).sum(axis=1, dtype=np.uint64)
         # The sum of one[i + k] f^(k+1) over k < length, from running sums: f is odd, so that it has an inverse.
         powers = np.cumprod(np.full(len(one), _FACTOR, np.uint64))
         running = np.append(np.uint64(0), np.cumsum(one * powers))
@@ -241,4 +234,18 @@ def _stretch_hashes(rows: Float[np.ndarray, "time channel"], length: int) -> np.
     fresh = np.append(1, (one[1:] != one[:-1]).astype(int))
     changes = np.cumsum(np.append(0, fresh))
     total[changes[length:] - changes[:-length] < 8] = 0
+    return total
+
+
+def _row_hashes(columns: list[Float[np.ndarray, " time"]]) -> np.ndarray:
+    """A number for each row, made column by column, as they lie in memory."""
+    weights = np.random.default_rng(0).integers(1, 2**62, len(columns), dtype=np.uint64)
+    total = np.zeros(len(columns[0]), np.uint64)
+    with np.errstate(over="ignore"):
+        for column, weight in zip(columns, weights | np.uint64(1), strict=True):
+            mixed = (column + 0.0).view(np.uint64)  # a copy, in which −0 is 0
+            mixed *= weight
+            mixed ^= mixed >> np.uint64(29)
+            mixed *= np.uint64(0x9E3779B97F4A7C15)
+            total += mixed
     return total

@@ -247,10 +247,15 @@ def _without_tilts(recording: Recording, left: Undisturbed) -> Undisturbed:
     if accel is None or gyro is None:
         return left
     inside = list(left.ranges())
-    rests = [(accel[rows][left.used[rows]], gyro[rows][left.used[rows]]) for _, rows in inside]
+    rests = [(_kept(accel[r], left.used[r]), _kept(gyro[r], left.used[r])) for _, r in inside]
     marked = np.zeros(len(left.start), bool)
     marked[[k for k, _ in inside]] = tilting(rests, usual_step(recording))[0]
     return left.without(recording, "slow tilt", marked)
+
+
+def _kept(x: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Rows that count; no copy where all do."""
+    return x if used.all() else x[used]
 
 
 STEPS: tuple[Step, ...] = (

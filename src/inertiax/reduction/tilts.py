@@ -85,7 +85,7 @@ def _turns(
     if beside < 8 or step > limits.slowest:
         return None
     row = np.arange(beside, num - gap - beside + 1, max(round(limits.grid / step), 1))
-    sums = [np.concatenate([np.zeros((1, 3)), np.cumsum(x, axis=0)]) for x in (accel, gyro)]
+    sums = [_sums(x) for x in (accel, gyro)]
     over = lambda s, a, b: s[b] - s[a]
     before = [over(s, row - beside, row) / beside for s in sums]
     after = [over(s, row + gap, row + gap + beside) / beside for s in sums]
@@ -97,6 +97,13 @@ def _turns(
     angle = (over(sums[1], row, row + gap) - gap * rest_rate) * step
     across = angle - np.sum(angle * up, axis=1, keepdims=True) * up
     return _Turns(row + gap // 2, seen, across)
+
+
+def _sums(x: np.ndarray) -> np.ndarray:
+    """Of the rows before each, and of all; axis by axis in memory, as the samples of a `Recording` lie."""
+    made = np.zeros((len(x) + 1, 3), order="F")
+    np.cumsum(x, axis=0, out=made[1:])
+    return made
 
 
 @no_type_check  # as in `quiet_level`
