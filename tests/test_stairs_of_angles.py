@@ -1,16 +1,22 @@
 """A table whose telegram comes less often than the device's rows, and one whose encoder goes to and fro over zero."""
 
+import re
+
 import numpy as np
 import pytest
+from scipy.integrate import quad_vec
 
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.campaign import load_campaign
-from inertiax.data.formats.table_rates import held_rows, rates_by_axis, rates_of_angles
+from inertiax.data.formats.columns import Turntable
+from inertiax.data.formats.held_angles import held_rows, without_stairs
+from inertiax.data.formats.table_angles import ideal_readings
+from inertiax.data.formats.table_rates import rates_by_axis, rates_of_angles
 from inertiax.data.recording import Rig
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.table_errors import table_error_words, TableErrors
-from table_of_two_axes import CAMPAIGN, MATRIX, RATE, record
+from table_of_two_axes import CAMPAIGN, HEADER, MATRIX, profile, RATE, readings, record
 
 
 @pytest.mark.parametrize("held", [2, 4, 10])
@@ -42,6 +48,72 @@ def test_gyros_are_right_beside_angles_that_are_held(tmp_path, held):
     sigma = np.sqrt(np.diagonal(np.asarray(triad.covariance)))[kept]
     z = (np.asarray(triad.curve(25.0))[kept] - MATRIX.ravel()) / sigma
     assert np.abs(z).max() < 4.0 and sigma.max() < 5e-4
+
+
+def test_stairs_of_two_axes_at_once_make_the_turn_that_gyros_read():
+    # The outer axis turns by 90°, the inner one by 150°, in 3 s from rest to rest.
+    u = lambda t: np.clip((t - 3.0) / 3.0, 0.0, 1.0)
+    part = lambda t: np.deg2rad([90.0, 150.0]) * np.reshape(u(t) ** 2 * (3.0 - 2.0 * u(t)), (-1, 1))
+    speed = lambda t: np.deg2rad([90.0, 150.0]) * (2.0 * u(t) * (1.0 - u(t)))
+    inner = lambda t: part(t)[0, 1]
+    rate = lambda t: np.array(
+        [speed(t)[0] * np.cos(inner(t)), -speed(t)[0] * np.sin(inner(t)), speed(t)[1]]
+    )
+    true, _ = quad_vec(rate, 3.0, 6.0)
+    time = np.arange(900) / 100.0
+    stairs = part(time)[np.arange(900) // 5 * 5]
+    table = Turntable(axes=("east", "up"), case=("east", "north", "up"))
+    angles = without_stairs(stairs, time)
+    found = ideal_readings(table, angles, rates_of_angles(stairs, time), 9.81, None).rate
+    # Lines of 50 ms miss an angle by 0.01° while it speeds up; means of both axes over 0.2 s missed the turn by 2e-3.
+    np.testing.assert_allclose(found.sum(axis=0) / 100.0, true, atol=1e-4 * np.linalg.norm(true))
+
+
+def test_straight_lines_go_through_the_telegrams():
+    time = np.arange(60) / 100.0
+    angle = np.deg2rad(350.0 + 200.0 * np.clip(time - 0.1, 0.0, None))
+    held = np.arange(60) // 4 * 4
+    stairs = np.stack([angle[held] % (2.0 * np.pi), np.zeros(60)], axis=1)
+    found = without_stairs(np.tile(stairs, (2, 1)), np.arange(120) / 100.0)
+    assert np.all(found[:, 1] == 0.0)
+    np.testing.assert_allclose(
+        found[12:57, 0], angle[12:57], atol=1e-12
+    )  # over the whole turn, too
+
+
+@pytest.mark.parametrize("held", [4, 5])
+def test_the_delay_of_a_table_whose_own_log_is_held(tmp_path, held):
+    # The telegram is written 40 ms after its angles held; the other clock was started 500 s earlier.
+    rng = np.random.default_rng(held)
+    angles = profile()
+    force, rate = readings(angles)
+    time = np.arange(len(angles)) / RATE
+    fields = [
+        time,
+        force + rng.normal(0.0, 0.01, force.shape),
+        rate + rng.normal(0.0, 5e-4, rate.shape),
+    ]
+    header = HEADER.removesuffix(",outer,inner")
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack(fields),
+        delimiter=",",
+        header=header,
+        comments="",
+        fmt="%.9g",
+    )
+    seen = np.round(angles[np.arange(len(angles)) // held * held], 3) % 360.0
+    own = np.column_stack([time + 500.04, seen])
+    np.savetxt(
+        tmp_path / "table.csv", own, delimiter=",", header="clock,A1,A2", comments="", fmt="%.9g"
+    )
+    said = draft_campaign(
+        tmp_path / "log.csv", tmp_path, table=tmp_path / "table.csv", latitude=48.0
+    )
+    assert 'table_angles = { names = ["A1", "A2"], unit = "deg" }' in said.text
+    found = float(re.search(r"\ndelay = (.*)\n", said.text)[1])
+    # A tenth of a row; of stairs it were late by half a telegram, 30 ms and more.
+    assert found == pytest.approx(500.04, abs=2e-3)
 
 
 def test_an_encoder_that_goes_to_and_fro_over_zero_is_still(tmp_path):

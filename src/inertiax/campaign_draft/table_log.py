@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from ..data.formats.columns import angle_scale, rate_scale
 from ..data.formats.delay import delay_of
+from ..data.formats.held_angles import held_rows, without_stairs
 from ..data.formats.table_angles import ideal_readings
 from .clock import Clock, clock_of
 from .further_columns import ONE_AXIS
@@ -78,7 +79,13 @@ def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableL
     assert found.gyro is not None
     scale = angle_scale(angles.unit, "table_angles")
     turned = np.stack([scale * _continuous(table.log.numbers[n]) for n in angles.names], axis=1)
-    rates = np.gradient(turned, table.seconds, axis=0)
+    # Over whole telegrams: a rate that jumps from each to the next fits as well half a row off.
+    held = held_rows(turned)
+    turned = without_stairs(turned, table.seconds)
+    before, after = (np.clip(np.arange(len(turned)) + n, 0, len(turned) - 1) for n in (-held, held))
+    rates = (turned[after] - turned[before]) / (table.seconds[after] - table.seconds[before])[
+        :, None
+    ]
     if angles.rates is not None and len(angles.rates) == len(angles.names):
         factor = rate_scale(angles.rate_unit, "table_rates")
         rates = np.stack([factor * table.log.numbers[n] for n in angles.rates], axis=1)
@@ -124,11 +131,13 @@ def _continuous(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"
 
 
 def _table_moves(columns: list[Float[np.ndarray, " rows"]]) -> Bool[np.ndarray, " rows"]:
-    """Rows in which a column that often stands has changed in several rows in a row."""
+    """Rows in which a column that often stands has changed in several rows in a row, or telegrams."""
     moves = np.zeros(len(columns[0]), bool)
     for values in columns:
         changed = np.r_[False, np.diff(values) != 0.0]
-        runs = np.convolve(changed, np.ones(_RUN), "same") >= _RUN
+        held = held_rows(values[:, None])
+        changed = np.convolve(changed, np.ones(held))[: len(changed)] > 0.0
+        runs = np.convolve(changed, np.ones(_RUN * held), "same") >= _RUN * held
         if np.mean(~changed) >= _STANDS:
             moves |= runs
     return moves

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import angle_scale, ColumnMap, rate_scale, Turntable
+from .held_angles import without_stairs
 from .table_rates import rates_by_axis, rates_of_angles
 
 
@@ -64,4 +65,4 @@ def table_motion(
         rates = rates_by_axis(angles, stated, time)
     elif table.azimuth is not None:
         rates = rates_of_angles(angles, time)
-    return TableMotion(time, angles, rates)
+    return TableMotion(time, without_stairs(angles, time), rates)

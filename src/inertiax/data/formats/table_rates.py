@@ -11,6 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .held_angles import held_rows, without_stairs
+
 
 _WHILE = 0.01  # s to either side: an encoder's noise of 0.001° is 0.1 °/s then
 # The smallest tenth of changes is at rest; of a Gaussian 0.126 σ is the quantile of the absolute value.
@@ -26,7 +28,6 @@ _WOBBLE = 2e-3  # of a rate, by which a table that holds it may miss it (convent
 _SHORT = 1e-4  # of the angle through which an axis turns at a constant rate, by which that may miss it (convention)
 _HELD = 0.5  # s, the shortest stretch of constant rate
 _JUMP = 0.5  # of the rate, from one row's side to the other: no table speeds up so fast
-_MANY_STEPS = 16  # from which the usual number of rows between them is told (convention)
 _NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
 _ROUNDED = (
     1.5  # of an encoder's digit, by which a change of angle may be off, and a rate's own digits
@@ -88,6 +89,8 @@ def rates_by_axis(
     zero = np.all(stated == 0.0, axis=1)
     unsaid = _turning(angles, time, near, zero)
     unsaid = (unsaid | zero & _beside(unsaid, time)) & np.isfinite(spent)
+    if held > 1:  # over fewer rows: the angles' own change, no mean of it
+        turn, spent = _change(without_stairs(angles, time), time, 1)
     rates[unsaid] = turn[unsaid] / spent[unsaid, None]
     rates += _late(angles, time, near, rates, ~zero)
     return rates
@@ -155,24 +158,6 @@ def rates_of_angles(
             if np.all(np.abs(turned[0]) <= np.maximum(noise, _SHORT * np.abs(turned[1]).max())):
                 rates[a:b] = line
     return rates
-
-
-def held_rows(angles: Float[np.ndarray, "rows axes"]) -> int:
-    """Rows for which an angle is held: a table's telegram that comes less often than the log's rows makes stairs of it.
-
-    The usual number of rows from one change to the next, of the axis with the fewest; whole turns are no change.
-
-    ```python
-    import numpy as np
-    from inertiax.data.formats.table_rates import held_rows
-
-    print(held_rows(np.repeat(0.1 * np.arange(30.0), 4)[:, None]))    # 4
-    ```
-    """
-    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0))) > _NO_DIGIT
-    apart = [np.diff(np.flatnonzero(axis)) for axis in steps.T]
-    usual = [float(np.median(rows)) for rows in apart if len(rows) >= _MANY_STEPS]
-    return max(1, round(min(usual))) if usual else 1
 
 
 def _fresh(angles: Float[np.ndarray, "rows axes"]) -> Bool[np.ndarray, " rows"]:

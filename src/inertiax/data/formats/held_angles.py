@@ -1,0 +1,68 @@
+"""Angles of a table whose telegram comes less often than its rows, and which a log therefore holds: stairs.
+
+While two axes turn at once, what a gyro reads is the product of one axis's rate and the sine or cosine of another's
+angle. Means of a product are wrong where both factors are smoothed: an inner axis that turns by δ over the smoothing
+time takes δ²/24 from the outer axis's turn, at 60 °/s and 0.2 s 1800 ppm. Straight lines between the telegrams keep it.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+
+_NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
+_MANY_STEPS = 16  # from which the usual number of rows between them is told (convention)
+_LATE = (
+    1.5  # of the usual rows between two telegrams: later, the one before said the same angle again
+)
+
+
+def held_rows(angles: Float[np.ndarray, "rows axes"]) -> int:
+    """Rows for which an angle is held: a table's telegram that comes less often than the log's rows makes stairs of it.
+
+    The usual number of rows from one change to the next, of the axis with the fewest; whole turns are no change.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.held_angles import held_rows
+
+    print(held_rows(np.repeat(0.1 * np.arange(30.0), 4)[:, None]))    # 4
+    ```
+    """
+    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0))) > _NO_DIGIT
+    apart = [np.diff(np.flatnonzero(axis)) for axis in steps.T]
+    usual = [float(np.median(rows)) for rows in apart if len(rows) >= _MANY_STEPS]
+    return max(1, round(min(usual))) if usual else 1
+
+
+def without_stairs(
+    angles: Float[np.ndarray, "rows axes"], time: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, "rows axes"]:
+    """The same with straight lines between the telegrams, the row of each as it stands; beyond a whole turn they go on.
+
+    Angles that are not held stay as they are; so do those with gaps, and those of a clock that goes back.
+
+    **Arguments:** `angles` in rad, `time` in s.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.held_angles import without_stairs
+
+    stairs = np.repeat(0.1 * np.arange(30.0), 4)[:, None]
+    print(without_stairs(stairs, np.arange(120.0))[60:65, 0].round(3))    # [1.5   1.525 1.55  1.575 1.6  ]
+    ```
+    """
+    held = held_rows(angles)
+    if held == 1 or not np.isfinite(angles).all() or np.any(np.diff(time) <= 0.0):
+        return angles
+    made = np.unwrap(angles, axis=0)
+    for axis in made.T:
+        fresh = 1 + np.flatnonzero(np.abs(np.diff(axis)) > _NO_DIGIT)
+        # After a rest the first telegram of a move comes that many rows after one that still said the rest's angle.
+        again = fresh[np.diff(fresh, prepend=0) > _LATE * held] - held
+        rows = np.unique(np.r_[0, again, fresh, len(time) - 1])
+        axis[:] = np.interp(time, time[rows], axis[rows])
+    return made
+
+
+def _whole_turns_away(angles: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "rows axes"]:
+    return angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
