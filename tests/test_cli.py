@@ -4,6 +4,7 @@ the claim is about a fresh one."""
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 from command_runs import run
 from inertiax.calibration.calibration import read_calibration
+from inertiax.campaign_draft.toml_text import Line, Table, toml_text
 from inertiax.cli import main
 from inertiax.cli.environment import cache_folder
 from inertiax.cli.outputs import folder_names, staged_folder
@@ -114,6 +116,20 @@ def test_the_table_gives_value_sigma_and_unit(campaign, tmp_path, capsys, monkey
     assert row[-1] == "ppm"
     assert abs(float(row[3]) - 5000.0) < 20.0
     assert "invariant" in out and str(tmp_path / "o" / "calibration.json") in out
+
+
+def test_what_the_campaign_still_marks_is_said_again(campaign, tmp_path, capsys, monkeypatch):
+    guess = Line("gravity", GRAVITY, "standard, not where it was recorded", certain=False)
+    text = toml_text(
+        ("A log.",), (Table("site", (guess,)), Table("recordings", (Line("files", ["*.csv"]),)))
+    )
+    copy = shutil.copytree(campaign, tmp_path / "copy")
+    file = copy / "campaign.toml"
+    for content in (text, text.replace("CHECK ", "")):
+        file.write_text(content)
+        code, out, err = run(capsys, monkeypatch, "calibrate", copy, "-o", tmp_path / "o")
+        assert code == 0, err
+        assert ("campaign.toml still marks CHECK: gravity. " in out) == ("CHECK" in content)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.calibrate.misfit_pattern import misfit_pattern, remedy
+from inertiax.calibrate.misfit_pattern import FORCE, FORCE_OR_EARTH, misfit_pattern, remedy
 from inertiax.cli.next_step import after_diagnose
 from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel, ReferenceGyro
 from inertiax.physics.temperature import Constant
@@ -79,17 +79,33 @@ def test_a_lever_arm_is_said_where_accelerometers_turn_on_a_table(arm, word):
     assert found == word
 
 
+EARTH = np.deg2rad(15.04 / 3600.0)  # rad/s
+
+
 @pytest.mark.parametrize(
-    ("size", "named", "word"),
-    [(0.1, False, "the specific force"), (0.1, True, ""), (0.004, False, ""), (0.0, False, "")],
+    ("size", "named", "latitude", "word"),
+    [
+        (0.1, False, None, "the specific force"),
+        (0.1, True, None, ""),
+        (0.004, False, None, FORCE_OR_EARTH),
+        (0.004, False, 50.0, "the specific force"),
+        (0.0, False, None, ""),
+        (0.0, False, 50.0, ""),
+    ],
 )
-def test_a_g_sensitivity_is_said_where_gyros_turn_on_a_table(size, named, word):
-    """24 poses at rest and turned; `size` in °/s/g. What is no more than the Earth's rate (0.0042 °/s) may be that."""
+def test_a_g_sensitivity_is_said_where_gyros_turn_on_a_table(size, named, latitude, word):
+    """24 poses at rest and turned; `size` in °/s/g. What is no more than the Earth's rate (0.0042 °/s) may be that,
+    unless the reference holds it (at a `latitude`, in one heading)."""
     rng = np.random.default_rng(5)
     up = np.tile(poses(24), (2, 1))
     turned = (np.eye(3)[:, None] * np.array([-1.6, -0.7, 0.7, 1.6])[:, None]).reshape(12, 3)
     rate = np.concatenate([np.zeros((24, 3)), turned, turned[::-1]])
     sensitivity = np.deg2rad(size) * np.array([[1.0, -0.3, 0.2], [0.1, -0.8, 0.0], [0.4, 0.2, 0.6]])
+    if latitude is not None:  # north is some horizontal direction
+        level = np.cross(up, [0.3, 0.8, -0.5])
+        level /= np.linalg.norm(level, axis=1, keepdims=True)
+        north, vertical = np.cos(np.deg2rad(latitude)), np.sin(np.deg2rad(latitude))
+        rate = rate + EARTH * (vertical * up + north * level)
     means = rate + up @ sensitivity.T + 1e-5 * rng.standard_normal(rate.shape)
     with jax.enable_x64(True):
         dwells = Dwells.from_arrays(
@@ -101,8 +117,10 @@ def test_a_g_sensitivity_is_said_where_gyros_turn_on_a_table(size, named, word):
         fitted = iterate_one(estimator, Constant(), dwells)
         found = misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
     assert found == word
-    if word:
+    if word == FORCE:
         assert "set g_sensitivity = true under [model]" in remedy(found, "gyro")
+    elif word:
+        assert "[site] latitude" in remedy(found, "gyro")
 
 
 def test_lever_arms_that_were_found_are_fitted_next():

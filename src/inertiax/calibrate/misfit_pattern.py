@@ -31,6 +31,8 @@ MOST = 0.5
 # rad/s: slower references show no scale factor, and so nothing that goes with the square of the rate. Convention.
 SLOW = 0.1
 
+# Of the Earth's rate: its vertical part from six degrees of latitude on, and how alike rests tell it. Convention.
+_TOLD = 0.1
 # °C; over less a usual bias (0.2 mg/°C) moves by less than 0.2 mm/s², the noise of a rest of some seconds. Convention.
 WARMED = 0.1
 # Chance of a false word where the temperature moved: there a slope is what to expect, 5 mm/s² per °C in cheap sensors.
@@ -38,6 +40,7 @@ EXPECTED = 0.05
 
 LEVER_ARMS = "ω²r of a lever arm"
 FORCE = "the specific force"
+FORCE_OR_EARTH = "the specific force, by no more than the Earth's rate would that a reference lacks"
 _TEMPERATURE = "the temperature, which moved by"
 
 
@@ -79,8 +82,9 @@ def misfit_pattern(
         return ""
     beyond = 1.0 - np.square(now.sigma).sum() / max(np.square(now.misfit).sum(), 1e-300)
     trials = dict(_trials(estimator, problem, now.jacobian))
-    if FORCE in trials and not _beyond_earth(model, residual, trials[FORCE]):
-        del trials[FORCE]
+    if FORCE in trials and not _holds_earth_rate(dwells):
+        if not _beyond_earth(model, residual, trials[FORCE]):
+            trials[FORCE_OR_EARTH] = trials.pop(FORCE)
     found = [(*_f_test(model, residual, columns), name) for name, columns in trials.items()]
     chance, share, name = min(found, default=(1.0, 0.0, ""))
     return name if chance < RARE and share > MOST * beyond else ""
@@ -92,6 +96,8 @@ def remedy(follows: str, triad: str) -> str:
         return "set lever_arms = true under [model], and it is estimated"
     if follows == FORCE and triad == "gyro":
         return "set g_sensitivity = true under [model], and it is estimated"
+    if follows == FORCE_OR_EARTH:
+        return "[site] latitude gives it to a table's angles; else 'inertiax diagnose' looks for the cause"
     if follows_temperature(follows):
         return "constants leave out what biases do with temperature"
     return "'inertiax diagnose' looks for the cause"
@@ -148,6 +154,22 @@ def _trials(
     if felt is not None and not any("g_sensitivity" in name for name in estimator.names):
         force = np.asarray(felt)[:many]
         yield FORCE, np.concatenate([scaled(force[:, j, None]) for j in range(3)], axis=1)
+
+
+def _holds_earth_rate(dwells: Dwells) -> bool:
+    """Whether a reference of rates has one part along the vertical at all rests, as the Earth's rate is."""
+    reference, force = dwells.reference_gyro, dwells.accel
+    if reference is None or force is None:
+        return False
+    rest = np.linalg.norm(reference, axis=1) < 2.0 * EARTH_RATE
+    if not rest.any():
+        return False
+    up = np.asarray(force)[rest] / np.linalg.norm(np.asarray(force)[rest], axis=1, keepdims=True)
+    vertical = np.sum(np.asarray(reference)[rest] * up, axis=1)
+    level = float(np.median(vertical))
+    return abs(level) > _TOLD * EARTH_RATE and bool(
+        np.median(np.abs(vertical - level)) < _TOLD * abs(level)
+    )
 
 
 def _beyond_earth(

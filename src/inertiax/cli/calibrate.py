@@ -1,5 +1,6 @@
 """`inertiax calibrate`: a campaign to calibrations, with a report."""
 
+import re
 import shlex
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from ..reduction.segments import Segments
 
 
+# A remark on a key, as `campaign_draft.toml_text` writes it, which needs JAX to import.
+_MARKED = re.compile(r"^# CHECK (\w+):", re.MULTILINE)
 _METHODS = ("gauss-newton", "joint", "paper")  # as in ..calibrate, which needs JAX to import
 
 
@@ -173,7 +176,22 @@ def tell_results(
             quality = print_result(result, own)
             if campaign is not None:
                 table = result.accel is not None and result.accel.estimator.by_reference
+                _say_what_is_open(campaign)
                 console.say(after_calibrate(quality, campaign, own, table=table))
+
+
+def _say_what_is_open(campaign: Path) -> None:
+    """Lines of the campaign that the log did not tell and nobody has settled since."""
+    file = campaign if campaign.suffix == ".toml" else campaign / "campaign.toml"
+    try:
+        names = dict.fromkeys(_MARKED.findall(file.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError):
+        return
+    if names:
+        console.say(
+            f"{file.name} still marks CHECK: {', '.join(names)}. The result is as right as that; take the mark away "
+            "from what is."
+        )
 
 
 def command_line() -> str:

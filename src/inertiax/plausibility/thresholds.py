@@ -55,7 +55,8 @@ class Thresholds:
     repeated: float = 0.2  # share of rows that repeat the row before
     frozen: float = 1.0  # s that all channels hold
     duplicate: int = 24  # rows in a row that occur twice
-    held_at_rest: float = 0.9  # share of rows at rest that a gyro holds one value, above 0.5; noise of half a step has 0.7
+    # Share of rows at rest that a gyro holds one value, above 0.5; noise of half a step has 0.7.
+    held_at_rest: float = 0.9
     one_length: float = 0.1  # spread of |a| over the axes' noise; three independent sensors have 1
     spectrum_falls: float = (
         1.7  # ratio; one pole at half the sampling rate's half has 1.8, chance 1.3
