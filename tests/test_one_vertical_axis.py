@@ -1,8 +1,8 @@
 """A device on face after face of a fixture, on a table that turns about the vertical alone: what `init` says, and that
-the page's script leads to the right calibration. Logs in NumPy."""
+it leads to the right calibration. Logs in NumPy."""
 
 import re
-from pathlib import Path
+import tomllib
 
 import jax
 import numpy as np
@@ -14,7 +14,6 @@ from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.campaign import load_campaign
 
 
-PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "turntable.md"
 GRAVITY, EARTH = 9.81246, 7.292115e-5 * np.sin(np.radians(52.27))
 NAMES = ("xup", "xdn", "yup", "ydn", "zup", "zdn")
 HERTZ, SEAT = 50, 3e-4  # Hz; rad, of each mounting
@@ -41,10 +40,10 @@ def logs(folder, rng):
         pl.DataFrame(columns | {"table_rate": np.degrees(rate)}).write_csv(folder / f"{name}.csv")
 
 
-def judged(folder, names):
+def judged(folder, names, tables=()):
     """Errors over sigmas of both triads, and sigmas, of a campaign that `init` drafts of these files."""
     first, *others = [folder / f"{name}.csv" for name in names]
-    drawn = draft_campaign(first, folder, latitude=52.27, others=others).text
+    drawn = draft_campaign(first, folder, latitude=52.27, others=others, table=tables).text
     assert "goes with the gyros' rate" not in drawn and 'axes = ["up"]' in drawn
     assert (
         "need 9 or more" not in drawn and "sign of the accelerometers" not in drawn
@@ -89,27 +88,43 @@ def test_a_left_handed_rate_in_other_units_is_about_down(tmp_path):
     np.testing.assert_allclose(recording.reference_accel[0], [0.0, -campaign.site.gravity, 0.0])
 
 
-def test_the_page_puts_a_rate_of_the_tables_own_log_into_the_devices(tmp_path, monkeypatch):
-    logs(tmp_path, np.random.default_rng(5))
+def own_logs(folder, began):
+    """The rate taken out of each log into one of the table's own, which begins earlier, on a clock of its own."""
+    made = []
     for k, name in enumerate(NAMES):
-        log = pl.read_csv(tmp_path / f"{name}.csv")
-        started = pl.DataFrame(
-            {"time": [-4.0 - k, -4.0 - k / 2, -0.02], "rate": [0.0, 0.0, 0.0]}
-        )  # before the log
-        own = log.select(time="t", rate="table_rate")
-        own = pl.concat([started, own]).with_columns(
-            pl.col("time") + 43267.8 + 211.3 * k
-        )  # the hour of the day
-        own.write_csv(tmp_path / f"table_{name}.csv")
-        log.drop("table_rate").write_csv(tmp_path / f"{name}.csv")
-    first, *others = [tmp_path / f"{name}.csv" for name in NAMES]
-    assert "table_rates" not in draft_campaign(first, tmp_path, others=others).text
-    monkeypatch.chdir(tmp_path)
-    (script,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
-    exec(script, {})
-    for z, sigma in judged(tmp_path, [f"with_{name}" for name in NAMES]):
+        log = pl.read_csv(folder / f"{name}.csv")
+        before = pl.DataFrame({"time": [-4.0 - k, -4.0 - k / 2, -0.02], "rate": [0.0, 0.0, 0.0]})
+        own = pl.concat([before, log.select(time="t", rate="table_rate")])
+        made.append(folder / f"table_{name}.csv")
+        own.with_columns(pl.col("time") + began(k)).write_csv(made[-1])
+        log.drop("table_rate").write_csv(folder / f"{name}.csv")
+    return made
+
+
+@pytest.mark.parametrize("anew", [True, False])
+def test_each_mounting_may_have_a_log_of_the_tables_own(tmp_path, anew):
+    logs(tmp_path, np.random.default_rng(5))
+    hour = 43267.8  # s of the day
+    tables = own_logs(tmp_path, lambda k: hour + 211.3 * k * anew)
+    for z, sigma in judged(tmp_path, NAMES, tables):
         assert np.abs(z).max() < 3.5
         assert sigma[[3, 7, 11]].max() < 2e-4
+    said = tomllib.loads((tmp_path / "campaign.toml").read_text())
+    assert said["recordings"]["table_files"] == [f"table_{n}.csv" for n in NAMES]
+    late = said["table"]["delay"]
+    np.testing.assert_allclose(late, hour + 211.3 * np.arange(6) if anew else hour, atol=0.01)
+
+
+def test_another_number_of_table_logs_is_refused(tmp_path):
+    logs(tmp_path, np.random.default_rng(5))
+    tables = own_logs(tmp_path, lambda k: 100.0)
+    first, *others = [tmp_path / f"{name}.csv" for name in NAMES]
+    with pytest.raises(ValueError, match="--table names 2 logs of the table for 6 of the device"):
+        draft_campaign(first, tmp_path, others=others, table=tables[:2])
+    text = draft_campaign(first, tmp_path, others=others, table=tables).text
+    (tmp_path / "campaign.toml").write_text(re.sub("delay = .*", "delay = [100.0, 100.0]", text))
+    with pytest.raises(ValueError, match=r"\[table\] delay has 2 numbers but \[recordings\] files"):
+        load_campaign(tmp_path)
 
 
 def test_mountings_in_one_file_are_refused(tmp_path):

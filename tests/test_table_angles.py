@@ -469,3 +469,29 @@ def test_a_tables_own_log_is_put_beside_the_devices_by_how_the_gyros_turn(tmp_pa
     file.write_text(text.replace(f"delay = {found!r}", f"delay = {found - 0.12!r}"))
     (said,) = delays()
     assert abs(float(said.remedy.removeprefix("[table]\ndelay = ")) - late) < 1e-3
+
+
+def test_two_days_with_clocks_that_begin_anew_have_a_delay_each(tmp_path):
+    folder, lates = tmp_path / "c", (0.137, 4211.05)
+    folder.mkdir()
+    for day, late in zip("ab", lates):
+        two_logs(tmp_path / day, late)
+        for name in ("device", "table"):
+            (tmp_path / day / f"{name}.csv").rename(folder / f"{name}_{day}.csv")
+    one, other = (folder / f"device_{day}.csv" for day in "ab")
+    tables = [folder / f"table_{day}.csv" for day in "ab"]
+    text = draft_campaign(one, folder, latitude=48.2, others=[other], table=tables).text
+    found = json.loads(re.search(r"\ndelay = (.*)\n", text)[1])
+    np.testing.assert_allclose(found, lates, atol=1e-3)
+    file = folder / "campaign.toml"
+    delays = lambda: [
+        f for f in check_campaign(load_campaign(folder)).findings if f.kind == "delay"
+    ]
+    file.write_text(text)
+    assert not delays()
+    # Of one log the table is 0.12 s early: the line that mends it leaves the other's delay alone.
+    file.write_text(text.replace(f"{found}", f"{[found[0], found[1] - 0.12]}"))
+    (said,) = delays()
+    assert said.statement.startswith("device_b.csv")
+    right = json.loads(said.remedy.removeprefix("[table]\ndelay = "))
+    np.testing.assert_allclose(right, lates, atol=1e-3)

@@ -21,8 +21,8 @@ _MOST_NAMED = 12
 _ANGLE = re.compile(r"angle|winkel|angulo|angolo")
 
 ONE_AXIS = (
-    "Of a table that turns about the vertical alone a log needs the rate as a column, and each mounting a file of its "
-    "own: docs/how-to/turntable.md, 'One vertical axis'."
+    "Of a table that turns about the vertical alone a log needs the rate as a column or as the table's own log "
+    "(--table), and each mounting a file of its own: docs/how-to/turntable.md, 'One vertical axis'."
 )
 
 

@@ -39,7 +39,7 @@ from .resting import drifts_in_one_pose, poses, Resting, resting
 from .site_lines import site_of_reference, site_table
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
-from .table_log import beside, column_lines, TableLog, with_delay
+from .table_log import beside_each, column_lines, refined, TableLog
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table
 from .upright_rate import upright_rate, UprightRate
@@ -58,14 +58,14 @@ def draft_campaign(
     latitude: float | None = None,
     height: float = 0.0,
     others: Sequence[Path] = (),
-    table: Path | None = None,
+    table: Path | Sequence[Path] | None = None,
 ) -> Draft:
     """The `campaign.toml` that fits a log, for a file in `folder`.
 
     **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
     where the triads are logged apart; without it one of that name beside an accelerometers' log is taken; `table` is
-    the log that a table writes of its own. `latitude` in deg, `height` in m. Of a file that `inertiax
-    compensate` wrote the compensated columns are taken: canonical ones.
+    the log that a table writes of its own, one for all logs of the device or one for each. `latitude` in deg, `height`
+    in m. Of a file that `inertiax compensate` wrote the compensated columns are taken: canonical ones.
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
@@ -74,7 +74,8 @@ def draft_campaign(
     gyro, others = _with_gyros_among(log, others, gyro)
     site = site_table(latitude, height)
     chosen = format_of(log).NAME
-    paths = file_names((log, *others), folder)
+    tables = (table,) if isinstance(table, Path) else tuple(table or ())
+    paths = file_names((log, *others), folder, one_by_one=len(tables) > 1)
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         topics = topic_lines(log) if chosen == ros.NAME else ()
@@ -83,11 +84,13 @@ def draft_campaign(
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
         return draft_of(log, (site, Table("recordings", (Line("files", paths, why),))))
     found = read_triads(log, gyro)
-    found = followed_by(found, alike(found.log, others))
+    further = alike(found.log, others)
+    each = beside_each(found, further, tables) if tables else ()
+    if each:
+        found, further = each[0][0], tuple(one.log for one, _ in each[1:])
+    own = tuple(t for _, t in each)
+    found = followed_by(found, further)
     _refuse_wrapped(log, found)
-    own = None
-    if table is not None:
-        found, own = beside(found, table, others)
     rests = _rests(found)
     found = with_gyros_by_turns(found, rests)
     found, step = as_rates(found, rests)
@@ -95,31 +98,31 @@ def draft_campaign(
         rests = _rests(found)
     found, turns = _with_clock(found, rests)
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
-    if own is not None:
-        if angles is None:
-            raise ValueError(
-                f"{table}: no columns of it are angles of a table about which gravity in {log.name} turns. {ONE_AXIS}"
-            )
-        own = with_delay(found, own, angles)
+    if angles is not None:
+        own = refined(each, angles)
     lines, remarks, upright = _columns(found, rests, turns, angles, own, step)
+    if own and angles is None and upright is None:
+        raise ValueError(
+            f"{own[0].path}: no columns of it are angles of a table about which gravity in {log.name} turns, nor the "
+            f"rate of one that turns about the vertical. {ONE_AXIS}"
+        )
     columns = columns_table(lines, remarks, found)
     if latitude is None:
         site = site_of_reference(found) or site
-    tables = (
+    serial = _serial(log, others, tables)
+    written = (
         site,
         recordings_table(found, folder, paths, own),
         columns,
-        *station_tables(
-            found, angles, latitude, serial=_serial(log, others, table), own=own, upright=upright
-        ),
+        *station_tables(found, angles, latitude, serial=serial, own=own, upright=upright),
     )
-    return draft_of(log, (*tables, _model(found, rests)))
+    return draft_of(log, (*written, _model(found, rests)))
 
 
-def _serial(log: Path, others: Sequence[Path], table: Path | None) -> str:
+def _serial(log: Path, others: Sequence[Path], tables: Sequence[Path]) -> str:
     """What a device is called without a column that names it: its folder, or its one file where a folder holds more."""
     folder = log.absolute().parent
-    mine = {f.absolute() for f in (log, *others, *([] if table is None else [table]))}
+    mine = {f.absolute() for f in (log, *others, *tables)}
     alone = {f for f in folder.glob(f"*{log.suffix}") if log.suffix} <= mine
     return folder.name if alone or others else log.stem
 
@@ -208,7 +211,7 @@ def _columns(
     rests: Resting,
     turns: GravityTurns | None,
     angles: TableAngles | None,
-    own: TableLog | None,
+    own: Sequence[TableLog],
     step: float | None,
 ) -> tuple[tuple[Line, ...], tuple[str, ...], UprightRate | None]:
     """`[columns]`, remarks on what is left to others, and the rate of a table that turns about the vertical alone;
@@ -257,7 +260,6 @@ def _columns(
         lines += [line for line in reference_force(found) if line.key != "position"]
     elif angles is not None:
         lines += angle_lines(found, angles)
-        lines += [] if own is None else column_lines(own)
     else:
         lines += reference_force(found)
     referred = angles or found.roles.reference_accel or found.roles.reference_gyro
@@ -265,6 +267,7 @@ def _columns(
     if len(units) == 2 and named and not referred and not rests.single_rows:
         upright = upright_rate(found, units["accel"], units["gyro"])
     lines += [] if upright is None else [upright.line]
+    lines += column_lines(own[0]) if own and (angles or upright) else []
     if found.accel is not None:
         about = None if upright is None else upright.axis
         remarks = [*_on_poses(found, rests, references=angles is not None, about=about), *remarks]

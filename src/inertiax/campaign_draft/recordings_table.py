@@ -14,13 +14,15 @@ _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
 def recordings_table(
-    found: RawTriads, folder: Path, paths: list[str], own: TableLog | None
+    found: RawTriads, folder: Path, paths: list[str], own: Sequence[TableLog]
 ) -> Table:
-    """`[recordings]`: the files as `file_names` names them, the table's `own` log, and how their text is laid out."""
+    """`[recordings]`: the files as `file_names` names them, the table's `own` logs, and how their text is laid out."""
     log, layout = found.log, found.log.layout
     lines = [Line("files", paths, _words(found))]
-    if own is not None:
-        lines.append(Line("table_files", [_path(own.path, folder)], "the table's own log"))
+    tables = list(dict.fromkeys(_path(t.path, folder) for t in own))
+    if tables:
+        why = "the table's own log" if len(tables) == 1 else "the table's own log beside each"
+        lines.append(Line("table_files", tables, why))
     if found.gyro_log is not None:
         lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
     if sections_file(found).is_file():
@@ -54,12 +56,15 @@ def _words(found: RawTriads) -> str:
     return f"{between} between {fields} fields{settings}"
 
 
-def file_names(logs: Sequence[Path], folder: Path) -> list[str]:
-    """The recordings as `campaign.toml` names them: by one glob where they are all of a kind in its own folder."""
+def file_names(logs: Sequence[Path], folder: Path, *, one_by_one: bool = False) -> list[str]:
+    """The recordings as `campaign.toml` names them: by one glob where they are all of a kind in its own folder, unless
+    their order matters (`one_by_one`)."""
     glob = f"*{logs[0].suffix}"
-    if len(logs) > _MOST_FILES and {p.resolve() for p in folder.glob(glob)} == {
-        p.resolve() for p in logs
-    }:
+    if (
+        not one_by_one
+        and len(logs) > _MOST_FILES
+        and {p.resolve() for p in folder.glob(glob)} == {p.resolve() for p in logs}
+    ):
         return [glob]
     return [_path(p, folder) for p in logs]
 

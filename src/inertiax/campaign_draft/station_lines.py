@@ -1,5 +1,7 @@
 """Lines of what a station wrote beside the outputs: references, angles, labels, and what it promises."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .accel_unit import TriadUnit
@@ -93,12 +95,12 @@ def station_tables(
     angles: TableAngles | None,
     latitude: float | None,
     serial: str,
-    own: TableLog | None = None,
+    own: Sequence[TableLog] = (),
     upright: UprightRate | None = None,
 ) -> tuple[Table, ...]:
     """`[table]`, and what to write under `[rig]` and `[device]`, where there is a table.
 
-    **Arguments:** `serial` is proposed where no column names the device; `own` is a log of the table's own; `upright`
+    **Arguments:** `serial` is proposed where no column names the device; `own` are logs of the table's own; `upright`
     the rate of a table that turns about the vertical alone.
     """
     tables = []
@@ -114,12 +116,13 @@ def station_tables(
                 "-58); it matters for the Earth's rate, 15 deg/h, and `inertiax check` tells it where the gyros do"
             )
             lines.append(Line("azimuth", 0.0, why, certain=False))
-        lines += [] if own is None else [delay_line(own)]
+        lines += [delay_line(own)] if own else []
         tables.append(Table("table", tuple(lines)))
     roles = found.roles
     if upright is not None:
         why = "the table's one axis, as gravity and the gyros show; the device lies on one face in each file"
-        tables.append(Table("table", (Line("axes", [upright.axis], why),)))
+        late = [delay_line(own)] if own else []
+        tables.append(Table("table", (Line("axes", [upright.axis], why), *late)))
     if (
         upright is not None
         or angles is not None

@@ -14,9 +14,8 @@ from ..data.formats.delay import delay_of
 from ..data.formats.held_angles import held_rows, without_stairs
 from ..data.formats.table_angles import ideal_readings
 from .clock import Clock, clock_of
-from .further_columns import ONE_AXIS
 from .raw_log import RawLog, read_log
-from .raw_triads import absolute, RawTriads
+from .raw_triads import absolute, columns, in_rows, RawTriads
 from .table_angles import TableAngles
 from .toml_text import Line
 
@@ -27,6 +26,9 @@ _STANDS = 0.2  # of the rows, at least, in which an angle or a rate stays
 _MOVES = 0.05  # of its fastest, above which the device turns
 _WRAPS = 315.0  # deg from row to row: a whole turn is left out
 _MOST = 20_000  # rows of a fit
+_RATE = 0.95  # correlation of a size with the gyros', from which it is a rate's (convention)
+_NEXT_TO_NOTHING = 0.05  # of the greatest share (convention)
+_SAME = 2e-3  # s: delays of two clocks that are told no better than this
 
 
 class TableLog(NamedTuple):
@@ -39,17 +41,55 @@ class TableLog(NamedTuple):
     delay: float  # s, by which its stamps are late
 
 
-def beside(found: RawTriads, path: Path, others: Sequence[Path] = ()) -> tuple[RawTriads, TableLog]:
+Beside = tuple[RawTriads, TableLog]  # a device's log with the table's columns, and the table's log
+
+
+def beside_each(
+    found: RawTriads, others: Sequence[RawLog], tables: Sequence[Path]
+) -> tuple[Beside, ...]:
+    """Each log of the device with its table's columns at its rows: `found`, then `others` of the same columns.
+
+    **Arguments:** `tables` are one log of the table for all of the device's, or one for each, in their order.
+
+    Raises `ValueError` for another number of them, and as `beside` does.
+    """
+    logs = 1 + len(others)
+    if len(tables) not in (1, logs):
+        raise ValueError(
+            f"--table names {len(tables)} logs of the table for {logs} of the device; give one for all, or one for "
+            "each, in their order."
+        )
+    each = (found, *(_like(found, other) for other in others))
+    made = [beside(one, path) for one, path in zip(each, tuple(tables) * (logs // len(tables)))]
+    for _, own in made[1:]:
+        missing = [n for n in made[0][1].log.names if n not in own.log.names]
+        if missing:
+            raise ValueError(
+                f"{own.path}: has no column {', '.join(map(repr, missing[:4]))}, which {made[0][1].path.name} has."
+            )
+    return tuple(made)
+
+
+def _like(first: RawTriads, log: RawLog) -> RawTriads:
+    """A further log of the device, with the columns of its first one."""
+    rows = len(next(iter(log.numbers.values())))
+    clock = clock_of(log, first.clock.name, rows, first.roles.temperature)
+    made = RawTriads(log, first.roles, clock, None, None, clock.seconds, None, None)
+    return in_rows(
+        made, clock.seconds, columns(log, first.roles.accel), columns(log, first.roles.gyro)
+    )
+
+
+def beside(found: RawTriads, path: Path) -> Beside:
     """The device's log with the table's columns at its rows, and the table's log.
 
     The delay is that for which the device turns when columns of the table change.
 
-    Raises `ValueError` where the table's log has no clock, and beside several logs of the device (`others`).
+    Raises `ValueError` where the table's log has no clock, and where the triads are logged apart.
     """
-    if others or found.gyro_log is not None:
+    if found.gyro_log is not None:
         raise ValueError(
-            f"{path}: a table's own log is put beside one log of both triads; add further ones to [recordings] files "
-            f"and table_files by hand. {ONE_AXIS}"
+            f"{path}: a table's own log is put beside logs of both triads, and these log them apart."
         )
     log = read_log(path)
     name = _clock_column(log)
@@ -61,15 +101,25 @@ def beside(found: RawTriads, path: Path, others: Sequence[Path] = ()) -> tuple[R
             f"{path}: a table's log of its own is put beside gyros by the stamps of both logs, and one has none."
         )
     time, seconds = absolute(found.log, found.clock), absolute(log, clock)
+    later = np.r_[True, seconds[1:] > np.maximum.accumulate(seconds)[:-1]]  # as `read_table_log`
+    log = log._replace(numbers={n: v[later] for n, v in log.numbers.items()})
+    seconds = seconds[later]
     if len(time) != len(found.gyro):
         raise ValueError(
             f"{found.log.path}: rows without numbers; drop them to put a table's log beside."
         )
     speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
-    columns = {n: _continuous(v) for n, v in log.numbers.items() if n != name}
-    delay = _coarse(time, speed, seconds, _table_moves(list(columns.values())))
-    delay = _finer(time, speed, seconds, list(columns.values()), delay)
-    put = {n: np.interp(time + delay, seconds, v) for n, v in columns.items()}
+    said = {n: v for n, v in log.numbers.items() if n != name}
+    whole = {n: _continuous(v) for n, v in said.items()}
+    jumps = [n for n in said if whole[n] is not said[n]]  # of an angle; or of a rate, from −180 to 180
+    told = [*whole.values(), *(said[n] for n in jumps)]
+    delay = _coarse(time, speed, seconds, _masks(told))
+    delay = _finer(time, speed, seconds, told, delay)
+    put = {n: np.interp(time + delay, seconds, v) for n, v in whole.items()}
+    for n in jumps:
+        rate = np.interp(time + delay, seconds, said[n])
+        if np.corrcoef(np.abs(rate), speed)[0, 1] > _RATE:
+            put[n] = rate
     merged = found.log._replace(numbers=put | found.log.numbers)
     return found._replace(log=merged), TableLog(path, clock, log, seconds, delay)
 
@@ -97,6 +147,11 @@ def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableL
     return table if late is None else table._replace(delay=table.delay + late[0])
 
 
+def refined(each: Sequence[Beside], angles: TableAngles) -> tuple[TableLog, ...]:
+    """`with_delay` of each log of the device."""
+    return tuple(with_delay(found, table, angles) for found, table in each)
+
+
 def column_lines(table: TableLog) -> list[Line]:
     """The table's clock under `[columns]`."""
     unit = {} if table.clock.unit is None else {"unit": table.clock.unit}
@@ -109,10 +164,14 @@ def column_lines(table: TableLog) -> list[Line]:
     ]
 
 
-def delay_line(table: TableLog) -> Line:
-    """The delay under `[table]`."""
-    why = "s, by which the table's stamps are late: so the gyros turn as its angles do"
-    return Line("delay", round(float(table.delay), 4), why)
+def delay_line(tables: Sequence[TableLog]) -> Line:
+    """The delay under `[table]`: one number where it is the same for all logs, else one for each."""
+    delays = [round(float(t.delay), 4) for t in tables]
+    same = max(delays) - min(delays) < _SAME
+    why = "s, by which the table's stamps are late: so the gyros turn as it does"
+    if same:
+        return Line("delay", round(float(np.median(delays)), 4), why)
+    return Line("delay", delays, f"{why}; of each log, for the clocks begin anew")
 
 
 def _clock_column(log: RawLog) -> str | None:
@@ -143,18 +202,31 @@ def _table_moves(columns: list[Float[np.ndarray, " rows"]]) -> Bool[np.ndarray, 
     return moves
 
 
+def _masks(columns: list[Float[np.ndarray, " rows"]]) -> list[Bool[np.ndarray, " rows"]]:
+    """When a table may move: where columns change, as angles do, and where one is not zero, as a rate is then, which
+    may step from one value to the next."""
+    size = [np.abs(v) for v in columns if v.min() < 0.0 < v.max()]
+    return [_table_moves(columns), *(v > _MOVES * np.quantile(v, 0.99) for v in size)]
+
+
 def _coarse(
     time: Float[np.ndarray, " rows"],
     speed: Float[np.ndarray, " rows"],
     seconds: Float[np.ndarray, " others"],
-    moves: Bool[np.ndarray, " others"],
+    masks: list[Bool[np.ndarray, " others"]],
 ) -> float:
-    """The delay at which the device turns when the table moves, to a step of the grid; any size."""
+    """The delay at which the device turns when the table moves, to a step of the grid, by the mask that is most like
+    the device's turns at any delay; any size."""
     onto = lambda t, x: np.interp(np.arange(t[0], t[-1], 1.0 / _GRID), t, x)
     turns = onto(time, (speed > _MOVES * np.quantile(speed, 0.99)).astype(float))
-    moved = onto(seconds, moves.astype(float))
-    alike = scipy.signal.correlate(moved - moved.mean(), turns - turns.mean(), method="fft")
-    lag = int(np.argmax(alike)) - (len(turns) - 1)
+    best, lag = 0.0, 0
+    for mask in masks:
+        moved = onto(seconds, mask.astype(float))
+        moved -= moved.mean()
+        alike = scipy.signal.correlate(moved, turns - turns.mean(), method="fft")
+        found = float(alike.max()) / max(float(np.linalg.norm(moved)), 1e-300)
+        if found > best:
+            best, lag = found, int(np.argmax(alike)) - (len(turns) - 1)
     return float(seconds[0] - time[0] + lag / _GRID)
 
 
@@ -167,12 +239,13 @@ def _finer(
 ) -> float:
     """The delay by the sum of squared columns and of their squared changes that is nearest to the squared speed."""
     rates = [*columns, *(np.gradient(c, seconds) for c in columns)]
-    rows = np.flatnonzero(speed > _MOVES * np.quantile(speed, 0.99))
-    rows = rows[:: max(1, len(rows) // _MOST)]
+    rows = np.arange(len(time))[:: max(1, len(time) // _MOST)]  # at rest, too, where it must be zero
     squares = np.stack([np.square(r) for r in rates], axis=1)
     at = np.stack([np.interp(time[rows] + delay, seconds, s) for s in squares.T], axis=1)
     size = np.maximum(np.linalg.norm(at, axis=0), 1e-300)
     share, _ = scipy.optimize.nnls(at / size, np.square(speed[rows]))
+    # What explains next to nothing in these rows may be all there is in others, such as the change of a rate that steps.
+    share[share < _NEXT_TO_NOTHING * share.max(initial=0.0)] = 0.0
     told = np.sqrt(np.maximum(squares @ (share / size), 0.0))
     found = delay_of(time, speed, seconds - delay, told)
     return delay if found is None else delay + found[0]

@@ -34,11 +34,12 @@ def init(
         ),
     ] = None,
     table: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             metavar="FILE",
             exists=True,
-            help="The log that a table writes of its own, on whatever clock.",
+            help="The log that a table writes of its own, on whatever clock; one for all LOGs, or again for each, in "
+            "their order.",
         ),
     ] = None,
     latitude: Annotated[

@@ -248,9 +248,11 @@ def _match(folder: Path, pattern: str, key: str) -> list[Path]:
 def _with_table_logs(
     table: CampaignTable, folder: Path, files: tuple[Path, ...], layout: Layout
 ) -> list[Layout]:
-    """The layout of each file, with the table's own log where there is one."""
+    """The layout of each file, with the delay of its table, and the table's own log where there is one."""
+    tables = [table.table.of_file(k, len(files)) for k in range(len(files))]
+    layouts = [msgspec.structs.replace(layout, turntable=t) for t in tables]
     if table.recordings.table_files is None:
-        return [layout] * len(files)
+        return layouts
     paths = find_files(folder, table.recordings.table_files, "table_files")
     if len(paths) not in (1, len(files)):
         raise ValueError(
@@ -259,7 +261,8 @@ def _with_table_logs(
         )
     logs = [read_table_log(p, table.columns, table.table) for p in paths]
     logs = logs * len(files) if len(logs) == 1 else logs
-    return [msgspec.structs.replace(layout, table_log=log) for log in logs]
+    pairs = zip(layouts, logs, strict=True)
+    return [msgspec.structs.replace(one, table_log=log) for one, log in pairs]
 
 
 def _split(name: str) -> list[str]:

@@ -101,7 +101,7 @@ class DeviceLogs:
     device: str = ""
     left_alone: frozenset[str] = frozenset()  # triads that [model] does not calibrate
     azimuth: float = 0.0  # deg, of [table]
-    delay: float = 0.0  # s, of [table]
+    delay: float | tuple[float, ...] = 0.0  # s, of [table]; of all files or of each
 
     @property
     def recordings(self) -> tuple[Recording, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.formats.delay import delay_of
-from .evidence import DeviceLogs
+from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
 
@@ -16,30 +16,44 @@ def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """
     if device.columns.table_angles is None or "gyro" in device.left_alone:
         return []
-    told: list[tuple[float, float]] = []
-    for log in device.logs:
-        gyro, reference = log.recording.gyro, log.recording.reference_gyro
-        if gyro is not None and reference is not None:
-            found = delay_of(
-                log.recording.time, _speed(gyro), log.recording.time, _speed(reference)
-            )
-            told += [] if found is None else [found]
+    told = {k: found for k, log in enumerate(device.logs) if (found := _late(log)) is not None}
+    least = lambda sigma: max(limits.table_delay, limits.table_delay_sigmas * sigma)
+    each = isinstance(device.delay, tuple)
+    if each:  # each log has its own, and is judged by it
+        told = {k: (late, sigma) for k, (late, sigma) in told.items() if abs(late) >= least(sigma)}
     if not told:
         return []
-    late, sigma = min(told, key=lambda d: d[1])
-    if abs(late) < max(limits.table_delay, limits.table_delay_sigmas * sigma):
+    number = min(told, key=lambda k: told[k][1])
+    late, sigma = told[number]
+    if abs(late) < least(sigma):
         return []
-    right = device.delay + late
+    right = _right(device.delay, {k: d for k, (d, _) in told.items()}, late)
+    name, side = device.logs[number if each else 0].name, "late" if late > 0 else "early"
     text = (
-        f"{device.logs[0].name}: the table's angles are {abs(late):.3f} s {'late' if late > 0 else 'early'}, as the "
-        "gyros turn: two clocks. References are wrong while the table turns."
+        f"{name}: the table's angles are {abs(late):.3f} s {side}, as the gyros turn: two clocks. References are wrong "
+        "while the table turns."
     )
     return [
         finding(
-            "delay", "warning", "table_angles", text, remedy=f"[table]\ndelay = {right:.3f}",
+            "delay", "warning", "table_angles", text, remedy=f"[table]\ndelay = {right}",
             seconds=late, std=sigma,
         )
     ]  # fmt: skip
+
+
+def _late(log: Log) -> tuple[float, float] | None:
+    """By how much the reference of a log is late, s, and its standard error."""
+    gyro, reference, time = log.recording.gyro, log.recording.reference_gyro, log.recording.time
+    if gyro is None or reference is None:
+        return None
+    return delay_of(time, _speed(gyro), time, _speed(reference))
+
+
+def _right(said: float | tuple[float, ...], late: dict[int, float], one: float) -> str:
+    """What `[table] delay` should be: `one` later for all files, or of each what is late in it."""
+    if not isinstance(said, tuple):
+        return f"{said + one:.3f}"
+    return f"[{', '.join(f'{d + late.get(k, 0.0):.3f}' for k, d in enumerate(said))}]"
 
 
 def _speed(rates: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " rows"]:

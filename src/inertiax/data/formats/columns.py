@@ -194,13 +194,33 @@ Direction = str | tuple[float, float, float]
 class Turntable(_Strict, frozen=True):
     """`[table]`: axes (outermost first) and the device's x, y, z as they point in the room with all angles zero, as
     words or as vectors (east, north, up); `azimuth` is where what is called north points, deg clockwise of true north,
-    and `delay` by how much the stamps of the angles are late.
+    and `delay` by how much the stamps of the angles are late, one number for all files or one for each.
     """
 
     axes: tuple[Direction, ...] = ()
     case: tuple[Direction, Direction, Direction] = ("east", "north", "up")
     azimuth: float | None = None  # zero where table_rates are stated
-    delay: float = 0.0  # s
+    delay: float | tuple[float, ...] = 0.0  # s; a number where a file is read (`of_file`)
+
+    def of_file(self, number: int, files: int) -> "Turntable":
+        """The same with the delay of one of the files. Raises `ValueError` where there are not as many delays."""
+        if not isinstance(self.delay, tuple):
+            return self
+        if len(self.delay) != files:
+            raise ValueError(
+                f"[table] delay has {len(self.delay)} numbers but [recordings] files names {files}; give one for all, "
+                "or one for each, in their order."
+            )
+        return msgspec.structs.replace(self, delay=self.delay[number])
+
+    @property
+    def one_delay(self) -> float:
+        """The delay, s. Raises `ValueError` where there is one for each file, and nobody said of which."""
+        if isinstance(self.delay, tuple):
+            raise ValueError(
+                "[table] delay has a number for each of [recordings] files; of this one give a single number."
+            )
+        return self.delay
 
 
 class Layout(_Strict, frozen=True):

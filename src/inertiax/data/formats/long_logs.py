@@ -62,7 +62,7 @@ def _format(path: Path, layout: Layout, name: str | None) -> ModuleType | None:
     """The format of a file that can be cut; `None` for any other."""
     if not path.is_file() or layout.triad is not None:
         return None
-    if layout.turntable.delay and layout.table_log is None:
+    if layout.turntable.one_delay and layout.table_log is None:
         return None  # angles at other rows than their own may be those of another piece
     chosen = format_of(path, layout) if name is None else by_name(name)
     return chosen if can_be_cut(chosen) and not special_keys(chosen, layout) else None

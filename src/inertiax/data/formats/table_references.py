@@ -48,7 +48,7 @@ def _motion(
     stamps: Float[np.ndarray, " rows"],
 ) -> TableMotion:
     """The table's motion at the device's stamps, of its own log or of columns, which may be `empty` in some rows."""
-    log, delay = layout.table_log, layout.turntable.delay
+    log, delay = layout.table_log, layout.turntable.one_delay
     if log is None:
         read = lambda names, scale: (
             scale * np.stack([numbers(table, n, where, empty=empty) for n in names], axis=1)
