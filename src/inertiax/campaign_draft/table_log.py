@@ -111,7 +111,9 @@ def beside(found: RawTriads, path: Path) -> Beside:
     speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
     said = {n: v for n, v in log.numbers.items() if n != name}
     whole = {n: _continuous(v) for n, v in said.items()}
-    jumps = [n for n in said if whole[n] is not said[n]]  # of an angle; or of a rate, from −180 to 180
+    jumps = [
+        n for n in said if whole[n] is not said[n]
+    ]  # of an angle; or of a rate, from −180 to 180
     told = [*whole.values(), *(said[n] for n in jumps)]
     delay = _coarse(time, speed, seconds, _masks(told))
     delay = _finer(time, speed, seconds, told, delay)
@@ -239,12 +241,14 @@ def _finer(
 ) -> float:
     """The delay by the sum of squared columns and of their squared changes that is nearest to the squared speed."""
     rates = [*columns, *(np.gradient(c, seconds) for c in columns)]
-    rows = np.arange(len(time))[:: max(1, len(time) // _MOST)]  # at rest, too, where it must be zero
+    rows = np.arange(len(time))[
+        :: max(1, len(time) // _MOST)
+    ]  # at rest, too, where it must be zero
     squares = np.stack([np.square(r) for r in rates], axis=1)
     at = np.stack([np.interp(time[rows] + delay, seconds, s) for s in squares.T], axis=1)
     size = np.maximum(np.linalg.norm(at, axis=0), 1e-300)
     share, _ = scipy.optimize.nnls(at / size, np.square(speed[rows]))
-    # What explains next to nothing in these rows may be all there is in others, such as the change of a rate that steps.
+    # What explains next to nothing here may be all there is elsewhere, such as the change of a rate that steps.
     share[share < _NEXT_TO_NOTHING * share.max(initial=0.0)] = 0.0
     told = np.sqrt(np.maximum(squares @ (share / size), 0.0))
     found = delay_of(time, speed, seconds - delay, told)

@@ -1,7 +1,8 @@
 """How a table's axes stood and turned by its own log, and what that is at the stamps of the device.
 
 Two computers seldom agree to better than a tenth of a second. What the device reads at t the table writes at t + delay
-(`[table] delay`); between its rows angles and rates are straight lines, before and after them the table stands.
+(`[table] delay`); between its rows angles and rates are straight lines, or cubics where the angles alone say the rates;
+before and after them the table stands.
 """
 
 from collections.abc import Callable
@@ -21,21 +22,49 @@ class TableMotion(NamedTuple):
     time: Float[np.ndarray, " rows"]  # s, on the table's clock
     angles: Float[np.ndarray, "rows axes"]  # rad; NaN where they are not told
     rates: Float[np.ndarray, "rows axes"] | None  # rad/s
+    by_angles: bool = False  # the rates are the angles' own change
 
     def at(self, time: Float[np.ndarray, " stamps"]) -> "TableMotion":
-        """The same at other stamps, s; angles go on beyond a whole turn."""
+        """The same at other stamps, s; angles go on beyond a whole turn.
 
-        def put(values: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "stamps axes"]:
-            made = np.zeros((len(time), values.shape[1]))
-            for k, axis in enumerate(values.T):
-                made[:, k] = np.interp(time, self.time, axis)
-            return made
-
+        Where rates are the angles' own change and not the same in two rows, angle and rate between them are those of
+        the cubic with both rows' angles and rates. With straight lines the rate would not be the angle's change there:
+        of a table that turns two axes at once and writes ten rows a second, a turn came out 450 ppm wrong.
+        """
         angles = np.array(self.angles)
         for axis in angles.T:
             told = np.isfinite(axis)
             axis[told] = np.unwrap(axis[told])
-        return TableMotion(time, put(angles), None if self.rates is None else put(self.rates))
+        put = lambda values: _lines(time, self.time, values)
+        made = TableMotion(time, put(angles), None if self.rates is None else put(self.rates))
+        if made.rates is None or not self.by_angles or len(self.time) < 2:
+            return made
+        assert self.rates is not None
+        from scipy.interpolate import CubicHermiteSpline  # slow to import, and seldom needed
+
+        row = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
+        inside = (time >= self.time[0]) & (time <= self.time[-1])
+        for k in range(angles.shape[1]):
+            changes = np.diff(self.rates[:, k]) != 0.0
+            bends = inside & changes[row] & np.isfinite(made.angles[:, k] + made.rates[:, k])
+            if bends.any():
+                told = np.isfinite(angles[:, k] + self.rates[:, k])
+                cubic = CubicHermiteSpline(self.time[told], angles[told, k], self.rates[told, k])
+                made.angles[bends, k] = cubic(time[bends])
+                made.rates[bends, k] = cubic(time[bends], 1)
+        return made
+
+
+def _lines(
+    time: Float[np.ndarray, " stamps"],
+    of: Float[np.ndarray, " rows"],
+    values: Float[np.ndarray, "rows axes"],
+) -> Float[np.ndarray, "stamps axes"]:
+    """Straight lines between rows; before and after them the table stands."""
+    made = np.zeros((len(time), values.shape[1]))
+    for k, axis in enumerate(values.T):
+        made[:, k] = np.interp(time, of, axis)
+    return made
 
 
 def table_motion(
@@ -60,9 +89,10 @@ def table_motion(
             "[recordings] table_files: name the table's columns with [columns] table_angles."
         )
     angles, rates = read(said.names, angle_scale(said.unit, "[columns] table_angles")), None
+    by_angles = turning is None
     if turning is not None:
         stated = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
         rates = rates_by_axis(angles, stated, time)
     elif table.azimuth is not None:
         rates = rates_of_angles(angles, time)
-    return TableMotion(time, without_stairs(angles, time), rates)
+    return TableMotion(time, without_stairs(angles, time), rates, by_angles)
