@@ -29,6 +29,11 @@ _JOIN = (
 )
 
 
+_THERE = float(
+    np.cos(np.radians(10.0))
+)  # of a rest in an orientation: a hand sets it down no better than that
+
+
 def orientations(
     name: str, triad: TriadCalibration, estimate: TriadResult, calibration: Calibration
 ) -> Judged:
@@ -47,7 +52,11 @@ def orientations(
     wanted = _next_orientation(estimate)
     if wanted is None and not fine:
         wanted = emptiest
-    advice = None if wanted is None else f"{name}: a rest {up_in_words(nearest_by_hand(wanted))}."
+    advice = None
+    if wanted is not None:
+        wanted = nearest_by_hand(wanted)
+        a = "another" if len(directions) and np.max(directions @ wanted) > _THERE else "a"
+        advice = f"{name}: {a} rest {up_in_words(wanted)}."
     return Finding("orientations", FINE if fine else ATTENTION, text), advice
 
 
