@@ -79,6 +79,16 @@ class Term:
             return any(word in self.name for word in BY_DWELL)
         return self.effect.driver in INPUTS and not self.effect.common
 
+    @property
+    def like_the_rig(self) -> bool:
+        """Whether the rig's errors, dwell by dwell, can do what it does: its columns go with the input, of one channel
+        or, as an error of the station does, of all."""
+        return self.follows_input or self.scales_input or self._of_the_station
+
+    @property
+    def _of_the_station(self) -> bool:
+        return self.effect is not None and self.effect.common and self.effect.driver in INPUTS
+
 
 def bucket(rows: int, finest: int = 4) -> int:
     """The next power of two, or of `finest` equal steps between two of them, from 256 on."""

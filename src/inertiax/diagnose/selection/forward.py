@@ -191,7 +191,7 @@ class Asked:
         evidence = {id(c.term): c.evidence for c in alone}
         least = evidence.get(id(listed.term), listed.evidence) + MARGIN
         for c in ahead:
-            alike = c.term.follows_input == listed.term.follows_input
+            alike = c.term.like_the_rig == listed.term.like_the_rig
             if alike or evidence.get(id(c.term), c.evidence) > least:
                 return c
         return None

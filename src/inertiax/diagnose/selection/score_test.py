@@ -198,7 +198,7 @@ def parted(system: System, terms: Sequence[Term]) -> tuple[list[Term], list[Term
     """
     if system.shared is None:
         return list(terms), []
-    coupled = [t.follows_input or t.scales_input for t in terms]
+    coupled = [t.like_the_rig for t in terms]
     return [t for t, c in zip(terms, coupled) if not c], [t for t, c in zip(terms, coupled) if c]
 
 
