@@ -16,6 +16,7 @@ from inertiax.diagnose.noise.common_mode_fit import RIG
 from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.score_test import whiten_system
+from inertiax.diagnose.selection.thermal import remember
 
 
 GRAVITY, EARTH = 9.81246, 7.292115e-5 * np.sin(np.radians(52.27))
@@ -158,6 +159,22 @@ def test_errors_of_the_table_are_told_beside_those_of_the_seats(tmp_path):
         # The dwells' own variance, which the fit finds next to nothing, is not in these.
         np.testing.assert_allclose(np.sqrt(np.diag(score.covariance)), sigma, rtol=0.05)
         assert score.gain < 13.8  # of two normal numbers in 1 of 1000
+
+
+def test_seats_at_temperatures_of_their_own_are_no_misalignment_that_follows_them(tmp_path):
+    """Seats alone differ, from mounting to mounting as the room warms by 0.1 °C: no temperature dependence is in the
+    logs, and one had a chance of 3e-8 by the noise of single channels."""
+    logs(tmp_path, np.random.default_rng(26))
+    for k, name in enumerate(NAMES):
+        log = pl.read_csv(tmp_path / f"{name}.csv")
+        warm = 20.0 + 0.1 * k + 0.15 * np.linspace(0.0, 1.0, len(log))
+        log.with_columns(temperature=warm).write_csv(tmp_path / f"{name}.csv")
+    list(judged(tmp_path, NAMES))
+    with jax.enable_x64(True):
+        (gyros,) = (t for t in prepare(load_campaign(tmp_path)).triads if t.form.triad == "gyro")
+        listed = [t for t in gyros.candidates if t.effect is not None]
+        assert any(t.name == "temperature_dependence" and t.scales_input for t in listed)
+        assert remember(gyros.system, fit_noise(gyros.system), listed, []) is None
 
 
 def test_mountings_in_one_file_are_refused(tmp_path):

@@ -141,7 +141,11 @@ def _beyond_noise(
     group: dict[int, Term],
     taken: Sequence[bool],
 ) -> float:
-    """Product of the two smallest chances that a channel's fitted noise looks like the effect, in any form."""
+    """Product of the two smallest chances that a channel's fitted noise looks like the effect, in any form.
+
+    What goes with the input is seen beside the errors of the rig that channels and dwells share: those of a fixture,
+    which is mounted anew at each temperature, look like a misalignment that follows it.
+    """
     name, chances = next(iter(group.values())).name, []
     for c, used in enumerate(taken):
         if not used:
@@ -152,6 +156,9 @@ def _beyond_noise(
         before = likelihood(system, null, [], c)
         single = [1.0]
         for score in scores[:FORMS]:
+            if len(score.chains) > 1:
+                single.append(float(scipy.special.chdtrc(score.size, score.gain)))
+                continue
             after = fit_noise(system, [score.term], null, [c]).value[c]
             single.append(float(scipy.special.chdtrc(score.size, 2.0 * max(before - after, 0.0))))
         chances.append(min(1.0, different * min(single)))
