@@ -26,8 +26,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
-# Where Python may not write compiled modules beside their sources, each of some hundred processes that tests start would
-# compile a thousand anew, for 2 s: they are kept with the programs.
+# Where Python may not write compiled modules beside their sources, each of some hundred processes that tests start
+# would compile a thousand anew, for 2 s: they are kept with the programs.
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     modules = Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "modules"
     os.environ.setdefault("PYTHONPYCACHEPREFIX", str(modules))

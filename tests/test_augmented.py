@@ -3,6 +3,7 @@
 Every effect here is written in plain NumPy, not with the catalogue's code.
 """
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -19,10 +20,12 @@ from inertiax.calibration.calibration import (
     write_calibration,
 )
 from inertiax.calibration.fitted_effects import FittedEffect
-from inertiax.data.recording import Campaign, Recording
+from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose import diagnose_campaign
 from inertiax.diagnose.estimates.applied_effects import compensate, simulate
 from inertiax.diagnose.estimates.calibration_chain import succeeding, taken_away
+from inertiax.diagnose.observations.blocks import join
+from inertiax.diagnose.problem import with_outputs
 from inertiax.effects import CATALOGUE
 from inertiax.exports.compensated_recording import compensate_file, compensate_recording
 from inertiax.physics.temperature import Constant, Curve, Polynomial
@@ -107,6 +110,20 @@ def test_a_bias_step_is_taken_away_at_its_moment_by_the_recorded_clock():
     # A part of it knows the moment too: the clock is the campaign's.
     part = Recording(clock[900:1500], accel=output[900:1500], position=position[900:1500])
     assert left(calibrated(effect), part, force[900:1500]) < NOISE
+
+
+def test_outputs_go_back_to_recordings_that_are_listed_in_another_order_than_their_clocks():
+    made = []
+    for later in (1, 0):
+        time, force, position, noise = tumble(later, rests=8 + later)
+        made.append(Recording(time=time + 1e4 * later, accel=force + noise, position=position))
+    campaign = Campaign(tuple(made), Site(gravity=G))
+    log = join(campaign)
+    assert np.all(np.diff(log.time) > 0) and log.recording[0] == 0
+    twice = with_outputs(campaign, dataclasses.replace(log, accel=2.0 * log.accel))
+    for recording, given in zip(twice.recordings, made, strict=True):
+        np.testing.assert_array_equal(recording.accel, 2.0 * given.accel)
+        np.testing.assert_array_equal(recording.time, given.time)
 
 
 def test_after_the_campaign_a_bias_step_stays_and_this_is_said():

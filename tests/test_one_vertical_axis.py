@@ -120,6 +120,23 @@ def test_each_mounting_may_have_a_log_of_the_tables_own(tmp_path, anew):
     np.testing.assert_allclose(late, hour + 211.3 * np.arange(6) if anew else hour, atol=0.01)
 
 
+def test_of_a_commanded_and_a_measured_rate_the_measured_one_is_read(tmp_path):
+    """The command leads what the table does by 40 ms: with it the delay would be that much off."""
+    logs(tmp_path, np.random.default_rng(9))
+    tables = own_logs(tmp_path, lambda k: 100.0)
+    for table in tables:
+        own = pl.read_csv(table)
+        ahead = np.interp(own["time"].to_numpy() + 0.04, own["time"], own["rate"])
+        own.with_columns(setpoint=ahead).select("time", "setpoint", "rate").write_csv(table)
+    for z, _ in judged(tmp_path, NAMES, tables):
+        assert np.abs(z).max() < 3.5
+    text = (tmp_path / "campaign.toml").read_text()
+    said = tomllib.loads(text)
+    assert said["columns"]["table_rates"]["names"] == ["rate"] and "more than setpoint does" in text
+    assert said["table"]["delay"] == pytest.approx(100.0, abs=2e-3)
+    assert "level_uncertainty" not in text  # of a table with one axis it is in no result
+
+
 def test_another_number_of_table_logs_is_refused(tmp_path):
     logs(tmp_path, np.random.default_rng(5))
     tables = own_logs(tmp_path, lambda k: 100.0)

@@ -54,7 +54,7 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
             "Angles of a table make its references: [columns] table_angles, and [table] axes.",
         )
     turning = [] if roles.reference_gyro is not None else rates_of_a_table(found, others)
-    if turning and "table_angles" not in (line.key for line in lines):
+    if turning and not {"table_angles", "table_rates"} & {line.key for line in lines}:
         unread += (
             f"{_listed(turning)} goes with the gyros' rate as a table's does, but no angles tell how the device stood. "
             f"{ONE_AXIS}",

@@ -39,7 +39,7 @@ from .resting import drifts_in_one_pose, poses, Resting, resting
 from .site_lines import site_of_reference, site_table
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
-from .table_log import beside_each, column_lines, refined, TableLog
+from .table_log import beside_each, column_lines, refined, refined_by_rate, TableLog
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table
 from .upright_rate import upright_rate, UprightRate
@@ -101,6 +101,8 @@ def draft_campaign(
     if angles is not None:
         own = refined(each, angles)
     lines, remarks, upright = _columns(found, rests, turns, angles, own, step)
+    if upright is not None:
+        own = refined_by_rate(each, upright.name)
     if own and angles is None and upright is None:
         raise ValueError(
             f"{own[0].path}: no columns of it are angles of a table about which gravity in {log.name} turns, nor the "

@@ -154,6 +154,18 @@ def refined(each: Sequence[Beside], angles: TableAngles) -> tuple[TableLog, ...]
     return tuple(with_delay(found, table, angles) for found, table in each)
 
 
+def refined_by_rate(each: Sequence[Beside], name: str) -> tuple[TableLog, ...]:
+    """The tables' logs with the delays for which the gyros turn as one column says, of which all else may be late."""
+    made = []
+    for found, table in each:
+        assert found.gyro is not None
+        speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
+        rate, time = np.abs(table.log.numbers[name]), absolute(found.log, found.clock)
+        late = delay_of(time, speed, table.seconds - table.delay, rate)
+        made.append(table if late is None else table._replace(delay=table.delay + late[0]))
+    return tuple(made)
+
+
 def column_lines(table: TableLog) -> list[Line]:
     """The table's clock under `[columns]`."""
     unit = {} if table.clock.unit is None else {"unit": table.clock.unit}

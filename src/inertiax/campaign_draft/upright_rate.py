@@ -25,28 +25,30 @@ class UprightRate(NamedTuple):
     name: str
     unit: str
     axis: str
+    others: tuple[str, ...] = ()  # columns of rates that are less like the gyros
 
     @property
     def line(self) -> Line:
         """`[columns] table_rates`."""
         value = {"names": [self.name], "unit": self.unit}
-        return Line(
-            "table_rates",
-            value,
-            "the rate at which the gyros turn, about the axis that gravity shows upright",
-        )
+        why = "the rate at which the gyros turn, about the axis that gravity shows upright"
+        if self.others:
+            why += f", more than {' and '.join(self.others)} does"
+        return Line("table_rates", value, why)
 
 
 def upright_rate(found: RawTriads, accel: TriadUnit, gyro: TriadUnit) -> UprightRate | None:
     """The column that turns as the gyros do about the axis that points up, in a usual unit and on two faces of the
     device or more; `None` without one.
 
+    Of a rate that was commanded and one that was measured it is the one that is more like the gyros.
+
     **Arguments:** `accel` and `gyro` are the units of the triads, of which offsets and factors are used.
     """
     names = rates_of_a_table(found, list(found.log.numbers))
-    if found.accel is None or found.gyro is None or len(names) != 1:
+    if found.accel is None or found.gyro is None or not names:
         return None
-    (name,) = names
+    name, others = names[0], tuple(sorted(names[1:]))
     rate = found.log.numbers[name]
     force = found.accel - (0.0 if accel.offset is None else np.asarray(accel.offset))
     output = (found.gyro - (0.0 if gyro.offset is None else np.asarray(gyro.offset))) * gyro.factor
@@ -64,20 +66,23 @@ def upright_rate(found: RawTriads, accel: TriadUnit, gyro: TriadUnit) -> Upright
         return None
     for unit, factor in GYRO_UNITS.items():
         if abs(abs(ratio) / factor - 1.0) < _NEAR:
-            return UprightRate(name, unit, "up" if ratio > 0.0 else "down")
+            return UprightRate(name, unit, "up" if ratio > 0.0 else "down", others)
     return None
 
 
 def rates_of_a_table(found: RawTriads, names: list[str]) -> list[str]:
-    """Those of the columns that have both signs and whose size goes with that of the gyros' rate, in any unit."""
+    """Those of the columns that have both signs and whose size goes with that of the gyros' rate, in any unit; the one
+    that does so best comes first."""
     if found.gyro is None:
         return []
     taken = {*(found.gyro_columns or ()), *(found.roles.accel or ()), *(found.roles.mag or ())}
     speed = _speed(found.gyro)
     held = {n: found.log.numbers[n] for n in names if n in found.log.numbers and n not in taken}
     signed = {n: v for n, v in held.items() if len(v) == len(speed) and v.min() < 0.0 < v.max()}
-    alike = lambda v: np.corrcoef(np.abs(v), speed)[0, 1] > _ALIKE
-    return [n for n, v in signed.items() if np.ptp(speed) > 0.0 and alike(v)]
+    if not np.ptp(speed) > 0.0:
+        return []
+    alike = {n: float(np.corrcoef(np.abs(v), speed)[0, 1]) for n, v in signed.items()}
+    return [n for n in sorted(alike, key=lambda n: -alike[n]) if alike[n] > _ALIKE]
 
 
 def _speed(gyro: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " rows"]:

@@ -209,11 +209,14 @@ def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:
 
 
 def with_outputs(campaign: Campaign, log: Log) -> Campaign:
-    """The campaign with the outputs of its log, whose rows are those of the recordings in order of time."""
-    recordings = in_order(campaign.recordings)
+    """The campaign with the outputs of its log, whose rows are those of the recordings in order of time.
+
+    Its recordings stay in their own order, in which what was found in them is listed.
+    """
+    place = {id(r): k for k, r in enumerate(in_order(campaign.recordings))}
     made = []
-    for number, recording in enumerate(recordings):
-        mine = log.recording == number
+    for recording in campaign.recordings:
+        mine = log.recording == place[id(recording)]
         outputs = [None if x is None else x[mine] for x in (log.accel, log.gyro)]
         made.append(
             eqx.tree_at(
