@@ -10,7 +10,7 @@ from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.columns import Turntable
-from inertiax.data.formats.held_angles import held_rows, without_stairs
+from inertiax.data.formats.held_angles import held_rows, without_repeats, without_stairs
 from inertiax.data.formats.table_angles import ideal_readings
 from inertiax.data.formats.table_motion import TableMotion
 from inertiax.data.formats.table_rates import rates_by_axis, rates_of_angles
@@ -104,6 +104,18 @@ def test_straight_lines_go_through_the_telegrams():
     np.testing.assert_allclose(
         found[12:57, 0], angle[12:57], atol=1e-12
     )  # over the whole turn, too
+
+
+def test_repeated_rows_are_on_the_line_and_rests_are_none():
+    time = np.arange(400) / 25.0
+    # Rest, 60 °/s for 6 s, one second of rest, and back.
+    angle = np.deg2rad(60.0) * (np.clip(time - 3.0, 0.0, 6.0) - np.clip(time - 10.0, 0.0, 6.0))
+    stale = np.zeros(400, bool)
+    stale[[90, 101, 103, 120, 121, 122, 300, 301]] = True
+    seen = angle[np.maximum.accumulate(np.where(stale, 0, np.arange(400)))][:, None]
+    found = without_repeats(seen, time)
+    np.testing.assert_allclose(found[:, 0], angle, atol=1e-12)
+    np.testing.assert_array_equal(without_repeats(angle[:, None], time)[:, 0], angle)
 
 
 @pytest.mark.parametrize("held", [4, 5])

@@ -471,6 +471,25 @@ def test_a_tables_own_log_is_put_beside_the_devices_by_how_the_gyros_turn(tmp_pa
     assert abs(float(said.remedy.removeprefix("[table]\ndelay = ")) - late) < 1e-3
 
 
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_rows_that_repeat_the_one_before_tell_the_same_delay(tmp_path, share):
+    """A logger that now and then asks the table before it has a new angle: the delay was 8 and 30 ms off."""
+    folder = tmp_path / "c"
+    two_logs(folder, 0.137)
+    own = pl.read_csv(folder / "table.csv")
+    stale = np.random.default_rng(3).random(len(own)) < share
+    kept = np.maximum.accumulate(np.where(stale, 0, np.arange(len(own))))
+    repeated = [own[f"pos_{k}"].gather(kept) for k in range(2)]
+    own.with_columns(repeated).drop("rate_0", "rate_1").write_csv(folder / "table.csv")
+    device = folder / "device.csv"
+    text = draft_campaign(device, folder, latitude=48.2, table=folder / "table.csv").text
+    found = float(re.search(r"\ndelay = (.*)\n", text)[1])
+    assert abs(found - 0.137) < 2e-3  # a fiftieth of a row
+    (folder / "campaign.toml").write_text(text)
+    findings = check_campaign(load_campaign(folder)).findings
+    assert not [f for f in findings if f.kind == "delay"]
+
+
 def test_two_days_with_clocks_that_begin_anew_have_a_delay_each(tmp_path):
     folder, lates = tmp_path / "c", (0.137, 4211.05)
     folder.mkdir()

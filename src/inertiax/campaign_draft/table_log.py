@@ -10,8 +10,8 @@ import scipy.signal
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import angle_scale, rate_scale
-from ..data.formats.delay import delay_of
-from ..data.formats.held_angles import held_rows, without_stairs
+from ..data.formats.delay import delay_of, evened
+from ..data.formats.held_angles import held_rows, without_repeats, without_stairs
 from ..data.formats.table_angles import ideal_readings
 from .clock import Clock, clock_of
 from .raw_log import RawLog, read_log
@@ -133,7 +133,7 @@ def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableL
     turned = np.stack([scale * _continuous(table.log.numbers[n]) for n in angles.names], axis=1)
     # Over whole telegrams: a rate that jumps from each to the next fits as well half a row off.
     held = held_rows(turned)
-    turned = without_stairs(turned, table.seconds)
+    turned = without_stairs(without_repeats(turned, table.seconds), table.seconds)
     before, after = (np.clip(np.arange(len(turned)) + n, 0, len(turned) - 1) for n in (-held, held))
     rates = (turned[after] - turned[before]) / (table.seconds[after] - table.seconds[before])[
         :, None
@@ -143,9 +143,10 @@ def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableL
         rates = np.stack([factor * table.log.numbers[n] for n in angles.rates], axis=1)
     ideal = ideal_readings(angles.table, turned, rates, 1.0, None)
     assert ideal.rate is not None
-    speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
     time = absolute(found.log, found.clock)
-    late = delay_of(time, speed, table.seconds - table.delay, np.linalg.norm(ideal.rate, axis=1))
+    speed = evened(time, np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1))
+    told = evened(table.seconds, np.linalg.norm(ideal.rate, axis=1))
+    late = delay_of(time, speed, table.seconds - table.delay, told)
     return table if late is None else table._replace(delay=table.delay + late[0])
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..data.formats.delay import delay_of
+from ..data.formats.delay import delay_of, evened
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
@@ -46,7 +46,8 @@ def _late(log: Log) -> tuple[float, float] | None:
     gyro, reference, time = log.recording.gyro, log.recording.reference_gyro, log.recording.time
     if gyro is None or reference is None:
         return None
-    return delay_of(time, _speed(gyro), time, _speed(reference))
+    one, other = (evened(time, _speed(x)) for x in (gyro, reference))
+    return delay_of(time, one, time, other)
 
 
 def _right(said: float | tuple[float, ...], late: dict[int, float], one: float) -> str:

@@ -15,6 +15,10 @@ _LATE = (
     1.5  # of the usual rows between two telegrams: later, the one before said the same angle again
 )
 
+# Rows that repeat the one before, at most; and how the change a row behind them is to the one before them, of an axis
+# that may speed up or slow down (conventions).
+_MOST_REPEATS, _MAKES_UP = 4, (0.7, 1.5)
+
 
 def held_rows(angles: Float[np.ndarray, "rows axes"]) -> int:
     """Rows for which an angle is held: a table's telegram that comes less often than the log's rows makes stairs of it.
@@ -61,6 +65,48 @@ def without_stairs(
         again = fresh[np.diff(fresh, prepend=0) > _LATE * held] - held
         rows = np.unique(np.r_[0, again, fresh, len(time) - 1])
         axis[:] = np.interp(time, time[rows], axis[rows])
+    return made
+
+
+def without_repeats(
+    angles: Float[np.ndarray, "rows axes"], time: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, "rows axes"]:
+    """The same with straight lines through rows that repeat the one before while the axis goes on turning.
+
+    A logger that asks a table more often than it has a new angle writes such rows now and then; a rate were zero there
+    and doubled in the next row. The change behind n of them makes up for them: it is about n + 1 times the one before.
+
+    **Arguments:** `angles` in rad, `time` in s. Stairs (`held_rows`) and rests stay.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.held_angles import without_repeats
+
+    angle = np.array([0.0, 0.1, 0.2, 0.2, 0.4, 0.5])[:, None]
+    print(without_repeats(angle, np.arange(6.0))[:, 0].round(3))    # [0.  0.1 0.2 0.3 0.4 0.5]
+    ```
+    """
+    if held_rows(angles) > 1 or not np.isfinite(angles).all() or np.any(np.diff(time) <= 0.0):
+        return angles
+    made = angles
+    for k, axis in enumerate(np.unwrap(angles, axis=0).T):
+        steps = np.diff(axis)
+        moved = np.flatnonzero(np.abs(steps) > _NO_DIGIT)
+        rows = np.diff(moved)  # from each change to the next
+        # A change behind repeats of its own is that of several rows.
+        own = np.where(np.r_[1, rows[:-1]] > _MOST_REPEATS + 1, 1, np.r_[1, rows[:-1]])
+        before, after = steps[moved[:-1]] / own, steps[moved[1:]] / rows
+        filled = (rows > 1) & (rows <= _MOST_REPEATS + 1)
+        low, high = _MAKES_UP
+        with np.errstate(divide="ignore"):
+            filled &= (low < after / before) & (after / before < high)
+        if not filled.any():
+            continue
+        stale = np.zeros(len(axis), bool)
+        for a, b in zip(moved[:-1][filled] + 1, moved[1:][filled]):
+            stale[a + 1 : b + 1] = True
+        made = made.copy() if made is angles else made
+        made[:, k] = np.where(stale, np.interp(time, time[~stale], axis[~stale]), axis)
     return made
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import angle_scale, ColumnMap, rate_scale, Turntable
-from .held_angles import without_stairs
+from .held_angles import without_repeats, without_stairs
 from .table_rates import rates_by_axis, rates_of_angles
 
 
@@ -89,7 +89,7 @@ def table_motion(
             "[recordings] table_files: name the table's columns with [columns] table_angles."
         )
     angles, rates = read(said.names, angle_scale(said.unit, "[columns] table_angles")), None
-    by_angles = turning is None
+    angles, by_angles = without_repeats(angles, time), turning is None
     if turning is not None:
         stated = read(turning.names, rate_scale(turning.unit, "[columns] table_rates"))
         rates = rates_by_axis(angles, stated, time)
