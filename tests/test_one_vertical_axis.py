@@ -106,6 +106,7 @@ def own_logs(folder, began):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("anew", [True, False])
 def test_each_mounting_may_have_a_log_of_the_tables_own(tmp_path, anew):
     logs(tmp_path, np.random.default_rng(5))
@@ -120,6 +121,7 @@ def test_each_mounting_may_have_a_log_of_the_tables_own(tmp_path, anew):
     np.testing.assert_allclose(late, hour + 211.3 * np.arange(6) if anew else hour, atol=0.01)
 
 
+@pytest.mark.slow
 def test_of_a_commanded_and_a_measured_rate_the_measured_one_is_read(tmp_path):
     """The command leads what the table does by 40 ms: with it the delay would be that much off."""
     logs(tmp_path, np.random.default_rng(9))
@@ -149,6 +151,7 @@ def test_another_number_of_table_logs_is_refused(tmp_path):
         load_campaign(tmp_path)
 
 
+@pytest.mark.slow
 def test_errors_of_the_table_are_told_beside_those_of_the_seats(tmp_path):
     """By generalised least squares in NumPy, with two angles of each of six seats. An index error about each axis is
     another word for them: ± 21 arcsec. Told plateau by plateau it was ± 5 to 10, and was named for what seats do."""
@@ -178,6 +181,7 @@ def test_errors_of_the_table_are_told_beside_those_of_the_seats(tmp_path):
         assert score.gain < 13.8  # of two normal numbers in 1 of 1000
 
 
+@pytest.mark.slow
 def test_seats_at_temperatures_of_their_own_are_no_misalignment_that_follows_them(tmp_path):
     """Seats alone differ, from mounting to mounting as the room warms by 0.1 °C: no temperature dependence is in the
     logs, and one had a chance of 3e-8 by the noise of single channels."""

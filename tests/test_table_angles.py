@@ -471,6 +471,7 @@ def test_a_tables_own_log_is_put_beside_the_devices_by_how_the_gyros_turn(tmp_pa
     assert abs(float(said.remedy.removeprefix("[table]\ndelay = ")) - late) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.05, 0.15])
 def test_rows_that_repeat_the_one_before_tell_the_same_delay(tmp_path, share):
     """A logger that now and then asks the table before it has a new angle: the delay was 8 and 30 ms off."""
@@ -490,6 +491,7 @@ def test_rows_that_repeat_the_one_before_tell_the_same_delay(tmp_path, share):
     assert not [f for f in findings if f.kind == "delay"]
 
 
+@pytest.mark.slow
 def test_two_days_with_clocks_that_begin_anew_have_a_delay_each(tmp_path):
     folder, lates = tmp_path / "c", (0.137, 4211.05)
     folder.mkdir()
