@@ -29,9 +29,8 @@ _JOIN = (
 )
 
 
-_THERE = float(
-    np.cos(np.radians(10.0))
-)  # of a rest in an orientation: a hand sets it down no better than that
+# Cosine from which a rest is in an orientation: a hand sets it down no better than to 10°.
+_THERE = float(np.cos(np.radians(10.0)))
 
 
 def orientations(

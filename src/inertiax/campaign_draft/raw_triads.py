@@ -31,6 +31,16 @@ class RawTriads(NamedTuple):
         return self.roles.gyro if self.gyro_roles is None else self.gyro_roles.gyro
 
     @property
+    def turning(self) -> Float[np.ndarray, " time"]:
+        """How fast the device turns: the size of the gyros' outputs less their medians, in the file's unit.
+
+        Raises `ValueError` without gyros.
+        """
+        if self.gyro is None:
+            raise ValueError(f"{self.log.path}: no gyros, which tell how fast it turns.")
+        return np.linalg.norm(self.gyro - np.median(self.gyro, axis=0), axis=1)
+
+    @property
     def gyro_words(self) -> str:
         """What the file says in words of the gyros' columns."""
         log = self.log if self.gyro_log is None else self.gyro_log

@@ -108,12 +108,11 @@ def beside(found: RawTriads, path: Path) -> Beside:
         raise ValueError(
             f"{found.log.path}: rows without numbers; drop them to put a table's log beside."
         )
-    speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
+    speed = found.turning
     said = {n: v for n, v in log.numbers.items() if n != name}
     whole = {n: _continuous(v) for n, v in said.items()}
-    jumps = [
-        n for n in said if whole[n] is not said[n]
-    ]  # of an angle; or of a rate, from −180 to 180
+    # Of an angle over a whole turn; or of a rate, from −180 to 180.
+    jumps = [n for n in said if whole[n] is not said[n]]
     told = [*whole.values(), *(said[n] for n in jumps)]
     delay = _coarse(time, speed, seconds, _masks(told))
     delay = _finer(time, speed, seconds, told, delay)
@@ -128,7 +127,6 @@ def beside(found: RawTriads, path: Path) -> Beside:
 
 def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableLog:
     """The same with the delay for which the gyros turn as the angles say."""
-    assert found.gyro is not None
     scale = angle_scale(angles.unit, "table_angles")
     turned = np.stack([scale * _continuous(table.log.numbers[n]) for n in angles.names], axis=1)
     # Over whole telegrams: a rate that jumps from each to the next fits as well half a row off.
@@ -144,7 +142,7 @@ def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableL
     ideal = ideal_readings(angles.table, turned, rates, 1.0, None)
     assert ideal.rate is not None
     time = absolute(found.log, found.clock)
-    speed = evened(time, np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1))
+    speed = evened(time, found.turning)
     told = evened(table.seconds, np.linalg.norm(ideal.rate, axis=1))
     late = delay_of(time, speed, table.seconds - table.delay, told)
     return table if late is None else table._replace(delay=table.delay + late[0])
@@ -159,10 +157,8 @@ def refined_by_rate(each: Sequence[Beside], name: str) -> tuple[TableLog, ...]:
     """The tables' logs with the delays for which the gyros turn as one column says, of which all else may be late."""
     made = []
     for found, table in each:
-        assert found.gyro is not None
-        speed = np.linalg.norm(found.gyro - np.median(found.gyro, axis=0), axis=1)
         rate, time = np.abs(table.log.numbers[name]), absolute(found.log, found.clock)
-        late = delay_of(time, speed, table.seconds - table.delay, rate)
+        late = delay_of(time, found.turning, table.seconds - table.delay, rate)
         made.append(table if late is None else table._replace(delay=table.delay + late[0]))
     return tuple(made)
 
@@ -254,9 +250,8 @@ def _finer(
 ) -> float:
     """The delay by the sum of squared columns and of their squared changes that is nearest to the squared speed."""
     rates = [*columns, *(np.gradient(c, seconds) for c in columns)]
-    rows = np.arange(len(time))[
-        :: max(1, len(time) // _MOST)
-    ]  # at rest, too, where it must be zero
+    # Rows at rest, too, where it must be zero.
+    rows = np.arange(len(time))[:: max(1, len(time) // _MOST)]
     squares = np.stack([np.square(r) for r in rates], axis=1)
     at = np.stack([np.interp(time[rows] + delay, seconds, s) for s in squares.T], axis=1)
     size = np.maximum(np.linalg.norm(at, axis=0), 1e-300)

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from ..data.formats.columns import GYRO_UNITS
 from .accel_unit import TriadUnit
@@ -76,14 +75,10 @@ def rates_of_a_table(found: RawTriads, names: list[str]) -> list[str]:
     if found.gyro is None:
         return []
     taken = {*(found.gyro_columns or ()), *(found.roles.accel or ()), *(found.roles.mag or ())}
-    speed = _speed(found.gyro)
+    speed = found.turning
     held = {n: found.log.numbers[n] for n in names if n in found.log.numbers and n not in taken}
     signed = {n: v for n, v in held.items() if len(v) == len(speed) and v.min() < 0.0 < v.max()}
     if not np.ptp(speed) > 0.0:
         return []
     alike = {n: float(np.corrcoef(np.abs(v), speed)[0, 1]) for n, v in signed.items()}
     return [n for n in sorted(alike, key=lambda n: -alike[n]) if alike[n] > _ALIKE]
-
-
-def _speed(gyro: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " rows"]:
-    return np.linalg.norm(gyro - np.median(gyro, axis=0), axis=1)

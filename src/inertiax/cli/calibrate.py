@@ -1,6 +1,5 @@
 """`inertiax calibrate`: a campaign to calibrations, with a report."""
 
-import re
 import shlex
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +9,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from . import console, environment, outputs
-from .next_step import after_calibrate
+from .next_step import after_calibrate, say_what_is_open
 from .options import AsJson, CampaignPath, Force, OutputFolder, Quiet
 
 
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from ..reduction.segments import Segments
 
 
-# A remark on a key, as `campaign_draft.toml_text` writes it, which needs JAX to import.
-_MARKED = re.compile(r"^# CHECK (\w+):", re.MULTILINE)
 _METHODS = ("gauss-newton", "joint", "paper")  # as in ..calibrate, which needs JAX to import
 
 
@@ -170,28 +167,15 @@ def tell_results(
     from ..calibrate.pipeline import DeviceFailure
     from ..report.text import print_result
 
-    for result in results:
-        if not isinstance(result, DeviceFailure):
-            own = output / folders[result.calibration.device]
-            quality = print_result(result, own)
-            if campaign is not None:
-                table = result.accel is not None and result.accel.estimator.by_reference
-                _say_what_is_open(campaign)
-                console.say(after_calibrate(quality, campaign, own, table=table))
-
-
-def _say_what_is_open(campaign: Path) -> None:
-    """Lines of the campaign that the log did not tell and nobody has settled since."""
-    file = campaign if campaign.suffix == ".toml" else campaign / "campaign.toml"
-    try:
-        names = dict.fromkeys(_MARKED.findall(file.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError):
-        return
-    if names:
-        console.say(
-            f"{file.name} still marks CHECK: {', '.join(names)}. The result is as right as that; take the mark away "
-            "from what is."
-        )
+    done = [r for r in results if not isinstance(r, DeviceFailure)]
+    for result in done:
+        own = output / folders[result.calibration.device]
+        quality = print_result(result, own)
+        if campaign is not None:
+            table = result.accel is not None and result.accel.estimator.by_reference
+            if result is done[-1]:
+                say_what_is_open(campaign)
+            console.say(after_calibrate(quality, campaign, own, table=table))
 
 
 def command_line() -> str:

@@ -9,7 +9,7 @@ import typer
 
 from . import console, environment, outputs
 from .calibrate import command_line
-from .next_step import after_diagnose
+from .next_step import after_diagnose, say_what_is_open
 from .options import AsJson, CampaignPath, Force, given_file, OutputFolder, Quiet
 
 
@@ -191,6 +191,7 @@ def _tell(
             if len(found) == 1:
                 arms = any(e.name == "size_effect" for e in one.effects)
                 fitted = one.model is not None and one.model.lever_arms
+                say_what_is_open(campaign)
                 console.say(
                     after_diagnose(one.verdict, campaign, output, lever_arms=arms and not fitted)
                 )

@@ -1,14 +1,19 @@
 """The last line of a command: the command to run next, to be copied."""
 
+import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from . import console
+
 
 if TYPE_CHECKING:
     from ..calibrate.fit_quality import Quality
 
+# A remark on a key, as `campaign_draft.toml_text` writes it, which needs JAX to import.
+_MARKED = re.compile(r"^# CHECK (\w+):", re.MULTILINE)
 # Lines of `[model]` that a finding asks for.
 _LEVER_ARMS = "lever_arms = true"
 _LINES = (_LEVER_ARMS, "g_sensitivity = true")
@@ -18,6 +23,20 @@ def after_init(folder: Path, *, checks: bool) -> str:
     """Calibrate, once what the log does not tell is put right."""
     first = "mend the lines marked CHECK, then " if checks else ""
     return f"next: {first}inertiax calibrate {_path(folder)} -o RESULT"
+
+
+def say_what_is_open(campaign: Path) -> None:
+    """Lines of the campaign that the log did not tell and nobody has settled since."""
+    file = campaign if campaign.suffix == ".toml" else campaign / "campaign.toml"
+    try:
+        names = dict.fromkeys(_MARKED.findall(file.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError):
+        return
+    if names:
+        console.say(
+            f"{file.name} still marks CHECK: {', '.join(names)}. The result is as right as that; take the mark away "
+            "from what is."
+        )
 
 
 def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: bool) -> str:

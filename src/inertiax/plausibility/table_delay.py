@@ -27,7 +27,7 @@ def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     late, sigma = told[number]
     if abs(late) < least(sigma):
         return []
-    right = _right(device.delay, {k: d for k, (d, _) in told.items()}, late)
+    right = _right(device, {k: d for k, (d, _) in told.items()}, late)
     name, side = device.logs[number if each else 0].name, "late" if late > 0 else "early"
     text = (
         f"{name}: the table's angles are {abs(late):.3f} s {side}, as the gyros turn: two clocks. References are wrong "
@@ -35,7 +35,7 @@ def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     )
     return [
         finding(
-            "delay", "warning", "table_angles", text, remedy=f"[table]\ndelay = {right}",
+            "delay", "warning", "table_angles", text, remedy=right,
             seconds=late, std=sigma,
         )
     ]  # fmt: skip
@@ -50,11 +50,17 @@ def _late(log: Log) -> tuple[float, float] | None:
     return delay_of(time, one, time, other)
 
 
-def _right(said: float | tuple[float, ...], late: dict[int, float], one: float) -> str:
-    """What `[table] delay` should be: `one` later for all files, or of each what is late in it."""
+def _right(device: DeviceLogs, late: dict[int, float], one: float) -> str | None:
+    """The line of `[table]` that mends it: `one` later for all files, or each what is late in it; none where the
+    delays are those of other devices' files, too."""
+    said = device.delay
     if not isinstance(said, tuple):
-        return f"{said + one:.3f}"
-    return f"[{', '.join(f'{d + late.get(k, 0.0):.3f}' for k, d in enumerate(said))}]"
+        return f"[table]\ndelay = {said + one:.3f}"
+    if len(said) != len(device.logs):
+        return None
+    return (
+        f"[table]\ndelay = [{', '.join(f'{d + late.get(k, 0.0):.3f}' for k, d in enumerate(said))}]"
+    )
 
 
 def _speed(rates: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " rows"]:

@@ -9,12 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 
-_NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
+NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
 _MANY_STEPS = 16  # from which the usual number of rows between them is told (convention)
-_LATE = (
-    1.5  # of the usual rows between two telegrams: later, the one before said the same angle again
-)
-
+_LATE = 1.5  # of the usual rows between two telegrams: later, the one before said the same again
 # Rows that repeat the one before, at most; and how the change a row behind them is to the one before them, of an axis
 # that may speed up or slow down (conventions).
 _MOST_REPEATS, _MAKES_UP = 4, (0.7, 1.5)
@@ -32,7 +29,7 @@ def held_rows(angles: Float[np.ndarray, "rows axes"]) -> int:
     print(held_rows(np.repeat(0.1 * np.arange(30.0), 4)[:, None]))    # 4
     ```
     """
-    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0))) > _NO_DIGIT
+    steps = np.abs(whole_turns_away(np.diff(angles, axis=0))) > NO_DIGIT
     apart = [np.diff(np.flatnonzero(axis)) for axis in steps.T]
     usual = [float(np.median(rows)) for rows in apart if len(rows) >= _MANY_STEPS]
     return max(1, round(min(usual))) if usual else 1
@@ -60,7 +57,7 @@ def without_stairs(
         return angles
     made = np.unwrap(angles, axis=0)
     for axis in made.T:
-        fresh = 1 + np.flatnonzero(np.abs(np.diff(axis)) > _NO_DIGIT)
+        fresh = 1 + np.flatnonzero(np.abs(np.diff(axis)) > NO_DIGIT)
         # After a rest the first telegram of a move comes that many rows after one that still said the rest's angle.
         again = fresh[np.diff(fresh, prepend=0) > _LATE * held] - held
         rows = np.unique(np.r_[0, again, fresh, len(time) - 1])
@@ -91,7 +88,7 @@ def without_repeats(
     made = angles
     for k, axis in enumerate(np.unwrap(angles, axis=0).T):
         steps = np.diff(axis)
-        moved = np.flatnonzero(np.abs(steps) > _NO_DIGIT)
+        moved = np.flatnonzero(np.abs(steps) > NO_DIGIT)
         rows = np.diff(moved)  # from each change to the next
         # A change behind repeats of its own is that of several rows.
         own = np.where(np.r_[1, rows[:-1]] > _MOST_REPEATS + 1, 1, np.r_[1, rows[:-1]])
@@ -110,5 +107,14 @@ def without_repeats(
     return made
 
 
-def _whole_turns_away(angles: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "rows axes"]:
+def whole_turns_away(angles: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "rows axes"]:
+    """Differences of angles without whole turns, from −π to π, rad.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.held_angles import whole_turns_away
+
+    print(whole_turns_away(np.array([[2.0 * np.pi + 0.1]])).round(3))    # [[0.1]]
+    ```
+    """
     return angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))

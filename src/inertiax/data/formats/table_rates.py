@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .held_angles import held_rows, without_stairs
+from .held_angles import held_rows, NO_DIGIT, whole_turns_away, without_stairs
 
 
 _WHILE = 0.01  # s to either side: an encoder's noise of 0.001° is 0.1 °/s then
@@ -28,7 +28,6 @@ _WOBBLE = 2e-3  # of a rate, by which a table that holds it may miss it (convent
 _SHORT = 1e-4  # of the angle through which an axis turns at a constant rate, by which that may miss it (convention)
 _HELD = 0.5  # s, the shortest stretch of constant rate
 _JUMP = 0.5  # of the rate, from one row's side to the other: no table speeds up so fast
-_NO_DIGIT = 1e-9  # rad, the rounding of numbers; a smaller change is none
 _ROUNDED = (
     1.5  # of an encoder's digit, by which a change of angle may be off, and a rate's own digits
 )
@@ -127,7 +126,7 @@ def rates_of_angles(
     turn, spent = _change(angles, time, near)
     mean = np.full(angles.shape, np.nan)
     # Half a turn and more within the base is told by the rate over fewer rows.
-    mean[near:-near] = (rates + _whole_turns_away(turn - rates * spent[:, None]) / spent[:, None])[
+    mean[near:-near] = (rates + whole_turns_away(turn - rates * spent[:, None]) / spent[:, None])[
         near:-near
     ]
     differs = np.full(angles.shape, np.nan)
@@ -162,7 +161,7 @@ def rates_of_angles(
 
 def _fresh(angles: Float[np.ndarray, "rows axes"]) -> Bool[np.ndarray, " rows"]:
     """Rows in which an angle is another than in the row before."""
-    return np.r_[False, (np.abs(np.diff(angles, axis=0)) > _NO_DIGIT).any(axis=1)]
+    return np.r_[False, (np.abs(np.diff(angles, axis=0)) > NO_DIGIT).any(axis=1)]
 
 
 def _in_steps(rows: int, held: int) -> int:
@@ -181,7 +180,7 @@ def _late(
     than an encoder's noise and digits. Zero elsewhere."""
     sides = np.stack(
         [
-            _whole_turns_away(turn - rates * spent[:, None]) / spent[:, None]
+            whole_turns_away(turn - rates * spent[:, None]) / spent[:, None]
             for turn, spent in _sides(angles, time, near)
         ]
     )
@@ -204,8 +203,8 @@ def _late(
 
 def _digit(angles: Float[np.ndarray, "rows axes"]) -> float:
     """The smallest change of an angle from row to row, rad."""
-    steps = np.abs(_whole_turns_away(np.diff(angles, axis=0)))
-    return float(np.min(steps, initial=np.inf, where=steps > _NO_DIGIT))
+    steps = np.abs(whole_turns_away(np.diff(angles, axis=0)))
+    return float(np.min(steps, initial=np.inf, where=steps > NO_DIGIT))
 
 
 def _noise(
@@ -224,7 +223,7 @@ def _sides(
         turn, spent = np.full(angles.shape, np.nan), np.full(len(time), np.nan)
         turn[back : len(time) - on] = angles[near:] - angles[:-near]
         spent[back : len(time) - on] = time[near:] - time[:-near]
-        yield _whole_turns_away(turn), np.where(spent > 0.0, spent, np.nan)
+        yield whole_turns_away(turn), np.where(spent > 0.0, spent, np.nan)
 
 
 def _misses(
@@ -233,7 +232,7 @@ def _misses(
 ) -> Float[np.ndarray, "rows axes"]:
     """How far off the angles' changes are, rad/s, if that axis alone turns at the stated rate."""
     turn, spent = side
-    miss = np.abs(_whole_turns_away(turn - stated * spent[:, None]))
+    miss = np.abs(whole_turns_away(turn - stated * spent[:, None]))
     stands = np.abs(turn)
     return (miss + stands.sum(axis=1, keepdims=True) - stands) / spent[:, None]
 
@@ -249,8 +248,8 @@ def _turning(
     here = np.arange(len(time))
     before, after = np.maximum(here - near, 0), np.minimum(here + near, len(time) - 1)
     came, goes = (
-        _whole_turns_away(angles - angles[before]),
-        _whole_turns_away(angles[after] - angles),
+        whole_turns_away(angles - angles[before]),
+        whole_turns_away(angles[after] - angles),
     )
     quiet = np.abs(came[unsaid & np.isfinite(came).all(axis=1)])
     noise = _noise(quiet) if len(quiet) else 0.0
@@ -293,8 +292,4 @@ def _change(
     before, after = np.maximum(here - rows, 0), np.minimum(here + rows, len(time) - 1)
     spent = time[after] - time[before]
     spent = np.where(spent > 0.0, spent, np.nan)
-    return _whole_turns_away(angles[after] - angles[before]), spent
-
-
-def _whole_turns_away(angles: Float[np.ndarray, "rows axes"]) -> Float[np.ndarray, "rows axes"]:
-    return angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
+    return whole_turns_away(angles[after] - angles[before]), spent
