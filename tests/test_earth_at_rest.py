@@ -11,10 +11,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from inertiax.calibrate.pipeline import calibrate_device
-from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
 from inertiax.reduction.dwell_means import reduce_to_dwells
-from inertiax.reduction.earth_at_rest import horizontal_covariance, vertical_earth_rate
+from inertiax.reduction.dwells import Dwells
+from inertiax.reduction.earth_at_rest import (
+    horizontal_covariance,
+    untold_heading_covariance,
+    vertical_earth_rate,
+)
+from inertiax.reduction.rig_errors import with_rig_errors
 
 
 G, LATITUDE, OMEGA = 9.81, math.radians(48.2), 7.292115e-5
@@ -109,3 +115,91 @@ def test_a_diagnosis_calls_it_no_g_sensitivity():
     assert "g_sensitivity" in [e.name for e in without.effects]
     found = diagnose(Campaign((log(1),), SITE, grade="tactical"))
     assert "g_sensitivity" not in [e.name for e in found.effects]
+
+
+def test_rests_whose_reference_tells_no_heading_err_by_all_that_headings_give():
+    """Drawn: 40 000 headings of a case with its x axis down, of what the vertical part alone leaves out."""
+    heading = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 40_000)
+    level = (
+        OMEGA * np.cos(LATITUDE) * np.stack([0.0 * heading, np.cos(heading), np.sin(heading)], 1)
+    )
+    down = np.array([[-1.0, 0.0, 0.0]])
+    (found,) = untold_heading_covariance(
+        np.zeros(1, int), EARTH[2] * down, G * down, np.full(1, 9.0)
+    )
+    drawn = level.T @ level / len(level)
+    # A variance of cos² is known to sqrt(1/8 / 40 000) / (1/2) = 0.35 % of itself.
+    np.testing.assert_allclose(found, drawn, atol=0.018 * found.max())
+
+
+def test_plateaus_keep_what_a_mean_over_part_of_a_turn_leaves():
+    """By sums over the angle that a table runs through, from all headings, beside a rest that tells no heading."""
+    up, level = np.array([0.0, 0.0, 1.0]), OMEGA * np.cos(LATITUDE)
+    degrees = np.array([20.0, 60.0, 200.0])  # a second, for 4 s: 80°, 240° and 800°
+    rate = np.outer(np.r_[0.0, np.radians(degrees)] + EARTH[2], up)
+    force = np.outer([G, 0.0, 0.0, 0.0], up)
+    found = untold_heading_covariance(np.array([0, -1, -1, -1]), rate, force, np.full(4, 4.0))
+    start = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)[:, None]
+    for k, speed in enumerate(np.radians(degrees), 1):
+        angle = start + speed * (np.arange(4000) + 0.5) / 1000.0
+        kept = np.mean(np.square(level * np.cos(angle).mean(axis=1)))
+        # Earth's own vertical rate turns the case by 3e-4 of 20 °/s.
+        np.testing.assert_allclose(np.diagonal(found[k]), [kept, kept, 0.0], rtol=2e-3)
+    assert not untold_heading_covariance(np.full(3, -1), rate[1:], force[1:], np.full(3, 4.0)).any()
+
+
+@pytest.mark.parametrize(
+    ("rate", "position", "told"),
+    [
+        ([0.0, 0.0, EARTH[2]], 0, False),
+        ([0.0, 0.0, EARTH[2]], -1, True),  # a slow turn is no rest
+        ([0.0, 0.0, 0.0], 0, True),  # a station that leaves the Earth out altogether
+        (EARTH, 0, True),
+        ([0.0, EARTH[2], 0.0], 0, True),  # across gravity
+    ],
+)
+def test_only_a_reference_of_the_vertical_part_alone_leaves_the_heading_out(rate, position, told):
+    up, noise = np.array([[0.0, 0.0, G]]), 1e-14 * np.eye(3)[None]
+    one = Dwells(
+        time=np.zeros(1), duration=np.full(1, 5.0), count=np.full(1, 90.0), temperature=np.full(1, 20.0),
+        experiment=np.zeros(1, int), position=np.array([position]), valid=np.ones(1, bool),
+        accel=up, reference_accel=up, gyro=np.array([rate]), gyro_covariance=noise, reference_gyro=np.array([rate]),
+    )  # fmt: skip
+    made = np.diagonal(np.asarray(with_rig_errors(one, Rig()).gyro_covariance)[0])
+    across = 0.0 if told else 0.5 * (OMEGA * np.cos(LATITUDE)) ** 2
+    np.testing.assert_allclose(made, 1e-14 + across * np.array([1.0, 1.0, 0.0]), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_table_with_a_vertical_axis_knows_what_its_headings_leave_of_the_gyros():
+    """Eight draws of six faces, each rested on twice in headings of their own and turned on at ± 60 °/s between."""
+    scores = []
+    for seed in range(8):
+        rng, recordings = np.random.default_rng(seed), []
+        for up in (*np.eye(3), *-np.eye(3)):
+            rate = np.repeat(np.radians([0.0, 60.0, -60.0, 0.0]), 500)
+            level = np.cross(up, rng.standard_normal((4, 3)))
+            level *= np.hypot(EARTH[0], EARTH[1]) / np.linalg.norm(level, axis=1, keepdims=True)
+            level[1:3] = 0.0  # of whole turns the mean is nothing
+            told = np.outer(rate + EARTH[2], up)
+            gyro = (
+                told + np.repeat(level, 500, axis=0) + BIAS + 2e-4 * rng.standard_normal(told.shape)
+            )
+            force = np.outer(np.where(rate == 0.0, G, 0.0), up)
+            recordings.append(
+                Recording(
+                    np.arange(2000) / 50.0,
+                    force + 1e-3 * rng.standard_normal(told.shape),
+                    gyro,
+                    device="d",
+                    reference_accel=force,
+                    reference_gyro=told,
+                    position=np.repeat([0, -1, -1, 1], 500),
+                )  # fmt: skip
+            )
+        found = calibrate_device(Campaign(tuple(recordings), SITE)).calibration.gyro
+        assert found is not None
+        sigma = np.asarray(found.standard_deviations(20.0))[:3]
+        scores.append((np.asarray(found.parameters(20.0))[:3] - BIAS) / sigma)
+    # 24 numbers: a root mean square is known to 1 / sqrt(48) = 14 %; within three of them.
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.43)

@@ -102,7 +102,7 @@ def test_an_effect_of_a_user_in_jax_is_compiled_to_the_same_rows():
     start = np.arange(0, NUM, 10)
     none = np.zeros(len(start), int)
     blocks = Blocks(
-        start, start + 10, none, none > 0, none > 0, none > 0, 0.1 * none, none, none, none, *7 * [None]
+        start, start + 10, none, none > 0, none > 0, none > 0, 0.1 * none, none, none, none, none, *7 * [None]
     )  # fmt: skip
     compiled = dataclasses.replace(effect, in_numpy=False)
     variants = effect.variants(signal)

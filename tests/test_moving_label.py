@@ -6,6 +6,9 @@ import pytest
 
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.diagnose.observations.blocks import cut, join
+from inertiax.diagnose.observations.signals import specific_force
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.segments import segment
 
@@ -144,12 +147,16 @@ def test_a_dead_channel_of_a_table_ends_in_a_line(tmp_path):
 
 
 def test_references_of_zero_do_not_change_the_size_of_the_force():
-    from inertiax.diagnose.observations.signals import _as_stated
-
     rng = np.random.default_rng(4)
     force = GRAVITY * np.repeat(np.eye(3), 50, axis=0)
     told = rng.random(150) < 0.6
-    accel = 1.01 * force
-    made = _as_stated(np.where(told[:, None], force, 0.0), accel)
+    stated = np.where(told[:, None], force, 0.0)
+    position = np.repeat(np.arange(3), 50)
+    recording = Recording(
+        np.arange(150) / 50.0, 1.01 * force, reference_accel=stated, position=position
+    )
+    log = join(Campaign((recording,), Site(GRAVITY)))
+    made = specific_force(log, cut(log), None)
+    assert made is not None
     np.testing.assert_allclose(made[told], force[told] / GRAVITY, rtol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(made[~told], axis=1), 1.0, rtol=1e-12)

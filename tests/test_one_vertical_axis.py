@@ -3,6 +3,7 @@ it leads to the right calibration. Logs in NumPy."""
 
 import re
 import tomllib
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -13,7 +14,11 @@ from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.diagnose.noise.common_mode_fit import RIG
+from inertiax.diagnose.noise.observation_series import NoiseFit
 from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.observations.blocks import cut
+from inertiax.diagnose.observations.model_rows import calibrated
+from inertiax.diagnose.observations.signals import specific_force
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.score_test import whiten_system
 from inertiax.diagnose.selection.thermal import remember
@@ -179,6 +184,69 @@ def test_errors_of_the_table_are_told_beside_those_of_the_seats(tmp_path):
         # The dwells' own variance, which the fit finds next to nothing, is not in these.
         np.testing.assert_allclose(np.sqrt(np.diag(score.covariance)), sigma, rtol=0.05)
         assert score.gain < 13.8  # of two normal numbers in 1 of 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [("second_order", 0.70, 0.72), ("drift", 1.2, 2.0)],
+    ids=["seats", "time"],
+)
+def test_rests_of_one_mounting_tell_once_how_it_is_off(tmp_path, name, low, high):
+    """By generalised least squares in NumPy: both rests of a mounting err by its two angles. Counted as two mountings
+    what seats can do was told better than it is, by the root of two, and what they cannot worse."""
+    logs(tmp_path, np.random.default_rng(31))
+    list(judged(tmp_path, NAMES))
+    with jax.enable_x64(True):
+        problem = prepare(load_campaign(tmp_path))
+        (accel,) = (t for t in problem.triads if t.form.triad == "accel")
+        terms = [t for t in accel.candidates if t.name == name and t.size == 1]
+        terms = [
+            next(t for t in terms if t.chains == (c,) and not t.scales_input) for c in range(3)
+        ]
+        # Slow noise next to none, the rig's as stated
+        noise = NoiseFit(
+            tuple(np.array([0.0, *4 * [-9.0], 0.0, 0.0]) for _ in range(3)), (0.0,) * 3
+        )
+        scores = whiten_system(accel.system, noise, terms).scores
+    up, rest = accel.blocks.reference_accel, accel.blocks.dwell
+    mounting = problem.log.recording[accel.blocks.start]
+    model = np.column_stack([np.ones(len(up)), up])
+    for c, score in enumerate(scores):
+        spread = np.radians(62.0 / 3600.0) * np.sqrt(np.square(up).sum(axis=1) - up[:, c] ** 2)
+        x = np.column_stack([model, score.term.columns[0]])
+        sigmas = []
+        for numbers in (mounting, rest):
+            covariance = np.outer(spread, spread) * (numbers[:, None] == numbers)
+            covariance += np.diag(accel.system.chains[c].white)
+            information = x.T @ np.linalg.solve(covariance, x)
+            sigmas.append(np.sqrt(np.linalg.inv(information)[-1, -1]))
+        found = float(np.sqrt(score.covariance[0, 0]))
+        assert found == pytest.approx(sigmas[0], rel=0.02)  # beside slow noise of e⁻⁹
+        assert low < sigmas[1] / sigmas[0] < high
+
+
+def test_gyros_feel_compensated_accelerometers_where_no_force_is_told(tmp_path):
+    """While the table turns the reference tells no force. The outputs' own biases, 0.27 m/s², made 1 % of the
+    g-sensitivity a bias of the plateaus alone."""
+    logs(tmp_path, np.random.default_rng(32))
+    list(judged(tmp_path, NAMES))
+    with jax.enable_x64(True):
+        problem = prepare(load_campaign(tmp_path))
+        accel = calibrated(problem.fitted, "accel")
+        force = specific_force(problem.log, cut(problem.log), accel)
+    turning = ~problem.log.reference_accel.any(axis=1)
+    speed = np.linalg.norm(problem.log.reference_gyro, axis=1)
+    assert turning.any() and force is not None
+    # |f|² = g² + (0.02 m ω²)², as the log was made, with 3e-3 m/s² of noise and seats that leave |f| as it is.
+    expected = np.hypot(GRAVITY, 0.02 * speed**2)[turning]
+    found = GRAVITY * np.linalg.norm(force[turning], axis=1)
+    np.testing.assert_allclose(found, expected, atol=5 * 3e-3)
+    for k in range(6):
+        mine = turning & (problem.log.recording == k) & (speed < 1.0)
+        name = Path(problem.log.names[k]).stem
+        up = np.eye(3)["xyz".index(name[0])] * (1.0 if name[1:] == "up" else -1.0)
+        np.testing.assert_allclose(GRAVITY * force[mine].mean(axis=0) @ up, GRAVITY, atol=2e-3)
 
 
 @pytest.mark.slow

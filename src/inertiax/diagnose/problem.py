@@ -39,6 +39,7 @@ from .observations.model_rows import (
 )
 from .observations.signals import build, specific_force
 from .observations.table_rows import without_table_errors
+from .observations.untold_heading import heading_errors, with_heading_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +77,8 @@ class Problem:
 def rig_variance(
     campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline, step: float
 ) -> list[np.ndarray]:
-    """Variance that the rig's stated uncertainties give to each chain's rows at every positioning; `step`, s, is
-    between samples."""
+    """Variance that the rig's stated uncertainties, and the Earth's rate in a heading that no reference tells, give to
+    each chain's rows at every positioning; `step`, s, is between samples."""
     num = blocks.num_blocks
     made = [np.zeros(num) for _ in base.observed]
     angle, rate = campaign.rig.position_uncertainty or 0.0, campaign.rig.rate_uncertainty or 0.0
@@ -86,6 +87,9 @@ def rig_variance(
         square = rig_covariance(given, angle, rate if form.triad == "gyro" else 0.0)
         if form.triad == "gyro":
             square = square + move_covariance(blocks.move, step * blocks.count, angle)
+            square = square + np.where(
+                blocks.moving[:, None, None], 0.0, heading_errors(blocks, step)
+            )
         made = [square[:, c, c] for c in range(3)]
     return made
 
@@ -161,7 +165,7 @@ def prepared_triads(
         triad = model.form.triad
         expected = expected_output(model, log, blocks)
         seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
-        mine = seen[usable(model.form, blocks)]
+        mine = with_heading_errors(seen, log.step)[usable(model.form, blocks)]
         listed = [e for e in catalogue if not (e.stream_delay and triad in in_ramps)]
         with jax.enable_x64(True):  # which is set for each thread
             sizes = _table_errors(getattr(fitted, triad))

@@ -10,20 +10,27 @@ the first part is. It is what a g-sensitivity of Ω sin φ on all axes would rea
 gravity's turn between rests, since a rotation about the vertical leaves the vertical where it is. The second part
 stays in the biases, with the variance of a heading that may be any: (Ω cos φ)² / 2 on each horizontal axis, one draw
 for each attitude.
+
+A table that turns about the vertical alone has a reference that holds the vertical part and no heading
+(`data.formats.upright_table`): each of its rests errs by the horizontal part, and its plateaus by what a mean over less
+than whole turns leaves of that, `untold_heading_covariance`.
 """
 
 import dataclasses
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .._typing import AnyArray
 from ..data.recording import Campaign, Site
+from ..physics.vectors import unit_vector
 from ..physics.wgs84 import EARTH_RATE
 from .dwells import Dwells
 
 
+# Earth rates: what a reference that holds all of it has across gravity, from 1° off the poles on.
+_VERTICAL = 0.02
 _GRAVITY = 0.2  # relative: what is felt at rest, raw scales and biases included
 # A device that is turned by less keeps most of its heading: rests as near as this are one draw of it.
 _ONE_DRAW = math.cos(math.radians(45.0))
@@ -84,6 +91,47 @@ def is_known(dwells: Dwells, site: Site) -> bool:
     """Whether Earth's vertical part is known and in no reference."""
     alone = dwells.gyro is not None and dwells.reference_gyro is None
     return alone and dwells.accel is not None and site.latitude is not None
+
+
+def untold_heading_covariance(
+    position: Int[AnyArray, "*dwell"],
+    rate: Float[AnyArray, "*dwell 3"],
+    force: Float[AnyArray, "*dwell 3"],
+    duration: Float[AnyArray, "*dwell"],
+) -> Float[np.ndarray, "*dwell 3 3"]:
+    """What the horizontal part of Earth's rate gives to gyros' means where a reference holds its vertical part alone.
+
+    Of rests ½ (Ω² − |ω|²) (E − u uᵀ), (rad/s)², with gravity's direction u; of the plateaus of such a table, which
+    turn about the vertical for T s, the same about their own axis by sin²(|ω| T / 2) / (|ω| T / 2)². Zero elsewhere.
+
+    **Arguments:** `position` is −1 while the table turns; `rate` and `force` are the references, rad/s and m/s²;
+    `duration` in s.
+
+    ```python
+    import numpy as np
+    from inertiax.physics.wgs84 import EARTH_RATE
+    from inertiax.reduction.earth_at_rest import untold_heading_covariance
+
+    up = np.array([0.0, 0.0, 1.0])
+    rate = np.outer([0.5 * EARTH_RATE, 0.2, 0.2], up)    # at 30° of latitude: the horizontal part is 0.87 of the whole
+    force = np.outer([9.81, 0.0, 0.0], up)
+    found = untold_heading_covariance(np.array([0, -1, -1]), rate, force, np.array([20.0, 2.0, 31.416]))
+    print(found[:, 0, 0] / EARTH_RATE**2)    # of a rest, a short plateau and a whole turn: [0.375 0.37  0.   ]
+    ```
+    """
+    position, rate, force = np.asarray(position), np.asarray(rate, float), np.asarray(force, float)
+    square = np.sum(np.square(rate), axis=-1) / EARTH_RATE**2
+    across = np.linalg.norm(np.cross(unit_vector(force), rate), axis=-1) / EARTH_RATE
+    some = (square > _VERTICAL**2) & (square < (1.0 - _VERTICAL) ** 2)
+    alone = (position >= 0) & np.any(force != 0.0, axis=-1) & (across < _VERTICAL) & some
+    level = np.where(alone, 1.0 - square, 0.0)
+    most = np.max(level, axis=-1, keepdims=True, initial=0.0)
+    turned = np.sqrt(square) * EARTH_RATE * np.asarray(duration)
+    turning = (position < 0) & (turned > 0.0)
+    left = np.where(turning, most * np.square(np.sinc(turned / (2.0 * np.pi))), level)
+    axis = unit_vector(np.where(turning[..., None], rate, force))
+    part = 0.5 * EARTH_RATE**2 * left[..., None, None]
+    return part * (np.eye(3) - axis[..., :, None] * axis[..., None, :])
 
 
 def horizontal_covariance(dwells: Dwells, site: Site) -> Float[np.ndarray, "3 3"]:

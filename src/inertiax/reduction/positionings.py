@@ -5,7 +5,8 @@ and so the error of the position, is the same for all of them. Plateaus that fol
 where their rates are parallel or antiparallel and gravity lies at one angle to them; so do rests between them, or the
 table was set anew. Where no force is known, another number of the rest's position says so.
 
-Rests before and after a staircase about the vertical stand in one attitude, too: `rests_of_one_attitude`.
+Rests before and after a staircase about the vertical stand in one attitude, too: `rests_of_one_attitude`, and
+`attitudes`, which numbers them.
 """
 
 import numpy as np
@@ -102,6 +103,38 @@ def rests_of_one_attitude(
             vertical = across <= ACROSS * np.linalg.norm(rate[k]) + EARTHS * EARTH_RATE
             last, turned = (last, True) if vertical else (-1, False)
     return same
+
+
+def attitudes(
+    position: Int[np.ndarray, " row"],
+    rate: Float[np.ndarray, "row 3"],
+    force: Float[np.ndarray, "row 3"],
+    recording: Int[np.ndarray, " row"],
+    segment: Int[np.ndarray, " row"],
+) -> Int[np.ndarray, " row"]:
+    """The segment in which the device came to stand as it does at each row, by `rests_of_one_attitude`; a row's own
+    elsewhere.
+
+    **Arguments:** `segment` numbers the rests and plateaus that the rows, dwells or blocks of such, are of; the others
+    are as there.
+
+    ```python
+    import numpy as np
+    from inertiax.reduction.positionings import attitudes
+
+    up = np.array([0.0, 0.0, 1.0])
+    rate, force = np.outer([0.0, 1.0, -1.0, 0.0], up), 9.81 * np.outer([1.0, 0.0, 0.0, 1.0], up)
+    print(attitudes(np.array([0, -1, -1, 0]), rate, force, np.zeros(4, int), np.arange(4)))    # [0 1 2 0]
+    ```
+    """
+    again = rests_of_one_attitude(position, rate, force, recording)
+    first = {int(k): int(k) for k in np.unique(segment)}
+    last = -1
+    for k in np.flatnonzero(position >= 0):
+        if again[k]:
+            first[int(segment[k])] = first[int(segment[last])]
+        last = k
+    return np.array([first[int(k)] for k in segment], int)
 
 
 def _parallel(

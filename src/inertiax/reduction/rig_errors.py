@@ -23,7 +23,8 @@ from .._typing import AnyArray
 from ..data.recording import Rig
 from ..physics.vectors import unit_vector
 from .dwells import Dwells, is_told, known_force
-from .positionings import rests_of_one_attitude, shared_positionings
+from .earth_at_rest import untold_heading_covariance
+from .positionings import attitudes, shared_positionings
 from .table_errors import states_table_errors, table_error_words, table_errors, TableErrors
 
 
@@ -100,6 +101,7 @@ def turned_by(reference: Float[AnyArray, "*dwell 3"]) -> Float[AnyArray, "*dwell
 def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
     """The dwells with the errors of their reference in the covariances of their means; any leading axes.
 
+    Beside what the rig states these are the Earth's rate in a heading that no reference tells.
     Dwells that share their positioning say so in `positioning` and have its standard deviation in `shared_angle`:
     the covariance of their own mean is without it.
     """
@@ -133,7 +135,22 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
         if triad == "gyro":
             wider = wider + angles_of_moves(dwells, angle)
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
+    heading = heading_errors(dwells)
+    if dwells.gyro_covariance is not None and np.any(heading):
+        wider = np.asarray(dwells.gyro_covariance) + heading
+        dwells = eqx.tree_at(lambda d: d.gyro_covariance, dwells, wider)
     return _with_table_errors(dwells, rig)
+
+
+def heading_errors(dwells: Dwells) -> Float[AnyArray, "*dwell 3 3"] | float:
+    """`untold_heading_covariance` of dwells; zero where they have no references of both triads, and of moves, which
+    turn often."""
+    if dwells.reference_accel is None or dwells.reference_gyro is None:
+        return 0.0
+    made = untold_heading_covariance(
+        dwells.position, dwells.reference_gyro, dwells.reference_accel, dwells.duration
+    )
+    return made if dwells.move is None else np.where(dwells.move[..., None, None], 0.0, made)
 
 
 def angles_of_moves(dwells: Dwells, angle: float) -> Float[AnyArray, "*dwell 3 3"] | float:
@@ -198,10 +215,8 @@ def _attitudes(dwells: Dwells) -> Int[np.ndarray, "dwell 2"]:
     kept = np.flatnonzero(np.asarray(dwells.valid))
     position = np.asarray(dwells.position)[kept]
     rate, force = (np.asarray(x)[kept] for x in (dwells.reference_gyro, dwells.reference_accel))
-    again = kept[rests_of_one_attitude(position, rate, force, own[kept, 0])]
-    resting = kept[position >= 0]
+    _, first, segment = np.unique(own[kept], axis=0, return_index=True, return_inverse=True)
+    stands = attitudes(position, rate, force, own[kept, 0], segment.reshape(-1))
     made = own.copy()
-    for k in again:
-        before = resting[np.searchsorted(resting, k) - 1]
-        made[np.all(own == own[k], axis=1)] = made[before]
+    made[kept] = own[kept[first]][stands]
     return made

@@ -19,7 +19,11 @@ def draw(
         )
     )  # fmt: skip
     made = rng.standard_normal((num, draws)) * np.sqrt(white * chain.white)[:, None]
-    made += _held(chain.new_dwell, np.sqrt(dwell + rig * chain.rig), draws, rng)
+    if np.array_equal(chain.new_positioning, chain.new_dwell):
+        made += _held(chain.new_dwell, np.sqrt(dwell + rig * chain.rig), draws, rng)
+    else:
+        made += _held(chain.new_dwell, np.full(num, np.sqrt(dwell)), draws, rng)
+        made += _held(chain.new_positioning, np.sqrt(rig * chain.rig), draws, rng)
     for c in range(channels):
         slow = _held(chain.new_cycle, np.full(num, np.sqrt(cycle)), draws, rng)
         steps = rng.standard_normal((num, draws)) * np.sqrt(walk * chain.gap)[:, None]

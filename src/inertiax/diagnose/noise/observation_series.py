@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Int
 
 from ..._jax import eqx, jax
 from ...reduction.dwells import known_force
@@ -45,21 +46,31 @@ def make(
     one standard deviation of the probe's error, `(block, 1)` or `(block, 0)`."""
     white = getattr(blocks, f"{base.form.triad}_white")
     gap = np.r_[0.0, np.maximum(np.diff(blocks.time), 0.0)]
-    fresh = np.r_[1.0, (np.diff(blocks.dwell) != 0).astype(float)]
-    cycle = np.r_[1.0, (np.diff(blocks.cycle) != 0).astype(float)]
+    anew = lambda numbers: np.r_[1.0, (np.diff(numbers) != 0).astype(float)]
+    fresh, cycle = anew(blocks.dwell), anew(blocks.cycle)
+    set_anew = anew(positioned(blocks, base.form.triad))
     chains, scales = [], []
     for c, _ in enumerate(base.observed):
         if len(base.observed) == 1:
             level = (white * base.loads[0] ** 2).sum(axis=1)
         else:
             level = white[:, c]
-        chains.append(Chain(level, base.loads[c], gap, fresh, cycle, rig[c], heated[c]))
+        chains.append(Chain(level, base.loads[c], gap, fresh, set_anew, cycle, rig[c], heated[c]))
         mean = float(np.mean(level[level <= SHAKEN * np.median(level)]))
         scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5, 1.0]))
     frames = tuple(span(x / np.linalg.norm(x, axis=0)) for x in base.columns)
     longer = tuple(jax.tree.map(lengthen, chain) for chain in chains)
     nothing = tuple(Known.nothing() for _ in chains)
     return System(base, tuple(chains), tuple(scales), frames, longer, nothing)
+
+
+def positioned(blocks: Blocks, triad: str) -> Int[np.ndarray, " block"]:
+    """Number of the positioning whose error each block has; plateaus that share one are `positionings_of`.
+
+    Accelerometers at rest feel how the case is mounted, which stays while a table turns about the vertical. Gyros at
+    rest feel next to nothing of it, and their plateaus in between decide it.
+    """
+    return blocks.attitude if triad == "accel" else blocks.dwell
 
 
 def share(
@@ -73,12 +84,13 @@ def share(
     """The system with the rig's errors shared between the chains, and between plateaus of one `positioning`, where
     there are such and not too many."""
     white = np.stack([chain.white for chain in system.chains], axis=1)
-    errors, own = signatures(reading, blocks.dwell, white, angle, rate, positioning)
+    number = positioned(blocks, system.base.form.triad)
+    errors, own = signatures(reading, number, white, angle, rate, positioning)
     if errors.shape[2] > MOST and positioning is not None:  # those of positionings count most
         several = positioning >= 0
         there = signatures(
             reading[several],
-            blocks.dwell[several],
+            number[several],
             white[several],
             angle,
             rate,

@@ -1,7 +1,8 @@
 """The processes that a chain's noise is the sum of, as `grouped_filter` and `many_variances` step through them.
 
 Processes that decay alike and are seen alike are one state, to which the variances of each are added: a walk, the level
-of a power cycle and the error of a dwell, where the log has one cycle and one dwell.
+of a power cycle and the error of a dwell, where the log has one cycle and one dwell; and the errors of dwells and of
+positionings, where each dwell is set anew.
 """
 
 from typing import NamedTuple
@@ -25,8 +26,9 @@ class Process(NamedTuple):
 
 def processes(chain: Chain, num: int) -> list[Process]:
     """The processes of the first `num` rows of a chain."""
-    gap, cycle, dwell, rig = (
-        np.asarray(x, float)[:num] for x in (chain.gap, chain.new_cycle, chain.new_dwell, chain.rig)
+    gap, cycle, dwell, set_anew, rig = (
+        np.asarray(x, float)[:num]
+        for x in (chain.gap, chain.new_cycle, chain.new_dwell, chain.new_positioning, chain.rig)
     )
     loads, heated = (np.asarray(x, float)[:num] for x in (chain.loads, chain.heated))
     later = np.ones(num)
@@ -40,7 +42,8 @@ def processes(chain: Chain, num: int) -> list[Process]:
     if heated.shape[1]:
         made.append(Process(relaxing(WANDER), {PROBE: 1.0 - relaxing(WANDER) ** 2}, heated))
         made.append(Process(1.0 - cycle, {PROBE: cycle}, heated))
-    made.append(Process(1.0 - dwell, {DWELL: dwell, RIG: dwell * rig}, np.ones((num, 1))))
+    made.append(Process(1.0 - dwell, {DWELL: dwell}, np.ones((num, 1))))
+    made.append(Process(1.0 - set_anew, {RIG: set_anew * rig}, np.ones((num, 1))))
     return _joined(made)
 
 

@@ -4,12 +4,13 @@ One scalar observation per block, in time order, carries the noise
 
 $$e_b = \\sum_c h_{bc}\\,(n_c(t_b) + s_c) + g_b\\,\\Delta T(t_b) + d_{dwell(b)} + w_b,$$
 
-with flicker and random walk $n_c$ of each sensor channel, a level $s_c$ of each power cycle, an
-error $d$ of each positioning, white noise $w$, and the probe's error $\\Delta T$, which the outputs' slope $g$ in
-temperature turns into one of the model; it wanders, and is another after each power-on. Flicker is a sum of
-first-order Gauss-Markov processes with equal variances and time constants a factor of about six apart, whose
-spectrum is $1/f$ between them. A Kalman filter over these states turns observations and model columns into white ones
-in $O(n)$. `grouped_filter` and `restricted_likelihood` are the forms in NumPy that a diagnosis uses.
+with flicker and random walk $n_c$ of each sensor channel, a level $s_c$ of each power cycle, an error $d$ of each
+dwell, of which the rig's part is one for all dwells of a positioning, white noise $w$, and the probe's error
+$\\Delta T$, which the outputs' slope $g$ in temperature turns into one of the model; it wanders, and is another after
+each power-on. Flicker is a sum of first-order Gauss-Markov processes with equal variances and time constants a factor
+of about six apart, whose spectrum is $1/f$ between them. A Kalman filter over these states turns observations and model
+columns into white ones in $O(n)$. `grouped_filter` and `restricted_likelihood` are the forms in NumPy that a diagnosis
+uses.
 
 **Reference:** Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*,
 Cambridge 1989, ch. 3; for $1/f$ as a sum of relaxations: van der Ziel, Physica 16 (1950) 359.
@@ -36,7 +37,8 @@ class Chain(eqx.Module):
     white: Float[np.ndarray, " block"]  # variance of the block mean by scatter; 0 marks padding
     loads: Float[np.ndarray, "block channel"]  # how each channel's noise enters the observation
     gap: Float[np.ndarray, " block"]  # s since the block before; the first is 0
-    new_dwell: Float[np.ndarray, " block"]  # 1 where a new positioning begins, else 0
+    new_dwell: Float[np.ndarray, " block"]  # 1 where a new dwell begins, else 0
+    new_positioning: Float[np.ndarray, " block"]  # 1 where the rig's error is another one, else 0
     new_cycle: Float[np.ndarray, " block"]  # 1 where the power was cycled, else 0
     rig: Float[np.ndarray, " block"]  # variance of a positioning's error as the rig states it
     # Change of the observation by one stated standard deviation of the probe's error; no column where none is stated.
@@ -49,7 +51,7 @@ class Variances(eqx.Module):
     white: Float[AnyArray, ""]  # factor on `Chain.white`
     flicker: Float[AnyArray, ""]  # of each Gauss-Markov process
     walk: Float[AnyArray, ""]  # growth per second of a random walk
-    dwell: Float[AnyArray, ""]  # of each positioning, beyond what the rig states
+    dwell: Float[AnyArray, ""]  # of each dwell, beyond what the rig states
     cycle: Float[AnyArray, ""]  # of each power cycle
     probe: Float[AnyArray, ""]  # of either part of the probe's error, in stated variances
     rig: Float[AnyArray, ""]  # of the rig's positioning, in stated variances
@@ -83,8 +85,9 @@ def transition(
     first = (jnp.arange(num) == 0).astype(float)[:, None]
     decay = jnp.exp(-jnp.asarray(chain.gap)[:, None] / tau[None, :]) * (1.0 - first)
     added = variances.flicker * (1.0 - decay**2)
-    gap, cycle, dwell = (
-        jnp.asarray(x)[:, None] for x in (chain.gap, chain.new_cycle, chain.new_dwell)
+    gap, cycle, dwell, set_anew = (
+        jnp.asarray(x)[:, None]
+        for x in (chain.gap, chain.new_cycle, chain.new_dwell, chain.new_positioning)
     )
     per_channel = [(decay, added), (1.0 - first, variances.walk * gap)]
     per_channel.append((1.0 - cycle, variances.cycle * cycle))
@@ -95,11 +98,11 @@ def transition(
     probes = [(wander, variances.probe * (1.0 - wander**2)), (1.0 - cycle, variances.probe * cycle)]
     if not heated.shape[1]:
         probes = []
-    a = jnp.concatenate([a, *(x for x, _ in probes), 1.0 - dwell], axis=1)
-    error = dwell * (variances.dwell + variances.rig * jnp.asarray(chain.rig)[:, None])
-    q = jnp.concatenate([q, *(x for _, x in probes), error], axis=1)
+    a = jnp.concatenate([a, *(x for x, _ in probes), 1.0 - dwell, 1.0 - set_anew], axis=1)
+    rig = set_anew * variances.rig * jnp.asarray(chain.rig)[:, None]
+    q = jnp.concatenate([q, *(x for _, x in probes), dwell * variances.dwell, rig], axis=1)
     loads = jnp.tile(jnp.asarray(chain.loads), (1, len(TIME_CONSTANTS) + 2))
-    h = jnp.concatenate([loads, *(heated for _ in probes), jnp.ones((num, 1))], axis=1)
+    h = jnp.concatenate([loads, *(heated for _ in probes), jnp.ones((num, 2))], axis=1)
     return a, q, h
 
 

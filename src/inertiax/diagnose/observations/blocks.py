@@ -17,14 +17,10 @@ from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
 from ...reduction.block_length import length_beyond_tremor
 from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
-from ...reduction.earth_at_rest import is_told_beside_gravity, vertical_earth_rate
 from ...reduction.known_moves import take_moves
-from ...reduction.segments import (
-    joined,
-    rests_are_searched,
-    segment_each,
-    Segments,
-)
+from ...reduction.positionings import attitudes
+from ...reduction.segments import joined, rests_are_searched, segment_each, Segments
+from .without_earth import without_earth
 
 
 MOST_BLOCKS = 1600
@@ -79,6 +75,7 @@ class Blocks(eqx.Module):
     time: Float[np.ndarray, " block"]  # s, middle
     experiment: Int[np.ndarray, " block"]
     position: Int[np.ndarray, " block"]
+    attitude: Int[np.ndarray, " block"]  # the dwell in which the device came to stand as it does
     cycle: Int[np.ndarray, " block"]
     temperature: Float[np.ndarray, " block"] | None
     accel: Float[np.ndarray, "block 3"] | None
@@ -167,7 +164,7 @@ def join(
             )
     gyro = _column(recordings, "gyro")
     if gyro is not None:
-        gyro = _without_earth(gyro, recordings, segments, campaign)
+        gyro = without_earth(gyro, recordings, segments, campaign)
     return Log(
         time=time - time[0],
         clock=np.concatenate([r.time for r in recordings]),
@@ -184,28 +181,6 @@ def join(
         searched=any(rests_are_searched(r) for r in recordings),
         names=tuple(r.name or str(k) for k, r in enumerate(recordings)),
     )
-
-
-def _without_earth(
-    gyro: Float[np.ndarray, "time 3"],
-    recordings: Sequence[Recording],
-    segments: Sequence[Segments],
-    campaign: Campaign,
-) -> Float[np.ndarray, "time 3"]:
-    """Gyros whose rests are without what the calibration takes away of Earth's rate (`without_earth_rate`)."""
-    gyro, first = gyro.copy(), 0
-    all_of_it = is_told_beside_gravity(campaign)
-    for recording, part in zip(recordings, segments, strict=True):
-        known = recording.reference_gyro
-        rests = zip(part.start[part.resting], part.stop[part.resting], strict=True)
-        for a, b in rests:
-            if known is not None and all_of_it:
-                gyro[first + a : first + b] -= known[a:b].mean(axis=0)
-            elif known is None and recording.accel is not None:
-                force = recording.accel[a:b].mean(axis=0)[None]
-                gyro[first + a : first + b] -= vertical_earth_rate(force, campaign.site)
-        first += recording.num_samples
-    return gyro
 
 
 def _column(recordings: list[Recording], label: str) -> np.ndarray | None:
@@ -296,6 +271,10 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         # What a point beside the axes feels in a move, its mean rate does not tell.
         stated[(block_mean(lacking, start, stop) > 0.0) | move] = 0.0
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
+    rate = mean(log.reference_gyro)
+    attitude = dwell
+    if stated is not None and rate is not None:
+        attitude = attitudes(position, rate, stated, log.recording[start], dwell)
     return Blocks(
         start=start,
         stop=stop,
@@ -306,12 +285,13 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         time=time,
         experiment=log.experiment[start],
         position=position,
+        attitude=attitude,
         cycle=log.cycle[start],
         temperature=mean(log.temperature),
         accel=mean(log.accel),
         gyro=gyro,
         reference_accel=stated,
-        reference_gyro=mean(log.reference_gyro),
+        reference_gyro=rate,
         accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving, held, move),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving, held, move),
     )

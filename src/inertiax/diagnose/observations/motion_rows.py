@@ -151,6 +151,7 @@ def _blocks(
         time=twice(log.time[middle]),
         experiment=twice(log.experiment[start]),
         position=twice(np.full(len(start), -1)),
+        attitude=twice(np.arange(len(start))),
         cycle=twice(log.cycle[start]),
         temperature=None if probe is None else mean(probe),
         accel=None if log.accel is None else mean(log.accel),

@@ -18,6 +18,9 @@ from .vertical import upright_axis
 
 
 JOINT = 5.0  # °C from one row to the next, which no device does
+# Part of a plateau's root mean square force that its mean has where the force stands in the case: cos 6°, where it
+# turns at 6° to the axis.
+_STANDS = 0.995
 
 
 class AtTemperature(eqx.Module):
@@ -108,45 +111,63 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
 
 
 def specific_force(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> np.ndarray | None:
-    """Specific force in g, one row per sample: reference, or compensated outputs averaged over each rest.
+    """Specific force in g, one row per sample: reference, or compensated outputs, averaged over each rest.
 
     Without accelerometers the upright axis of a rate table tells it, where there is one.
     """
     if log.reference_accel is not None:
-        return _as_stated(log.reference_accel, log.accel)
+        return _as_stated(log, blocks, accel)
     if log.accel is None:
         return upright_axis(log)
-    if accel is not None and accel.form.by_magnitude:
-        basis = accel.form.basis(log.temperature, len(log.time))
-        force = compensated(accel.form, accel.coefficients, basis, log.accel) / accel.form.gravity
+    unit = accel is not None and accel.form.by_magnitude
+    if accel is not None and unit:
+        force = _compensated(log, np.arange(len(log.time)), accel)
     else:
         force = log.accel / np.median(np.linalg.norm(log.accel[blocks.start], axis=1))
-    unit = accel is not None and accel.form.by_magnitude
-    return _steady(force, blocks, unit)
+    return _steady(force, blocks, ~blocks.moving, unit)
 
 
-def _as_stated(reference: np.ndarray, accel: np.ndarray | None) -> np.ndarray:
-    """The reference in g. A station may write zeros while it moves: there the outputs are nearer to the truth."""
-    size = np.linalg.norm(reference, axis=1)
+def _as_stated(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> np.ndarray:
+    """The reference in g. A station may write zeros while it moves: there it is the outputs, compensated where they are
+    calibrated, as the calibration takes it; of a plateau about gravity their mean."""
+    assert log.reference_accel is not None  # `specific_force` saw it
+    size = np.linalg.norm(log.reference_accel, axis=1)
     told = size > 0.0
-    made = reference / size[told].mean()
-    if accel is not None and not told.all():
-        made[~told] = accel[~told] / np.median(np.linalg.norm(accel[told], axis=1))
-    return made
+    made = log.reference_accel / size[told].mean()
+    if log.accel is None or told.all():
+        return made
+    if accel is not None:
+        made[~told] = _compensated(log, np.flatnonzero(~told), accel)
+    else:
+        made[~told] = log.accel[~told] / np.median(np.linalg.norm(log.accel[told], axis=1))
+    untold = blocks.mean(~told) > 0.0
+    return _steady(made, blocks, blocks.moving & ~blocks.move & untold, False, least=_STANDS)
 
 
-def _steady(values: np.ndarray, blocks: Blocks, unit: bool) -> np.ndarray:
-    """Replace samples of each rest by the rest's mean, so that noise does not enter as a regressor.
+def _compensated(log: Log, rows: np.ndarray, accel: CalibratedTriad) -> np.ndarray:
+    """Compensated outputs at some samples, in g."""
+    assert log.accel is not None  # of a triad that was calibrated
+    temperature = None if log.temperature is None else log.temperature[rows]
+    basis = accel.form.basis(temperature, len(rows))
+    return compensated(accel.form, accel.coefficients, basis, log.accel[rows]) / accel.form.gravity
 
-    With `unit` its size is set to 1 g: the residual of the invariant estimator must not enter either.
+
+def _steady(
+    values: np.ndarray, blocks: Blocks, which: np.ndarray, unit: bool, least: float = 0.0
+) -> np.ndarray:
+    """Replace samples of each dwell of some blocks by the dwell's mean, so that noise does not enter as a regressor.
+
+    With `unit` its size is set to 1 g: the residual of the invariant estimator must not enter either. What turns in
+    the case, so that its mean is shorter than `least` of the samples' root mean square, stays as it is.
     """
     values = values.copy()
-    rest = ~blocks.moving
-    for number in np.unique(blocks.dwell[rest]):
+    for number in np.unique(blocks.dwell[which]):
         mine = np.flatnonzero(blocks.dwell == number)
         a, b = blocks.start[mine[0]], blocks.stop[mine[-1]]
         mean = values[a:b].mean(axis=0)
-        values[a:b] = mean / np.linalg.norm(mean) if unit else mean
+        size = np.linalg.norm(mean)
+        if size >= least * np.sqrt(np.square(values[a:b]).sum(axis=1).mean()):
+            values[a:b] = mean / size if unit else mean
     return values
 
 

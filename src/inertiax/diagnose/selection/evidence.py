@@ -119,15 +119,15 @@ def bank(system: System, fits: Sequence[NoiseFit], chosen: Sequence[Term]) -> Ba
 def observations(system: System, term: Term) -> int:
     """Number of observations that tell a term's coefficients, of which each is priced with half its logarithm.
 
-    What follows the input is one value a dwell, however many blocks the dwell is cut into: flicker and positioning
-    errors are shared by them.
+    What follows the input is one value a positioning, however many dwells it has and blocks they are cut into: flicker
+    and positioning errors are shared by them.
 
     **Reference:** Berger, Bayarri and Pericchi, Econometric Reviews 33 (2014) 197, for effective sample sizes in the
     Bayesian information criterion.
     """
-    dwells = [np.count_nonzero(system.chains[c].new_dwell) for c in term.chains]
+    several = [np.count_nonzero(system.chains[c].new_positioning) for c in term.chains]
     rows = [len(system.base.observed[c]) for c in term.chains]
-    return max(int(sum(dwells if term.follows_input else rows)), 2)
+    return max(int(sum(several if term.follows_input else rows)), 2)
 
 
 def duration(system: System) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.special
+from jaxtyping import Int
 
 from ..candidates.repeated_inputs import NAME as LEVELS
 from ..candidates.signatures import Term
@@ -15,7 +16,9 @@ from .evidence import bank, Candidate, judge, refine
 
 LEFT = 1e-4  # chance below which a flexible dependence beside the named effects counts
 UNSEEN = 1e-6  # the same where nothing was named
-WITHIN = 0.01  # of a term's squares that lie within dwells, up to which the dwells alone tell it (convention)
+WITHIN = (
+    0.01  # of a term's squares that lie within dwells, up to which they alone tell it (convention)
+)
 SHARE = 0.25  # of what they explain, so that an effect's inexact form does not count
 
 
@@ -77,11 +80,15 @@ def left_over(
 def _rareness(system: System, chosen: Sequence[Term], candidate: Candidate) -> float:
     """Logarithm of the chance of such a likelihood ratio by noise alone.
 
-    Of what has one value a dwell the dwells alone tell, and their scatter is told by them as well.
+    Of what has one value a dwell, or a positioning of several, these alone tell, and their scatter is told by them as
+    well.
     """
     size, ratio = candidate.score.size, max(candidate.ratio, 0.0)
-    if _by_dwell(system, candidate.term):
-        return log_chance(ratio, size, _dwells_free(system, chosen, candidate.term))
+    term, chains = candidate.term, [system.chains[c] for c in candidate.term.chains]
+    for begins in ([c.new_positioning for c in chains], [c.new_dwell for c in chains]):
+        first = [np.flatnonzero(b > 0.0) for b in begins]
+        if _hardly_changes(term, first):
+            return log_chance(ratio, size, _free(system, chosen, term, first))
     return log_chance(ratio, size)
 
 
@@ -100,23 +107,27 @@ def log_chance(ratio: float, size: int, free: float | int = np.inf) -> float:
         return float(np.log(scipy.special.fdtrc(size, free - size, fisher)))
 
 
-def _by_dwell(system: System, term: Term) -> bool:
-    """Whether a term's columns hardly change within dwells."""
-    for c, columns in zip(term.chains, term.columns, strict=True):
-        dwell = np.cumsum(system.chains[c].new_dwell > 0.0) - 1
-        means = np.add.reduceat(columns, np.flatnonzero(system.chains[c].new_dwell > 0.0), axis=0)
-        within = columns - (means / np.bincount(dwell)[:, None])[dwell]
+def _hardly_changes(term: Term, first: Sequence[Int[np.ndarray, "_"]]) -> bool:
+    """Whether a term's columns hardly change within dwells or positionings, whose `first` rows these are on each of its
+    chains."""
+    for begins, columns in zip(first, term.columns, strict=True):
+        count = np.diff(np.append(begins, len(columns)))[:, None]
+        means = np.add.reduceat(columns, begins, axis=0) / count
+        within = columns - np.repeat(means, count[:, 0], axis=0)
         if np.sum(within**2) > WITHIN * np.sum((columns - columns.mean(axis=0)) ** 2):
             return False
     return True
 
 
-def _dwells_free(system: System, chosen: Sequence[Term], term: Term) -> int:
-    """Dwells on a term's chains, less the model's parameters and the coefficients of chosen terms there."""
+def _free(
+    system: System, chosen: Sequence[Term], term: Term, first: Sequence[Int[np.ndarray, "_"]]
+) -> int:
+    """Dwells or positionings on a term's chains, less the model's parameters and the coefficients of chosen terms
+    there."""
     made = 0
-    for c in term.chains:
+    for c, begins in zip(term.chains, first, strict=True):
         mine = [t for t in chosen if c in t.chains]
         columns = sum(t.columns[t.chains.index(c)].shape[1] for t in mine)
-        made += int(np.count_nonzero(system.chains[c].new_dwell))
+        made += len(begins)
         made -= system.frames[c].shape[1] + columns
     return made
