@@ -29,14 +29,16 @@ def test_draws_of_the_noise_have_the_covariance_of_its_formula():
         np.r_[1.0, (np.diff(x) != 0).astype(float)] for x in (dwell, mounting, cycle)
     )
     heated = np.array([[0.5], [0.9], [-0.4], [1.3], [0.2], [-1.0]])
-    chain = Chain(white, loads, gap, fresh, mounted, power, np.full(6, 0.3), heated)
+    chain = Chain(
+        white, loads, gap, fresh, mounted, power, np.full(6, 0.3), np.full(6, 0.2), heated
+    )
     v = Variances(*(np.array(x) for x in (1.2, 0.4, 0.05, 0.6, 0.8, 0.7, 0.9)))
     num = 40_000
     made = draw(chain, v, num, np.random.default_rng(1))
     lag = np.abs(time[:, None] - time)
     slow = 0.4 * sum(np.exp(-lag / tau) for tau in TIME_CONSTANTS)
     slow = slow + 0.05 * np.minimum(time[:, None], time) + 0.8 * (cycle[:, None] == cycle)
-    expected = np.diag(1.2 * white) + 0.6 * (dwell[:, None] == dwell)
+    expected = np.diag(1.2 * white) + (0.6 + 0.9 * 0.2) * (dwell[:, None] == dwell)
     expected = expected + 0.9 * 0.3 * (mounting[:, None] == mounting)
     expected = expected + (loads @ loads.T) * slow
     probe = 0.7 * (np.exp(-lag / WANDER) + (cycle[:, None] == cycle))

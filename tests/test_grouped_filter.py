@@ -44,7 +44,9 @@ def chain(channels: int, heated: bool, seed: int = 0) -> Chain:
     loads = np.ones((NUM, 1)) if channels == 1 else rng.standard_normal((NUM, channels))
     probe = rng.standard_normal((NUM, 1 if heated else 0))
     rig = rng.uniform(0.0, 3.0, NUM)
-    return Chain(rng.uniform(0.5, 2.0, NUM), loads, gap, dwell, mounted, cycle, rig, probe)
+    return Chain(
+        rng.uniform(0.5, 2.0, NUM), loads, gap, dwell, mounted, cycle, rig, rig[::-1], probe
+    )
 
 
 SCALE = np.array([1.0, 1.2, 1e-3, 1.1, 0.9, 0.5, 1.0])
@@ -153,7 +155,9 @@ def test_processes_that_decay_and_are_seen_alike_are_one_state():
     # One dwell, one power cycle: walk, level and the dwell's error go together, and the filter is the same.
     one = chain(1, False)
     first = np.r_[1.0, np.zeros(NUM - 1)]
-    one = Chain(one.white, one.loads, one.gap, first, first, first, one.rig, one.heated)
+    one = Chain(
+        one.white, one.loads, one.gap, first, first, first, one.rig, one.rig_of_dwell, one.heated
+    )
     assert groups_of(one).decay.shape[1] == len(TIME_CONSTANTS) + 1
     columns = np.random.default_rng(7).standard_normal((NUM, 3))
     with jax.enable_x64(True):

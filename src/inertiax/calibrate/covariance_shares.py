@@ -16,11 +16,17 @@ from ..estimators import AbstractEstimator
 from ..estimators.host_forms.gravity_rotation import tilt_covariance
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
-from ..reduction.rig_errors import angles_of_moves, heading_errors, rig_covariance
+from ..reduction.rig_errors import (
+    angles_of_moves,
+    heading_errors,
+    leans_of_rests,
+    rig_covariance,
+)
 from .earth_rate import HEADING
 
 
 NOISE, SCATTER, POSITION, RATE = "dwell noise", "re-positioning", "rig position", "rig rate"
+LEVEL = "rig level"
 OF_THE_DEVICE = (NOISE, SCATTER)  # what the residuals may show to be of another size
 
 
@@ -64,9 +70,14 @@ def _of_means(
         position = position + (angles_of_moves(dwells, angle) if triad == "gyro" else 0.0)
         rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
         parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)
-        heading = heading_errors(dwells) if triad == "gyro" else 0.0
-        parts[HEADING] = heading * np.ones_like(given)
-        parts[NOISE] = given - parts[POSITION] - parts[RATE] - parts[HEADING]
+        stated = [parts[POSITION], parts[RATE]]
+        if triad == "gyro":
+            parts[HEADING] = heading_errors(dwells) * np.ones_like(given)
+            stated.append(parts[HEADING])
+        else:
+            parts[LEVEL] = leans_of_rests(dwells, rig) * np.ones_like(given)
+            stated.append(parts[LEVEL])
+        parts[NOISE] = given - sum(stated)
     if rows == 1:  # along the output only
         output = np.asarray(getattr(dwells, triad), float)
         unit = output / np.linalg.norm(output, axis=1, keepdims=True)

@@ -27,6 +27,7 @@ from ..reduction.dwells import Dwells
 from .between_dwell_variance import num_judged
 from .covariance_shares import (
     given,
+    LEVEL as LEVEL,
     NOISE as NOISE,
     OF_THE_DEVICE,
     POSITION as POSITION,
@@ -38,7 +39,7 @@ from .results import TriadResult
 from .slow_noise import slow_part, SlowNoise, within
 
 
-LEVEL, ORTHOGONALITY = "rig level", "rig orthogonality"
+ORTHOGONALITY = "rig orthogonality"
 SLOW, HELD, ACCEL = "slow noise", "held misalignments", "accelerometers' calibration"
 SAME = 1e-6  # relative; the covariance is recomputed from the same numbers
 

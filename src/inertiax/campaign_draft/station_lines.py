@@ -23,7 +23,7 @@ _PROMISE = (
     "level_uncertainty = 10.0        # arcsec, the base's two horizontal angles, the same all along",
     "orthogonality_uncertainty = 5.0 # arcsec, of the outer axis to the inner one, the same all along",
 )
-_OF_AN_OUTER_AXIS = ("level_uncertainty", "orthogonality_uncertainty")
+_OF_AN_OUTER_AXIS = "orthogonality_uncertainty"
 _NAMED = "The device's serial number, which calibrations and certificates then name."
 
 
@@ -130,7 +130,7 @@ def station_tables(
         or roles.reference_accel is not None
         or roles.reference_gyro is not None
     ):
-        # One vertical axis tells no heading, by which the level of its base could be told, and has no other axis.
+        # One vertical axis has no other axis.
         outer = [line for line in _PROMISE if line.removeprefix("# ").startswith(_OF_AN_OUTER_AXIS)]
         left_out = outer if upright is not None else []
         tables.append(Table("rig", (), tuple(line for line in _PROMISE if line not in left_out)))

@@ -39,7 +39,7 @@ from .observations.model_rows import (
 )
 from .observations.signals import build, specific_force
 from .observations.table_rows import without_table_errors
-from .observations.untold_heading import heading_errors, with_heading_errors
+from .observations.untold_heading import errors_of_rests, with_heading_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +77,8 @@ class Problem:
 def rig_variance(
     campaign: Campaign, form: ModelForm, blocks: Blocks, base: Baseline, step: float
 ) -> list[np.ndarray]:
-    """Variance that the rig's stated uncertainties, and the Earth's rate in a heading that no reference tells, give to
-    each chain's rows at every positioning; `step`, s, is between samples."""
+    """Variance that the rig's stated uncertainties give to each chain's rows at every positioning; `step`, s, is
+    between samples."""
     num = blocks.num_blocks
     made = [np.zeros(num) for _ in base.observed]
     angle, rate = campaign.rig.position_uncertainty or 0.0, campaign.rig.rate_uncertainty or 0.0
@@ -87,9 +87,6 @@ def rig_variance(
         square = rig_covariance(given, angle, rate if form.triad == "gyro" else 0.0)
         if form.triad == "gyro":
             square = square + move_covariance(blocks.move, step * blocks.count, angle)
-            square = square + np.where(
-                blocks.moving[:, None, None], 0.0, heading_errors(blocks, step)
-            )
         made = [square[:, c, c] for c in range(3)]
     return made
 
@@ -248,6 +245,7 @@ def prepare_triad(
         blocks,
         rig_variance(campaign, form, blocks, base, log.step),
         probe_error(campaign, signal, blocks, base),
+        errors_of_rests(blocks, form, campaign.rig, log.step),
     )
     if form.by_reference:
         rate = (campaign.rig.rate_uncertainty or 0.0) if form.triad == "gyro" else 0.0

@@ -20,7 +20,7 @@ import dataclasses
 import math
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .._typing import AnyArray
 from ..data.recording import Campaign, Site
@@ -93,6 +93,22 @@ def is_known(dwells: Dwells, site: Site) -> bool:
     return alone and dwells.accel is not None and site.latitude is not None
 
 
+def heading_is_untold(
+    position: Int[AnyArray, "*dwell"],
+    rate: Float[AnyArray, "*dwell 3"],
+    force: Float[AnyArray, "*dwell 3"],
+) -> Bool[np.ndarray, "*dwell"]:
+    """Which dwells are rests whose reference ω holds the vertical part of Earth's rate alone.
+
+    **Arguments:** those of `untold_heading_covariance`.
+    """
+    rate, force = np.asarray(rate, float), np.asarray(force, float)
+    size = np.linalg.norm(rate, axis=-1) / EARTH_RATE
+    across = np.linalg.norm(np.cross(unit_vector(force), rate), axis=-1) / EARTH_RATE
+    some = (size > _VERTICAL) & (size < 1.0 - _VERTICAL)
+    return (np.asarray(position) >= 0) & np.any(force != 0.0, axis=-1) & (across < _VERTICAL) & some
+
+
 def untold_heading_covariance(
     position: Int[AnyArray, "*dwell"],
     rate: Float[AnyArray, "*dwell 3"],
@@ -121,10 +137,7 @@ def untold_heading_covariance(
     """
     position, rate, force = np.asarray(position), np.asarray(rate, float), np.asarray(force, float)
     square = np.sum(np.square(rate), axis=-1) / EARTH_RATE**2
-    across = np.linalg.norm(np.cross(unit_vector(force), rate), axis=-1) / EARTH_RATE
-    some = (square > _VERTICAL**2) & (square < (1.0 - _VERTICAL) ** 2)
-    alone = (position >= 0) & np.any(force != 0.0, axis=-1) & (across < _VERTICAL) & some
-    level = np.where(alone, 1.0 - square, 0.0)
+    level = np.where(heading_is_untold(position, rate, force), 1.0 - square, 0.0)
     most = np.max(level, axis=-1, keepdims=True, initial=0.0)
     turned = np.sqrt(square) * EARTH_RATE * np.asarray(duration)
     turning = (position < 0) & (turned > 0.0)

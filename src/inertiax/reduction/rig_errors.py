@@ -23,7 +23,7 @@ from .._typing import AnyArray
 from ..data.recording import Rig
 from ..physics.vectors import unit_vector
 from .dwells import Dwells, is_told, known_force
-from .earth_at_rest import untold_heading_covariance
+from .earth_at_rest import heading_is_untold, untold_heading_covariance
 from .positionings import attitudes, shared_positionings
 from .table_errors import states_table_errors, table_error_words, table_errors, TableErrors
 
@@ -80,12 +80,13 @@ def table_words(dwells: Dwells, rig: Rig, estimators: Sequence[str | None]) -> t
     """What of the table's stated errors could not be used, where an estimator compares with references."""
     if not states_table_errors(rig) or "reference" not in estimators:
         return ()
-    force = dwells.reference_accel
+    force, rate = dwells.reference_accel, dwells.reference_gyro
+    found = errors_of_table(dwells, rig)
+    if found is not None and force is not None and rate is not None and not rig.axes:
+        leaning = heading_is_untold(dwells.position, rate, force)  # by `leans_of_rests`
+        found = found._replace(known=found.known | leaning)
     return table_error_words(
-        rig,
-        errors_of_table(dwells, rig),
-        np.asarray(dwells.position),
-        None if force is None else np.asarray(force),
+        rig, found, np.asarray(dwells.position), None if force is None else np.asarray(force)
     )
 
 
@@ -129,17 +130,27 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
     for triad, part in (("accel", 0.0), ("gyro", rate)):
         reference = getattr(dwells, f"reference_{triad}")
         own = getattr(dwells, f"{triad}_covariance")
-        if reference is None or own is None or not (angle or part):
+        if reference is None or own is None or not (angle or part or rig.level_uncertainty):
             continue
         wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
-        if triad == "gyro":
-            wider = wider + angles_of_moves(dwells, angle)
+        more = angles_of_moves(dwells, angle) if triad == "gyro" else leans_of_rests(dwells, rig)
+        wider = wider + more
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
     heading = heading_errors(dwells)
     if dwells.gyro_covariance is not None and np.any(heading):
         wider = np.asarray(dwells.gyro_covariance) + heading
         dwells = eqx.tree_at(lambda d: d.gyro_covariance, dwells, wider)
     return _with_table_errors(dwells, rig)
+
+
+def leans_of_rests(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3"] | float:
+    """λ² (|u|² E − u uᵀ), (m/s²)², of rests that tell no heading, by the level λ of their base: a lean that is the same
+    in the room is another in the case at each of them. Zero elsewhere: `table_errors` has those with a heading."""
+    level = rig.level_uncertainty or 0.0
+    if not level or dwells.reference_accel is None or dwells.reference_gyro is None:
+        return 0.0
+    told = dwells.position, dwells.reference_gyro, dwells.reference_accel
+    return rig_covariance(np.asarray(dwells.reference_accel), level * heading_is_untold(*told))
 
 
 def heading_errors(dwells: Dwells) -> Float[AnyArray, "*dwell 3 3"] | float:

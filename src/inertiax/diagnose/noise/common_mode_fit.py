@@ -129,8 +129,9 @@ class JointLikelihood:
     def _products(self, c: int, own: np.ndarray) -> tuple[np.ndarray, float]:
         """Products of a chain's whitened columns, observed first, then fixed, then shared; and log determinant."""
         # Where the chain stands without any part of the rig's, its variance does not matter here.
-        rig = self._shared.chains[c].rig
-        key = c, (own if np.any(rig) else np.delete(own, RIG)).tobytes()
+        chain = self._shared.chains[c]
+        matters = np.any(chain.rig) or np.any(chain.rig_of_dwell)
+        key = c, (own if matters else np.delete(own, RIG)).tobytes()
         if key not in self._known:
             mine = [k for k in self._known if k[0] == c]
             for old in mine[: 1 - KEPT]:

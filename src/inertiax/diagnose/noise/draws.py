@@ -20,9 +20,11 @@ def draw(
     )  # fmt: skip
     made = rng.standard_normal((num, draws)) * np.sqrt(white * chain.white)[:, None]
     if np.array_equal(chain.new_positioning, chain.new_dwell):
-        made += _held(chain.new_dwell, np.sqrt(dwell + rig * chain.rig), draws, rng)
+        both = chain.rig + chain.rig_of_dwell
+        made += _held(chain.new_dwell, np.sqrt(dwell + rig * both), draws, rng)
     else:
-        made += _held(chain.new_dwell, np.full(num, np.sqrt(dwell)), draws, rng)
+        own = np.sqrt(dwell + rig * chain.rig_of_dwell)
+        made += _held(chain.new_dwell, own, draws, rng)
         made += _held(chain.new_positioning, np.sqrt(rig * chain.rig), draws, rng)
     for c in range(channels):
         slow = _held(chain.new_cycle, np.full(num, np.sqrt(cycle)), draws, rng)

@@ -40,10 +40,16 @@ class System(eqx.Module):
 
 
 def make(
-    base: Baseline, blocks: Blocks, rig: Sequence[np.ndarray], heated: Sequence[np.ndarray]
+    base: Baseline,
+    blocks: Blocks,
+    rig: Sequence[np.ndarray],
+    heated: Sequence[np.ndarray],
+    rig_of_dwell: Sequence[np.ndarray] | None = None,
 ) -> System:
     """Chains of a fitted baseline; `rig` gives each chain's positioning variance per block, `heated` the change by
-    one standard deviation of the probe's error, `(block, 1)` or `(block, 0)`."""
+    one standard deviation of the probe's error, `(block, 1)` or `(block, 0)`, `rig_of_dwell` the variance that the rig
+    states of each dwell by itself."""
+    own = [np.zeros(blocks.num_blocks)] * len(rig) if rig_of_dwell is None else rig_of_dwell
     white = getattr(blocks, f"{base.form.triad}_white")
     gap = np.r_[0.0, np.maximum(np.diff(blocks.time), 0.0)]
     anew = lambda numbers: np.r_[1.0, (np.diff(numbers) != 0).astype(float)]
@@ -55,7 +61,9 @@ def make(
             level = (white * base.loads[0] ** 2).sum(axis=1)
         else:
             level = white[:, c]
-        chains.append(Chain(level, base.loads[c], gap, fresh, set_anew, cycle, rig[c], heated[c]))
+        chains.append(
+            Chain(level, base.loads[c], gap, fresh, set_anew, cycle, rig[c], own[c], heated[c])
+        )
         mean = float(np.mean(level[level <= SHAKEN * np.median(level)]))
         scales.append(np.array([1.0, mean, mean / 1000.0, mean, mean, 0.5, 1.0]))
     frames = tuple(span(x / np.linalg.norm(x, axis=0)) for x in base.columns)

@@ -42,7 +42,8 @@ def processes(chain: Chain, num: int) -> list[Process]:
     if heated.shape[1]:
         made.append(Process(relaxing(WANDER), {PROBE: 1.0 - relaxing(WANDER) ** 2}, heated))
         made.append(Process(1.0 - cycle, {PROBE: cycle}, heated))
-    made.append(Process(1.0 - dwell, {DWELL: dwell}, np.ones((num, 1))))
+    own = np.asarray(chain.rig_of_dwell, float)[:num]
+    made.append(Process(1.0 - dwell, {DWELL: dwell, RIG: dwell * own}, np.ones((num, 1))))
     made.append(Process(1.0 - set_anew, {RIG: set_anew * rig}, np.ones((num, 1))))
     return _joined(made)
 

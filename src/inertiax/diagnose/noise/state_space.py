@@ -41,6 +41,7 @@ class Chain(eqx.Module):
     new_positioning: Float[np.ndarray, " block"]  # 1 where the rig's error is another one, else 0
     new_cycle: Float[np.ndarray, " block"]  # 1 where the power was cycled, else 0
     rig: Float[np.ndarray, " block"]  # variance of a positioning's error as the rig states it
+    rig_of_dwell: Float[np.ndarray, " block"]  # of what the rig states anew for each dwell
     # Change of the observation by one stated standard deviation of the probe's error; no column where none is stated.
     heated: Float[np.ndarray, "block probe"]
 
@@ -100,7 +101,8 @@ def transition(
         probes = []
     a = jnp.concatenate([a, *(x for x, _ in probes), 1.0 - dwell, 1.0 - set_anew], axis=1)
     rig = set_anew * variances.rig * jnp.asarray(chain.rig)[:, None]
-    q = jnp.concatenate([q, *(x for _, x in probes), dwell * variances.dwell, rig], axis=1)
+    own = variances.dwell + variances.rig * jnp.asarray(chain.rig_of_dwell)[:, None]
+    q = jnp.concatenate([q, *(x for _, x in probes), dwell * own, rig], axis=1)
     loads = jnp.tile(jnp.asarray(chain.loads), (1, len(TIME_CONSTANTS) + 2))
     h = jnp.concatenate([loads, *(heated for _ in probes), jnp.ones((num, 2))], axis=1)
     return a, q, h

@@ -1,30 +1,61 @@
-"""What the Earth's rate in a heading that no reference tells does to the gyros' blocks (`reduction.earth_at_rest`)."""
+"""What rests and plateaus err by where no reference tells the heading of the case.
+
+So it is on a table that turns about the vertical alone: the Earth's rate in that heading is part of the gyros' means
+(`reduction.earth_at_rest`), and a lean of the base points another way in the case at each rest
+(`reduction.rig_errors.leans_of_rests`).
+"""
 
 import numpy as np
 from jaxtyping import Float
 
 from ..._jax import eqx
-from ...reduction.earth_at_rest import untold_heading_covariance
+from ...data.recording import Rig
+from ...reduction.earth_at_rest import heading_is_untold, untold_heading_covariance
+from ...reduction.rig_errors import rig_covariance
 from .blocks import Blocks
+from .model_rows import ModelForm
 
 
-def heading_errors(blocks: Blocks, step: float) -> Float[np.ndarray, "block 3 3"]:
-    """`untold_heading_covariance` of blocks, (rad/s)²; zero without references of both triads, and of moves, which turn
-    often; `step`, s, is between samples."""
-    if blocks.reference_accel is None or blocks.reference_gyro is None:
-        return np.zeros((blocks.num_blocks, 3, 3))
-    made = untold_heading_covariance(
-        blocks.position, blocks.reference_gyro, blocks.reference_accel, step * blocks.count
-    )
-    return np.where(blocks.move[:, None, None], 0.0, made)
+def errors_of_rests(
+    blocks: Blocks, form: ModelForm, rig: Rig, step: float
+) -> list[Float[np.ndarray, " block"]]:
+    """Variance of what each rest has by itself, on each chain, SI; zero on plateaus, and where a heading is told.
+
+    **Arguments:** `step`, s, is between samples.
+    """
+    force = blocks.reference_accel
+    if not form.by_reference or force is None or blocks.reference_gyro is None:
+        return [np.zeros(blocks.num_blocks)] * (1 if form.by_magnitude else 3)
+    rate = blocks.reference_gyro
+    if form.triad == "gyro":
+        errors = _heading_errors(blocks, rate, force, step)
+        square = np.where(blocks.moving[:, None, None], 0.0, errors)
+    else:
+        untold = heading_is_untold(blocks.position, rate, force)
+        square = rig_covariance(force, (rig.level_uncertainty or 0.0) * untold)
+    return [square[:, c, c] for c in range(3)]
 
 
 def with_heading_errors(blocks: Blocks, step: float) -> Blocks:
     """The blocks with what an unknown heading gives to plateaus, where it turns in the case, in the gyros' white
-    variance."""
-    turning = np.where(blocks.moving[:, None, None], heading_errors(blocks, step), 0.0)
-    if blocks.gyro_white is None or not turning.any():
+    variance; `step`, s, is between samples."""
+    rate, force, white = blocks.reference_gyro, blocks.reference_accel, blocks.gyro_white
+    if white is None or rate is None or force is None:
         return blocks
-    return eqx.tree_at(
-        lambda b: b.gyro_white, blocks, blocks.gyro_white + np.diagonal(turning, axis1=1, axis2=2)
-    )
+    errors = _heading_errors(blocks, rate, force, step)
+    turning = np.where(blocks.moving[:, None, None], errors, 0.0)
+    if not turning.any():
+        return blocks
+    wider = white + np.diagonal(turning, axis1=1, axis2=2)
+    return eqx.tree_at(lambda b: b.gyro_white, blocks, wider)
+
+
+def _heading_errors(
+    blocks: Blocks,
+    rate: Float[np.ndarray, "block 3"],
+    force: Float[np.ndarray, "block 3"],
+    step: float,
+) -> Float[np.ndarray, "block 3 3"]:
+    """`untold_heading_covariance` of blocks, (rad/s)²; zero of moves, which turn often."""
+    made = untold_heading_covariance(blocks.position, rate, force, step * blocks.count)
+    return np.where(blocks.move[:, None, None], 0.0, made)
