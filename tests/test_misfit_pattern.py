@@ -7,7 +7,13 @@ import jax
 import numpy as np
 import pytest
 
-from inertiax.calibrate.misfit_pattern import FORCE, FORCE_OR_EARTH, misfit_pattern, remedy
+from inertiax.calibrate.misfit_pattern import (
+    FORCE,
+    FORCE_OR_EARTH,
+    misfit_pattern,
+    remedy,
+    typical_size,
+)
 from inertiax.cli.next_step import after_diagnose
 from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel, ReferenceGyro
 from inertiax.physics.temperature import Constant
@@ -168,3 +174,20 @@ def test_gyros_means_at_rest_that_follow_the_force_are_said(size, word):
     assert found == word
     assert ("g_sensitivity = true" in remedy(found, "gyro")) == bool(word)
     assert "g_sensitivity" not in remedy(found, "accel")
+
+
+def test_a_size_by_moments_is_that_of_the_drawn_coefficients():
+    """400 draws of 8 coefficients of size 3 under a model of 5 columns and unit noise in 60 rows."""
+    rng = np.random.default_rng(11)
+    found = []
+    for _ in range(400):
+        model, columns = rng.standard_normal((60, 5)), rng.standard_normal((60, 8))
+        residual = model @ rng.standard_normal(5) + columns @ (3.0 * rng.standard_normal(8))
+        found.append(typical_size(model, residual + rng.standard_normal(60), columns))
+    # A variance of 8 numbers is known to 1/2, of 400 such to 2.5 %; within three of them.
+    assert np.mean(np.square(found)) == pytest.approx(9.0, rel=0.075)
+    nothing = [
+        typical_size(model, rng.standard_normal(60), rng.standard_normal((60, 8)))
+        for model in rng.standard_normal((40, 60, 5))
+    ]
+    assert np.median(nothing) < 0.15

@@ -15,12 +15,14 @@ import scipy.linalg
 import scipy.special
 from jaxtyping import Float
 
+from .._jax import jax
 from ..estimators import AbstractEstimator, Invariant, ReferenceAccel, ReferenceGyro
 from ..model_selection.model_spec import LEAST_SPAN
 from ..physics.temperature import AbstractBasis, Constant
 from ..physics.wgs84 import EARTH_RATE
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
+from ..reduction.rig_errors import positionings, turned_by
 
 
 # Chance of a false word where scatter was found and is white. Real scatter is not quite, and is most of what is looked
@@ -41,6 +43,7 @@ EXPECTED = 0.05
 LEVER_ARMS = "ω²r of a lever arm"
 FORCE = "the specific force"
 FORCE_OR_EARTH = "the specific force, by no more than the Earth's rate would that a reference lacks"
+POSITIONING = "how the case lies at each positioning, which differs by"
 _TEMPERATURE = "the temperature, which moved by"
 
 
@@ -54,7 +57,8 @@ def misfit_pattern(
 
     For each driver d (the running time, the square of the input) a bias of each axis in proportion to it is tried:
     columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns; of
-    accelerometers on a turning table, too, what one lever arm adds. Said is the
+    accelerometers on a turning table, too, what one lever arm adds; and where no rig states it, three angles of each
+    positioning that several dwells share. Said is the
     driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
     dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
     first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Gyros are tried
@@ -86,6 +90,11 @@ def misfit_pattern(
         if not _beyond_earth(model, residual, trials[FORCE]):
             trials[FORCE_OR_EARTH] = trials.pop(FORCE)
     found = [(*_f_test(model, residual, columns), name) for name, columns in trials.items()]
+    turned = _of_positionings(estimator, problem, now.jacobian)
+    if turned is not None:
+        angle = float(np.degrees(typical_size(model, residual, turned))) * 3600.0
+        size = f"{float(f'{angle:.2g}'):g} arcsec"
+        found.append((*_f_test(model, residual, turned), f"{POSITIONING} {size} (1 sigma)"))
     chance, share, name = min(found, default=(1.0, 0.0, ""))
     return name if chance < RARE and share > MOST * beyond else ""
 
@@ -98,6 +107,8 @@ def remedy(follows: str, triad: str) -> str:
         return "set g_sensitivity = true under [model], and it is estimated"
     if follows == FORCE_OR_EARTH:
         return "[site] latitude gives it to a table's angles; else 'inertiax diagnose' looks for the cause"
+    if follows.startswith(POSITIONING):
+        return "write that under [rig] as position_uncertainty, and ± holds it"
     if follows_temperature(follows):
         return "constants leave out what biases do with temperature"
     return "'inertiax diagnose' looks for the cause"
@@ -154,6 +165,52 @@ def _trials(
     if felt is not None and not any("g_sensitivity" in name for name in estimator.names):
         force = np.asarray(felt)[:many]
         yield FORCE, np.concatenate([scaled(force[:, j, None]) for j in range(3)], axis=1)
+
+
+def _of_positionings(
+    estimator: AbstractEstimator,
+    problem: Problem,
+    jacobian: Float[np.ndarray, "dwell row parameter"],
+) -> Float[np.ndarray, "row angle"] | None:
+    """Whitened columns of small angles, rad, by which the case is turned at each positioning of several dwells; `None`
+    where there are none, or the rig states them."""
+    reference = getattr(problem.dwells, f"reference_{estimator.triad}")
+    if reference is None or problem.shared is not None or isinstance(estimator, Invariant):
+        return None
+    count = problem.num_dwells
+    dwells = jax.tree.map(lambda x: np.asarray(x)[:count], problem.dwells)
+    number = positionings(dwells)
+    if not np.any(number >= 0):
+        return None
+    turned = turned_by(np.asarray(reference, float)[:count])
+    made = []
+    for own in np.unique(number[number >= 0]):
+        mine = np.where(number == own, 1.0, 0.0)[:, None]
+        for j in range(3):
+            # A reference that is changed by δ leaves the misfit that a bias of −δ does, but for the matrix' percents.
+            made.append(_biases(estimator, jacobian, -mine * turned[:, :, j]).sum(axis=1))
+    return np.stack(made, axis=1)
+
+
+def typical_size(
+    model: Float[np.ndarray, "row unknown"],
+    residual: Float[np.ndarray, " row"],
+    columns: Float[np.ndarray, "row column"],
+) -> float:
+    r"""Standard deviation of independent coefficients of whitened columns that a residual shows beside a model.
+
+        With $B$ the columns off the model's span, of rank $q$, and $s^2$ what is left for each degree of freedom, the
+    residual's square is expected to drop by $\alpha^2 \lVert B \rVert_F^2 + q s^2$: by moments.
+    """
+    frame = _span(model)
+    off = columns - frame @ (frame.T @ columns)
+    residual = residual - frame @ (frame.T @ residual)
+    own = _span(off)
+    drop = float(np.square(own.T @ residual).sum())
+    left = len(residual) - frame.shape[1] - own.shape[1]
+    noise = (float(residual @ residual) - drop) / max(left, 1)
+    square = (drop - own.shape[1] * noise) / max(float(np.square(off).sum()), 1e-300)
+    return float(np.sqrt(max(square, 0.0)))
 
 
 def _holds_earth_rate(dwells: Dwells) -> bool:

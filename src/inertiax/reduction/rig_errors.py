@@ -109,16 +109,7 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
     angle, rate = rig.position_uncertainty or 0.0, rig.rate_uncertainty or 0.0
     own_angle: float | np.ndarray = angle
     if angle:
-        numbers = np.full(np.shape(dwells.position), -1)
-        if dwells.reference_gyro is not None:
-            force = known_force(dwells.reference_accel, dwells.accel)
-            numbers = shared_positionings(
-                np.asarray(dwells.position),
-                np.asarray(dwells.reference_gyro),
-                None if force is None else np.asarray(force),
-                np.asarray(dwells.valid),
-            )
-        numbers = _with_rests(numbers, dwells)
+        numbers = positionings(dwells)
         if np.any(numbers >= 0):
             own_angle = np.where(numbers >= 0, 0.0, angle)
             dwells = eqx.tree_at(
@@ -141,6 +132,20 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
         wider = np.asarray(dwells.gyro_covariance) + heading
         dwells = eqx.tree_at(lambda d: d.gyro_covariance, dwells, wider)
     return _with_table_errors(dwells, rig)
+
+
+def positionings(dwells: Dwells) -> Int[np.ndarray, "*dwell"]:
+    """Numbers from 0 of the positionings that several dwells share, plateaus or rests; −1 for the others."""
+    if dwells.reference_gyro is None:
+        return _with_rests(np.full(np.shape(dwells.position), -1), dwells)
+    force = known_force(dwells.reference_accel, dwells.accel)
+    numbers = shared_positionings(
+        np.asarray(dwells.position),
+        np.asarray(dwells.reference_gyro),
+        None if force is None else np.asarray(force),
+        np.asarray(dwells.valid),
+    )
+    return _with_rests(numbers, dwells)
 
 
 def leans_of_rests(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3"] | float:
