@@ -21,6 +21,7 @@ from ..effects import CATALOGUE, Variant
 from ..effects.effect import lag
 from ..model_selection.model_spec import LEAST_SPAN
 from ..model_selection.temperature_degree import HIGHEST_DEGREE, temperature_levels
+from ..procedure.rank import has_full_rank
 from .element_temperature import Curves
 from .problem import Prepared, Problem
 
@@ -38,6 +39,7 @@ class _Chain(NamedTuple):
     output: Float[np.ndarray, " dwell"]
     jacobian: Float[np.ndarray, "dwell parameter"]
     bias: Float[np.ndarray, "dwell bias"]  # of them those of biases
+    names: tuple[str, ...]  # of the parameters
 
 
 class _Fit(NamedTuple):
@@ -124,8 +126,9 @@ def _chains(prepared: Prepared, place: np.ndarray) -> list[_Chain]:
         # The first of each parameter's columns is of the constant polynomial.
         output = observed + columns @ flat[index]
         jacobian = _means(columns[:, ::size], place)
-        biases = [".bias[" in base.form.names[k] for k in index[::size] // size]
-        made.append(_Chain(_means(output, place), jacobian, jacobian[:, biases]))
+        names = tuple(prepared.form.names[k] for k in index[::size] // size)
+        biases = [".bias[" in name for name in names]
+        made.append(_Chain(_means(output, place), jacobian, jacobian[:, biases], names))
     return made
 
 
@@ -141,13 +144,17 @@ def _fit(
     basis: Float[np.ndarray, "dwell size"],
     left: Float[np.ndarray, "dwell pause"],
 ) -> _Fit | None:
-    """Least squares of every chain with variances of their own; `None` where dwells are too few for it.
+    """Least squares of every chain with variances of their own; `None` where dwells are too few for it, or leave
+    curves open, as each face that is at one temperature leaves scale factors: no calibration has that degree.
 
     What a pause did to the elements changes biases: a first order that each channel has by itself.
     """
     criterion, squares, made = 0.0, 0.0, []
-    for output, jacobian, bias in chains:
+    for output, jacobian, bias, names in chains:
         count, rows = jacobian.shape[1], len(output)
+        by_degree = (basis[:, :, None] * jacobian[:, None, :]).reshape(rows, -1)
+        if not has_full_rank(by_degree.T @ by_degree, names, basis.shape[1]):
+            return None
         curves = (jacobian[:, :, None] * basis[:, None, :]).reshape(rows, -1)
         pauses = (bias[:, :, None] * left[:, None, :]).reshape(rows, -1)
         design = np.concatenate([curves, pauses], axis=1)
