@@ -128,6 +128,20 @@ def test_each_mounting_may_have_a_log_of_the_tables_own(tmp_path, anew):
 
 
 @pytest.mark.slow
+def test_an_angle_beside_the_rate_that_is_read_is_not_asked_for(tmp_path):
+    logs(tmp_path, np.random.default_rng(6))
+    tables = own_logs(tmp_path, lambda k: 100.0)
+    for table in tables:
+        own = pl.read_csv(table)
+        step = own["time"].diff().fill_null(0.0)
+        own.with_columns((own["rate"] * step).cum_sum().alias("Winkel")).write_csv(table)
+    first, *others = [tmp_path / f"{name}.csv" for name in NAMES]
+    drawn = draft_campaign(first, tmp_path, latitude=52.27, others=others, table=tables)
+    assert 'table_rates = { names = ["rate"]' in drawn.text
+    assert drawn.unread == ('Not read: "Winkel".',)
+
+
+@pytest.mark.slow
 def test_of_a_commanded_and_a_measured_rate_the_measured_one_is_read(tmp_path):
     """The command leads what the table does by 40 ms: with it the delay would be that much off."""
     logs(tmp_path, np.random.default_rng(9))

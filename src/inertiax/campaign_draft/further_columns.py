@@ -49,12 +49,13 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
             "device (serial number), experiment (one chamber setting), position (-1 while it moves)"
         )
         unread += (f"Not read, perhaps labels: {_listed(labels)}. Add what they are: {what}.",)
-    if any(_ANGLE.search(plain(n)) for n in others):
+    told = bool({"table_angles", "table_rates"} & {line.key for line in lines})
+    if not told and any(_ANGLE.search(plain(n)) for n in others):
         unread += (
             "Angles of a table make its references: [columns] table_angles, and [table] axes.",
         )
     turning = [] if roles.reference_gyro is not None else rates_of_a_table(found, others)
-    if turning and not {"table_angles", "table_rates"} & {line.key for line in lines}:
+    if turning and not told:
         unread += (
             f"{_listed(turning)} goes with the gyros' rate as a table's does, but no angles tell how the device stood. "
             f"{ONE_AXIS}",
