@@ -468,6 +468,27 @@ def test_a_filtered_temperature_is_no_fahrenheit(tmp_path):
     assert draft(path)["columns"]["temperature"]["unit"] == "degC"
 
 
+@pytest.mark.parametrize(
+    "name, parts",
+    [
+        ("Temp [cdegC]", 100),
+        ("T [0.01 degC]", 100),
+        ("T [cdegC]", 100),
+        ("temp_x10", 10),
+        ("temperature_mdeg", 1000),
+        ("temp (1/100 °C)", 100),
+    ],
+)
+def test_parts_of_a_degree_that_a_name_says_are_no_converter_s_counts(tmp_path, name, parts):
+    celsius = np.round(np.linspace(-18.0, 60.0, len(TIME)), 1)
+    columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, np.round(parts * celsius))
+    path = written(tmp_path / "log.csv", columns, f"now[ms],{CANONICAL},{name}")
+    draft(path)
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.temperature[:, 0], celsius, atol=1e-9)
+    assert "CHECK temperature" not in (tmp_path / "campaign.toml").read_text()
+
+
 @pytest.mark.parametrize("name", ["imu_degC", "sensor_deg_c", "die degC", "board_celsius"])
 def test_a_unit_behind_a_word_makes_a_temperature(tmp_path, name):
     columns = (1e3 * TIME, ACCEL / G, GYRO / DEGREE, np.linspace(-8.0, 57.0, len(TIME)))

@@ -471,6 +471,46 @@ def test_a_tables_own_log_is_put_beside_the_devices_by_how_the_gyros_turn(tmp_pa
     assert abs(float(said.remedy.removeprefix("[table]\ndelay = ")) - late) < 1e-3
 
 
+def test_of_a_commanded_and_a_measured_angle_the_measured_one_is_taken_from_rows_that_stand_twice(
+    tmp_path,
+):
+    """The commanded one is 60 ms ahead, by 3.6° at this table's rate: the two were rivals, and rows that stand twice
+    were no clock."""
+    folder = tmp_path / "c"
+    two_logs(folder, 0.137)
+    own, rng = pl.read_csv(folder / "table.csv"), np.random.default_rng(4)
+    time = own["elapsed_s"].to_numpy()
+    turned = {k: np.unwrap(own[f"pos_{k}"].to_numpy(), period=360.0) for k in range(2)}
+    told = {
+        "Time": [
+            f"2026-03-14 {8 + int(t) // 3600:02d}:{int(t) // 60 % 60:02d}:{t % 60:06.3f}"
+            for t in time
+        ]
+    }
+    for k, name in enumerate(("Outer", "Inner")):
+        told[f"{name}Demand(deg)"] = np.round(np.interp(time + 0.06, time, turned[k]) % 360.0, 4)
+        noisy = turned[k] + 2e-4 * rng.standard_normal(len(time))
+        told[f"{name}Actual(deg)"] = np.round(noisy % 360.0, 4)
+    twice = np.sort(np.r_[np.arange(len(time)), rng.permutation(len(time))[: len(time) // 4]])
+    pl.DataFrame(told)[twice].write_csv(folder / "table.csv")
+    text = draft_campaign(
+        folder / "device.csv", folder, latitude=48.2, table=folder / "table.csv"
+    ).text
+    assert 'names = ["OuterActual(deg)", "InnerActual(deg)"]' in text
+    found = float(re.search(r"\ndelay = (.*)\n", text)[1])
+    start = np.datetime64("2026-03-14T08:00:00") - np.datetime64("1970-01-01T00:00:00")
+    assert abs(found - 0.137 - start / np.timedelta64(1, "s")) < 2e-3  # a fiftieth of a row
+
+
+def test_a_tables_own_log_without_a_clock_says_which_log_has_none(tmp_path):
+    folder = tmp_path / "c"
+    two_logs(folder, 0.0)
+    device = folder / "device.csv"
+    pl.read_csv(device).drop("time_s").write_csv(device)
+    with pytest.raises(ValueError, match="device.csv has none that serve: nothing in the file"):
+        draft_campaign(device, folder, latitude=48.2, table=folder / "table.csv")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.05, 0.15])
 def test_rows_that_repeat_the_one_before_tell_the_same_delay(tmp_path, share):

@@ -60,6 +60,12 @@ DRESSES = {
     + header()
     + rows(),
     "settings padded by a spreadsheet": "rate,50,,,,,\nmode,0,,,,,\n" + header() + rows(),
+    "settings of many fields padded by a spreadsheet": "Board;EVK;SN;417;;;\nFS_A;4g;FS_G;500dps;ODR;50Hz;\n"
+    + header(";")
+    + rows(";"),
+    "numbers among settings padded by a spreadsheet": "FS_A,4,FS_G,500,ODR,50,\n"
+    + header()
+    + rows(),
     "Xsens": "// Start Time: 0\n// Sample rate: 50.0Hz\n" + header("\t") + rows("\t", "\t"),
     "rows and header end with a delimiter": "t,ax,ay,az,gx,gy,gz,\n" + rows(",", ","),
     "rows end with two delimiters": header() + rows(",", ",,"),

@@ -97,8 +97,8 @@ WORDS: dict[Role, dict[str, str]] = {
         "it": r"pacchetto|contatore|campion|riga",
     },
     "temperature": {
-        "any": r"^tmp|[°º˚']c\b|[\[(] ?(?:deg)?c(?:elsius)?[\])]|^t_?c$|^t ?\(°\)"
-        r"|(?<![a-z])deg_?c(?:els(?:ius)?)?$|(?<![a-z])celsius(?![a-z])",
+        "any": r"^tmp|[°º˚']c\b|[\[(] ?(?:[01][.,/][01]+ ?\*? ?|[cdm](?=deg))?(?:deg)?c(?:elsius)?[\])]"
+        r"|^t_?c$|^t ?\(°\)|(?<![a-z])deg_?c(?:els(?:ius)?)?$|(?<![a-z])celsius(?![a-z])",
         "en": r"temp(?!s(?![a-z])|o(?![a-z])|oral|el)|^t_(?:imu|probe|sens|die|board|chip|case|degc)",
         "de": r"^t_(?:geh|platine|fuhler|fuehler|sonde)",
         "fr": r"^t_(?:capteur|boitier|carte)",

@@ -6,7 +6,8 @@ not, an axis that stands upright.
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,10 @@ _MOST_RESTS, _MOST_MOVING = 200, 400  # that are looked at
 _MOST_COLUMNS = 4
 _APART = 0.25  # s before and after, over which a plateau's rate
 _SAME_RATE = 0.01  # of itself stays
+_TWINS = 0.1  # deg: no encoder is further from where its table was sent
+_COMMANDED = re.compile(
+    r"cmd|command|demand|set|target|nominal|soll|vorgabe|consigne", re.IGNORECASE
+)
 _RADIANS = 7.0  # a whole turn is below; in degrees it would be no table's angle
 _UNITS = {"deg": np.pi / 180.0, "rad": 1.0}
 
@@ -71,10 +76,11 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
     candidates = [
         n for n in log.names if n not in _read(found) and _is_angle(log.numbers[n], start, stop)
     ]
+    middle = (start + stop) // 2
+    candidates, twins = without_twins(candidates, log.numbers, start, stop)
     if not 1 <= len(candidates) <= _MOST_COLUMNS:
         return None
     columns = np.stack([log.numbers[n] for n in candidates], axis=1)
-    middle = (start + stop) // 2
     still = np.stack([_spread(columns[a:b]) for a, b in zip(start, stop)]).max(axis=1)
     kept = np.flatnonzero(still < _STILL)[:: -(-rests.num_rests // _MOST_RESTS)]
     if len(kept) == 0:
@@ -102,6 +108,11 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
     rates, rate_unit = _rates(found, turn[:, list(best.order)], turning, names)
     label = found.roles.position
     words = f"gravity at rest is where they put it to {np.degrees(best.away):.1f} deg"
+    said = [t for n in names for t in twins[n]]
+    if said:
+        words += (
+            f"; {' and '.join(said)} say the same at rest: commanded, or without an encoder's noise"
+        )
     labels = [] if label is None else labels_while_moving(log.numbers[label], moving)
     return TableAngles(names, units[best.order[0]], rates, rate_unit, best.table, words, labels)
 
@@ -121,6 +132,37 @@ def _is_angle(values: Float[np.ndarray, " row"], start: np.ndarray, stop: np.nda
     spread = np.array([_spread(values[a:b, None])[0] for a, b in zip(start, stop)])
     places = np.unique(np.round(values[(start + stop) // 2][spread < _STILL], 1))
     return bool(np.mean(spread < _STILL) > 0.5) and len(places) >= 3
+
+
+def without_twins(
+    names: list[str],
+    columns: Mapping[str, Float[np.ndarray, " row"]],
+    start: np.ndarray,
+    stop: np.ndarray,
+) -> tuple[list[str], dict[str, list[str]]]:
+    """Of columns that say the same angle at all rests, as a commanded and a measured one do, the measured one, and the
+    others of each.
+
+    The measured one is the one that no word calls commanded, then the one with an encoder's noise at rest.
+    """
+    middle = (start + stop) // 2
+    noise = {
+        n: np.median([_spread(columns[n][a:b, None])[0] for a, b in zip(start, stop)])
+        for n in names
+    }
+    best = sorted(names, key=lambda n: (_COMMANDED.search(n) is not None, -noise[n]))
+    twins: dict[str, list[str]] = {}
+    for name in best:
+        apart = {k: columns[name][middle] - columns[k][middle] for k in twins}
+        turn = _whole_turn(columns[name][:, None])[0]
+        away = {k: np.abs(v - turn * np.round(v / turn)) for k, v in apart.items()}
+        # Where an axis turns on at one rate the rest is one of the force alone, and the two columns are not the same.
+        same = [k for k, v in away.items() if np.median(v) < _TWINS and np.mean(v < _TWINS) > 0.5]
+        if same:
+            twins[same[0]].append(name)
+        else:
+            twins[name] = []
+    return [n for n in names if n in twins], twins
 
 
 def _without_ends(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

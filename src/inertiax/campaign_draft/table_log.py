@@ -28,6 +28,7 @@ _WRAPS = 315.0  # deg from row to row: a whole turn is left out
 _MOST = 20_000  # rows of a fit
 _RATE = 0.95  # correlation of a size with the gyros', from which it is a rate's (convention)
 _NEXT_TO_NOTHING = 0.05  # of the greatest share (convention)
+_GROWS = 0.5  # of the steps at least: a logger may write each of a table's rows twice
 _SAME = 2e-3  # s: delays of two clocks that are told no better than this
 
 
@@ -95,15 +96,19 @@ def beside(found: RawTriads, path: Path) -> Beside:
     name = _clock_column(log)
     if name is None:
         raise ValueError(f"{path}: no column of times in it, of which a table's log needs one.")
+    log = _without_repeats(log, name)
     clock = clock_of(log, name, len(next(iter(log.numbers.values()))), None)
-    if clock.name is None or found.clock.name is None or found.gyro is None:
+    if found.gyro is None:
         raise ValueError(
-            f"{path}: a table's log of its own is put beside gyros by the stamps of both logs, and one has none."
+            f"{path}: a table's log of its own is put beside gyros, of which {found.log.path.name} has none."
         )
+    for at, one in ((path, clock), (found.log.path, found.clock)):
+        if one.name is None:
+            raise ValueError(
+                f"{path}: a table's log of its own is put beside gyros by the stamps of both logs, and {at.name} has "
+                f"none that serve: {one.why}."
+            )
     time, seconds = absolute(found.log, found.clock), absolute(log, clock)
-    later = np.r_[True, seconds[1:] > np.maximum.accumulate(seconds)[:-1]]  # as `read_table_log`
-    log = log._replace(numbers={n: v[later] for n, v in log.numbers.items()})
-    seconds = seconds[later]
     if len(time) != len(found.gyro):
         raise ValueError(
             f"{found.log.path}: rows without numbers; drop them to put a table's log beside."
@@ -185,9 +190,18 @@ def delay_line(tables: Sequence[TableLog]) -> Line:
     return Line("delay", delays, f"{why}; of each log, for the clocks begin anew")
 
 
+def _without_repeats(log: RawLog, name: str) -> RawLog:
+    """Without rows that do not go on from all above them, which a logger writes that asks faster than its table
+    answers; `read_table_log` leaves out the same."""
+    stamps = (log.stamps | log.numbers)[name]
+    later = np.r_[True, stamps[1:] > np.maximum.accumulate(stamps)[:-1]]
+    kept = lambda columns: {n: v[later] if len(v) == len(later) else v for n, v in columns.items()}
+    return log._replace(numbers=kept(log.numbers), stamps=kept(log.stamps))
+
+
 def _clock_column(log: RawLog) -> str | None:
     """The first column that does not go back, and moves on all along."""
-    grows = lambda v: bool(np.all(np.diff(v) >= 0.0) and np.mean(np.diff(v) > 0.0) > 0.9)
+    grows = lambda v: bool(np.all(np.diff(v) >= 0.0) and np.mean(np.diff(v) > 0.0) > _GROWS)
     return next((n for n, v in (log.stamps | log.numbers).items() if len(v) > 2 and grows(v)), None)
 
 

@@ -17,6 +17,23 @@ _ROOM = (10.0, 55.0)  # °C, a board at work in a room
 _TENTHS = re.compile(
     r"^(?:imu|baro|esc)temperature$"
 )  # columns of INAV's blackbox: int16 in 0.1 °C
+_PARTS = (  # of a degree, as loggers of whole numbers name them: cdegC, "0.01 degC", temp_x100
+    (
+        1000.0,
+        "thousandths",
+        r"\bm(?:illi)?_?(?:deg|°)|_mdeg|milli|(?<![\d.,])(?:0[.,]001|1/1000)(?!\d)|x ?1000(?!\d)",
+    ),
+    (
+        100.0,
+        "hundredths",
+        r"\bc(?:enti)?_?(?:deg|°)|_cdeg|centi(?!grad)|(?<![\d.,])(?:0[.,]01|1/100)(?!\d)|x ?100(?!\d)",
+    ),
+    (
+        10.0,
+        "tenths",
+        r"\bd(?:eci)?_?(?:deg|°)|_ddeg|deci|(?<![\d.,])(?:0[.,]1|1/10)(?!\d)|x ?10(?!\d)",
+    ),
+)
 _FAHRENHEIT = re.compile(r"degf|°f|fahr|\bf\b")
 _MAYBE_FAHRENHEIT = re.compile(r"_f\b")  # or "filtered"; the values tell
 
@@ -59,6 +76,10 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         return TemperatureUnit(
             "count", 10.0, 0.0, f"{span}: tenths of a degree, as INAV logs it", True
         )
+    part = _part_said(log.hint(name)) if np.all(values == np.round(values)) else None
+    if part is not None and part[0] * _CELSIUS[0] <= low and high <= part[0] * _CELSIUS[1]:
+        text = f"{span}: {part[1]} of a degree, as the file says"
+        return TemperatureUnit("count", part[0], 0.0, text, True)
     if _CELSIUS[0] <= low and high <= _CELSIUS[1]:
         doubt = (
             f"; if degF ({in_celsius[0]:.3g} to {in_celsius[1]:.3g} degC), write so" if warm else ""
@@ -78,6 +99,11 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     return TemperatureUnit(
         None, None, None, f"{name} reads {span}, which is no temperature in degC, K or degF", False
     )
+
+
+def _part_said(hint: str) -> tuple[float, str] | None:
+    """How many parts make a degree by a column's words, and what they are called."""
+    return next(((n, said) for n, said, words in _PARTS if re.search(words, hint)), None)
 
 
 def _names(log: RawLog, sensors: str) -> bool:

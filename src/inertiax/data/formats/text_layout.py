@@ -11,7 +11,7 @@ import csv
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from ...storage.harmless_text import short
@@ -170,6 +170,9 @@ def _header(
     """Column names with their line's number (`None` where there are none), and the number of the first line of data."""
     fewest = width - _empty_ends([f for f in split.values() if len(f) == width])
     fits = lambda named: fewest <= len(_named(named)) <= width
+    padded = _padded_above(body, split, fits)
+    if padded is not None:
+        return _named(split[padded.number]), padded.number, padded.number + 1
     full = lambda row: len(row) == width and 2 * sum(map(bool, row)) > width
     wide = (x for x in body if full(split[x.number]) or fits(split[x.number]))
     top = next(wide, None)
@@ -194,6 +197,20 @@ def _header(
                 return names, line.number, line.number + 1
         header = top
     return _named(split[header.number]), header.number, header.number + 1
+
+
+def _padded_above(
+    body: list[_Line], split: dict[int, list[str]], fits: Callable[[list[str]], bool]
+) -> _Line | None:
+    """The names under settings that a spreadsheet or a logger filled up to the data's width (`FS;4g;;;`); `None`
+    without such settings."""
+    for k, line in enumerate(body):
+        row = split[line.number]
+        if fits(row):
+            named = _named(row)
+            words = not any(f and is_value(f) for f in named)
+            return line if k and words and _are_names(list(named)) else None
+    return None
 
 
 def _grouped(group: _Line, line: _Line, delimiter: str) -> tuple[str, ...]:
