@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from command_runs import run
 from inertiax.campaign_draft import draft_campaign
+from inertiax.campaign_draft.table_angles import without_twins
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.columns import Turntable
 from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings
@@ -556,3 +557,17 @@ def test_two_days_with_clocks_that_begin_anew_have_a_delay_each(tmp_path):
     assert said.statement.startswith("device_b.csv")
     right = json.loads(said.remedy.removeprefix("[table]\ndelay = "))
     np.testing.assert_allclose(right, lates, atol=1e-3)
+
+
+def test_axes_that_stand_alike_at_most_rests_are_two_and_a_whole_turn_apart_is_one():
+    outer = np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0]).repeat(10)
+    inner = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 90.0]).repeat(10)
+    noise = 1e-4 * np.random.default_rng(2).standard_normal(60)
+    columns = {"a set": outer, "b": inner, "a": (outer + noise) % 360.0}
+    start = np.arange(6) * 10
+    kept, twins = without_twins(list(columns), columns, start, start + 10)
+    assert kept == ["b", "a"]
+    assert twins == {"a": ["a set"], "b": []}
+    # Without a word of it the measured one is the one with an encoder's noise.
+    columns = {"pos1": outer, "pos2": columns["a"]}
+    assert without_twins(list(columns), columns, start, start + 10)[0] == ["pos2"]

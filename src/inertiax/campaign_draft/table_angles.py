@@ -34,6 +34,7 @@ _MOST_COLUMNS = 4
 _APART = 0.25  # s before and after, over which a plateau's rate
 _SAME_RATE = 0.01  # of itself stays
 _TWINS = 0.1  # deg: no encoder is further from where its table was sent
+_AGREE = 0.95  # of the rests: two axes may well stand alike at half of them
 _COMMANDED = re.compile(
     r"cmd|command|demand|set|target|nominal|soll|vorgabe|consigne", re.IGNORECASE
 )
@@ -146,20 +147,21 @@ def without_twins(
     The measured one is the one that no word calls commanded, then the one with an encoder's noise at rest.
     """
     middle = (start + stop) // 2
-    noise = {
-        n: np.median([_spread(columns[n][a:b, None])[0] for a, b in zip(start, stop)])
-        for n in names
+    spread = {
+        n: np.array([_spread(columns[n][a:b, None])[0] for a, b in zip(start, stop)]) for n in names
     }
-    best = sorted(names, key=lambda n: (_COMMANDED.search(n) is not None, -noise[n]))
+    noise = {n: float(np.nanmedian(v)) for n, v in spread.items()}
     twins: dict[str, list[str]] = {}
-    for name in best:
-        apart = {k: columns[name][middle] - columns[k][middle] for k in twins}
+    for name in sorted(names, key=lambda n: (_COMMANDED.search(n) is not None, -noise[n])):
         turn = _whole_turn(columns[name][:, None])[0]
-        away = {k: np.abs(v - turn * np.round(v / turn)) for k, v in apart.items()}
-        # Where an axis turns on at one rate the rest is one of the force alone, and the two columns are not the same.
-        same = [k for k, v in away.items() if np.median(v) < _TWINS and np.mean(v < _TWINS) > 0.5]
-        if same:
-            twins[same[0]].append(name)
+        for kept in twins:
+            # At a rest of the force alone, in a turn about the vertical, the one may be ahead of the other.
+            still = (spread[name] < _STILL) & (spread[kept] < _STILL)
+            away = (columns[name][middle] - columns[kept][middle])[still]
+            away = np.abs(away - turn * np.round(away / turn))
+            if len(away) and np.mean(away < _TWINS) > _AGREE:
+                twins[kept].append(name)
+                break
         else:
             twins[name] = []
     return [n for n in names if n in twins], twins
