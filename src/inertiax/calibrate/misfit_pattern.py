@@ -171,7 +171,7 @@ def _of_positionings(
     estimator: AbstractEstimator,
     problem: Problem,
     jacobian: Float[np.ndarray, "dwell row parameter"],
-) -> Float[np.ndarray, "row angle"] | None:
+) -> Float[np.ndarray, "rows angle"] | None:
     """Whitened columns of small angles, rad, by which the case is turned at each positioning of several dwells; `None`
     where there are none, or the rig states them."""
     reference = getattr(problem.dwells, f"reference_{estimator.triad}")
