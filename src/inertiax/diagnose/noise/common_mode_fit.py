@@ -11,6 +11,7 @@ from ..candidates.signatures import Term
 from .grouped_filter import whiten
 from .observation_series import BOUNDS, NoiseFit, System
 from .search_places import log_variances, places
+from .state_space import stated_price
 
 
 DWELL, RIG = 3, 6  # places of their log variances
@@ -102,7 +103,7 @@ class JointLikelihood:
     def __call__(self, theta: Sequence[np.ndarray]) -> float:
         system = self._system
         part = float(np.exp(0.5 * theta[0][RIG]) * system.scales[0][RIG] ** 0.5)
-        total, grams, fixed = 0.0, [], []
+        total, grams, fixed = float(stated_price(float(theta[0][RIG]))), [], []
         for c, own in enumerate(theta):
             products, logdet = self._products(c, own)
             total += logdet + float(system.known[c].price(own))

@@ -5,7 +5,8 @@ import scipy.linalg
 from jaxtyping import Float
 
 from .grouped_filter import filter_of, Gains, gains, gradient, Groups, remember
-from .state_space import FREEDOM, Known, WALK
+from .processes import RIG
+from .state_space import FREEDOM, Known, STATED, stated_price, WALK
 
 
 SOFT = 1e-11  # added to the diagonal of the scaled Gram matrix, as in the other form
@@ -37,6 +38,7 @@ class RestrictedLikelihood:
         self._fixed = columns.shape[1]
         self._rows = np.concatenate([observed[:, None], columns, extra], axis=1)
         self._least, self._best = np.inf, None
+        self._stated = bool(groups.added[RIG].any() or groups.own[RIG].any())
 
     def value(self, theta: Float[np.ndarray, "7"]) -> float:
         """Of log variances relative to the scale; infinite where rounding leaves no positive covariance."""
@@ -106,6 +108,9 @@ class RestrictedLikelihood:
         slope[0] = 2.0 * part / (1.0 + part**2) / WHITE_SPREAD
         value += 0.5 * WALK * np.logaddexp(0.0, theta[2] + 3.0)
         slope[2] = 0.5 * WALK / (1.0 + np.exp(-(theta[2] + 3.0)))
+        if self._stated:
+            value += 0.5 * stated_price(float(theta[RIG]))
+            slope[RIG] += 0.5 * STATED * (1.0 - np.exp(-theta[RIG]))
         precision = np.asarray(self._known.precision)
         if precision.any():
             off = theta - np.asarray(self._known.center)

@@ -29,6 +29,10 @@ NUM_VARIANCES = 7
 WANDER = 1000.0  # s, over which a probe's error changes
 WALK = 1.6  # price of each e-fold of a walk's variance, in twice the log likelihood
 FREEDOM = 4.0  # degrees of freedom of what is known of a noise: a unit may be unlike the others
+# Degrees of freedom of a rig's statement: its standard deviation is known to 35 %, by GUM (JCGM 100:2008) G.4.2.
+# Convention: few positions scatter by a quarter of what is stated in one campaign of fifty, and effects of the size of
+# the stated errors were then told to a quarter of their ±.
+STATED = 4.0
 
 
 class Chain(eqx.Module):
@@ -75,6 +79,12 @@ class Known(eqx.Module):
         precision = xp.asarray(self.precision)
         told = xp.sum(xp.where(xp.einsum("kk->k", precision) > 0.0, 1.0, 0.0))
         return (FREEDOM + told) * xp.log1p(off @ precision @ off / FREEDOM)
+
+
+def stated_price(log_variance: Scalar | float) -> Scalar | float:
+    r"""Twice minus the log density of a rig's statement, where its variances are $e^\theta$ of the stated ones: up to a
+    constant $\nu (\theta + e^{-\theta} - 1)$, of a variance that was estimated with ν = `STATED` degrees of freedom."""
+    return STATED * (log_variance + xp.exp(-log_variance) - 1.0)
 
 
 def transition(
@@ -194,6 +204,8 @@ def negative_log_likelihood(
     # a slow effect is rarer than one that is not.
     prior = 2.0 * jnp.log1p(jnp.square(theta[0] / 0.15)) + WALK * jax.nn.softplus(theta[2] + 3.0)
     prior = prior + known.price(theta)
+    stated = jnp.any(jnp.asarray(chain.rig) + jnp.asarray(chain.rig_of_dwell) > 0.0)
+    prior = prior + jnp.where(stated, stated_price(theta[6]), 0.0)
     num = columns.shape[1]
     logs = jnp.log(jnp.diag(factor)[:num]) + jnp.log(norm[:num])
     return 0.5 * (logdet + y @ y - part @ part + prior) + jnp.sum(logs)
