@@ -156,6 +156,27 @@ def test_a_programmed_rate_that_is_written_through_the_ramps_is_none_there(noise
     assert np.ptp(alone[inside & (right > 0.0)], axis=0).max() == 0.0
 
 
+def test_plateaus_are_whole_where_one_axis_turns_at_a_time():
+    """±40 and ±80 °/s of each axis while the other stands, 40 rows a second with stamps to 0.1 ms. The standing axis'
+    changes of zero passed for the noise of both, and plateaus fell to pieces that a digit of the stamps parted."""
+    t = np.arange(0.0, 120.0, 0.025)
+    t = t + 1e-3 * np.random.default_rng(3).uniform(-1.0, 1.0, len(t))
+    angles, right = np.zeros((2, len(t), 2))
+    for k, begin in enumerate((5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 95.0, 108.0)):
+        angle, rate = ramped(t, begin, (-1.0) ** k * (40.0, 80.0)[k % 4 // 2], 1.0, 8.0)
+        angles[:, k // 4] += angle
+        right[:, k // 4] += rate
+    found = np.rad2deg(rates_of_angles(np.deg2rad(np.round(angles, 4)), np.round(t, 4)))
+    for axis in range(2):
+        for rate in (40.0, -40.0, 80.0, -80.0):
+            flat = np.abs(right[:, axis] - rate) < 1e-9
+            inside = flat & np.roll(flat, 8) & np.roll(flat, -8)
+            assert np.ptp(found[inside, axis]) == 0.0
+            # The slope of 320 angles over 8 s, whose stamps are off by 0.1 ms / √12 and digits by 0.0001° / √12.
+            sigma = np.sqrt(12.0) * (abs(rate) + 1.0) * 2.9e-5 / 8.0 / np.sqrt(320.0)
+            assert np.abs(found[inside, axis] - rate).max() < 5.0 * sigma
+
+
 def test_a_rate_that_a_reference_holds_through_the_ramps_is_cut_by_the_gyros():
     """Plateaus of 8 s between ramps of 1.5 s; a gyro of 0.05 °/s and 1 % reaches 90 °/s to its noise within 2 ms of
     the ramp's end. Turns by hand, whose reference is the mean rate over ramps and all, stay whole."""

@@ -141,7 +141,8 @@ def rates_of_angles(
         quiet = _noise(differs[still]) if still.any() else np.inf
         digit = _ROUNDED * _digit(angles) / float(np.median(spent[told]))
         most = np.maximum(np.maximum(_SIGMAS * quiet, digit), _WOBBLE * np.abs(mean))
-        least = np.maximum(_SLOW / 5.0, np.minimum(_SIGMAS * _noise(differs[told]), most))
+        each = [_of_one_axis(differs[told, k], np.abs(v), told) for k, v in enumerate(mean.T)]
+        least = np.maximum(_SLOW / 5.0, np.minimum(_SIGMAS * np.stack(each, axis=1), most))
         edges = np.flatnonzero(np.diff(np.r_[0, told & (differs <= least).all(axis=1), 0]))
     for a, b in edges.reshape(-1, 2):
         if time[b - 1] - time[a] >= _HELD:
@@ -205,6 +206,24 @@ def _digit(angles: Float[np.ndarray, "rows axes"]) -> float:
     """The smallest change of an angle from row to row, rad."""
     steps = np.abs(whole_turns_away(np.diff(angles, axis=0)))
     return float(np.min(steps, initial=np.inf, where=steps > NO_DIGIT))
+
+
+def _of_one_axis(
+    differs: Float[np.ndarray, " told"],
+    speed: Float[np.ndarray, " rows"],
+    told: Bool[np.ndarray, " rows"],
+) -> Float[np.ndarray, " rows"]:
+    """Noise of an axis' rate where it stands while another turns, and where it turns itself: an encoder's, and that of
+    rounded stamps, which is in proportion to the rate. Together, the zeros of standing would be the noise of both."""
+    turns = speed[told] > _SLOW
+    made = np.zeros(len(speed))
+    if not turns.all():
+        made[:] = _noise(differs[~turns])
+    if turns.any():
+        own = differs[turns]
+        own = np.maximum(_noise(own), _noise(own / speed[told][turns]) * speed)
+        made = np.where(speed > _SLOW, own, made)
+    return made
 
 
 def _noise(
