@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 import scipy.optimize
+import scipy.stats
 
 from inertiax.diagnose.noise import grouped_filter
 from inertiax.diagnose.noise.grouped_filter import groups_of, know, ROWS, whiten
@@ -15,6 +16,8 @@ from inertiax.diagnose.noise.restricted_likelihood import RestrictedLikelihood
 from inertiax.diagnose.noise.state_space import (
     Chain,
     Known,
+    STATED,
+    stated_price,
     TIME_CONSTANTS,
     unpack,
     value_and_gradient,
@@ -165,3 +168,28 @@ def test_processes_that_decay_and_are_seen_alike_are_one_state():
     mine, own_logs = whiten(one, np.exp(THETAS[0]) * SCALE, columns)
     np.testing.assert_allclose(mine, np.asarray(other), rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(own_logs, float(logs), rtol=1e-12)
+
+
+def test_a_rigs_statement_is_a_variance_estimated_with_its_degrees_of_freedom():
+    """By SciPy: with true variance σ² an estimate s² of ν degrees of freedom has ν s² / σ² as χ²."""
+    theta = np.linspace(-3.0, 0.0, 7)
+    truth = np.exp(theta)  # of the stated variance, which is 1
+    density = scipy.stats.chi2.logpdf(STATED / truth, STATED) + np.log(STATED / truth)
+    np.testing.assert_allclose(
+        [stated_price(x) - stated_price(0.0) for x in theta],
+        -2.0 * (density - density[-1]),
+        atol=1e-9,
+    )
+
+
+def test_a_chain_without_a_rig_has_no_price_of_one():
+    one = chain(1, False)
+    bare = eqx.tree_at(lambda c: (c.rig, c.rig_of_dwell), one, 2 * (np.zeros(NUM),))
+    rng = np.random.default_rng(8)
+    rows = rng.standard_normal(NUM), rng.standard_normal((NUM, 2)), np.zeros((NUM, 0))
+    other = THETAS[0] + np.array([*6 * [0.0], -1.5])
+    values = [
+        RestrictedLikelihood(groups_of(bare), SCALE, Known.nothing(), *rows).value(theta)
+        for theta in (THETAS[0], other)
+    ]
+    assert values[0] == values[1]

@@ -297,6 +297,23 @@ def test_rests_of_one_mounting_tell_once_how_it_is_off(tmp_path, name, low, high
         assert low < sigmas[1] / sigmas[0] < high
 
 
+@pytest.mark.slow
+def test_few_seats_that_scatter_less_by_chance_do_not_make_the_statement_smaller(
+    tmp_path, monkeypatch
+):
+    """Six mountings without any error. An axis is across four of them, of which its two misalignments leave q = 2
+    degrees of freedom: with q ln σ² the likelihood falls, with ν (θ + e^−θ) the statement's price rises, so that
+    e^−θ = 1 + q / ν of ν = 4. It was e⁻³, and what seats can do was told to a quarter of what it is."""
+    monkeypatch.setattr("test_one_vertical_axis.SEAT", 0.0)
+    logs(tmp_path, np.random.default_rng(71))
+    list(judged(tmp_path, NAMES))
+    with jax.enable_x64(True):
+        (accel,) = (t for t in prepare(load_campaign(tmp_path)).triads if t.form.triad == "accel")
+        noise = fit_noise(accel.system)
+    for theta in noise.theta:
+        assert theta[RIG] == pytest.approx(-np.log(1.0 + 2.0 / 4.0), abs=0.1)
+
+
 def test_gyros_feel_compensated_accelerometers_where_no_force_is_told(tmp_path):
     """While the table turns the reference tells no force. The outputs' own biases, 0.27 m/s², made 1 % of the
     g-sensitivity a bias of the plateaus alone."""
