@@ -433,9 +433,9 @@ def test_empty_angles_are_allowed_while_the_table_moves_alone(tmp_path):
         load_campaign(tmp_path / "c")
 
 
-def two_logs(folder, late):
+def two_logs(folder, late, drift=0.0):
     """A device at 50 Hz, and beside it at 10 Hz the table on another computer: sixteen positions by a trapezoid of
-    60 °/s, then turns of ±90 °/s about both axes. The table's clock is so many seconds late."""
+    60 °/s, then turns of ±90 °/s about both axes. The table's clock is so many seconds late, and so many ppm fast."""
     folder.mkdir()
     rng = np.random.default_rng(8)
     stops = [[a, b] for b in (0.0, 90.0, 180.0, 270.0) for a in (0.0, 90.0, 180.0, 270.0)]
@@ -458,7 +458,8 @@ def two_logs(folder, late):
     device |= {f"ACC_{x}": force[:, k] for k, x in enumerate("ABC")}
     device |= {f"GYR_{x}": np.rad2deg(gyro[:, k]) for k, x in enumerate("ABC")}
     pl.DataFrame(device).write_csv(folder / "device.csv")
-    own = {"elapsed_s": np.round(fine[::5] + late, 3), "chamber": np.full(len(fine[::5]), 21.0)}
+    clock = late + fine[::5] * (1.0 + 1e-6 * drift)
+    own = {"elapsed_s": np.round(clock, 3), "chamber": np.full(len(fine[::5]), 21.0)}
     own |= {f"pos_{k}": np.round(angles[::5, k] % 360.0, 4) for k in range(2)}
     own |= {f"rate_{k}": np.round(rates[::5, k], 4) for k in range(2)}
     pl.DataFrame(own).write_csv(folder / "table.csv")
@@ -491,6 +492,40 @@ def test_a_tables_own_log_is_put_beside_the_devices_by_how_the_gyros_turn(tmp_pa
     file.write_text(text.replace(f"delay = {found!r}", f"delay = {found - 0.12!r}"))
     (said,) = delays()
     assert abs(float(said.remedy.removeprefix("[table]\ndelay = ")) - late) < 1e-3
+
+
+def test_a_tables_clock_that_runs_faster_is_put_beside_the_devices_all_along(tmp_path):
+    """300 ppm are 40 ms over this log, and 3.6° at its end: crystals of 27 ppm do as much in half an hour."""
+    folder, file = tmp_path / "c", tmp_path / "c" / "campaign.toml"
+    speed, ideal = two_logs(folder, 52.3, 300.0)
+    text = draft_campaign(
+        folder / "device.csv", folder, latitude=48.2, table=folder / "table.csv"
+    ).text
+    drift = float(re.search(r"\ndrift = (.*)\n", text)[1])
+    # Each half's delay to 2e-4 s, as of the whole log above, and the halves 60 s apart.
+    assert drift == pytest.approx(300.0, abs=10.0)
+    flat = scipy.ndimage.binary_erosion(np.abs(np.gradient(speed)) < 1e-9, iterations=20)
+    turning = flat & (speed > 0.5)
+
+    def off():
+        (recording,) = load_campaign(folder).recordings
+        force = recording.reference_accel
+        told = turning & force.any(axis=1)
+        assert told.sum() > 100
+        return np.abs(force - ideal.force)[told].max()
+
+    file.write_text(text)
+    # A millisecond at 90 °/s is 1.6 mrad of g.
+    assert off() < 1e-3 * np.pi / 2.0 * G
+    file.write_text(text.replace(f"drift = {drift!r}", "drift = 0.0"))
+    assert off() > 0.1
+
+
+def test_a_drift_of_columns_beside_the_devices_is_refused(tmp_path):
+    station(tmp_path / "c")
+    (tmp_path / "c" / "campaign.toml").write_text(TOML.replace("[table]", "[table]\ndrift = 20.0"))
+    with pytest.raises(ValueError, match=r"\[table\] drift is of a log of the table's own"):
+        load_campaign(tmp_path / "c")
 
 
 def test_of_a_commanded_and_a_measured_angle_the_measured_one_is_taken_from_rows_that_stand_twice(

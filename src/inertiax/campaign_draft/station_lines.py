@@ -9,7 +9,7 @@ from .gyro_unit import said_unit
 from .raw_triads import RawTriads
 from .references import force_unit, labels_of_positions, moving_labels, rate_unit
 from .table_angles import TableAngles
-from .table_log import delay_line, TableLog
+from .table_log import clock_lines, TableLog
 from .toml_text import Line, Table, value_text
 from .upright_rate import UprightRate
 
@@ -117,12 +117,12 @@ def station_tables(
                 "-58); it matters for the Earth's rate, 15 deg/h, and `inertiax check` tells it where the gyros do"
             )
             lines.append(Line("azimuth", 0.0, why, certain=False))
-        lines += [delay_line(own)] if own else []
+        lines += clock_lines(own) if own else []
         tables.append(Table("table", tuple(lines)))
     roles = found.roles
     if upright is not None:
         why = "the table's one axis, as gravity and the gyros show; the device lies on one face in each file"
-        late = [delay_line(own)] if own else []
+        late = clock_lines(own) if own else []
         tables.append(Table("table", (Line("axes", [upright.axis], why), *late)))
     if (
         upright is not None

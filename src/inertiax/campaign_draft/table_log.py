@@ -10,7 +10,7 @@ import scipy.signal
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import angle_scale, rate_scale
-from ..data.formats.delay import delay_of, evened
+from ..data.formats.delay import Clocks, compared, delay_of, evened
 from ..data.formats.held_angles import held_rows, without_repeats, without_stairs
 from ..data.formats.table_angles import ideal_readings
 from .clock import Clock, clock_of
@@ -39,7 +39,7 @@ class TableLog(NamedTuple):
     clock: Clock
     log: RawLog
     seconds: Float[np.ndarray, " rows"]  # on the table's clock
-    delay: float  # s, by which its stamps are late
+    clocks: Clocks  # how late its stamps are
 
 
 Beside = tuple[RawTriads, TableLog]  # a device's log with the table's columns, and the table's log
@@ -127,7 +127,9 @@ def beside(found: RawTriads, path: Path) -> Beside:
         if np.corrcoef(np.abs(rate), speed)[0, 1] > _RATE:
             put[n] = rate
     merged = found.log._replace(numbers=put | found.log.numbers)
-    return found._replace(log=merged), TableLog(path, clock, log, seconds, delay)
+    return found._replace(log=merged), TableLog(
+        path, clock, log, seconds, Clocks(delay, 0.0, float(seconds[0]))
+    )
 
 
 def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableLog:
@@ -149,8 +151,7 @@ def with_delay(found: RawTriads, table: TableLog, angles: TableAngles) -> TableL
     time = absolute(found.log, found.clock)
     speed = evened(time, found.turning)
     told = evened(table.seconds, np.linalg.norm(ideal.rate, axis=1))
-    late = delay_of(time, speed, table.seconds - table.delay, told)
-    return table if late is None else table._replace(delay=table.delay + late[0])
+    return table._replace(clocks=compared(time, speed, table.seconds, told, table.clocks))
 
 
 def refined(each: Sequence[Beside], angles: TableAngles) -> tuple[TableLog, ...]:
@@ -163,8 +164,8 @@ def refined_by_rate(each: Sequence[Beside], name: str) -> tuple[TableLog, ...]:
     made = []
     for found, table in each:
         rate, time = np.abs(table.log.numbers[name]), absolute(found.log, found.clock)
-        late = delay_of(time, found.turning, table.seconds - table.delay, rate)
-        made.append(table if late is None else table._replace(delay=table.delay + late[0]))
+        clocks = compared(time, found.turning, table.seconds, rate, table.clocks)
+        made.append(table._replace(clocks=clocks))
     return tuple(made)
 
 
@@ -180,14 +181,24 @@ def column_lines(table: TableLog) -> list[Line]:
     ]
 
 
-def delay_line(tables: Sequence[TableLog]) -> Line:
-    """The delay under `[table]`: one number where it is the same for all logs, else one for each."""
-    delays = [round(float(t.delay), 4) for t in tables]
+def clock_lines(tables: Sequence[TableLog]) -> list[Line]:
+    """The delay under `[table]`, and the drift where there is one: one number where it is the same for all logs, else
+    one for each."""
+    delays = [round(float(t.clocks.delay), 4) for t in tables]
     same = max(delays) - min(delays) < _SAME
     why = "s, by which the table's stamps are late: so the gyros turn as it does"
-    if same:
-        return Line("delay", round(float(np.median(delays)), 4), why)
-    return Line("delay", delays, f"{why}; of each log, for the clocks begin anew")
+    lines = [
+        Line("delay", round(float(np.median(delays)), 4), why)
+        if same
+        else Line("delay", delays, f"{why}; of each log, for the clocks begin anew")
+    ]
+    drifts = [round(float(t.clocks.drift), 2) for t in tables]
+    if any(drifts):
+        said = drifts[0] if len(drifts) == 1 else drifts
+        lines.append(
+            Line("drift", said, "ppm, by which the table's clock runs faster than the device's")
+        )
+    return lines
 
 
 def _without_repeats(log: RawLog, name: str) -> RawLog:

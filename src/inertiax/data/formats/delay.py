@@ -1,5 +1,7 @@
 """By how much one clock is late against another, of the same motion seen on both."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,6 +11,7 @@ _MOST = 20_000  # rows that are compared
 _FEWEST = 50
 _EVEN = 0.2  # s (convention: a few rows of a slow telegram, and short beside a move)
 _FINER = 10  # times, from one grid of delays to the next
+_SIGMAS, _LEAST = 5.0, 2e-3  # of a drift; s, over the whole log (convention)
 
 
 def delay_of(
@@ -60,6 +63,76 @@ def delay_of(
     best += 0.5 * width * (a - c) / bend
     variance = b / len(v) * 2.0 * width**2 / bend
     return best, float(np.sqrt(max(variance, 0.0)))
+
+
+class Clocks(NamedTuple):
+    """How late one clock is against another: $T = s + 10^{-6} d\\,(s - T_0)$, $s = t + \\tau$, at the device's $t$."""
+
+    delay: float  # τ, s
+    drift: float  # d, ppm
+    first: float  # T₀, s, the first stamp of the other log
+
+    def on_device(self, stamps: Float[np.ndarray, " others"]) -> Float[np.ndarray, " others"]:
+        """Stamps of the other clock on the device's."""
+        part = 1e-6 * self.drift
+        return (stamps + part * self.first) / (1.0 + part) - self.delay
+
+    def on_other(self, time: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Stamps of the device on the other clock."""
+        late = time + self.delay
+        return late + 1e-6 * self.drift * (late - self.first)
+
+
+def compared(
+    time: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"],
+    stamps: Float[np.ndarray, " others"],
+    other: Float[np.ndarray, " others"],
+    known: Clocks,
+) -> Clocks:
+    """Two clocks by what `delay_of` finds in the first and in the second half of what changes.
+
+    A drift is said where it is five of its sigmas and moves the other log by 2 ms from its first stamp to its last.
+
+    **Arguments:** as of `delay_of`, with the stamps as they are; `known` is true to 2 s. By moments; no source.
+
+    ```python
+    import numpy as np
+    from inertiax.data.formats.delay import Clocks, compared
+
+    t = np.arange(0.0, 2000.0, 0.02)
+    turns = lambda t: np.exp(-((((t % 100.0) - 50.0) / 4.0) ** 2))
+    found = compared(t, turns(t), t, turns((t - 0.1) / (1.0 + 30e-6)), Clocks(0.0, 0.0, 0.0))
+    print(round(found.delay, 3), round(found.drift))    # 0.1 30
+    ```
+    """
+    found = delay_of(time, speed, known.on_device(stamps), other)
+    if found is None:
+        return known
+    known = known._replace(delay=known.delay + found[0])
+    for _ in range(2):
+        on_device = known.on_device(stamps)
+        rows = _telling(time, on_device, other)
+        middle = np.median(time[rows])
+        halves = [rows[time[rows] <= middle], rows[time[rows] > middle]]
+        ends = [
+            np.flatnonzero((time >= time[h[0]]) & (time <= time[h[-1]])) for h in halves if len(h)
+        ]
+        late = [delay_of(time[e], speed[e], on_device, other) for e in ends]
+        if len(late) < 2 or late[0] is None or late[1] is None:
+            return known
+        moments = [float(time[h].mean()) for h in halves]
+        apart = moments[1] - moments[0]
+        part = (late[1][0] - late[0][0]) / apart
+        sigma = float(np.hypot(late[0][1], late[1][1])) / apart
+        total = 1e-6 * known.drift + part
+        if abs(total) < max(_SIGMAS * sigma, _LEAST / float(np.ptp(stamps))):
+            return known
+        a, tm = 0.5 * (late[0][0] + late[1][0]), 0.5 * (moments[0] + moments[1])
+        # T = s' + d (s' − T₀) of s' = t + τ + a + part (t − tm), written with the drift d + part.
+        delay = (known.delay + a + part * (known.first - tm)) / (1.0 + part)
+        known = known._replace(delay=delay, drift=1e6 * total)
+    return known
 
 
 def evened(

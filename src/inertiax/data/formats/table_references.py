@@ -54,8 +54,14 @@ def _motion(
             scale * np.stack([numbers(table, n, where, empty=empty) for n in names], axis=1)
         )
         log = table_motion(read, columns, layout.turntable, stamps)
+        if layout.turntable.one_drift:
+            raise ValueError(
+                "[table] drift is of a log of the table's own ([recordings] table_files); columns beside the device's "
+                "are on its clock."
+            )
     if layout.table_log is not None or delay != 0.0:
-        log = log.at(stamps + delay)
+        late = stamps + delay
+        log = log.at(late + 1e-6 * layout.turntable.one_drift * (late - log.time[0]))
     return log
 
 
