@@ -11,8 +11,9 @@ from inertiax.allan.stored_channel import is_constant, StoredChannel
 from inertiax.calibrate.pipeline import calibrate
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import read_recordings
-from inertiax.data.formats.columns import AngleColumns, ColumnMap, Layout, RateColumns, Turntable
+from inertiax.data.formats.columns import AngleColumns, ColumnMap, Layout, RateColumns
 from inertiax.data.formats.long_logs import read_long
+from inertiax.data.formats.turntable import Turntable
 from inertiax.data.stored_recording import ColumnStore, log_numbers, StoredRecording
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.device_segments import segment_all

@@ -9,11 +9,11 @@ from scipy.integrate import quad_vec
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft.pipeline import draft_campaign
 from inertiax.data.campaign import load_campaign
-from inertiax.data.formats.columns import Turntable
 from inertiax.data.formats.held_angles import held_rows, without_repeats, without_stairs
 from inertiax.data.formats.table_angles import ideal_readings
 from inertiax.data.formats.table_motion import TableMotion
 from inertiax.data.formats.table_rates import rates_by_axis, rates_of_angles
+from inertiax.data.formats.turntable import Turntable
 from inertiax.data.recording import Rig
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.table_errors import table_error_words, TableErrors

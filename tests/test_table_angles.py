@@ -15,9 +15,9 @@ from command_runs import run
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.table_angles import without_twins
 from inertiax.data.campaign import load_campaign
-from inertiax.data.formats.columns import Turntable
 from inertiax.data.formats.table_angles import DIRECTIONS, ideal_readings
 from inertiax.data.formats.table_rates import rates_by_axis, rates_of_angles
+from inertiax.data.formats.turntable import Turntable
 from inertiax.data.recording import Recording
 from inertiax.physics.earth import earth_rate
 from inertiax.plausibility import check_campaign

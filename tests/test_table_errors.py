@@ -13,8 +13,8 @@ import pytest
 
 from inertiax.calibrate.split_covariance import Fit, split
 from inertiax.calibrate.table_error_sizes import table_error_sizes, within_statement
-from inertiax.data.formats.columns import Turntable
 from inertiax.data.formats.table_angles import two_axes
+from inertiax.data.formats.turntable import Turntable
 from inertiax.data.recording import Rig
 from inertiax.estimators import ReferenceAccel
 from inertiax.fleet.solve.batch import fit_fleet

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..data.formats.columns import GYRO_UNITS, Turntable
+from ..data.formats.columns import GYRO_UNITS
 from ..data.formats.held_angles import held_rows
 from ..data.formats.table_angles import DIRECTIONS, ideal_readings
+from ..data.formats.turntable import Turntable
 from .accel_unit import directions
 from .raw_triads import RawTriads
 from .references import labels_while_moving

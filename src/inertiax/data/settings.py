@@ -15,7 +15,8 @@ from typing import Literal
 import msgspec
 
 from .formats import ColumnMap, FORMATS
-from .formats.columns import nearest, Turntable
+from .formats.columns import nearest
+from .formats.turntable import Turntable
 from .plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 
 

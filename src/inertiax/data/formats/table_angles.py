@@ -18,7 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...physics.wgs84 import EARTH_RATE
-from .columns import Direction, nearest, Turntable
+from .columns import nearest
+from .turntable import Direction, Turntable
 
 
 DIRECTIONS = {
@@ -52,7 +53,7 @@ def ideal_readings(
 
     ```python
     import numpy as np
-    from inertiax.data.formats.columns import Turntable
+    from inertiax.data.formats.turntable import Turntable
     from inertiax.data.formats.table_angles import ideal_readings
 
     table = Turntable(axes=("up", "north"))     # a yaw axis that carries a roll axis
@@ -83,7 +84,7 @@ def two_axes(table: Turntable) -> tuple[tuple[float, ...], tuple[float, ...]] | 
     `None` for other tables. Raises `ValueError` as `ideal_readings`.
 
     ```python
-    from inertiax.data.formats.columns import Turntable
+    from inertiax.data.formats.turntable import Turntable
     from inertiax.data.formats.table_angles import two_axes
 
     print(two_axes(Turntable(axes=("west", "up"))))    # ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -6,11 +6,12 @@ import msgspec
 import numpy as np
 
 from . import csv, parquet
-from .columns import ColumnMap, Turntable
+from .columns import ColumnMap
 from .detect import detect
 from .numeric_columns import numbers
 from .table import stamps_of
 from .table_motion import table_motion, TableMotion
+from .turntable import Turntable
 
 
 def read_table_log(path: Path, columns: ColumnMap, table: Turntable) -> TableMotion:

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .columns import angle_scale, ColumnMap, rate_scale, Turntable
+from .columns import angle_scale, ColumnMap, rate_scale
 from .held_angles import without_repeats, without_stairs
 from .table_rates import rates_by_axis, rates_of_angles
+from .turntable import Turntable
 
 
 class TableMotion(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...physics.wgs84 import EARTH_RATE
-from .columns import Turntable
+from .turntable import Turntable
 
 
 SLOW = (
@@ -31,7 +31,7 @@ def is_upright_table(table: Turntable) -> bool:
     """Whether `[table]` says that there is one axis, the vertical.
 
     ```python
-    from inertiax.data.formats.columns import Turntable
+    from inertiax.data.formats.turntable import Turntable
     from inertiax.data.formats.upright_table import is_upright_table
 
     print(is_upright_table(Turntable(axes=("up",))), is_upright_table(Turntable(axes=("up", "north"))))    # True False
@@ -58,7 +58,7 @@ def readings_on_a_face(
 
     ```python
     import numpy as np
-    from inertiax.data.formats.columns import Turntable
+    from inertiax.data.formats.turntable import Turntable
     from inertiax.data.formats.upright_table import readings_on_a_face
 
     accel = np.tile([0.1, -9.7, 0.2], (3, 1))    # y points down
