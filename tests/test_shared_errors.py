@@ -14,6 +14,7 @@ from inertiax.diagnose.noise.common_mode import MOST, signatures
 from inertiax.diagnose.noise.common_mode_fit import coupled_theta, JointLikelihood, RIG
 from inertiax.diagnose.noise.observation_series import NoiseFit, START, variances
 from inertiax.diagnose.noise.reml import fit_noise
+from inertiax.diagnose.noise.state_space import stated_price
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.evidence import bank, judge
 from inertiax.diagnose.selection.score_test import whiten_columns, whiten_system
@@ -62,7 +63,7 @@ def test_the_joint_likelihood_is_that_of_the_dense_covariance():
             q, r = np.linalg.qr(a)
             left = b - q @ (q.T @ b)
             logs = np.log(np.diag(root)).sum() + np.log(np.abs(np.diag(r))).sum()
-            return logs + 0.5 * left @ left
+            return logs + 0.5 * left @ left + 0.5 * stated_price(theta[0][RIG])
 
         one = tuple(START + 0.0 for _ in range(3))
         other = tuple(
