@@ -58,8 +58,7 @@ def misfit_pattern(
     For each driver d (the running time, the square of the input) a bias of each axis in proportion to it is tried:
     columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns; of
     accelerometers on a turning table, too, what one lever arm adds; and where no rig states it, three angles of each
-    positioning that several dwells share. Said is the
-    driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
+    positioning that several dwells share. Said is the driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
     dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
     first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Gyros are tried
     against the specific force, too, where no g-sensitivity is estimated: on a table all means, of those that are
@@ -199,7 +198,7 @@ def typical_size(
 ) -> float:
     r"""Standard deviation of independent coefficients of whitened columns that a residual shows beside a model.
 
-        With $B$ the columns off the model's span, of rank $q$, and $s^2$ what is left for each degree of freedom, the
+    With $B$ the columns off the model's span, of rank $q$, and $s^2$ what is left for each degree of freedom, the
     residual's square is expected to drop by $\alpha^2 \lVert B \rVert_F^2 + q s^2$: by moments.
     """
     frame = _span(model)

@@ -5,6 +5,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from .columns import ColumnMap, Layout
+from .delay import Clocks
 from .numeric_columns import numbers
 from .table_angles import ideal_readings
 from .table_motion import table_motion, TableMotion
@@ -60,8 +61,8 @@ def _motion(
                 "are on its clock."
             )
     if layout.table_log is not None or delay != 0.0:
-        late = stamps + delay
-        log = log.at(late + 1e-6 * layout.turntable.one_drift * (late - log.time[0]))
+        clocks = Clocks(delay, layout.turntable.one_drift, float(log.time[0]))
+        log = log.at(clocks.on_other(stamps))
     return log
 
 
