@@ -58,11 +58,11 @@ def misfit_pattern(
     For each driver d (the running time, the square of the input) a bias of each axis in proportion to it is tried:
     columns $\partial r/\partial b_i\, d_i$ of the whitened residual r, beside the model's own columns; of
     accelerometers on a turning table, too, what one lever arm adds; and where no rig states it, three angles of each
-    positioning that several dwells share. Said is the driver with the rarest F ratio, where it is rarer than `RARE` and takes more than `MOST` of what is beyond the
-    dwells' noise. Where constants were fitted over a temperature that moves by `WARMED` to `LEAST_SPAN`, it is tried
-    first, with or without scatter: said where it is rarer than `EXPECTED` and takes more than `MOST`. Gyros are tried
-    against the specific force, too, where no g-sensitivity is estimated: on a table all means, of those that are
-    calibrated by gravity's rotation the means at rest.
+    positioning that several dwells share. Said is the driver with the rarest F ratio, where it is rarer than `RARE`
+    and takes more than `MOST` of what is beyond the dwells' noise. Where constants were fitted over a temperature
+    that moves by `WARMED` to `LEAST_SPAN`, it is tried first, with or without scatter: said where it is rarer than
+    `EXPECTED` and takes more than `MOST`. Gyros are tried against the specific force, too, where no g-sensitivity is
+    estimated: on a table all means, of those that are calibrated by gravity's rotation the means at rest.
 
     **Arguments:** the estimator with the scatter between dwells that was found, and the curve that was fitted. Nothing
     else is looked for without scatter, nor anything in a static fit, which has no input. An ordinary F test; no source.

@@ -19,7 +19,7 @@ def draw(
         )
     )  # fmt: skip
     made = rng.standard_normal((num, draws)) * np.sqrt(white * chain.white)[:, None]
-    if np.array_equal(chain.new_positioning, chain.new_dwell):
+    if np.array_equal(chain.new_positioning, chain.new_dwell):  # one draw is for both
         both = chain.rig + chain.rig_of_dwell
         made += _held(chain.new_dwell, np.sqrt(dwell + rig * both), draws, rng)
     else:

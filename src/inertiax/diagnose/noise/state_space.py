@@ -30,8 +30,8 @@ WANDER = 1000.0  # s, over which a probe's error changes
 WALK = 1.6  # price of each e-fold of a walk's variance, in twice the log likelihood
 FREEDOM = 4.0  # degrees of freedom of what is known of a noise: a unit may be unlike the others
 # Degrees of freedom of a rig's statement: its standard deviation is known to 35 %, by GUM (JCGM 100:2008) G.4.2.
-# Convention: few positions scatter by a quarter of what is stated in one campaign of fifty, and effects of the size of
-# the stated errors were then told to a quarter of their ±.
+# Convention. Positions of two degrees of freedom scatter by a quarter of the stated sigma or less with the chance
+# 1 − exp(−1/16) = 6 %; believed, effects of the size of the stated errors were told to a quarter of it.
 STATED = 4.0
 
 
