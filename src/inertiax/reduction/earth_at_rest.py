@@ -114,14 +114,16 @@ def untold_heading_covariance(
     rate: Float[AnyArray, "*dwell 3"],
     force: Float[AnyArray, "*dwell 3"],
     duration: Float[AnyArray, "*dwell"],
+    move: Bool[AnyArray, "*dwell"] | None = None,
 ) -> Float[np.ndarray, "*dwell 3 3"]:
     """What the horizontal part of Earth's rate gives to gyros' means where a reference holds its vertical part alone.
 
     Of rests ½ (Ω² − |ω|²) (E − u uᵀ), (rad/s)², with gravity's direction u; of the plateaus of such a table, which
-    turn about the vertical for T s, the same about their own axis by sin²(|ω| T / 2) / (|ω| T / 2)². Zero elsewhere.
+    turn about the vertical for T s, the same about their own axis by sin²(|ω| T / 2) / (|ω| T / 2)². Zero elsewhere,
+    and of moves from rest to rest, which turn often.
 
     **Arguments:** `position` is −1 while the table turns; `rate` and `force` are the references, rad/s and m/s²;
-    `duration` in s.
+    `duration` in s; `move` marks moves.
 
     ```python
     import numpy as np
@@ -141,6 +143,8 @@ def untold_heading_covariance(
     most = np.max(level, axis=-1, keepdims=True, initial=0.0)
     turned = np.sqrt(square) * EARTH_RATE * np.asarray(duration)
     turning = (position < 0) & (turned > 0.0)
+    if move is not None:
+        most = np.where(np.asarray(move), 0.0, most)
     left = np.where(turning, most * np.square(np.sinc(turned / (2.0 * np.pi))), level)
     axis = unit_vector(np.where(turning[..., None], rate, force))
     part = 0.5 * EARTH_RATE**2 * left[..., None, None]

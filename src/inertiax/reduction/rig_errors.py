@@ -159,14 +159,11 @@ def leans_of_rests(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3"] | 
 
 
 def heading_errors(dwells: Dwells) -> Float[AnyArray, "*dwell 3 3"] | float:
-    """`untold_heading_covariance` of dwells; zero where they have no references of both triads, and of moves, which
-    turn often."""
+    """`untold_heading_covariance` of dwells; zero where they have no references of both triads."""
     if dwells.reference_accel is None or dwells.reference_gyro is None:
         return 0.0
-    made = untold_heading_covariance(
-        dwells.position, dwells.reference_gyro, dwells.reference_accel, dwells.duration
-    )
-    return made if dwells.move is None else np.where(dwells.move[..., None, None], 0.0, made)
+    told = dwells.position, dwells.reference_gyro, dwells.reference_accel
+    return untold_heading_covariance(*told, dwells.duration, dwells.move)
 
 
 def angles_of_moves(dwells: Dwells, angle: float) -> Float[AnyArray, "*dwell 3 3"] | float:

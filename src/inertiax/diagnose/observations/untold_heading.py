@@ -56,6 +56,5 @@ def _heading_errors(
     force: Float[np.ndarray, "block 3"],
     step: float,
 ) -> Float[np.ndarray, "block 3 3"]:
-    """`untold_heading_covariance` of blocks, (rad/s)²; zero of moves, which turn often."""
-    made = untold_heading_covariance(blocks.position, rate, force, step * blocks.count)
-    return np.where(blocks.move[:, None, None], 0.0, made)
+    """`untold_heading_covariance` of blocks, (rad/s)²."""
+    return untold_heading_covariance(blocks.position, rate, force, step * blocks.count, blocks.move)
