@@ -21,6 +21,7 @@ from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.column_triads import triads_by_name
 from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
+from inertiax.campaign_draft.temperature_note import temperature_note
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, Recording, Site
@@ -244,6 +245,32 @@ def test_the_temperature_s_unit(tmp_path, values, unit):
         (recording,) = load_campaign(tmp_path).recordings
         np.testing.assert_allclose(recording.temperature[:, 0], 28 + TIME / 50, atol=0.01)
         assert (340.0, 36.53, "MPU-6050") in TEMPERATURE_SCALES
+
+
+@pytest.mark.parametrize(
+    "line, per_degree, zero",
+    [
+        ("# acc 4096 LSB/g, gyro 16.4 LSB/dps, temp 256 LSB/K, 0 = 23 degC", 256, 23),
+        ("# Temperature: 0.0078125 °C/LSB, zero at 25 °C", 128, 25),
+        ("// die temp 132,48 counts per °C (25 °C at 0)", 132.48, 25),
+        ("# temp scale 64 LSB/degC; -5.5 degC at 0 LSB", 64, -5.5),
+    ],
+)
+def test_a_scale_of_the_temperature_above_the_names(tmp_path, line, per_degree, zero):
+    """No data sheet that is known here; the lines are written as firmware prints its settings."""
+    celsius = 28 + TIME / 50
+    counts = np.round(per_degree * (celsius - zero)).astype(int)
+    found, _ = drafted(tmp_path, line + "\n" + text(table(TIME, ACCEL, GYRO) | {"temp": counts}))
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.temperature[:, 0], celsius, atol=0.51 / per_degree)
+    assert "CHECK temperature" not in found.text
+
+
+def test_a_scale_without_its_zero_is_none():
+    assert (
+        temperature_note(["# temp 256 LSB/K", "# acc 16384 LSB/g, 0 = 23 mg, temp in counts"])
+        is None
+    )
 
 
 def test_inav_logs_tenths_of_a_degree(tmp_path):

@@ -47,8 +47,8 @@ def test_the_matrix_of_gyros_is_found_by_moves_where_rates_are_about_one_axis(tm
     assert np.abs(z).max() < 4.0 and np.sqrt(np.mean(z**2)) < 1.7
     said = [t for t in result.choices if "moves between rests" in t]
     assert said == [
-        "gyros: 21 moves between rests are used by their mean rates, for no plateaus of constant rate are about all "
-        "three axes"
+        "gyros: 21 moves between rests are used by their mean rates, for the 4 plateaus of constant rate found "
+        "turn about one axis, which leaves two unseen"
     ]
 
 
@@ -56,6 +56,7 @@ def test_moves_do_where_a_table_only_positions(tmp_path):
     result = calibrate_device(record(tmp_path / "A", turns=False))
     z, sigma = found(result)
     assert np.abs(z).max() < 4.0 and sigma.max() < 5e-4
+    assert any(t.endswith("for no plateau of constant rate was found") for t in result.choices)
 
 
 def test_gyros_that_are_not_left_to_their_reference_get_no_moves(tmp_path):

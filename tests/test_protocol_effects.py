@@ -11,6 +11,7 @@ import pytest
 from every_form import every_form
 from inertiax.protocol import content, pdf
 from inertiax.protocol.dcc import dcc
+from inertiax.protocol.identity import identity
 from inertiax.protocol.record import EffectRecord
 from inertiax.protocol.requirements import Limit
 from inertiax.protocol.si_units import in_si
@@ -140,7 +141,7 @@ def test_no_two_certificates_have_one_number():
     assert stated.certificate == "K 17/2026"
     root = ElementTree.fromstring(dcc(stated))
     assert root.findtext(f".//{DCC}uniqueIdentifier") == "K 17/2026"
-    assert ("certificate", "K 17/2026") in content.identity(stated).tables[0].rows
+    assert ("certificate", "K 17/2026") in identity(stated).tables[0].rows
     assert json.loads(msgspec.json.encode(stated.document()))["certificate"] == "K 17/2026"
 
 

@@ -6,6 +6,7 @@ import pytest
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Recording, renamed
 from inertiax.protocol import content
+from inertiax.protocol.identity import identity, not_stated
 from inertiax.protocol.measurement import Measurement
 from inertiax.protocol.protocol import make_protocol
 from inertiax.protocol.station import read_station
@@ -54,9 +55,26 @@ def test_the_station_names_a_device_without_a_name(tmp_path):
     with pytest.raises(ValueError, match="of device 'SN7', but the station's .* is '7F-0231'"):
         make_protocol(measured("SN7"), read_station(file))
     unnamed = make_protocol(measured(""), read_station(_empty(tmp_path)))
-    said = dict(content.identity(unnamed).tables[0].rows)["device"]
+    said = dict(identity(unnamed).tables[0].rows)["device"]
     assert said.startswith("not named; [device] serial")
     assert isinstance(measured(""), Measurement)
+
+
+def test_what_nobody_stated_is_said_with_the_file_that_states_it(tmp_path):
+    unnamed = make_protocol(measured(""), read_station(_empty(tmp_path)))
+    assert not_stated(unnamed) == (
+        "Not stated: device; manufacturer, model; station; operator; days of the measurement. --station FILE states "
+        "them in [station] and [device]."
+    )
+    file = tmp_path / "station.toml"
+    file.write_text(
+        '[station]\nname = "Hall C"\noperator = "A. Example"\nbegin = "2026-01-30"\n'
+        '[device]\nserial = "7F-0231"\n'
+    )
+    said = not_stated(make_protocol(measured(""), read_station(file)))
+    assert said is not None and said.startswith("Not stated: manufacturer, model. --station")
+    file.write_text(file.read_text() + 'model = "M1"\n')
+    assert not_stated(make_protocol(measured(""), read_station(file))) is None
 
 
 def _empty(folder):

@@ -206,7 +206,7 @@ def _estimated(
     choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
     ramps = sum(s.ramps for s in segments)
     choices += [f"plateaus: {ramps_sentence(ramps)}"] if ramps else []
-    choices += move_words(segments) if chosen.gyro_estimator == "reference" else ()
+    choices += move_words(recordings, segments) if chosen.gyro_estimator == "reference" else ()
     warnings = [*_of_turning(campaign, segments)]
     warnings.extend(s for s in (warning, kept_sentence(handling)) if s is not None)
     accel_result, raw = None, dwells

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from .column_words import plain
 from .converters import TEMPERATURE_SCALES
 from .raw_log import RawLog
+from .temperature_note import temperature_note
 
 
 _CELSIUS = (-60.0, 130.0)  # what electronics bears
@@ -56,6 +57,19 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         return TemperatureUnit(None, None, None, f"{gaps} rows of {name} are empty", False)
     low, high = float(values.min()), float(values.max())
     span = f"{low:.4g} to {high:.4g}"
+    note = temperature_note(log.preamble) if np.all(values == np.round(values)) else None
+    if note is not None:
+        ends = [v / note.scale + note.zero for v in (low, high)]
+        outside = (
+            not _CELSIUS[0] <= low or not high <= _CELSIUS[1]
+        )  # else the note may be the sensor's, not the log's
+        if outside and _CELSIUS[0] <= ends[0] and ends[1] <= _CELSIUS[1]:
+            text = (
+                f"counts {span}, by the scale above the names {ends[0]:.4g} to {ends[1]:.4g} degC"
+            )
+            return TemperatureUnit(
+                "count", note.scale, round(-note.zero * note.scale, 6), text, True
+            )
     if _FAHRENHEIT.search(log.hint(name)):
         return TemperatureUnit("degF", None, None, f"as the file says; {span}", True)
     in_celsius = tuple((v - 32.0) / 1.8 for v in (low, high))

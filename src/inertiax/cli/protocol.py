@@ -150,10 +150,13 @@ def _tell(made: "Protocol", output: Path, *, as_json: bool, quiet: bool) -> None
         outputs.print_json(made.document())
     elif not quiet:
         from ..protocol.content import not_decided, verdict
+        from ..protocol.identity import not_stated
 
         console.say(verdict(made).headline)
         for r in made.requirements:
             console.say(f"  {r.name} within {r.text}: {r.decision}")
         for sentence in not_decided(made):
             console.say(sentence)
+        if (lacking := not_stated(made)) is not None:
+            console.say(lacking)
         console.say(f"protocol in {output}, see {output / 'protocol.pdf'}")

@@ -12,14 +12,13 @@ from .calibrated_triads import calibrated_triads
 from .effect_results import EffectResult
 from .expanded_uncertainty import COVERAGE
 from .guard_band import RISK
+from .identity import JUDGED, readable
 from .protocol import DISCLAIMER, Protocol
 from .requirements import Requirement
 from .results import Result
 
 
 _SIDE_BY_SIDE = 4  # temperatures in one table
-_UNNAMED = "not named; [device] serial in campaign.toml or in the station's file names it"
-_JUDGED = "by the rule of inertiax calibrate, see Deviations where it is not good"
 _LINE = "_" * 24  # where people write
 # Of the combined uncertainty; less changes it by less than 13 millionths, and is not shown.
 _LEAST = 5e-3
@@ -35,8 +34,8 @@ def title(protocol: Protocol) -> str:
 def under(protocol: Protocol) -> str:
     """The line below the title."""
     return (
-        f"Certificate {protocol.certificate}. Written {_readable(protocol.created)}; calibrated "
-        f"{_readable(protocol.record.created)}."
+        f"Certificate {protocol.certificate}. Written {readable(protocol.created)}; calibrated "
+        f"{readable(protocol.record.created)}."
     )
 
 
@@ -78,30 +77,8 @@ def keys(protocol: Protocol) -> list[Key]:
     found = [Key("Device", protocol.calibration.device or "not named")]
     if known is not None:
         found.append(Key("Temperature range", f"{float(known[0]):.1f} … {float(known[1]):.1f} °C"))
-    found.append(Key("Fit", protocol.record.verdict, _JUDGED))
+    found.append(Key("Fit", protocol.record.verdict, JUDGED))
     return found
-
-
-def identity(protocol: Protocol) -> Section:
-    """Who, what, where, when, with what."""
-    station, item, record = protocol.station.station, protocol.station.device, protocol.record
-    days = " to ".join(dict.fromkeys(d for d in protocol.days if d))
-    if days and not (station.begin or station.end):
-        days += ", by the recordings' clock (UTC)"
-    rows = [
-        ("certificate", protocol.certificate),
-        ("device", protocol.calibration.device or _UNNAMED),
-        ("manufacturer, model", ", ".join(t for t in (item.manufacturer, item.model) if t)),
-        ("station", ", ".join(t for t in (station.name, station.address, station.country) if t)),
-        ("operator", station.operator),
-        ("customer, order", ", ".join(t for t in (station.customer, station.order) if t)),
-        ("measured", days),
-        ("calibrated", f"{_readable(record.created)} with inertiax {record.software['inertiax']}"),
-        ("command", record.command),
-        ("fit", f"{record.verdict}, {_JUDGED}"),
-    ]
-    shown = tuple((name, text or "not stated") for name, text in rows)
-    return Section("Identity", tables=(Table(("", "stated"), shown),))
 
 
 def procedure(protocol: Protocol) -> Section:
@@ -394,7 +371,3 @@ def _unit_of(protocol: Protocol, result: Result) -> tuple[float, str]:
 def _degrees(result: Result) -> str:
     # More than this many are as good as known: k differs from that of the normal distribution by 0.1 %.
     return f"{result.degrees:.0f}" if result.degrees < 1000 else "∞"
-
-
-def _readable(moment: str) -> str:
-    return moment.replace("T", " ").replace("Z", " UTC")

@@ -6,6 +6,7 @@ from pathlib import Path
 from ..report.page import Section, write_page
 from . import content
 from .figures import Drawn
+from .identity import identity
 from .protocol import Protocol
 
 
@@ -19,7 +20,7 @@ def write_html(protocol: Protocol, folder: Path, command: str, figures: Sequence
         verdict=content.verdict(protocol),
         keys=content.keys(protocol),
         sections=[
-            content.identity(protocol),
+            identity(protocol),
             *([] if needed is None else [needed]),
             *content.results(protocol),
             *([] if beside is None else [beside]),

@@ -14,6 +14,7 @@ from ..report.page import Link, Section, Table
 from ..storage.whole_files import write_atomically
 from . import content
 from .figures import Drawn
+from .identity import identity
 from .protocol import Protocol
 
 
@@ -60,7 +61,7 @@ def write_pdf(protocol: Protocol, folder: Path, command: str, figures: Sequence[
     sheet.add_page()
     _head(sheet, protocol)
     needed, beside = content.requirements(protocol), content.effects(protocol)
-    first = [content.identity(protocol), *([] if needed is None else [needed])]
+    first = [identity(protocol), *([] if needed is None else [needed])]
     then = [
         *([] if beside is None else [beside]),
         *content.budgets(protocol),

@@ -49,15 +49,18 @@ def take_moves(model: ModelChoice) -> bool:
     return model.gyro_estimator in (None, "reference")
 
 
-def move_words(segments: Sequence[Segments]) -> tuple[str, ...]:
+def move_words(recordings: Sequence[Recording], segments: Sequence[Segments]) -> tuple[str, ...]:
     """That moves are used, and why; nothing where none are."""
     count = sum(int(s.known_moves.sum()) for s in segments)
     if not count:
         return ()
-    return (
-        f"gyros: {count} moves between rests are used by their mean rates, for no plateaus of constant rate are about "
-        "all three axes",
-    )
+    rates = _plateau_rates(recordings, segments)
+    why = "no plateau of constant rate was found"
+    if axes := num_axes(rates):
+        found = "1 plateau" if len(rates) == 1 else f"{len(rates)} plateaus"
+        about = "one axis, which leaves two" if axes == 1 else "two axes, which leaves one"
+        why = f"the {found} of constant rate found {'turns' if len(rates) == 1 else 'turn'} about {about} unseen"
+    return (f"gyros: {count} moves between rests are used by their mean rates, for {why}",)
 
 
 def num_axes(rates: Float[np.ndarray, "plateau 3"]) -> int:
@@ -80,14 +83,24 @@ def num_axes(rates: Float[np.ndarray, "plateau 3"]) -> int:
 
 def _span(recordings: Sequence[Recording], segments: Sequence[Segments]) -> bool:
     """Whether the plateaus of all recordings turn about three axes."""
+    return num_axes(_plateau_rates(recordings, segments)) == 3
+
+
+def _plateau_rates(
+    recordings: Sequence[Recording], segments: Sequence[Segments]
+) -> Float[np.ndarray, "plateau 3"]:
+    """What the references of all recordings read on their plateaus, moves aside, rad/s."""
     rates = []
     for recording, part in zip(recordings, segments, strict=True):
         known = recording.reference_gyro
         if known is None:
             continue
-        turning = zip(part.start[~part.resting], part.stop[~part.resting], strict=True)
-        rates += [known[a:b].mean(axis=0) for a, b in turning]
-    return num_axes(np.array(rates).reshape(-1, 3)) == 3
+        turns = ~part.resting & ~part.known_moves
+        rates += [
+            known[a:b].mean(axis=0)
+            for a, b in zip(part.start[turns], part.stop[turns], strict=True)
+        ]
+    return np.array(rates).reshape(-1, 3)
 
 
 def _with_moves(recording: Recording, found: Segments) -> Segments:
