@@ -517,8 +517,21 @@ def test_a_tables_clock_that_runs_faster_is_put_beside_the_devices_all_along(tmp
     file.write_text(text)
     # A millisecond at 90 °/s is 1.6 mrad of g.
     assert off() < 1e-3 * np.pi / 2.0 * G
-    file.write_text(text.replace(f"drift = {drift!r}", "drift = 0.0"))
+    plain = text.replace(f"drift = {drift!r}", "drift = 0.0")
+    file.write_text(plain)
     assert off() > 0.1
+    # Who writes the file by hand is told both lines.
+    (said,) = [f for f in check_campaign(load_campaign(folder)).findings if f.kind == "delay"]
+    assert said.statement.startswith("device.csv: the table's angles get 0.0")
+    assert "ppm faster than [table] says" in said.statement
+    span = np.ptp(load_campaign(folder).recordings[0].time)
+    assert dict(said.evidence)["seconds"] == pytest.approx(3e-4 * span, rel=0.04)
+    _, late, fast = said.remedy.split("\n")
+    assert float(fast.removeprefix("drift = ")) == pytest.approx(300.0, abs=10.0)
+    mended = re.sub(r"\ndelay = .*", f"\n{late}", plain).replace("drift = 0.0", fast)
+    file.write_text(mended)
+    assert off() < 1e-3 * np.pi / 2.0 * G
+    assert not [f for f in check_campaign(load_campaign(folder)).findings if f.kind == "delay"]
 
 
 def test_a_drift_of_columns_beside_the_devices_is_refused(tmp_path):

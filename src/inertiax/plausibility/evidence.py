@@ -102,6 +102,9 @@ class DeviceLogs:
     left_alone: frozenset[str] = frozenset()  # triads that [model] does not calibrate
     azimuth: float = 0.0  # deg, of [table]
     delay: float | tuple[float, ...] = 0.0  # s, of [table]; of all files or of each
+    drift: float | tuple[float, ...] | None = (
+        None  # ppm; `None` where the table has no log of its own
+    )
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -141,7 +144,9 @@ def look_at(
     asked = {"accel": campaign.model.accel_estimator, "gyro": campaign.model.gyro_estimator}
     left_alone = frozenset(triad for triad, name in asked.items() if name == NOT_CALIBRATED)
     azimuth, delay = (0.0, 0.0) if said is None else (said.table.azimuth or 0.0, said.table.delay)
-    return DeviceLogs(logs, campaign.site, columns, device, left_alone, azimuth, delay)
+    own = said is not None and said.recordings.table_files is not None
+    drift = said.table.drift if said is not None and own else None
+    return DeviceLogs(logs, campaign.site, columns, device, left_alone, azimuth, delay, drift)
 
 
 def look_at_one(recording: Recording, found: Segments | None = None) -> Log:

@@ -6,17 +6,22 @@ from jaxtyping import Float
 from ..data.formats.delay import delay_of, evened
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
+from .table_drift import drift_of_table
 from .thresholds import Thresholds
 
 
 def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
-    """A warning where the gyros turn earlier or later than the angles say, with the delay that mends it.
+    """A warning where the gyros turn earlier or later than the angles say, with the delay that mends it, or with delay
+    and drift where that changes from the first row to the last.
 
     At 100 °/s a tenth of a second is 10° of gravity's direction.
     """
     if device.columns.table_angles is None or "gyro" in device.left_alone:
         return []
     told = {k: found for k, log in enumerate(device.logs) if (found := _late(log)) is not None}
+    drifts = drift_of_table(device, {k: sigma for k, (_, sigma) in told.items()}, limits)
+    if drifts is not None:  # its lines hold the delay, too
+        return [drifts]
     least = lambda sigma: max(limits.table_delay, limits.table_delay_sigmas * sigma)
     each = isinstance(device.delay, tuple)
     if each:  # each log has its own, and is judged by it
