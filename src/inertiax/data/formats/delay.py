@@ -48,9 +48,8 @@ def delay_of(
     )
     step = max(float(np.median(np.diff(other_time))), _REACH / 100.0)
     best = 0.0
-    for _ in range(2):
-        grid = best + step * np.arange(-np.ceil(_REACH / step), np.ceil(_REACH / step) + 1.0)
-        grid = grid if best == 0.0 else best + step * np.arange(-_FINER, _FINER + 1.0)
+    for reach in (np.ceil(_REACH / step), _FINER):
+        grid = best + step * np.arange(-reach, reach + 1.0)
         left = misfits(grid)
         k = int(np.clip(np.argmin(left), 1, len(grid) - 2))
         best, step = float(grid[k]), step / _FINER
