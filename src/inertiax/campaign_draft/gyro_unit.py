@@ -13,6 +13,9 @@ from .converters import DEGREE, GYRO_SCALES, middle, nearest, rounded, whole
 
 
 _UNITS = {"rad/s": 1.0, "deg/s": DEGREE, "deg/h": DEGREE / 3600}
+_STATED = 0.06  # of a stated scale: raw MEMS gyros are off by up to that
+_ALIKE = np.deg2rad(0.3)  # of two misfits: cross-axis parts of some mrad over a right angle
+_NEXT = 1.5  # times as large is another scale
 _NEAR = 0.15  # of a unit or nominal scale: raw gyros are off by a few percent
 _AGREES = np.deg2rad(
     10.0
@@ -21,10 +24,10 @@ _MILLI = re.compile(r"\bmdps\b|_mdps|\bmdeg|milli_?deg", re.IGNORECASE)
 _PER_MILLI = 1000.0  # per deg/s
 _CLEARER = 0.5  # of the misfit of the next unit
 _MOTIONS_FOR_A_SCALE = 3  # one motion's two equations are met by a wrong scale, too
-_COUNTS = (
-    DEGREE / 600.0,
-    DEGREE / 0.8,
-)  # rad/s per count, with room on both sides of the usual converters and of whole deg/s
+# Counts per deg/s, with room on both sides of the usual converters and of whole deg/s, and of outputs of 32 bits
+# (1.5e6: 2³¹ for 1400 deg/s).
+_COARSEST, _FINEST, _FINEST_WIDE = 0.8, 600.0, 1.5e6
+_SIXTEEN = 2.0**15  # a count beyond it is of no converter of 16 bits, as all usual scales are
 _QUIET_RAD = (
     0.012  # white noise of a sample: MEMS gyros have 0.02 to 0.5 deg/s, less than 0.01 rad/s
 )
@@ -62,12 +65,13 @@ def gyro_unit(
     full_scale: float | None = None,
     *,
     shaken: bool = False,
+    stated: float | None = None,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
     **Arguments:** `hint` is what the file says in words of the columns; `in_motion` is how the force turns in a device
     that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range;
-    `shaken` says that the force's size goes to and fro as in a hand.
+    `shaken` says that the force's size goes to and fro as in a hand; `stated` are counts per deg/s as the file says.
     """
     counts, offset = whole(values), middle(values) or None
     if _MILLI.search(hint) and (turns is None or turns.misfit(DEGREE / _PER_MILLI) < _AGREES):
@@ -75,7 +79,8 @@ def gyro_unit(
         return TriadUnit("count", *scale, "thousandths of deg/s, as the file says", True)
     told = said_unit(hint)
     if turns is not None:
-        found = _by_turns(turns, counts, offset)
+        wide = counts and offset is None and float(np.abs(values).max()) > _SIXTEEN
+        found = _by_turns(turns, counts, offset, stated, wide=wide)
         if found is not None and told in (None, found.unit):
             return found
         if found is not None:
@@ -110,27 +115,66 @@ def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:
     return TriadUnit(best, None, None, None, _UNITS[best], text, True)
 
 
-def _by_turns(turns: GravityTurns, counts: bool, offset: float | None) -> TriadUnit | None:
-    """The unit with which the integrated outputs turn gravity as it turned."""
+def _by_turns(
+    turns: GravityTurns,
+    counts: bool,
+    offset: float | None,
+    stated: float | None = None,
+    *,
+    wide: bool = False,
+) -> TriadUnit | None:
+    """The unit with which the integrated outputs turn gravity as it turned; `stated` counts per deg/s where they do so
+    too, and of more than 16 bits (`wide`) the scale that fits."""
+    motions = f"{turns.num_motions} motion{'s' * (turns.num_motions > 1)}"
+    what = lambda misfit: (
+        f"gravity turns as the outputs do in {motions} (to {np.degrees(misfit):.2g} deg)"
+    )
     if counts:
-        factor, misfit = turns.best(factors_between(*_COUNTS))
+        finest = DEGREE / (_FINEST_WIDE if wide else _FINEST)
+        factor, misfit = _fewest_turns(turns, factors_between(finest, DEGREE / _COARSEST))
     else:
         factor, misfit = turns.best(_UNITS.values())
     if misfit > _AGREES:
         return None
-    motions = f"{turns.num_motions} motion{'s' * (turns.num_motions > 1)}"
-    what = f"gravity turns as the outputs do in {motions} (to {np.degrees(misfit):.2g} deg)"
+    if counts and stated is not None:
+        near, left = turns.best((DEGREE / stated,))
+        right = abs(near * stated / DEGREE - 1.0) < _STATED and near < _NEXT * factor
+        if right and left <= misfit + _ALIKE:
+            text = f"{what(left)} by the scale above the names"
+            return TriadUnit(
+                "count", stated, "count per deg/s", offset, DEGREE / stated, text, True
+            )
     unit = next((u for u, f in _UNITS.items() if abs(factor / f - 1.0) < _NEAR), None)
     if unit is not None and (not counts or unit == "deg/s"):
-        return TriadUnit(unit, None, None, None, _UNITS[unit], what, True)
+        return TriadUnit(unit, None, None, None, _UNITS[unit], what(misfit), True)
     per_degree = DEGREE / factor
-    nominal = nearest(per_degree, GYRO_SCALES, 0.05) if offset is None else None
+    nominal = None
+    if offset is None and not wide:
+        nominal = nearest(per_degree, GYRO_SCALES, 0.05)
     scale = nominal or rounded(per_degree)
-    text = f"{what}; the scale that fits best is {per_degree:.4g} count per deg/s"
+    text = f"{what(misfit)}; the scale that fits best is {per_degree:.4g} count per deg/s"
     several = turns.num_motions >= _MOTIONS_FOR_A_SCALE
-    if nominal is None and offset is None:
+    if wide:
+        text = f"{text}, of more than 16 bits"
+    elif nominal is None and offset is None:
         several, text = False, f"{text}, no usual converter's: is the rate of `time` right?"
     return TriadUnit("count", scale, "count per deg/s", offset, DEGREE / scale, text, several)
+
+
+def _fewest_turns(
+    turns: GravityTurns, factors: Float[np.ndarray, " factor"]
+) -> tuple[float, float]:
+    """The factor that turns gravity as it turned, and its misfit; of several that do so alike the smallest, with which
+    the device turns no whole turn more between rests: 45° is also 405°."""
+    factor, misfit = turns.best(factors)
+    if misfit > _AGREES / 2:
+        return factor, misfit
+    for smaller in np.sort(factors[factors * _NEXT < factor]):
+        if turns.misfit(smaller) < _AGREES:
+            found, left = turns.best((float(smaller),))
+            if left <= misfit + _ALIKE:
+                return found, left
+    return factor, misfit
 
 
 def _by_magnitude(

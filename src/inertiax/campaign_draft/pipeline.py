@@ -27,6 +27,7 @@ from .column_roles import WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole, wraps
 from .draft import Draft, draft_of
 from .further_columns import columns_table, ONE_AXIS
+from .gyro_note import gyro_note
 from .gyro_unit import clock_and_unit, gyro_unit
 from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
@@ -247,7 +248,8 @@ def _columns(
     if found.gyro is not None:
         moving, range_ = _in_motion(found), found.log.stated_range
         tossed = found.accel is not None and shaken(found.accel - middle(found.accel))
-        unit = gyro_unit(found.gyro, turns, found.gyro_words, moving, range_, shaken=tossed)
+        words, stated = found.gyro_words, gyro_note(found.log.preamble)
+        unit = gyro_unit(found.gyro, turns, words, moving, range_, shaken=tossed, stated=stated)
         unit, rate = with_reference_rate(found, unit)
         unit = unit if step is None else of_increments(unit, step)
         units["gyro"] = unit

@@ -119,8 +119,7 @@ def beside(found: RawTriads, path: Path) -> Beside:
     # Of an angle over a whole turn; or of a rate, from −180 to 180.
     jumps = [n for n in said if whole[n] is not said[n]]
     told = [*whole.values(), *(said[n] for n in jumps)]
-    delay = _coarse(time, speed, seconds, _masks(told))
-    delay = _finer(time, speed, seconds, told, delay)
+    delay = _finer(time, speed, seconds, told, _coarse(time, speed, seconds, told))
     put = {n: np.interp(time + delay, seconds, v) for n, v in whole.items()}
     for n in jumps:
         rate = np.interp(time + delay, seconds, said[n])
@@ -238,32 +237,71 @@ def _table_moves(columns: list[Float[np.ndarray, " rows"]]) -> Bool[np.ndarray, 
     return moves
 
 
+def _table_turns(columns: list[Float[np.ndarray, " rows"]]) -> Bool[np.ndarray, " rows"]:
+    """Rows in which a column that often stands changes as fast as the device must turn to count as turning: more than
+    an encoder's noise, which changes in all rows."""
+    turns = np.zeros(len(columns[0]), bool)
+    for values in columns:
+        change = np.abs(np.gradient(values))
+        fast = change > _MOVES * np.quantile(change, 0.99)
+        if np.mean(~fast) >= _STANDS:
+            turns |= fast
+    return turns
+
+
 def _masks(columns: list[Float[np.ndarray, " rows"]]) -> list[Bool[np.ndarray, " rows"]]:
     """When a table may move: where columns change, as angles do, and where one is not zero, as a rate is then, which
     may step from one value to the next."""
     size = [np.abs(v) for v in columns if v.min() < 0.0 < v.max()]
-    return [_table_moves(columns), *(v > _MOVES * np.quantile(v, 0.99) for v in size)]
+    return [
+        _table_moves(columns),
+        _table_turns(columns),
+        *(v > _MOVES * np.quantile(v, 0.99) for v in size),
+    ]
 
 
 def _coarse(
     time: Float[np.ndarray, " rows"],
     speed: Float[np.ndarray, " rows"],
     seconds: Float[np.ndarray, " others"],
-    masks: list[Bool[np.ndarray, " others"]],
+    columns: list[Float[np.ndarray, " others"]],
 ) -> float:
-    """The delay at which the device turns when the table moves, to a step of the grid, by the mask that is most like
-    the device's turns at any delay; any size."""
+    """The delay at which the device turns when the table moves, to a step of the grid; any size.
+
+    Each mask of the table's motion has one that is most like the device's turns; of these the columns explain the
+    speed best at the right one, while a mask may be like turns that come again at even intervals.
+    """
     onto = lambda t, x: np.interp(np.arange(t[0], t[-1], 1.0 / _GRID), t, x)
     turns = onto(time, (speed > _MOVES * np.quantile(speed, 0.99)).astype(float))
-    best, lag = 0.0, 0
-    for mask in masks:
+    delays = set()
+    for mask in _masks(columns):
         moved = onto(seconds, mask.astype(float))
         moved -= moved.mean()
         alike = scipy.signal.correlate(moved, turns - turns.mean(), method="fft")
-        found = float(alike.max()) / max(float(np.linalg.norm(moved)), 1e-300)
-        if found > best:
-            best, lag = found, int(np.argmax(alike)) - (len(turns) - 1)
-    return float(seconds[0] - time[0] + lag / _GRID)
+        lag = int(np.argmax(alike)) - (len(turns) - 1) if alike.max() > 0.0 else 0
+        delays.add(float(seconds[0] - time[0] + lag / _GRID))
+    return min(sorted(delays), key=lambda d: _shares(time, speed, seconds, columns, d)[1])
+
+
+def _shares(
+    time: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"],
+    seconds: Float[np.ndarray, " others"],
+    columns: list[Float[np.ndarray, " others"]],
+    delay: float,
+) -> tuple[Float[np.ndarray, " others"], float]:
+    """The speed that the sum of squared columns and of their squared changes tells which is nearest to the device's
+    squared one at this delay, at the table's rows, and how far off it is."""
+    rates = [*columns, *(np.gradient(c, seconds) for c in columns)]
+    # Rows at rest, too, where it must be zero.
+    rows = np.arange(len(time))[:: max(1, len(time) // _MOST)]
+    squares = np.stack([np.square(r) for r in rates], axis=1)
+    at = np.stack([np.interp(time[rows] + delay, seconds, s) for s in squares.T], axis=1)
+    size = np.maximum(np.linalg.norm(at, axis=0), 1e-300)
+    share, off = scipy.optimize.nnls(at / size, np.square(speed[rows]))
+    # What explains next to nothing here may be all there is elsewhere, such as the change of a rate that steps.
+    share[share < _NEXT_TO_NOTHING * share.max(initial=0.0)] = 0.0
+    return np.sqrt(np.maximum(squares @ (share / size), 0.0)), float(off)
 
 
 def _finer(
@@ -273,16 +311,7 @@ def _finer(
     columns: list[Float[np.ndarray, " others"]],
     delay: float,
 ) -> float:
-    """The delay by the sum of squared columns and of their squared changes that is nearest to the squared speed."""
-    rates = [*columns, *(np.gradient(c, seconds) for c in columns)]
-    # Rows at rest, too, where it must be zero.
-    rows = np.arange(len(time))[:: max(1, len(time) // _MOST)]
-    squares = np.stack([np.square(r) for r in rates], axis=1)
-    at = np.stack([np.interp(time[rows] + delay, seconds, s) for s in squares.T], axis=1)
-    size = np.maximum(np.linalg.norm(at, axis=0), 1e-300)
-    share, _ = scipy.optimize.nnls(at / size, np.square(speed[rows]))
-    # What explains next to nothing here may be all there is elsewhere, such as the change of a rate that steps.
-    share[share < _NEXT_TO_NOTHING * share.max(initial=0.0)] = 0.0
-    told = np.sqrt(np.maximum(squares @ (share / size), 0.0))
+    """The delay by the columns' speed that is nearest to the device's."""
+    told, _ = _shares(time, speed, seconds, columns, delay)
     found = delay_of(time, speed, seconds - delay, told)
     return delay if found is None else delay + found[0]

@@ -44,6 +44,20 @@ def temperature_note(lines: Iterable[str]) -> TemperatureNote | None:
     return None
 
 
+def temperature_scale_note(lines: Iterable[str]) -> float | None:
+    """Counts per °C that a line which speaks of a temperature states, with or without a zero; `None` where none does.
+
+    **Arguments:** `lines` stand above the names, as the file has them.
+    """
+    for line in lines:
+        text = line.lower()
+        start = _TEMPERATURE.search(text)
+        scale = None if start is None else _scale(text[start.start() :])
+        if scale is not None:
+            return scale
+    return None
+
+
 def _scale(text: str) -> float | None:
     """Counts a degree."""
     if (found := _COUNTS_PER_DEGREE.search(text)) and _value(found[1]) > 0.0:

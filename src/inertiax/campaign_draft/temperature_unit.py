@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .column_words import plain
 from .converters import TEMPERATURE_SCALES
 from .raw_log import RawLog
-from .temperature_note import temperature_note
+from .temperature_note import temperature_note, temperature_scale_note
 
 
 _CELSIUS = (-60.0, 130.0)  # what electronics bears
@@ -35,6 +35,7 @@ _PARTS = (  # of a degree, as loggers of whole numbers name them: cdegC, "0.01 d
         r"\bd(?:eci)?_?(?:deg|°)|_ddeg|deci|(?<![\d.,])(?:0[.,]1|1/10)(?!\d)|x ?10(?!\d)",
     ),
 )
+_SAME = 0.01  # of a scale as a line rounds it
 _FAHRENHEIT = re.compile(r"degf|°f|fahr|\bf\b")
 _MAYBE_FAHRENHEIT = re.compile(r"_f\b")  # or "filtered"; the values tell
 
@@ -103,7 +104,21 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         return TemperatureUnit("K", None, None, span, True)
     middle = float(np.median(values))
     fits = [s for s in TEMPERATURE_SCALES if _ROOM[0] <= middle / s[0] + s[1] <= _ROOM[1]]
-    if np.all(values == np.round(values)) and fits:
+    counts = np.all(values == np.round(values))
+    scale = temperature_scale_note(log.preamble) if counts else None
+    known = scale is None or any(abs(scale / s[0] - 1.0) < _SAME for s in TEMPERATURE_SCALES)
+    if scale is not None and not known:
+        ends = [v / scale for v in (low, high)]
+        if _CELSIUS[0] <= ends[0] and ends[1] <= _CELSIUS[1]:
+            decimal = any(abs(scale / n - 1.0) < _SAME for n, _, _ in _PARTS)
+            text = (
+                f"counts {span}, by the scale above the names {ends[0]:.4g} to {ends[1]:.4g} degC"
+            )
+            text = (
+                text if decimal else f"{text} if a count of zero is 0 degC, which it does not say"
+            )
+            return TemperatureUnit("count", scale, 0.0, text, decimal)
+    if counts and fits:
         named = [s for s in fits if _names(log, s[2])]
         scale, zero, sensor = (named or fits)[0]
         text = f"counts {span}; by the data sheet of {sensor} {middle / scale + zero:.1f} degC at the median"

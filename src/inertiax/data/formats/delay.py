@@ -11,7 +11,7 @@ _MOST = 20_000  # rows that are compared
 _FEWEST = 50
 _EVEN = 0.2  # s (convention: a few rows of a slow telegram, and short beside a move)
 _FINER = 10  # times, from one grid of delays to the next
-_SIGMAS, _LEAST = 5.0, 2e-3  # of a drift; s, over the whole log (convention)
+_SIGMAS, _LEAST = 5.0, 5e-4  # of a drift; s, over the whole log (convention: 0.05° at 100 °/s)
 
 
 def delay_of(
@@ -91,7 +91,8 @@ def compared(
 ) -> Clocks:
     """Two clocks by what `delay_of` finds in the first and in the second half of what changes.
 
-    A drift is said where it is five of its sigmas and moves the other log by 2 ms from its first stamp to its last.
+    A drift is said where it is five of its sigmas and moves the other log by half a millisecond from its first stamp to
+    its last.
 
     **Arguments:** as of `delay_of`, with the stamps as they are; `known` is true to 2 s. By moments; no source.
 
