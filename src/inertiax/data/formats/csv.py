@@ -118,7 +118,7 @@ def _numbered(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: str) -> pl.DataFrame:
     """Lines of data as a table of text. Raises `ValueError` where they are not as the layout says."""
-    delimiter, data = layout.delimiter, as_utf8(data)
+    delimiter, data = layout.delimiter, as_utf8(data, layout.page)
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
         raise ValueError(

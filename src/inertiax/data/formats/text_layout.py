@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from ...storage.harmless_text import short
+from .code_pages import code_page
 from .columns import shown
 from .time_stamps import STAMP
 
@@ -35,6 +36,7 @@ class TextLayout(NamedTuple):
     start: int  # byte at which the data begin
     width: int  # fields of a row of data without empty last ones
     preamble: tuple[str, ...]  # the lines above header and data
+    page: str = "utf-8"  # code page of the lines that are no UTF-8
 
 
 class _Line(NamedTuple):
@@ -53,7 +55,8 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     **Arguments:** `header_line` is the line that holds the column names, counted from 1, where the campaign says it.
     Raises `ValueError` where nothing but comments is there, or the line that was named cannot be the header.
     """
-    lines = _first_lines(data, header_line or 0)
+    page = code_page(data)
+    lines = _first_lines(data, header_line or 0, page)
     separator = _SEPARATOR.fullmatch(lines[0].text)
     below = lines[1:] if separator else lines
     if header_line is not None and all(x.number != header_line for x in lines):
@@ -79,7 +82,7 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     preamble = tuple(x.text for x in lines if x.number < above)
     rows = [split[x.number] for x in data_lines]
     filled = width - _empty_ends([r for r in rows if len(r) == width])
-    return TextLayout(delimiter, names, number, start, filled, preamble)
+    return TextLayout(delimiter, names, number, start, filled, preamble, page)
 
 
 def _is_remark(row: list[str], width: int) -> bool:
@@ -87,14 +90,15 @@ def _is_remark(row: list[str], width: int) -> bool:
     return len(row) < width and not any(f and is_value(f) for f in row)
 
 
-def as_utf8(text: bytes) -> bytes:
-    """Text in UTF-8; what is none is taken for Windows-1252, in which spreadsheets write ä, é and °."""
+def as_utf8(text: bytes, page: str) -> bytes:
+    """Text in UTF-8; what is none is in the code page that the file's first lines tell (`code_pages.code_page`)."""
     if text.isascii():
         return text
     try:
         text.decode("utf-8")
     except UnicodeDecodeError:
-        return text.decode("cp1252", "replace").encode()
+        page = code_page(text) if page == "utf-8" else page
+        return text.decode("cp1252" if page == "utf-8" else page, "replace").encode()
     return text
 
 
@@ -128,7 +132,7 @@ def is_value(field: str) -> bool:
     return is_number(field) or STAMP.fullmatch(field) is not None
 
 
-def _first_lines(data: bytes, wanted: int) -> list[_Line]:
+def _first_lines(data: bytes, wanted: int, page: str) -> list[_Line]:
     """The first lines that are not blank, line `wanted` among them."""
     lines: list[_Line] = []
     position = number = 0
@@ -137,7 +141,7 @@ def _first_lines(data: bytes, wanted: int) -> list[_Line]:
         end = len(data) if end < 0 else end
         number += 1
         # Tabs at a line's end are fields that are empty in this row.
-        text = as_utf8(data[position:end]).decode("utf-8", "replace").lstrip().rstrip(" \r")
+        text = as_utf8(data[position:end], page).decode("utf-8", "replace").lstrip().rstrip(" \r")
         if text and (len(lines) < FIRST_LINES or number >= wanted):
             lines.append(_Line(text, number, position))
         position = end + 1
