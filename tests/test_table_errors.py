@@ -21,7 +21,7 @@ from inertiax.fleet.solve.batch import fit_fleet
 from inertiax.physics.temperature import Constant
 from inertiax.procedure.single_device import joint_fit_one
 from inertiax.reduction.rig_errors import table_words, with_rig_errors
-from inertiax.reduction.table_errors import table_errors
+from inertiax.reduction.table_errors import leans_of_part_turns, table_errors
 
 
 SMALL = 1e-5  # rad
@@ -61,6 +61,82 @@ def test_references_change_as_rotations_to_all_orders_say(table, tilt, skew):
     atol = 2e-10 if skew else 1e-14
     np.testing.assert_allclose(rate - table.PLAN[2], -found.gyro[..., which], atol=atol)
     assert np.abs(found.accel[..., which]).max() > 9.0 * SMALL
+
+
+# A rest, the arcs of one axis at a time that lead on from it, deg, and the rest after them.
+ARCS = {
+    "about the outer axis": ((0, 0), [("outer", 0, 90)]),
+    "about the outer axis, the case turned": ((30, 120), [("outer", 45, 110)]),
+    "about a level inner axis": ((90, 0), [("inner", 10, 50)]),
+    "about an inclined inner axis": ((45, 20), [("inner", 20, 260)]),
+    "outer, then inner, which the outer has turned over": (
+        (90, 315),
+        [("outer", 90, 270), ("inner", 315, 0)],
+    ),
+}
+
+
+@pytest.mark.parametrize("tilt, skew", [((1, 0), 0), ((0, 1), 0), ((0, 0), 1)])
+@pytest.mark.parametrize("arcs", ARCS)
+def test_means_over_parts_of_turns_change_as_rotations_to_all_orders_say(table, arcs, tilt, skew):
+    """What the mean over whole turns keeps is along the axis alone; a quarter keeps 0.9 of what lies across."""
+    start, parts = ARCS[arcs]
+    speed = np.deg2rad(60.0)
+
+    def means(tilt, skew):
+        at, position, force, rate = dict(zip(("outer", "inner"), start, strict=True)), [], [], []
+
+        def seen(outer, inner, moving):
+            turned = table.attitude(np.deg2rad(outer), np.deg2rad(inner), tilt, skew)
+            position.append(-1 if moving else len(position))
+            force.append(turned.apply(table.UP, inverse=True).reshape(-1, 3).mean(axis=0))
+            rate.append(turned.apply(table.EARTH, inverse=True).reshape(-1, 3).mean(axis=0))
+            return turned
+
+        seen(at["outer"], at["inner"], False)
+        for which, begin, end in parts:
+            # Midpoints of 2000 steps: the mean to (step)²/24, 1e-7 of it.
+            arc = begin + (end - begin) * (np.arange(2000) + 0.5) / 2000
+            angles = {k: np.full(2000, float(v)) for k, v in at.items()} | {which: arc}
+            turned = seen(angles["outer"], angles["inner"], True)
+            about = table.AXES[1]
+            if which == "outer":
+                leaning = table.Rotation.from_rotvec([*tilt, 0.0]).apply(table.OUTER)
+                about = turned.apply(leaning, inverse=True).mean(axis=0)
+            rate[-1] = rate[-1] + np.sign(end - begin) * speed * np.asarray(about)
+            at[which] = end
+        seen(at["outer"], at["inner"], False)
+        return np.array(position), np.array(force), np.array(rate)
+
+    plan = means(np.zeros(2), 0.0)
+    stated = Rig(level_uncertainty=SMALL, orthogonality_uncertainty=SMALL, axes=table.AXES)
+    found = table_errors(*plan, stated)
+    assert found.known.all()
+    _, force, rate = means(SMALL * np.array(tilt), SMALL * skew)
+    which = [*tilt, skew].index(1)
+    # The axis is that of a rate with the Earth's in it: 7e-5 of 1e-4 m/s² and, for rates, of 7e-10 rad/s.
+    np.testing.assert_allclose(force - plan[1], -found.accel[..., which], atol=1e-8)
+    if not skew:
+        np.testing.assert_allclose(rate - plan[2], -found.gyro[..., which], atol=1e-13)
+
+
+def test_a_part_of_a_turn_about_the_vertical_keeps_the_lean_in_a_direction_of_its_own(table):
+    """A lean in a direction drawn at random, its mean over an arc by SciPy's rotations."""
+    level, arc, speed = 1e-4, np.deg2rad(130.0), np.deg2rad(60.0)
+    rng = np.random.default_rng(4)
+    squares = []
+    for _ in range(4000):
+        lean = np.cross([*(level * rng.standard_normal(2)), 0.0], table.UP)
+        angles = rng.uniform(0.0, 2.0 * np.pi) + arc * (np.arange(60) + 0.5) / 60
+        turned = table.Rotation.from_rotvec(np.multiply.outer(angles, [0.0, 0.0, 1.0]))
+        mean = turned.apply(lean, inverse=True).mean(axis=0)
+        squares.append(np.outer(mean, mean))
+    told = np.array([-1, 0]), np.tile(table.UP, (2, 1)), np.tile([0.0, 0.0, speed], (2, 1))
+    found = leans_of_part_turns(*told, np.full(2, arc / speed), Rig(level_uncertainty=level))
+    # 4000 draws tell a variance to sqrt(2 / 4000) = 2.2 %; four sigma.
+    size = found[0, 0, 0]
+    np.testing.assert_allclose(found[0] / size, np.mean(squares, axis=0) / size, atol=0.09)
+    assert not found[1].any()
 
 
 def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table, drawn):

@@ -39,7 +39,11 @@ from .observations.model_rows import (
 )
 from .observations.signals import build, specific_force
 from .observations.table_rows import without_table_errors
-from .observations.untold_heading import errors_of_rests, with_heading_errors
+from .observations.untold_heading import (
+    errors_of_rests,
+    with_heading_errors,
+    with_leans_of_part_turns,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +166,8 @@ def prepared_triads(
         triad = model.form.triad
         expected = expected_output(model, log, blocks)
         seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
-        mine = with_heading_errors(seen, log.step)[usable(model.form, blocks)]
+        seen = with_leans_of_part_turns(with_heading_errors(seen, log.step), campaign.rig, log.step)
+        mine = seen[usable(model.form, blocks)]
         listed = [e for e in catalogue if not (e.stream_delay and triad in in_ramps)]
         with jax.enable_x64(True):  # which is set for each thread
             sizes = _table_errors(getattr(fitted, triad))

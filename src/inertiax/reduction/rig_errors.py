@@ -25,7 +25,13 @@ from ..physics.vectors import unit_vector
 from .dwells import Dwells, is_told, known_force
 from .earth_at_rest import heading_is_untold, untold_heading_covariance
 from .positionings import attitudes, shared_positionings
-from .table_errors import states_table_errors, table_error_words, table_errors, TableErrors
+from .table_errors import (
+    leans_of_part_turns,
+    states_table_errors,
+    table_error_words,
+    table_errors,
+    TableErrors,
+)
 
 
 def rig_covariance(
@@ -124,7 +130,9 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
         if reference is None or own is None or not (angle or part or rig.level_uncertainty):
             continue
         wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
-        more = angles_of_moves(dwells, angle) if triad == "gyro" else leans_of_rests(dwells, rig)
+        more = (
+            angles_of_moves(dwells, angle) if triad == "gyro" else leans_by_themselves(dwells, rig)
+        )
         wider = wider + more
         dwells = eqx.tree_at(lambda d, t=triad: getattr(d, f"{t}_covariance"), dwells, wider)
     heading = heading_errors(dwells)
@@ -146,6 +154,17 @@ def positionings(dwells: Dwells) -> Int[np.ndarray, "*dwell"]:
         np.asarray(dwells.valid),
     )
     return _with_rests(numbers, dwells)
+
+
+def leans_by_themselves(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3"] | float:
+    """What a base out of level adds to each dwell's force by itself, (m/s²)²: to rests without a heading
+    (`leans_of_rests`) and to parts of turns about the vertical (`leans_of_part_turns`), where rows tell durations."""
+    rests = leans_of_rests(dwells, rig)
+    if isinstance(rests, float) or dwells.rows is None:
+        return rests
+    told = dwells.position, dwells.reference_accel, dwells.reference_gyro, dwells.duration
+    position, force, rate, duration = map(np.asarray, told)
+    return rests + leans_of_part_turns(position, force, rate, duration, rig)
 
 
 def leans_of_rests(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3"] | float:

@@ -8,7 +8,9 @@ turn all that is outside of the inner axis about the common normal n of both axe
 with the case's attitude C_k in the room, the outer axis o in the room and the inner one i in the case. Both triads err
 by the same angles. The attitude of a rest is told by gravity and the Earth's rate in its references (the TRIAD method,
 Black, AIAA J. 2 (1964) 1350). The mean over whole turns at constant rate keeps what lies along the axis of rotation;
-rates that the inner axis gives are not turned by η, and rates of the table not by θ.
+that over a part of a turn keeps of all that lies across it the share, turned by the same angle, that it keeps of
+gravity across it (`_Mean`). About the vertical gravity tells no share: there the lean is one of each plateau by itself
+(`leans_of_part_turns`). Rates that the inner axis gives are not turned by η, and rates of the table not by θ.
 """
 
 from typing import NamedTuple
@@ -39,6 +41,27 @@ class TableErrors(NamedTuple):
     accel: Float[np.ndarray, "*dwell 3 3"]  # m/s²; the last axis is the error's
     gyro: Float[np.ndarray, "*dwell 3 3"]  # rad/s
     known: Bool[np.ndarray, " *dwell"]  # where the attitude is known
+
+
+class _Mean(NamedTuple):
+    """What a mean over a plateau makes of a vector that is fixed in the room, seen in the case.
+
+    With the axis a in the room and â in the case, and gravity's direction across the axis p, whose mean is q:
+    v → â (a · v) + q (p · v) / p² + (â × q) ((a × p) · v) / p². Of whole turns, and about the vertical, q is zero.
+    """
+
+    axis: Float[np.ndarray, "3"]  # in the case
+    in_room: Float[np.ndarray, "3"]
+    across: Float[np.ndarray, "3"]  # p
+    mean: Float[np.ndarray, "3"]  # q
+
+    def of(self, v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        along = self.axis * float(self.in_room @ v)
+        size = float(self.across @ self.across)
+        if size < ALIKE**2:
+            return along
+        beside = float(np.cross(self.in_room, self.across) @ v) * np.cross(self.axis, self.mean)
+        return along + (self.mean * float(self.across @ v) + beside) / size
 
 
 class _Rests(NamedTuple):
@@ -108,7 +131,7 @@ def _of_device(
         accel[known, :, 2] = square * np.cross(normal, f)
         gyro[known, :, 2] = square * np.cross(normal, w)
     for k in np.flatnonzero(valid & (position < 0) & np.any(rate != 0.0, axis=1)).tolist():
-        near = [r for r in _neighbours(k, known & (position >= 0), run)]
+        near = [r for r in _neighbours(k, known & (position >= 0), run, rate)]
         found = next((p for r in near if (p := _plateau(force[k], rate[k], rests, r, rig))), None)
         if found is None:
             continue
@@ -145,12 +168,19 @@ def _rests(
 
 
 def _neighbours(
-    k: int, rests: Bool[np.ndarray, " dwell"], run: Int[np.ndarray, " dwell"]
+    k: int,
+    rests: Bool[np.ndarray, " dwell"],
+    run: Int[np.ndarray, " dwell"],
+    rate: Float[np.ndarray, "dwell 3"],
 ) -> list[int]:
-    """The rest before a plateau and the one after it, in the same recording."""
+    """The rest before a plateau and the one after it, in the same recording; first the one from which no turn about
+    another axis leads to it: that turn may have turned its axis over in the room."""
     there = np.flatnonzero(rests & (run == run[k]))
     before, after = there[there < k], there[there > k]
-    return [*before[-1:].tolist(), *after[:1].tolist()]
+    near = [*before[-1:].tolist(), *after[:1].tolist()]
+    size = np.linalg.norm(rate, axis=1)
+    across = np.linalg.norm(np.cross(rate, rate[k]), axis=1) > ALIKE * size * size[k]
+    return sorted(near, key=lambda r: bool(across[min(k, r) + 1 : max(k, r)].any()))
 
 
 def _plateau(
@@ -165,6 +195,7 @@ def _plateau(
     told = bool(np.any(force != 0.0))
     upright = float(axis @ force) / rests.gravity if told else np.nan
     in_room, accel, gyro = None, np.zeros((3, 3)), np.zeros((3, 3))
+    carried = None  # the two axes, where the inner one turns
     if rig.axes is not None:
         outer, inner = np.array(rig.axes[0]), np.array(rig.axes[1])
         seen = rests.axes[rest] @ outer  # the outer axis in the case
@@ -176,20 +207,50 @@ def _plateau(
         elif abs(float(axis @ inner)) > 1.0 - ALIKE:
             beside = rests.axes[rest].T @ axis
             if not told or abs(beside[2] - upright) < ALIKE:
-                in_room = beside
-                # n turns with the outer axis o about i: of n × f the mean is i (o · f).
-                accel[:, 2] = inner * (rests.gravity * outer[2] * told)
-                gyro[:, 2] = inner * float(outer @ rests.earth)
+                in_room, carried = beside, (outer, inner)
     if in_room is None and abs(upright) > 1.0 - ALIKE**2:  # a vertical axis has no azimuth
         in_room = np.array([0.0, 0.0, np.sign(upright)])
     if in_room is None:
         return None
     up = np.array([0.0, 0.0, rests.gravity])
+    seen_across = (force - axis * float(axis @ force)) / rests.gravity
+    mean = _Mean(axis, in_room, np.array([0.0, 0.0, 1.0]) - in_room * in_room[2], seen_across)
     for j, e in enumerate(np.eye(3)[:2]):
-        accel[:, j] = axis * float(in_room @ np.cross(e, up)) * told
-        gyro[:, j] = axis * float(in_room @ np.cross(e, rests.earth))
+        accel[:, j] = mean.of(np.cross(e, up)) * told
+        gyro[:, j] = mean.of(np.cross(e, rests.earth))
+    if carried:  # n = o × i turns with the outer axis o about i: n × f = i (o · f) − o (i · f)
+        outer, inner = carried
+        turning = mean.of(outer) - axis * float(in_room @ outer)
+        for to, f in ((accel, up * told), (gyro, rests.earth)):
+            along = float(in_room @ f) * float(inner @ axis)  # i · f
+            to[:, 2] = inner * float(outer @ f) - turning * along
     sizes = np.array([rig.level_uncertainty or 0.0] * 2 + [rig.orthogonality_uncertainty or 0.0])
     return accel * sizes, gyro * sizes
+
+
+def leans_of_part_turns(
+    position: Int[np.ndarray, "*dwell"],
+    force: Float[np.ndarray, "*dwell 3"],
+    rate: Float[np.ndarray, "*dwell 3"],
+    duration: Float[np.ndarray, "*dwell"],
+    rig: Rig,
+) -> Float[np.ndarray, "*dwell 3 3"]:
+    """λ² |f|² sinc²(ω T / 2) (E − â âᵀ), (m/s²)², of plateaus about the vertical, by the level λ: of a lean that stands
+    in the room the mean over a part of a turn keeps sin(ω T / 2) / (ω T / 2), in a direction that gravity does not
+    tell. Zero elsewhere.
+
+    **Arguments:** `position` is −1 while the table turns; `force`, m/s², is zero where it is not told; `rate` in rad/s;
+    `duration` in s.
+
+    **Example:** a quarter of a turn keeps 0.9 of it.
+    """
+    speed, size = np.linalg.norm(rate, axis=-1), np.linalg.norm(force, axis=-1)
+    axis = rate / np.where(speed > 0.0, speed, 1.0)[..., None]
+    across = np.linalg.norm(np.cross(axis, force), axis=-1)
+    upright = (position < 0) & (speed > 0.0) & (size > 0.0) & (across < ALIKE * size)
+    kept = np.sinc(speed * duration / (2.0 * np.pi))  # NumPy's is sin(π x) / (π x)
+    square = np.where(upright, np.square((rig.level_uncertainty or 0.0) * size * kept), 0.0)
+    return square[..., None, None] * (np.eye(3) - axis[..., :, None] * axis[..., None, :])
 
 
 def _normal(
