@@ -10,6 +10,7 @@ from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.gyro_note import gyro_note
 from inertiax.campaign_draft.temperature_note import temperature_scale_note
 from inertiax.data.campaign import load_campaign
+from inertiax.data.formats.delay import Clocks, compared
 from table_of_two_axes import RATE, readings, smooth
 
 
@@ -130,3 +131,20 @@ def test_a_scale_of_the_temperature_without_a_zero():
         100.0
     )
     assert temperature_scale_note(["# temperature in counts, acc 4096 LSB/g"]) is None
+
+
+def test_a_turn_in_the_middle_leaves_the_drift_as_it_is():
+    """Gyros of which one axis is off by 1 %: a ramp without its opposite passed for a delay of a millisecond."""
+    time = np.arange(0.0, 700.0, 0.01)
+    turn = lambda t, begin: np.interp(
+        t, begin + np.array([0.0, 2.0, 20.0, 22.0]), [0.0, 100.0, 100.0, 0.0]
+    )
+    begins = 20.0 + 75.0 * np.arange(9)  # the fifth has the middle of what changes
+    speed = lambda t: sum(turn(t, b) for b in begins)
+    read = lambda t: speed(t) + 0.01 * sum(turn(t, b) for b in begins[1::3])
+    own = np.arange(0.0, 699.0, 0.05)
+    late, drift = 0.3, 10.0
+    table = late + own * (1.0 + 1e-6 * drift)
+    found = compared(time, read(time), table, speed(own), Clocks(late, 0.0, float(table[0])))
+    assert found.drift == pytest.approx(drift, abs=0.1)
+    assert found.delay == pytest.approx(late, abs=1e-4)

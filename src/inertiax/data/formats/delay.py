@@ -10,6 +10,7 @@ _REACH = 2.0  # s, either way
 _MOST = 20_000  # rows that are compared
 _FEWEST = 50
 _EVEN = 0.2  # s (convention: a few rows of a slow telegram, and short beside a move)
+_STILL = 1e-3  # of the largest speed
 _FINER = 10  # times, from one grid of delays to the next
 _SIGMAS, _LEAST = 5.0, 5e-4  # of a drift; s, over the whole log (convention: 0.05° at 100 °/s)
 
@@ -113,7 +114,7 @@ def compared(
     for _ in range(2):
         on_device = known.on_device(stamps)
         rows = _telling(time, on_device, other)
-        middle = np.median(time[rows])
+        middle = _at_rest(time[rows], np.interp(time[rows], on_device, other))
         halves = [rows[time[rows] <= middle], rows[time[rows] > middle]]
         ends = [
             np.flatnonzero((time >= time[h[0]]) & (time <= time[h[-1]])) for h in halves if len(h)
@@ -133,6 +134,16 @@ def compared(
         delay = (known.delay + a + part * (known.first - tm)) / (1.0 + part)
         known = known._replace(delay=delay, drift=1e6 * total)
     return known
+
+
+def _at_rest(time: Float[np.ndarray, " rows"], speed: Float[np.ndarray, " rows"]) -> float:
+    """The moment nearest to the middle of rows at which nothing turns.
+
+    A half that ends within a turn has a ramp without its opposite, and an error of the gyros' scale passes for a delay.
+    """
+    middle = float(np.median(time))
+    still = time[speed < _STILL * np.max(speed, initial=0.0)]
+    return float(still[np.argmin(np.abs(still - middle))]) if len(still) else middle
 
 
 def evened(
