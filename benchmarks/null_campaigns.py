@@ -113,10 +113,9 @@ def by_hand(make: Callable[..., Plan], settings: dict, rng) -> draw.Case:
     case = draw.Case(
         "null", plan, name, 9.81, 50.0, False, heat, level | {"rig": 0.0}, {}, {}, {}, {}
     )
-    # The Earth does not turn here: no reference tells its rate, so the model of such a log has no place for it.
-    earth, degree = np.zeros_like(plan.up), int(plan.model["temperature_degree"])
+    earth, degree = world.earth(plan, case.latitude), int(plan.model["temperature_degree"])
     for triad in plan.triads:
-        ideal = case.gravity * plan.up if triad == "accel" else plan.rate
+        ideal = case.gravity * plan.up if triad == "accel" else plan.rate + earth
         low, high = float(heat.case.min()), float(heat.case.max())
         device = world.sensor(grade, triad, degree, low, high, triad == "accel", rng)
         case.scenes[triad] = Scene(
