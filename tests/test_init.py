@@ -21,7 +21,7 @@ from inertiax.calibrate.pipeline import calibrate
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.column_triads import triads_by_name
 from inertiax.campaign_draft.converters import TEMPERATURE_SCALES
-from inertiax.campaign_draft.temperature_note import temperature_note
+from inertiax.campaign_draft.scale_notes import temperature_note, TemperatureNote
 from inertiax.cli import main
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, Recording, Site
@@ -266,11 +266,11 @@ def test_a_scale_of_the_temperature_above_the_names(tmp_path, line, per_degree, 
     assert "CHECK temperature" not in found.text
 
 
-def test_a_scale_without_its_zero_is_none():
-    assert (
-        temperature_note(["# temp 256 LSB/K", "# acc 16384 LSB/g, 0 = 23 mg, temp in counts"])
-        is None
-    )
+def test_a_scale_with_its_zero_goes_before_one_without():
+    without = ["# temp 256 LSB/K", "# acc 16384 LSB/g, 0 = 23 mg, temp in counts"]
+    assert temperature_note(without) == TemperatureNote(256.0, None)
+    assert temperature_note([*without, "T: 128 LSB/K, 0 = 25 degC"]) == TemperatureNote(128.0, 25.0)
+    assert temperature_note(["# acc 16384 LSB/g, 0 = 23 mg", "# started at 10:00"]) is None
 
 
 def test_inav_logs_tenths_of_a_degree(tmp_path):

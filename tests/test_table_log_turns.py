@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from inertiax.campaign_draft import draft_campaign
-from inertiax.campaign_draft.gyro_note import gyro_note
-from inertiax.campaign_draft.temperature_note import temperature_scale_note
+from inertiax.campaign_draft.scale_notes import gyro_note, temperature_note
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.delay import Clocks, compared
 from table_of_two_axes import RATE, readings, smooth
@@ -127,10 +126,9 @@ def test_the_gyros_scale_in_a_line(line, per_degree):
 
 
 def test_a_scale_of_the_temperature_without_a_zero():
-    assert temperature_scale_note(["# gyro in counts", "# TEMP 0.01 degC/LSB"]) == pytest.approx(
-        100.0
-    )
-    assert temperature_scale_note(["# temperature in counts, acc 4096 LSB/g"]) is None
+    told = temperature_note(["# gyro in counts", "# TEMP 0.01 degC/LSB"])
+    assert told is not None and told.scale == pytest.approx(100.0) and told.zero is None
+    assert temperature_note(["# temperature in counts, acc 4096 LSB/g"]) is None
 
 
 def test_a_turn_in_the_middle_leaves_the_drift_as_it_is():

@@ -27,7 +27,6 @@ from .column_roles import WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole, wraps
 from .draft import Draft, draft_of
 from .further_columns import columns_table, ONE_AXIS
-from .gyro_note import gyro_note
 from .gyro_unit import clock_and_unit, gyro_unit
 from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
@@ -37,6 +36,7 @@ from .raw_log import read_log
 from .raw_triads import columns, gyros_beside, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
 from .resting import drifts_in_one_pose, poses, Resting, resting
+from .scale_notes import gyro_note
 from .site_lines import site_of_reference, site_table
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .column_words import plain
 from .converters import TEMPERATURE_SCALES
 from .raw_log import RawLog
-from .temperature_note import temperature_note, temperature_scale_note
+from .scale_notes import temperature_note
 
 
 _CELSIUS = (-60.0, 130.0)  # what electronics bears
@@ -58,13 +58,13 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         return TemperatureUnit(None, None, None, f"{gaps} rows of {name} are empty", False)
     low, high = float(values.min()), float(values.max())
     span = f"{low:.4g} to {high:.4g}"
-    note = temperature_note(log.preamble) if np.all(values == np.round(values)) else None
-    if note is not None:
+    counts = bool(np.all(values == np.round(values)))
+    note = temperature_note(log.preamble) if counts else None
+    if note is not None and note.zero is not None:
         ends = [v / note.scale + note.zero for v in (low, high)]
-        outside = (
-            not _CELSIUS[0] <= low or not high <= _CELSIUS[1]
-        )  # else the note may be the sensor's, not the log's
-        if outside and _CELSIUS[0] <= ends[0] and ends[1] <= _CELSIUS[1]:
+        # Values that are temperatures as they stand: the line may be the sensor's, not the log's.
+        raw = not (_CELSIUS[0] <= low and high <= _CELSIUS[1])
+        if raw and _CELSIUS[0] <= ends[0] and ends[1] <= _CELSIUS[1]:
             text = (
                 f"counts {span}, by the scale above the names {ends[0]:.4g} to {ends[1]:.4g} degC"
             )
@@ -104,8 +104,7 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         return TemperatureUnit("K", None, None, span, True)
     middle = float(np.median(values))
     fits = [s for s in TEMPERATURE_SCALES if _ROOM[0] <= middle / s[0] + s[1] <= _ROOM[1]]
-    counts = np.all(values == np.round(values))
-    scale = temperature_scale_note(log.preamble) if counts else None
+    scale = None if note is None else note.scale
     known = scale is None or any(abs(scale / s[0] - 1.0) < _SAME for s in TEMPERATURE_SCALES)
     if scale is not None and not known:
         ends = [v / scale for v in (low, high)]
@@ -114,9 +113,8 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
             text = (
                 f"counts {span}, by the scale above the names {ends[0]:.4g} to {ends[1]:.4g} degC"
             )
-            text = (
-                text if decimal else f"{text} if a count of zero is 0 degC, which it does not say"
-            )
+            if not decimal:
+                text += " if a count of zero is 0 degC, which it does not say"
             return TemperatureUnit("count", scale, 0.0, text, decimal)
     if counts and fits:
         named = [s for s in fits if _names(log, s[2])]
