@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import pytest
 
+from inertiax.calibrate.covariance_shares import shares
 from inertiax.calibrate.split_covariance import Fit, split
 from inertiax.calibrate.table_error_sizes import table_error_sizes, within_statement
 from inertiax.data.formats.table_angles import two_axes
@@ -182,6 +183,31 @@ def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table,
     np.testing.assert_allclose(
         np.diagonal(by_source["rig orthogonality"]), moved[:, 2] ** 2, rtol=1e-5, atol=1e-20
     )
+
+
+def test_the_budget_has_the_lean_of_parts_of_turns_under_the_rig_s_level(table, drawn):
+    """Of a quarter of a turn about the vertical 0.9 of the lean stay, across it, which are no noise of the dwell."""
+    rate = np.asarray(drawn[0][0].reference_gyro)
+    speed = np.linalg.norm(rate, axis=1)
+    dwells = dataclasses.replace(
+        drawn[0][0],
+        duration=np.pi / 2.0 / speed,
+        rows=np.zeros((len(rate), 4), int),  # of a recording, so that its durations are known
+    )
+    wider = with_rig_errors(dwells, table.STATED)
+    found = shares(ReferenceAccel(), wider, table.STATED, 3)
+    upright = np.asarray(dwells.position < 0) & (
+        np.abs(np.sum(rate * dwells.reference_accel, axis=1)) > 0.99 * speed * 9.81
+    )
+    assert upright.any()
+    own = (table.LEVEL * 9.81 * np.sin(np.pi / 4.0) / (np.pi / 4.0)) ** 2
+    part = own / (
+        own + table.FORCE_NOISE**2
+    )  # plateaus of one axis share their positioning, which is not in here
+    eigen = np.linalg.eigvalsh(found["rig level"][upright])
+    np.testing.assert_allclose(eigen, np.tile([0.0, part, part], (len(eigen), 1)), atol=1e-6)
+    eigen = np.linalg.eigvalsh(found["dwell noise"][upright])
+    np.testing.assert_allclose(eigen[:, :2], 1.0 - part, atol=1e-6)
 
 
 @pytest.mark.slow

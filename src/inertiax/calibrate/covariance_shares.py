@@ -19,7 +19,7 @@ from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import (
     angles_of_moves,
     heading_errors,
-    leans_of_rests,
+    leans_by_themselves,
     rig_covariance,
 )
 from .earth_rate import HEADING
@@ -75,7 +75,7 @@ def _of_means(
             parts[HEADING] = heading_errors(dwells) * np.ones_like(given)
             stated.append(parts[HEADING])
         else:
-            parts[LEVEL] = leans_of_rests(dwells, rig) * np.ones_like(given)
+            parts[LEVEL] = leans_by_themselves(dwells, rig) * np.ones_like(given)
             stated.append(parts[LEVEL])
         parts[NOISE] = given - sum(stated)
     if rows == 1:  # along the output only
