@@ -1,8 +1,11 @@
 """The clock of a table's own log that runs faster or slower than the device's."""
 
-import numpy as np
+import itertools
 
-from ..data.formats.delay import Clocks, compared, evened
+import numpy as np
+from jaxtyping import Float
+
+from ..data.formats.delay import Clocks, compared, delay_of, evened
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
@@ -10,6 +13,8 @@ from .thresholds import Thresholds
 
 # Sigmas of a log's delay that those of its halves make over all of it: √2 each, a difference, half a log apart.
 _HALVES = 4.0
+_PARTS, _FEWEST = 6, 4  # of a log whose delays are put on a line, and those that must have one
+_CHANGES = 1e-3  # of the largest speed, from one row to the next
 
 
 def drift_of_table(
@@ -50,7 +55,35 @@ def _drifting(device: DeviceLogs, number: int, sigma: float, limits: Thresholds)
     )
     found = compared(time, one, known.on_other(time), other, known)
     least = max(limits.table_delay, limits.table_delay_sigmas * _HALVES * sigma)
-    return found if abs(_grows(device, number, found)) >= least else None
+    if abs(_grows(device, number, found)) < least:
+        return None
+    return found if _goes_with_time(time, one, other, limits.table_delay_sigmas) else None
+
+
+def _goes_with_time(
+    time: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"],
+    reference: Float[np.ndarray, " rows"],
+    sigmas: float,
+) -> bool:
+    """Whether delays of parts of a log lie on a line beyond their scatter.
+
+    Where rows of the table repeat the one before, each part has a delay of its own, and its standard deviation, which
+    takes rows for independent, says less.
+    """
+    changing = time[1:][np.abs(np.diff(reference)) > _CHANGES * reference.max(initial=0.0)]
+    edges = np.quantile(changing, np.linspace(0.0, 1.0, _PARTS + 1))
+    moments, late = [], []
+    for low, high in itertools.pairwise(edges):
+        rows = (time >= low) & (time <= high)
+        found = delay_of(time[rows], speed[rows], time, reference)
+        if found is not None:
+            moments.append(0.5 * (low + high))
+            late.append(found[0])
+    if len(late) < _FEWEST:
+        return False
+    (slope, _), covariance = np.polyfit(np.array(moments) - np.mean(moments), late, 1, cov=True)
+    return bool(abs(slope) > sigmas * np.sqrt(covariance[0, 0]))
 
 
 def _known(device: DeviceLogs, number: int) -> Clocks:

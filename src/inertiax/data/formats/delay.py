@@ -12,6 +12,9 @@ _FEWEST = 50
 _EVEN = 0.2  # s (convention: a few rows of a slow telegram, and short beside a move)
 _STILL = 1e-3  # of the largest speed
 _FINER = 10  # times, from one grid of delays to the next
+_CLOCK = (
+    2e-2  # crystals are within 2e-4 of each other, oscillators without one within 1e-2 (convention)
+)
 _SIGMAS, _LEAST = 5.0, 5e-4  # of a drift; s, over the whole log (convention: 0.05° at 100 °/s)
 
 
@@ -129,6 +132,8 @@ def compared(
         total = 1e-6 * known.drift + part
         if abs(total) < max(_SIGMAS * sigma, _LEAST / float(np.ptp(stamps))):
             return known
+        if abs(total) > _CLOCK:  # two halves that do not show one motion
+            return known
         a, tm = 0.5 * (late[0][0] + late[1][0]), 0.5 * (moments[0] + moments[1])
         # T = s' + d (s' − T₀) of s' = t + τ + a + part (t − tm), written with the drift d + part.
         delay = (known.delay + a + part * (known.first - tm)) / (1.0 + part)
@@ -137,13 +142,13 @@ def compared(
 
 
 def _at_rest(time: Float[np.ndarray, " rows"], speed: Float[np.ndarray, " rows"]) -> float:
-    """The moment nearest to the middle of rows at which nothing turns.
+    """The moment nearest to the middle of rows at which nothing turns; the middle where all such are near the ends.
 
     A half that ends within a turn has a ramp without its opposite, and an error of the gyros' scale passes for a delay.
     """
-    middle = float(np.median(time))
-    still = time[speed < _STILL * np.max(speed, initial=0.0)]
-    return float(still[np.argmin(np.abs(still - middle))]) if len(still) else middle
+    low, middle, high = np.quantile(time, [0.25, 0.5, 0.75])
+    still = time[(speed < _STILL * np.max(speed, initial=0.0)) & (low < time) & (time < high)]
+    return float(still[np.argmin(np.abs(still - middle))]) if len(still) else float(middle)
 
 
 def evened(
