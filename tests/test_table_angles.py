@@ -581,6 +581,18 @@ def test_a_tables_own_log_without_a_clock_says_which_log_has_none(tmp_path):
         draft_campaign(device, folder, latitude=48.2, table=folder / "table.csv")
 
 
+def test_a_table_s_log_of_another_run_says_where_its_clock_was_put(tmp_path):
+    folder = tmp_path / "c"
+    two_logs(folder, 0.137)
+    own = pl.read_csv(folder / "table.csv")
+    turned = [pl.Series(f"pos_{k}", own[f"pos_{k}"].to_numpy()[::-1]) for k in range(2)]
+    own.with_columns(turned).drop("rate_0", "rate_1").write_csv(folder / "table.csv")
+    with pytest.raises(
+        ValueError, match=r"clock was taken to be -?\d+\.\d s late, .* of one run\?"
+    ):
+        draft_campaign(folder / "device.csv", folder, latitude=48.2, table=folder / "table.csv")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.05, 0.15])
 def test_rows_that_repeat_the_one_before_tell_the_same_delay(tmp_path, share):

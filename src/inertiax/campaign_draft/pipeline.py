@@ -107,7 +107,9 @@ def draft_campaign(
     if own and angles is None and upright is None:
         raise ValueError(
             f"{own[0].path}: no columns of it are angles of a table about which gravity in {log.name} turns, nor the "
-            f"rate of one that turns about the vertical. {ONE_AXIS}"
+            "rate of one that turns about the vertical. Its clock was taken to be "
+            f"{own[0].clocks.delay:.1f} s late, where its columns are most like the gyros: are both logs of one run? "
+            f"{ONE_AXIS}"
         )
     columns = columns_table(lines, remarks, found)
     if latitude is None:
