@@ -1,11 +1,12 @@
-"""Do intervals of misalignments cover, where a table is out of level and its axes are out of square?
+"""Do intervals of misalignments cover, where a table is out of level, its axes are out of square, and stand?
 
     python benchmarks/table_coverage.py [DEVICES]
 
 A table with a horizontal outer axis and an inner one that it carries: 24 positions, then a staircase of rates about
-each axis. Base and axes err by angles that are drawn once for a device, positions anew for each; all are turned by
-SciPy's rotations, to all orders. Each device is estimated with the station's statement of level and right angle, and
-without.
+each axis. Base and axes err by angles that are drawn once for a device; each axis has an error of three angles, drawn
+anew when it is moved, of half of a positioning's variance, or both are drawn anew for each position. All are turned by
+SciPy's rotations, to all orders. Each device is estimated with all that the station states, without level and right
+angle, and without what the axes are (positions then err independently).
 """
 
 import sys
@@ -33,7 +34,7 @@ OUTER = np.array([np.cos(0.3), np.sin(0.3), 0.0])  # horizontal, 17° from north
 CASE = Rotation.from_euler("zyx", [0.2, 0.1, -0.3])  # of the device on the table
 AXES = (tuple(OUTER), tuple(CASE.apply([0.0, 0.0, 1.0], inverse=True)))
 STATED = Rig(POSITION, level_uncertainty=LEVEL, orthogonality_uncertainty=ORTHOGONALITY, axes=AXES)
-UNSTATED = Rig(POSITION)
+UNSTATED = Rig(POSITION, axes=AXES)
 POSITIONS = [(a, b) for b in (0, 90, 180, 270) for a in (0, 90, 180, 270)]
 POSITIONS += [
     (45, 0),
@@ -58,6 +59,9 @@ def attitude(outer: np.ndarray, inner: np.ndarray, tilt: np.ndarray, skew: float
     out = Rotation.from_rotvec(np.multiply.outer(outer, OUTER))
     carried = Rotation.from_rotvec(np.multiply.outer(inner, [0.0, 0.0, 1.0]))
     return base * out * Rotation.from_rotvec(skew * normal) * carried * CASE
+
+
+NO_AXES = Rig(POSITION, level_uncertainty=LEVEL)
 
 
 def readings(tilt: np.ndarray, skew: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -95,13 +99,35 @@ def readings(tilt: np.ndarray, skew: float) -> tuple[np.ndarray, np.ndarray, np.
 PLAN = readings(np.zeros(2), 0.0)
 
 
-def drawn(rng: np.random.Generator) -> tuple[Dwells, np.ndarray, np.ndarray]:
+def positioning(rng: np.random.Generator, stand: bool) -> Rotation:
+    """How the case is turned against its reference in each dwell; where axes `stand`, by errors that they keep."""
+    anew = lambda size: size * rng.standard_normal(3)
+    made, last, error = [], (None, None), [np.zeros(3), np.zeros(3)]
+    rests = iter([*POSITIONS, *(angles for angles, _ in PLATEAUS)])
+    staircase = Rotation.identity()
+    for k, position in enumerate(PLAN[0]):
+        if position >= 0:
+            angles = next(rests)
+            for axis in range(2):
+                if not stand or angles[axis] != last[axis]:
+                    error[axis] = anew(np.sqrt(0.5) * POSITION)
+            last = angles
+            case = attitude(*np.deg2rad(angles), np.zeros(2), 0.0)
+            seen = Rotation.from_rotvec(case.apply(error[0], inverse=True))
+            made.append(seen * Rotation.from_rotvec(error[1]))
+            own = Rotation.from_rotvec(anew(POSITION))
+            staircase = own if stand else made[-1]  # or the plateaus follow their rest
+        else:
+            made.append(staircase)
+            turned = PLATEAUS[[j for j, _ in enumerate(PLATEAUS) if j * 5 + 24 < k][-1]][1]
+            last = (None, last[1]) if turned == "outer" else (last[0], None)
+    return Rotation.concatenate(made)
+
+
+def drawn(rng: np.random.Generator, stand: bool = False) -> tuple[Dwells, np.ndarray, np.ndarray]:
     """One device on one table: its dwells, and the true matrices of its triads."""
     _, force, rate = readings(LEVEL * rng.standard_normal(2), ORTHOGONALITY * rng.standard_normal())
-    off = POSITION * rng.standard_normal(force.shape)
-    for k in np.flatnonzero(PLAN[0] < 0):  # plateaus follow their rest in its position
-        off[k] = off[k - 1]
-    turned = Rotation.from_rotvec(off)
+    turned = positioning(rng, stand)
     matrices = 1e-3 * rng.standard_normal((2, 3, 3))
     seen = []
     for truth, matrix, noise in zip(
@@ -139,12 +165,14 @@ def line(values: list[np.ndarray]) -> str:
 def main(devices: int = 1000) -> None:
     """Print the table."""
     rng = np.random.default_rng(1)
-    made = [drawn(rng) for _ in range(devices)]
-    print("| misalignments of | stated | not stated |")
-    print("|---|---|---|")
-    both = [[deviations(d, rig) for d in made] for rig in (STATED, UNSTATED)]
-    for k, triad in enumerate(("accelerometers", "gyros")):
-        print(f"| {triad} | {' | '.join(line([z[k] for z in values]) for values in both)} |")
+    print("| positions | misalignments of | stated | level and right angle not | axes not |")
+    print("|---|---|---|---|---|")
+    for stand, words in ((True, "errors of axes that stand"), (False, "drawn anew")):
+        made = [drawn(rng, stand) for _ in range(devices)]
+        found = [[deviations(d, rig) for d in made] for rig in (STATED, UNSTATED, NO_AXES)]
+        for k, triad in enumerate(("accelerometers", "gyros")):
+            cells = " | ".join(line([z[k] for z in values]) for values in found)
+            print(f"| {words} | {triad} | {cells} |")
 
 
 if __name__ == "__main__":

@@ -223,7 +223,7 @@ def test_a_diagnosis_sees_the_covariance_of_a_shared_rotation():
         reading,
         np.array([4, 5, 5, 7]),
         np.full((4, 3), 1e-14),
-        ANGLE,
+        np.full(4, ANGLE),
         RATE,
         np.array([0, 0, 0, -1]),
     )

@@ -24,7 +24,9 @@ from inertiax.numerics.common_errors import inverse_root
 
 def test_the_signatures_have_the_covariance_of_a_rotation_and_a_rate_error():
     reading = np.array([[1.0, 2.0, -2.0], [1.0, 2.0, -2.0], [3.0, 0.0, 0.0]])
-    made, own = signatures(reading, np.array([4, 4, 7]), np.full((3, 3), 1e-12), ANGLE, RATE)
+    made, own = signatures(
+        reading, np.array([4, 4, 7]), np.full((3, 3), 1e-12), np.full(3, ANGLE), RATE
+    )
     assert not own[:2].any() and np.isnan(own[2]).all()  # along an axis nothing is shared
     # By hand: cov(x × ε) = σ² (|x|² I − x xᵀ), with |x| = 3; and σ_ρ² x xᵀ.
     both = np.outer(reading[0], reading[0])

@@ -40,7 +40,7 @@ def table():
 @pytest.fixture(scope="module")
 def drawn(table):
     rng = np.random.default_rng(5)
-    return [table.drawn(rng) for _ in range(120)]
+    return [table.drawn(rng, stand=True) for _ in range(120)]
 
 
 @pytest.fixture(autouse=True)
@@ -69,6 +69,7 @@ ARCS = {
     "about the outer axis": ((0, 0), [("outer", 0, 90)]),
     "about the outer axis, the case turned": ((30, 120), [("outer", 45, 110)]),
     "about a level inner axis": ((90, 0), [("inner", 10, 50)]),
+    "about an upright inner axis, by the Earth's rate": ((0, 20), [("inner", 20, 70)]),
     "about an inclined inner axis": ((45, 20), [("inner", 20, 260)]),
     "outer, then inner, which the outer has turned over": (
         (90, 315),
@@ -140,6 +141,43 @@ def test_a_part_of_a_turn_about_the_vertical_keeps_the_lean_in_a_direction_of_it
     assert not found[1].any()
 
 
+def by_standings(table, turn):
+    """Covariance of forces, of angles of half of a positioning's variance that an axis keeps while it stands, by hand;
+    and the part of the variance that each dwell has in it."""
+    at = iter([*table.POSITIONS, *(angles for angles, _ in table.PLATEAUS)])
+    stairs = iter([stair for stair in table.PLATEAUS for _ in table.RATES])
+    of_axis, number, last = ({}, {}), [0, 0], (None, None)
+    for k, position in enumerate(table.PLAN[0]):
+        if position < 0:
+            angles, which = next(stairs)
+            last = (None, angles[1]) if which == "outer" else (angles[0], None)
+            arcs = [np.full(90, np.deg2rad(a)) for a in angles]
+            arcs[which == "inner"] = np.deg2rad(np.arange(90) * 4.0)
+            case = table.attitude(*arcs, np.zeros(2), 0.0)
+            off = [case.apply(np.cross(e, table.UP), inverse=True).mean(axis=0) for e in np.eye(3)]
+            own = number[0] if which == "inner" else ("stair", angles)
+            of_axis[0].setdefault(own, []).append((k, None, -np.transpose(off)))
+            continue
+        angles = next(at)
+        number = [n + (a != b) for n, a, b in zip(number, angles, last, strict=True)]
+        last, rows = angles, turn[3 * k : 3 * k + 3]
+        to_case = table.attitude(*np.deg2rad(angles), np.zeros(2), 0.0).as_matrix().T
+        of_axis[0].setdefault(number[0], []).append((k, number[1], rows @ to_case))
+        of_axis[1].setdefault(number[1], []).append((k, number[0], rows))
+    whole, part = np.zeros((len(turn), len(turn))), np.zeros(len(table.PLAN[0]))
+    for standings in of_axis:
+        for dwells in standings.values():
+            others = {other for _, other, _ in dwells}
+            if len(others) < 2 and None not in others:
+                continue
+            moved = np.zeros((len(turn), 3))
+            for k, other, rows in dwells:
+                moved[3 * k : 3 * k + 3] = rows
+                part[k] += 0.5 * (other is not None)
+            whole += 0.5 * table.POSITION**2 * moved @ moved.T
+    return whole, part
+
+
 def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table, drawn):
     """A dense covariance of positions, noise and table by hand; one device, the same in a fleet, and its budget."""
     dwells = with_rig_errors(drawn[0][0], table.STATED)
@@ -151,7 +189,10 @@ def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table,
     turn = np.concatenate([skew(v) for v in force])
     number = dwells.positioning
     same = (number[:, None] == number[None, :]) & (number >= 0)[:, None] | np.eye(count, dtype=bool)
-    whole = table.POSITION**2 * np.kron(same, np.ones((3, 3))) * (turn @ turn.T)
+    standing, part = by_standings(table, turn)
+    assert {0.0, 0.5} == set(part)
+    alone = np.sqrt(np.outer(1.0 - part, 1.0 - part))
+    whole = standing + table.POSITION**2 * np.kron(same * alone, np.ones((3, 3))) * (turn @ turn.T)
     common = table_errors(*table.PLAN, table.STATED).accel.reshape(-1, 3)
     whole += common @ common.T + table.FORCE_NOISE**2 * np.eye(3 * count)
     inverse = np.linalg.inv(whole)
@@ -187,6 +228,7 @@ def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table,
 
 def test_the_budget_has_the_lean_of_parts_of_turns_under_the_rig_s_level(table, drawn):
     """Of a quarter of a turn about the vertical 0.9 of the lean stay, across it, which are no noise of the dwell."""
+    stated = dataclasses.replace(table.STATED, axes=None)  # else the Earth's rate tells it
     rate = np.asarray(drawn[0][0].reference_gyro)
     speed = np.linalg.norm(rate, axis=1)
     dwells = dataclasses.replace(
@@ -194,8 +236,8 @@ def test_the_budget_has_the_lean_of_parts_of_turns_under_the_rig_s_level(table, 
         duration=np.pi / 2.0 / speed,
         rows=np.zeros((len(rate), 4), int),  # of a recording, so that its durations are known
     )
-    wider = with_rig_errors(dwells, table.STATED)
-    found = shares(ReferenceAccel(), wider, table.STATED, 3)
+    wider = with_rig_errors(dwells, stated)
+    found = shares(ReferenceAccel(), wider, stated, 3)
     upright = np.asarray(dwells.position < 0) & (
         np.abs(np.sum(rate * dwells.reference_accel, axis=1)) > 0.99 * speed * 9.81
     )

@@ -20,6 +20,7 @@ from ..reduction.rig_errors import (
     angles_of_moves,
     heading_errors,
     leans_by_themselves,
+    own_angle,
     rig_covariance,
 )
 from .earth_rate import HEADING
@@ -65,8 +66,7 @@ def _of_means(
     if reference is not None:
         u = np.asarray(reference, float)
         angle = rig.position_uncertainty or 0.0
-        alone = 1.0 if dwells.shared_angle is None else np.asarray(dwells.shared_angle) == 0.0
-        position = rig_covariance(u, angle * np.broadcast_to(alone, len(u)))
+        position = rig_covariance(u, own_angle(dwells, angle))
         position = position + (angles_of_moves(dwells, angle) if triad == "gyro" else 0.0)
         rate = (rig.rate_uncertainty or 0.0) if triad == "gyro" else 0.0
         parts[POSITION], parts[RATE] = position, rig_covariance(u, 0.0, rate)

@@ -102,6 +102,12 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     covariance = fit.covariance if alone else scaled_inverse(problem.normal(jacobian))
     # V⁻¹J, where dwells share errors; else V is the identity.
     design = problem.weighted(problem.decorrelated(problem.design(jacobian)))
+    errors = (
+        None  # what one of the table's errors does to the coefficients; from 3 on, of standing axes
+    )
+    if problem.shared is not None and problem.shared.table is not None:
+        signatures = np.asarray(problem.shared.table.whitened).reshape(len(design), -1)
+        errors = signatures.T @ design @ covariance
     parts = []
     by_source = shares(fit.estimator, fit.dwells, rig, jacobian.shape[1])
     for source, share in by_source.items():
@@ -113,12 +119,12 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
             if problem.shared.positionings is not None:
                 moved = problem.shared.positionings.signatures.T @ design @ covariance
                 own = own + moved.T @ moved
+            if errors is not None:
+                own = own + errors[3:].T @ errors[3:]
         parts.append(Part(source, _degrees(source, fit, share), own))
-    if problem.shared is not None and problem.shared.table is not None:
-        errors = np.asarray(problem.shared.table.whitened).reshape(len(design), -1)
-        moved = errors.T @ design @ covariance
+    if errors is not None:
         for source, which in ((LEVEL, slice(0, 2)), (ORTHOGONALITY, slice(2, 3))):
-            parts.append(Part(source, math.inf, moved[which].T @ moved[which]))
+            parts.append(Part(source, math.inf, errors[which].T @ errors[which]))
     device = within(problem, np.sum([by_source[s] for s in OF_THE_DEVICE], axis=0))
     slow = slow_part(problem, coefficients, covariance, fit.slow, device)
     parts.append(Part(SLOW, float(max(residual_degrees(fit), 1)), slow))

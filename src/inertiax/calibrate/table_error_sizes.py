@@ -29,9 +29,8 @@ def table_error_sizes(
     if problem.shared is None or problem.shared.table is None:
         return None
     design, residual = problem.rows(np.asarray(curve.coefficients))
-    signatures = problem.decorrelated(
-        np.asarray(problem.shared.table.whitened).reshape(len(residual), 3)
-    )
+    common = np.asarray(problem.shared.table.whitened)[..., :3]
+    signatures = problem.decorrelated(common.reshape(len(residual), 3))
     # Where both triads were estimated together, the rows are not those of a least squares of their own.
     span = np.linalg.qr(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300))[0]
     return signatures.T @ (residual - span @ (span.T @ residual))

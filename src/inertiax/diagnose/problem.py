@@ -38,7 +38,7 @@ from .observations.model_rows import (
     usable,
 )
 from .observations.signals import build, specific_force
-from .observations.table_rows import without_table_errors
+from .observations.table_rows import standing_of_blocks, without_table_errors
 from .observations.untold_heading import (
     errors_of_rests,
     with_heading_errors,
@@ -166,7 +166,9 @@ def prepared_triads(
         triad = model.form.triad
         expected = expected_output(model, log, blocks)
         seen = blocks if expected is None else with_scatter_about(blocks, log, triad, expected)
-        seen = with_leans_of_part_turns(with_heading_errors(seen, log.step), campaign.rig, log.step)
+        seen = with_heading_errors(seen, log.step)
+        within = log.recording[seen.start]
+        seen = with_leans_of_part_turns(seen, campaign.rig, log.step, within)
         mine = seen[usable(model.form, blocks)]
         listed = [e for e in catalogue if not (e.stream_delay and triad in in_ramps)]
         with jax.enable_x64(True):  # which is set for each thread
@@ -256,7 +258,8 @@ def prepare_triad(
         rate = (campaign.rig.rate_uncertainty or 0.0) if form.triad == "gyro" else 0.0
         reading = getattr(blocks, f"reference_{form.triad}")
         angle = campaign.rig.position_uncertainty or 0.0
-        system = with_rig_errors(system, blocks, reading, angle, rate, listed)
+        standing = standing_of_blocks(blocks, log, campaign.rig)
+        system = with_rig_errors(system, blocks, reading, angle, rate, listed, standing)
     return Prepared(
         form,
         blocks,

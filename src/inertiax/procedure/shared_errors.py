@@ -2,7 +2,8 @@
 
 Whitened dwell by dwell, the rows have the covariance V = E + U Uᵀ + W Wᵀ, where U holds the signatures of the angles
 that dwells of one positioning share (`reduction.rig_errors`) and W those of the table's errors, which all share
-(`reduction.table_errors`), for one standard deviation each. Generalised least squares then has
+(`reduction.table_errors`) or those through which an axis stands (`reduction.standing_axes`), for one standard deviation
+each. Generalised least squares then has
 
     JᵀV⁻¹J = (S J)ᵀ (S J),     S = (E + W' W'ᵀ)^(−1/2) R,     W' = R W,     R = (E + U Uᵀ)^(−1/2)
 
@@ -55,10 +56,10 @@ class OfPositionings(Module):
 class OfTable(Module):
     """What one standard deviation of each error of the table does to the rows of one device."""
 
-    whitened: Float[AnyArray, "dwell row 3"]  # W
-    decorrelated: Float[AnyArray, "dwell row 3"]  # W' = R W
-    misfit: Float[AnyArray, "dwell row 3"]  # W in SI, without what positionings share
-    inverse: Float[AnyArray, "3 3"]  # X of F = W' X
+    whitened: Float[AnyArray, "dwell row error"]  # W
+    decorrelated: Float[AnyArray, "dwell row error"]  # W' = R W
+    misfit: Float[AnyArray, "dwell row error"]  # W in SI, without what positionings share
+    inverse: Float[AnyArray, "error error"]  # X of F = W' X
 
     def times(self, left: AnyArray, rows: AnyArray) -> AnyArray:
         """left X Xᵀ W'ᵀ rows."""
@@ -81,7 +82,8 @@ class SharedErrors(Module):
         if self.positionings is not None:
             made.append(self.positionings.signatures)
         if self.table is not None:
-            made.append(self.table.whitened.reshape(-1, 3))
+            whitened = self.table.whitened
+            made.append(whitened.reshape(-1, whitened.shape[2]))
         library = np if isinstance(made[0], np.ndarray) else jnp
         return library.concatenate(made, axis=1)
 
@@ -145,7 +147,7 @@ def _of_positionings(parts: tuple[AbstractEstimator, ...], dwells: Dwells) -> Of
     each = (library.asarray(number)[:, None] == library.arange(most)[None]).astype(float)
     angle = library.asarray(shared)[:, None, None]
     made = lambda triad: angle * turned_by(library.asarray(getattr(dwells, f"reference_{triad}")))
-    whitened, misfit = _rows(parts, dwells, made, library)
+    whitened, misfit = _rows(parts, dwells, made, 3, library)
     squares = library.einsum("nrk,nrl->nkl", whitened, whitened)
     gram = library.matmul(each.T, squares.reshape(len(squares), 9)).reshape(-1, 3, 3)
     return OfPositionings(whitened, misfit, each, inverse_root(gram))
@@ -158,7 +160,8 @@ def _of_table(
         return None
     library = np if isinstance(dwells.table_accel, np.ndarray) else jnp
     made = lambda triad: library.asarray(getattr(dwells, f"table_{triad}"))
-    whitened, misfit = _rows(parts, dwells, made, library)
+    num = dwells.table_accel.shape[-1]
+    whitened, misfit = _rows(parts, dwells, made, num, library)
     decorrelated = whitened
     if positionings is not None:
         decorrelated = whitened - positionings.times(positionings.whitened, whitened)
@@ -170,11 +173,12 @@ def _of_table(
 def _rows(
     parts: tuple[AbstractEstimator, ...],
     dwells: Dwells,
-    made: Callable[[str], Float[AnyArray, "dwell 3 3"]],
+    made: Callable[[str], Float[AnyArray, "dwell 3 error"]],
+    num: int,
     library,
 ) -> tuple[AnyArray, AnyArray]:
-    """What changes of the triads' references do to their rows, whitened and in SI."""
-    found = [_of_triad(part, dwells, made, library) for part in parts]
+    """What `num` changes of the triads' references do to their rows, whitened and in SI."""
+    found = [_of_triad(part, dwells, made, num, library) for part in parts]
     whitened, misfit = (library.concatenate(x, axis=1) for x in zip(*found, strict=True))
     return whitened, misfit
 
@@ -182,14 +186,15 @@ def _rows(
 def _of_triad(
     estimator: AbstractEstimator,
     dwells: Dwells,
-    made: Callable[[str], Float[AnyArray, "dwell 3 3"]],
+    made: Callable[[str], Float[AnyArray, "dwell 3 error"]],
+    num: int,
     library,
 ) -> tuple[AnyArray, AnyArray]:
-    """What changes of a triad's references do to its rows, whitened and in SI."""
+    """What `num` changes of a triad's references do to its rows, whitened and in SI."""
     if not estimator.by_reference:
         vector, first = jnp.zeros(estimator.num_parameters), dwells[0]
         rows = lambda: (estimator.residual(vector, first), estimator.misfit(vector, first)[0])
-        none = [library.zeros((len(dwells.time), s.shape[0], 3)) for s in jax.eval_shape(rows)]
+        none = [library.zeros((len(dwells.time), s.shape[0], num)) for s in jax.eval_shape(rows)]
         return none[0], none[1]
     triad = estimator.triad
     counted = library.asarray(dwells.valid)

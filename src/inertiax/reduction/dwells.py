@@ -28,8 +28,6 @@ _INNER = {
     "mag": (3,),
     "mag_covariance": (3, 3),
     "rows": (4,),
-    "table_accel": (3, 3),
-    "table_gyro": (3, 3),
 }
 
 
@@ -66,9 +64,12 @@ class Dwells(eqx.Module):
     # rad, 1 sigma of the error that is shared, and so not in the covariances; 0 where none is.
     shared_angle: Float[AnyArray, " *dwell"] | None = None
     move: Bool[AnyArray, " *dwell"] | None = None  # from rest to rest, see `known_moves`
-    # Change of the references by 1 sigma of the table's errors, columns as `table_errors` has them; in no covariance.
-    table_accel: Float[AnyArray, "*dwell 3 3"] | None = None  # m/s²
-    table_gyro: Float[AnyArray, "*dwell 3 3"] | None = None  # rad/s
+    # Change of the references by 1 sigma of the table's errors, in no covariance: the first three columns as
+    # `table_errors` has them, then those of `standing_axes`.
+    table_accel: Float[AnyArray, "*dwell 3 error"] | None = None  # m/s²
+    table_gyro: Float[AnyArray, "*dwell 3 error"] | None = None  # rad/s
+    # Of a positioning's variance, the part that axes have which stand through several; not in the covariances.
+    standing_part: Float[AnyArray, " *dwell"] | None = None
 
     def __check_init__(self):
         shape = jnp.shape(self.time)
@@ -77,6 +78,8 @@ class Dwells(eqx.Module):
             if value is None or field.name == "motion":
                 continue
             inner = _INNER.get(field.name, ())
+            if field.name in ("table_accel", "table_gyro"):
+                inner = (3, *jnp.shape(value)[-1:])
             if jnp.shape(value) != (*shape, *inner):
                 raise ValueError(
                     f"`Dwells({field.name}=...)`: shape {jnp.shape(value)}, but `time` has {shape}, so it must be "

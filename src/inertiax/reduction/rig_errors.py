@@ -25,6 +25,8 @@ from ..physics.vectors import unit_vector
 from .dwells import Dwells, is_told, known_force
 from .earth_at_rest import heading_is_untold, untold_heading_covariance
 from .positionings import attitudes, shared_positionings
+from .room_attitudes import turns_told
+from .standing_axes import standing_errors, StandingErrors
 from .table_errors import (
     leans_of_part_turns,
     states_table_errors,
@@ -82,6 +84,28 @@ def errors_of_table(dwells: Dwells, rig: Rig) -> TableErrors | None:
     )
 
 
+def errors_of_standing_axes(dwells: Dwells, rig: Rig) -> StandingErrors | None:
+    """What axes that stand do to references (`standing_axes`); `None` where none stands through several positions, or
+    there are no references of both triads."""
+    if dwells.reference_accel is None or dwells.reference_gyro is None:
+        return None
+    return standing_errors(
+        np.asarray(dwells.position),
+        np.asarray(dwells.reference_accel, float),
+        np.asarray(dwells.reference_gyro, float),
+        rig,
+        run=None if dwells.rows is None else np.asarray(dwells.rows)[..., 0],
+        valid=np.asarray(dwells.valid),
+    )
+
+
+def own_angle(dwells: Dwells, angle: float) -> Float[np.ndarray, " *dwell"] | float:
+    """Standard deviation of the angles, rad, that each dwell has by itself, of `angle` of a positioning."""
+    part = 0.0 if dwells.standing_part is None else np.asarray(dwells.standing_part)
+    alone = 1.0 if dwells.shared_angle is None else np.asarray(dwells.shared_angle) == 0.0
+    return angle * np.sqrt(1.0 - part) * alone
+
+
 def table_words(dwells: Dwells, rig: Rig, estimators: Sequence[str | None]) -> tuple[str, ...]:
     """What of the table's stated errors could not be used, where an estimator compares with references."""
     if not states_table_errors(rig) or "reference" not in estimators:
@@ -110,26 +134,24 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
 
     Beside what the rig states these are the Earth's rate in a heading that no reference tells.
     Dwells that share their positioning say so in `positioning` and have its standard deviation in `shared_angle`:
-    the covariance of their own mean is without it.
+    the covariance of their own mean is without it, and without `standing_part`.
     """
     angle, rate = rig.position_uncertainty or 0.0, rig.rate_uncertainty or 0.0
-    own_angle: float | np.ndarray = angle
+    standing = errors_of_standing_axes(dwells, rig)
+    if standing is not None:
+        dwells = _with(dwells, standing_part=standing.part)
     if angle:
         numbers = positionings(dwells)
         if np.any(numbers >= 0):
-            own_angle = np.where(numbers >= 0, 0.0, angle)
-            dwells = eqx.tree_at(
-                lambda d: (d.positioning, d.shared_angle),
-                dwells,
-                (numbers, angle - own_angle),
-                is_leaf=lambda x: x is None,
-            )
+            shared = np.where(numbers >= 0, own_angle(dwells, angle), 0.0)
+            dwells = _with(dwells, positioning=numbers, shared_angle=shared)
+    own_of_rig = own_angle(dwells, angle)
     for triad, part in (("accel", 0.0), ("gyro", rate)):
         reference = getattr(dwells, f"reference_{triad}")
         own = getattr(dwells, f"{triad}_covariance")
         if reference is None or own is None or not (angle or part or rig.level_uncertainty):
             continue
-        wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_angle, part)
+        wider = np.asarray(own) + rig_covariance(np.asarray(reference), own_of_rig, part)
         more = (
             angles_of_moves(dwells, angle) if triad == "gyro" else leans_by_themselves(dwells, rig)
         )
@@ -139,7 +161,13 @@ def with_rig_errors(dwells: Dwells, rig: Rig) -> Dwells:
     if dwells.gyro_covariance is not None and np.any(heading):
         wider = np.asarray(dwells.gyro_covariance) + heading
         dwells = eqx.tree_at(lambda d: d.gyro_covariance, dwells, wider)
-    return _with_table_errors(dwells, rig)
+    return _with_table_errors(dwells, rig, standing)
+
+
+def _with(dwells: Dwells, **columns: np.ndarray) -> Dwells:
+    """The dwells with these columns, which they may have lacked."""
+    where = lambda d: tuple(getattr(d, k) for k in columns)
+    return eqx.tree_at(where, dwells, tuple(columns.values()), is_leaf=lambda x: x is None)
 
 
 def positionings(dwells: Dwells) -> Int[np.ndarray, "*dwell"]:
@@ -162,9 +190,11 @@ def leans_by_themselves(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3
     rests = leans_of_rests(dwells, rig)
     if isinstance(rests, float) or dwells.rows is None:
         return rests
-    told = dwells.position, dwells.reference_accel, dwells.reference_gyro, dwells.duration
-    position, force, rate, duration = map(np.asarray, told)
-    return rests + leans_of_part_turns(position, force, rate, duration, rig)
+    stands = dwells.position, dwells.reference_accel, dwells.reference_gyro
+    position, force, rate = map(np.asarray, stands)
+    told = turns_told(position, force, rate, np.asarray(dwells.rows)[..., 0], rig.axes)
+    duration = np.asarray(dwells.duration)
+    return rests + leans_of_part_turns(position, force, rate, duration, rig, told)
 
 
 def leans_of_rests(dwells: Dwells, rig: Rig) -> Float[AnyArray, "*dwell 3 3"] | float:
@@ -200,28 +230,35 @@ def move_covariance(
     return square[..., None, None] * np.eye(3)
 
 
-def _with_table_errors(dwells: Dwells, rig: Rig) -> Dwells:
+def _with_table_errors(dwells: Dwells, rig: Rig, standing: StandingErrors | None) -> Dwells:
     """The dwells with the signatures of the table's errors. Plateaus whose axis stands nobody knows how get the level's
     error as one of their own: a mean over whole turns keeps what is along the axis."""
     found = errors_of_table(dwells, rig)
-    if found is None or not found.known.any():
+    accel, gyro = [], []
+    if found is not None and found.known.any():
+        dwells = _with_leans_of_plateaus(dwells, rig, found.known)
+        accel, gyro = [found.accel], [found.gyro]
+    if standing is not None:
+        none = np.zeros((*np.shape(dwells.position), 3, 3))
+        accel, gyro = [*(accel or [none]), standing.accel], [*(gyro or [none]), standing.gyro]
+    if not accel:
         return dwells
+    made = (np.concatenate(x, axis=-1) for x in (accel, gyro))
+    return _with(dwells, **dict(zip(("table_accel", "table_gyro"), made, strict=True)))
+
+
+def _with_leans_of_plateaus(dwells: Dwells, rig: Rig, known: Bool[np.ndarray, " *dwell"]) -> Dwells:
     level, own = rig.level_uncertainty or 0.0, dwells.accel_covariance
     force, rate = np.asarray(dwells.reference_accel), np.asarray(dwells.reference_gyro)
-    lacking = (np.asarray(dwells.position) < 0) & is_told(force) & ~found.known
-    if level and own is not None and lacking.any():
-        axis = unit_vector(rate)
-        gravity = np.median(np.linalg.norm(force[found.known], axis=-1))
-        across = np.square(gravity) - np.square(np.sum(axis * force, axis=-1))
-        part = np.where(lacking, level**2 * np.maximum(across, 0.0), 0.0)[..., None, None]
-        wider = np.asarray(own) + part * axis[..., :, None] * axis[..., None, :]
-        dwells = eqx.tree_at(lambda d: d.accel_covariance, dwells, wider)
-    return eqx.tree_at(
-        lambda d: (d.table_accel, d.table_gyro),
-        dwells,
-        (found.accel, found.gyro),
-        is_leaf=lambda x: x is None,
-    )
+    lacking = (np.asarray(dwells.position) < 0) & is_told(force) & ~known
+    if not level or own is None or not lacking.any():
+        return dwells
+    axis = unit_vector(rate)
+    gravity = np.median(np.linalg.norm(force[known], axis=-1))
+    across = np.square(gravity) - np.square(np.sum(axis * force, axis=-1))
+    part = np.where(lacking, level**2 * np.maximum(across, 0.0), 0.0)[..., None, None]
+    wider = np.asarray(own) + part * axis[..., :, None] * axis[..., None, :]
+    return _with(dwells, accel_covariance=wider)
 
 
 def _with_rests(numbers: Int[np.ndarray, "*dwell"], dwells: Dwells) -> Int[np.ndarray, "*dwell"]:

@@ -82,12 +82,10 @@ class Term:
     @property
     def like_the_rig(self) -> bool:
         """Whether the rig's errors, dwell by dwell, can do what it does: its columns go with the input, of one channel
-        or, as an error of the station does, of all."""
-        return self.follows_input or self.scales_input or self._of_the_station
-
-    @property
-    def _of_the_station(self) -> bool:
-        return self.effect is not None and self.effect.common and self.effect.driver in INPUTS
+        or, as an error of the station does, of all. A pier's tilt that grows is one: what axes that stand err by grows
+        by chance."""
+        of_the_station = self.effect is not None and self.effect.common
+        return self.follows_input or self.scales_input or of_the_station
 
 
 def bucket(rows: int, finest: int = 4) -> int:

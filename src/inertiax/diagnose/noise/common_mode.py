@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...reduction.room_attitudes import ALIKE
 from .state_space import Chain
 
 
@@ -41,14 +42,15 @@ def signatures(
     reading: Float[np.ndarray, "block 3"],
     dwell: Int[np.ndarray, " block"],
     white: Float[np.ndarray, "block 3"],
-    angle: float,
+    angle: Float[np.ndarray, " block"],
     rate: float,
     positioning: Int[np.ndarray, " block"] | None = None,
 ) -> tuple[Float[np.ndarray, "block 3 error"], Float[np.ndarray, "block 3"]]:
     """Errors of one standard deviation that channels share in a dwell, or dwells in a positioning.
 
     **Arguments:** `reading` of an ideal triad, m/s² or rad/s; `dwell` numbers each block's rest or plateau; `white` is
-    the variance of each block's mean; `angle` rad and `rate` (relative) are the rig's standard deviations;
+    the variance of each block's mean; `angle` rad and `rate` (relative) are the rig's standard deviations, the
+    former of what a block's positioning has by itself;
     `positioning` numbers those that several dwells share, −1 elsewhere.
 
     **Returns** the errors, and of the rig's variance at each block the part that stays each channel's own, NaN where
@@ -66,7 +68,7 @@ def signatures(
 
     for group in np.unique(number[number >= 0]):
         rows = np.flatnonzero(number == group)
-        add(rows, _turns(reading[rows], angle))
+        add(rows, _turns(reading[rows], float(angle[rows[0]])))
         for plateau in np.unique(dwell[rows]):
             mine = rows[dwell[rows] == plateau]
             both = rate**2 * np.outer(*2 * [reading[mine].mean(axis=0)])
@@ -77,11 +79,11 @@ def signatures(
         rows = np.flatnonzero(dwell == plateau)
         mean = reading[rows].mean(axis=0)
         both = np.outer(mean, mean)
-        covariance = angle**2 * (mean @ mean * np.eye(3) - both) + rate**2 * both
+        covariance = angle[rows[0]] ** 2 * (mean @ mean * np.eye(3) - both) + rate**2 * both
         if not _couples(covariance, white[rows]):
             continue
         own[rows] = 0.0
-        add(rows, _turns(reading[rows], angle))
+        add(rows, _turns(reading[rows], float(angle[rows[0]])))
         add(rows, [rate * reading[rows]] if rate > 0.0 else [])
     return np.stack(made, axis=-1) if made else np.zeros((*reading.shape, 0)), own
 
@@ -96,6 +98,7 @@ def _couples(covariance: Float[np.ndarray, "3 3"], white: Float[np.ndarray, "blo
 def _turns(
     reading: Float[np.ndarray, "block 3"], angle: float
 ) -> list[Float[np.ndarray, "block 3"]]:
-    """What the two angles across the readings' common axis do to them."""
-    across = np.linalg.svd(reading, full_matrices=True)[2][1:]
-    return [angle * np.cross(reading, e) for e in across]
+    """What three angles do to the readings, or the two across their common axis where they have one."""
+    size, axes = np.linalg.svd(reading, full_matrices=True)[1:]
+    common = len(size) < 2 or size[1] <= ALIKE * size[0]
+    return [angle * np.cross(reading, e) for e in axes[1 if common else 0 :]]

@@ -8,6 +8,7 @@ from jaxtyping import Int
 from ..._jax import eqx, jax
 from ...reduction.dwells import known_force
 from ...reduction.positionings import shared_positionings
+from ...reduction.standing_axes import StandingErrors
 from ..candidates.columns import lengthen, span
 from ..observations.blocks import Blocks, SHAKEN
 from ..observations.model_rows import Baseline
@@ -88,30 +89,35 @@ def share(
     angle: float,
     rate: float,
     positioning: np.ndarray | None,
+    standing: StandingErrors | None = None,
 ) -> System:
-    """The system with the rig's errors shared between the chains, and between plateaus of one `positioning`, where
-    there are such and not too many."""
+    """The system with the rig's errors shared between the chains, between plateaus of one `positioning`, and between
+    rests through which an axis stands, where there are such and not too many."""
     white = np.stack([chain.white for chain in system.chains], axis=1)
     number = positioned(blocks, system.base.form.triad)
-    errors, own = signatures(reading, number, white, angle, rate, positioning)
+    alone = np.ones(blocks.num_blocks) if standing is None else 1.0 - standing.part
+    angles = angle * np.sqrt(alone)
+    errors, own = signatures(reading, number, white, angles, rate, positioning)
     if errors.shape[2] > MOST and positioning is not None:  # those of positionings count most
         several = positioning >= 0
         there = signatures(
             reading[several],
             number[several],
             white[several],
-            angle,
+            angles[several],
             rate,
             positioning[several],
         )
         errors, own = np.zeros((len(several), 3, there[0].shape[2])), np.full(own.shape, np.nan)
         errors[several], own[several] = there
+    if standing is not None:
+        errors = np.concatenate([errors, getattr(standing, system.base.form.triad)], axis=2)
     if not 0 < errors.shape[2] <= MOST:
         return system
-    free = [
-        eqx.tree_at(lambda c: c.rig, chain, np.where(np.isnan(own[:, k]), chain.rig, own[:, k]))
-        for k, chain in enumerate(system.chains)
-    ]
+    free = []
+    for k, chain in enumerate(system.chains):
+        kept = np.where(np.isnan(own[:, k]), alone * chain.rig, own[:, k])
+        free.append(eqx.tree_at(lambda c: c.rig, chain, kept))
     longer = tuple(jax.tree.map(lengthen, chain) for chain in free)
     columns = tuple(errors[:, c] for c in range(3))
     return eqx.tree_at(

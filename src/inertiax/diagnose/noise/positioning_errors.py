@@ -1,9 +1,11 @@
-"""Whether plateaus that follow each other about one axis share one positioning error: the rows decide.
+"""Whether plateaus that follow each other about one axis share one positioning error, and rests that of an axis that
+stands: the rows decide.
 
 A table that is set once and runs a staircase of rates has one error for all of them. One that is moved in between,
 whose bearing wobbles, or whose outer axis creeps, has another at each plateau, which grows with the rate and is no
-effect of the sensor. Both are tried beside everything that a sensor could add in the same rows, and the likelier one is
-kept.
+effect of the sensor. An axis that stands while the other one moves keeps its error (`reduction.standing_axes`); one
+that is set anew each time does not. All are tried beside everything that a sensor could add in the same rows, and the
+likeliest is kept.
 """
 
 from collections.abc import Sequence
@@ -12,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..._jax import eqx
+from ...reduction.standing_axes import StandingErrors
 from ..candidates.columns import span, unit
 from ..candidates.signatures import Term
 from ..observations.blocks import Blocks
@@ -27,26 +30,30 @@ def with_rig_errors(
     angle: float,
     rate: float,
     listed: Sequence[Term],
+    standing: StandingErrors | None = None,
 ) -> System:
-    """The system with the rig's errors shared between channels, and between plateaus where the rows are likelier so.
+    """The system with the rig's errors shared between channels, and between plateaus and rests where the rows are
+    likelier so.
 
     **Arguments:** `reading` of an ideal triad, rad/s or m/s²; `angle` (rad) and `rate` (relative) are the rig's
-    standard deviations; `listed` are the catalogue's terms, of which those that follow the input stand beside both.
+    standard deviations; `listed` are the catalogue's terms, of which those that follow the input stand beside all;
+    `standing` are the errors of axes that stand, if any do.
     """
     positioning = positionings_of(blocks)
-    together = share(system, blocks, reading, angle, rate, positioning)
-    if positioning is None:
-        return together
-    apart = share(system, blocks, reading, angle, rate, None)
-    if together.shared is None:
-        return together
+    ways = [(positioning, standing)]
+    if standing is not None:
+        ways.append((positioning, None))
+    if positioning is not None:
+        ways.append((None, standing))
+    systems = [share(system, blocks, reading, angle, rate, *way) for way in ways]
+    if len(systems) == 1 or systems[0].shared is None:
+        return systems[0]
     beside = _following_the_input(system, listed)
     first = tuple(START for _ in system.chains)
     values = [
-        JointLikelihood(s, beside)(couple(s, first, beside))
-        for s in map(_comparable, (together, apart))
+        JointLikelihood(s, beside)(couple(s, first, beside)) for s in map(_comparable, systems)
     ]
-    return together if values[0] <= values[1] else apart
+    return systems[int(np.argmin(values))]
 
 
 def _comparable(system: System) -> System:

@@ -6,12 +6,13 @@ So it is on a table that turns about the vertical alone: the Earth's rate in tha
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..._jax import eqx
 from ...data.recording import Rig
 from ...reduction.earth_at_rest import heading_is_untold, untold_heading_covariance
 from ...reduction.rig_errors import rig_covariance
+from ...reduction.room_attitudes import turns_told
 from ...reduction.table_errors import leans_of_part_turns
 from .blocks import Blocks
 from .model_rows import ModelForm
@@ -51,13 +52,17 @@ def with_heading_errors(blocks: Blocks, step: float) -> Blocks:
     return eqx.tree_at(lambda b: b.gyro_white, blocks, wider)
 
 
-def with_leans_of_part_turns(blocks: Blocks, rig: Rig, step: float) -> Blocks:
-    """The blocks with `leans_of_part_turns` in the accelerometers' white variance; `step`, s, is between samples."""
+def with_leans_of_part_turns(
+    blocks: Blocks, rig: Rig, step: float, recording: Int[np.ndarray, " block"]
+) -> Blocks:
+    """The blocks with `leans_of_part_turns` in the accelerometers' white variance; `step`, s, is between samples, and
+    `recording` numbers each block's log."""
     rate, force, white = blocks.reference_gyro, blocks.reference_accel, blocks.accel_white
     if white is None or rate is None or force is None or not rig.level_uncertainty:
         return blocks
     position = np.where(blocks.moving, -1, 0)
-    own = leans_of_part_turns(position, force, rate, step * blocks.count, rig)
+    told = turns_told(position, force, rate, recording, rig.axes)
+    own = leans_of_part_turns(position, force, rate, step * blocks.count, rig, told)
     wider = white + np.diagonal(own, axis1=1, axis2=2)
     return eqx.tree_at(lambda b: b.accel_white, blocks, wider)
 
