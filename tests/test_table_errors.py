@@ -214,7 +214,14 @@ def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table,
     parts = split(Fit(estimator, alone.curve, own, dwells, 3 * count), table.STATED)
     by_source = {p.source: p.covariance for p in parts}
     np.testing.assert_allclose(np.diagonal(sum(by_source.values())), np.diagonal(own), rtol=1e-9)
-    moved = covariance @ design.T @ inverse @ common
+    positions = whole - common @ common.T - table.FORCE_NOISE**2 * np.eye(3 * count)
+    to_answer = covariance @ design.T @ inverse
+    np.testing.assert_allclose(
+        np.diagonal(by_source["rig position"]),
+        np.diagonal(to_answer @ positions @ to_answer.T),
+        rtol=1e-5,
+    )
+    moved = to_answer @ common
     np.testing.assert_allclose(
         np.diagonal(by_source["rig level"]),
         np.sum(moved[:, :2] ** 2, axis=1),

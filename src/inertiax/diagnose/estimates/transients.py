@@ -1,10 +1,10 @@
 """Short disturbances: stretches where a channel scatters more than elsewhere.
 
-Means over blocks hide an oscillation faster than a block, and no smooth dependence follows one that lasts a
-few minutes. Two scans look for them: of the scatter inside blocks, channel by channel, and of the
-whitened residuals of the block means. Windows of doubling length slide over the campaign; the sum of
-squares in each is compared with what the rest of the campaign lets expect, its spread between windows
-included, so that scatter which varies everywhere is not taken for an event.
+Means over blocks hide an oscillation faster than a block, and no smooth dependence follows one that lasts a few
+minutes. Two scans look for them: of the scatter inside blocks, channel by channel, and of the whitened residuals of the
+block means, without what the rig gives to all channels. Windows of doubling length slide over the campaign; the sum of
+squares in each is compared with what the rest of the campaign lets expect, its spread between windows included, so that
+scatter which varies everywhere is not taken for an event.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from ..noise.observation_series import NoiseFit
 from ..observations.blocks import block_mean
 from ..problem import Prepared
 from ..result import Where
-from ..selection.score_test import whiten_system
+from ..selection.score_test import residual_together
 
 
 LEVEL = 1e-5  # family-wise false alarms
@@ -159,7 +159,7 @@ def _inner(dwell: np.ndarray) -> np.ndarray:
 def _between(prepared: Prepared, noise: NoiseFit, chosen: Sequence[Term]) -> list[Burst]:
     """By the whitened residuals of the blocks' means."""
     system, triad = prepared.system, prepared.form.triad
-    residual = whiten_system(system, noise, [], chosen).residual
+    residual = residual_together(system, noise, chosen)
     rest = np.flatnonzero(_inner(prepared.blocks.dwell))
     found = []
     for c, white in enumerate(residual):

@@ -206,6 +206,31 @@ def scored_together(
     system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term]
 ) -> list[Score | None]:
     """Scores on the rows of all chains, where the rig's errors make one problem of them."""
+    rows, y, rest, before = _rows_together(system, noise, candidates, chosen)
+    widths = np.cumsum([0, *(t.size for t in candidates)])
+    seen, scores = _columns_seen(before, rest, y), []
+    for k, term in enumerate(candidates):
+        place = slice(widths[k], widths[k + 1])
+        white = {c: rest[here, place] for c, here in enumerate(rows)}
+        scores.append(_score(term, white, seen[:, place]))
+    return scores
+
+
+def residual_together(
+    system: System, noise: NoiseFit, chosen: Sequence[Term]
+) -> tuple[np.ndarray, ...]:
+    """Whitened residuals of each chain beside the chosen terms, without the errors that chains share."""
+    if system.shared is None:
+        return whiten_system(system, noise, [], chosen).residual
+    rows, y, *_ = _rows_together(system, noise, [], chosen)
+    return tuple(y[here] for here in rows)
+
+
+def _rows_together(
+    system: System, noise: NoiseFit, candidates: Sequence[Term], chosen: Sequence[Term]
+) -> tuple[list[slice], np.ndarray, np.ndarray, np.ndarray]:
+    """Places of the chains in one set of rows; the residual there, candidates' columns beside the fitted ones, and
+    their squares before."""
     edges = np.cumsum([0, *map(len, system.base.observed)])
     rows = [slice(a, b) for a, b in zip(edges[:-1], edges[1:])]
     widths = np.cumsum([0, *(t.size for t in candidates)])
@@ -226,12 +251,7 @@ def scored_together(
     before = _squares(rest)
     y = y - q @ (q.T @ y)
     _project_out(rest, q)
-    seen, scores = _columns_seen(before, rest, y), []
-    for k, term in enumerate(candidates):
-        place = slice(widths[k], widths[k + 1])
-        white = {c: rest[here, place] for c, here in enumerate(rows)}
-        scores.append(_score(term, white, seen[:, place]))
-    return scores
+    return rows, y, rest, before
 
 
 def _take_shared(
