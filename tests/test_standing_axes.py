@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Rig
 from inertiax.reduction.standing_axes import standing_errors
 
@@ -103,6 +104,35 @@ def test_errors_are_those_of_small_rotations_of_the_axes():
         for k in (1, 2):
             moved = (case_at(*plan[k]) * turn).inv().apply(UP) - force[k]
             np.testing.assert_allclose(-moved / size, errors[k, :, 1, axis], atol=1e-4)
+
+
+def test_a_station_may_state_each_axis():
+    told = dwells([(0, 0), (0, 90), (90, 90)])
+    found = standing_errors(*told, dataclasses.replace(STATED, outer_part=0.8))
+    np.testing.assert_allclose(found.part, [0.8, 1.0, 0.2])
+    whole = standing_errors(*told, STATED).accel
+    np.testing.assert_allclose(found.accel[..., :3], np.sqrt(1.6) * whole[..., :3])
+    np.testing.assert_allclose(found.accel[..., 3:], np.sqrt(0.4) * whole[..., 3:])
+
+
+def test_a_campaign_states_both_axes_or_their_sum(tables, tmp_path):
+    tables.write(tmp_path / "table", 1, 8.0, "")
+    file = tmp_path / "table" / "campaign.toml"
+    before = file.read_text()
+    alone = before.replace("position_uncertainty = 11.3", "axis_uncertainty = [3.0, 4.0]  # 11.3")
+    file.write_text(alone)
+    rig = load_campaign(file).rig
+    assert rig.position_uncertainty == pytest.approx(np.deg2rad(5.0 / 3600.0))
+    assert rig.outer_part == pytest.approx(9.0 / 25.0)
+    one_axis = alone.replace('["east", "up"]', '["east"]').replace('"outer", "inner"', '"outer"')
+    for text, words in (
+        (before.replace("[rig]", "[rig]\naxis_uncertainty = [3.0, 4.0]"), "state one of them"),
+        (one_axis, "two .table. axes tell"),
+        (alone.replace("[3.0, 4.0]", "[3.0, -4.0]"), "axis_uncertainty = -4 must be 0 or more"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            load_campaign(file)
 
 
 def test_nothing_is_shared_where_axes_or_headings_are_not_known():

@@ -17,7 +17,7 @@ from .formats.table_angles import two_axes
 from .formats.table_log import read_table_log
 from .model_columns import check_model_columns
 from .pairing import pair
-from .recording import Campaign, ModelChoice, Recording, renamed, Rig, Site
+from .recording import Campaign, HALF, ModelChoice, Recording, renamed, Rig, Site
 from .settings import CampaignTable, ModelTable, read_table, RecordingsTable, SiteTable
 
 
@@ -125,9 +125,20 @@ def _rig(table: CampaignTable, file: Path) -> Rig:
             axes = two_axes(table.table)
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from None
+    position, outer_part = said.position_uncertainty, HALF
+    if said.axis_uncertainty is not None:
+        if axes is None:
+            raise ValueError(
+                f"{file}: [rig] axis_uncertainty is of the outer and the inner axis, which [columns] table_angles and "
+                "two [table] axes tell; state position_uncertainty where they do not."
+            )
+        outer, inner = said.axis_uncertainty
+        position = math.hypot(outer, inner)
+        outer_part = outer**2 / position**2 if position else HALF
     scaled = lambda value, unit: None if value is None else value * unit
     return Rig(
-        position_uncertainty=scaled(said.position_uncertainty, ARCSEC),
+        position_uncertainty=scaled(position, ARCSEC),
+        outer_part=outer_part,
         rate_uncertainty=scaled(said.rate_uncertainty, 1e-6),
         temperature_uncertainty=said.temperature_uncertainty,
         level_uncertainty=scaled(said.level_uncertainty, ARCSEC),

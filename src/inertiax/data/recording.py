@@ -29,6 +29,9 @@ from .plausible_units import (
 )
 
 
+HALF = 0.5  # of a positioning's variance: that both axes of a table err alike where nobody says (convention)
+
+
 def _by_column(values: Any) -> Any:
     """An array whose columns lie in memory one after the other: sums, spreads and extremes along a log are found in
     them ten times as fast as where the axes of a sample stand side by side."""
@@ -291,6 +294,8 @@ class Rig(Module):
     level_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
     # rad, by which the outer and the inner axis are not square, the same all along
     orthogonality_uncertainty: float | None = field(static=True, default=None, converter=as_plain)
+    # Of a positioning's variance, the part that the outer axis has of a table with two; the inner one has the rest
+    outer_part: float = field(static=True, default=HALF, converter=float)
     # Unit vectors of a table with two axes: the outer one in the room (north, west, up), the inner one in the case
     axes: tuple[tuple[float, ...], tuple[float, ...]] | None = field(
         static=True, default=None, converter=_as_axes
@@ -298,15 +303,12 @@ class Rig(Module):
 
     def __check_init__(self):
         # Beyond these a station promises nothing: 30° of attitude, half of the rate, 50 °C.
-        check_from_zero("Rig(position_uncertainty=...)", self.position_uncertainty, 0.5, "rad")
-        check_from_zero(
-            "Rig(rate_uncertainty=...)", self.rate_uncertainty, 0.5, "parts of the rate"
-        )
-        check_from_zero(
-            "Rig(temperature_uncertainty=...)", self.temperature_uncertainty, 50.0, "°C"
-        )
-        for key in ("level_uncertainty", "orthogonality_uncertainty"):
-            check_from_zero(f"Rig({key}=...)", getattr(self, key), 0.5, "rad")
+        angles = ("position_uncertainty", "level_uncertainty", "orthogonality_uncertainty")
+        most = {k: (0.5, "rad") for k in angles} | {"outer_part": (1.0, "of the variance")}
+        most["rate_uncertainty"] = (0.5, "parts of the rate")
+        most["temperature_uncertainty"] = (50.0, "°C")
+        for key, (value, unit) in most.items():
+            check_from_zero(f"Rig({key}=...)", getattr(self, key), value, unit)
 
 
 NOT_CALIBRATED = "none"  # as an estimator, of a triad that is left as it is

@@ -55,6 +55,7 @@ class RigTable(_Strict, frozen=True):
     """1 sigma each."""
 
     position_uncertainty: float | None = None  # arcsec
+    axis_uncertainty: tuple[float, float] | None = None  # arcsec, of the outer and the inner axis
     rate_uncertainty: float | None = None  # ppm
     temperature_uncertainty: float | None = None  # °C
     level_uncertainty: float | None = None  # arcsec, each of two horizontal angles of the base
@@ -221,9 +222,15 @@ def _check_values(table: CampaignTable, file: Path) -> None:
         raise ValueError(
             f"{file}: [device] serial is empty; write the serial number, or leave it out."
         )
-    for key, value in msgspec.structs.asdict(table.rig).items():
-        if value is not None and not (math.isfinite(value) and value >= 0):
-            raise ValueError(f"{file}: [rig] {key} = {value:g} must be 0 or more (1 sigma).")
+    for key, said in msgspec.structs.asdict(table.rig).items():
+        for value in said if isinstance(said, tuple) else (said,):
+            if value is not None and not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"{file}: [rig] {key} = {value:g} must be 0 or more (1 sigma).")
+    if table.rig.position_uncertainty is not None and table.rig.axis_uncertainty is not None:
+        raise ValueError(
+            f"{file}: [rig] states position_uncertainty and axis_uncertainty; the former is the root of the sum of the "
+            "latter's squares, so state one of them."
+        )
     if degree is not None and not 0 <= degree <= 12:
         raise ValueError(f"{file}: [model] temperature_degree = {degree} must be within 0 to 12.")
     if table.recordings.start_row < 0:

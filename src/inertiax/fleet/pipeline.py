@@ -222,7 +222,8 @@ def _settled(
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
         model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
-        rig=_promised(campaign.rig), axes=campaign.rig.axes, exact=exact or one_by_one, one_by_one=one_by_one,
+        rig=_promised(campaign.rig), axes=campaign.rig.axes, outer_part=campaign.rig.outer_part,
+        exact=exact or one_by_one, one_by_one=one_by_one,
         documented=True, own_words=one_by_one, latitude=campaign.site.latitude,
     )  # fmt: skip
     if asked.explain:

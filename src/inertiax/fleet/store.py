@@ -18,7 +18,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..data.json_documents import decode, encode
-from ..data.recording import Rig
+from ..data.recording import HALF, Rig
 from ..model_selection.model_spec import ModelSpec
 from ..storage.whole_files import write_atomically, written_beside
 from .effects.score_statistics import Form
@@ -54,6 +54,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     # What the station promises, 1 sigma: rad of each positioning, part of the rate, °C, rad of level and of axes.
     rig: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     axes: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # as `Rig` has them
+    outer_part: float = HALF
 
     exact: bool = False  # every device was reduced as `calibrate` does, not by sums over blocks
     one_by_one: bool = False  # and calibrated as it does, for want of a program that takes many
@@ -69,7 +70,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     @property
     def station(self) -> Rig:
         """What the station promises."""
-        return Rig(*self.rig, axes=self.axes)
+        return Rig(*self.rig, axes=self.axes, outer_part=self.outer_part)
 
 
 def fingerprint(states: Iterable[str]) -> str:

@@ -103,7 +103,7 @@ def own_angle(dwells: Dwells, angle: float) -> Float[np.ndarray, " *dwell"] | fl
     """Standard deviation of the angles, rad, that each dwell has by itself, of `angle` of a positioning."""
     part = 0.0 if dwells.standing_part is None else np.asarray(dwells.standing_part)
     alone = 1.0 if dwells.shared_angle is None else np.asarray(dwells.shared_angle) == 0.0
-    return angle * np.sqrt(1.0 - part) * alone
+    return angle * np.sqrt(np.maximum(1.0 - part, 0.0)) * alone
 
 
 def table_words(dwells: Dwells, rig: Rig, estimators: Sequence[str | None]) -> tuple[str, ...]:

@@ -53,6 +53,7 @@ class MeanInRoom(NamedTuple):
         return float(self.across @ self.across) >= ALIKE**2
 
     def of(self, v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        """The mean over the plateau, seen in the case, of a vector v of the room."""
         along = self.axis * float(self.in_room @ v)
         size = float(self.across @ self.across)
         if not self.told:

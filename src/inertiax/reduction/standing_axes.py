@@ -7,9 +7,9 @@ positioning each axis has half, so that the reference u of rest k errs by
 
     δ_k = (C_kᵀ ε_o) × u_k + ε_i × u_k + ε_k × u_k,     cov ε_o = cov ε_i = α²/2 E
 
-with the case's attitude C_k in the room. A standing of which there is one position only has no error to share: it stays
-in ε_k, which is drawn anew. That both axes err alike is a convention; a station states the sum. An axis stands until
-its direction changes, a plateau about it, or the recording's end.
+with the case's attitude C_k in the room; `Rig.outer_part` has another share of α² than half, where a station states
+each axis by itself. A standing of which there is one position only has no error to share: it stays in ε_k, which is
+drawn anew. An axis stands until its direction changes, a plateau about it, or the recording's end.
 
 How the case lies against the axis of a staircase is its error as a positioning (`positionings`). How that axis lies in
 the room is the outer one's, which a mean over turns about the inner axis shares with the rests beside it, and one
@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Rig
-from .room_attitudes import ALIKE, Axes, INNER, means_in_room, OUTER, rests_in_room
+from .room_attitudes import ALIKE, INNER, means_in_room, OUTER, rests_in_room
 
 
 _PADS = -2  # as a position, of a row that is none
@@ -53,18 +53,14 @@ def standing_errors(
     **Example:** of an outer axis that stands while the inner one turns to eight positions, half of the variance is one
     error of three angles, which all eight have.
     """
-    angle = rig.position_uncertainty or 0.0
-    if not angle or rig.axes is None:
+    if not rig.position_uncertainty or rig.axes is None:
         return None
     shape, count = position.shape, position.shape[-1]
     flat = lambda x, inner: np.asarray(x).reshape(-1, count, *inner)
     position, force, rate = flat(position, ()), flat(force, (3,)), flat(rate, (3,))
     run = np.zeros(position.shape, int) if run is None else flat(run, ())
     valid = np.ones(position.shape, bool) if valid is None else flat(valid, ())
-    made = [
-        _of_device(*one, rig.axes, angle)
-        for one in zip(position, force, rate, run, valid, strict=True)
-    ]
+    made = [_of_device(*one, rig) for one in zip(position, force, rate, run, valid, strict=True)]
     most = max(m.accel.shape[2] for m in made)
     if not most:
         return None
@@ -82,13 +78,14 @@ def _of_device(
     rate: Float[np.ndarray, "dwell 3"],
     run: Int[np.ndarray, " dwell"],
     valid: Bool[np.ndarray, " dwell"],
-    axes: Axes,
-    angle: float,
+    rig: Rig,
 ) -> StandingErrors:
     rests = rests_in_room(position, force, rate, valid)
     part, none = np.zeros(len(position)), np.zeros((len(position), 3, 0))
-    if rests is None:
+    if rests is None or rig.axes is None:
         return StandingErrors(none, none, part)
+    axes, parts = rig.axes, {OUTER: rig.outer_part, INNER: 1.0 - rig.outer_part}
+    angle = {k: np.sqrt(p) * (rig.position_uncertainty or 0.0) for k, p in parts.items()}
     case = np.swapaxes(rests.axes, 1, 2)  # C_k, from the case to the room
     seen = np.array(axes[1]), np.einsum("kji,j->ki", case, np.array(axes[0]))
     there = np.where(valid, position, _PADS)
@@ -106,21 +103,21 @@ def _of_device(
         rest, plateaus = outer == number, np.flatnonzero(along == number)
         if len(np.unique(inner[rest])) < 2 and not len(plateaus):
             continue
-        part[rest] += 0.5
+        part[rest] += parts[OUTER]
         for triad, u in (("accel", force), ("gyro", rate)):
             turned = np.where(rest[:, None, None], _turned(rests.axes, u), 0.0)
             for k in plateaus:
                 turned[k] = means[int(k)].of_turned(up if triad == "accel" else rests.earth)
-            made[triad].append(turned)
+            made[triad].append(angle[OUTER] * turned)
     for number in np.unique(inner[inner >= 0]):
         rest = inner == number
         if len(np.unique(outer[rest])) < 2:
             continue
-        part[rest] += 0.5
+        part[rest] += parts[INNER]
         for triad, u in (("accel", force), ("gyro", rate)):
-            turned = _turned(np.broadcast_to(np.eye(3), case.shape), u)
+            turned = angle[INNER] * _turned(np.broadcast_to(np.eye(3), case.shape), u)
             made[triad].append(np.where(rest[:, None, None], turned, 0.0))
-    accel, gyro = (np.sqrt(0.5) * angle * np.concatenate(x, axis=2) for x in made.values())
+    accel, gyro = (np.concatenate(x, axis=2) for x in made.values())
     return StandingErrors(accel, gyro, part)
 
 

@@ -95,7 +95,7 @@ def share(
     rests through which an axis stands, where there are such and not too many."""
     white = np.stack([chain.white for chain in system.chains], axis=1)
     number = positioned(blocks, system.base.form.triad)
-    alone = np.ones(blocks.num_blocks) if standing is None else 1.0 - standing.part
+    alone = np.ones(blocks.num_blocks) if standing is None else np.maximum(1.0 - standing.part, 0.0)
     angles = angle * np.sqrt(alone)
     errors, own = signatures(reading, number, white, angles, rate, positioning)
     if errors.shape[2] > MOST and positioning is not None:  # those of positionings count most
