@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Rig
 from inertiax.reduction.standing_axes import standing_errors
@@ -133,6 +134,12 @@ def test_a_campaign_states_both_axes_or_their_sum(tables, tmp_path):
         file.write_text(text)
         with pytest.raises(ValueError, match=words):
             load_campaign(file)
+
+
+def test_init_offers_both_for_a_table_with_two_axes(tables, tmp_path):
+    tables.write(tmp_path / "table", 1, 8.0, "")
+    said = draft_campaign(tmp_path / "table" / "log.parquet", tmp_path).text
+    assert "each positioning; or axis_uncertainty = [8.0, 6.0], outer, inner" in said
 
 
 def test_nothing_is_shared_where_axes_or_headings_are_not_known():

@@ -24,6 +24,10 @@ _PROMISE = (
     "orthogonality_uncertainty = 5.0 # arcsec, of the outer axis to the inner one, the same all along",
 )
 _OF_AN_OUTER_AXIS = "orthogonality_uncertainty"
+_EACH, _EITHER = (
+    "each positioning",
+    "each positioning; or axis_uncertainty = [8.0, 6.0], outer, inner",
+)
 _NAMED = "The device's serial number, which calibrations and certificates then name."
 
 
@@ -133,7 +137,9 @@ def station_tables(
         # One vertical axis has no other axis.
         outer = [line for line in _PROMISE if line.removeprefix("# ").startswith(_OF_AN_OUTER_AXIS)]
         left_out = outer if upright is not None else []
-        tables.append(Table("rig", (), tuple(line for line in _PROMISE if line not in left_out)))
+        two = angles is not None and len(angles.table.axes) == 2
+        said = [line.replace(_EACH, _EITHER) if two else line for line in _PROMISE]
+        tables.append(Table("rig", (), tuple(line for line in said if line not in left_out)))
         if roles.device is None:
             tables.append(
                 Table("device", (), (_NAMED, "[device]", f"serial = {value_text(serial)}"))
