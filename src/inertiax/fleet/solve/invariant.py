@@ -205,14 +205,6 @@ def fit_chunks(
     return jax.lax.fori_loop(jnp.zeros((), used.dtype), used, one, empty)
 
 
-def is_small(
-    step: Array, scale: Array, tolerance: float, *, axis: int | tuple[int, ...]
-) -> Bool[Array, " batch"]:
-    """Whether steps (in g and per unit) are below `tolerance` in standard deviations, or nothing but rounding."""
-    told = jnp.max(jnp.abs(step) * scale, axis=axis) < tolerance
-    return told | is_rounding(step, axis=axis)
-
-
 def is_rounding(step: Array, *, axis: int | tuple[int, ...] = 0) -> Bool[Array, " batch"]:
     """Whether steps (in g and per unit) are nothing but rounding."""
     return jnp.max(jnp.abs(step), axis=axis) < ROUNDINGS * jnp.finfo(step.dtype).eps
