@@ -31,7 +31,9 @@ PLATEAUS = (((0, 0), 1), ((90, 0), 1), ((0, 0), 0), ((0, 90), 0))
 SECOND_ORDER = 250e-6 / GRAVITY  # per m/s²
 
 
-def profile() -> tuple[np.ndarray, np.ndarray]:
+def profile(
+    outer_angles: tuple[int, ...] = OUTER, stairs: tuple[float, ...] = STAIRS
+) -> tuple[np.ndarray, np.ndarray]:
     """Angles of both axes in deg, and for each a number that counts its movements."""
     angles, moves = [np.zeros((int(REST * RATE), 2))], [np.zeros((int(REST * RATE), 2), int)]
 
@@ -48,14 +50,14 @@ def profile() -> tuple[np.ndarray, np.ndarray]:
         add(start + (goal - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2), number)
         add(np.tile(goal, (int(REST * RATE), 1)), number)
 
-    for k, outer in enumerate(OUTER):
+    for k, outer in enumerate(outer_angles):
         for inner in INNER[:: -1 if k % 2 else 1]:
             go((outer, inner))
     for at, axis in PLATEAUS:
         go(at)
         one = np.eye(2, dtype=int)[axis]
         number = moves[-1][-1] + one
-        for k, speed in enumerate(STAIRS):
+        for k, speed in enumerate(stairs):
             ramp, turn = np.linspace(0.0, 1.0, int(RATE)), int(360.0 / abs(speed) * RATE)
             shape = np.concatenate([ramp, np.ones(turn), ramp[::-1]])
             rows = np.tile(angles[-1][-1], (len(shape), 1))
@@ -80,10 +82,10 @@ def attitude(angles: np.ndarray, moves: np.ndarray, sigma: float, rng) -> Rotati
     return parts[0] * Rotation.from_euler("x", turned[:, :1]) * inner
 
 
-def write(folder: Path, seed: int, arcsec: float, hide: str) -> None:
-    """One campaign, and its truth beside it."""
+def write(folder: Path, seed: int, arcsec: float, hide: str, **plan: tuple) -> None:
+    """One campaign, and its truth beside it; `plan` are arguments of `profile`."""
     rng = np.random.default_rng(seed)
-    angles, moves = profile()
+    angles, moves = profile(**plan)
     case = attitude(angles, moves, arcsec * ARCSEC, rng)
     force = case.apply([0.0, 0.0, GRAVITY], inverse=True)
     turns = (case[:-2].inv() * case[2:]).as_rotvec() * RATE / 2.0

@@ -30,6 +30,9 @@ class SharedErrors:
 
     columns: tuple[Float[np.ndarray, "block error"], ...]
     chains: tuple[Chain, ...]  # without the variance that the shared errors stand for, padded
+    lasting: bool = (
+        False  # whether some last from dwell to dwell, so that each chain alone must know of them
+    )
     known: dict = field(default_factory=dict)  # whitened signatures and roots, by the variances
 
     @property

@@ -121,7 +121,10 @@ def share(
     longer = tuple(jax.tree.map(lengthen, chain) for chain in free)
     columns = tuple(errors[:, c] for c in range(3))
     return eqx.tree_at(
-        lambda s: s.shared, system, SharedErrors(columns, longer), is_leaf=lambda x: x is None
+        lambda s: s.shared,
+        system,
+        SharedErrors(columns, longer, lasting=standing is not None),
+        is_leaf=lambda x: x is None,
     )
 
 

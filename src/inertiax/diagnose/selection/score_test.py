@@ -13,6 +13,7 @@ from ..candidates.signatures import Term
 from ..noise.common_mode_fit import coupled_theta, RIG
 from ..noise.grouped_filter import whiten
 from ..noise.observation_series import NoiseFit, System
+from ..noise.state_space import Chain
 
 
 CHUNK = 512  # columns whitened at once
@@ -25,15 +26,42 @@ def whiten_columns(
     system: System, noise: NoiseFit, chain: int, columns: np.ndarray, *, apart: bool = False
 ) -> np.ndarray:
     """Columns of one chain, whitened; `apart` from the errors that chains share."""
-    theta, rows = noise.theta[chain], system.chains[chain]
-    if apart and system.shared is not None:
-        theta, rows = coupled_theta(noise)[chain], system.shared.chains[chain]
-    variances = np.exp(theta) * system.scales[chain]
+    theta, rows, shared = noise.theta[chain], system.chains[chain], system.shared
+    if shared is not None and not apart and shared.lasting:
+        return _whiten_alone(system, theta, chain, columns)
+    if apart and shared is not None:
+        theta, rows = coupled_theta(noise)[chain], shared.chains[chain]
+    return _whiten(rows, np.exp(theta) * system.scales[chain], columns)
+
+
+def _whiten(rows: Chain, variances: np.ndarray, columns: np.ndarray) -> np.ndarray:
     if columns.shape[1] <= CHUNK:
         return whiten(rows, variances, columns)[0]
     made = np.empty(columns.shape, order="F")
     for here in _chunks(columns.shape[1]):
         made[:, here] = whiten(rows, variances, columns[:, here])[0]
+    return made
+
+
+def _whiten_alone(system: System, theta: np.ndarray, chain: int, columns: np.ndarray) -> np.ndarray:
+    """Columns of a chain by itself, whitened with its own part of errors that last from dwell to dwell: what goes with
+    time would pass for them, each dwell's by itself."""
+    shared = system.shared
+    assert shared is not None
+    variances = np.exp(theta) * system.scales[chain]
+    key = chain, theta.tobytes(), "alone"
+    if len(shared.known) > REMEMBERED:
+        shared.known.clear()
+    if key not in shared.known:
+        size = np.linalg.norm(shared.columns[chain], axis=0) + 1e-300
+        own = _whiten(shared.chains[chain], variances, shared.columns[chain] / size) * size
+        part = float(variances[RIG])
+        turned = np.asarray(inverse_root(part * own.T @ own))
+        shared.known[key] = own, part * turned @ turned.T
+    own, middle = shared.known[key]
+    made = _whiten(shared.chains[chain], variances, columns)
+    for here in _chunks(made.shape[1]):
+        made[:, here] -= own @ (middle @ (own.T @ made[:, here]))
     return made
 
 
