@@ -1,6 +1,7 @@
 """Errors of the rig that the channels of a triad share: their covariance, and what is seen beyond them."""
 
 import re
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -17,7 +18,7 @@ from inertiax.diagnose.noise.reml import fit_noise
 from inertiax.diagnose.noise.state_space import stated_price
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.evidence import bank, judge
-from inertiax.diagnose.selection.score_test import whiten_columns, whiten_system
+from inertiax.diagnose.selection.score_test import residual_together, whiten_columns, whiten_system
 from inertiax.effects import CATALOGUE
 from inertiax.numerics.common_errors import inverse_root
 
@@ -76,6 +77,38 @@ def test_the_joint_likelihood_is_that_of_the_dense_covariance():
         expected = dense(one) - dense(other)
     # Sums of 2400 terms around a hundred, with rows near 1e-5 rad/s.
     assert found == pytest.approx(expected, rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_rows_of_all_chains_and_of_one_are_whitened_by_the_dense_covariance():
+    """Residuals of all together, and a chain by itself with its own part of errors that last."""
+    with jax.enable_x64(True):
+        (prepared,) = prepare(oblique(5), ()).triads
+        system = prepared.system
+        num = len(system.base.observed[0])
+        theta = tuple(
+            START + np.array([0.1, -0.5, -1.0, 0.4 * c, 0.0, 0.0, -0.3]) for c in range(3)
+        )
+        noise = NoiseFit(theta, (0.0,) * 3, theta)
+        own = []
+        for c in range(3):
+            white = whiten_columns(system, noise, c, np.eye(num), apart=True)
+            own.append(np.linalg.inv(white.T @ white))
+        errors = np.exp(0.5 * theta[0][RIG]) * np.concatenate(system.shared.columns)
+        v = scipy.linalg.block_diag(*own) + errors @ errors.T
+        root = np.linalg.cholesky(v)
+        y, x = np.concatenate(system.base.observed), scipy.linalg.block_diag(*system.frames)
+        a, b = (scipy.linalg.solve_triangular(root, m, lower=True) for m in (x, y))
+        q = np.linalg.qr(a)[0]
+        found = np.concatenate(residual_together(system, noise, ()))
+        assert found @ found == pytest.approx(b @ b - np.sum((q.T @ b) ** 2), rel=1e-6)
+        lasting = replace(system, shared=replace(system.shared, lasting=True, known={}))
+        for c in range(3):
+            white = whiten_columns(lasting, noise, c, np.eye(num))
+            mine = errors[c * num : (c + 1) * num]
+            expected = own[c] + mine @ mine.T
+            # Of covariances with a condition of 1e4 from inverses of such.
+            np.testing.assert_allclose(white @ expected @ white.T, np.eye(num), atol=1e-6)
 
 
 @pytest.mark.slow

@@ -102,9 +102,8 @@ def split(fit: Fit, rig: Rig, *, same: float = SAME) -> tuple[Part, ...]:
     covariance = fit.covariance if alone else scaled_inverse(problem.normal(jacobian))
     # V⁻¹J, where dwells share errors; else V is the identity.
     design = problem.weighted(problem.decorrelated(problem.design(jacobian)))
-    errors = (
-        None  # what one of the table's errors does to the coefficients; from 3 on, of standing axes
-    )
+    # What each of the table's errors does to the coefficients; from 3 on, of axes that stand.
+    errors = None
     if problem.shared is not None and problem.shared.table is not None:
         signatures = np.asarray(problem.shared.table.whitened).reshape(len(design), -1)
         errors = signatures.T @ design @ covariance

@@ -136,19 +136,33 @@ def turns_told(
     axes: Axes | None,
 ) -> Bool[np.ndarray, "*device dwell"]:
     """Where it is known what a mean over a part of a turn keeps of vectors of the room; nowhere without `axes`."""
-    count = position.shape[-1]
-    told = np.zeros(position.size // max(count, 1) * count, bool).reshape(-1, count)
     if axes is None:
-        return told.reshape(position.shape)
-    flat = [x.reshape(-1, count, *x.shape[position.ndim :]) for x in (position, force, rate, run)]
-    for k, (where, f, w, log) in enumerate(zip(*flat, strict=True)):
-        valid = np.ones(count, bool)
-        rests = rests_in_room(where, f, w, valid)
-        if rests is None:
-            continue
-        for dwell, mean in means_in_room(rests, where, f, w, log, valid, axes).items():
-            told[k, dwell] = mean.told
-    return told.reshape(position.shape)
+        return np.zeros(position.shape, bool)
+    made = []
+    for where, f, w, log, valid in each_device(position, force, rate, run, None):
+        told, rests = np.zeros(len(where), bool), rests_in_room(where, f, w, valid)
+        if rests is not None:
+            for dwell, mean in means_in_room(rests, where, f, w, log, valid, axes).items():
+                told[dwell] = mean.told
+        made.append(told)
+    return np.reshape(made, position.shape)
+
+
+def each_device(
+    position: Int[np.ndarray, "*device dwell"],
+    force: Float[np.ndarray, "*device dwell 3"],
+    rate: Float[np.ndarray, "*device dwell 3"],
+    run: Int[np.ndarray, "*device dwell"] | None,
+    valid: Bool[np.ndarray, "*device dwell"] | None,
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """The same of one device after the other; one recording and all rows valid where nothing is said of them."""
+    run = np.zeros(position.shape, int) if run is None else run
+    valid = np.ones(position.shape, bool) if valid is None else valid
+    count = position.shape[-1]
+    flat = [
+        x.reshape(-1, count, *x.shape[position.ndim :]) for x in (position, force, rate, run, valid)
+    ]
+    return list(zip(*flat, strict=True))
 
 
 def _neighbours(

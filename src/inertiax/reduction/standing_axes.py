@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..data.recording import Rig
-from .room_attitudes import ALIKE, INNER, means_in_room, OUTER, rests_in_room
+from .room_attitudes import ALIKE, each_device, INNER, means_in_room, OUTER, rests_in_room
 
 
 _PADS = -2  # as a position, of a row that is none
@@ -55,12 +55,8 @@ def standing_errors(
     """
     if not rig.position_uncertainty or rig.axes is None:
         return None
-    shape, count = position.shape, position.shape[-1]
-    flat = lambda x, inner: np.asarray(x).reshape(-1, count, *inner)
-    position, force, rate = flat(position, ()), flat(force, (3,)), flat(rate, (3,))
-    run = np.zeros(position.shape, int) if run is None else flat(run, ())
-    valid = np.ones(position.shape, bool) if valid is None else flat(valid, ())
-    made = [_of_device(*one, rig) for one in zip(position, force, rate, run, valid, strict=True)]
+    shape = position.shape
+    made = [_of_device(*one, rig) for one in each_device(position, force, rate, run, valid)]
     most = max(m.accel.shape[2] for m in made)
     if not most:
         return None

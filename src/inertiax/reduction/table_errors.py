@@ -20,6 +20,7 @@ from ..data.recording import Rig
 from .dwells import is_told
 from .room_attitudes import (
     ALIKE,
+    each_device,
     INNER,
     MeanInRoom,
     means_in_room,
@@ -60,12 +61,8 @@ def table_errors(
     **Arguments:** `position` is −1 while the table turns; `force` in m/s², zero where it is not told; `rate` in rad/s,
     Earth's included; `run` numbers the recordings, of which no motion leads from one to the next.
     """
-    shape, count = position.shape, position.shape[-1]
-    flat = lambda x, inner: np.asarray(x).reshape(-1, count, *inner)
-    position, force, rate = flat(position, ()), flat(force, (3,)), flat(rate, (3,))
-    run = np.zeros(position.shape, int) if run is None else flat(run, ())
-    valid = np.ones(position.shape, bool) if valid is None else flat(valid, ())
-    made = [_of_device(*one, rig) for one in zip(position, force, rate, run, valid, strict=True)]
+    shape = position.shape
+    made = [_of_device(*one, rig) for one in each_device(position, force, rate, run, valid)]
     accel, gyro, known = (np.stack(x) for x in zip(*made, strict=True))
     return TableErrors(
         accel.reshape(*shape, 3, 3), gyro.reshape(*shape, 3, 3), known.reshape(shape)
