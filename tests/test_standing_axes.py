@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Rig
+from inertiax.diagnose.wording.explain import share_of_axes
 from inertiax.reduction.standing_axes import standing_errors
 
 
@@ -160,6 +161,15 @@ def test_devices_of_a_fleet_have_their_own_and_rows_that_pad_have_none():
     np.testing.assert_allclose(found.part, [[0.5, 0.5, 1.0, 0.5], [0.5, 0.5, 0.0, 0.0]])
     assert found.accel.shape == found.gyro.shape == (2, 4, 3, 6)
     assert not found.accel[1, 2:].any() and not found.accel[1, :, :, 3:].any()
+
+
+def test_what_a_station_seems_to_err_by_says_what_each_axis_was_given():
+    """Of a table with two axes and one number, 8.84″, it is half of the square; who states both has said it."""
+    said = share_of_axes(Rig(np.deg2rad(8.84 / 3600.0), axes=STATED.axes))
+    assert "8.84 arcsec" in said and "axis_uncertainty = [outer, inner]" in said
+    rather_outer = dataclasses.replace(STATED, outer_part=0.9)
+    for rig in (None, Rig(ALPHA), Rig(axes=STATED.axes), rather_outer):
+        assert share_of_axes(rig) == ""
 
 
 @pytest.mark.slow

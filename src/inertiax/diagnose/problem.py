@@ -9,7 +9,7 @@ from .._jax import eqx, jax
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.table_error_sizes import table_error_sizes, within_statement
-from ..data.recording import Campaign
+from ..data.recording import Campaign, Rig
 from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
@@ -65,6 +65,7 @@ class Prepared:
     log: Log | None = None
     only: Callable[[np.ndarray], "Prepared"] | None = None  # the same triad with some of its blocks
     motions: bool = False  # rows are of the gyros' motions between rests, two each, rad
+    rig: Rig | None = None  # what the station states
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +271,7 @@ def prepare_triad(
         tuple(flexible(coarse, base)),
         missing,
         log.clock,
+        rig=campaign.rig,
     )
 
 

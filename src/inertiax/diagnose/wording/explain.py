@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...data.recording import HALF, Rig
 from ...effects import Effect
 from ...effects.form_units import acts_on
 from ...effects.over_temperature import said_of_coefficients
@@ -71,6 +72,8 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     effect, alone = lead.term.known, not lead.rivals
     where = " It shows in the motions between rests." if prepared.motions else ""
     where += _passed_once(prepared, lead.term) if effect.jump else ""
+    of_the_station = effect.common and "rad" in effect.units.values()  # angles
+    where += share_of_axes(prepared.rig) if of_the_station else ""
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
@@ -139,6 +142,20 @@ def _parameters(entries: list[_Entry]) -> tuple[tuple[str, Parameter], ...]:
             again = sum(key.startswith(label) for key in values)
             values[label if not again else f"{label}, {again + 1}"] = value
     return tuple(values.items())
+
+
+def share_of_axes(rig: Rig | None) -> str:
+    """That one axis of a table may err by more than its half of the one number that the station states, or "".
+
+    An axis that stands turns all rests of its standing alike, as errors of the station turn all rests.
+    """
+    if rig is None or rig.axes is None or not rig.position_uncertainty or rig.outer_part != HALF:
+        return ""
+    stated = np.rad2deg(rig.position_uncertainty) * 3600.0
+    return (
+        f" Half of the square of the {stated:.3g} arcsec in [rig] position_uncertainty is given to each axis; where "
+        "one axis has more of it, state axis_uncertainty = [outer, inner] in its place and diagnose again."
+    )
 
 
 def gain_of_channels(prepared: Prepared, terms: Sequence[Term], name: str) -> float:
