@@ -164,7 +164,7 @@ def test_devices_of_a_fleet_have_their_own_and_rows_that_pad_have_none():
 
 
 def test_what_a_station_seems_to_err_by_says_what_each_axis_was_given():
-    """Of a table with two axes and one number, 8.84″, it is half of the square; who states both has said it."""
+    """Of a table with two axes and 8.84″ it is half of the square; who states other shares has said it."""
     said = share_of_axes(Rig(np.deg2rad(8.84 / 3600.0), axes=STATED.axes))
     assert "8.84 arcsec" in said and "axis_uncertainty = [outer, inner]" in said
     rather_outer = dataclasses.replace(STATED, outer_part=0.9)

@@ -145,7 +145,7 @@ def _parameters(entries: list[_Entry]) -> tuple[tuple[str, Parameter], ...]:
 
 
 def share_of_axes(rig: Rig | None) -> str:
-    """That one axis of a table may err by more than its half of the one number that the station states, or "".
+    """That one axis of a table may err by more than its half of what a position's error is stated to be, or "".
 
     An axis that stands turns all rests of its standing alike, as errors of the station turn all rests.
     """
@@ -153,8 +153,8 @@ def share_of_axes(rig: Rig | None) -> str:
         return ""
     stated = np.rad2deg(rig.position_uncertainty) * 3600.0
     return (
-        f" Half of the square of the {stated:.3g} arcsec in [rig] position_uncertainty is given to each axis; where "
-        "one axis has more of it, state axis_uncertainty = [outer, inner] in its place and diagnose again."
+        f" Each axis of the table is given half of the square of {stated:.3g} arcsec here; where one of them has more of "
+        "it, state [rig] axis_uncertainty = [outer, inner] and diagnose again."
     )
 
 
