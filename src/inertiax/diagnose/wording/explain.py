@@ -153,8 +153,8 @@ def share_of_axes(rig: Rig | None) -> str:
         return ""
     stated = np.rad2deg(rig.position_uncertainty) * 3600.0
     return (
-        f" Each axis of the table is given half of the square of {stated:.3g} arcsec here; where one of them has more of "
-        "it, state [rig] axis_uncertainty = [outer, inner] and diagnose again."
+        f" Each axis of the table is given half of the square of {stated:.3g} arcsec here; where one of them has more "
+        "of it, state [rig] axis_uncertainty = [outer, inner] and diagnose again."
     )
 
 
