@@ -16,7 +16,7 @@ from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Rig
 from inertiax.diagnose.wording.explain import share_of_axes
-from inertiax.reduction.standing_axes import standing_errors
+from inertiax.reduction.standing_axes import angles_of_axes, standing_errors
 
 
 ALPHA = 5e-5  # rad
@@ -164,12 +164,15 @@ def test_devices_of_a_fleet_have_their_own_and_rows_that_pad_have_none():
 
 
 def test_what_a_station_seems_to_err_by_says_what_each_axis_was_given():
-    """Of a table with two axes and 8.84″ it is half of the square; who states other shares has said it."""
-    said = share_of_axes(Rig(np.deg2rad(8.84 / 3600.0), axes=STATED.axes))
-    assert "8.84 arcsec" in said and "axis_uncertainty = [outer, inner]" in said
-    rather_outer = dataclasses.replace(STATED, outer_part=0.9)
-    for rig in (None, Rig(ALPHA), Rig(axes=STATED.axes), rather_outer):
-        assert share_of_axes(rig) == ""
+    """Of 10″ in all, 6″ and 8″ where 0.36 of the square is the outer axis'; 7.07″ each where nobody says."""
+    stated = dataclasses.replace(
+        STATED, position_uncertainty=10.0 * np.pi / 648000, outer_part=0.36
+    )
+    said = share_of_axes(angles_of_axes(stated))
+    assert "outer axis is taken to err by 6 arcsec and the inner one by 8" in said
+    half = share_of_axes(angles_of_axes(Rig(10.0 * np.pi / 648000, axes=STATED.axes)))
+    assert "by 7.07 arcsec and the inner one by 7.07" in half and "axis_uncertainty" in half
+    assert share_of_axes(None) == share_of_axes(angles_of_axes(Rig(axes=STATED.axes))) == ""
 
 
 @pytest.mark.slow

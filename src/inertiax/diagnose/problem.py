@@ -9,7 +9,7 @@ from .._jax import eqx, jax
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.table_error_sizes import table_error_sizes, within_statement
-from ..data.recording import Campaign, Rig
+from ..data.recording import Campaign
 from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
@@ -19,6 +19,7 @@ from ..reduction.device_segments import of_one_device
 from ..reduction.known_moves import take_moves
 from ..reduction.rig_errors import move_covariance, rig_covariance
 from ..reduction.segments import segment_each
+from ..reduction.standing_axes import angles_of_axes
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
 from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
@@ -65,7 +66,7 @@ class Prepared:
     log: Log | None = None
     only: Callable[[np.ndarray], "Prepared"] | None = None  # the same triad with some of its blocks
     motions: bool = False  # rows are of the gyros' motions between rests, two each, rad
-    rig: Rig | None = None  # what the station states
+    axes: tuple[float, float] | None = None  # rad, what the outer and inner err by where one stands
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,12 +256,14 @@ def prepare_triad(
         probe_error(campaign, signal, blocks, base),
         errors_of_rests(blocks, form, campaign.rig, log.step),
     )
+    axes = None
     if form.by_reference:
         rate = (campaign.rig.rate_uncertainty or 0.0) if form.triad == "gyro" else 0.0
         reading = getattr(blocks, f"reference_{form.triad}")
         angle = campaign.rig.position_uncertainty or 0.0
         standing = standing_of_blocks(blocks, log, campaign.rig)
         system = with_rig_errors(system, blocks, reading, angle, rate, listed, standing)
+        axes = None if standing is None else angles_of_axes(campaign.rig)
     return Prepared(
         form,
         blocks,
@@ -271,7 +274,7 @@ def prepare_triad(
         tuple(flexible(coarse, base)),
         missing,
         log.clock,
-        rig=campaign.rig,
+        axes=axes,
     )
 
 

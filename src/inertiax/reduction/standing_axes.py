@@ -68,6 +68,13 @@ def standing_errors(
     )
 
 
+def angles_of_axes(rig: Rig) -> tuple[float, float]:
+    """What the outer and the inner axis of a table are taken to err by at a positioning, rad, 1 sigma."""
+    position = rig.position_uncertainty or 0.0
+    outer, inner = np.sqrt([rig.outer_part, 1.0 - rig.outer_part]) * position
+    return float(outer), float(inner)
+
+
 def _of_device(
     position: Int[np.ndarray, " dwell"],
     force: Float[np.ndarray, "dwell 3"],
@@ -81,7 +88,7 @@ def _of_device(
     if rests is None or rig.axes is None:
         return StandingErrors(none, none, part)
     axes, parts = rig.axes, {OUTER: rig.outer_part, INNER: 1.0 - rig.outer_part}
-    angle = {k: np.sqrt(p) * (rig.position_uncertainty or 0.0) for k, p in parts.items()}
+    angle = dict(zip((OUTER, INNER), angles_of_axes(rig)))
     case = np.swapaxes(rests.axes, 1, 2)  # C_k, from the case to the room
     seen = np.array(axes[1]), np.einsum("kji,j->ki", case, np.array(axes[0]))
     there = np.where(valid, position, _PADS)

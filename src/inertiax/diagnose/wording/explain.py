@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...data.recording import HALF, Rig
 from ...effects import Effect
 from ...effects.form_units import acts_on
 from ...effects.over_temperature import said_of_coefficients
@@ -73,7 +72,7 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     where = " It shows in the motions between rests." if prepared.motions else ""
     where += _passed_once(prepared, lead.term) if effect.jump else ""
     of_the_station = effect.common and "rad" in effect.units.values()  # angles
-    where += share_of_axes(prepared.rig) if of_the_station else ""
+    where += share_of_axes(prepared.axes) if of_the_station else ""
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
@@ -144,17 +143,17 @@ def _parameters(entries: list[_Entry]) -> tuple[tuple[str, Parameter], ...]:
     return tuple(values.items())
 
 
-def share_of_axes(rig: Rig | None) -> str:
-    """That one axis of a table may err by more than its half of what a position's error is stated to be, or "".
+def share_of_axes(axes: tuple[float, float] | None) -> str:
+    """What the axes of a table are taken to err by, rad, and where more is stated; "" where none stands.
 
     An axis that stands turns all rests of its standing alike, as errors of the station turn all rests.
     """
-    if rig is None or rig.axes is None or not rig.position_uncertainty or rig.outer_part != HALF:
+    if axes is None or not any(axes):
         return ""
-    stated = np.rad2deg(rig.position_uncertainty) * 3600.0
+    outer, inner = np.rad2deg(axes) * 3600.0
     return (
-        f" Each axis of the table is given half of the square of {stated:.3g} arcsec here; where one of them has more "
-        "of it, state [rig] axis_uncertainty = [outer, inner] and diagnose again."
+        f" The table's outer axis is taken to err by {outer:.3g} arcsec and the inner one by {inner:.3g}; where one "
+        "errs by more, state [rig] axis_uncertainty = [outer, inner] and diagnose again."
     )
 
 
