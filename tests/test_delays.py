@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.calibration.calibration import write_calibration
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.observations.blocks import join
+from inertiax.diagnose.observations.delay_ramps import find_delay
+from inertiax.diagnose.observations.model_rows import calibrated
 from inertiax.diagnose.pipeline import diagnose_campaign
-from inertiax.diagnose.problem import prepare
 from inertiax.effects import CATALOGUE
 from inertiax.exports.compensated_recording import compensate_recording
 
 
-DELAY = [e for e in CATALOGUE if e.name == "time_delay"]
 # What a delay could be taken for here: a scale factor that bends, or differs by sign, changes on the same ramps.
 ALIKE = [e for e in CATALOGUE if e.name in ("time_delay", "rate_nonlinearity", "scale_asymmetry")]
 NOISE = 2e-4  # rad/s, one sample
@@ -52,8 +54,11 @@ def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0):
 
 
 def seen(campaign):
+    """The delay of the one triad, as a diagnosis looks for it before all else."""
     with jax.enable_x64(True):
-        return prepare(campaign, DELAY).triads[0].delay
+        fitted = calibrate_device(campaign, checked=True)
+        (model,) = (m for m in (calibrated(fitted, t) for t in ("accel", "gyro")) if m is not None)
+        return find_delay(join(campaign), model)
 
 
 @pytest.mark.slow
