@@ -106,10 +106,11 @@ STEP = 0.25  # s
 ANGLE, RATE = 3e-4, 1e-5  # what the rig promises
 
 
-def oblique(seed, *, product=0.0, promised=1.0):
+def oblique(seed, *, product=0.0, promised=1.0, flat=16):
     """A rate table of twelve axes, most of them oblique, ± three rates: rig errors, 20 µrad/s in each dwell, noise.
 
-    `product` is the coefficient of ωx ωy on gyro x, s/rad; the rig is better than it promises by `promised`.
+    `product` is the coefficient of ωx ωy on gyro x, s/rad; the rig is better than it promises by `promised`;
+    `flat` are the samples of a plateau.
     """
     rng = np.random.default_rng(seed)
     axes = np.array(
@@ -126,7 +127,6 @@ def oblique(seed, *, product=0.0, promised=1.0):
             error += promised * RATE * rng.standard_normal() * w
             error += 2e-5 * rng.standard_normal(3)
             error[0] += product * w[0] * w[1]
-            flat = 48
             reading += [np.tile(w, (flat, 1)), np.zeros((8, 3))]
             output += [np.tile(w + error, (flat, 1)), np.zeros((8, 3))]
     reading, output = np.concatenate(reading), np.concatenate(output)
