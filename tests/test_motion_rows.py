@@ -99,11 +99,17 @@ HIDDEN = {
 }
 
 
+SLOWER = {
+    "rate": 25.0,
+    "noise": 1e-3,
+}  # of the same density: a whole diagnosis of the rests needs no more rows
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HIDDEN)
 def test_an_effect_of_the_rate_is_named_and_the_calibration_beside_it_is_nearer(name):
     added, channel, size = HIDDEN[name]
-    campaign = log(11, added)
+    campaign = log(11, added, **SLOWER)
     found, beside = diagnose_campaign(campaign)
     assert found.verdict == "missing-physics"
     assert [(e.name, e.channels) for e in found.effects] == [(name, (channel,))]
@@ -124,7 +130,7 @@ def test_an_effect_of_the_rate_is_named_and_the_calibration_beside_it_is_nearer(
 
 @pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_hidden_and_the_audit_says_what_would_show():
-    campaign = log(12)
+    campaign = log(12, **SLOWER)
     found, _ = diagnose_campaign(campaign)
     assert found.verdict == "consistent" and not found.effects
     seen = {(d.name, d.channels) for d in audit(campaign, estimate_noise=True).detectable}
