@@ -62,16 +62,16 @@ def tumble(seed=0, effect=None, sessions=2, step=30.0):
     return Campaign((recording,), Site(G), Rig(1e-5), model, "tactical")
 
 
-def sweep(seed=0, effect=None):
-    """One pose; up, soak, down, soak, up again faster; a gyro with a cubic in temperature."""
+def sweep(seed=0, effect=None, step=1.0):
+    """One pose; up, soak, down, soak, up again faster; a gyro with a cubic in temperature, read each `step` seconds."""
     rng = np.random.default_rng(seed)
-    time = np.arange(5000) * 1.0
+    time = np.arange(0.0, 5000.0, step)
     corner = [0, 300, 1500, 2000, 3200, 3600, 4300, 5000]
     air = np.interp(time, corner, [-10, -10, 50, 50, -10, -10, 50, 50])
     probe = np.empty_like(air)
     state = air[0]
     for k, value in enumerate(air):
-        state += (value - state) / 40.0
+        state += (value - state) * step / 40.0
         probe[k] = state
     x = (probe - 20.0) / 30.0
     output = 1e-4 * np.stack([x - 0.3 * x**2, 0.5 * x + 0.2 * x**3, x**2], axis=1)
@@ -79,8 +79,8 @@ def sweep(seed=0, effect=None):
         output = output + effect(probe, time)
     output = output + 2e-6 * rng.standard_normal(output.shape)
     recording = Recording(
-        time=time, gyro=output, temperature=probe[:, None] + 0.003 * rng.standard_normal((5000, 1)),
-        position=np.zeros(5000, int), experiment=np.repeat(np.arange(5), 1000),
+        time=time, gyro=output, temperature=probe[:, None] + 0.003 * rng.standard_normal((len(time), 1)),
+        position=np.zeros(len(time), int), experiment=time.astype(int) // 1000,
     )  # fmt: skip
     model = ModelChoice(gyro_estimator="static", temperature_degree=3)
     return Campaign((recording,), Site(G), Rig(), model, "tactical")
