@@ -14,19 +14,20 @@ from inertiax.diagnose.estimates.single_rests import _by_hand
 from inertiax.diagnose.problem import prepare
 
 
-REST, MOVE, RATE, NUM = 4.0, 1.5, 50.0, 16  # s, s, Hz, rests
+REST, MOVE, NUM = 4.0, 1.5, 16  # s, s, rests
 PERIOD = REST + MOVE
 pytestmark = pytest.mark.slow
 
 
-def hand_log(seed, *, creeping=None, shaken=None, sensitive=0.0):
+def hand_log(seed, *, creeping=None, shaken=None, sensitive=0.0, rate=25.0):
     """A log of a consumer device turned by hand.
 
     In rest `creeping` it turns about the vertical at 0.1 °/s, in rest `shaken` y of the accelerometers shakes, and
-    the x gyro has a g-sensitivity of `sensitive`, rad/s per g.
+    the x gyro has a g-sensitivity of `sensitive`, rad/s per g; the noise has one density at every `rate`, Hz.
     """
     rng = np.random.default_rng(seed)
-    time = np.arange(int((NUM * PERIOD - MOVE) * RATE)) / RATE
+    time = np.arange(int((NUM * PERIOD - MOVE) * rate)) / rate
+    noise = np.sqrt(rate / 50.0)
     which, phase = np.divmod(time, PERIOD)
     phase = (phase - REST) / MOVE
     turns = rng.normal(size=(NUM, 3))
@@ -40,16 +41,16 @@ def hand_log(seed, *, creeping=None, shaken=None, sensitive=0.0):
         done[:, None] * turns[own]
     )
     up = attitude.inv().apply([0.0, 0.0, 1.0])
-    rate = np.where(phase > 0, (1 - np.cos(2 * np.pi * phase)) / MOVE, 0.0)[:, None] * turns[own]
+    turning = np.where(phase > 0, (1 - np.cos(2 * np.pi * phase)) / MOVE, 0.0)[:, None] * turns[own]
     still = phase <= 0
     if creeping is not None:
-        rate[still & (own == creeping)] += np.radians(0.1) * up[still & (own == creeping)]
+        turning[still & (own == creeping)] += np.radians(0.1) * up[still & (own == creeping)]
     accel = 9.81 * up @ np.array([[1.01, 0, 0], [0.004, 0.99, 0], [-0.006, 0.003, 1.005]]).T
-    accel += [0.1, -0.2, 0.15] + 0.02 * rng.normal(size=accel.shape)
+    accel += [0.1, -0.2, 0.15] + 0.02 * noise * rng.normal(size=accel.shape)
     if shaken is not None:
         mine = still & (own == shaken) & (np.mod(time, PERIOD) > 1.5)
         accel[mine, 1] += 0.15 * np.sin(2 * np.pi * 0.7 * time[mine])
-    gyro = rate + [0.01, -0.02, 0.005] + 1e-3 * rng.normal(size=rate.shape)
+    gyro = turning + [0.01, -0.02, 0.005] + 1e-3 * noise * rng.normal(size=turning.shape)
     gyro[:, 0] += sensitive * up[:, 1]
     return Campaign((Recording(time=time, accel=accel, gyro=gyro, name="hand.csv"),), Site(9.81))
 
@@ -76,14 +77,14 @@ def alone(found):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_turn_about_the_vertical_in_one_rest_is_left_out(seed):
-    """0.1 °/s stands 14 times above the mean's noise, 1e-3/√200 rad/s, and no accelerometer sees it."""
+    """0.1 °/s stands 14 times above the mean's noise, 7e-4/√100 rad/s, and no accelerometer sees it."""
     found = diagnose(hand_log(seed, creeping=7))
     assert found.verdict == "consistent", found.summary
     assert any(7 * PERIOD - 0.5 < a and b < 7 * PERIOD + REST + 0.5 for a, b in alone(found))
 
 
 def test_one_rest_that_shook_is_no_reason_for_unexplained():
-    found = diagnose(hand_log(3, shaken=5))
+    found = diagnose(hand_log(3, shaken=5, rate=50.0))
     assert found.verdict == "consistent", found.summary
 
 
