@@ -99,10 +99,8 @@ HIDDEN = {
 }
 
 
-SLOWER = {
-    "rate": 25.0,
-    "noise": 1e-3,
-}  # of the same density: a whole diagnosis of the rests needs no more rows
+# Noise of the same density: a whole diagnosis of the rests needs no more rows.
+SLOWER = {"rate": 25.0, "noise": 1e-3}
 
 
 @pytest.mark.slow
