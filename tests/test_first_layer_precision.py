@@ -2,10 +2,8 @@
 
 import inspect
 import json
-import os
-import subprocess
 import sys
-from pathlib import Path
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +16,6 @@ from hard_limit import run_here
 from inertiax.numerics.wide_arithmetic import in_64_bits
 
 
-SCRIPT = Path(first_layer_cases.__file__)
 CASES = first_layer_cases.CASES
 
 
@@ -59,26 +56,36 @@ def test_every_name_is_in_the_table():
     assert {n for n in listed if " " not in n} - layer == set()
 
 
-def _in_32_bits() -> list[str]:
-    """The table's lines in a process of its own, as JAX starts by default."""
-    environment = {**os.environ, "JAX_ENABLE_X64": "0"}
-    # A warning of numbers that were cut to 32 bits would be an error.
-    command = [sys.executable, "-W", "error::UserWarning", str(SCRIPT)]
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, timeout=600)
-    return done.stdout.splitlines()
+def _in(bits: int) -> list[object]:
+    """Each case's numbers, or the error, in a precision."""
+    code = "import first_layer_cases\nfirst_layer_cases.main()"
+    # Warnings are errors here, as of numbers that are cut to 32 bits.
+    said = run_here(code, seconds=600.0, wide=bits == 64).splitlines()
+    assert len(said) == len(CASES)
+    return [json.loads(line) for line in said]
 
 
 @pytest.fixture(scope="module")
 def found():
-    """Each case's numbers in 32 and in 64 bits."""
-    # One after the other: what is computed in 64 bits whatever JAX is set to, the second finds compiled.
-    lines = [_in_32_bits()]
-    # This process has had 64 bits from the start.
-    lines.append(
-        run_here("import first_layer_cases\nfirst_layer_cases.main()", seconds=600.0).splitlines()
-    )
-    assert len(lines[0]) == len(lines[1]) == len(CASES)
-    return [tuple(map(json.loads, pair)) for pair in zip(*lines)]
+    """Each case's numbers in 32 and in 64 bits.
+
+    In one process, where what is computed in 64 bits whatever JAX is set to is traced and compiled once.
+    """
+    return list(zip(_in(32), _in(64)))
+
+
+def _values_kept(module: ModuleType) -> list[object]:
+    """What a module and its classes hold."""
+    own = [v for v in vars(module).values() if inspect.isclass(v)]
+    return [v for holder in (module, *own) for v in vars(holder).values()]
+
+
+def test_no_number_is_kept_in_the_precision_that_it_was_first_asked_for_in():
+    """So that a process may ask in both: none of the package's modules holds an array of JAX."""
+    ours = [m for name, m in sys.modules.items() if name.split(".")[0] == "inertiax"]
+    assert len(ours) > 100
+    held = [(m.__name__, v) for m in ours for v in _values_kept(m) if isinstance(v, jax.Array)]
+    assert not held
 
 
 @pytest.mark.slow
