@@ -91,6 +91,8 @@ def least_squares(
     each, so that one tolerance serves biases in m/s² and dimensionless scale factors alike.
     """
     start = jnp.asarray(start)
+    # A function of its own in the program, which is traced once however often it is differentiated.
+    residual = jax.jit(residual)
     jacobian = jax.jacfwd(residual)(start, args)
     squares = jnp.sum(jnp.square(jacobian), axis=0)
     scale = jax.lax.stop_gradient(
@@ -106,10 +108,11 @@ def least_squares(
         throw=False,
     )
     parameters = inner.value * scale
-    jacobian = jax.jacfwd(residual)(parameters, args)
+    left_with_itself = lambda p: (left := residual(p, args), left)
+    jacobian, left = jax.jacfwd(left_with_itself, has_aux=True)(parameters)
     return Solution(
         parameters=parameters,
-        residuals=residual(parameters, args),
+        residuals=left,
         covariance=spd_inverse(jacobian.T @ jacobian),
         result=inner.result,
         num_steps=inner.stats["num_steps"],
