@@ -272,12 +272,12 @@ CASES = [
     ("F.start(np.eye(3), v, v + 3e6, **sigmas)", "`Filter.start(position=...)`: 3e+06 m; positions are metres east"),
 ]  # fmt: skip
 
-# What a user may mean, however unusual it is.
+# What a user may mean, however unusual it is. All runs of the filter are one program.
 ACCEPTED = [
     "D(100 * a, reference_accel=100 * a)",  # a centrifuge
     "D(np.where(np.arange(24)[:, None] > 2, a, 0.0), sigma=1e-3 * (np.arange(24) > 2), valid=np.arange(24) > 2)",
     "c(v, v, 20.0)",  # free fall
-    "run(nav.Position(np.where(np.eye(5, 3), np.nan, 0.0), 1.0, np.arange(5) > 2))",
+    "run(nav.Position(np.where(np.eye(5, 3), np.nan, 0.0), np.ones((5, 1)), np.arange(5) > 2))",
     "ix.reduce_to_dwells(still)",  # without a list
     "ix.Recording.from_frame({**frame, 'time': 1e2 * t})",  # a table's means, one a second
     "ix.fit(D(a, w), accel=ix.Invariant(np.float32(9.81)), gyro=ix.StaticGyro(9.81))",
@@ -304,7 +304,7 @@ ACCEPTED = [
     "c.with_covariance(np.zeros((3, 3)))",
     "c.with_covariance(np.full((3, 3), np.nan))",
     "ix.Twin(c, delay=0.5, sample_rate=1.0)",
-    "run(nav.Position(degrees + 3.0 * np.arange(5)[:, None], 1.0))",  # metres all the same
+    "run(nav.Position(degrees + 3.0 * np.arange(5)[:, None], np.ones((5, 1)), t[:5] >= 0))",  # metres all the same
     "run(nav.Position(np.full((5, 3), np.nan), np.zeros((5, 1)), np.zeros(5, bool)))",  # no fix
 ]
 
