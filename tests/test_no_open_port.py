@@ -23,9 +23,9 @@ COMMANDS = [
     "noise still.csv -o noise",
     "export a-out/calibration.json --to c -o c.h",
     "protocol a-out -o protocol",
-    "design --optimise --positions 9",
+    "design --optimise --positions 9 --experiments 2 --degree 1",
     "design --audit a",
-    "simulate gyro-table -o simulated",
+    "simulate station.toml -o simulated",
     "learn-noise a b --consistent -o noise.json",
     "live a --follow a/a.csv --idle 0.2 -o lively",
     "diagnose a -o diagnosis",
@@ -33,6 +33,15 @@ COMMANDS = [
     "fleet line -o fleet-of-processes --scheduler local --workers 1",
     "demo -o demo",
 ]
+STATION = """
+[plan]
+programme = "8"
+temperatures = [20]
+dwell_time = 2.0
+
+[recording]
+rate = 10.0
+"""
 # All in one process, which imports and compiles once. Python tells of every socket that is bound through it, however
 # short it lives; those that libraries of C or children open are seen in /proc. The demo draws and writes a made-up
 # result: what it would simulate and calibrate for half a minute, `simulate` and `calibrate` do here for two seconds.
@@ -82,6 +91,7 @@ def test_commands_open_no_port(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "campaign.toml").write_text(TOML)
         (tmp_path / name / "a.csv").write_text(CSV if name == "a" else rests(seed=seed).write_csv())
+    (tmp_path / "station.toml").write_text(STATION)
     (tmp_path / "good.json").write_bytes(good_calibration(thermal=False))
     still = pl.concat([rests(1, seed=k) for k in range(30)]).with_columns(
         time=0.1 * pl.int_range(pl.len())
