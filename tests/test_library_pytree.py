@@ -364,7 +364,7 @@ def one(calibration, key):
 
 keys = jax.random.split(jax.random.PRNGKey(0), 1000)
 mapped = jax.jit(jax.vmap(one))
-for _ in range(4):
+for _ in range(6):
     found = jax.block_until_ready(mapped(many, keys))
 alone = one(made[3], keys[3])
 for a, b in zip(found, alone):

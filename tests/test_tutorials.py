@@ -16,8 +16,6 @@ import pytest
 
 from command_runs import run_in
 from hard_limit import run_here
-from inertiax.plots.style import Forms
-from inertiax.report import page
 
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -28,8 +26,8 @@ WALKED = ("hand-log", "chamber-table", "fleet")
 SCRIPTS = ("own-model", "navigation", "navigation-filter", "twin")
 
 
-def _blocks(name: str) -> list[tuple[str, str, str]]:
-    return BLOCK.findall((DOCS / "tutorials" / f"{name}.md").read_text(encoding="utf-8"))
+def _blocks(page: str) -> list[tuple[str, str, str]]:
+    return BLOCK.findall((DOCS / "tutorials" / f"{page}.md").read_text(encoding="utf-8"))
 
 
 def _steps(console: str) -> list[tuple[str, list[str]]]:
@@ -50,8 +48,6 @@ def _run(command: str, folder: Path, capfd) -> str:
             patch.setenv(name, value)
         if program == "inertiax":
             capfd.readouterr()
-            # What is printed needs no picture; those of each report are looked at in its own tests.
-            patch.setattr(page, "both_forms", lambda figure: Forms("<svg >", b"", 1.0))
             status, said, err = run_in(" ".join(arguments), folder, capfd, patch)
             assert status == 0, (command, err[-2000:])
             return said
@@ -102,17 +98,17 @@ def _missing(shown: list[str], printed: str) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", WALKED)
-def test_walk(name, tmp_path, capfd):
+@pytest.mark.parametrize("page", WALKED)
+def test_walk(page, tmp_path, capfd):
     (tmp_path / "docs").symlink_to(DOCS)
-    for kind, title, text in _blocks(name):
+    for kind, title, text in _blocks(page):
         if title:
             (tmp_path / title).write_text(text, encoding="utf-8")
         elif kind == "console":
             for command, shown in _steps(text):
                 printed = _run(command, tmp_path, capfd)
                 assert not _missing(shown, printed), (command, printed)
-    if name == "hand-log" and shutil.which("gcc"):
+    if page == "hand-log" and shutil.which("gcc"):
         subprocess.run(
             ["gcc", "-std=c99", "-fsyntax-only", "imu_calibration.h"], cwd=tmp_path, check=True
         )
@@ -121,13 +117,13 @@ def test_walk(name, tmp_path, capfd):
 # In JAX's defaults, as a reader runs it: 32 bits, but where the page asks for 64. What the pages call gives the numbers
 # of 64 bits by `test_first_layer_precision.py`, and the other tests run it in 64.
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_script_in_the_default_precision(name, tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", SCRIPTS)
+def test_script_in_the_default_precision(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code = "\n".join(text for kind, title, text in _blocks(name) if kind == "python" and not title)
+    code = "\n".join(text for kind, title, text in _blocks(page) if kind == "python" and not title)
     printed = run_here(code, seconds=600.0, wide=False)
     shown = [
-        line for kind, _, text in _blocks(name) if kind == "text" for line in text.splitlines()
+        line for kind, _, text in _blocks(page) if kind == "text" for line in text.splitlines()
     ]
     assert not _missing(shown, printed), printed
 

@@ -108,8 +108,8 @@ def least_squares(
         throw=False,
     )
     parameters = inner.value * scale
-    left_with_itself = lambda p: (left := residual(p, args), left)
-    jacobian, left = jax.jacfwd(left_with_itself, has_aux=True)(parameters)
+    twice = lambda p: (residual(p, args),) * 2  # jacfwd gives the second back as it is
+    jacobian, left = jax.jacfwd(twice, has_aux=True)(parameters)
     return Solution(
         parameters=parameters,
         residuals=left,
