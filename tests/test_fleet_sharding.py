@@ -31,10 +31,13 @@ for degree in (0, 1):
     weights = np.full(temperature.shape, 1e4)
     basis = Constant() if degree == 0 else Polynomial(degree, LOW, HIGH)
     spread = fit_sharded(outputs, temperature, weights, GRAVITY, basis)
+    # Filled up by hand, so that both are traced once.
+    outputs, temperature, weights = (np.concatenate([x, x[-1:], x[-1:]]) for x in (outputs, temperature, weights))
     if degree == 0:
-        alone = fit_invariant(outputs.transpose(2, 1, 0), weights.T, jnp.asarray(GRAVITY))
+        alone = jax.jit(fit_invariant)(outputs.transpose(2, 1, 0), weights.T, jnp.asarray(GRAVITY))
     else:
-        alone = fit_thermal_invariant(outputs, temperature, weights, jnp.asarray(GRAVITY), basis)
+        alone = jax.jit(fit_thermal_invariant)(outputs, temperature, weights, jnp.asarray(GRAVITY), basis)
+    alone = jax.tree.map(lambda x: x[:30], alone)
     assert bool(spread.converged.all()) and spread.parameters.shape == alone.parameters.shape
     sigma = np.sqrt(np.diagonal(alone.covariance, axis1=1, axis2=2))
     error = np.abs(np.asarray(spread.parameters) - np.asarray(alone.parameters)) / sigma

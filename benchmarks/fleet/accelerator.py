@@ -22,7 +22,12 @@ COPIED = 2**27  # numbers, to tell the bandwidth
 
 
 def accelerator_table(
-    devices: int, file: Path | None, *, thermal_devices: int = THERMAL, copied: int = COPIED
+    devices: int,
+    file: Path | None,
+    *,
+    thermal_devices: int = THERMAL,
+    degree: int = 6,
+    copied: int = COPIED,
 ) -> None:
     """Print both problems' figures, and write them as JSON where a file is named."""
     print(f"{jax.devices()[0].device_kind}, float64, medians of {REPEATS}\n")
@@ -31,7 +36,7 @@ def accelerator_table(
         "device": jax.devices()[0].device_kind,
         "bandwidth_GBps": bandwidth,
         "constant": constant(devices),
-        "thermal": thermal(thermal_devices),
+        "thermal": thermal(thermal_devices, degree),
     }
     print(
         "| problem | devices | devices/s | share of bandwidth | from the processor's, relative |\n|---|---|---|---|---|"
@@ -95,9 +100,9 @@ def constant(devices: int) -> dict[str, float]:
     return compared(solve, (outputs, weights), lambda x: x[..., :256])
 
 
-def thermal(devices: int) -> dict[str, float]:
-    basis = Polynomial(6, -60.0, 60.0)
-    outputs, temperature = thermal_problem(devices, basis.low, basis.high)
+def thermal(devices: int, degree: int) -> dict[str, float]:
+    basis = Polynomial(degree, -60.0, 60.0)
+    outputs, temperature = thermal_problem(devices, basis.low, basis.high, degree)
     weights = np.full(temperature.shape, 1 / SIGMA)
     solve = lambda a, t, w: fit_thermal_invariant(
         a, t, w, jnp.asarray(GRAVITY), basis, tolerance=1e-9

@@ -31,12 +31,15 @@ def constant_problem(devices: int) -> np.ndarray:
     return outputs(rng, truth[:, None, :].repeat(18, axis=1), directions() * GRAVITY)
 
 
-def thermal_problem(devices: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (devices, 234, 3) in m/s² and temperatures in °C, for seven Chebyshev polynomials over the range."""
+def thermal_problem(
+    devices: int, low: float, high: float, degree: int = 6
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (devices, 234, 3) in m/s² and temperatures in °C, for Chebyshev polynomials over the range, seven of
+    them unless told."""
     rng = np.random.default_rng(2)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     soaks = np.repeat(np.linspace(middle - half + 2, middle + half - 2, 13), 18)
     temperature = soaks + rng.uniform(-2, 2, (devices, len(soaks)))
-    phi = np.polynomial.chebyshev.chebvander((temperature - middle) / half, 6)
-    truth = rng.standard_normal((devices, 7, 9)) * 5e-3 / np.arange(1, 8)[:, None]
+    phi = np.polynomial.chebyshev.chebvander((temperature - middle) / half, degree)
+    truth = rng.standard_normal((devices, degree + 1, 9)) * 5e-3 / np.arange(1, degree + 2)[:, None]
     return outputs(rng, phi @ truth, np.tile(directions(), (13, 1)) * GRAVITY), temperature

@@ -307,7 +307,7 @@ def main() -> None:
     )
     jax.config.update("jax_enable_x64", True)
     if options.check_form:
-        accelerator_table(256, options.json, thermal_devices=32, copied=2**22)
+        accelerator_table(256, options.json, thermal_devices=32, degree=1, copied=2**22)
         return
     if options.one_core:
         print(json.dumps(both(options.devices, 1)))
