@@ -258,10 +258,17 @@ def by_devices(folder: Path, out: Path, **how: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def by_device(line, tmp_path_factory):
+def small(tmp_path_factory):
+    """A line whose program, which every process compiles anew, is a small one."""
+    folder = tmp_path_factory.mktemp("small")
+    return folder, write_line(folder, 10, experiments=1, degree=0)
+
+
+@pytest.fixture(scope="module")
+def by_device(small, tmp_path_factory):
     """The table of a run with a task for each device."""
     out = tmp_path_factory.mktemp("by-device") / "out"
-    by_devices(line[0], out, workers=1)
+    by_devices(small[0], out, workers=1)
     return read_parts(out).collect().sort("device")
 
 
@@ -356,9 +363,9 @@ run.run_fleet(sys.argv[1], sys.argv[2], workers=1)
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, by_device, tmp_path):
+def test_a_killed_run_goes_on_and_ends_with_the_same_table(small, by_device, tmp_path):
     """Kill −9 at two moments; every device is there once, as in an undisturbed run."""
-    folder, truth = line
+    folder, truth = small
     # Code with callbacks is not kept.
     environment = {**os.environ, "EQX_ON_ERROR": "nan"}
 
@@ -368,7 +375,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_table(line, by_device, tmp_
 
     broken = tmp_path / "broken"
     kills = 0
-    for already in (0, 5):
+    for already in (0, 4):
         process = start(broken)
         deadline = time.monotonic() + 240
         while process.poll() is None and len(list(broken.glob("parts/part-*"))) <= already:
@@ -396,11 +403,11 @@ def test_worker_processes_give_the_same_table(line, whole, tmp_path):
 
 
 @pytest.mark.slow
-def test_killed_dask_workers_leave_the_table_as_it_is(line, by_device, tmp_path):
+def test_killed_dask_workers_leave_the_table_as_it_is(small, by_device, tmp_path):
     """Kill −9 of the only worker while it is at a task."""
     from dask.distributed import LocalCluster
 
-    folder, truth = line
+    folder, truth = small
     broken = tmp_path / "broken"
     killed = []
     with (

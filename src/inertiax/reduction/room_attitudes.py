@@ -54,16 +54,19 @@ class MeanInRoom(NamedTuple):
 
     def of(self, v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """The mean over the plateau, seen in the case, of a vector v of the room."""
-        along = self.axis * float(self.in_room @ v)
-        size = float(self.across @ self.across)
-        if not self.told:
-            return along
-        beside = float(np.cross(self.in_room, self.across) @ v) * np.cross(self.axis, self.mean)
-        return along + (self.mean * float(self.across @ v) + beside) / size
+        return self._matrix() @ v
 
     def of_turned(self, v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
         """The same of e × v for the room's three directions e, as columns."""
-        return np.stack([self.of(np.cross(e, v)) for e in np.eye(3)], axis=1)
+        return self._matrix() @ np.cross(np.eye(3), v).T
+
+    def _matrix(self) -> Float[np.ndarray, "3 3"]:
+        along = np.outer(self.axis, self.in_room)
+        if not self.told:
+            return along
+        beside = np.outer(np.cross(self.axis, self.mean), np.cross(self.in_room, self.across))
+        size = float(self.across @ self.across)
+        return along + (np.outer(self.mean, self.across) + beside) / size
 
 
 class RestsInRoom(NamedTuple):
