@@ -1,7 +1,10 @@
 """Logs of a table with two axes whose angles an encoder writes: rotations by SciPy, the device in NumPy, and no
 function of the package but the one that loads a campaign."""
 
+import functools
+
 import numpy as np
+import polars as pl
 from scipy.spatial.transform import Rotation
 
 from inertiax.data.campaign import load_campaign
@@ -83,6 +86,13 @@ def readings(angles):
     return whole.inv().apply(np.tile([0.0, 0.0, GRAVITY], (len(angles), 1))), rate
 
 
+@functools.cache
+def ideal(turns, outer_turns):
+    """Angles, specific force and rate of a programme."""
+    angles = profile(turns=turns, outer_turns=outer_turns)
+    return angles, *readings(angles)
+
+
 def record(
     folder,
     seed=1,
@@ -99,8 +109,7 @@ def record(
     """A campaign of one log; `lag` rows by which the gyros are late, `by_force` their g-sensitivity, rad/s/(m/s²);
     angles are `held` for so many rows, and start anew at the angle `whole`, deg."""
     rng = np.random.default_rng(seed)
-    angles = profile(turns=turns, outer_turns=outer_turns)
-    force, rate = readings(angles)
+    angles, force, rate = ideal(turns, outer_turns)
     felt = np.concatenate([np.repeat(rate[:1], lag, axis=0), rate[: len(rate) - lag]])
     gyro = felt + felt @ MATRIX.T + BIAS + rng.normal(0.0, NOISE, rate.shape)
     if by_force is not None:
@@ -115,6 +124,6 @@ def record(
     )
     folder.mkdir(exist_ok=True)
     header = HEADER + columns
-    np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    pl.DataFrame(table, header.split(",")).write_csv(folder / "log.csv")
     (folder / "campaign.toml").write_text(CAMPAIGN)
     return load_campaign(folder)

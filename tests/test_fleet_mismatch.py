@@ -132,7 +132,7 @@ def test_the_command_names_what_a_line_has_in_common(tmp_path):
     from inertiax.cli.app import app
 
     folder = tmp_path / "line"
-    fleet_data.write_line(folder, 24, experiments=2, degree=0)
+    fleet_data.write_line(folder, 10, experiments=2, degree=0)
     # The same cubic in every z axis, as of a read-out that the whole line shares.
     for file in folder.glob("*.parquet"):
         table = pl.read_parquet(file)

@@ -45,13 +45,12 @@ CLAIMS = {
 }
 # By the process in which they are read, whose memory the system counts; a start of Python costs more than thirty files.
 TOGETHER = {
-    "text": ("csv", "no_header", "imu_tk", "euroc", "imucal_session", "imucal_sections", "imucal_section_table"),
     "arrays": ("parquet", "hdf5", "matlab_5", "matlab_73"),
-    "flight": ("ulog", "dataflash"),
     "ros": ("ros_1_bag", "ros_2_sqlite", "ros_2_mcap", "ros_2_metadata"),
-    "documents": ("campaign_toml", "campaign_mapping", "scenario_toml", "calibration_json", "noise_json", "truth_json",
-                  "population_json", "fleet_manifest", "fleet_line",
-                  *(name for name in TARGETS if name.startswith("from_"))),
+    "others": ("csv", "no_header", "imu_tk", "euroc", "imucal_session", "imucal_sections", "imucal_section_table",
+               "ulog", "dataflash", "campaign_toml", "campaign_mapping", "scenario_toml", "calibration_json",
+               "noise_json", "truth_json", "population_json", "fleet_manifest", "fleet_line",
+               *(name for name in TARGETS if name.startswith("from_"))),
 }  # fmt: skip
 ATTEMPTS = """
 import json, random, resource, sys, time

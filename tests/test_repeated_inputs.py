@@ -16,21 +16,23 @@ from inertiax.diagnose.selection.lack_of_fit import _rareness
 
 
 RATES = np.radians([5, 11, 17, 29, 41, 60, 79])
+ROWS = 10  # of a plateau
+NOISE = 1e-5 * np.sqrt(ROWS / 30.0)  # of a row: 2e-6 rad/s of a plateau's mean
 MODEL = (np.zeros(3), np.zeros((3, 3)))
 
 
 def plateaus(fringe=0.0, scatter=0.0, *, sets=2, seed=3):
-    """42 rates about three axes, each set in an order of its own, 30 s at 1 Hz each, with noise of 1e-5 rad/s;
-    a fringe of 0.31 rad/s over the rates, and an error of each plateau."""
+    """42 rates about three axes, each set in an order of its own, 10 s at 1 Hz each, with noise of 2e-6 rad/s in
+    a plateau's mean; a fringe of 0.31 rad/s over the rates, and an error of each plateau."""
     rng = np.random.default_rng(seed)
     plan = [(axis, sign * rate) for axis in range(3) for rate in RATES for sign in (1, -1)]
     rate = np.zeros((sets * len(plan), 3))
     for k, j in enumerate(np.concatenate([rng.permutation(len(plan)) for _ in range(sets)])):
         rate[k, plan[j][0]] = plan[j][1]
-    rate = np.repeat(rate * (1.0 + 2e-5 * rng.normal(size=(len(rate), 1))), 30, axis=0)
-    off = np.repeat(scatter * rng.normal(size=(len(rate) // 30, 3)), 30, axis=0)
+    rate = np.repeat(rate * (1.0 + 2e-5 * rng.normal(size=(len(rate), 1))), ROWS, axis=0)
+    off = np.repeat(scatter * rng.normal(size=(len(rate) // ROWS, 3)), ROWS, axis=0)
     gyro = rate + fringe * np.sin(2.0 * np.pi * rate / 0.31) + off
-    gyro += 1e-5 * rng.normal(size=rate.shape)
+    gyro += NOISE * rng.normal(size=rate.shape)
     return rate, Recording(time=np.arange(float(len(rate))), gyro=gyro)
 
 
@@ -64,8 +66,8 @@ def diagnosed(rate, recording):
 
 def by_hand(rate, recording):
     """The chance of Draper and Smith's F for each gyro, from the means of the plateaus by NumPy and SciPy."""
-    inputs = rate.reshape(-1, 30, 3).mean(axis=1)
-    means = (recording.gyro - rate).reshape(-1, 30, 3).mean(axis=1)
+    inputs = rate.reshape(-1, ROWS, 3).mean(axis=1)
+    means = (recording.gyro - rate).reshape(-1, ROWS, 3).mean(axis=1)
     columns = np.c_[np.ones(len(inputs)), inputs]
     left = means - columns @ np.linalg.lstsq(columns, means, rcond=None)[0]
     _, number = np.unique(inputs.round(3), axis=0, return_inverse=True)
@@ -94,7 +96,7 @@ def chances(data):
 def test_the_chance_is_that_of_fisher_s_test_by_replicates(fringe):
     data = plateaus(fringe, 2e-5)
     expected = by_hand(*data)
-    # Plateaus are alike to the noise of their means, (1e-5 / √30)² of (2e-5)²: 1 %. Logarithms of chances.
+    # Plateaus are alike to the noise of their means, (NOISE / √ROWS)² of (2e-5)²: 1 %. Logarithms of chances.
     np.testing.assert_allclose(chances(data), expected, rtol=0.1, atol=0.15)
 
 
