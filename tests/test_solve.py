@@ -29,6 +29,7 @@ def test_cholesky_is_numpys(size):
     tall = rng.normal(size=(3 * size, size))
     matrix = tall.T @ tall
     right = rng.normal(size=(size, 2))
+
     lower = cholesky(jnp.asarray(matrix))
     np.testing.assert_allclose(lower, np.linalg.cholesky(matrix), rtol=1e-10, atol=1e-12)
     for b in (right, right[:, 0]):
@@ -93,18 +94,19 @@ def test_agrees_with_scipy_near_the_solution():
 def test_outcomes_are_data():
     args = _misra1a()
     start = jnp.array([240.0, 5.5e-4])
-    found = least_squares(_decay, start, args)
+    solve = jax.jit(lambda start, args: least_squares(_decay, start, args))
+    found = solve(start, args)
     assert bool(found.succeeded) and found.outcome == "converged"
     out_of_steps = least_squares(_decay, jnp.array([500.0, 1e-4]), args, max_steps=2)
     assert not bool(out_of_steps.succeeded)
     assert bool(out_of_steps.result == optx.RESULTS.nonlinear_max_steps_reached)
     assert "maximum number of steps" in out_of_steps.outcome
     bad = (args[0], args[1].at[3].set(jnp.nan))
-    assert not bool(least_squares(_decay, start, bad).succeeded)
+    assert not bool(solve(start, bad).succeeded)
     # Two parameters that only appear as a sum: rank 1.
     singular = least_squares(lambda p, a: (p[0] + p[1]) * a[0] - a[1], jnp.ones(2), args)
     assert not bool(singular.succeeded)
-    many = jax.vmap(lambda p: least_squares(_decay, p, args))(jnp.stack([start, start]))
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), found)
     with pytest.raises(ValueError, match=r"solution.outcome`: it is of one known solve"):
         many.outcome  # noqa: B018
 
@@ -114,28 +116,43 @@ def test_a_bad_member_does_not_spoil_a_batch():
     time, value = _misra1a()
     values = jnp.stack([value, value.at[0].set(jnp.nan), 1.01 * value])
     solve = lambda v: least_squares(_decay, jnp.array([240.0, 5.5e-4]), (time, v))
-    batch = jax.vmap(solve)(values)
+    batch = jax.jit(jax.vmap(solve))(values)
     assert batch.succeeded.tolist() == [True, False, True]
     # The amplitude scales with the data, the rate does not.
     np.testing.assert_allclose(batch.parameters[2] / batch.parameters[0], [1.01, 1.0], rtol=1e-7)
 
 
+ROWS, STEP = (0, 7, 13), 1e-3
+
+
+def _misra1a_answer(value):
+    start = jnp.array([240.0, 5.5e-4])
+    return least_squares(_decay, start, (_misra1a()[0], value)).parameters
+
+
+@pytest.fixture(scope="module")
+def central_differences():
+    """Of the answer by some rows of Misra1a; all solves in one program."""
+    _, value = _misra1a()
+    moves = STEP * jnp.eye(len(value))[jnp.array(ROWS)]
+    solve = jax.jit(jax.vmap(_misra1a_answer))
+    up, down = jnp.split(solve(jnp.concatenate([value[None] + moves, value[None] - moves])), 2)
+    return np.asarray((up - down).T / (2 * STEP))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("transform", ["jit", "vmap", "reverse"])
-def test_gradient_through_the_solve(transform):
-    time, value = _misra1a()
-    solve = lambda v: least_squares(_decay, jnp.array([240.0, 5.5e-4]), (time, v)).parameters
+def test_gradient_through_the_solve(transform, central_differences):
+    _, value = _misra1a()
     if transform == "jit":
-        jacobian = jax.jit(jax.jacfwd(solve))(value)
+        jacobian = jax.jit(jax.jacfwd(_misra1a_answer))(value)
     elif transform == "vmap":
-        jacobian = jax.vmap(jax.jacfwd(solve))(value[None, :])[0]
+        jacobian = jax.jit(jax.vmap(jax.jacfwd(_misra1a_answer)))(value[None, :])[0]
     else:
-        jacobian = jax.jacrev(solve)(value)
-    for row in (0, 7, 13):
-        step = 1e-3
-        up, down = solve(value.at[row].add(step)), solve(value.at[row].add(-step))
-        # Central differences of step 1e-3 in 50: truncation about (2e-5)^2.
-        np.testing.assert_allclose(jacobian[:, row], (up - down) / (2 * step), rtol=1e-6)
+        jacobian = jax.jit(jax.jacrev(_misra1a_answer))(value)
+    # Central differences of step 1e-3 in 50: truncation about (2e-5)^2.
+    found = np.asarray(jacobian)[:, list(ROWS)]
+    np.testing.assert_allclose(found, central_differences, rtol=1e-6)
 
 
 BATCHES = """
@@ -186,7 +203,8 @@ def test_derivative_of_the_solution_where_two_columns_are_nearly_alike():
     # The derivative solves with the Hessian by its normal equations: rounding times the condition to the fourth.
     bound = 10.0 * condition**4 * np.finfo(float).eps
     assert bound < 0.05
-    for derivative in (jax.jacfwd(solution)(1.3), jax.jacrev(solution)(1.3)):
+    for transform in (jax.jacfwd, jax.jacrev):
+        derivative = jax.jit(transform(solution))(1.3)
         np.testing.assert_allclose(derivative, expected, rtol=bound)
 
 

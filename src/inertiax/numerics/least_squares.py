@@ -11,7 +11,7 @@ from typing import Any
 
 from jaxtyping import Bool, Float, Int
 
-from .._jax import Array, jax, jnp, optx, PyTree
+from .._jax import Array, eqx, jax, jnp, optx, PyTree
 from .._records import Module
 from .._typing import AnyArray
 from ..physics.leaves import is_traced
@@ -90,24 +90,9 @@ def least_squares(
     Parameters are solved for in units of 1/‖J column‖ at the start, about one standard deviation
     each, so that one tolerance serves biases in m/s² and dimensionless scale factors alike.
     """
-    start = jnp.asarray(start)
     # A function of its own in the program, which is traced once however often it is differentiated.
     residual = jax.jit(residual)
-    jacobian = jax.jacfwd(residual)(start, args)
-    squares = jnp.sum(jnp.square(jacobian), axis=0)
-    scale = jax.lax.stop_gradient(
-        jax.lax.rsqrt(jnp.where(squares > 0, squares, jnp.ones_like(squares)))
-    )
-    inner = optx.least_squares(
-        lambda scaled, a: residual(a[0] * scaled, a[1]),
-        gauss_newton() if solver is None else solver,
-        jax.lax.stop_gradient(start) / scale,
-        (scale, args),
-        max_steps=max_steps,
-        adjoint=optx.ImplicitAdjoint(linear_solver=_dense_normal()),
-        throw=False,
-    )
-    parameters = inner.value * scale
+    parameters, inner = _minimise(residual, start, args, solver, max_steps)
     twice = lambda p: (residual(p, args),) * 2  # jacfwd gives the second back as it is
     jacobian, left = jax.jacfwd(twice, has_aux=True)(parameters)
     return Solution(
@@ -117,3 +102,42 @@ def least_squares(
         result=inner.result,
         num_steps=inner.stats["num_steps"],
     )
+
+
+def minimiser(
+    residual: Callable[[Array, PyTree], Float[Array, " rows"]],
+    start: Float[AnyArray, " parameters"],
+    args: PyTree = None,
+) -> Float[Array, " parameters"]:
+    """The parameters of `least_squares` alone: nothing else is traced, which counts inside of an iteration."""
+    return _minimise(jax.jit(residual), start, args, None, 50)[0]
+
+
+def without_derivatives(tree: PyTree) -> PyTree:
+    """The tree as a constant: what is made of it alone is not differentiated in vain."""
+    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
+
+
+def _minimise(
+    residual: Callable[[Array, PyTree], Float[Array, " rows"]],
+    start: Float[AnyArray, " parameters"],
+    args: PyTree,
+    solver: "optx.AbstractLeastSquaresSolver | None",
+    max_steps: int,
+) -> tuple[Float[Array, " parameters"], Any]:
+    start = jax.lax.stop_gradient(jnp.asarray(start))
+    jacobian = jax.jacfwd(residual)(start, without_derivatives(args))
+    squares = jnp.sum(jnp.square(jacobian), axis=0)
+    scale = jax.lax.stop_gradient(
+        jax.lax.rsqrt(jnp.where(squares > 0, squares, jnp.ones_like(squares)))
+    )
+    inner = optx.least_squares(
+        lambda scaled, a: residual(a[0] * scaled, a[1]),
+        gauss_newton() if solver is None else solver,
+        start / scale,
+        (scale, args),
+        max_steps=max_steps,
+        adjoint=optx.ImplicitAdjoint(linear_solver=_dense_normal()),
+        throw=False,
+    )
+    return inner.value * scale, inner

@@ -24,7 +24,7 @@ from .._jax import Array, eqx, jax, jnp, lx, optx
 from .._typing import AnyArray
 from ..estimators import AbstractEstimator, ReferenceAccel, ReferenceGyro
 from ..estimators.base import check_estimator
-from ..numerics.least_squares import least_squares, outcome
+from ..numerics.least_squares import least_squares, minimiser, outcome, without_derivatives
 from ..numerics.linear_algebra import spd_inverse
 from ..numerics.wide_arithmetic import in_64_bits
 from ..physics.leaves import is_traced
@@ -199,8 +199,7 @@ class PaperIteration(AbstractIteration):
         zero = jnp.zeros(self.estimator.num_parameters, curve.coefficients.dtype)
 
         def block4(experiment: Dwells) -> Array:
-            solution = least_squares(_constant_residual, zero, (self.estimator, experiment))
-            return jnp.asarray(solution.parameters)
+            return minimiser(_constant_residual, zero, (self.estimator, experiment))
 
         weights = jnp.asarray(stacked.valid, zero.dtype)
         temperature = jnp.sum(weights * stacked.temperature, axis=1) / jnp.sum(weights, axis=1)
@@ -229,8 +228,8 @@ class GaussNewtonIteration(AbstractIteration):
         curve = Curve(self.basis, jnp.asarray(coefficients))
         refined = _compensated(self.estimator, curve, dwells)
         zero = jnp.zeros(curve.coefficients.size, curve.coefficients.dtype)
-        solution = least_squares(_flat_residual, zero, (self.estimator, self.basis, refined))
-        correction = Curve(self.basis, solution.parameters.reshape(curve.coefficients.shape))
+        found = minimiser(_flat_residual, zero, (self.estimator, self.basis, refined))
+        correction = Curve(self.basis, found.reshape(curve.coefficients.shape))
         nodes = jnp.asarray(self.basis.nodes, zero.dtype)
         composed = jax.vmap(lambda t: self.estimator.compose(curve(t), correction(t)))(nodes)
         return interpolate(self.basis, composed)
@@ -326,10 +325,10 @@ def _iterate(
     from .recorded_iteration import RecordedIteration
 
     estimator, basis = procedure.estimator, procedure.basis
-    first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
-    first = jax.lax.stop_gradient(first)
-    variance = jnp.diagonal(curve_covariance(estimator, Curve(basis, first), dwells))
-    sigma = jax.lax.stop_gradient(jnp.sqrt(variance)).reshape(first.shape)
+    given = without_derivatives((estimator, basis, dwells))
+    first = start_curve(*given) if start is None else jax.lax.stop_gradient(jnp.asarray(start))
+    variance = jnp.diagonal(curve_covariance(given[0], Curve(given[1], first), given[2]))
+    sigma = jnp.sqrt(variance).reshape(first.shape)
     # A singular plan has NaN there; measure steps absolutely then and let the outcome tell.
     sigma = jnp.where(jnp.isfinite(sigma), sigma, jnp.ones_like(sigma))
     solution = optx.fixed_point(
@@ -383,7 +382,8 @@ def _joint_fit(
     start: Float[AnyArray, "size parameters"] | None,
     solver: "optx.AbstractLeastSquaresSolver | None",
 ) -> ThermalSolution:
-    first = start_curve(estimator, basis, dwells) if start is None else jnp.asarray(start)
+    given = without_derivatives((estimator, basis, dwells))
+    first = start_curve(*given) if start is None else jnp.asarray(start)
     solution = least_squares(
         _flat_residual, first.reshape(-1), (estimator, basis, dwells), solver=solver
     )
