@@ -15,19 +15,18 @@ pytestmark = pytest.mark.slow
 
 RUNS = """
 import json
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from inertiax.estimators import Invariant
 from inertiax.physics.error_model import compensate_accel
 from inertiax.physics.temperature import Curve
-from inertiax.procedure.thermal_iterations import GaussNewtonIteration, iterate
+from inertiax.procedure.single_device import iterate_one
 from inertiax.simulate.bench import simulate_dwells, simulate_recordings
 from inertiax.simulate.plan import paper_check, PAPER_GRAVITY, paper_set
 from inertiax.simulate.triad import draw_accelerometers, Device
 
-few = 12  # of each set, and as many at a time as one program solves
+few = 12  # of each set
 runs = 4 * few  # of the first set
 device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0)))
 # The truth's own basis, so that the truth has coefficients to compare with.
@@ -36,32 +35,18 @@ estimator = Invariant(gravity=PAPER_GRAVITY)
 
 def measured(number, count):
     keys = jax.random.split(jax.random.PRNGKey(number), count)
-    return jax.jit(jax.vmap(lambda key: simulate_dwells(key, paper_set(number), device)[0]))(keys)
+    made = jax.jit(jax.vmap(lambda key: simulate_dwells(key, paper_set(number), device)[0]))(keys)
+    return jax.tree.map(np.asarray, made)
 
-def padded(dwells):
-    # To the longest set, so that one program serves all.
-    count, own = dwells.time.shape
-    rows = np.minimum(np.arange(longest), own - 1)
-    real = np.broadcast_to(np.arange(longest) < own, (count, longest))
-    return eqx.tree_at(lambda d: d.valid, jax.tree.map(lambda x: x[:, rows], dwells), jnp.asarray(real))
-
-@jax.jit
-@jax.vmap
-def solve(dwells):
-    solution = iterate(GaussNewtonIteration(estimator, basis), dwells)
-    return solution.curve.coefficients, solution.covariance, solution.succeeded
-
-sets = {number: measured(number, runs if number == 1 else few) for number in (1, 2, 3)}
-longest = max(dwells.time.shape[1] for dwells in sets.values())
+# The passes from the host, as a calibration makes them; `test_procedure.py` compares them with the compiled ones.
 fitted = {}
-for number, dwells in sets.items():
-    sigma = jnp.sqrt(jnp.diagonal(dwells.accel_covariance[:, 0], axis1=1, axis2=2))
+for number, count in ((1, runs), (2, few), (3, few)):
+    dwells = measured(number, count)
+    sigma = np.sqrt(np.diagonal(dwells.accel_covariance[:, 0], axis1=1, axis2=2))
     assert np.allclose(sigma, 1e-5)  # dwell-mean noise, m/s²
-    whole = padded(dwells)
-    parts = [solve(jax.tree.map(lambda x: x[k : k + few], whole)) for k in range(0, len(whole.time), few)]
-    coefficients, covariance, succeeded = (np.concatenate(x) for x in zip(*parts))
-    assert succeeded.all()
-    fitted[number] = coefficients, covariance
+    solved = [iterate_one(estimator, basis, jax.tree.map(lambda x: x[k], dwells)) for k in range(count)]
+    assert all(s.succeeded for s in solved)
+    fitted[number] = [np.stack(x) for x in zip(*((s.curve.coefficients, s.covariance) for s in solved))]
 
 coefficients, covariance = fitted[1]
 error = (coefficients - np.asarray(device.accel.curve.series.coefficients)).reshape(runs, -1)

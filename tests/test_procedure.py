@@ -11,6 +11,7 @@ from inertiax.physics.temperature import CubicSpline, Curve, Polynomial
 from inertiax.procedure import thermal_iterations
 from inertiax.procedure.convergence import convergence_rate, pass_jacobian, rate_warning
 from inertiax.procedure.experiment_sets import ExperimentPass
+from inertiax.procedure.single_device import iterate_one, joint_fit_one
 from inertiax.procedure.thermal_iterations import (
     dwell_residuals,
     GaussNewtonIteration,
@@ -41,6 +42,13 @@ def _dwells(device, number, drift, *, seed=1):
     return simulate_dwells(key, paper_set(number, drift=drift), device)[0]
 
 
+def _passes(procedure, dwells, start=None):
+    """The paper's iteration from the closed-form start or another: one program for both."""
+    if start is None:
+        start = thermal_iterations.start_curve(procedure.estimator, procedure.basis, dwells)
+    return iterate(procedure, dwells, start=start)
+
+
 def _greatest_error(coefficients, device):
     """Greatest error of the curves in m/s² and relative, where every plan has data."""
     grid = jnp.linspace(-50.0, 55.0, 106)
@@ -62,12 +70,18 @@ def test_default_is_as_good_as_the_joint_fit_on_every_plan(drift, number, device
     difference = np.abs(default.curve.coefficients - joint.curve.coefficients) / sigma
     # They weigh the same misfits in frames that differ by Γ, 1e-3 to 1e-2.
     assert np.max(difference) < 0.05
+    # The same passes from the host, which stop at steps of 1e-6 sigma as well.
+    host = iterate_one(ESTIMATOR, BASIS, dwells)
+    assert bool(host.succeeded)
+    apart = (host.curve.coefficients - default.curve.coefficients) / sigma
+    assert np.max(np.abs(apart)) < 1e-5
+    np.testing.assert_allclose(host.covariance, default.covariance, rtol=1e-5)
 
 
 @pytest.mark.slow
 def test_without_noise_the_paper_iteration_finds_the_truth(device):
     dwells = _dwells(device, 2, "centred", seed=None)
-    solution = iterate(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
+    solution = _passes(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
     assert bool(solution.succeeded)
     bias, matrix = _greatest_error(solution.curve.coefficients, device)
     assert bias < 1e-9 and matrix < 1e-9
@@ -79,7 +93,7 @@ def test_without_noise_the_paper_iteration_finds_the_truth(device):
 @pytest.mark.slow
 def test_two_iterations_reach_the_noise_floor_at_4_degrees(device):
     dwells = _dwells(device, 2, "centred")
-    solution = iterate(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
+    solution = _passes(PaperIteration.plan(ESTIMATOR, BASIS, dwells), dwells)
     after_two, converged = solution.history[3], solution.curve.coefficients
     sigma = np.sqrt(np.diagonal(solution.covariance)).reshape(7, 9)
     assert np.max(np.abs(after_two - converged) / sigma) < 1.0
@@ -96,7 +110,7 @@ def test_predicted_rate_is_the_observed_rate(number, rate_range, device):
     rate = convergence_rate(procedure, truth, dwells)
     assert rate_range[0] < rate.radius < rate_range[1]
     off = truth + 1e-6 * jnp.asarray(np.random.default_rng(0).normal(size=truth.shape))
-    solution = iterate(procedure, dwells, start=off, max_iterations=20, tolerance=1e-12)
+    solution = _passes(procedure, dwells, start=off)
     steps = np.asarray(solution.step_sizes)[5:]
     steps = steps[(steps > 1e-5) & (steps < 1e3)]
     assert len(steps) >= 5
@@ -108,7 +122,7 @@ def test_predicted_rate_is_the_observed_rate(number, rate_range, device):
 def test_divergent_plan_is_predicted_and_named(device):
     dwells = _dwells(device, 1, "alternating")
     procedure = PaperIteration.plan(ESTIMATOR, BASIS, dwells)
-    solution = iterate(procedure, dwells)
+    solution = _passes(procedure, dwells)
     assert not bool(solution.succeeded)
     answer = joint_fit(ESTIMATOR, BASIS, dwells).curve.coefficients
     rate = convergence_rate(procedure, answer, dwells)
@@ -132,8 +146,12 @@ def test_divergent_plan_is_predicted_and_named(device):
 def test_spline_temperature_model_recovers_the_truth(device):
     dwells = _dwells(device, 2, "centred", seed=None)
     basis = CubicSpline(tuple(np.linspace(-57.0, 62.0, 9)))
-    solution = iterate(GaussNewtonIteration(ESTIMATOR, basis), dwells)
+    solution = iterate_one(ESTIMATOR, basis, dwells)
     assert bool(solution.succeeded)
+    # A fixed point of the compiled pass as well.
+    found = jnp.asarray(solution.curve.coefficients)
+    again = eqx.filter_jit(GaussNewtonIteration(ESTIMATOR, basis).refine)(found, dwells)
+    np.testing.assert_allclose(again, found, rtol=0.0, atol=1e-9)
     grid = jnp.linspace(-50.0, 55.0, 106)
     error = jax.vmap(solution.curve)(grid) - jax.vmap(device.accel.curve)(grid)
     # A natural spline with 15 °C between knots cannot be exact; 1e-5 m/s² and 1 ppm is its error here.
@@ -157,11 +175,13 @@ def test_gyros_go_through_the_same_procedure():
 @pytest.mark.slow
 def test_padding_changes_nothing(device):
     dwells = _dwells(device, 1, "centred")
-    rows = np.concatenate([np.arange(dwells.num_dwells), np.zeros(7, int)])
-    padded = dwells[rows]
-    valid = np.arange(len(rows)) < dwells.num_dwells
+    # As many rows as without, so that no other program is needed; the host fits the fewer.
+    own = dwells.num_dwells - 7
+    padded = dwells[np.concatenate([np.arange(own), np.zeros(7, int)])]
+    valid = np.arange(dwells.num_dwells) < own
     padded = eqx.tree_at(lambda d: d.valid, padded, jnp.asarray(valid))
-    plain, with_padding = joint_fit(ESTIMATOR, BASIS, dwells), joint_fit(ESTIMATOR, BASIS, padded)
+    with_padding = joint_fit(ESTIMATOR, BASIS, padded)
+    plain = joint_fit_one(ESTIMATOR, BASIS, dwells[:own])
     np.testing.assert_allclose(
         with_padding.curve.coefficients, plain.curve.coefficients, rtol=1e-9, atol=1e-13
     )
@@ -196,7 +216,7 @@ def test_whitened_residuals_have_unit_variance(device):
 
 def _answer(estimator, dwells):
     return thermal_iterations.iterate(
-        GaussNewtonIteration(estimator, BASIS), dwells, tolerance=1e-9
+        GaussNewtonIteration(estimator, Polynomial(2, -70.0, 75.0)), dwells, tolerance=1e-9
     ).curve.coefficients
 
 
@@ -214,8 +234,10 @@ STEPS = {"accel": 1e-4, "temperature": 1e-2, "gravity": 1e-4}
 
 # Those of the joint fit are compared in `test_sensitivity.py`; in reverse and under vmap in `test_solve.py`.
 @pytest.mark.slow
-def test_derivatives_of_the_answer_are_finite_differences(device):
-    dwells = _dwells(device, 1, "centred")
+def test_derivatives_of_the_answer_are_finite_differences():
+    device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=2))
+    plan = paper_set(1, temperatures=(-55.0, -25.0, 5.0, 35.0, 60.0))
+    dwells = simulate_dwells(jax.random.PRNGKey(1), plan, device)[0]
     answer = lambda steps: _answer(*_perturbed(dwells, steps))
     # One program for values and derivatives along any direction.
     run = lambda steps, tangent: jax.jvp(answer, (steps,), (tangent,))
