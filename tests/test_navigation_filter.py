@@ -198,21 +198,47 @@ def test_smoother_is_batch_least_squares(calibration, resting, free, rested):
 # What goes through it -----------------------------------------------------------------------------
 
 
-def _likelihood(white, start, data, fixes, valid, calibration):
-    noise = navigation.ImuNoise(
-        navigation.TriadNoise(white=white, walk=2e-5), navigation.TriadNoise(4e-5, walk=1e-6)
-    )
-    filter_ = navigation.Filter(
-        calibration, "*.bias", noise=noise, frame=FRAME, samples=SAMPLES, thermal=False
-    )
-    return filter_.run(start, data, [navigation.Position(fixes, 0.1, valid)]).log_likelihood
+WHITE, APART, MORE = 3e-3, 1e-5, 1e-3
+
+
+@pytest.fixture(scope="module")
+def many(calibration, resting, biases):
+    """Last height and likelihood, their slopes by the accelerometers' noise and outputs, and the last position.
+
+    Of runs with the stated noise, with `MORE` m/s² on all outputs as well, and with other noises: one program.
+    """
+    attitude, data, fixes, valid = resting
+    start = biases.start(attitude, np.zeros(3), np.zeros(3), **SIGMAS)
+
+    def told(white, accel):
+        noise = navigation.ImuNoise(
+            navigation.TriadNoise(white=white, walk=2e-5), navigation.TriadNoise(4e-5, walk=1e-6)
+        )
+        filter_ = navigation.Filter(
+            calibration, "*.bias", noise=noise, frame=FRAME, samples=SAMPLES, thermal=False
+        )
+        changed = eqx.tree_at(lambda d: d.accel, data, accel)
+        track = filter_.run(start, changed, [navigation.Position(fixes, 0.1, valid)])
+        position = track.last.estimate.navigation.position
+        both = jnp.stack([position[2], track.log_likelihood])
+        return both, (both, position)
+
+    def one(white, accel):
+        (by_noise, by_outputs), (both, position) = jax.jacrev(told, (0, 1), has_aux=True)(
+            white, accel
+        )
+        return both, by_noise, by_outputs, position
+
+    white = np.array([6e-4, 6e-4, WHITE, WHITE + APART, WHITE - APART])
+    accel = np.stack([data.accel, data.accel + MORE, *[data.accel] * 3])
+    return [np.asarray(x) for x in jax.jit(jax.vmap(one))(white, accel)]
 
 
 @pytest.mark.slow
 def test_likelihood_is_the_innovations_and_has_a_gradient_by_the_noise(
-    calibration, resting, biases, rested, free
+    calibration, resting, rested, free, many
 ):
-    attitude, data, fixes, valid = resting
+    _, _, fixes, valid = resting
     f, q, h = _discrete(resting)
     x, p, total = np.zeros(21), _prior(calibration), 0.0
     for row in range(SEGMENTS):
@@ -224,38 +250,23 @@ def test_likelihood_is_the_innovations_and_has_a_gradient_by_the_noise(
             k = p @ h.T @ np.linalg.inv(s)
             x, p = x + k @ y, (np.eye(21) - k @ h) @ p
     assert float(rested.log_likelihood) == pytest.approx(total, abs=0.02)
-    start = biases.start(attitude, np.zeros(3), np.zeros(3), **SIGMAS)
-    loss = lambda white: _likelihood(white, start, data, fixes, valid, calibration)
-    run = jax.jit(jax.value_and_grad(loss))
-    white, h = 3e-3, 1e-5
-    value, slope = run(white)
-    up, down = run(white + h)[0], run(white - h)[0]
+    assert many[0][0, 1] == pytest.approx(float(rested.log_likelihood), abs=1e-9)
+    (value, up, down), slope = many[0][2:, 1], many[1][2, 1]
     assert np.isfinite(value)
     # Central differences: third derivatives by h², rounding 1e-13 of the value by 1/h.
-    assert float(slope) == pytest.approx(float(up - down) / (2 * h), rel=1e-4)
+    assert slope == pytest.approx((up - down) / (2 * APART), rel=1e-4)
 
 
 @pytest.mark.slow
-def test_runs_go_through_vmap_and_gradients_through_the_outputs(resting, biases, rested):
-    attitude, data, fixes, valid = resting
-
-    def last(accel, fixes):
-        changed = eqx.tree_at(lambda d: d.accel, data, accel)
-        start = biases.start(attitude, np.zeros(3), np.zeros(3), **SIGMAS)
-        track = biases.run(start, changed, [navigation.Position(fixes, 0.1, valid)])
-        return track.last.estimate.navigation.position
-
-    many = jax.jit(jax.vmap(last))(
-        np.stack([data.accel, data.accel + 1e-3]), np.stack([fixes, fixes])
-    )
+def test_runs_go_through_vmap_and_gradients_through_the_outputs(rested, many):
+    _, _, by_outputs, position = many
     alone = rested.last.estimate.navigation.position
-    np.testing.assert_allclose(many[0], alone, atol=1e-12)
-    height = jax.jit(jax.grad(lambda a: last(a, fixes)[2]))
-    slope = height(jnp.asarray(data.accel))
+    np.testing.assert_allclose(position[0], alone, atol=1e-12)
+    slope = by_outputs[0, 0]
     assert np.all(np.isfinite(slope))
-    moved = float(many[1][2] - many[0][2])
+    moved = float(position[1, 2] - position[0, 2])
     # The response to 1 mm/s² on all samples is linear to its 1e-3 relative size.
-    assert float(jnp.sum(slope)) * 1e-3 == pytest.approx(moved, rel=1e-3)
+    assert np.sum(slope) * MORE == pytest.approx(moved, rel=1e-3)
 
 
 @pytest.mark.slow
