@@ -35,6 +35,11 @@ ARCSEC = np.deg2rad(1.0 / 3600.0)
 RUNS = 400
 
 
+def _clean(plan, device):
+    """Dwells without noise and their truth, made by one program."""
+    return jax.jit(lambda: simulate_dwells(None, plan, device))()
+
+
 class Bench:
     """Dwells of one plan with a single thing wrong, each by its own physics, not by `sources`."""
 
@@ -42,7 +47,7 @@ class Bench:
         self.device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=1))
         self.basis = self.device.accel.curve.series.basis
         self.plan = paper_set(1, temperatures=(-55.0, 5.0, 60.0))
-        self.clean, self.truth = simulate_dwells(None, self.plan, self.device)
+        self.clean, self.truth = _clean(self.plan, self.device)
 
     def run(self, key, density=0.0, probe=0.0, angles=0.0, gravity=PAPER_GRAVITY):
         """Outputs and temperatures of the bench; one program for all figures."""
@@ -73,7 +78,8 @@ class Bench:
 
     def axes(self):
         angles = jnp.tile(jnp.asarray(self.plan.programme.angles), (3, 1))
-        attitudes = jax.vmap(self.plan.table.attitude)(angles[:, 0], angles[:, 1])
+        attitude = jax.jit(jax.vmap(self.plan.table.attitude))
+        attitudes = attitude(angles[:, 0], angles[:, 1])
         return sources.table_axes(attitudes, self.plan.table.outer_axis, self.plan.table.inner_axis)
 
     def truth_for(self, estimator):
@@ -226,7 +232,7 @@ def test_table_rate_is_a_common_gyro_scale_factor():
     plan = paper_set(
         3, temperatures=(-20.0, 20.0, 60.0), turns=turns_about_three_axes(float(np.deg2rad(30.0)))
     )
-    dwells, _ = simulate_dwells(None, plan, device)
+    dwells, _ = _clean(plan, device)
     estimator = ReferenceGyro(gravity=PAPER_GRAVITY, g_sensitivity=True)
     curve = device.gyro.curve.series  # without noise the answer is the truth
     made = [sources.table_rate(5e-6), sources.output_noise()]
@@ -301,7 +307,7 @@ def test_influence_of_a_straight_line_by_hand():
 
 def test_reference_estimator_puts_mounting_into_the_matrix():
     device = Device(accel=draw_accelerometers(jax.random.PRNGKey(0), degree=1))
-    dwells, _ = simulate_dwells(None, paper_set(3, temperatures=(0.0, 30.0, 60.0)), device)
+    dwells, _ = _clean(paper_set(3, temperatures=(0.0, 30.0, 60.0)), device)
     estimator = ReferenceAccel()
     own = device.accel.curve.series
     curve = Curve(own.basis, jnp.asarray(_full(np.asarray(own.coefficients))))

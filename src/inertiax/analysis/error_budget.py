@@ -237,8 +237,7 @@ def source_derivatives(
     """Derivative of the coefficients by each source's draws, in standard deviations; pure, see `error_budget`."""
     dwells = estimator.usable(dwells)
     scene = make_scene(estimator, curve, dwells)
-    hessian, mixed = _second_derivatives(estimator, curve, dwells)
-    inverse = spd_inverse(hessian)
+    inverse, mixed = _second_derivatives(estimator, curve, dwells)
 
     def derivative(source: Source) -> Array:
         # A disturbance reaches its own dwell only: by chain rule dwell by dwell, summed over a draw's dwells.
@@ -246,7 +245,7 @@ def source_derivatives(
         each = jnp.einsum("nuk,nkw->nuw", mixed, felt)
         groups, count = _groups(source, dwells)
         rows = jax.ops.segment_sum(each, groups, count)
-        flat = jnp.moveaxis(rows, 1, 0).reshape(len(hessian), -1)
+        flat = jnp.moveaxis(rows, 1, 0).reshape(len(inverse), -1)
         return -inverse @ flat
 
     return tuple(derivative(s) for s in sources)
@@ -265,7 +264,7 @@ def _columns(dwells: Dwells) -> _Columns:
 def _second_derivatives(
     estimator: AbstractEstimator, curve: Curve, dwells: Dwells
 ) -> tuple[Float[Array, "unknowns unknowns"], Float[Array, "dwells unknowns columns"]]:
-    """∂²f/∂C² of f = ½ ‖r‖², and what each dwell's columns x add: ∂²f/∂C∂x, x as in `_columns`."""
+    """(∂²f/∂C²)⁻¹ of f = ½ ‖r‖², and what each dwell's columns x add: ∂²f/∂C∂x, x as in `_columns`."""
 
     def one(dwell: Dwells) -> tuple[Array, Array, Array]:
         def half_chi2(vector: Array, columns: _Columns) -> Array:
@@ -292,7 +291,7 @@ def _second_derivatives(
     phis, hessians, mixed = jax.vmap(one)(dwells)
     unknowns = jnp.size(curve.coefficients)
     hessian = jnp.einsum("na,nb,nij->aibj", phis, phis, hessians).reshape(unknowns, unknowns)
-    return hessian, mixed
+    return spd_inverse(hessian), mixed
 
 
 def _column_slopes(
