@@ -178,7 +178,9 @@ def _simulated(programme, device, runs):
     keys = jax.random.split(jax.random.PRNGKey(1), runs)
     accel = jax.jit(jax.vmap(lambda key: simulate_dwells(key, plan, device)[0].accel))(keys)
     start = Curve(Constant(), device.accel.curve(20.0)[None])
-    return refitted(ESTIMATOR, start, clean, accel, np.tile(clean.temperature, (runs, 1)))[:, 0]
+    temperature = np.tile(clean.temperature, (runs, 1))
+    # From the truth one step is as good as two: they differ by 2e-5 standard deviations.
+    return refitted(ESTIMATOR, start, clean, accel, temperature, steps=1)[:, 0]
 
 
 @pytest.mark.slow
