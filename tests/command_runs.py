@@ -1,11 +1,18 @@
-"""Commands run in this process: status, standard output and error."""
+"""Commands run in this process: status, standard output and error.
+
+Here they draw their figures themselves: a process of its own would import matplotlib anew, for half a second each.
+"""
 
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from inertiax.cli import main
+
+
+ASIDE = "inertiax.plots.figure_workers.drawn_aside"
 
 
 def place(folder: Path, files: dict) -> None:
@@ -23,6 +30,7 @@ def run_in(arguments: str, folder: Path, capfd, monkeypatch) -> tuple[int, str, 
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     filled = [a.replace("@", f"{folder}/", 1) if a[0] == "@" else a for a in arguments.split()]
     monkeypatch.setattr(sys, "argv", ["inertiax", *filled])
+    monkeypatch.setattr(ASIDE, lambda module, *, several: nullcontext())
     monkeypatch.chdir(folder)
     with pytest.raises(SystemExit) as exit:
         main(filled)
@@ -36,6 +44,7 @@ def run(capsys, monkeypatch, *arguments) -> tuple[int, str, str]:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     arguments = [str(a) for a in arguments]
     monkeypatch.setattr(sys, "argv", ["inertiax", *arguments])
+    monkeypatch.setattr(ASIDE, lambda module, *, several: nullcontext())
     with pytest.raises(SystemExit) as exit:
         main(arguments)
     said = capsys.readouterr()

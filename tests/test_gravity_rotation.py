@@ -343,8 +343,6 @@ def test_errors_are_what_the_covariance_says():
         error = np.asarray(solution.curve.coefficients[0]) - _vector(truth)
         alone.append(error @ np.linalg.solve(np.asarray(solution.covariance), error))
         tilts.append(float(np.sum(np.square(solution.residuals[:, 3:]))))
-        if seed % 2:  # the joint bounds are told on half of the runs
-            continue
         bias, lower = rng.normal(0.0, 0.1, 3), np.tril(rng.normal(0.0, 0.01, (3, 3)))
         raw = recording.accel @ (np.eye(3) + lower).T + bias
         recording = eqx.tree_at(lambda r: r.accel, recording, raw)
@@ -355,8 +353,8 @@ def test_errors_are_what_the_covariance_says():
         joint.append(error @ np.linalg.solve(found.covariance, error))
 
     def within(values, freedom, low=4.0, high=3.0):
-        """The mean of χ² over runs, whose sigma is √(2 freedom / runs); a variance wrong by 40 % is outside."""
-        sigma = np.sqrt(2.0 * freedom / len(values))
+        """The mean of χ² over the runs, whose sigma is √(2 freedom / runs); a variance wrong by 40 % is outside."""
+        sigma = np.sqrt(2.0 * freedom / runs)
         return freedom - low * sigma < np.mean(values) < freedom + high * sigma
 
     # The scatter of the bias is never estimated below zero, which makes sigmas a little too large.

@@ -90,8 +90,6 @@ def least_squares(
     Parameters are solved for in units of 1/‖J column‖ at the start, about one standard deviation
     each, so that one tolerance serves biases in m/s² and dimensionless scale factors alike.
     """
-    # A function of its own in the program, which is traced once however often it is differentiated.
-    residual = jax.jit(residual)
     parameters, inner = _minimise(residual, start, args, solver, max_steps)
     twice = lambda p: (residual(p, args),) * 2  # jacfwd gives the second back as it is
     jacobian, left = jax.jacfwd(twice, has_aux=True)(parameters)
@@ -110,7 +108,7 @@ def minimiser(
     args: PyTree = None,
 ) -> Float[Array, " parameters"]:
     """The parameters of `least_squares` alone: nothing else is traced, which counts inside of an iteration."""
-    return _minimise(jax.jit(residual), start, args, None, 50)[0]
+    return _minimise(residual, start, args, None, 50)[0]
 
 
 def without_derivatives(tree: PyTree) -> PyTree:
