@@ -11,6 +11,7 @@ from command_runs import run
 from fleet_data import write_line
 from inertiax.fleet import run_fleet
 from inertiax.fleet.store import read_manifest, read_parts
+from inertiax.plots.style import Forms
 from protocol_cases import write_campaign
 
 
@@ -19,24 +20,26 @@ def rows(folder):
 
 
 @pytest.fixture(scope="module")
-def line(tmp_path_factory):
-    """Six devices in three files, and their results."""
+def made(tmp_path_factory):
+    """Six devices in three files, and their results, with a copy of both."""
     home = tmp_path_factory.mktemp("line")
-    write_line(home / "line", 6, files=3)
+    write_line(home / "line", 6, files=3, experiments=2)
     run_fleet(home / "line", home / "out")
+    shutil.copytree(home, home / "first")
     return home
 
 
-def copied(line, folder):
-    shutil.copytree(line, folder, dirs_exist_ok=True)
-    # The plan names files by their place, so the run has to be made there.
-    shutil.rmtree(folder / "out")
-    run_fleet(folder / "line", folder / "out")
-    return folder / "line", folder / "out"
+@pytest.fixture
+def line(made):
+    """As they were first, where they were first: the plan names files by their place."""
+    for name in ("line", "out"):
+        shutil.rmtree(made / name)
+        shutil.copytree(made / "first" / name, made / name)
+    return made / "line", made / "out"
 
 
 def test_devices_of_other_files_keep_their_results(line, tmp_path):
-    source, out = copied(line, tmp_path)
+    source, out = line
     before = rows(out)
     table = pl.read_parquet(source / "line-1.parquet")
     changed = table.get_column("device").unique().to_list()
@@ -65,7 +68,7 @@ def test_devices_of_other_files_keep_their_results(line, tmp_path):
 
 
 def test_new_devices_are_added_and_those_that_are_gone_are_left_out(line, tmp_path):
-    source, out = copied(line, tmp_path)
+    source, out = line
     (source / "line-2.parquet").rename(tmp_path / "line-2.parquet")
     found = run_fleet(source, out)
     assert (found.devices_before, found.devices) == (4, 4)
@@ -74,8 +77,8 @@ def test_new_devices_are_added_and_those_that_are_gone_are_left_out(line, tmp_pa
     assert (found.devices_before, found.devices, found.calibrated) == (4, 6, 6)
 
 
-def test_other_settings_keep_nothing(line, tmp_path):
-    source, out = copied(line, tmp_path)
+def test_other_settings_keep_nothing(line):
+    source, out = line
     before = rows(out)
     text = (source / "campaign.toml").read_text()
     (source / "campaign.toml").write_text(f"{text}\n[rig]\ntemperature_uncertainty = 0.5\n")
@@ -89,6 +92,9 @@ def test_other_settings_keep_nothing(line, tmp_path):
 def test_a_folder_of_campaigns_is_calibrated_anew_where_it_changed_and_says_so(
     tmp_path, capsys, monkeypatch
 ):
+    # The page and what it says are made; nobody looks at its figures.
+    undrawn = Forms("<svg ></svg>", b"", 1.0)
+    monkeypatch.setattr("inertiax.report.page.both_forms", lambda figure: undrawn)
     for k in range(3):
         write_campaign(tmp_path / "line" / f"unit-{k}")
         table = pl.read_csv(tmp_path / "line" / f"unit-{k}" / "0.csv")
@@ -97,7 +103,7 @@ def test_a_folder_of_campaigns_is_calibrated_anew_where_it_changed_and_says_so(
         )
         shifted.write_csv(tmp_path / "line" / f"unit-{k}" / "0.csv")
     command = ["fleet", tmp_path / "line", "-o", tmp_path / "out"]
-    assert run(capsys, monkeypatch, *command, "-q")[0] == 0
+    run_fleet(tmp_path / "line", tmp_path / "out")
     before = rows(tmp_path / "out")
     file = tmp_path / "line" / "unit-1" / "0.csv"
     table = pl.read_csv(file)
