@@ -13,6 +13,7 @@ from inertiax.physics.temperature import Constant
 
 GRAVITY = 9.81
 DEVICES, DWELLS = 40, 24
+STEP = 1e-4  # m/s², of gravity
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +39,11 @@ def found(made):
     )
     estimators = {"accel": ix.Invariant(gravity=GRAVITY), "gyro": ix.ReferenceGyro(gravity=GRAVITY)}
     return ix.fit(dwells, **estimators)
+
+
+@pytest.fixture(scope="module")
+def table(found):
+    return ix.derivatives(found, [ix.sources.gravity(STEP), ix.sources.output_noise()])
 
 
 @pytest.mark.slow
@@ -88,14 +94,12 @@ def test_positions_that_do_not_determine_the_model_do_not_succeed(made):
 
 
 @pytest.mark.slow
-def test_derivatives_by_gravity_are_those_of_solving_again(made, found):
-    step = 1e-4
-    table = ix.derivatives(found, [ix.sources.gravity(step), ix.sources.output_noise()])
+def test_derivatives_by_gravity_are_those_of_solving_again(made, found, table):
     assert table.by_source[0].shape == (DEVICES, 21, 1)
     dwells = ix.Dwells.from_arrays(made[0], sigma=1e-4)
     ends = [
         ix.fit(dwells, accel=ix.Invariant(gravity=GRAVITY + s)).calibration.coefficients
-        for s in (step, -step)
+        for s in (STEP, -STEP)
     ]
     # The true g being larger than stated is the stated one being smaller.
     np.testing.assert_allclose(
@@ -110,11 +114,10 @@ def test_derivatives_by_gravity_are_those_of_solving_again(made, found):
 
 
 @pytest.mark.slow
-def test_derivatives_are_mapped_over_devices(found):
-    sources = [ix.sources.gravity(1e-4)]
-    whole = ix.derivatives(found, sources)
+def test_derivatives_are_mapped_over_devices(found, table):
+    sources = [ix.sources.gravity(STEP)]
     mapped = jax.jit(jax.vmap(lambda f: ix.derivatives(f, sources)))(found)
-    np.testing.assert_allclose(mapped.by_source[0], whole.by_source[0], rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(mapped.by_source[0], table.by_source[0], rtol=1e-8, atol=1e-12)
 
 
 def test_derivatives_need_no_lapack(found):
