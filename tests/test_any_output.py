@@ -1,12 +1,14 @@
 """Standard output of any encoding takes results; names in files steer no terminal, wherever they are shown."""
 
 import ast
+import contextlib
 import io
 import json
 import os
 import pty
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import msgspec
@@ -17,6 +19,7 @@ from rich.table import Table
 
 import inertiax
 from bad_inputs_cases import CSV, TABLE, TOML
+from command_runs import ASIDE
 from inertiax.cli import console, main
 from inertiax.cli.streams import AnyText
 from inertiax.data.campaign import load_campaign
@@ -86,41 +89,40 @@ def test_no_escape_sequence_passes_where_text_is_written(capsys):
         assert all(c.isprintable() or c == "\n" for c in text)
 
 
-COMMANDS = """
-import json, sys
-from inertiax.cli import main
-for arguments in json.loads(sys.argv[1]):
-    try:
-        main(arguments)
-    except SystemExit as end:
-        assert not end.code
-"""
-
-
-def seen_on_a_terminal(commands: list[list[str]]) -> str:
+def seen_on_a_terminal(commands: list[list[str]], monkeypatch) -> str:
     """What commands write to a terminal, standard output and error together."""
     ours, theirs = pty.openpty()
-    run = subprocess.Popen(
-        [sys.executable, "-c", COMMANDS, json.dumps(commands)], stdout=theirs, stderr=theirs
-    )
-    os.close(theirs)
-    seen = b""
-    while True:
-        try:
-            piece = os.read(ours, 4096)
-        except OSError:  # the other side is closed
-            break
-        seen += piece
-    run.wait(240)
+    seen: list[bytes] = []
+
+    def read() -> None:
+        with contextlib.suppress(OSError):  # the other side is closed
+            while piece := os.read(ours, 4096):
+                seen.append(piece)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    with open(theirs, "w", encoding="utf-8") as screen, monkeypatch.context() as set_here:
+        set_here.setattr(sys, "stdout", screen)
+        set_here.setattr(sys, "stderr", screen)
+        for arguments in commands:
+            with pytest.raises(SystemExit) as end:
+                main(arguments)
+            assert not end.value.code
+    reader.join(60)
     os.close(ours)
-    return seen.decode()
+    return b"".join(seen).decode()
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="terminals of POSIX")
-def test_a_device_of_escape_sequences_steers_no_terminal(tmp_path, capfd):
+def test_a_device_of_escape_sequences_steers_no_terminal(tmp_path, capfd, monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(ASIDE, lambda module, *, several: contextlib.nullcontext())
     folder, names = str(campaign(tmp_path / "c", EVIL)), ("calibrate", "fleet")
-    seen = seen_on_a_terminal([[name, folder, "-o", str(tmp_path / name)] for name in names])
+    asked = [[name, folder, "-o", str(tmp_path / name)] for name in names]
+    seen = seen_on_a_terminal(asked, monkeypatch)
+    assert "\x1b[" in seen  # as on a terminal
     for name in names:
         assert f"{name}/report.html" in seen
     for sequence in ("\x1b]", "\x07", "\x1b[2J", "\u202e", "\x9b"):
