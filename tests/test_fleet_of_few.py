@@ -9,10 +9,9 @@ import msgspec
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
 
+from command_runs import run
 from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREAD
-from inertiax.cli.app import app
 from inertiax.cli.next_step import after_fleet
 from inertiax.cli.outputs import folder_names
 from inertiax.fleet.overview.view import triad_view
@@ -123,22 +122,21 @@ def test_files_that_are_not_there_are_not_listed(few):
 
 
 @pytest.mark.slow
-def test_explain_says_how_many_devices_it_needs(tmp_path):
+def test_explain_says_how_many_devices_it_needs(tmp_path, capsys, monkeypatch):
     write_line(tmp_path / "line")
-    run = CliRunner().invoke(
-        app, ["fleet", str(tmp_path / "line"), "-o", str(tmp_path / "run"), "--explain"]
-    )
-    assert run.exit_code == 0, run.output
+    asked = ("fleet", tmp_path / "line", "-o", tmp_path / "run", "--explain")
+    status, told, err = run(capsys, monkeypatch, *asked)
+    assert status == 0, err
     said = "--explain compares devices, and needs 8 that are calibrated; here are 2."
-    assert said in run.output
+    assert said in told + err
     page = (tmp_path / "run" / "report.html").read_text("utf-8")
     assert said in re.sub(r"<[^>]+>", "", page)
-    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation (U2)." in run.output
+    assert "Fit by the rule of `calibrate`: 1 good, 1 usable with a reservation (U2)." in told + err
     summary = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))
     assert summary["fits"] == {"good": 1, "usable": 1, "doubtful": 0}
     for device in ("U1", "U2"):
-        command = ["fleet", ".", "-o", str(tmp_path / "run"), "--device", device]
-        assert CliRunner().invoke(app, command).exit_code == 0
+        alone = ("fleet", ".", "-o", tmp_path / "run", "--device", device)
+        assert run(capsys, monkeypatch, *alone)[0] == 0
     units = {
         device: _rows(tmp_path / "run" / "devices" / f"{device}.html") for device in ("U1", "U2")
     }

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from bad_inputs_cases import TABLE, TOML
-from inertiax.cli import main
+from command_runs import run
 from inertiax.fleet import read_parts
 from inertiax.storage.ownership import owned
 
@@ -28,22 +28,14 @@ def line(folder, tables: dict[str, pl.DataFrame]):
     return folder
 
 
-def run(capfd, *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit:
-        main([*map(str, arguments)])
-    said = capfd.readouterr()
-    return int(exit.value.code or 0), said.out, said.err
-
-
 @pytest.mark.slow
 def test_a_fleet_of_which_nothing_was_calibrated_fails_and_says_why(tmp_path, capfd, monkeypatch):
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     aside = lambda estimator, basis, fit, temperature, alone=True: (
         ("accel: 12 of 20 dwells disagree",) * len(fit.parameters)
     )
     monkeypatch.setattr("inertiax.fleet.rows.judge", aside)
     folder = line(tmp_path / "line", {f"D{k}": TABLE for k in range(3)})
-    status, out, err = run(capfd, "fleet", folder, "-o", tmp_path / "out", "--json")
+    status, out, err = run(capfd, monkeypatch, "fleet", folder, "-o", tmp_path / "out", "--json")
     assert status == 1
     assert (
         err.startswith("inertiax: none of 3 devices was calibrated: 3 × ") and err.count("\n") == 1
@@ -55,21 +47,20 @@ def test_a_fleet_of_which_nothing_was_calibrated_fails_and_says_why(tmp_path, ca
 @pytest.mark.slow
 def test_scores_asked_for_a_second_time_are_those_of_the_first(tmp_path, capfd, monkeypatch):
     """Whole numbers of an effect's settings came back from the manifest as floats, which index nothing."""
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     folder = line(tmp_path / "line", {f"D{k}": TABLE for k in range(9)})
     ask = ("fleet", folder, "-o", tmp_path / "out", "--explain", "-q")
-    assert run(capfd, *ask)[0] == 0
+    assert run(capfd, monkeypatch, *ask)[0] == 0
     first = read_parts(tmp_path / "out").collect()
     for file in (tmp_path / "out" / "parts").iterdir():
         file.unlink()
-    status, _, err = run(capfd, *ask)
+    status, _, err = run(capfd, monkeypatch, *ask)
     assert (status, err) == (0, "")
     assert read_parts(tmp_path / "out").collect().equals(first)
     assert (tmp_path / "out" / "line.json").exists()
 
 
 @pytest.mark.slow
-def test_of_two_fleets_into_one_folder_one_is_refused_in_a_line(tmp_path, capfd):
+def test_of_two_fleets_into_one_folder_one_is_refused_in_a_line(tmp_path, capfd, monkeypatch):
     folder = line(tmp_path / "line", {"A": TABLE})
     code = (
         "import sys\nfrom pathlib import Path\nfrom inertiax.storage.ownership import owned\n"
@@ -78,7 +69,7 @@ def test_of_two_fleets_into_one_folder_one_is_refused_in_a_line(tmp_path, capfd)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "out")], **pipes) as first:
         assert first.stdout.readline() == "mine\n"
-        status, out, err = run(capfd, "fleet", folder, "-o", tmp_path / "out")
+        status, out, err = run(capfd, monkeypatch, "fleet", folder, "-o", tmp_path / "out")
         first.communicate("")
     assert (status, out) == (1, "")
     assert f"out: another run (process {first.pid} on " in err and err.count("\n") == 1
