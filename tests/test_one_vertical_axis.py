@@ -51,8 +51,8 @@ def logs(folder, rng):
         pl.DataFrame(columns | {"table_rate": np.degrees(rate)}).write_csv(folder / f"{name}.csv")
 
 
-def judged(folder, names, tables=(), rig=""):
-    """Errors over sigmas of both triads, and sigmas, of a campaign that `init` drafts of these files."""
+def drafted(folder, names, tables=(), rig=""):
+    """The campaign that `init` drafts of these files, with its statement about seats."""
     first, *others = [folder / f"{name}.csv" for name in names]
     drawn = draft_campaign(first, folder, latitude=52.27, others=others, table=tables).text
     assert "goes with the gyros' rate" not in drawn and 'axes = ["up"]' in drawn
@@ -61,8 +61,14 @@ def judged(folder, names, tables=(), rig=""):
     )  # six faces are enough
     drawn = re.sub("gravity = [0-9.]+", f"gravity = {GRAVITY}", drawn)
     (folder / "campaign.toml").write_text(f"{drawn}\n[rig]\nposition_uncertainty = 62\n{rig}")
+    return load_campaign(folder)
+
+
+def judged(folder, names, tables=(), rig=""):
+    """Errors over sigmas of both triads, and sigmas, of a campaign that `init` drafts of these files."""
+    campaign = drafted(folder, names, tables, rig)
     with jax.enable_x64(True):
-        (result,) = calibrate(load_campaign(folder))
+        (result,) = calibrate(campaign)
         accel, gyro = result.calibration.accel, result.calibration.gyro
     # A triad's matrix takes what is read to what is felt, and the bias is of what is read.
     for triad, bias, matrix in ((accel, BIAS, SCALE), (gyro, TURN, GYROS)):
@@ -232,9 +238,9 @@ def test_errors_of_the_table_are_told_beside_those_of_the_seats(tmp_path):
     """By generalised least squares in NumPy, with two angles of each of six seats. An index error about each axis is
     another word for them: ± 21 arcsec. Told plateau by plateau it was ± 5 to 10, and was named for what seats do."""
     logs(tmp_path, np.random.default_rng(8))
-    list(judged(tmp_path, NAMES))
+    campaign = drafted(tmp_path, NAMES)
     with jax.enable_x64(True):
-        problem = prepare(load_campaign(tmp_path))
+        problem = prepare(campaign)
         (gyros,) = (t for t in problem.triads if t.form.triad == "gyro")
         terms = [t for t in gyros.candidates if t.name == "table_axis_error"]
         terms = [t for t in terms if t.variant.label.startswith("index")]
@@ -267,9 +273,9 @@ def test_rests_of_one_mounting_tell_once_how_it_is_off(tmp_path, name, low, high
     """By generalised least squares in NumPy: both rests of a mounting err by its two angles. Counted as two mountings
     what seats can do was told better than it is, by the root of two, and what they cannot worse."""
     logs(tmp_path, np.random.default_rng(31))
-    list(judged(tmp_path, NAMES))
+    campaign = drafted(tmp_path, NAMES)
     with jax.enable_x64(True):
-        problem = prepare(load_campaign(tmp_path))
+        problem = prepare(campaign)
         (accel,) = (t for t in problem.triads if t.form.triad == "accel")
         terms = [t for t in accel.candidates if t.name == name and t.size == 1]
         terms = [
@@ -306,9 +312,9 @@ def test_few_seats_that_scatter_less_by_chance_do_not_make_the_statement_smaller
     e^−θ = 1 + q / ν of ν = 4. It was e⁻³, and what seats can do was told to a quarter of what it is."""
     monkeypatch.setattr("test_one_vertical_axis.SEAT", 0.0)
     logs(tmp_path, np.random.default_rng(71))
-    list(judged(tmp_path, NAMES))
+    campaign = drafted(tmp_path, NAMES)
     with jax.enable_x64(True):
-        (accel,) = (t for t in prepare(load_campaign(tmp_path)).triads if t.form.triad == "accel")
+        (accel,) = (t for t in prepare(campaign).triads if t.form.triad == "accel")
         noise = fit_noise(accel.system)
     for theta in noise.theta:
         assert theta[RIG] == pytest.approx(-np.log(1.0 + 2.0 / 4.0), abs=0.1)
@@ -318,9 +324,9 @@ def test_gyros_feel_compensated_accelerometers_where_no_force_is_told(tmp_path):
     """While the table turns the reference tells no force. The outputs' own biases, 0.27 m/s², made 1 % of the
     g-sensitivity a bias of the plateaus alone."""
     logs(tmp_path, np.random.default_rng(32))
-    list(judged(tmp_path, NAMES))
+    campaign = drafted(tmp_path, NAMES)
     with jax.enable_x64(True):
-        problem = prepare(load_campaign(tmp_path))
+        problem = prepare(campaign)
         accel = calibrated(problem.fitted, "accel")
         force = specific_force(problem.log, cut(problem.log), accel)
     turning = ~problem.log.reference_accel.any(axis=1)
@@ -346,9 +352,9 @@ def test_seats_at_temperatures_of_their_own_are_no_misalignment_that_follows_the
         log = pl.read_csv(tmp_path / f"{name}.csv")
         warm = 20.0 + 0.1 * k + 0.15 * np.linspace(0.0, 1.0, len(log))
         log.with_columns(temperature=warm).write_csv(tmp_path / f"{name}.csv")
-    list(judged(tmp_path, NAMES))
+    campaign = drafted(tmp_path, NAMES)
     with jax.enable_x64(True):
-        (gyros,) = (t for t in prepare(load_campaign(tmp_path)).triads if t.form.triad == "gyro")
+        (gyros,) = (t for t in prepare(campaign).triads if t.form.triad == "gyro")
         listed = [t for t in gyros.candidates if t.effect is not None]
         assert any(t.name == "temperature_dependence" and t.scales_input for t in listed)
         assert remember(gyros.system, fit_noise(gyros.system), listed, []) is None
