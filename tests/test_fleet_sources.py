@@ -110,23 +110,23 @@ def test_campaigns_that_do_not_fit_together_are_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("protocol", ["memory", "file"])
-def test_an_address_gives_the_table_that_a_path_gives(protocol, tmp_path):
+def test_an_address_gives_the_table_that_a_path_gives(tmp_path):
     """`file` is a path, `memory` is read through fsspec."""
     write_line(tmp_path / "line", 3, files=2, experiments=2)
     files = sorted((tmp_path / "line").glob("*.parquet"))
-    named = '", "'.join(f"file://{f}" for f in files)  # a glob there would leave the folder
-    if protocol == "memory":
-        named = "memory://line/*.parquet"
-        for file in files:
-            fsspec.filesystem("memory").pipe_file(f"/line/{file.name}", file.read_bytes())
-    text = (tmp_path / "line" / "campaign.toml").read_text()
-    (tmp_path / "far").mkdir()
-    (tmp_path / "far" / "campaign.toml").write_text(text.replace("*.parquet", named))
+    for file in files:
+        fsspec.filesystem("memory").pipe_file(f"/line/{file.name}", file.read_bytes())
     run_fleet(tmp_path / "line", tmp_path / "here")
-    run_fleet(tmp_path / "far", tmp_path / "there")
-    tables = [read_parts(tmp_path / f).collect().sort("device") for f in ("here", "there")]
-    assert tables[0].height == 3 and tables[0].equals(tables[1])
+    here = read_parts(tmp_path / "here").collect().sort("device")
+    assert here.height == 3
+    text = (tmp_path / "line" / "campaign.toml").read_text()
+    named = '", "'.join(f"file://{f}" for f in files)  # a glob there would leave the folder
+    for protocol, address in (("memory", "memory://line/*.parquet"), ("file", named)):
+        far, there = tmp_path / f"far-{protocol}", tmp_path / f"there-{protocol}"
+        far.mkdir()
+        (far / "campaign.toml").write_text(text.replace("*.parquet", address))
+        run_fleet(far, there)
+        assert here.equals(read_parts(there).collect().sort("device")), protocol
 
 
 @pytest.mark.parametrize(
