@@ -24,12 +24,18 @@ from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomia
 GRAVITY = 9.8
 
 
+def _drawn(getkey, *shape):
+    """Normal numbers of NumPy's, whose drawing is not compiled for each shape."""
+    return np.random.default_rng(np.asarray(getkey())).standard_normal(shape)
+
+
 def _triad(getkey, estimator, name, basis):
     count = estimator.num_parameters
     unknowns = basis.size * count
-    square = 1e-5 * jax.random.normal(getkey(), (unknowns, unknowns))
-    coefficients = 1e-2 * jax.random.normal(getkey(), (basis.size, count))
-    return TriadCalibration(Curve(basis, coefficients), square @ square.T, estimator.names, name)
+    square = 1e-5 * _drawn(getkey, unknowns, unknowns)
+    coefficients = jnp.asarray(1e-2 * _drawn(getkey, basis.size, count))
+    covariance = jnp.asarray(square @ square.T)
+    return TriadCalibration(Curve(basis, coefficients), covariance, estimator.names, name)
 
 
 @pytest.fixture(params=[Constant(), Polynomial(3, -40.0, 70.0), CubicSpline((-40.0, 10.0, 70.0))])
@@ -47,14 +53,14 @@ def calibration(request, getkey):
 
 @pytest.mark.slow
 def test_compensates_what_the_model_distorts(calibration, getkey):
-    force, rate = 5.0 * jax.random.normal(getkey(), (20, 3)), jax.random.normal(getkey(), (20, 3))
+    force, rate = 5.0 * _drawn(getkey, 20, 3), _drawn(getkey, 20, 3)
     temperature = jnp.linspace(-40.0, 70.0, 20)
 
     def measured(f, w, t):
         errors, gyro = calibration.accel_errors(t), calibration.gyro_errors(t)
         return distort_accel(errors, f), distort_gyro(gyro, w, f, GRAVITY)
 
-    accel, gyro = jax.vmap(measured)(force, rate, temperature)
+    accel, gyro = jax.jit(jax.vmap(measured))(force, rate, temperature)
     refined = jax.jit(lambda *samples: jax.vmap(calibration)(*samples))(accel, gyro, temperature)
     np.testing.assert_allclose(refined[0], force, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(refined[1], rate, rtol=1e-11, atol=1e-12)
@@ -64,7 +70,7 @@ def test_compensates_what_the_model_distorts(calibration, getkey):
 def test_goes_through_scan(calibration):
     samples = jnp.ones((5, 3)), jnp.ones((5, 3)), jnp.linspace(0.0, 20.0, 5)
     _, scanned = jax.lax.scan(lambda carry, x: (carry, calibration(*x)), None, samples)
-    mapped = jax.vmap(calibration)(*samples)
+    mapped = jax.jit(lambda *samples: jax.vmap(calibration)(*samples))(*samples)
     np.testing.assert_allclose(scanned[0], mapped[0], rtol=1e-14)
 
 
@@ -115,25 +121,21 @@ def test_output_covariance_is_that_of_sampled_calibrations(calibration, getkey):
     accel, gyro = jnp.array([1.0, -3.0, 9.0]), jnp.array([0.2, 0.1, -0.4])
     runs = 4000
 
-    def sampled(key):
-        changed = calibration
-        for part in ("accel", "gyro"):
-            key, own = jax.random.split(key)
-            triad = getattr(calibration, part)
-            factor = np.linalg.cholesky(
-                np.asarray(triad.covariance) + 1e-18 * np.eye(len(triad.covariance))
-            )
-            draw = (factor @ jax.random.normal(own, (len(factor),))).reshape(
-                triad.curve.coefficients.shape
-            )
-            where = lambda c, part=part: getattr(c, part).curve.coefficients
-            changed = eqx.tree_at(where, changed, triad.curve.coefficients + draw)
-        return changed(accel, gyro, 12.0)
+    def draws(triad):
+        covariance = np.asarray(triad.covariance)
+        factor = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(covariance)))
+        shape = triad.curve.coefficients.shape
+        return (_drawn(getkey, runs, len(factor)) @ factor.T).reshape(runs, *shape)
 
-    force, rate = jax.jit(jax.vmap(sampled))(jax.random.split(getkey(), runs))
-    for samples, stated in zip(
-        (force, rate), output_covariance(calibration, accel, gyro, 12.0), strict=True
-    ):
+    def sampled(*drawn):
+        where = lambda c: (c.accel.curve.coefficients, c.gyro.curve.coefficients)
+        moved = [c + d for c, d in zip(where(calibration), drawn, strict=True)]
+        return eqx.tree_at(where, calibration, moved)(accel, gyro, 12.0)
+
+    drawn = draws(calibration.accel), draws(calibration.gyro)
+    force, rate = jax.jit(jax.vmap(sampled))(*drawn)
+    stated_of = eqx.filter_jit(lambda c: output_covariance(c, accel, gyro, 12.0))
+    for samples, stated in zip((force, rate), stated_of(calibration), strict=True):
         expected = np.var(np.asarray(samples), axis=0)
         # Variances of 4000 samples: relative standard deviation √(2/4000) = 2.2 %.
         np.testing.assert_allclose(np.diagonal(stated), expected, rtol=0.1)

@@ -17,6 +17,7 @@ from inertiax.fleet.overview.recalibration import common_rate_variance, drift_be
 from inertiax.fleet.overview.view import unlike_devices
 from inertiax.fleet.solve.triad_model import curve_covariance, curves, TriadModel
 from inertiax.physics.temperature import Curve, Polynomial
+from inertiax.plots.style import Forms
 from inertiax.report.fleet import fleet_page, report_fleet
 
 
@@ -40,6 +41,15 @@ def _read(file: Path) -> tuple[str, _Links]:
     text, links = file.read_text(encoding="utf-8"), _Links()
     links.feed(text)
     return text, links
+
+
+@pytest.fixture
+def without_figures(monkeypatch):
+    """Pages whose figures nobody looks at: other tests here have them drawn."""
+    monkeypatch.setattr(
+        "inertiax.report.page.both_forms",
+        lambda figure: Forms("<svg ></svg>", b"", 1.0),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +148,7 @@ def test_a_change_of_the_table_s_rate_alone_is_no_change_of_a_gyro():
 
 
 @pytest.mark.slow
-def test_drift_is_the_difference_in_its_own_sigmas(line, tmp_path):
+def test_drift_is_the_difference_in_its_own_sigmas(line, tmp_path, without_figures):
     folder, truth, names = line
     moved = truth[10:60].copy()
     moved[3, 2] += (
@@ -161,7 +171,7 @@ def test_drift_is_the_difference_in_its_own_sigmas(line, tmp_path):
 
 
 @pytest.mark.slow
-def test_many_changes_ask_for_attention_and_chance_does_not(line, tmp_path):
+def test_many_changes_ask_for_attention_and_chance_does_not(line, tmp_path, without_figures):
     folder, truth, names = line
     good = slice(10, 60)
     tones = []
