@@ -37,8 +37,9 @@ def outputs(force, rate, temperature, seed, slope=2e-3):
     )
 
 
-def hand(temperature=None, seed=1, model=None, device=""):
-    """24 rests of 3 s with tilts of 1 s between them, at 50 Hz, as a hand makes them."""
+@cache
+def _by_hand(seed):
+    """Specific force and rate of 24 rests of 3 s with tilts of 1 s between them, at 50 Hz, as a hand makes them."""
     rng = np.random.default_rng(seed)
     attitude, force, rate = Rotation.identity(), [], []
     for _ in range(24):
@@ -46,13 +47,16 @@ def hand(temperature=None, seed=1, model=None, device=""):
         rate.append(np.zeros((150, 3)))
         axis = rng.standard_normal(3)
         turn = axis / np.linalg.norm(axis) * rng.uniform(0.7, 1.5)
-        for k in range(50):
-            share = 1.0 - np.cos(2.0 * np.pi * (k + 0.5) / 50)
-            step = turn * share / 50
-            attitude = attitude * Rotation.from_rotvec(step)
-            force.append(attitude.inv().apply([[0.0, 0.0, G]]))
-            rate.append(step[None] * 50)
-    force, rate = np.concatenate(force), np.concatenate(rate)
+        steps = (1.0 - np.cos(2.0 * np.pi * (np.arange(50) + 0.5) / 50))[:, None] * turn / 50
+        turned = attitude * Rotation.from_rotvec(np.cumsum(steps, axis=0))
+        attitude = turned[-1]
+        force.append(turned.inv().apply([0.0, 0.0, G]))
+        rate.append(steps * 50)
+    return np.concatenate(force), np.concatenate(rate)
+
+
+def hand(temperature=None, seed=1, model=None, device=""):
+    force, rate = _by_hand(seed)
     time = 0.02 * np.arange(len(force))
     probe = np.full(len(time), 25.0)
     if temperature:
