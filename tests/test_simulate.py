@@ -72,6 +72,17 @@ def gyro(rows):
     return np.asarray(rows.gyro)
 
 
+@eqx.filter_jit
+def _compensated(triad, gyros, gravity, temperature, accel, gyro):
+    """Specific forces and rates, by the truth."""
+
+    def one(t, a, w):
+        force = compensate_accel(triad.errors(t), a)
+        return force, compensate_gyro(gyros.errors(t), w, force, gravity)
+
+    return jax.vmap(one)(temperature, accel, gyro)
+
+
 # --- the table -------------------------------------------------------------------------------
 
 
@@ -79,7 +90,7 @@ def gyro(rows):
 def test_attitude_is_outer_then_inner_rotation():
     # SciPy: upper-case letters are intrinsic rotations, here about x and then the carried z.
     angles = np.random.default_rng(0).uniform(-3, 3, (10, 2))
-    ours = jax.vmap(Table().attitude)(*jnp.asarray(angles).T)
+    ours = jax.jit(jax.vmap(Table().attitude))(*jnp.asarray(angles).T)
     expected = Rotation.from_euler("XZ", angles).as_matrix()
     np.testing.assert_allclose(ours, expected, atol=1e-15)
 
@@ -295,12 +306,8 @@ def test_compensating_with_the_truth_gives_the_references():
     assert triad is not None and gyros is not None
     plan = paper_set(1, turns=turns_about_three_axes(0.5))
     dwells, truth = simulate_dwells(None, plan, unit)
-    force = jax.vmap(lambda t, a: compensate_accel(triad.errors(t), a))(
-        dwells.temperature, dwells.accel
-    )
-    rate = jax.vmap(lambda t, w, a: compensate_gyro(gyros.errors(t), w, a, plan.gravity))(
-        dwells.temperature, dwells.gyro, force
-    )
+    samples = dwells.temperature, dwells.accel, dwells.gyro
+    force, rate = _compensated(triad, gyros, plan.gravity, *samples)
     # Roundings of 9.8 m/s² and 0.5 rad/s through a 3 × 3 solve.
     np.testing.assert_allclose(force, truth.force, atol=1e-14)
     np.testing.assert_allclose(rate, truth.rate, atol=1e-15)
@@ -377,7 +384,7 @@ def test_integrated_rate_is_the_attitude():
     time = np.arange(0.0, plan.experiment_time, step)
     motion = move(plan.segments(), time)
     midpoint = move(plan.segments(), time[:-1] + 0.5 * step)
-    rate = jax.vmap(plan.table.turning)(
+    rate = jax.jit(jax.vmap(plan.table.turning))(
         *(jnp.asarray(x) for x in (midpoint.angles[:, 1], *midpoint.rates.T))
     )
     steps = Rotation.from_rotvec(np.asarray(rate) * step).as_matrix()
@@ -531,12 +538,7 @@ def test_truth_compensates_what_was_written(tmp_path):
         assert triad is not None and gyros is not None
         assert recording.temperature is not None
         t = jnp.asarray(recording.temperature[:, 0])
-        force = jax.vmap(lambda t, a, own=triad: compensate_accel(own.errors(t), a))(
-            t, accel(recording)
-        )
-        rate = jax.vmap(lambda t, w, a, own=gyros: compensate_gyro(own.errors(t), w, a, 9.815179))(
-            t, gyro(recording), force
-        )
+        force, rate = _compensated(triad, gyros, 9.815179, t, accel(recording), gyro(recording))
         np.testing.assert_allclose(force, np.asarray(recording.reference_accel), atol=1e-13)
         np.testing.assert_allclose(rate, np.asarray(recording.reference_gyro), atol=1e-14)
 
