@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -377,28 +376,15 @@ def started(*arguments, **options):
     )
 
 
-@contextmanager
-def standard_input(file):
-    """This process reads the file as its standard input."""
-    kept = os.dup(0)
-    os.dup2(file.fileno(), 0)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 0)
-        os.close(kept)
-
-
 @pytest.mark.slow
 def test_the_command_ends_with_what_the_batch_command_says_and_writes(
     tmp_path, capsys, monkeypatch
 ):
     folder, out = campaign(tmp_path), tmp_path / "out"
-    (tmp_path / "rows").write_text(f"{HEADER}\n" + text(session_rows(12)))
-    with (tmp_path / "rows").open() as rows, standard_input(rows):
-        status, said, errors = run_command(capsys, monkeypatch, "live", folder, "-", "-o", out)
-    assert status == 0, errors
-    lines = said.splitlines()
+    process = started(folder, "-", "-o", out, stdin=subprocess.PIPE)
+    said, errors = process.communicate((f"{HEADER}\n" + text(session_rows(12))).encode(), 240)
+    assert process.returncode == 0, errors.decode()
+    lines = said.decode().splitlines()
     done = next(k for k, line in enumerate(lines) if line.startswith("done: "))
     assert lines[done + 1].startswith(f"recorded: {out / 'recording-1.csv'} (its ± below")
     _, told, _ = run_command(capsys, monkeypatch, "calibrate", out, "-o", tmp_path / "batch")
