@@ -10,9 +10,21 @@ from pathlib import Path
 import pytest
 
 from inertiax.cli import main
+from inertiax.plots.style import Forms
 
 
-ASIDE = "inertiax.plots.figure_workers.drawn_aside"
+UNDRAWN = Forms("<svg ></svg>", b"", 1.0)
+
+
+def draw_here(monkeypatch) -> None:
+    """Have figures drawn by this process."""
+    aside = "inertiax.plots.figure_workers.drawn_aside"
+    monkeypatch.setattr(aside, lambda module, *, several: nullcontext())
+
+
+def draw_nothing(monkeypatch) -> None:
+    """Have pages made without figures, where nobody looks at them."""
+    monkeypatch.setattr("inertiax.report.page.both_forms", lambda figure: UNDRAWN)
 
 
 def place(folder: Path, files: dict) -> None:
@@ -30,7 +42,7 @@ def run_in(arguments: str, folder: Path, capfd, monkeypatch) -> tuple[int, str, 
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     filled = [a.replace("@", f"{folder}/", 1) if a[0] == "@" else a for a in arguments.split()]
     monkeypatch.setattr(sys, "argv", ["inertiax", *filled])
-    monkeypatch.setattr(ASIDE, lambda module, *, several: nullcontext())
+    draw_here(monkeypatch)
     monkeypatch.chdir(folder)
     with pytest.raises(SystemExit) as exit:
         main(filled)
@@ -44,7 +56,7 @@ def run(capsys, monkeypatch, *arguments) -> tuple[int, str, str]:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     arguments = [str(a) for a in arguments]
     monkeypatch.setattr(sys, "argv", ["inertiax", *arguments])
-    monkeypatch.setattr(ASIDE, lambda module, *, several: nullcontext())
+    draw_here(monkeypatch)
     with pytest.raises(SystemExit) as exit:
         main(arguments)
     said = capsys.readouterr()

@@ -19,7 +19,7 @@ from rich.table import Table
 
 import inertiax
 from bad_inputs_cases import CSV, TABLE, TOML
-from command_runs import ASIDE
+from command_runs import draw_here
 from inertiax.cli import console, main
 from inertiax.cli.streams import AnyText
 from inertiax.data.campaign import load_campaign
@@ -118,7 +118,7 @@ def seen_on_a_terminal(commands: list[list[str]], monkeypatch) -> str:
 def test_a_device_of_escape_sequences_steers_no_terminal(tmp_path, capfd, monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(ASIDE, lambda module, *, several: contextlib.nullcontext())
+    draw_here(monkeypatch)
     folder, names = str(campaign(tmp_path / "c", EVIL)), ("calibrate", "fleet")
     asked = [[name, folder, "-o", str(tmp_path / name)] for name in names]
     seen = seen_on_a_terminal(asked, monkeypatch)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from bad_inputs_cases import CSV, FLEET, good_calibration, TOML
-from command_runs import place, run, run_in
+from command_runs import place, run, run_in, UNDRAWN
 from hand_log_data import G, hand_log
 from inertiax.cli.app import app
-from inertiax.plots.style import both_forms, Forms
+from inertiax.plots.style import both_forms
 
 
 COMMANDS = [c.name for c in app.registered_commands]
@@ -172,8 +172,7 @@ def test_commands_of_the_host_load_no_jax_and_find_the_same(tmp_path, capsys, mo
     files = [made, tmp_path / "rows.csv", tmp_path / "imucal.json"]
     there = [f.read_bytes() for f in files]
     # Its figures are drawn above; here they are left out.
-    undrawn = Forms("<svg ></svg>", b"", 1.0)
-    draw = lambda form, *_: undrawn if form is both_forms else undrawn.png
+    draw = lambda form, *_: UNDRAWN if form is both_forms else UNDRAWN.png
     monkeypatch.setattr("inertiax.plots.figure_workers._draw", draw)
     for command, told in zip(commands, alone.stdout.split("---\n"), strict=False):
         _, out, _ = run(capsys, monkeypatch, *command)  # where the tests loaded JAX

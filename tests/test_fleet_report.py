@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from command_runs import draw_nothing
 from fleet_data import write_line
 from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREAD
 from inertiax.cli.app import app
@@ -17,7 +18,6 @@ from inertiax.fleet.overview.recalibration import common_rate_variance, drift_be
 from inertiax.fleet.overview.view import unlike_devices
 from inertiax.fleet.solve.triad_model import curve_covariance, curves, TriadModel
 from inertiax.physics.temperature import Curve, Polynomial
-from inertiax.plots.style import Forms
 from inertiax.report.fleet import fleet_page, report_fleet
 
 
@@ -46,10 +46,7 @@ def _read(file: Path) -> tuple[str, _Links]:
 @pytest.fixture
 def without_figures(monkeypatch):
     """Pages whose figures nobody looks at: other tests here have them drawn."""
-    monkeypatch.setattr(
-        "inertiax.report.page.both_forms",
-        lambda figure: Forms("<svg ></svg>", b"", 1.0),
-    )
+    draw_nothing(monkeypatch)
 
 
 @pytest.fixture(scope="module")

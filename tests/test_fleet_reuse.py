@@ -7,11 +7,10 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from command_runs import run
+from command_runs import draw_nothing, run
 from fleet_data import write_line
 from inertiax.fleet import run_fleet
 from inertiax.fleet.store import read_manifest, read_parts
-from inertiax.plots.style import Forms
 from protocol_cases import write_campaign
 
 
@@ -92,9 +91,7 @@ def test_other_settings_keep_nothing(line):
 def test_a_folder_of_campaigns_is_calibrated_anew_where_it_changed_and_says_so(
     tmp_path, capsys, monkeypatch
 ):
-    # The page and what it says are made; nobody looks at its figures.
-    undrawn = Forms("<svg ></svg>", b"", 1.0)
-    monkeypatch.setattr("inertiax.report.page.both_forms", lambda figure: undrawn)
+    draw_nothing(monkeypatch)
     for k in range(3):
         write_campaign(tmp_path / "line" / f"unit-{k}")
         table = pl.read_csv(tmp_path / "line" / f"unit-{k}" / "0.csv")

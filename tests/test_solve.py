@@ -29,7 +29,6 @@ def test_cholesky_is_numpys(size):
     tall = rng.normal(size=(3 * size, size))
     matrix = tall.T @ tall
     right = rng.normal(size=(size, 2))
-
     lower = cholesky(jnp.asarray(matrix))
     np.testing.assert_allclose(lower, np.linalg.cholesky(matrix), rtol=1e-10, atol=1e-12)
     for b in (right, right[:, 0]):

@@ -18,6 +18,9 @@ from ..physics.leaves import is_traced
 from .linear_algebra import spd_inverse
 
 
+MAX_STEPS = 50  # of a solve, unless told
+
+
 class Solution(Module):
     """Result of one least-squares solve; every field gains leading axes under `vmap`."""
 
@@ -77,7 +80,7 @@ def least_squares(
     args: PyTree = None,
     *,
     solver: "optx.AbstractLeastSquaresSolver | None" = None,
-    max_steps: int = 50,
+    max_steps: int = MAX_STEPS,
 ) -> Solution:
     """Minimise ½ ‖r(p, args)‖² from `start`; never raises for numerical reasons.
 
@@ -108,7 +111,7 @@ def minimiser(
     args: PyTree = None,
 ) -> Float[Array, " parameters"]:
     """The parameters of `least_squares` alone: nothing else is traced, which counts inside of an iteration."""
-    return _minimise(residual, start, args, None, 50)[0]
+    return _minimise(residual, start, args, None, MAX_STEPS)[0]
 
 
 def without_derivatives(tree: PyTree) -> PyTree:
