@@ -5,6 +5,7 @@ a third of the suite's processor time. What a test passes to a function for the 
 six. The checker of a function is made when it is first called: a process calls a third of all.
 """
 
+import contextlib
 import dataclasses
 import functools
 import inspect
@@ -36,10 +37,29 @@ def _at_first(function, typechecker):
             return function(*args, **kwargs)
         _left[number] -= 1
         if checked is None:
-            checked = _checked_always(function, typechecker=typechecker)
+            checked = _checked(function, typechecker)
         return checked(*args, **kwargs)
 
     return call
+
+
+def _checked(function, typechecker):
+    """By the checker itself, in a scope for the sizes of arrays; jaxtyping's own form checks arguments twice.
+
+    That form is for types written as strings and those that the checker gives up on.
+    """
+    kinds = function.__annotations__.values()
+    if not any(isinstance(x, str) or "ForwardRef" in repr(x) for x in kinds):
+        with contextlib.suppress(Exception):
+            checked = typechecker(function)
+
+            @functools.wraps(function)
+            def call(*args, **kwargs):
+                with _checked_always("context"):
+                    return checked(*args, **kwargs)
+
+            return call
+    return _checked_always(function, typechecker=typechecker)
 
 
 def jaxtyped(fn=None, *, typechecker=None):
