@@ -345,26 +345,52 @@ def test_a_fleet_says_the_same(name, tmp_path):
 @pytest.mark.slow
 def test_a_line_of_hand_logs_has_the_model_of_most_and_one_bad_device_stops_nothing(tmp_path):
     """Two good logs, one that was never turned, and one that is no table."""
-    still = without(
-        hand(), **{k: v[:120] for k, v in vars(hand().recordings[0]).items() if _is_column(v)}
-    )
-    # A copy to the last digit would be set aside, with its original.
-    alike = without(hand(), accel=hand().recordings[0].accel * (1.0 + 1e-12))
-    for name, made in {"A-1": hand(), "A-2": alike, "A-3": still, "A-4": hand()}.items():
-        folder = tmp_path / "line" / name
-        folder.mkdir(parents=True)
-        rows(made, name).write_parquet(folder / "log.parquet")
-        (folder / "campaign.toml").write_text(
-            f"[site]\ngravity = {G}\n[recordings]\nfiles = ['log.parquet']\n"
-        )
-    (tmp_path / "line" / "A-4" / "log.parquet").write_text("no table")
-    summary = run_fleet(tmp_path / "line", tmp_path / "out")
+    summary = _line_of_logs(tmp_path, {"A-1": hand(), "A-2": _alike(), "A-3": _begun(120)})
     assert summary.as_dict()["model"] == calibrated_by_name("hand").model.document()
     assert (summary.devices, summary.calibrated) == (4, 2)
     same(fleet_calibration(tmp_path / "out", "A-1"), fleet_calibration(tmp_path / "out", "A-2"))
     for name in ("A-3", "A-4"):
         with pytest.raises(ValueError, match="was set aside: "):
             fleet_calibration(tmp_path / "out", name)
+
+
+@pytest.mark.slow
+def test_logs_too_poor_to_be_used_do_not_choose_the_model_of_the_others(tmp_path):
+    """Of seven rests each biases and scale factors only, beyond use; of six no accelerometers; the last log is good."""
+    poor = {f"A-{k}": _begun(1600 + 40 * k) for k in (1, 2)}
+    few = {f"B-{k}": _begun(960 + 20 * k) for k in (1, 2)}
+    summary = _line_of_logs(tmp_path, {**poor, **few, "C-1": hand()})
+    assert summary.as_dict()["model"] == calibrated_by_name("hand").model.document()
+    same(calibrated_by_name("hand").calibration, fleet_calibration(tmp_path / "out", "C-1"))
+    for name in poor:
+        with pytest.raises(ValueError, match="was set aside: "):
+            fleet_calibration(tmp_path / "out", name)
+
+
+def _begun(rows):
+    """The hand log, broken off after so many rows."""
+    (recording,) = hand().recordings
+    return without(hand(), **{k: v[:rows] for k, v in vars(recording).items() if _is_column(v)})
+
+
+def _alike():
+    # A copy to the last digit would be set aside, with its original.
+    return without(hand(), accel=hand().recordings[0].accel * (1.0 + 1e-12))
+
+
+def _line_of_logs(tmp_path, logs):
+    """The summary of a fleet of logs with a folder each, and of one whose file is no table."""
+    for name, made in {**logs, "A-4": None}.items():
+        folder = tmp_path / "line" / name
+        folder.mkdir(parents=True)
+        (folder / "campaign.toml").write_text(
+            f"[site]\ngravity = {G}\n[recordings]\nfiles = ['log.parquet']\n"
+        )
+        if made is None:
+            (folder / "log.parquet").write_text("no table")
+        else:
+            rows(made, name).write_parquet(folder / "log.parquet")
+    return run_fleet(tmp_path / "line", tmp_path / "out")
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import polars as pl
 from msgspec import structs
 
 from ..calibrate.fit_quality import judge
-from ..calibrate.goodness_of_fit import ATTENTION, UNUSABLE
+from ..calibrate.goodness_of_fit import ATTENTION, Finding, UNUSABLE
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.split_covariance import fit_of, residual_degrees, split
@@ -59,19 +59,25 @@ def beyond_batches(campaign: Campaign, trial: Sequence[Dwells]) -> bool:
 def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> LineModel:
     """The model that most of the first devices have, with the highest degree over temperature among them.
 
+    Devices whose calibration is not to be used, or lacks a triad that they recorded, choose nothing unless there is no
+    other: a log too poor for all parameters has a model with fewer, in which the others would be worse than alone.
+
     Raises `ValueError` where none of the first devices can be calibrated.
     """
-    found, failed = [], []
-    for task in tasks:
-        for name, one in devices(task):
-            try:
-                found.append(calibrate_device(_given(one)))
-            except ValueError as error:
-                failed.append(f"device '{name}': {_line(error)}")
-            if len(found) == TRIALS or len(failed) == 4 * TRIALS:
-                break
-        if len(found) == TRIALS or len(failed) >= 4 * TRIALS:
+    found, poor, failed = [], [], []
+    for name, one in (pair for task in tasks for pair in devices(task)):
+        try:
+            own = _given(one)
+            result = calibrate_device(own)
+        except ValueError as error:
+            failed.append(f"device '{name}': {_line(error)}")
+        else:
+            (found if _is_whole(result, own) else poor).append(result)
+        if len(found) == TRIALS or len(failed) + len(poor) == 4 * TRIALS:
             break
+    which = " with a whole calibration" if poor else ""
+    if not found:
+        found, which = poor[:TRIALS], ", none with a whole calibration"
     if not found:
         raise ValueError(
             f"{campaign.path}: no device can be calibrated, the first because of this: {failed[0]}."
@@ -87,7 +93,7 @@ def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> L
         accel=_of_degree(first.model.accel, accel),
         gyro=_of_degree(first.model.gyro, gyro),
     )
-    said = f"devices one by one: {len(alike)} of the first {len(found)} have this model"
+    said = f"devices one by one, by the model of {len(alike)} of the first {len(found)}{which}"
     by_force = bool(spec.gyro is not None and spec.gyro.g_sensitivity)
     # What was chosen of the first device alone, and what it was found to be, is not the line's.
     common = [c for c in first.choices if all(c in r.choices for r in alike)]
@@ -148,6 +154,21 @@ def _line(error: ValueError) -> str:
     return " ".join(str(error).split()).rstrip(".")
 
 
+def _is_whole(result: DeviceResult, campaign: Campaign) -> bool:
+    """Whether a calibration can be used and has all triads that were recorded."""
+    if _worst(judge(result).findings).grade == UNUSABLE:
+        return False
+    return all(
+        getattr(result.calibration, triad) is not None
+        for triad in ("accel", "gyro")
+        if any(getattr(r, triad) is not None for r in campaign.recordings)
+    )
+
+
+def _worst(findings: Sequence[Finding]) -> Finding:
+    return max(findings, key=lambda f: f.grade)
+
+
 def _kind(spec: ModelSpec) -> tuple[object, ...]:
     """A model but for its degrees over temperature."""
     of = lambda t: None if t is None else (t.estimator, t.parameters)
@@ -178,7 +199,7 @@ def _of_degree(spec: TriadSpec | None, model: TriadModel | None) -> TriadSpec | 
 def _row(result: DeviceResult, manifest: Manifest) -> Columns:
     """What a device's calibration is in the results' table."""
     findings = judge(result).findings
-    worst = max(findings, key=lambda f: f.grade)
+    worst = _worst(findings)
     asking = [f for f in findings if f.grade == ATTENTION and f.topic != "warning"]
     reserved = list(dict.fromkeys(f.text for f in asking))
     low, high = result.calibration.temperature_range or (0.0, 0.0)
