@@ -225,6 +225,10 @@ TOML = {
         "[columns] time: both name = 'time' and rate are given; write name and unit to use the "
         "stamps, or rate alone to count rows.",
     ),
+    "stamps of gyros that have no files": (
+        TIME + '{ gyro_name = "t_g" }',
+        "[columns] time: gyro_name is for gyro_files, which are not given; use name.",
+    ),
     "negative rate": (
         TIME + "{ rate = -1.0 }",
         "[columns] time: rate must be a positive number of Hz; found -1.",

@@ -82,12 +82,24 @@ def test_a_ros_message_has_its_unit_by_definition(tmp_path):
 
 
 def test_gyros_beside_it_that_do_not_fit_are_left_alone(tmp_path):
-    """Rows that differ in number, and stamps of another name; asked for by name they are an error."""
+    """Stamps of another name and unit; asked for by name they are an error."""
     path = written(tmp_path / "accel.csv", (TIME, ACCEL), "t_a,x,y,z")
-    other = written(tmp_path / "gyro.csv", (TIME[1:], GYRO[1:]), "t_g,x,y,z")
+    other = written(tmp_path / "gyro.csv", (1e6 * TIME[1:], GYRO[1:]), "t_g,x,y,z")
     assert "gyro" not in draft(path)["columns"]
     with pytest.raises(ValueError, match=r"gyro\.csv: has no column 't_a'"):
         draft(path, gyro=other)
+
+
+def test_gyros_beside_it_call_their_stamps_otherwise(tmp_path):
+    path = written(tmp_path / "accel.csv", (TIME, ACCEL), "t_a,x,y,z")
+    written(tmp_path / "gyro.csv", (TIME[1:], GYRO[1:]), "t_g,x,y,z")
+    found = draft(path)["columns"]
+    assert found["time"] == {"name": "t_a", "gyro_name": "t_g", "unit": "s"}
+    assert found["gyro"]["names"] == ["x", "y", "z"]
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.time, TIME[1:], atol=1e-9)
+    np.testing.assert_allclose(recording.gyro, GYRO[1:], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(recording.accel, ACCEL[1:], rtol=1e-5, atol=1e-7)
 
 
 def test_a_message_printed_field_by_field(tmp_path):

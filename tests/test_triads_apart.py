@@ -182,12 +182,13 @@ def by_hand(folder, behind):
         folder / name, table, "%.9g", ",", header=head, comments=""
     )
     write("accel.csv", rows(stamps[0], accel), "time,x,y,z")
-    write("gyro.csv", rows(stamps[1] + behind, gyro), "time,x,y,z")
+    write("gyro.csv", rows(stamps[1] + behind, gyro), "gyro_time,x,y,z")
     write("both.csv", rows(stamps[0], accel, both), "time,ax,ay,az,gx,gy,gz")
     apart, one = folder / "apart.toml", folder / "one.toml"
     start = "[site]\ngravity = 9.8\n[recordings]\n"
     apart.write_text(
         start + 'files = ["accel.csv"]\ngyro_files = ["gyro.csv"]\n[columns]\n'
+        'time = { name = "time", gyro_name = "gyro_time" }\n'
         'accel = { names = ["x", "y", "z"] }\ngyro = { names = ["x", "y", "z"] }\n'
     )
     one.write_text(

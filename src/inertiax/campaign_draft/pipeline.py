@@ -324,6 +324,7 @@ def _time(found: RawTriads) -> Line:
         return Line("time", {"rate": clock.rate}, clock.why, clock.certain)
     own = found.log.has_header and found.log.format != "imu_tk"
     value: dict[str, object] = {"name": clock.name if own else "time"}
+    value |= {} if found.gyro_time is None else {"gyro_name": found.gyro_time}
     value |= {} if clock.unit is None else {"unit": clock.unit}
     value |= {"mend": True} if clock.mend else {}
     return Line("time", value, clock.why, clock.certain)

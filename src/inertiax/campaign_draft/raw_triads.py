@@ -24,6 +24,7 @@ class RawTriads(NamedTuple):
     seconds: Float[np.ndarray, " time"]
     accel: Float[np.ndarray, "time 3"] | None
     gyro: Float[np.ndarray, "time 3"] | None
+    gyro_time: str | None = None  # the stamps of the gyros' file, where it calls them otherwise
 
     @property
     def gyro_columns(self) -> tuple[str, str, str] | None:
@@ -75,17 +76,19 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     other_clock = clock_of(
         other, other_roles.time, len(next(iter(other.numbers.values()))), other_roles.temperature
     )
-    if log.has_header and clock.name not in (None, *other.stamps, *other.names):
+    named_otherwise = log.has_header and clock.name not in (None, *other.stamps, *other.names)
+    if named_otherwise and (other_clock.name is None or other_clock.unit != clock.unit):
         raise ValueError(
-            f"{gyro_path.name}: has no column {clock.name!r}, the stamps of {path.name}; write both files with one "
-            "name for their stamps."
+            f"{gyro_path.name}: has no column {clock.name!r}, the stamps of {path.name}, and none in their unit; write "
+            "both files with stamps of one clock and one unit."
         )
     gyro = columns(other, other_roles.gyro)
     assert accel is not None and gyro is not None
     first = Recording(time=absolute(log, clock), accel=accel, name=path.name)
     second = Recording(time=absolute(other, other_clock), gyro=gyro, name=gyro_path.name)
     both = pair(first, second, counted=clock.name is None).recording
-    return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro)
+    own = other_clock.name if named_otherwise else None
+    return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro, own)
 
 
 def in_rows(

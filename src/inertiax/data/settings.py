@@ -15,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from .formats import ColumnMap, FORMATS
-from .formats.columns import nearest
+from .formats.columns import nearest, TimeColumn
 from .formats.turntable import Turntable
 from .plausible_units import GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 
@@ -245,6 +245,12 @@ def _check_values(table: CampaignTable, file: Path) -> None:
     if table.recordings.gyro_names is not None and table.recordings.gyro_files is None:
         raise ValueError(
             f"{file}: [recordings] gyro_names is for gyro_files, which are not given; use names."
+        )
+    time = table.columns.time
+    apart = isinstance(time, TimeColumn) and time.gyro_name is not None
+    if apart and table.recordings.gyro_files is None:
+        raise ValueError(
+            f"{file}: [columns] time: gyro_name is for gyro_files, which are not given; use name."
         )
     name = table.recordings.format
     formats = [f.NAME for f in FORMATS]

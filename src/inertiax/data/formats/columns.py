@@ -51,9 +51,11 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TimeColumn(_Strict, frozen=True):
     """`name` and `unit` of the stamps; or `rate` (Hz) where a log has no usable clock, and then
     time is row number / rate. `row_index = true` says the same in words and needs `rate`. `mend = true` puts a few
-    stamps that repeat or go back between their neighbours."""
+    stamps that repeat or go back between their neighbours. `gyro_name` is that of the stamps in the gyros' files, where
+    these are apart and call them otherwise."""
 
     name: str | None = None
+    gyro_name: str | None = None
     unit: str = "s"
     rate: float | None = None
     row_index: bool = False
@@ -167,6 +169,14 @@ class ColumnMap(_Strict, frozen=True):
     table_rates: RateColumns | None = None
     table_time: TimeColumn | str | None = None  # of `table_files`
 
+    def of_gyro_files(self) -> "ColumnMap":
+        """The same for files that hold the gyros alone."""
+        said = self.time
+        if not isinstance(said, TimeColumn) or said.gyro_name is None:
+            return self
+        time = msgspec.structs.replace(said, name=said.gyro_name, gyro_name=None)
+        return msgspec.structs.replace(self, time=time)
+
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
         said = getattr(self, key)
@@ -220,11 +230,12 @@ def time_scale(column: TimeColumn, where: str) -> float:
         raise ValueError(
             f"{where} time: rate must be a positive number of Hz; found {column.rate:g}."
         )
-    if column.rate is not None and column.name is not None:
-        raise ValueError(
-            f"{where} time: both name = '{column.name}' and rate are given; write name and unit to "
-            "use the stamps, or rate alone to count rows."
-        )
+    for key in ("name", "gyro_name"):
+        if column.rate is not None and getattr(column, key) is not None:
+            raise ValueError(
+                f"{where} time: both {key} = '{getattr(column, key)}' and rate are given; write name and unit to "
+                "use the stamps, or rate alone to count rows."
+            )
     if column.rate is not None and column.mend:
         raise ValueError(
             f"{where} time: both mend and rate are given; counted rows have no stamps to mend."

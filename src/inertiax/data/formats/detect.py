@@ -60,7 +60,8 @@ def read_recordings(
         raise ValueError(
             f"{path.name}: [recordings] {key} is for {known}, but this file is {chosen.NAME}."
         )
-    return chosen.read(path, columns, layout)
+    own = columns.of_gyro_files() if layout.triad == "gyro" else columns
+    return chosen.read(path, own, layout)
 
 
 def special_keys(chosen: ModuleType, layout: Layout) -> tuple[str, ...]:
