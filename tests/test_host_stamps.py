@@ -47,6 +47,20 @@ def test_where_rows_were_lost_no_rate_is_offered():
     assert found is not None and found.rate is None
 
 
+def test_a_halt_of_the_host_and_rows_lost_here_and_there_leave_a_rate():
+    """It writes half a second's rows at once when it goes on; the second log loses up to two rows of a hundred."""
+    stalled = np.maximum.accumulate(np.where(np.arange(6000) // 50 == 60, 30.5, 0.0))
+    time = np.maximum(burst_stamps(), stalled + 1e-6 * np.arange(6000))
+    assert np.diff(time).max() > 0.4 and np.all(np.diff(time) > 0.0)
+    assert host_stamps(time).rate == 100.0
+    # The mean rate is no usual one.
+    rng = np.random.default_rng(3)
+    kept = burst_stamps(count=60000)
+    kept = kept[rng.random(60000) > np.linspace(0.0, 0.02, 60000)]
+    mean = (len(kept) - 1) / (kept[-1] - kept[0])
+    assert mean < 99.2 and host_stamps(kept).rate == pytest.approx(mean, rel=1e-3)
+
+
 def test_an_unusual_rate_is_given_as_measured():
     assert usual_rate(99.9) == 100.0
     assert usual_rate(91.2345) == 91.23

@@ -198,6 +198,17 @@ def test_a_packed_file_is_to_be_unpacked(tmp_path):
         draft_campaign(path, tmp_path)
 
 
+def test_a_pointer_in_place_of_the_file_says_how_to_get_it(tmp_path):
+    """What a clone without Git LFS has; its three lines would be a text of one column."""
+    for name in ("log.csv", "log.parquet"):
+        path = tmp_path / name
+        path.write_text(
+            f"version https://git-lfs.github.com/spec/v1\noid sha256:{64 * 'a'}\nsize 1048576\n"
+        )
+        with pytest.raises(ValueError, match=f"{name}: it is a pointer of Git LFS .*git lfs pull"):
+            draft_campaign(path, tmp_path)
+
+
 def test_a_calibration_that_holds_nothing_is_not_called_usable():
     force = np.array([0.1, -0.2, 9.8]) + 0.01 * np.random.default_rng(3).standard_normal((3000, 3))
     log = Recording(time=np.arange(3000) / 100.0, accel=force, name="table.csv")

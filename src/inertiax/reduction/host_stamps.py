@@ -12,9 +12,10 @@ _FEWEST = 100  # rows
 _LONG = 3.0  # usual steps: a pause between two bursts
 _SHARE = 0.02  # of the steps are pauses at least; fewer are lost rows
 _MEAN = 2.0  # times the median step: the mean step where rows come in bursts
-_STEADY = (
-    3.0  # longest steps that the stamps may lie off a straight line where the rate is constant
-)
+_BLOCKS, _BLOCK = 40, 5.0  # blocks of a log at most, and the s that one lasts at least
+# Between blocks the stamps leave a straight line by this many pauses, or by this part of a block, where no rows were
+# lost at once: few of them, here and there, are another rate.
+_STEADY, _WANDER = 3.0, 0.01
 _SNAP = 3e-3  # relative: a host's clock and a row more or less at the ends
 # Hz: output data rates of common IMUs, and round ones.
 USUAL_RATES = (
@@ -44,12 +45,19 @@ def host_stamps(time: Float[np.ndarray, " time"]) -> HostStamps | None:
     pauses = int((steps > _LONG * usual).sum())
     if pauses < _SHARE * len(steps) or mean < _MEAN * usual:
         return None
+    pause = float(np.quantile(steps[steps > _LONG * usual], 0.9))
+    return HostStamps(pauses, len(steps), usual, mean, _rate(time, pause))
+
+
+def _rate(time: Float[np.ndarray, " time"], pause: float) -> float | None:
+    """The rate behind the stamps, by the middle of each block: a host that halts catches up, lost rows do not."""
     rows = np.arange(len(time), dtype=float)
     slope, level = np.polyfit(rows, time - time[0], 1)
-    off = np.abs(time - time[0] - level - slope * rows).max()
-    pause = float(np.quantile(steps[steps > _LONG * usual], 0.9))
-    rate = usual_rate(1.0 / slope) if off <= _STEADY * pause else None
-    return HostStamps(pauses, len(steps), usual, mean, rate)
+    block = max(len(time) // _BLOCKS, int(_BLOCK / slope), 1)
+    off = (time - time[0] - level - slope * rows)[: len(time) // block * block]
+    middle = np.median(off.reshape(-1, block), axis=1)
+    allowed = max(_STEADY * pause, _WANDER * block * slope)
+    return None if np.any(np.abs(np.diff(middle)) > allowed) else usual_rate(1.0 / slope)
 
 
 def usual_rate(measured: float) -> float:

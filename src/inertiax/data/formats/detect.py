@@ -105,6 +105,10 @@ def detect(path: Path) -> ModuleType:
     """The format of a file. Raises `ValueError` where suffix and content contradict each other."""
     with path.open("rb") as file:
         head = file.read(4096)
+    if head.startswith(_POINTER):
+        raise ValueError(
+            f"{path.name}: it is a pointer of Git LFS to the file, not the file; run `git lfs pull` in its repository."
+        )
     by_suffix = [m for m in FORMATS if path.suffix.lower() in m.SUFFIXES]
     for magic, module, words in _MAGIC:
         if head.startswith(magic):
@@ -138,6 +142,7 @@ def _is_text(head: bytes) -> bool:
     return bool(text.strip()) and not (_CONTROLS & set(text))
 
 
+_POINTER = b"version https://git-lfs.github.com/spec/"
 _SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 _PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
 # Of binary files that other programs write as text.
