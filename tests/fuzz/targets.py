@@ -22,9 +22,10 @@ from inertiax.calibration.calibration import read_calibration, write_calibration
 from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import ColumnMap, Layout, read_recordings
 from inertiax.data.formats.columns import TimeColumn
+from inertiax.data.formats.temperature_log import read_temperature_log
 from inertiax.exports import export
-from inertiax.exports.compensated_recording import _mapping
 from inertiax.exports.noise import settings_from_noise
+from inertiax.exports.recording_source import mapping_of
 from inertiax.exports.registry import by_name, read_calibration_of
 from inertiax.physics.temperature import CubicSpline, Polynomial
 from inertiax.simulate import load_scenario
@@ -189,6 +190,11 @@ accel_estimator = "invariant"
 g_sensitivity = false
 temperature_degree = 0
 """
+CAMPAIGN_WITH_PROBE = CAMPAIGN.replace(
+    b"[columns]",
+    b'temperature_files = ["probe.txt"]\ntemperature_delay = 0.5\n[columns]\ntemperature_time = "time"',
+)
+PROBE = b"time,temperature\n-9,20.5\n0.5,21\n1000,22.25\n"
 SCENARIO = b"""[site]
 gravity = 9.81
 [plan]
@@ -376,10 +382,18 @@ TARGETS: dict[str, Target] = {
     "campaign_toml": Target(
         "campaign.toml",
         load_campaign,
-        lambda: [CAMPAIGN, CAMPAIGN[:60]],
-        lambda: {"a.csv": csv_seeds()[0]},
+        lambda: [CAMPAIGN, CAMPAIGN[:60], CAMPAIGN_WITH_PROBE],
+        lambda: {"a.csv": csv_seeds()[0], "probe.txt": PROBE},
     ),
-    "campaign_mapping": Target("campaign.toml", _mapping, lambda: [CAMPAIGN]),
+    "campaign_mapping": Target(
+        "campaign.toml",
+        lambda path: mapping_of(path, path.with_name("a.csv")),
+        lambda: [CAMPAIGN, CAMPAIGN_WITH_PROBE],
+        lambda: {"a.csv": csv_seeds()[0], "probe.txt": PROBE},
+    ),
+    "temperature_log": Target(
+        "probe.txt", lambda path: read_temperature_log(path, ColumnMap(), 0.5), lambda: [PROBE]
+    ),
     "scenario_toml": Target("a.toml", load_scenario, lambda: [SCENARIO]),
     "calibration_json": Target("calibration.json", read_calibration, calibrations),
     "noise_json": Target("noise.json", noise_settings, lambda: [NOISE_JSON]),

@@ -25,7 +25,7 @@ def alike(log: RawLog, others: Sequence[Path]) -> tuple[RawLog, ...]:
             raise ValueError(
                 f"{other.path}: has no column {', '.join(map(repr, missing[:4]))}, which {log.path.name} has; give "
                 "logs of the same columns together, a table's own logs as --table FILE, which goes before each of "
-                "them, and the others a campaign of their own."
+                "them, a temperature's as --temperature FILE, and the others a campaign of their own."
             )
     return found
 

@@ -41,6 +41,7 @@ from .site_lines import site_of_reference, site_table
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
 from .table_log import beside_each, column_lines, refined, refined_by_rate, TableLog
+from .temperature_log import column_lines as probe_columns, probe_logs, split_off
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table
 from .upright_rate import upright_rate, UprightRate
@@ -60,23 +61,31 @@ def draft_campaign(
     height: float = 0.0,
     others: Sequence[Path] = (),
     table: Path | Sequence[Path] | None = None,
+    temperature: Path | Sequence[Path] | None = None,
 ) -> Draft:
     """The `campaign.toml` that fits a log, for a file in `folder`.
 
     **Arguments:** `others` are further recordings of the same campaign, with the same columns; `gyro` is the gyros' log
     where the triads are logged apart; without it one of that name beside an accelerometers' log is taken; `table` is
-    the log that a table writes of its own, one for all logs of the device or one for each. `latitude` in deg, `height`
+    the log that a table writes of its own, one for all logs of the device or one for each; `temperature` is that of a
+    chamber or a probe, likewise, which may stand among `others`, too, if it is called so. `latitude` in deg, `height`
     in m. Of a file that `inertiax compensate` wrote the compensated columns are taken: canonical ones.
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
     for given in (log, *others):
         _refuse_folder(given)
+    others, probed = split_off(others)
+    probed += (temperature,) if isinstance(temperature, Path) else tuple(temperature or ())
     gyro, others = _with_gyros_among(log, others, gyro)
     site = site_table(latitude, height)
     chosen = format_of(log).NAME
     tables = (table,) if isinstance(table, Path) else tuple(table or ())
     paths = file_names((log, *others), folder, one_by_one=len(tables) > 1)
+    if chosen not in _TABLES and probed:
+        raise ValueError(
+            f"{log}: a temperature's log is put beside a table of columns, and {chosen} holds its own."
+        )
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         topics = topic_lines(log) if chosen == ros.NAME else ()
@@ -111,13 +120,16 @@ def draft_campaign(
             f"{own[0].clocks.delay:.1f} s late, where its columns are most like the gyros: are both logs of one run? "
             f"{ONE_AXIS}"
         )
+    probes = probe_logs(found, probed)
+    if probes:
+        lines = tuple(x for x in lines if x.key != "temperature") + tuple(probe_columns(probes))
     columns = columns_table(lines, remarks, found)
     if latitude is None:
         site = site_of_reference(found) or site
     serial = _serial(log, others, tables)
     written = (
         site,
-        recordings_table(found, folder, paths, own),
+        recordings_table(found, folder, paths, own, probes),
         columns,
         *station_tables(found, angles, latitude, serial=serial, own=own, upright=upright),
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .raw_triads import given_names, RawTriads
 from .table_log import TableLog
+from .temperature_log import file_lines, ProbeLog
 from .toml_text import Line, Table
 
 
@@ -14,17 +15,23 @@ _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
 def recordings_table(
-    found: RawTriads, folder: Path, paths: list[str], own: Sequence[TableLog]
+    found: RawTriads,
+    folder: Path,
+    paths: list[str],
+    own: Sequence[TableLog],
+    probes: Sequence[ProbeLog],
 ) -> Table:
-    """`[recordings]`: the files as `file_names` names them, the table's `own` logs, and how their text is laid out."""
+    """`[recordings]`: the files as `file_names` names them, the table's `own` logs, those of the temperature, and how
+    their text is laid out."""
     log, layout = found.log, found.log.layout
     lines = [Line("files", paths, _words(found))]
-    tables = list(dict.fromkeys(_path(t.path, folder) for t in own))
+    tables = list(dict.fromkeys(path_words(t.path, folder) for t in own))
     if tables:
         why = "the table's own log" if len(tables) == 1 else "the table's own log beside each"
         lines.append(Line("table_files", tables, why))
+    lines += file_lines(probes, [path_words(p.path, folder) for p in probes])
     if found.gyro_log is not None:
-        lines.append(Line("gyro_files", [_path(found.gyro_log.path, folder)]))
+        lines.append(Line("gyro_files", [path_words(found.gyro_log.path, folder)]))
     if sections_file(found).is_file():
         why = f"{sections_file(found).name} labels its sections; turns are of -360 deg, say turn_angle otherwise"
         lines.append(Line("format", "imucal", why))
@@ -66,10 +73,10 @@ def file_names(logs: Sequence[Path], folder: Path, *, one_by_one: bool = False) 
         and {p.resolve() for p in folder.glob(glob)} == {p.resolve() for p in logs}
     ):
         return [glob]
-    return [_path(p, folder) for p in logs]
+    return [path_words(p, folder) for p in logs]
 
 
-def _path(file: Path, folder: Path) -> str:
+def path_words(file: Path, folder: Path) -> str:
     """A file as `campaign.toml` names it, relative where that is possible."""
     try:
         relative = Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()

@@ -93,10 +93,10 @@ def beside(found: RawTriads, path: Path) -> Beside:
             f"{path}: a table's own log is put beside logs of both triads, and these log them apart."
         )
     log = read_log(path)
-    name = _clock_column(log)
+    name = clock_column(log)
     if name is None:
         raise ValueError(f"{path}: no column of times in it, of which a table's log needs one.")
-    log = _without_repeats(log, name)
+    log = without_repeats_of_stamps(log, name)
     clock = clock_of(log, name, len(next(iter(log.numbers.values()))), None)
     if found.gyro is None:
         raise ValueError(
@@ -200,7 +200,7 @@ def clock_lines(tables: Sequence[TableLog]) -> list[Line]:
     return lines
 
 
-def _without_repeats(log: RawLog, name: str) -> RawLog:
+def without_repeats_of_stamps(log: RawLog, name: str) -> RawLog:
     """Without rows that do not go on from all above them, which a logger writes that asks faster than its table
     answers; `read_table_log` leaves out the same."""
     stamps = (log.stamps | log.numbers)[name]
@@ -209,7 +209,7 @@ def _without_repeats(log: RawLog, name: str) -> RawLog:
     return log._replace(numbers=kept(log.numbers), stamps=kept(log.stamps))
 
 
-def _clock_column(log: RawLog) -> str | None:
+def clock_column(log: RawLog) -> str | None:
     """The first column that does not go back, and moves on all along."""
     grows = lambda v: bool(np.all(np.diff(v) >= 0.0) and np.mean(np.diff(v) > 0.0) > _GROWS)
     return next((n for n, v in (log.stamps | log.numbers).items() if len(v) > 2 and grows(v)), None)

@@ -42,6 +42,15 @@ def init(
             "their order.",
         ),
     ] = None,
+    temperature: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            help="The log that a chamber or a probe writes of its own; one for all LOGs, or again for each, in their "
+            "order.",
+        ),
+    ] = None,
     latitude: Annotated[
         float | None,
         typer.Option(min=-90.0, max=90.0, help="Of the test place, deg: gives gravity."),
@@ -83,6 +92,7 @@ def init(
             height=height,
             others=others,
             table=table,
+            temperature=temperature,
         )
         with outputs.staged_folder(folder) as staging:
             (staging / file.name).write_text(draft.text, encoding="utf-8")

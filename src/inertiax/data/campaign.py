@@ -15,6 +15,7 @@ from .formats.detect import is_recording
 from .formats.long_logs import read_long
 from .formats.table_angles import two_axes
 from .formats.table_log import read_table_log
+from .formats.temperature_log import beside_each
 from .model_columns import check_model_columns
 from .pairing import pair
 from .recording import Campaign, HALF, ModelChoice, Recording, renamed, Rig, Site
@@ -66,7 +67,7 @@ def load_triads_apart(path: Path | str) -> tuple[tuple[Recording, Recording], ..
     if table.recordings.gyro_files is None:
         return ()
     try:
-        accels, gyros = _read_apart(table, file.parent, _layout(table))
+        accels, gyros, _ = _read_apart(table, file.parent, _layout(table))
         named = [_named(tuple(found), table.device.serial) for found in (accels, gyros)]
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
@@ -195,6 +196,23 @@ def find_files(folder: Path, patterns: tuple[str, ...], key: str = "files") -> t
     return tuple(files)
 
 
+def device_files(folder: Path, said: RecordingsTable) -> tuple[Path, ...]:
+    """The device's files: those of `files` without what a glob among them finds of the other keys, unless that is all.
+
+    Raises `ValueError` as `find_files` does.
+    """
+    found = find_files(folder, said.files)
+    if not any(_WILD.search(pattern) for pattern in said.files):
+        return found
+    others = {
+        file
+        for key in ("gyro_files", "table_files", "temperature_files")
+        if (patterns := getattr(said, key)) is not None
+        for file in find_files(folder, patterns, key)
+    }
+    return tuple(f for f in found if f not in others) or found
+
+
 def _raw(matches: list[Path], pattern: str, key: str) -> list[Path]:
     raw = [p for p in matches if not is_compensated(p)]
     if not raw:
@@ -276,6 +294,18 @@ def _with_table_logs(
     return [msgspec.structs.replace(one, table_log=log) for one, log in pairs]
 
 
+def with_temperature_logs(
+    table: CampaignTable, folder: Path, layouts: list[Layout]
+) -> tuple[list[Layout], tuple[str, ...]]:
+    """The layout of each file with the log of its temperature, where that is logged apart, and what a reader should
+    know of it. Raises `ValueError` as `beside_each` does."""
+    said = table.recordings
+    if said.temperature_files is None:
+        return layouts, ()
+    paths = find_files(folder, said.temperature_files, "temperature_files")
+    return beside_each(layouts, paths, said.temperature_delay, table.columns)
+
+
 def _split(name: str) -> list[str]:
     return [t for t in re.split(r"(\d+)", name) if t]
 
@@ -292,28 +322,29 @@ def _read_all(
     said, folder = table.recordings, file.parent
     layout = _layout(table)
     if said.gyro_files is None:
-        files = find_files(folder, said.files)
+        files = device_files(folder, said)
         layouts = _with_table_logs(table, folder, files, layout)
+        layouts, notes = with_temperature_logs(table, folder, layouts)
         return (
             tuple(
                 r
                 for f, one in zip(files, layouts, strict=True)
                 for r in read(f, table.columns, one, name=said.format)
             ),
-            (),
+            notes,
             _compensated_notes(folder, said, set(files)),
         )
-    accels, gyros = _read_apart(table, folder, layout)
+    accels, gyros, notes = _read_apart(table, folder, layout)
     time = table.columns.time
     counted = isinstance(time, TimeColumn) and time.rate is not None
     paired = [pair(a, g, counted=counted) for a, g in zip(accels, gyros, strict=True)]
     pairings = tuple(p.note for p in paired if p.note is not None)
     used = {
-        *find_files(folder, said.files),
+        *device_files(folder, said),
         *find_files(folder, said.gyro_files, "gyro_files"),
     }
     recordings = tuple(p.recording for p in paired)
-    return recordings, pairings, _compensated_notes(folder, said, used)
+    return recordings, pairings + notes, _compensated_notes(folder, said, used)
 
 
 def _layout(table: CampaignTable) -> Layout:
@@ -334,29 +365,31 @@ def _layout(table: CampaignTable) -> Layout:
 
 def _read_apart(
     table: CampaignTable, folder: Path, layout: Layout
-) -> tuple[list[Recording], list[Recording]]:
-    """The accelerometers' recordings and the gyros', from as many files in the same order."""
+) -> tuple[list[Recording], list[Recording], tuple[str, ...]]:
+    """The accelerometers' recordings and the gyros', from as many files in the same order, and what a reader should
+    know."""
     said = table.recordings
     assert said.gyro_files is not None
     if said.table_files is not None:
         raise ValueError(
             "[recordings] table_files: needs both triads in each of files; gyro_files logs them apart."
         )
-    accel_files = find_files(folder, said.files)
+    accel_files = device_files(folder, said)
     gyro_files = find_files(folder, said.gyro_files, "gyro_files")
     if len(accel_files) != len(gyro_files):
         raise ValueError(
             f"[recordings] gyro_files names {len(gyro_files)} files but files names "
             f"{len(accel_files)}; they are paired in order, so there must be as many."
         )
+    layouts, notes = with_temperature_logs(table, folder, [layout] * len(accel_files))
     accels, gyros = (
         [
             r
-            for f in files
+            for f, one in zip(files, layouts, strict=True)
             for r in read_recordings(
-                f, table.columns, msgspec.structs.replace(layout, triad=triad), name=said.format
+                f, table.columns, msgspec.structs.replace(one, triad=triad), name=said.format
             )
         ]
         for triad, files in (("accel", accel_files), ("gyro", gyro_files))
     )
-    return accels, gyros
+    return accels, gyros, notes

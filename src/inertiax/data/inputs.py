@@ -75,10 +75,9 @@ def campaign_inputs(campaign: Path | None) -> tuple[InputFile, ...]:
         return ()
     said = read_table(campaign).recordings
     named = find_files(campaign.parent, said.files)
-    if said.gyro_files is not None:
-        named += find_files(campaign.parent, said.gyro_files, "gyro_files")
-    if said.table_files is not None:
-        named += find_files(campaign.parent, said.table_files, "table_files")
+    for key in ("gyro_files", "table_files", "temperature_files"):
+        if getattr(said, key) is not None:
+            named += find_files(campaign.parent, getattr(said, key), key)
     return hashed((campaign, *named), campaign.parent)
 
 

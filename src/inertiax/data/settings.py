@@ -38,6 +38,9 @@ class RecordingsTable(_Strict, frozen=True):
     files: tuple[str, ...]
     gyro_files: tuple[str, ...] | None = None  # the gyros' files, where triads are logged apart
     table_files: tuple[str, ...] | None = None  # the table's own logs: one, or one for each file
+    # Logs of the temperature, where that is logged apart: one, or one for each file
+    temperature_files: tuple[str, ...] | None = None
+    temperature_delay: float | tuple[float, ...] = 0.0  # s, by which their stamps are late
     format: str | None = None
     names: tuple[str, ...] | None = None  # columns of text without a header line
     gyro_names: tuple[str, ...] | None = None  # the same of `gyro_files`, where they differ
@@ -252,6 +255,15 @@ def _check_values(table: CampaignTable, file: Path) -> None:
         raise ValueError(
             f"{file}: [columns] time: gyro_name is for gyro_files, which are not given; use name."
         )
+    if table.recordings.temperature_files is None:
+        for where, said in (
+            ("[recordings] temperature_delay", table.recordings.temperature_delay),
+            ("[columns] temperature_time", table.columns.temperature_time),
+        ):
+            if said:
+                raise ValueError(
+                    f"{file}: {where} is for [recordings] temperature_files, which are not given."
+                )
     name = table.recordings.format
     formats = [f.NAME for f in FORMATS]
     if name is not None and name not in formats:

@@ -1,7 +1,5 @@
 """A calibration applied to a recording file: the same table with compensated columns."""
 
-import math
-from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -14,24 +12,22 @@ from jaxtyping import Bool, Float
 from ..calibration.calibration import Calibration
 from ..calibration.device_place import about_device, arms_not_shown, place_on_table
 from ..calibration.over_rows import compensated_rows
-from ..data.compensated import COLUMN, is_compensated
-from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
-from ..data.formats.columns import AXES, TimeColumn, TriadColumns
+from ..data.compensated import COLUMN
+from ..data.formats import csv, detect, Layout, parquet, table as tables
+from ..data.formats.columns import AXES, TimeColumn
+from ..data.formats.temperature_at_stamps import with_temperatures
 from ..data.frames import TRIADS
 from ..data.pairing import pair
 from ..data.recording import Recording
-from ..data.settings import read_toml
 from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .extrapolation import extrapolated, margin
+from .recording_source import in_service, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
 from .text_columns import kinds_of, typed
 
 
-_OF_A_STATION = (
-    "reference_accel", "reference_gyro", "table_angles", "table_rates", "position", "experiment",
-)  # fmt: skip
 _CHUNK = 65536  # samples compensated at a time: little memory
 
 
@@ -95,16 +91,19 @@ def compensate_file(
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     if chosen in (csv, parquet) and gyro_file is None:
         table = _read(path, chosen, layout)
-        columns = in_service(columns, table.columns)
+        columns = in_service(columns, table.columns).of_files(layout)
         found = tables.to_recordings(table, columns, layout, name=path.name)
         (recording,) = _of_device(found, path.name)
+        recording = with_temperatures(recording, layout.temperature_log)
         made = _compensated_table(
             calibration, recording, table.slice(layout.start_row), path.name, any_device
         )
         return made._replace(notes=(*made.notes, *place))
     read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
-    found, notes = read(path, layout), ()
-    if gyro_file is not None:
+    notes: tuple[str, ...] = ()
+    if gyro_file is None:
+        found = read(path, layout)
+    else:
         alone = [msgspec.structs.replace(layout, triad=t) for t in ("accel", "gyro")]
         (accel,), (gyro,) = read(path, alone[0]), read(gyro_file, alone[1])
         counted = isinstance(columns.time, TimeColumn) and columns.time.rate is not None
@@ -276,70 +275,6 @@ def by_parameters(
         None if recording.gyro is None else rate,
         outside,
     )
-
-
-def source_of(
-    path: Path, gyro_file: Path | None, campaign: Path | None
-) -> tuple[ColumnMap, Layout, ModuleType]:
-    """How a recording is to be read: names and units, layout, format.
-
-    Raises `ValueError` where it is none, was compensated before, or holds one triad whose columns are called as the
-    other's, which no `gyro_file` holds.
-    """
-    columns, layout, format_name = _mapping(campaign)
-    of_both = _named(columns, "accel") & _named(columns, "gyro")
-    if of_both and gyro_file is None:
-        raise ValueError(
-            f"{path}: the columns {', '.join(sorted(of_both))} are the accelerometers' and, in a file of their own, "
-            "the gyros'; name that file by --gyro FILE."
-        )
-    for file in (path, gyro_file):
-        if file is not None and is_compensated(file):
-            raise ValueError(
-                f"{file}: was compensated already, for it has a column '{COLUMN}'; give the recording itself. "
-                "Twice compensated outputs are wrong by the errors' size."
-            )
-    if not detect.is_recording(path):
-        raise ValueError(f"{path}: a recording file is needed, or a bag's or EuRoC's folder.")
-    chosen = detect.format_of(path, layout) if format_name is None else detect.by_name(format_name)
-    return columns, layout, chosen
-
-
-def _mapping(campaign: Path | None) -> tuple[ColumnMap, Layout, str | None]:
-    """`[columns]`, and the layout and format under `[recordings]`, of a campaign."""
-    if campaign is None:
-        return ColumnMap(), Layout(), None
-    file = campaign / "campaign.toml" if campaign.is_dir() else campaign
-    try:
-        raw = read_toml(file)
-        columns = msgspec.convert(raw.get("columns", {}), ColumnMap)
-        said = dict(raw.get("recordings", {}))
-        name = said.pop("format", None)
-        for key in ("files", "gyro_files", "table_files"):
-            said.pop(key, None)
-        site, table = raw.get("site", {}), raw.get("table", {})
-        latitude = site.get("latitude")
-        place = {"gravity": site.get("gravity"), "latitude": latitude and math.radians(latitude)}
-        layout = msgspec.convert({**said, **place, "turntable": table}, Layout)
-        return columns, layout, msgspec.convert(name, str | None)
-    except (msgspec.ValidationError, AttributeError, TypeError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise ValueError(f"{file}: [columns], [recordings] or [table]: {reason}.") from None
-
-
-def in_service(columns: ColumnMap, there: Sequence[str] = ()) -> ColumnMap:
-    """`[columns]` of a log from outside the station: names that only a station writes and that are not `there` go."""
-    absent = {key: None for key in _OF_A_STATION if not _named(columns, key) <= set(there)}
-    return msgspec.structs.replace(columns, **absent)
-
-
-def _named(columns: ColumnMap, key: str) -> set[str]:
-    said = getattr(columns, key)
-    if isinstance(said, str):
-        return {said}
-    if isinstance(said, TriadColumns):
-        return set(said.names or (f"{key}_{axis}" for axis in AXES))
-    return set(getattr(said, "names", None) or [getattr(said, "name", None) or key])
 
 
 def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:

@@ -28,12 +28,11 @@ from .compensated_recording import (
     by_parameters,
     compensate_file,
     Extent,
-    in_service,
     notes_on,
-    source_of,
     units_of,
     with_outputs,
 )
+from .recording_source import in_service, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
 from .table_writer import full_disk_told, TableWriter
@@ -74,7 +73,8 @@ def write_compensated(
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     with full_disk_told(output), written_beside(output) as beside:
         known, place = at_place(calibration, path.name, at_table=at_table)
-        if can_be_cut(chosen) and gyro_file is None and not known.effects:
+        whole = gyro_file is not None or known.effects or layout.temperature_log is not None
+        if can_be_cut(chosen) and not whole:
             read: Tables = lambda: pieces(path, chosen, layout, rows=rows, size=size)
             tables = _as_numbers(read) if chosen is csv else read
             write = lambda: TableWriter(beside, output.suffix)

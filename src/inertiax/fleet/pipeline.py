@@ -134,6 +134,11 @@ def _plan(path: Path, folder: Path, asked: _Asked, ahead: Ahead) -> tuple[Manife
     assert file is not None
     columns = table.columns
     try:
+        if table.recordings.temperature_files is not None:
+            raise ValueError(
+                "[recordings] temperature_files: the files of many devices hold the temperature as a column; a device "
+                "whose temperature is logged apart needs a sub-folder with a campaign.toml of its own."
+            )
         sources = find_sources(file.parent, table.recordings.files)
         other = [s.address for s in sources if not s.address.lower().endswith((".parquet", ".pq"))]
         if other:

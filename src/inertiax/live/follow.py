@@ -55,6 +55,11 @@ def plan(campaign: Path, log: Path | None, *, piped: bool, target: str | None) -
             f"{file}: [recordings] table_files is a log of the table's own; `live` follows one log that holds its "
             "angles, too."
         )
+    if said.temperature_files is not None:
+        raise ValueError(
+            f"{file}: [recordings] temperature_files logs the temperature apart; `live` follows one log that holds it, "
+            "too."
+        )
     if said.format not in (None, "csv"):
         raise ValueError(
             f"{file}: [recordings] format = '{said.format}'; `live` follows delimited text (csv)."

@@ -168,14 +168,18 @@ class ColumnMap(_Strict, frozen=True):
     table_angles: AngleColumns | None = None
     table_rates: RateColumns | None = None
     table_time: TimeColumn | str | None = None  # of `table_files`
+    temperature_time: TimeColumn | str | None = None  # of `temperature_files`, as `temperature` is
 
-    def of_gyro_files(self) -> "ColumnMap":
-        """The same for files that hold the gyros alone."""
-        said = self.time
-        if not isinstance(said, TimeColumn) or said.gyro_name is None:
-            return self
-        time = msgspec.structs.replace(said, name=said.gyro_name, gyro_name=None)
-        return msgspec.structs.replace(self, time=time)
+    def of_files(self, layout: "Layout") -> "ColumnMap":
+        """What it says of the device's own files of that layout: those of the gyros alone have stamps of their own, and
+        what says how a temperature's log is read says nothing of them."""
+        made, time = self, self.time
+        if layout.triad == "gyro" and isinstance(time, TimeColumn) and time.gyro_name is not None:
+            time = msgspec.structs.replace(time, name=time.gyro_name, gyro_name=None)
+            made = msgspec.structs.replace(made, time=time)
+        if layout.temperature_log is not None:
+            made = msgspec.structs.replace(made, temperature=None)
+        return made
 
     def label(self, key: Literal["device", "experiment", "position"]) -> str | None:
         """Column name that the campaign gives for a label, `None` where it gives none."""
@@ -217,6 +221,7 @@ class Layout(_Strict, frozen=True):
     latitude: float | None = None  # rad, likewise
     turntable: Turntable = Turntable()  # whose angles [columns] names
     table_log: Any = None  # a `TableMotion`, where the table writes a log of its own
+    temperature_log: Any = None  # a `TemperatureLog`, where the temperature was logged apart
 
     @property
     def said_names(self) -> tuple[str, ...] | None:

@@ -6,6 +6,7 @@ from types import ModuleType
 from ..recording import Recording
 from . import csv, dataflash, euroc, hdf5, imu_tk, imucal, matlab, parquet, ros, ulog
 from .columns import AS_FOUND, CANONICAL, ColumnMap, Layout
+from .temperature_at_stamps import with_temperatures
 
 
 FORMATS: tuple[ModuleType, ...] = (
@@ -60,8 +61,8 @@ def read_recordings(
         raise ValueError(
             f"{path.name}: [recordings] {key} is for {known}, but this file is {chosen.NAME}."
         )
-    own = columns.of_gyro_files() if layout.triad == "gyro" else columns
-    return chosen.read(path, own, layout)
+    found = chosen.read(path, columns.of_files(layout), layout)
+    return tuple(with_temperatures(r, layout.temperature_log) for r in found)
 
 
 def special_keys(chosen: ModuleType, layout: Layout) -> tuple[str, ...]:

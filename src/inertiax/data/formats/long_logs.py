@@ -20,6 +20,7 @@ from .columns import AS_FOUND, CANONICAL, ColumnMap, Layout, TimeColumn
 from .detect import by_name, format_of, read_recordings, special_keys
 from .pieces import BYTES, can_be_cut, mends_stamps, pieces, ROWS
 from .table import to_recordings
+from .temperature_at_stamps import with_temperatures
 
 
 PART = 1 << 19  # rows of a part, about
@@ -51,7 +52,7 @@ def read_long(
     if chosen is not None and _rows(path, chosen) > _LONG * part:
         try:
             tables = pieces(path, chosen, layout, rows=rows, size=size)
-            store, device = _stored(tables, columns, layout, path.name)
+            store, device = _stored(tables, columns.of_files(layout), layout, path.name)
             return _parts(store, device, path.name, part)
         except (ValueError, OSError):
             pass  # what is wrong, if anything is, is said where the whole file is read
@@ -98,6 +99,7 @@ def _stored(
         if rate is not None:
             time = (store.rows + np.arange(recording.num_samples)) / rate
             recording = dataclasses.replace(recording, time=time)
+        recording = with_temperatures(recording, layout.temperature_log)
         if recording.time[0] <= last or (store.rows and recording.device != device):
             raise ValueError(f"{name}: the pieces are not those of one recording.")
         store.append(recording)

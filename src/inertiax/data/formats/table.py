@@ -56,7 +56,7 @@ def to_recordings(
         "time": stamps_of(table, columns, name),
         "accel": None if layout.triad == "gyro" else _triad(table, columns.accel, "accel", name),
         "gyro": None if layout.triad == "accel" else _triad(table, columns.gyro, "gyro", name),
-        "temperature": _temperature(table, columns.temperature, name),
+        "temperature": temperatures_of(table, columns.temperature, name),
         "experiment": _labels(table, columns.label("experiment"), "experiment", name),
         "position": position,
         "reference_accel": _triad(
@@ -194,9 +194,10 @@ def _mag(
     return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, values)
 
 
-def _temperature(
-    table: pl.DataFrame, said: ProbeColumns | str | None, where: str
+def temperatures_of(
+    table: pl.DataFrame, said: ProbeColumns | str | None, where: str, *, gaps: bool = False
 ) -> Float[np.ndarray, "rows probes"] | None:
+    """The probes' temperatures in °C; `None` where there is no column of them. With `gaps` a row without is NaN."""
     column = ProbeColumns(name=said) if isinstance(said, str) else said or ProbeColumns()
     if column.name is not None and column.names is not None:
         raise ValueError("[columns] temperature: give name or names, not both.")
@@ -210,7 +211,7 @@ def _temperature(
         further = [(int(n[12:]), n) for n in table.columns if _PROBE.fullmatch(n)]
         names = ("temperature", *(n for _, n in sorted(further)))
     scale, shift = temperature_factors(column, "[columns] temperature")
-    return np.stack([scale * (numbers(table, n, where) + shift) for n in names], axis=1)
+    return np.stack([scale * (numbers(table, n, where, gaps=gaps) + shift) for n in names], axis=1)
 
 
 _PROBE = re.compile(r"temperature_\d{1,6}")

@@ -63,7 +63,8 @@ def _settings(file: Path) -> tuple[Campaign, CampaignTable] | None:
 
 def _recordings(file: Path, table: CampaignTable) -> Iterator[Path]:
     said = table.recordings
-    for patterns in (said.files, said.gyro_files or (), said.table_files or ()):
+    further = (said.gyro_files, said.table_files, said.temperature_files)
+    for patterns in (said.files, *(p or () for p in further)):
         try:
             yield from find_files(file.parent, patterns) if patterns else ()
         except ValueError:
