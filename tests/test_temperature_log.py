@@ -213,11 +213,16 @@ def drafted(folder, logs, **given):
     return tomllib.loads(draft.text), draft
 
 
-def by_hand(folder, probe, *, clock="time,ax,ay,az"):
+def by_hand(folder, probe, *, dated=False):
     """The device's log under names of its own, and a probe's."""
     time, accel = device()
-    rows = "\n".join(f"{t:.3f},{a:.5f},{b:.5f},{c:.5f}" for t, (a, b, c) in zip(time, accel))
-    (folder / "imu.csv").write_text(f"{clock}\n{rows}\n")
+    stamps = [
+        f"{START + timedelta(seconds=float(t)):%Y-%m-%dT%H:%M:%S.%f}" if dated else t for t in time
+    ]
+    rows = "\n".join(
+        f"{t},{a:.5f},{b:.5f},{c:.5f}" for t, (a, b, c) in zip(stamps, accel, strict=True)
+    )
+    (folder / "imu.csv").write_text(f"time,ax,ay,az\n{rows}\n")
     (folder / "chamber_temp.csv").write_text(probe)
     return [folder / "imu.csv", folder / "chamber_temp.csv"]
 
@@ -226,9 +231,10 @@ def test_init_takes_a_chambers_log_among_the_others(tmp_path):
     """A slow log: its stamps are no IMU's, and the air's temperature is not the probe's."""
     readings = np.arange(0.0, 100.0, 10.0)
     rows = "\n".join(f"{t:.0f},{chamber(t) + 3.0:.3f},{chamber(t):.3f}" for t in readings)
-    table, _ = drafted(tmp_path, by_hand(tmp_path, f"t,temp_air,temp_plate\n{rows}\n"))
+    table, draft = drafted(tmp_path, by_hand(tmp_path, f"t,temp_air,temp_plate\n{rows}\n"))
     assert table["recordings"]["temperature_files"] == ["chamber_temp.csv"]
-    assert "temperature_delay" not in table["recordings"]
+    assert table["recordings"]["temperature_delay"] == 0.0
+    assert "so it is if they are one" in draft.untold["temperature_delay"]
     assert table["columns"]["temperature"] == {"name": "temp_plate", "unit": "degC"}
     assert table["columns"]["temperature_time"] == {"name": "t", "unit": "s"}
     (recording,) = load_campaign(tmp_path).recordings
@@ -237,18 +243,31 @@ def test_init_takes_a_chambers_log_among_the_others(tmp_path):
     np.testing.assert_allclose(recording.temperature[:, 0], expected, atol=1e-3)
 
 
-def test_init_says_that_clocks_differ(tmp_path):
-    """The chamber stamps the time of day, the device seconds since it was switched on."""
-    start = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
+START = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("clock", "stamp", "ahead", "delay", "why"),
+    [
+        ("seconds", "%Y-%m-%dT%H:%M:%S", 0, START.timestamp(), "both began at once"),
+        ("seconds", "%H:%M:%S", 0, 9.5 * 3600, "both began at once"),
+        ("dated", "%Y/%m/%d %H:%M:%S", 0, None, None),
+        ("dated", "%Y-%m-%d %H:%M:%S", 2, 7200.0, "hours between two time zones"),
+        ("dated", "%d.%m.%Y %H:%M:%S", -5, -18000.0, "hours between two time zones"),
+        ("dated", "%H:%M:%S", 0, 9.5 * 3600 - START.timestamp(), "a time of day"),
+    ],
+)
+def test_init_tells_how_the_clocks_differ(tmp_path, clock, stamp, ahead, delay, why):
+    """A chamber that stamps the time of day or the local time beside a device with seconds or dates."""
     readings = np.arange(0.0, 100.0, 2.0)
+    at = [START + timedelta(seconds=float(t), hours=ahead) for t in readings]
     rows = "\n".join(
-        f"{(start + timedelta(seconds=float(t))).isoformat()},{chamber(t) + 273.15:.3f}"
-        for t in readings
+        f"{a:{stamp}},{chamber(t) + 273.15:.3f}" for a, t in zip(at, readings, strict=True)
     )
-    logs = by_hand(tmp_path, f"stamp,temperature [K]\n{rows}\n")
+    logs = by_hand(tmp_path, f"stamp,temperature [K]\n{rows}\n", dated=clock == "dated")
     table, draft = drafted(tmp_path, logs[:1], temperature=logs[1])
-    assert table["recordings"]["temperature_delay"] == start.timestamp()
-    assert "both began at once" in draft.untold["temperature_delay"]
+    assert table["recordings"].get("temperature_delay") == delay
+    assert why is None or why in draft.untold["temperature_delay"]
     assert table["columns"]["temperature"]["unit"] == "K"
     (recording,) = load_campaign(tmp_path).recordings
     np.testing.assert_allclose(
@@ -262,3 +281,7 @@ def test_init_refuses_a_temperatures_log_without_a_temperature(tmp_path):
         drafted(tmp_path, logs[:1], temperature=logs[1])
     with pytest.raises(ValueError, match="--temperature FILE"):
         drafted(tmp_path, logs)
+    american = "\n".join(f"03/02/2026 09:{k}:00 AM,2{k}.5" for k in range(10, 40))
+    logs = by_hand(tmp_path, f"stamp,temp\n{american}\n")
+    with pytest.raises(ValueError, match="no column of times in it.*as 2026-03-02 09:30:00"):
+        drafted(tmp_path, logs[:1], temperature=logs[1])

@@ -20,6 +20,15 @@ from .toml_text import Line
 
 
 _ALIKE = 10.0  # times as long: the next unit is a thousand times another
+_DAY, _HALF_HOUR = 86400.0, 1800.0  # s; time zones are half hours apart
+_LARGEST_ZONE = 26 * 3600.0  # s, from UTC−12 to UTC+14
+
+
+class Delay(NamedTuple):
+    """How late a log's stamps are, and why it is taken to be so late; `None` s where both logs have one clock."""
+
+    seconds: float | None
+    why: str = ""
 
 
 class ProbeLog(NamedTuple):
@@ -29,9 +38,7 @@ class ProbeLog(NamedTuple):
     clock: Clock
     column: str
     unit: TemperatureUnit
-    delay: (
-        float | None
-    )  # s, by which its stamps are late if both logs began at once; `None` on one clock
+    delay: Delay
 
 
 def split_off(others: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
@@ -57,12 +64,11 @@ def file_lines(probes: Sequence[ProbeLog], names: list[str]) -> list[Line]:
     if not probes:
         return []
     lines = [Line("temperature_files", names, "the temperature, logged apart")]
-    if any(p.delay is not None for p in probes):
-        delays = [round(p.delay or 0.0, 3) for p in probes]
-        why = "s, by which the temperature's stamps are late, for its clock is another: so it is if both began at once"
-        lines.append(
-            Line("temperature_delay", delays[0] if len(delays) == 1 else delays, why, certain=False)
-        )
+    told = [p.delay for p in probes if p.delay.seconds is not None]
+    if told:
+        delays = [round(p.delay.seconds or 0.0, 3) for p in probes]
+        said = delays[0] if len(delays) == 1 else delays
+        lines.append(Line("temperature_delay", said, told[0].why, certain=False))
     return lines
 
 
@@ -95,7 +101,7 @@ def _alone(path: Path) -> bool:
     """Whether a file holds a temperature and no triad."""
     try:
         log = read_log(path)
-        _column(log, clock_column(log))
+        _column(log, _clock_column(log))
     except ValueError:
         return False
     try:
@@ -103,6 +109,12 @@ def _alone(path: Path) -> bool:
     except ValueError:
         return True
     return False
+
+
+def _clock_column(log: RawLog) -> str | None:
+    """The log's clock: no temperature, which may rise throughout, too."""
+    others = {n: v for n, v in log.numbers.items() if not means("temperature", n)}
+    return clock_column(log._replace(numbers=others))
 
 
 def _column(log: RawLog, clock: str | None) -> str:
@@ -124,10 +136,11 @@ def _probe_log(found: RawTriads, path: Path) -> ProbeLog:
         raise ValueError(
             f"{path}: a temperature's log needs a line of column names above its rows."
         )
-    name = clock_column(log)
+    name = _clock_column(log)
     if name is None:
         raise ValueError(
-            f"{path}: no column of times in it, of which a temperature's log needs one."
+            f"{path}: no column of times in it, of which a temperature's log needs one: seconds, or stamps as "
+            "2026-03-02 09:30:00."
         )
     log = without_repeats_of_stamps(log, name)
     column = _column(log, name)
@@ -161,9 +174,25 @@ def _clock(log: RawLog, name: str, duration: float) -> Clock:
     return Clock(name, unit, None, seconds, why, certain)
 
 
-def _delay(
-    device: Float[np.ndarray, " time"], probe: Float[np.ndarray, " readings"]
-) -> float | None:
-    """How late the readings' stamps are if both logs began at once; `None` where they have times in common."""
+def _delay(device: Float[np.ndarray, " time"], probe: Float[np.ndarray, " readings"]) -> Delay:
+    """How late the readings' stamps are.
+
+    Two clocks with dates that have no time in common differ by a time zone if that is enough, and a time of day is of
+    the device's day if it then has. Clocks without dates, and all others, are taken to begin at once.
+    """
+    late = "s, by which the temperature's stamps are late"
+    dated = [EPOCH[0] < x[0] < EPOCH[1] for x in (device, probe)]
+    covers = lambda delay: probe[0] - delay <= device[0] and device[-1] <= probe[-1] - delay
     apart = probe[-1] < device[0] or device[-1] < probe[0]
-    return float(probe[0] - device[0]) if apart else None
+    if all(dated) and not apart:
+        return Delay(None)
+    begun = float(probe[0] - device[0])
+    zone = _HALF_HOUR * round(begun / _HALF_HOUR)
+    if all(dated) and abs(zone) <= _LARGEST_ZONE and covers(zone):
+        return Delay(zone, f"{late}: the hours between two time zones, if both logs are of one run")
+    midnight = -_DAY * float(np.floor(device[0] / _DAY))
+    if dated[0] and 0.0 <= probe[0] < _DAY and covers(midnight):
+        return Delay(midnight, f"{late}: a time of day, if it is of the device's day and time zone")
+    if not any(dated) and not apart:
+        return Delay(0.0, f"{late}: both clocks begin anew, and so it is if they are one")
+    return Delay(begun, f"{late}, for its clock is another: so it is if both began at once")
