@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
-from ..data.formats.detect import format_of, FORMATS, is_recording
+from ..data.formats.detect import format_of
 from ..data.pose_rows import turn_between_rows
 from ..reduction.gravity_turns import GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
@@ -24,7 +24,7 @@ from .accel_unit import (
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import WITH_GRAVITY
-from .converters import ACCEL_SCALES, middle, nearest, rounded, whole, wraps
+from .converters import ACCEL_SCALES, middle, nearest, rounded, whole
 from .draft import Draft, draft_of
 from .further_columns import columns_table, ONE_AXIS
 from .gyro_unit import clock_and_unit, gyro_unit
@@ -32,6 +32,7 @@ from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit
+from .novatel_counts import of_novatel
 from .raw_log import read_log
 from .raw_triads import columns, gyros_beside, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
@@ -44,6 +45,7 @@ from .table_log import beside_each, column_lines, refined, refined_by_rate, Tabl
 from .temperature_log import column_lines as probe_columns, probe_logs, split_off
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table
+from .unusable_logs import refuse_folder, refuse_wrapped
 from .upright_rate import upright_rate, UprightRate
 
 
@@ -74,7 +76,7 @@ def draft_campaign(
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
     for given in (log, *others):
-        _refuse_folder(given)
+        refuse_folder(given)
     others, probed = split_off(others)
     probed += (temperature,) if isinstance(temperature, Path) else tuple(temperature or ())
     gyro, others = _with_gyros_among(log, others, gyro)
@@ -100,7 +102,7 @@ def draft_campaign(
         found, further = each[0][0], tuple(one.log for one, _ in each[1:])
     own = tuple(t for _, t in each)
     found = followed_by(found, further)
-    _refuse_wrapped(log, found)
+    refuse_wrapped(log, found)
     rests = _rests(found)
     found = with_gyros_by_turns(found, rests)
     found, step = as_rates(found, rests)
@@ -153,26 +155,6 @@ def _with_gyros_among(
         if beside_it is not None and beside_it.absolute() == others[0].absolute():
             return others[0], ()
     return gyro, tuple(others)
-
-
-def _refuse_wrapped(log: Path, found: RawTriads) -> None:
-    for name, values in (("accelerometers", found.accel), ("gyros", found.gyro)):
-        if values is not None and wraps(values):
-            raise ValueError(
-                f"{log}: the {name} are whole numbers up to {values.max():.0f} that jump from one end to the other: "
-                "signed 16-bit readings written as unsigned. Take 65536 from every value above 32767, then run "
-                "`inertiax init` again."
-            )
-
-
-def _refuse_folder(log: Path) -> None:
-    """A folder that is no recording: its logs are to be named, of which it may hold others than one campaign's."""
-    if not log.is_dir() or is_recording(log):
-        return
-    suffixes = {s for module in FORMATS for s in module.SUFFIXES}
-    logs = sorted(p for p in log.iterdir() if p.is_file() and p.suffix.lower() in suffixes)
-    cure = f"name its logs, such as inertiax init {logs[0]}" if logs else "name a recording"
-    raise ValueError(f"{log}: is a folder, and neither a ROS bag nor of EuRoC's layout; {cure}.")
 
 
 def _rests(found: RawTriads) -> Resting:
@@ -234,6 +216,7 @@ def _columns(
     """`[columns]`, remarks on what is left to others, and the rate of a table that turns about the vertical alone;
     `step` (s) is that of increments."""
     units: dict[str, TriadUnit] = {}
+    told_by_counts: tuple[TriadUnit, TriadUnit] | None = None
     lines, remarks = [] if rests.single_rows else [_time(found)], []
     named = found.log.has_header and found.log.format != "imu_tk"
     if found.accel is not None:
@@ -250,6 +233,8 @@ def _columns(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
             )
         unit = unit if step is None else of_increments(unit, step)
+        told_by_counts = of_novatel(found, unit)
+        unit = unit if told_by_counts is None else told_by_counts[0]
         units["accel"] = unit
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
         if (
@@ -266,6 +251,7 @@ def _columns(
         unit = gyro_unit(found.gyro, turns, words, moving, range_, shaken=tossed, stated=stated)
         unit, rate = with_reference_rate(found, unit)
         unit = unit if step is None else of_increments(unit, step)
+        unit = unit if told_by_counts is None else told_by_counts[1]
         units["gyro"] = unit
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate

@@ -16,6 +16,7 @@ import polars as pl
 from ...storage.harmless_text import short
 from ..frames import TRIADS
 from ..recording import COLUMNS, Recording
+from . import novatel
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, numbered_name, shown
 from .table import to_recordings
 from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout
@@ -71,7 +72,8 @@ def text_of(path: Path) -> bytes:
         raise ValueError(
             f"{path.name}: the content is binary, not delimited text: byte {before + zero} (line {line}) is zero."
         )
-    return with_line_feeds(text.removeprefix(b"\xef\xbb\xbf"))
+    text = with_line_feeds(text.removeprefix(b"\xef\xbb\xbf"))
+    return novatel.as_rows(text) if novatel.is_novatel(text) else text
 
 
 def with_line_feeds(text: bytes) -> bytes:
