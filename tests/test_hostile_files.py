@@ -48,7 +48,7 @@ TOGETHER = {
     "arrays": ("parquet", "hdf5", "matlab_5", "matlab_73"),
     "ros": ("ros_1_bag", "ros_2_sqlite", "ros_2_mcap", "ros_2_metadata"),
     "others": ("csv", "no_header", "imu_tk", "euroc", "imucal_session", "imucal_sections", "imucal_section_table",
-               "ulog", "dataflash", "campaign_toml", "campaign_mapping", "temperature_log",
+               "ulog", "dataflash", "campaign_toml", "campaign_mapping", "temperature_log", "lvm", "novatel",
                "scenario_toml", "calibration_json",
                "noise_json", "truth_json", "population_json", "fleet_manifest", "fleet_line",
                *(name for name in TARGETS if name.startswith("from_"))),

@@ -198,6 +198,31 @@ def test_a_packed_file_is_to_be_unpacked(tmp_path):
         draft_campaign(path, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "cure"),
+    [
+        ("log.json", b'[\n {"t": 0.0, "ax": 1.0}]', r"DataFrame\(json.load\(open\('log.json'\)\)\)"),
+        ("log.txt", b'{"t": [0.0, 0.1], "ax": [1.0, 1.0]}', r"DataFrame\(json.load\(open"),
+        ("log.jsonl", b'{"t": 0.0, "ax": 1.0}\n{"t": 0.1, "ax": 1.0}\n', r"read_ndjson\('log.jsonl'\)"),
+        ("log.tdms", b"TDSm\x0e\x00", r"TdmsFile.read\('log.tdms'\)"),
+        ("log.mf4", b"MDF     4.10\x00", r"asammdf.MDF\('log.mf4'\)"),
+        ("log.feather", b"ARROW1\x00\x00", r"read_ipc\('log.feather'\)"),
+        ("log.pkl", b"\x80\x04\x95", "never opened here"),
+    ],
+)  # fmt: skip
+def test_files_of_other_programs_are_refused_with_the_cure(tmp_path, name, content, cure):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"{name}: it is .*{cure}"):
+        draft_campaign(path, tmp_path)
+
+
+def test_settings_in_brackets_are_no_json(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(f"[logger]\nrate,100\ntime,ax,ay,az\n{lines(TIME, *FORCE.T)}")
+    assert draft_campaign(path, tmp_path).told["accel"]
+
+
 def test_a_pointer_in_place_of_the_file_says_how_to_get_it(tmp_path):
     """What a clone without Git LFS has; its three lines would be a text of one column."""
     for name in ("log.csv", "log.parquet"):

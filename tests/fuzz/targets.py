@@ -20,7 +20,7 @@ import scipy.io
 from exports_cases import calibration, NOISE
 from inertiax.calibration.calibration import read_calibration, write_calibration
 from inertiax.data.campaign import load_campaign
-from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats import ColumnMap, csv, Layout, read_recordings
 from inertiax.data.formats.columns import TimeColumn
 from inertiax.data.formats.temperature_log import read_temperature_log
 from inertiax.exports import export
@@ -193,6 +193,14 @@ temperature_degree = 0
 CAMPAIGN_WITH_PROBE = CAMPAIGN.replace(
     b"[columns]",
     b'temperature_files = ["probe.txt"]\ntemperature_delay = 0.5\n[columns]\ntemperature_time = "time"',
+)
+LVM = (
+    b"LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\n"
+    b"Y_Unit_Label\tg\tg\nDelta_X\t0,5\t0,5\n***End_of_Header***\nX_Value\tax\tay\tComment\n\t0,5\t1,0\n\t0,25\t1,0\tknocked\n"
+)
+NOVATEL = (
+    b"%RAWIMUSA,2387,1.0;2387,1.000023576,00000077,414,291,64145,36,0,3*9319b0f1\n"
+    b"#RAWIMUXA,COM1,0,68.5;04,41,2209,2.013699,ea59fe00,329308016,-2706935,4508389,196192,417138,-1000837*038422a7\n"
 )
 PROBE = b"time,temperature\n-9,20.5\n0.5,21\n1000,22.25\n"
 SCENARIO = b"""[site]
@@ -391,6 +399,8 @@ TARGETS: dict[str, Target] = {
         lambda: [CAMPAIGN, CAMPAIGN_WITH_PROBE],
         lambda: {"a.csv": csv_seeds()[0], "probe.txt": PROBE},
     ),
+    "lvm": Target("a.lvm", lambda path: csv.read_table(path), lambda: [LVM]),
+    "novatel": Target("a.asc", lambda path: csv.read_table(path), lambda: [NOVATEL]),
     "temperature_log": Target(
         "probe.txt", lambda path: read_temperature_log(path, ColumnMap(), 0.5), lambda: [PROBE]
     ),

@@ -16,14 +16,14 @@ import polars as pl
 from ...storage.harmless_text import short
 from ..frames import TRIADS
 from ..recording import COLUMNS, Recording
-from . import novatel
+from . import lvm, novatel
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, numbered_name, shown
 from .table import to_recordings
 from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout
 
 
 NAME = "csv"
-SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv")
+SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv", ".lvm")
 _CUT = 0.01  # of all rows: more have an empty last field on purpose
 _CHECKSUM = re.compile(rb"\*[0-9A-Fa-f]{2}$", re.MULTILINE)
 KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
@@ -73,7 +73,9 @@ def text_of(path: Path) -> bytes:
             f"{path.name}: the content is binary, not delimited text: byte {before + zero} (line {line}) is zero."
         )
     text = with_line_feeds(text.removeprefix(b"\xef\xbb\xbf"))
-    return novatel.as_rows(text) if novatel.is_novatel(text) else text
+    if novatel.is_novatel(text):
+        return novatel.as_rows(text)
+    return lvm.as_rows(text, path.name) if lvm.is_lvm(text) else text
 
 
 def with_line_feeds(text: bytes) -> bytes:

@@ -1,5 +1,6 @@
 """Which format a file is in: by its first bytes, else by its suffix."""
 
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -110,6 +111,13 @@ def detect(path: Path) -> ModuleType:
         raise ValueError(
             f"{path.name}: it is a pointer of Git LFS to the file, not the file; run `git lfs pull` in its repository."
         )
+    if _JSON.match(head):
+        lines = re.search(rb"\}\s*\n\s*\{", head) is not None
+        read = "polars.read_ndjson({})" if lines else "polars.DataFrame(json.load(open({})))"
+        raise ValueError(
+            f'{path.name}: it is JSON; write its columns as text: python -c "import json, polars; '
+            f"{read.format(repr(path.name))}.write_csv('log.csv')\""
+        )
     by_suffix = [m for m in FORMATS if path.suffix.lower() in m.SUFFIXES]
     for magic, module, words in _MAGIC:
         if head.startswith(magic):
@@ -121,13 +129,13 @@ def detect(path: Path) -> ModuleType:
         if by_suffix[0] is parquet and head.strip():
             raise ValueError(f"{path.name}: not a Parquet file: it does not begin with PAR1.")
         return by_suffix[0]
+    cure = _CURES.get(path.suffix.lower())
+    if cure is not None:
+        raise ValueError(f"{path.name}: {cure}.")
     if _is_text(head):
         return csv
     if path.suffix.lower() in _SPREADSHEETS:
         raise ValueError(f"{path.name}: it is a spreadsheet; save its sheet as CSV and give that.")
-    cure = _CURES.get(path.suffix.lower())
-    if cure is not None:
-        raise ValueError(f"{path.name}: {cure}.")
     if head.startswith(_PACKED):
         raise ValueError(f"{path.name}: it is packed; unpack it first and give the file inside.")
     known = ", ".join(dict.fromkeys(s for m in FORMATS for s in m.SUFFIXES))
@@ -143,6 +151,9 @@ def _is_text(head: bytes) -> bool:
     return bool(text.strip()) and not (_CONTROLS & set(text))
 
 
+_JSON = re.compile(
+    rb"(?:\xef\xbb\xbf)?\s*[\[{]\s*[\"\[{]"
+)  # not the `[name]` of settings above a table
 _POINTER = b"version https://git-lfs.github.com/spec/"
 _SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 _PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
@@ -151,6 +162,13 @@ _CURES = {
     ".npy": "it is a NumPy array; write its columns as text: numpy.savetxt('log.csv', array, delimiter=',')",
     ".npz": "it holds NumPy arrays; write the columns as text: numpy.savetxt('log.csv', columns, delimiter=',')",
     ".cwa": "it is Axivity's own format; export it as CSV (OmGui: Export, Raw CSV) and give that",
+    ".tdms": 'it is a TDMS file; write its channels as text: python -c "import nptdms; '
+    "nptdms.TdmsFile.read('log.tdms').as_dataframe().to_csv('log.csv')\"",
+    ".mf4": 'it is an MDF file; write its channels as text: python -c "import asammdf; '
+    "asammdf.MDF('log.mf4').to_dataframe().to_csv('log.csv')\"",
+    ".feather": 'it is an Arrow file; write it as Parquet: python -c "import polars; '
+    "polars.read_ipc('log.feather').write_parquet('log.parquet')\"",
+    ".pkl": "it is a pickle, never opened here, for it can hold a program; write its table as CSV where it was made",
     ".tlog": "it is a telemetry log; give the vehicle's own log (.bin, .ulg), or write it as CSV (mavlogdump.py)",
 }
 _CONTROLS = frozenset(range(32)) - set(b"\t\n\r\f\x1b")

@@ -57,6 +57,8 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     """
     page = code_page(data)
     lines = _first_lines(data, header_line or 0, page)
+    if not lines:
+        raise ValueError(f"{where}: the file has no rows of data, only blank lines.")
     separator = _SEPARATOR.fullmatch(lines[0].text)
     below = lines[1:] if separator else lines
     if header_line is not None and all(x.number != header_line for x in lines):
@@ -108,7 +110,10 @@ def fields(line: str, delimiter: str) -> list[str]:
         return line.split()
     if line and '"' not in line:  # without quotes a reader of CSV does the same, ten times slower
         return [f.strip() for f in line.split(delimiter)]
-    return [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
+    try:
+        return [f.strip() for f in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:  # a quoted field of a length that no log has
+        return [f.strip() for f in line.split(delimiter)]
 
 
 def _number_of_fields(line: str, delimiter: str) -> int:
