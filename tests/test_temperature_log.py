@@ -17,6 +17,7 @@ from inertiax.data.formats.temperature_at_stamps import TemperatureLog
 from inertiax.data.inputs import campaign_inputs
 from inertiax.exports.compensated_recording import compensate_file
 from inertiax.fleet.pipeline import run_fleet
+from inertiax.fleet.results import fleet_calibration
 from inertiax.live.follow import plan
 
 
@@ -195,9 +196,28 @@ def test_the_log_is_one_of_the_campaigns_inputs(tmp_path):
     assert inputs["chamber.csv"] == digest
 
 
-def test_a_fleet_of_folders_has_it_and_what_cannot_says_so(tmp_path):
+def test_a_fleet_of_folders_has_it_and_sees_that_it_changed(tmp_path):
+    for name in ("A-1", "A-2"):
+        folder = written(tmp_path / "line" / name, apart=name == "A-1")
+        own = pl.read_csv(folder / "imu.csv")  # a copy to the last digit would be set aside
+        own.with_columns(pl.col("accel_x") + (1e-9 if name == "A-2" else 0.0)).write_csv(
+            folder / "imu.csv"
+        )
+    run = lambda: run_fleet(tmp_path / "line", tmp_path / "out")
+    assert run().calibrated == 2
+    first = [fleet_calibration(tmp_path / "out", n).accel.curve for n in ("A-1", "A-2")]
+    np.testing.assert_allclose(first[0].coefficients, first[1].coefficients, atol=1e-6)
+    chamber_log = tmp_path / "line" / "A-1" / "chamber.csv"
+    pl.read_csv(chamber_log).with_columns(pl.col("T") + 0.05).write_csv(chamber_log)
+    assert run().calibrated == 2
+    again = fleet_calibration(tmp_path / "out", "A-1").accel.curve
+    # The same outputs at temperatures a little higher
+    np.testing.assert_allclose(again(-7.95), first[0](-8.0), atol=1e-8)
+    assert np.abs(again(-8.0) - first[0](-8.0)).max() > 1e-6
+
+
+def test_what_cannot_have_it_says_so(tmp_path):
     written(tmp_path / "line" / "A-1")
-    written(tmp_path / "line" / "A-2", apart=False)
     with pytest.raises(ValueError, match="temperature_files: the files of many devices hold"):
         run_fleet(tmp_path / "line" / "A-1" / "campaign.toml", tmp_path / "out")
     with pytest.raises(ValueError, match="temperature_files logs the temperature apart; `live`"):

@@ -281,14 +281,7 @@ def _columns(
         if told.unit is None:
             remarks.append(f"{CHECK} temperature: {told.why}; it is left out")
         else:
-            value: dict[str, object] = {"name": name, "unit": told.unit}
-            if told.scale is not None:
-                value |= {
-                    "scale": told.scale,
-                    "scale_unit": "count per degC",
-                    "offset": told.offset,
-                }
-            lines.append(Line("temperature", value, told.why, told.certain))
+            lines.append(Line("temperature", told.of_column(name), told.why, told.certain))
     return tuple(lines), tuple(remarks), upright
 
 

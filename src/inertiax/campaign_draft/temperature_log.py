@@ -77,17 +77,10 @@ def column_lines(probes: Sequence[ProbeLog]) -> list[Line]:
     if not probes:
         return []
     first = probes[0]
-    value: dict[str, object] = {"name": first.column, "unit": first.unit.unit}
-    if first.unit.scale is not None:
-        value |= {
-            "scale": first.unit.scale,
-            "scale_unit": "count per degC",
-            "offset": first.unit.offset,
-        }
     clock = {} if first.clock.unit is None else {"unit": first.clock.unit}
     why = f"of the temperature's log, {first.clock.why}"
     return [
-        Line("temperature", value, first.unit.why, first.unit.certain),
+        Line("temperature", first.unit.of_column(first.column), first.unit.why, first.unit.certain),
         Line(
             "temperature_time",
             {"name": first.clock.name, **clock},

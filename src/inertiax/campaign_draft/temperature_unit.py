@@ -49,6 +49,13 @@ class TemperatureUnit(NamedTuple):
     why: str
     certain: bool
 
+    def of_column(self, name: str) -> dict[str, object]:
+        """The value of `[columns] temperature` for a column that has this unit."""
+        value: dict[str, object] = {"name": name, "unit": self.unit}
+        if self.scale is not None:
+            value |= {"scale": self.scale, "scale_unit": "count per degC", "offset": self.offset}
+        return value
+
 
 def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     """Unit of a temperature column."""
