@@ -7,6 +7,7 @@ from datetime import datetime, timedelta, UTC
 import numpy as np
 import polars as pl
 import pytest
+from scipy.io import savemat
 
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft import draft_campaign
@@ -292,6 +293,21 @@ def test_init_tells_how_the_clocks_differ(tmp_path, clock, stamp, ahead, delay, 
     (recording,) = load_campaign(tmp_path).recordings
     np.testing.assert_allclose(
         recording.temperature[:, 0], np.interp(device()[0], readings, chamber(readings)), atol=2e-3
+    )
+
+
+def test_init_reads_an_array_whose_columns_are_called_alike(tmp_path):
+    """As a MATLAB file holds it, stamps first."""
+    logs = by_hand(tmp_path, "")
+    readings = np.arange(0.0, 91.0)
+    values = np.column_stack([readings, chamber(readings)])
+    savemat(tmp_path / "chamber_temp.mat", {"temperatureBuffer": values})
+    table, _ = drafted(tmp_path, [logs[0], tmp_path / "chamber_temp.mat"])
+    assert table["columns"]["temperature"]["name"] == "temperatureBuffer_1"
+    assert table["columns"]["temperature_time"]["name"] == "temperatureBuffer_0"
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(
+        recording.temperature[:, 0], np.interp(device()[0], readings, chamber(readings))
     )
 
 

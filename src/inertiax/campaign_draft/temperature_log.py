@@ -105,8 +105,10 @@ def _alone(path: Path) -> bool:
 
 
 def _clock_column(log: RawLog) -> str | None:
-    """The log's clock: no temperature, which may rise throughout, too."""
-    others = {n: v for n, v in log.numbers.items() if not means("temperature", n)}
+    """The log's clock: no temperature, which may rise throughout, too; an array's columns are all named alike."""
+    stem = log.names[0].removesuffix("_0")
+    array = len(log.names) > 1 and log.names == tuple(f"{stem}_{k}" for k in range(len(log.names)))
+    others = {n: v for n, v in log.numbers.items() if array or not means("temperature", n)}
     return clock_column(log._replace(numbers=others))
 
 
