@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from inertiax.data.formats import ColumnMap, Layout, read_recordings
+from inertiax.data.formats import ColumnMap, Layout, matlab, read_recordings
 from inertiax.data.formats.columns import LabelColumn, TimeColumn, TriadColumns
 from readers_cases import campaign, check, made_up, refusal
 from readers_data import matlab_73
@@ -172,3 +172,18 @@ def test_bad_matlab_files_are_refused_in_one_line(tmp_path):
         "a.csv: the content is a MATLAB file but the suffix is '.csv'; rename it to .mat or write "
         '[recordings] format = "matlab".'
     )
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_rows_of_zeros_at_the_end_of_an_array_made_in_advance_are_left_out(tmp_path, lying):
+    """Stamps first, as a script fills it; an array whose first column does not rise is left as it is."""
+    rng = np.random.default_rng(2)
+    values = np.zeros((500, 4))
+    values[:400, 0] = 0.01 * np.arange(1, 401)
+    values[:400, 1:] = rng.standard_normal((400, 3))
+    scipy.io.savemat(tmp_path / "a.mat", {"buffer": values.T if lying else values})
+    table = matlab.decode(tmp_path / "a.mat")
+    np.testing.assert_array_equal(table.to_numpy(), values[:400])
+    values[:400, 0] = rng.standard_normal(400)
+    scipy.io.savemat(tmp_path / "b.mat", {"buffer": values})
+    assert matlab.decode(tmp_path / "b.mat").height == 500

@@ -51,6 +51,8 @@ def _all_columns(
     they are as long."""
     found: dict[str, np.ndarray] = {}
     lying: dict[str, np.ndarray] = {}
+    if len(arrays) == 1:
+        arrays = {name: _filled(values) for name, values in arrays.items()}
     for name, values in arrays.items():
         found |= _split(name, values)
         if values.ndim == 2 and 3 < values.shape[0] <= _CHANNELS < values.shape[1]:
@@ -60,6 +62,19 @@ def _all_columns(
     if not found:
         raise ValueError(f"{where}: no numeric arrays in it.")
     return found, lying
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """An array of samples, stamps first, without rows of zeros at its end, which was made in advance and not filled."""
+    if values.ndim != 2 or values.dtype.kind not in "fiu":
+        return values
+    lies = values.shape[0] <= _CHANNELS < values.shape[1]
+    rows = values.T if lies else values
+    filled = np.flatnonzero(rows.any(axis=1))
+    last = int(filled[-1]) + 1 if len(filled) else 0
+    if last < 2 or last > len(rows) - 2 or np.any(np.diff(rows[:last, 0]) < 0):
+        return values
+    return rows[:last].T if lies else rows[:last]
 
 
 def choose_group(groups: list[str], asked: str, where: str) -> None:
