@@ -123,6 +123,20 @@ def test_rows_without_a_number_and_stamps_that_repeat_are_left_out(tmp_path):
     np.testing.assert_allclose(recording.temperature[:, 0], expected, atol=1e-9)
 
 
+def test_the_rate_of_the_devices_rows_is_not_the_logs(tmp_path):
+    folder = written(tmp_path, columns=f"time = {{ rate = {RATE} }}\n", step=5.0)
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text.replace('temperature_time = { name = "t" }\n', ""))
+    with pytest.raises(ValueError, match="chamber.csv: column 'time' is missing"):
+        load_campaign(folder)
+    renamed = (folder / "chamber.csv").read_text().replace("t,T", "time,T")
+    (folder / "chamber.csv").write_text(renamed)
+    (recording,) = load_campaign(folder).recordings
+    readings = np.arange(0.0, device()[0][-1] + 5.0, 5.0)
+    expected = np.interp(device()[0], readings, chamber(readings))
+    np.testing.assert_allclose(recording.temperature[:, 0], expected, atol=1e-9)
+
+
 def test_each_file_has_its_own_log_or_all_have_one(tmp_path):
     folder = written(tmp_path)
     both = '"imu.csv", "imu2.csv"'

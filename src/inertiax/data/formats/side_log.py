@@ -26,7 +26,7 @@ def read_side_log(
     path: Path, columns: ColumnMap, clock: TimeColumn | str | None, what: str
 ) -> SideLog:
     """The rows of a delimited text, or of a Parquet, HDF5 or MATLAB file, whose clock is `clock`, else
-    `[columns] time`.
+    `[columns] time`, else a column `time`: the rate at which a device's rows are counted is no other log's.
 
     Raises `ValueError` for another format, of `what` ("a table's log"), and where there are no stamps.
     """
@@ -36,5 +36,7 @@ def read_side_log(
             f"{path.name}: {what} must be delimited text or Parquet; this is {chosen.NAME}."
         )
     rows = csv.read_table(path) if chosen is csv else chosen.decode(path)
-    time = stamps_of(rows, msgspec.structs.replace(columns, time=clock or columns.time), path.name)
+    counted = isinstance(columns.time, TimeColumn) and columns.time.rate is not None
+    clock = clock or (None if counted else columns.time)
+    time = stamps_of(rows, msgspec.structs.replace(columns, time=clock), path.name)
     return SideLog(rows, time, np.r_[True, time[1:] > np.maximum.accumulate(time)[:-1]])
