@@ -331,7 +331,7 @@ def test_init_refuses_a_temperatures_log_without_a_temperature(tmp_path):
         drafted(tmp_path, logs[:1], temperature=logs[1])
     with pytest.raises(ValueError, match="--temperature FILE"):
         drafted(tmp_path, logs)
-    american = "\n".join(f"03/02/2026 09:{k}:00 AM,2{k}.5" for k in range(10, 40))
-    logs = by_hand(tmp_path, f"stamp,temp\n{american}\n")
+    words = "\n".join(f"day 61 9 h {k} min,2{k}.5" for k in range(10, 40))
+    logs = by_hand(tmp_path, f"stamp,temp\n{words}\n")
     with pytest.raises(ValueError, match="no column of times in it.*as 2026-03-02 09:30:00"):
         drafted(tmp_path, logs[:1], temperature=logs[1])

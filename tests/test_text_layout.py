@@ -207,7 +207,9 @@ def test_a_time_of_day_passes_midnight(tmp_path):
 def test_a_row_that_is_no_stamp_is_named(tmp_path):
     stamps = [f"2026-03-01T10:00:{t:06.3f}" for t in TIME]
     stamps[5] = "10:00:01"
-    with pytest.raises(ValueError, match="time holds '10:00:01' in row 5, where stamps like YYYY"):
+    with pytest.raises(
+        ValueError, match="time holds '10:00:01' in row 5, where a stamp like '2026-03"
+    ):
         read(tmp_path, header() + rows(time=stamps))
 
 

@@ -45,7 +45,7 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
     """The clock of a log, by the column of times `name` where there is one."""
     rate = log.stated_rate
     if name is not None and name in log.stamps:
-        return _checked(name, None, log.stamps[name], "ISO 8601 stamps")
+        return _checked(name, None, log.stamps[name], "stamps as text")
     if name is not None:
         values = log.numbers[name]
         tenths = _tenths_of_ms(name, values)

@@ -41,7 +41,7 @@ class RawLog(NamedTuple):
     format: str
     layout: TextLayout | None  # of a text
     numbers: dict[str, Float[np.ndarray, " rows"]]  # may hold NaN where a field is empty
-    stamps: dict[str, Float[np.ndarray, " rows"]]  # s, of columns of ISO 8601 text
+    stamps: dict[str, Float[np.ndarray, " rows"]]  # s, of columns of stamps as text
     words: dict[str, str]  # units row by row below a header, by column
     unit_rows: int  # rows of text below the header
     texts: dict[

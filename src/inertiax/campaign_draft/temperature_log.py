@@ -153,7 +153,7 @@ def _clock(log: RawLog, name: str, duration: float) -> Clock:
     """The clock of a log that is as slow as it likes: a unit that the file says, else that in which it lasts about as
     long as the device's log (`duration`, s)."""
     if name in log.stamps:
-        return Clock(name, None, None, log.stamps[name], "ISO 8601 stamps", True)
+        return Clock(name, None, None, log.stamps[name], "stamps as text", True)
     values = log.numbers[name]
     since_1970 = [u for u, f in UNITS.items() if EPOCH[0] < f * float(values[0]) < EPOCH[1]]
     words = said(TIME_UNITS, log.hint(name))
@@ -185,9 +185,10 @@ def _delay(device: Float[np.ndarray, " time"], probe: Float[np.ndarray, " readin
     zone = _HALF_HOUR * round(begun / _HALF_HOUR)
     if all(dated) and abs(zone) <= _LARGEST_ZONE and covers(zone):
         return Delay(zone, f"{late}: the hours between two time zones, if both logs are of one run")
-    midnight = -_DAY * float(np.floor(device[0] / _DAY))
-    if dated[0] and 0.0 <= probe[0] < _DAY and covers(midnight):
-        return Delay(midnight, f"{late}: a time of day, if it is of the device's day and time zone")
+    midnight = _DAY * float(np.floor(probe[0] / _DAY) - np.floor(device[0] / _DAY))
+    of_day = [0.0 <= x[0] < _DAY for x in (device, probe)]
+    if (dated[0] and of_day[1] or dated[1] and of_day[0]) and covers(midnight):
+        return Delay(midnight, f"{late}: a time of day, if both logs are of one day and time zone")
     if not any(dated) and not apart:
         return Delay(0.0, f"{late}: both clocks begin anew, and so it is if they are one")
     return Delay(begun, f"{late}, for its clock is another: so it is if both began at once")

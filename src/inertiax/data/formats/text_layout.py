@@ -17,7 +17,7 @@ from typing import NamedTuple
 from ...storage.harmless_text import short
 from .code_pages import code_page
 from .columns import shown
-from .time_stamps import STAMP
+from .time_stamps import is_stamp
 
 
 COMMENTS = ("#", "%", "//")
@@ -133,8 +133,8 @@ def is_number(field: str) -> bool:
 
 
 def is_value(field: str) -> bool:
-    """Whether a field can be a value of a time or sensor column: a number, nothing, or an ISO 8601 stamp."""
-    return is_number(field) or STAMP.fullmatch(field) is not None
+    """Whether a field can be a value of a time or sensor column: a number, nothing, or a stamp."""
+    return is_number(field) or is_stamp(field)
 
 
 def _first_lines(data: bytes, wanted: int, page: str) -> list[_Line]:
