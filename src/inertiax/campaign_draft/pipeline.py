@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
-from ..data.formats.detect import format_of
+from ..data.formats.detect import format_of, is_recording
 from ..data.pose_rows import turn_between_rows
 from ..reduction.gravity_turns import GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
@@ -23,7 +23,7 @@ from .accel_unit import (
 )
 from .bag_topics import topic_lines
 from .clock import counted
-from .column_roles import WITH_GRAVITY
+from .column_roles import roles_of, WITH_GRAVITY
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole
 from .draft import Draft, draft_of
 from .further_columns import columns_table, ONE_AXIS
@@ -34,10 +34,11 @@ from .joined_logs import alike, followed_by
 from .mag_unit import about_center, field_unit
 from .novatel_counts import of_novatel
 from .raw_log import read_log
-from .raw_triads import columns, gyros_beside, RawTriads, read_triads
+from .raw_triads import columns, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
 from .resting import drifts_in_one_pose, poses, Resting, resting
 from .scale_notes import gyro_note
+from .sensor_files import sensor_files, SensorFiles, tables_in
 from .site_lines import site_of_reference, site_table
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
@@ -75,11 +76,13 @@ def draft_campaign(
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
+    apart = None if gyro is not None else _apart(log, others)
+    if apart is not None:
+        log, gyro, others = apart.accel, apart.gyro, ()
     for given in (log, *others):
         refuse_folder(given)
     others, probed = split_off(others)
     probed += (temperature,) if isinstance(temperature, Path) else tuple(temperature or ())
-    gyro, others = _with_gyros_among(log, others, gyro)
     site = site_table(latitude, height)
     chosen = format_of(log).NAME
     tables = (table,) if isinstance(table, Path) else tuple(table or ())
@@ -126,6 +129,8 @@ def draft_campaign(
     if probes:
         lines = tuple(x for x in lines if x.key != "temperature") + tuple(probe_columns(probes))
     columns = columns_table(lines, remarks, found)
+    if apart is not None and apart.aside:
+        columns = columns._replace(unread=(*columns.unread, apart.remark))
     if latitude is None:
         site = site_of_reference(found) or site
     serial = _serial(log, others, tables)
@@ -146,15 +151,20 @@ def _serial(log: Path, others: Sequence[Path], tables: Sequence[Path]) -> str:
     return folder.name if alone or others else log.stem
 
 
-def _with_gyros_among(
-    log: Path, others: Sequence[Path], gyro: Path | None
-) -> tuple[Path | None, tuple[Path, ...]]:
-    """The gyros' file and the further recordings, where two files named alike are given as two recordings."""
-    if gyro is None and len(others) == 1 and format_of(log).NAME in _TABLES:
-        beside_it = gyros_beside(log, read_log(log))
-        if beside_it is not None and beside_it.absolute() == others[0].absolute():
-            return others[0], ()
-    return gyro, tuple(others)
+def _apart(log: Path, others: Sequence[Path]) -> SensorFiles | None:
+    """The sensors' files among several, or in a folder that is no recording itself.
+
+    Two recordings of both triads may be called after what they are for: then each is a whole one.
+    """
+    folder = log.is_dir() and not is_recording(log)
+    paths = [*(tables_in(log) if folder else (log,)), *others]
+    found = sensor_files(paths) if len(paths) > 1 else None
+    if found is None or format_of(found.accel).NAME not in _TABLES:
+        return None
+    try:
+        return found if roles_of(read_log(found.accel)).gyro is None else None
+    except ValueError:
+        return None
 
 
 def _rests(found: RawTriads) -> Resting:

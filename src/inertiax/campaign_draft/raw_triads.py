@@ -138,8 +138,8 @@ def gyros_beside(path: Path, log: RawLog) -> Path | None:
     if "acc" not in path.stem.lower() or roles_of(log).gyro is not None:
         return None
     for word, others in (
-        ("accelerometer", ("gyroscope", "gyro")), ("acceleration", ("gyroscope",)), ("accel", ("gyro",)),
-        ("acc", ("gyro", "gyr")),
+        ("totalacceleration", ("gyroscope",)), ("accelerometer", ("gyroscope", "gyro")),
+        ("acceleration", ("gyroscope",)), ("accel", ("gyro",)), ("acc", ("gyro", "gyr")),
     ):  # fmt: skip
         for other in others:
             for made in (other, other.capitalize()):

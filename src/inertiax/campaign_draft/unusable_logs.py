@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from ..data.formats.detect import FORMATS, is_recording
+from ..data.formats.detect import is_recording
 from .converters import wraps
 from .raw_triads import RawTriads
+from .sensor_files import tables_in
 
 
 def refuse_wrapped(log: Path, found: RawTriads) -> None:
@@ -23,7 +24,6 @@ def refuse_folder(log: Path) -> None:
     one campaign's."""
     if not log.is_dir() or is_recording(log):
         return
-    suffixes = {s for module in FORMATS for s in module.SUFFIXES}
-    logs = sorted(p for p in log.iterdir() if p.is_file() and p.suffix.lower() in suffixes)
+    logs = tables_in(log)
     cure = f"name its logs, such as inertiax init {logs[0]}" if logs else "name a recording"
     raise ValueError(f"{log}: is a folder, and neither a ROS bag nor of EuRoC's layout; {cure}.")

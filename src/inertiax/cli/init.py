@@ -18,7 +18,8 @@ def init(
             metavar="LOG...",
             exists=True,
             help="A recording: delimited text of any form, Parquet, or another format that is read. Several "
-            "of the same columns are one campaign.",
+            "of the same columns are one campaign; the files of an app that writes one for each sensor, or their "
+            "folder, are one recording.",
         ),
     ],
     output: Annotated[
