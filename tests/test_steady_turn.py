@@ -58,3 +58,23 @@ def test_a_bias_that_warms_up_quickly_is_no_motion_and_a_turn_about_the_vertical
     gyro[(time > 300.0) & (time < 330.0), 2] += 0.05
     found = find_rests(Recording(time=time, accel=accel, gyro=gyro), window=1.0)
     assert not any(time[a] < 315.0 < time[b - 1] for a, b in zip(found.start, found.stop))
+
+
+def one_turn(rest, turn):
+    """A table at rest, a turn about the vertical at 6 °/s, and a rest again (s), with a bias of 1 °/s."""
+    time = np.arange(0.0, 2 * rest + turn, 1.0 / RATE)
+    rng = np.random.default_rng(2)
+    gyro = np.radians(1.0) + 2e-3 * rng.standard_normal((len(time), 3))
+    turning = (time > rest) & (time < rest + turn)
+    gyro[turning, 2] += np.radians(6.0)
+    accel = np.array([0.0, 0.0, 9.81]) + 0.01 * rng.standard_normal((len(time), 3))
+    return Recording(time=time, accel=accel, gyro=gyro, name="face.csv"), turning
+
+
+@pytest.mark.parametrize("rest, turn", [(15.0, 60.0), (30.0, 60.0), (60.0, 30.0), (100.0, 720.0)])
+def test_a_turn_that_lasts_longer_than_the_rests_is_none_of_them(rest, turn):
+    recording, turning = one_turn(rest, turn)
+    found = find_rests(recording, window=1.0)
+    assert len(found.start) == 2
+    for start, stop in zip(found.start, found.stop, strict=True):
+        assert not turning[start:stop].any() and (stop - start) / RATE > 0.8 * rest
