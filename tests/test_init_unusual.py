@@ -521,3 +521,31 @@ def test_seconds_that_name_and_temperature_both_say_are_certain(tmp_path):
     assert draft(path)["columns"]["time"] == {"name": "stamp_s", "unit": "s"}
     said = (tmp_path / "campaign.toml").read_text()
     assert "# time: as the file says" in said and "CHECK time" not in said
+
+
+def test_rows_of_a_filter_between_those_of_the_sensors_have_a_clock_of_their_own(tmp_path):
+    """As MicroStrain's tools write them: each second row is the filter's, stamped before the sample above it."""
+    lines = ["timestamp,ax,ay,az,gx,gy,gz,roll"]
+    for k, (t, a, w) in enumerate(zip(TIME, ACCEL, GYRO, strict=True)):
+        stamp = 1_730_000_000_000_000_000 + round(1e9 * t)
+        lines.append(f"{stamp},{','.join(f'{v:.6f}' for v in (*a, *w))},")
+        if k % 2:
+            lines.append(f"{stamp - 4_000_000},,,,,,,0.5")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n")
+    assert draft(path)["columns"]["time"] == {"name": "timestamp", "unit": "ns"}
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(np.diff(recording.time), np.diff(TIME), atol=1e-6)
+
+
+def test_one_rest_of_a_device_that_moves_is_not_all_its_poses(tmp_path):
+    """Held for a second or two in each pose: an estimator for one pose would hide how few rests there are."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, 36.0, 0.01)
+    up = np.repeat(
+        [[0.0, 0, 1], [1, 0, 0], [0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, 0, -1]], 600, axis=0
+    )
+    shaken = np.where((time < 6.0) & (time > 1.0), 0.01, 1.0)[:, None]
+    accel = G * up + shaken * rng.standard_normal(up.shape)
+    path = written(tmp_path / "log.csv", (time, accel), "time,ax,ay,az")
+    assert "model" not in draft(path)

@@ -345,7 +345,7 @@ def _model(found: RawTriads, rests: Resting) -> Table:
     """The estimator that one pose allows; with more of them the tool's own choice is right."""
     if found.accel is None or sections_file(found).is_file():
         return Table("model", ())
-    if rests.turned or _poses(found.accel, rests) > 1:
+    if rests.turned or rests.moves or _poses(found.accel, rests) > 1:
         if found.roles.temperature is None or not drifts_in_one_pose(found.seconds, found.accel):
             return Table("model", ())
     why = "one pose tells each output's offset from its mean alone"

@@ -66,6 +66,7 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
 
 def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     roles = roles_of(log, None if gyro_path is None else "accel")
+    log = _with_values(log, roles)
     clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
     accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)
     if gyro_path is None:
@@ -89,6 +90,22 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     both = pair(first, second, counted=clock.name is None).recording
     own = other_clock.name if named_otherwise else None
     return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro, own)
+
+
+def _with_values(log: RawLog, roles: Roles) -> RawLog:
+    """The rows in which a triad has a number, as the reader keeps them.
+
+    Others are another sensor's or a filter's, whose stamps need not be in order with these.
+    """
+    names = (*(roles.accel or ()), *(roles.gyro or ()))
+    told = [np.isfinite(log.numbers[n]) for n in names]
+    if not told or np.all(told[0]):
+        return log
+    rows = np.any(told, axis=0)
+    if rows.all() or not rows.any():
+        return log
+    only = lambda columns: {n: v[rows] for n, v in columns.items()}
+    return log._replace(numbers=only(log.numbers), stamps=only(log.stamps))
 
 
 def in_rows(

@@ -25,12 +25,18 @@ class Resting(NamedTuple):
     accel: Float[np.ndarray, "rest 3"] | None
     single_rows: bool  # each row is the mean of one pose
     turned: bool = False  # no rest was found: all rows stand for one
+    rows: int = 0  # of the log
     slowly: bool = False  # turned all along, slowly enough that stretches stand for rests
 
     @property
     def num_rests(self) -> int:
         """How many rests there are."""
         return len(self.start)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the device moves for most of the log, so that it may have stood in other poses, too."""
+        return 2 * int((self.stop - self.start).sum()) < self.rows
 
 
 def resting(
@@ -60,7 +66,7 @@ def resting(
         start, stop = np.array([0]), np.array([len(time)])
     means = np.array([accel[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)])
     slowly = isinstance(found, Segments) and found.turning is not None
-    return Resting(start, stop, means, False, turned, slowly)
+    return Resting(start, stop, means, False, turned, len(time), slowly)
 
 
 def drifts_in_one_pose(
