@@ -538,6 +538,20 @@ def test_rows_of_a_filter_between_those_of_the_sensors_have_a_clock_of_their_own
     np.testing.assert_allclose(np.diff(recording.time), np.diff(TIME), atol=1e-6)
 
 
+def test_days_of_a_spreadsheet_are_a_clock(tmp_path):
+    """Whole days since 1900, and parts of them: 1 ms is 1e-8 of a day."""
+    path = tmp_path / "log.csv"
+    lines = [
+        f"{45000.5 + t / 86400.0:.10f},{','.join(f'{v:.6f}' for v in (*a, *w))}"
+        for t, a, w in zip(TIME, ACCEL, GYRO, strict=True)
+    ]
+    path.write_text("\n".join(["time (days),ax,ay,az,gx,gy,gz", *lines]) + "\n")
+    assert draft(path)["columns"]["time"] == {"name": "time (days)", "unit": "d"}
+    (recording,) = load_campaign(tmp_path).recordings
+    # A double near 45000 days is told to 7e-12 of them, 0.6 µs; the text to 10 digits, 4 µs.
+    np.testing.assert_allclose(recording.time - recording.time[0], TIME - TIME[0], atol=1e-5)
+
+
 def test_one_rest_of_a_device_that_moves_is_not_all_its_poses(tmp_path):
     """Held for a second or two in each pose: an estimator for one pose would hide how few rests there are."""
     rng = np.random.default_rng(3)

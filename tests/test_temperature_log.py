@@ -310,6 +310,28 @@ def test_init_tells_how_the_clocks_differ(tmp_path, clock, stamp, ahead, delay, 
     )
 
 
+@pytest.mark.parametrize(
+    "name, unit, seconds",
+    [
+        ("Elapsed time [min]", "min", 60.0),
+        ("t_min", "min", 60.0),
+        ("Hours", "h", 3600.0),
+        ("datenum", "d", 86400.0),
+        ("t", "min", 60.0),  # in which it lasts as long as the device's log
+    ],
+)
+def test_a_station_counts_minutes_hours_or_days(tmp_path, name, unit, seconds):
+    readings = np.arange(0.0, 100.0, 2.0)
+    rows = "\n".join(f"{t / seconds:.9f},{chamber(t):.4f}" for t in readings)
+    logs = by_hand(tmp_path, f"{name},probe_temp\n{rows}\n")
+    table, _ = drafted(tmp_path, logs[:1], temperature=logs[1])
+    assert table["columns"]["temperature_time"] == {"name": name, "unit": unit}
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(
+        recording.temperature[:, 0], np.interp(device()[0], readings, chamber(readings)), atol=2e-4
+    )
+
+
 def test_init_reads_an_array_whose_columns_are_called_alike(tmp_path):
     """As a MATLAB file holds it, stamps first."""
     logs = by_hand(tmp_path, "")

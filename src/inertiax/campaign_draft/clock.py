@@ -7,12 +7,14 @@ from jaxtyping import Float
 
 from ..data.formats.mended_stamps import can_be_mended, mended
 from ..reduction.host_stamps import host_stamps, usual_rate
-from .column_words import plain, said, TIME_UNITS
+from .column_words import LONG_TIME_UNITS, plain, said, TIME_UNITS
 from .raw_log import RawLog
 from .split_stamps import EPOCH, split_stamps
 
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_LONG_UNITS = {"min": 60.0, "h": 3600.0, "d": 86400.0}  # where the file says them
+ALL_UNITS = UNITS | _LONG_UNITS
 _USUAL = (8.0, 2200.0)  # Hz, IMUs that people log
 _POSSIBLE = (0.5, 20000.0)  # Hz
 _WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
@@ -56,7 +58,7 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
             return steps
         unit, why, certain = _unit(log, name, values, rate, temperature)
         if unit is not None:
-            found = _checked(name, unit, UNITS[unit] * (values - values[0]), why)
+            found = _checked(name, unit, ALL_UNITS[unit] * (values - values[0]), why)
             return found if certain else found._replace(certain=False)
     if rate is not None:
         return _counted(rate, rows, "a line above the header states the rate", True)
@@ -119,6 +121,9 @@ def _unit(
     mean = float((told[-1] - told[0]) / max(len(told) - 1, 1))
     if not (step > 0 or mean > 0) or not np.isfinite(mean):
         return None, "", False
+    long = said(LONG_TIME_UNITS, log.hint(name))
+    if long is not None and 1.0 / _POSSIBLE[1] <= _LONG_UNITS[long] * mean <= 1.0 / _POSSIBLE[0]:
+        return long, "as the file says", True
     steps = {u: mean * f for u, f in UNITS.items()}
     if rate is not None:
         agree = [u for u, s in steps.items() if 0.9 < rate * s < 1.1]

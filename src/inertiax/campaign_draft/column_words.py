@@ -166,6 +166,12 @@ TIME_UNITS = (
     ("ms", r"milli|milis|msec|[\[(_ .]ms\b|ms$"),
     ("s", r"se[ck][ou]nd|segund|\(s\)|\[s\]|_s$|\bs$|sec$|sek$"),
 )
+# Units of a station's clock, and of a spreadsheet's.
+LONG_TIME_UNITS = (
+    ("min", r"minut|[\[(_ .]mins?(?:[\])]|$)"),
+    ("h", r"hour|stunde|[\[(]hr?s?[\])]|_hrs?$"),
+    ("d", r"(?<![a-z])days?(?![a-z])|datenum|[\[(]d[\])]"),
+)
 _DEGREE = r"(?:deg(?:re+s?)?|°|grad[ois]*)"
 RATE_UNITS = (
     ("deg/h", rf"{_DEGREE}[ _]?(?:/|per|pro)[ _]?(?:h|std)|dph"),

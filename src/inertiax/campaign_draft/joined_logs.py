@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from .clock import Clock, UNITS
+from .clock import ALL_UNITS, Clock
 from .raw_log import RawLog, read_log
 from .raw_triads import columns, in_rows, RawTriads
 
@@ -56,4 +56,4 @@ def _seconds(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
         return np.arange(len(next(iter(log.numbers.values())))) / (clock.rate or 1.0)
     if clock.name in log.stamps:
         return log.stamps[clock.name]
-    return UNITS[clock.unit or "s"] * log.numbers[clock.name]
+    return ALL_UNITS[clock.unit or "s"] * log.numbers[clock.name]

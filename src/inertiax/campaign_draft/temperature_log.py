@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .clock import Clock, UNITS
+from .clock import ALL_UNITS, Clock, UNITS
 from .column_roles import roles_of
-from .column_words import means, said, TIME_UNITS
+from .column_words import LONG_TIME_UNITS, means, said, TIME_UNITS
 from .raw_log import RawLog, read_log
 from .raw_triads import absolute, RawTriads
 from .split_stamps import EPOCH
@@ -19,7 +19,7 @@ from .temperature_unit import temperature_unit, TemperatureUnit
 from .toml_text import Line
 
 
-_ALIKE = 10.0  # times as long: the next unit is a thousand times another
+_ALIKE = 4.0  # times as long: the next unit is 24 times another, or more
 _DAY, _HALF_HOUR = 86400.0, 1800.0  # s; time zones are half hours apart
 _LARGEST_ZONE = 26 * 3600.0  # s, from UTC−12 to UTC+14
 
@@ -156,15 +156,15 @@ def _clock(log: RawLog, name: str, duration: float) -> Clock:
         return Clock(name, None, None, log.stamps[name], "stamps as text", True)
     values = log.numbers[name]
     since_1970 = [u for u, f in UNITS.items() if EPOCH[0] < f * float(values[0]) < EPOCH[1]]
-    words = said(TIME_UNITS, log.hint(name))
+    words = said((*TIME_UNITS, *LONG_TIME_UNITS), log.hint(name))
     last = float(values[-1] - values[0])
-    off = {u: abs(math.log(f * last / max(duration, 1e-9))) for u, f in UNITS.items()}
+    off = {u: abs(math.log(f * last / max(duration, 1e-9))) for u, f in ALL_UNITS.items()}
     nearest = min(off, key=lambda u: off[u])
     unit = next(iter(since_1970), words) or nearest
     why = "times since 1970" if since_1970 else "as the file says"
     if not since_1970 and words is None:
-        why = f"in {unit} it lasts {UNITS[unit] * last:.4g} s, most like the device's log"
-    seconds = UNITS[unit] * (values - values[0])
+        why = f"in {unit} it lasts {ALL_UNITS[unit] * last:.4g} s, most like the device's log"
+    seconds = ALL_UNITS[unit] * (values - values[0])
     certain = bool(since_1970) or words is not None or off[nearest] < math.log(_ALIKE)
     return Clock(name, unit, None, seconds, why, certain)
 
