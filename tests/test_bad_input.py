@@ -214,7 +214,7 @@ TOML = {
     ),
     "unknown time unit": (
         TIME + '{ unit = "sec" }',
-        "[columns] time: unit 'sec' is not known; use one of s, ms, us, µs, ns.",
+        "[columns] time: unit 'sec' is not known; use one of s, ms, us, µs, ns, min, h, d.",
     ),
     "row index without rate": (
         TIME + "{ row_index = true }",

@@ -178,6 +178,9 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     if bad:
         text = f"{bad} stamps of {name} repeat or go back, so rows are counted at their mean rate"
         usual = float(np.nanmedian(steps))
+        ticks = np.flatnonzero(steps > 0.0) + 1  # rows in which a coarse clock goes on
+        if not (steps < 0.0).any() and len(ticks) > 1:
+            rate = float(ticks[-1] - ticks[0]) / float(seconds[ticks[-1]] - seconds[ticks[0]])
         forward = steps[(steps >= 0.0) & (steps < _PAUSE * usual)] if usual > 0.0 else steps[:0]
         if (steps < 0.0).any() and len(forward) and usual * rate < _ANEW:
             rate = len(forward) / float(forward.sum())

@@ -4,13 +4,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..data.pairing import pair
 from ..data.recording import Recording
 from .clock import Clock, clock_of
 from .column_roles import Roles, roles_of
 from .raw_log import RawLog, read_log, unnamed
+
+
+# Of the stamps: a clock that stands still more often is coarse, and rows that are equal may be samples (convention).
+_AGAIN = 0.2
 
 
 class RawTriads(NamedTuple):
@@ -66,7 +70,7 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
 
 def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     roles = roles_of(log, None if gyro_path is None else "accel")
-    log = _with_values(log, roles)
+    log = _samples(log, roles)
     clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
     accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)
     if gyro_path is None:
@@ -92,17 +96,32 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro, own)
 
 
-def _with_values(log: RawLog, roles: Roles) -> RawLog:
-    """The rows in which a triad has a number, as the reader keeps them.
+def _samples(log: RawLog, roles: Roles) -> RawLog:
+    """The rows that are samples, as the reader keeps them (`formats.kept_rows`).
 
-    Others are another sensor's or a filter's, whose stamps need not be in order with these.
+    Rows without a number of a triad are another sensor's or a filter's, whose stamps need not be in order with these;
+    others are the row before, written again.
     """
     names = (*(roles.accel or ()), *(roles.gyro or ()))
-    told = [np.isfinite(log.numbers[n]) for n in names]
-    if not told or np.all(told[0]):
+    if not names:
         return log
-    rows = np.any(told, axis=0)
-    if rows.all() or not rows.any():
+    rows = np.any([np.isfinite(log.numbers[n]) for n in names], axis=0)
+    if not rows.any():
+        return log
+    log = _only(log, rows)
+    stamps = None if roles.time is None else (log.stamps | log.numbers)[roles.time]
+    if stamps is None or len(stamps) < 2:
+        return log
+    again = np.diff(stamps) == 0.0
+    if not again.any() or again.mean() > _AGAIN:
+        return log
+    for name in names:
+        again &= np.diff(log.numbers[name]) == 0.0
+    return _only(log, np.r_[True, ~again])
+
+
+def _only(log: RawLog, rows: Bool[np.ndarray, " rows"]) -> RawLog:
+    if rows.all():
         return log
     only = lambda columns: {n: v[rows] for n, v in columns.items()}
     return log._replace(numbers=only(log.numbers), stamps=only(log.stamps))

@@ -12,6 +12,7 @@ from .compensated import is_compensated, note_on
 from .formats import Layout, read_recordings
 from .formats.columns import TimeColumn
 from .formats.detect import is_recording
+from .formats.kept_rows import notes_on_rows
 from .formats.long_logs import read_long
 from .formats.table_angles import two_axes
 from .formats.table_log import read_table_log
@@ -42,7 +43,8 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         )
         check_model_columns(_model(table.model), recordings)
         recordings = _named(recordings, table.device.serial)
-        notes += tuple(_note_on_empty_rows(r) for r in recordings if r.empty_rows)
+        for r in recordings:
+            notes += tuple(notes_on_rows(r.name, r.empty_rows, r.repeated_rows))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return Campaign(
@@ -72,14 +74,6 @@ def load_triads_apart(path: Path | str) -> tuple[tuple[Recording, Recording], ..
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return tuple(zip(*named, strict=True))
-
-
-def _note_on_empty_rows(recording: Recording) -> str:
-    several = recording.empty_rows > 1
-    return (
-        f"{recording.name}: {recording.empty_rows} row{'s' * several} without a value in any channel "
-        f"{'are' if several else 'is'} left out."
-    )
 
 
 def _named(recordings: tuple[Recording, ...], serial: str | None) -> tuple[Recording, ...]:

@@ -81,6 +81,7 @@ class Recording(Module):
     device: str = field(static=True, default="")  # serial number
     name: str = field(static=True, default="")  # where it came from, for messages
     empty_rows: int = field(static=True, default=0)  # of its file without any value, left out
+    repeated_rows: int = field(static=True, default=0)  # that say the row before again, left out
 
     def __check_init__(self):
         where = f"recording '{self.name}'" if self.name else "`Recording(...)`"

@@ -15,6 +15,7 @@ from ..calibration.over_rows import compensated_rows
 from ..data.compensated import COLUMN
 from ..data.formats import csv, detect, Layout, parquet, table as tables
 from ..data.formats.columns import AXES, TimeColumn
+from ..data.formats.kept_rows import kept_rows, notes_on_rows
 from ..data.formats.temperature_at_stamps import with_temperatures
 from ..data.frames import TRIADS
 from ..data.pairing import pair
@@ -95,10 +96,13 @@ def compensate_file(
         found = tables.to_recordings(table, columns, layout, name=path.name)
         (recording,) = _of_device(found, path.name)
         recording = with_temperatures(recording, layout.temperature_log)
-        made = _compensated_table(
-            calibration, recording, table.slice(layout.start_row), path.name, any_device
+        whole = table.slice(layout.start_row)
+        kept = kept_rows(whole, columns, layout)
+        made = _compensated_table(calibration, recording, kept.table, path.name, any_device)
+        return made._replace(
+            table=kept.among(whole, made.table),
+            notes=(*made.notes, *place, *notes_on_rows(path.name, kept.empty, kept.repeated)),
         )
-        return made._replace(notes=(*made.notes, *place))
     read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
     notes: tuple[str, ...] = ()
     if gyro_file is None:

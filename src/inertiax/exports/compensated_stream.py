@@ -17,6 +17,7 @@ import polars as pl
 from ..calibration.calibration import Calibration
 from ..data.formats import ColumnMap, csv, Layout
 from ..data.formats.columns import TimeColumn
+from ..data.formats.kept_rows import kept_rows, notes_on_rows
 from ..data.formats.pieces import BYTES, can_be_cut, counts_rows, mends_stamps, pieces, ROWS
 from ..data.formats.table import to_recordings
 from ..data.recording import Recording
@@ -104,11 +105,12 @@ def _in_pieces(
     if mends_stamps(columns):
         raise ValueError(f"{name}: stamps are mended in the whole log alone.")
     columns = in_service(columns)  # a sample is compensated without references and labels
-    extent, last, replaced = Extent(), None, ()
+    extent, last, replaced, empty, repeated = Extent(), None, (), 0, 0
     tally = Tally(float(calibration.gravity))
     with write() as writer:
         for table in tables():
-            (recording,) = to_recordings(table, columns, Layout(), name=name)
+            kept = kept_rows(table, columns, Layout())
+            (recording,) = to_recordings(kept.table, columns, Layout(), name=name)
             if isinstance(columns.time, TimeColumn) and columns.time.rate is not None:
                 counted = (extent.rows + np.arange(recording.num_samples)) / columns.time.rate
                 recording = replace(recording, time=counted)
@@ -121,13 +123,16 @@ def _in_pieces(
             further = further_columns(calibration, recording)
             if last is None:
                 units = units_of(calibration, recording)
-                replaced = replaced_columns(table, recording, units, name)
+                replaced = replaced_columns(kept.table, recording, units, name)
             extent |= Extent.of(recording, outside)
-            writer.append(with_outputs(table, recording, force, rate, further, outside))
+            empty, repeated = empty + kept.empty, repeated + kept.repeated
+            made = with_outputs(kept.table, recording, force, rate, further, outside)
+            writer.append(kept.among(table, made))
             last = recording[-1:]
     if last is None:
         raise ValueError(f"{name}: no rows.")
-    notes = (*notes_on(calibration, last, extent, name), *replaced)
+    left_out = notes_on_rows(name, empty, repeated)
+    notes = (*notes_on(calibration, last, extent, name), *replaced, *left_out)
     units = units_of(calibration, last)
     return Written(extent.rows, extent.outside, notes, units, tally.result())
 

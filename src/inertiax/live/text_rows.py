@@ -8,10 +8,11 @@ import dataclasses
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..data.formats.columns import ColumnMap, Layout, TimeColumn
 from ..data.formats.csv import column_names, parse_rows
+from ..data.formats.kept_rows import kept_rows
 from ..data.formats.table import stamps_of, to_recordings
 from ..data.formats.text_layout import find_layout, TextLayout
 from ..data.recording import Recording
@@ -29,7 +30,9 @@ class Chunk:
     rows: Recording  # its `time` counts rows; the stamps are in `time`
     time: Float[np.ndarray, " time"]  # s, as stamped
     garbled: list[bytes]
-    skipped: list[bytes]  # rows that the campaign leaves out at the start
+    skipped: list[
+        bytes
+    ]  # rows that the campaign leaves out at the start, and those without a value of a triad
 
 
 class TextRows:
@@ -88,14 +91,17 @@ class TextRows:
         skipped = good[: self._left_out]  # [recordings] start_row
         good, self._left_out = good[self._left_out :], self._left_out - len(skipped)
         try:
-            rows, time = self._samples(good) if good else (_NO_ROWS, np.zeros(0))
+            rows, time, kept = self._samples(good) if good else _NOTHING
         except ValueError:
             bad = dict.fromkeys(self._bad(good))
             if self._count == 0 and len(bad) == len(good):
                 raise
             garbled += [good[k] for k in bad]
             good = [line for k, line in enumerate(good) if k not in bad]
-            rows, time = self._samples(good) if good else (_NO_ROWS, np.zeros(0))
+            rows, time, kept = self._samples(good) if good else _NOTHING
+        if kept is not None:
+            skipped += [line for line, told in zip(good, kept, strict=True) if not told]
+            good = [line for line, told in zip(good, kept, strict=True) if told]
         self._count += len(good)
         return Chunk(good, rows, time, garbled, skipped)
 
@@ -125,24 +131,30 @@ class TextRows:
             (good if whole else garbled).append(line)
         return good, garbled
 
-    def _samples(self, lines: list[bytes]) -> tuple[Recording, Float[np.ndarray, " time"]]:
+    def _samples(
+        self, lines: list[bytes]
+    ) -> tuple[Recording, Float[np.ndarray, " time"], Bool[np.ndarray, " line"] | None]:
+        """The samples of lines, their stamps, and which lines they are (`None`: all)."""
         layout = self._layout
         assert layout is not None
         data = b"".join(line + b"\n" for line in lines)
         table = parse_rows(data, layout, self._names, self._name)
+        columns = msgspec.structs.replace(self._columns, time=TimeColumn(rate=1.0))
+        table, kept, _, _ = kept_rows(
+            table, columns, _ALL_ROWS
+        )  # equal stamps are told by `follow`
         said = self._columns.time
         rate = said.rate if isinstance(said, TimeColumn) else None
         time = stamps_of(table, self._columns, self._name)
         if rate is not None:
             time = time + self._count / rate
-        columns = msgspec.structs.replace(self._columns, time=TimeColumn(rate=1.0))
         found = to_recordings(table, columns, _ALL_ROWS, name=self._name)
         if len(found) > 1:
             raise ValueError(
                 f"{self._name}: holds {len(found)} devices; `live` follows one, so give it the rows of one device."
             )
-        return next(iter(found)), time
+        return next(iter(found)), time, kept
 
 
 _ALL_ROWS = Layout()
-_NO_ROWS = Recording(time=np.zeros(1), accel=np.zeros((1, 3)))
+_NOTHING = (Recording(time=np.zeros(1), accel=np.zeros((1, 3))), np.zeros(0), None)

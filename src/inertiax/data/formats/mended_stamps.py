@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float
 
 
 # Of the rows: more are the clock itself (too coarse, or the host's), and no slips of it (convention).
-_FEW = 0.01
+_FEW = 0.05
 # Usual steps: a stamp that goes back further is of a clock that began anew, not of a row that was late (convention).
 _LATE = 3.0
 
@@ -18,7 +18,7 @@ def out_of_order(time: Float[np.ndarray, " rows"]) -> Bool[np.ndarray, " rows"]:
 
 
 def can_be_mended(time: Float[np.ndarray, " rows"]) -> bool:
-    """Whether the stamps that are out of order are few, a hundredth of the rows, and none goes back by three steps."""
+    """Whether the stamps that are out of order are few, a twentieth of the rows, and none goes back by three steps."""
     out = out_of_order(time)
     if not np.isfinite(time).all() or len(time) < 3 or out.sum() > max(_FEW * len(time), 1.0):
         return False

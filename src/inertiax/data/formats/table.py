@@ -28,7 +28,7 @@ from .columns import (
     triad_factors,
     TriadColumns,
 )
-from .empty_rows import without_empty_rows
+from .kept_rows import kept_rows
 from .mended_stamps import can_be_mended, mended
 from .numeric_columns import numbers, require
 from .table_references import references_of_table
@@ -49,7 +49,7 @@ def to_recordings(
             f"{name}: no rows of data after start_row = {layout.start_row} (the file has "
             f"{table.height}); at least one sample is needed."
         )
-    table, empty = without_empty_rows(table.slice(layout.start_row), columns, layout)
+    table, _, empty, repeated = kept_rows(table.slice(layout.start_row), columns, layout)
     position = _position(table, columns, name)
     moving = None if position is None else position < 0
     values = {
@@ -83,7 +83,9 @@ def to_recordings(
         mine = {k: v[rows] for k, v in values.items() if v is not None}
         label = f"{name} (device {device})" if device else name
         mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
-        parts.append(Recording(**mine, device=device, name=label, empty_rows=empty))
+        parts.append(
+            Recording(**mine, device=device, name=label, empty_rows=empty, repeated_rows=repeated)
+        )
     return tuple(parts)
 
 
