@@ -235,6 +235,17 @@ def test_kinds_of_broken_samples():
     assert "wrap" not in str(findings({**columns, "accel": shocks}))
 
 
+def test_bursts_in_opposite_poses_are_no_counts_that_wrap_round():
+    """Eleven samples in each pose, as a script takes them that waits for a key: x goes from +1 g to −1 g at once."""
+    rng = np.random.default_rng(8)
+    up = np.repeat(np.tile([[1.0, 0, 0], [-1.0, 0, 0], [0, 0.6, 0.8]], (12, 1)), 11, axis=0)
+    accel = G * up + 0.02 * rng.standard_normal(up.shape)
+    assert "wrap" not in str(findings({"time": np.arange(len(accel)) / 50.0, "accel": accel}))
+    # Signed readings written as unsigned do wrap: one of the two is no reading of a pose.
+    counts = np.where(accel < 0.0, accel + 8 * G, accel)
+    assert "wrap" in str(findings({"time": np.arange(len(accel)) / 50.0, "accel": counts}))
+
+
 def test_one_motion_with_lost_rows_is_named_and_left_out():
     """Its error would be spread over all gyro parameters; SciPy's rotations made the others."""
     columns, motion = hand(), 3

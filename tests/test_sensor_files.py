@@ -67,6 +67,10 @@ def app(folder):
         )
         (folder / f"{name}.csv").write_text(f"time,seconds_elapsed,z,y,x\n{rows}")
     (folder / "Metadata.csv").write_text("version,device\n3,phone\n")
+    warm = "".join(
+        f"{1_780_000_000_000_000_000 + 10**9 * k},{20 + k / 10}\n" for k in range(-1, 34)
+    )
+    (folder / "Temperature.csv").write_text(f"time,celsius\n{warm}")
     return force
 
 
@@ -85,6 +89,11 @@ def test_init_takes_an_apps_folder_its_files_or_one_of_them(tmp_path, given):
     assert recording.accel is not None and recording.gyro is not None
     np.testing.assert_allclose(recording.accel, force, atol=0.06)
     np.testing.assert_allclose(recording.gyro.mean(axis=0), 0.02, atol=1e-4)
+    if given != "one":
+        assert recording.temperature is not None
+        np.testing.assert_allclose(
+            recording.temperature[:, 0], 20.0 + (recording.time - recording.time[0]) / 10, atol=1e-4
+        )
     aside = '"Accelerometer.csv", "Magnetometer.csv", "Metadata.csv"'
     assert any(aside in said for said in draft.unread) == (given != "one")
 

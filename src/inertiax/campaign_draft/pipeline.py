@@ -76,12 +76,13 @@ def draft_campaign(
 
     Raises `ValueError` in one line where the log cannot be read, or holds no triad.
     """
-    apart = None if gyro is not None else _apart(log, others)
+    folder_of_logs = log.is_dir() and not is_recording(log)
+    others, probed = split_off((*tables_in(log), *others) if folder_of_logs else others)
+    apart = None if gyro is not None else _apart(others if folder_of_logs else (log, *others))
     if apart is not None:
         log, gyro, others = apart.accel, apart.gyro, ()
     for given in (log, *others):
         refuse_folder(given)
-    others, probed = split_off(others)
     probed += (temperature,) if isinstance(temperature, Path) else tuple(temperature or ())
     site = site_table(latitude, height)
     chosen = format_of(log).NAME
@@ -151,13 +152,8 @@ def _serial(log: Path, others: Sequence[Path], tables: Sequence[Path]) -> str:
     return folder.name if alone or others else log.stem
 
 
-def _apart(log: Path, others: Sequence[Path]) -> SensorFiles | None:
-    """The sensors' files among several, or in a folder that is no recording itself.
-
-    Two recordings of both triads may be called after what they are for: then each is a whole one.
-    """
-    folder = log.is_dir() and not is_recording(log)
-    paths = [*(tables_in(log) if folder else (log,)), *others]
+def _apart(paths: Sequence[Path]) -> SensorFiles | None:
+    """The sensors' files among several; two recordings of both triads may be called after what they are for, too."""
     found = sensor_files(paths) if len(paths) > 1 else None
     if found is None or format_of(found.accel).NAME not in _TABLES:
         return None

@@ -1,7 +1,7 @@
 """Samples that no sensor gives: held, dropped to zero, clipped, wrapped round."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..data.formats.columns import AXES
 from ..reduction.clipping import holds_extreme, in_coarse_steps
@@ -13,6 +13,7 @@ from .thresholds import Thresholds
 
 UNITS = {"accel": "m/s²", "gyro": "rad/s"}
 _FEWEST_ROWS = 100
+_NEAR = 0.2  # of gravity: the greatest error of a reading at rest, before any calibration
 _MOST_STRETCHES = 1 << 21  # that are compared with each other, about
 _FACTOR = 0x100000001B3  # of the polynomial in 64 bits that a stretch's number is
 
@@ -63,7 +64,7 @@ def check_saturation(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         for name, values in triads(log):
             for axis in range(3):
                 found += _clipped(log, name, axis, values[:, axis])
-                found += _wrapped(log, name, axis, values[:, axis])
+                found += _wrapped(log, name, axis, values)
     return found
 
 
@@ -98,8 +99,17 @@ def _stands_still(log: Log, x: Float[np.ndarray, " time"], extreme: float) -> bo
     return in_coarse_steps(x, log.start[free], log.stop[free])
 
 
-def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> list[Finding]:
+def _poses_differ(accel: Float[np.ndarray, "time 3"], jumps: Int[np.ndarray, " jump"]) -> bool:
+    """Whether most jumps go from pose to pose: both samples read the norm that all do, as no wrapped one does."""
+    norm = np.linalg.norm(accel, axis=1)
+    usual = float(np.median(norm))
+    both = np.stack([norm[jumps], norm[jumps + 1]])
+    return bool(np.mean(np.all(np.abs(both - usual) < _NEAR * usual, axis=0)) > 0.5)
+
+
+def _wrapped(log: Log, name: str, axis: int, values: Float[np.ndarray, "time 3"]) -> list[Finding]:
     """Steps over nearly the whole range from one sample to the next, end to end."""
+    x = values[:, axis]
     low, high = float(x.min()), float(x.max())
     span = high - low
     if len(x) < _FEWEST_ROWS or span <= 0 or (name == "accel" and span < 10.0):
@@ -110,6 +120,8 @@ def _wrapped(log: Log, name: str, axis: int, x: Float[np.ndarray, " time"]) -> l
     if len(jumps) < 3:
         return []
     unwrapped = np.abs(np.abs(np.diff(x)[jumps]) - span)
+    if name == "accel" and _poses_differ(values, jumps):
+        return []
     # A converter's range has its middle at zero, or begins there; a shock's two extremes are where they happen to be.
     lopsided = min(abs(low + high), abs(low), abs(high)) > 0.05 * span
     if np.median(unwrapped) > 0.05 * span or lopsided:
