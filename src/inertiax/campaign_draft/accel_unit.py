@@ -8,6 +8,7 @@ from jaxtyping import Float
 from .column_words import FORCE_UNITS, said
 from .converters import ACCEL_SCALES, G, middle, nearest, rounded, whole
 from .resting import poses, Resting
+from .stated_scales import stated_force_scale
 
 
 _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
@@ -80,10 +81,14 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     if not fitted and unit_of(calm) is not None and unit_of(radius) is None:
         radius = calm
         what = f"|a| is {radius:.4g} in the rows that move least; {NO_RESTS}"
+    offset = _offset(center, radius, fitted)
+    stated = stated_force_scale(hint)
+    if stated is not None and abs(radius * stated.factor / G - 1.0) < _NEAR:
+        why = f"{stated.text}, as the file says; {what}"
+        return TriadUnit("count", stated.scale, stated.scale_unit, offset, stated.factor, why, True)
     told = _written(radius, said(FORCE_UNITS, hint), what)
     if told is not None:
         return told
-    offset = _offset(center, radius, fitted)
     if not whole(values) or nearest(radius, (1000.0, 1000.0 * G), 0.015):
         unit = unit_of(radius)
         if offset is None and unit is not None:

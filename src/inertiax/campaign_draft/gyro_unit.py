@@ -10,6 +10,7 @@ from ..reduction.gravity_turns import factors_between, GravityTurns
 from .accel_unit import TriadUnit
 from .column_words import RATE_UNITS, said
 from .converters import DEGREE, GYRO_SCALES, middle, nearest, rounded, whole
+from .stated_scales import stated_rate_scale, StatedScale
 
 
 _UNITS = {"rad/s": 1.0, "deg/s": DEGREE, "deg/h": DEGREE / 3600}
@@ -22,6 +23,10 @@ _AGREES = np.deg2rad(
 )  # median misfit of directions with the right factor; others are off by the turns themselves
 _MILLI = re.compile(r"\bmdps\b|_mdps|\bmdeg|milli_?deg", re.IGNORECASE)
 _PER_MILLI = 1000.0  # per deg/s
+_RAW = re.compile(
+    r"lsb|raw|count|digit|(?<![a-z])adc"
+)  # words beside a unit that is not the numbers'
+_QUIET_DEG = 1.0  # deg/s of noise at rest, which no gyro has that is written in whole deg/s
 _CLEARER = 0.5  # of the misfit of the next unit
 _MOTIONS_FOR_A_SCALE = 3  # one motion's two equations are met by a wrong scale, too
 # Counts per deg/s, with room on both sides of the usual converters and of whole deg/s, and of outputs of 32 bits
@@ -65,22 +70,35 @@ def gyro_unit(
     full_scale: float | None = None,
     *,
     shaken: bool = False,
-    stated: float | None = None,
+    stated: StatedScale | None = None,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
     **Arguments:** `hint` is what the file says in words of the columns; `in_motion` is how the force turns in a device
-    that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range;
-    `shaken` says that the force's size goes to and fro as in a hand; `stated` are counts per deg/s as the file says.
+    that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range; `shaken` says
+    that the force's size goes to and fro as in a hand; `stated` is the scale that the file states.
     """
     counts, offset = whole(values), middle(values) or None
-    if _MILLI.search(hint) and (turns is None or turns.misfit(DEGREE / _PER_MILLI) < _AGREES):
+    if stated is not None:  # of coarse counts there are few
+        counts = bool(np.all(values == np.round(values)))
+    by_scale = stated is not None and counts
+    if (
+        not by_scale
+        and _MILLI.search(hint)
+        and (turns is None or turns.misfit(DEGREE / _PER_MILLI) < _AGREES)
+    ):
         scale = (_PER_MILLI, "count per deg/s", None, DEGREE / _PER_MILLI)
         return TriadUnit("count", *scale, "thousandths of deg/s, as the file says", True)
     told = said_unit(hint)
     if turns is not None:
         wide = counts and offset is None and float(np.abs(values).max()) > _SIXTEEN
         found = _by_turns(turns, counts, offset, stated, wide=wide)
+        by_name = stated_rate_scale(hint) if counts else None
+        if found is not None and stated is not None and found.factor == stated.factor:
+            return found
+        if found is not None and by_name is not None:
+            text = f"{found.why}, but the file says {by_name.text}"
+            return found._replace(why=text, certain=False)
         if found is not None and told in (None, found.unit):
             return found
         if found is not None:
@@ -90,15 +108,50 @@ def gyro_unit(
         if turns is None
         else f"no unit turns the gyros as gravity turns in {turns.num_motions} motions: are axes exchanged or mirrored?"
     )
+    if stated is not None and counts:
+        text, certain = f"{stated.text}, as the file says; {missing}", turns is None
+        scale = (stated.scale, stated.scale_unit, offset, stated.factor)
+        return TriadUnit("count", *scale, text, certain)
     if told is not None and not counts:
-        return TriadUnit(
-            told, None, None, None, _UNITS[told], f"as the file says; {missing}", turns is None
-        )
+        whether = stated_rate_scale(hint)  # a converter's step beside numbers that are no counts
+        text = "as the file says" if whether is None else f"'{whether.text}' in the file's words"
+        certain = turns is None and whether is None
+        return TriadUnit(told, None, None, None, _UNITS[told], f"{text}; {missing}", certain)
     # Rests of a device that is carried are none, so that their turns may fail; a mirrored axis fails in motion, too.
     limit = _AGREES if turns is None else _AGREES / 2
     told_by = [] if counts else [_by_motion(m, limit) for m in in_motion]
     moving = next((u for u in told_by if u is not None), None)
+    if told is not None and offset is None and not _RAW.search(hint):
+        of_unit = _whole_numbers(values, told, missing, full_scale, certain=turns is None)
+        if of_unit is not None:
+            return of_unit
+        missing = f"the file says {told}, in which no gyro turns as fast; {missing}"
     return moving or _by_magnitude(values, counts, offset, missing, full_scale, shaken)
+
+
+def _whole_numbers(
+    values: Float[np.ndarray, "time 3"],
+    unit: str,
+    missing: str,
+    full_scale: float | None,
+    *,
+    certain: bool,
+) -> TriadUnit | None:
+    """The unit that the file says of whole numbers; `None` where no gyro, or none of `full_scale` (deg/s), turns as
+    fast as they were."""
+    degrees = values * (_UNITS[unit] / DEGREE)
+    if float(np.abs(degrees).max()) > (full_scale or _WIDEST):
+        return None
+    _, quietest, zero = _noise(degrees)
+    bias = float(np.abs(zero).max())
+    text = f"as the file says; {missing}"
+    if quietest > _QUIET_DEG or bias * DEGREE > _BIAS_RAD:
+        text = (
+            f"as the file says, but these may be raw counts (noise {quietest:.2g} deg/s at rest, zero up to "
+            f"{bias:.2g} deg/s); {missing}"
+        )
+        certain = False
+    return TriadUnit(unit, None, None, None, _UNITS[unit], text, certain)
 
 
 def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:
@@ -119,11 +172,11 @@ def _by_turns(
     turns: GravityTurns,
     counts: bool,
     offset: float | None,
-    stated: float | None = None,
+    stated: StatedScale | None = None,
     *,
     wide: bool = False,
 ) -> TriadUnit | None:
-    """The unit with which the integrated outputs turn gravity as it turned; `stated` counts per deg/s where they do so
+    """The unit with which the integrated outputs turn gravity as it turned; the `stated` scale where it does so
     too, and of more than 16 bits (`wide`) the scale that fits."""
     motions = f"{turns.num_motions} motion{'s' * (turns.num_motions > 1)}"
     what = lambda misfit: (
@@ -133,17 +186,17 @@ def _by_turns(
         finest = DEGREE / (_FINEST_WIDE if wide else _FINEST)
         factor, misfit = _fewest_turns(turns, factors_between(finest, DEGREE / _COARSEST))
     else:
-        factor, misfit = turns.best(_UNITS.values())
+        also = () if stated is None else (stated.factor,)
+        factor, misfit = turns.best((*_UNITS.values(), *also))
     if misfit > _AGREES:
         return None
-    if counts and stated is not None:
-        near, left = turns.best((DEGREE / stated,))
-        right = abs(near * stated / DEGREE - 1.0) < _STATED and near < _NEXT * factor
+    if stated is not None:
+        near, left = turns.best((stated.factor,))
+        right = abs(near / stated.factor - 1.0) < _STATED and near < _NEXT * factor
         if right and left <= misfit + _ALIKE:
-            text = f"{what(left)} by the scale above the names"
-            return TriadUnit(
-                "count", stated, "count per deg/s", offset, DEGREE / stated, text, True
-            )
+            text = f"{what(left)} with {stated.text}, as the file says"
+            scale = (stated.scale, stated.scale_unit, offset, stated.factor)
+            return TriadUnit("count", *scale, text, True)
     unit = next((u for u, f in _UNITS.items() if abs(factor / f - 1.0) < _NEAR), None)
     if unit is not None and (not counts or unit == "deg/s"):
         return TriadUnit(unit, None, None, None, _UNITS[unit], what(misfit), True)

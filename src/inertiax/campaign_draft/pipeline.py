@@ -37,9 +37,9 @@ from .raw_log import read_log
 from .raw_triads import columns, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
 from .resting import drifts_in_one_pose, poses, Resting, resting
-from .scale_notes import gyro_note
 from .sensor_files import sensor_files, SensorFiles, tables_in
 from .site_lines import site_of_reference, site_table
+from .stated_scales import gyro_scale
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
 from .table_log import beside_each, column_lines, refined, refined_by_rate, TableLog
@@ -253,7 +253,7 @@ def _columns(
     if found.gyro is not None:
         moving, range_ = _in_motion(found), found.log.stated_range
         tossed = found.accel is not None and shaken(found.accel - middle(found.accel))
-        words, stated = found.gyro_words, gyro_note(found.log.preamble)
+        words, stated = found.gyro_words, gyro_scale(found.gyro_words, found.log.preamble)
         unit = gyro_unit(found.gyro, turns, words, moving, range_, shaken=tossed, stated=stated)
         unit, rate = with_reference_rate(found, unit)
         unit = unit if step is None else of_increments(unit, step)
