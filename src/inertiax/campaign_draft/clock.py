@@ -60,6 +60,10 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
         if unit is not None:
             found = _checked(name, unit, ALL_UNITS[unit] * (values - values[0]), why)
             return found if certain else found._replace(certain=False)
+    if log.notes.rate is not None:
+        states = "states the rate" if log.notes.sure else "may be the samples' rate"
+        text = f"{log.notes.rate_name} in the file {states}"
+        return _counted(log.notes.rate, rows, text, log.notes.sure)
     if rate is not None:
         return _counted(rate, rows, "a line above the header states the rate", True)
     split = None if log.has_header else split_stamps(log)

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from ..data.formats import csv, hdf5, imu_tk, matlab, parquet
+from ..data.formats import array_notes, csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
 from ..data.formats.text_layout import find_layout, is_value, TextLayout
 from ..data.formats.time_stamps import seconds_of
@@ -47,6 +47,7 @@ class RawLog(NamedTuple):
     texts: dict[
         str, tuple[str, ...]
     ] = {}  # columns of other text, which may be labels, each with its first words
+    notes: array_notes.ArrayNotes = array_notes.NOTHING  # of a file of arrays
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,7 +69,9 @@ class RawLog(NamedTuple):
 
     @property
     def stated_rate(self) -> float | None:
-        """Samples a second that the lines above the header state, Hz."""
+        """Samples a second that the lines above the header state, or a file of arrays beside them, Hz."""
+        if self.notes.sure:
+            return self.notes.rate
         for line in self.preamble:
             last = 0
             for found in _RATE.finditer(line):
@@ -96,8 +99,12 @@ def read_log(path: Path) -> RawLog:
     Raises `ValueError` where the file is in another format, or holds no numbers.
     """
     chosen = detect(path)
-    if chosen in (parquet, hdf5, matlab):
-        return _from_table(chosen.decode(path), path, chosen.NAME, None)
+    if chosen in (hdf5, matlab):
+        table, notes = chosen.described(path)
+        log = _from_table(table, path, chosen.NAME, None)
+        return log._replace(notes=notes, words=array_notes.words_of(notes, log.numbers))
+    if chosen is parquet:
+        return _from_table(parquet.decode(path), path, chosen.NAME, None)
     if chosen not in (csv, imu_tk):
         raise ValueError(f"{path.name}: {chosen.NAME} names its columns and units itself.")
     text = csv.text_of(path)

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from ..recording import Recording
+from .array_notes import array_notes, ArrayNotes
 from .arrays import choose_group, longest_columns, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .expansion import require_plausible
@@ -33,7 +34,16 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
 
 def decode(path: Path) -> pl.DataFrame:
     """The columns of an HDF5 file under their own names. Raises `ValueError` naming the file."""
-    return longest_columns(read_arrays(path), path.name)
+    return described(path)[0]
+
+
+def described(path: Path) -> tuple[pl.DataFrame, ArrayNotes]:
+    """The columns under their own names, and a rate that the file states in a dataset of one number.
+
+    Raises `ValueError` naming the file.
+    """
+    arrays = read_arrays(path)
+    return longest_columns(arrays, path.name), array_notes(arrays, {})
 
 
 def read_arrays(

@@ -1,4 +1,4 @@
-"""The container of MATLAB's v5 to v7 files: numeric arrays and structs of them, nothing else.
+"""The container of MATLAB's v5 to v7 files: numeric arrays, lines of text and structs of them, nothing else.
 
 A file is a header of 128 bytes and elements of (type, size, data), padded to eight bytes; an element may be
 packed by zlib. Every size is checked against the bytes that are there, so that a damaged or hostile file is
@@ -17,11 +17,11 @@ import numpy as np
 from .expansion import limit
 
 
-Content: TypeAlias = "dict[str, np.ndarray | Content]"
+Content: TypeAlias = "dict[str, np.ndarray | str | Content]"
 
 _HEADER = 128
 _DEEPEST = 16  # structs in structs
-_MATRIX, _COMPRESSED, _STRUCT, _OBJECT = 14, 15, 2, 17
+_MATRIX, _COMPRESSED, _STRUCT, _OBJECT, _CHAR = 14, 15, 2, 17, 4
 _COMPLEX = 0x0800
 # NumPy's type of each numeric element, and of each class of arrays.
 _TYPES = {
@@ -36,6 +36,8 @@ _TYPES = {
     12: "i8",
     13: "u8",
 }
+# Encoding of each element that holds the letters of a text.
+_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}
 _CLASSES = dict(zip(range(6, 16), "f8 f4 i1 u1 i2 u2 i4 u4 i8 u8".split(), strict=True))
 
 
@@ -49,9 +51,9 @@ class _Element(NamedTuple):
 
 
 def parse(content: bytes, where: str) -> Content:
-    """The numeric arrays in a file by name, and each 1 × 1 struct as a dictionary of its own.
+    """The numeric arrays and the texts of one line in a file by name, and each 1 × 1 struct as a dictionary of its own.
 
-    Text, cells, objects, sparse and complex arrays are left out. Raises `ValueError` naming the file.
+    Cells, objects, sparse and complex arrays are left out. Raises `ValueError` naming the file.
     """
     order = {b"IM": "<", b"MI": ">"}.get(content[126:_HEADER])
     if order is None:
@@ -139,6 +141,8 @@ def _array(data: memoryview, order: str, depth: int) -> Content:
         raise _Damaged(f"an array of shape {shape[:8]}")
     if kind == _STRUCT:
         return {text: _fields(data, order, depth + 1)} if math.prod(shape) == 1 else {}
+    if kind == _CHAR:
+        return _text(text, data, order) if shape[0] == 1 and len(shape) == 2 else {}
     if kind not in _CLASSES or int(flags[0]) & _COMPLEX:
         return {}
     values, _ = _numbers(data, order)
@@ -146,6 +150,14 @@ def _array(data: memoryview, order: str, depth: int) -> Content:
         raise _Damaged(f"{len(values)} values in an array of shape {shape}")
     with np.errstate(invalid="ignore"):  # values beyond the class, which no program writes
         return {text: values.astype(_CLASSES[kind]).reshape(shape, order="F")}
+
+
+def _text(name: str, data: memoryview, order: str) -> Content:
+    """A line of text by its name; nothing where it is in an encoding that is not known."""
+    element, _ = _next(data, order)
+    encoding = _TEXTS.get(element.kind, "")
+    encoding += {"<": "-le", ">": "-be"}[order] if encoding == "utf-16" else ""
+    return {name: bytes(element.data).decode(encoding, "replace")} if encoding else {}
 
 
 def _fields(data: memoryview, order: str, depth: int) -> Content:
