@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .acceleration_parts import acceleration_parts, sole_gyros
 from .column_kinds import gyros_of_one_name, kind_of, STEADY, unsteadiness
 from .column_triads import called, is_of_quaternion, of_one_six, triads_by_name
 from .column_words import (
@@ -18,8 +19,8 @@ from .column_words import (
     UNIT,
     without,
 )
-from .converters import G, whole
-from .mag_unit import mag_unit
+from .converters import ACCEL_SCALES, G, nearest, whole
+from .mag_unit import in_earths_field, mag_unit
 from .raw_log import RawLog
 from .split_stamps import EPOCH, is_since_1970, split_stamps
 
@@ -27,6 +28,7 @@ from .split_stamps import EPOCH, is_since_1970, split_stamps
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
 _NEAR_GRAVITY = 1.0  # m/s²
 _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
+_NEAR_DATA_SHEET = 0.05  # relative, of counts per g
 _MOST_LABELS = 32
 _UNIT = 1e-3  # of a quaternion's norm, as it is printed
 _MOST_SENSORS = 8  # words in a column that names each row's sensor
@@ -139,7 +141,8 @@ def _as_the_file_is_called(log: RawLog, roles: Roles) -> Roles:
 def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
     """A triad alone whose name says nothing, as magnetometers where its numbers are a field and no gravity.
 
-    Whole numbers may be counts of either.
+    Whole numbers may be counts of either; so may their means, which near a data sheet's counts per g are taken for
+    accelerometers' unless they read a field that is somewhere on the Earth.
     """
     triad = roles.accel
     if triad is None or roles.gyro is not None or any(means("accel", log.hint(n)) for n in triad):
@@ -152,7 +155,13 @@ def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
     size = float(np.median(np.linalg.norm(outputs, axis=1)))
     if any(abs(size / gravity - 1.0) < _NEAR_ONE_G for gravity in (1.0, G, 1000.0)):
         return roles
-    return roles._replace(accel=None, mag=triad, mag_by="no gravity in any unit")
+    counts = nearest(size, ACCEL_SCALES, _NEAR_DATA_SHEET)
+    if counts is not None and not in_earths_field(size, unit):
+        return roles
+    by = (
+        "no gravity in any unit" if counts is None else f"no gravity but in {counts:g} counts per g"
+    )
+    return roles._replace(accel=None, mag=triad, mag_by=by)
 
 
 def _by_name(log: RawLog) -> Roles:
@@ -308,6 +317,14 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     if only is not None or len(threes) == 1:
         key = only or "accel"
         return Roles(time, None, None, None, None, notes)._replace(**{key: threes[0]})
+    parts = acceleration_parts(log, threes)
+    if parts is not None:
+        others = tuple(t for t in threes if t not in parts)
+        gyro = sole_gyros(log, others)
+        added = f"{', '.join(parts.whole)}: {', '.join(parts.linear)} and {', '.join(parts.gravity)} are parts of it"
+        none = "which columns are the gyros' their numbers do not tell: write gyro_x, gyro_y, gyro_z in `names`"
+        notes = (*notes, f"{added}, left aside", *(() if gyro else (none,)))
+        return Roles(time, parts.whole, gyro, None, None, notes, unnamed=others)
     further = next((k for k, t in enumerate(threes) if _is_specific_force(log, t)), 0)
     if further > 1:  # behind angles and fields; rates come next, if they are there at all
         gyro = threes[further + 1] if further + 1 < len(threes) else threes[further - 1]

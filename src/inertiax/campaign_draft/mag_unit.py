@@ -101,6 +101,11 @@ def mag_unit(outputs: Float[np.ndarray, "time 3"]) -> str | None:
     return fits[0] if len(fits) == 1 else None
 
 
+def in_earths_field(size: float, unit: str) -> bool:
+    """Whether a magnitude is that of the Earth's field somewhere, without any iron of the device."""
+    return LEAST_EARTH_FIELD < size * MAG_UNITS[unit] < GREATEST_EARTH_FIELD
+
+
 def said_field_unit(hint: str, outputs: Float[np.ndarray, "time 3"]) -> str | None:
     """The unit that words of a file name, where the outputs read a field of the Earth's size in it; else `None`."""
     unit = next((u for u, words in _WORDS if words.search(hint)), None)

@@ -247,7 +247,7 @@ def _columns(
             found.gyro is None
             and not named
             and unit.unit == "count"
-            and unit.scale not in ACCEL_SCALES
+            and not (unit.scale in ACCEL_SCALES and whole(found.accel))
         ):
             remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
