@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .column_words import FORCE_UNITS, said
-from .converters import ACCEL_SCALES, G, middle, nearest, rounded, whole
+from .converters import ACCEL_SCALES, G, middle, nearest, PER_G_OF_HUNDREDTHS, rounded, whole
 from .resting import poses, Resting
 from .stated_scales import stated_force_scale
 
@@ -19,6 +19,8 @@ NO_RESTS = "no rests were found"
 _FAR = (
     2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
 )
+_BIAS = 0.1  # g: what reads 1 g in one pose may be off by so much, and a part of 1024 counts be one of 981
+_SCALE = 0.015  # relative: what a sphere through poses leaves, an error of scale
 _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
 _TURNING = 0.9  # of the samples' norm: the means of a device that turned by 50° or more are shorter
 _BLOCK = 20  # rows
@@ -89,7 +91,8 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     told = _written(radius, said(FORCE_UNITS, hint), what)
     if told is not None:
         return told
-    if not whole(values) or nearest(radius, (1000.0, 1000.0 * G), 0.015):
+    by_unit = nearest(radius, (1000.0, 1000.0 * G, PER_G_OF_HUNDREDTHS), 0.015)
+    if not whole(values) or by_unit not in (None, PER_G_OF_HUNDREDTHS):
         unit = unit_of(radius)
         if offset is None and unit is not None:
             return TriadUnit(unit, None, None, None, G / _UNITS[unit], what, True)
@@ -98,7 +101,10 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
         text = f"{what}: counts, {scale:g} per g by the usual data sheets"
         counts = whole(values) or fitted or len(rests.accel) == len(values)
         text += "" if counts else ", but they are not whole"
-        return TriadUnit("count", scale, "count per g", offset, G / scale, text, counts)
+        others = _as_near(scale, radius, _SCALE if fitted else _BIAS)
+        text += f"; but for a bias or an error of scale {' or '.join(others)}" if others else ""
+        certain = counts and not others
+        return TriadUnit("count", scale, "count per g", offset, G / scale, text, certain)
     if not fitted and offset is None and not whole(values):
         likely = next((u for u in ("g", "m/s^2") if 1 / _FAR < radius / _UNITS[u] < _FAR), None)
         if likely is not None:
@@ -106,6 +112,13 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     scale = rounded(radius)
     text = f"{what}: counts of a converter that is not known here; the scale is measured"
     return TriadUnit("count", scale, "count per g", offset, G / scale, text, fitted)
+
+
+def _as_near(scale: float, radius: float, limit: float) -> list[str]:
+    """What else gravity may read as `radius` within a relative limit: other data sheets' counts, and mg."""
+    near = [s for s in ACCEL_SCALES if s != scale and abs(radius / s - 1.0) < limit]
+    mg = ["mg"] if abs(radius / _UNITS["mg"] - 1.0) < limit else []
+    return [f"{s:g} per g" for s in near] + mg
 
 
 def _written(radius: float, unit: str | None, what: str) -> TriadUnit | None:

@@ -8,9 +8,12 @@ from ..data.formats.columns import ACCEL_UNITS, GYRO_UNITS
 
 G = ACCEL_UNITS["g"]
 DEGREE = GYRO_UNITS["deg/s"]
+PER_G_OF_HUNDREDTHS = 980.665  # counts per g where one is 0.01 m/s²: Bosch's BNO055
 # Counts per g: InvenSense and Bosch (2 to 16 g in 16 bits), ST's 0.061 to 0.732 mg rounded onto them, ADXL345, MMA and
 # LIS of 8 to 14 bits.
-ACCEL_SCALES = (64.0, 128.0, 256.0, 512.0, 1024.0, 1365.0, 2048.0, 4096.0, 8192.0, 16384.0)
+ACCEL_SCALES = (
+    64.0, 128.0, 256.0, 512.0, PER_G_OF_HUNDREDTHS, 1024.0, 1365.0, 2048.0, 4096.0, 8192.0, 16384.0
+)  # fmt: skip
 # Counts per deg/s: InvenSense and Bosch (250 to 2000 deg/s in 16 bits), ITG-3200, ST's 4.375 to 70 mdps per count.
 GYRO_SCALES = (262.4, 228.57, 131.0, 114.29, 65.5, 57.14, 32.8, 28.57, 16.4, 14.375, 14.29)
 # Raw temperatures: °C = count / scale + zero.

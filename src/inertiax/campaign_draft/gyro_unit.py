@@ -9,6 +9,7 @@ from jaxtyping import Float
 from ..reduction.gravity_turns import factors_between, GravityTurns
 from .accel_unit import TriadUnit
 from .column_words import RATE_UNITS, said
+from .companions import Companion
 from .converters import DEGREE, GYRO_SCALES, middle, nearest, rounded, whole
 from .stated_scales import stated_rate_scale, StatedScale
 
@@ -39,6 +40,7 @@ _QUIET_RAD = (
 _BIAS_RAD = 0.35  # rad/s, 20 deg/s: no gyro's bias
 _BLOCK = 20  # rows
 _FULL_SCALES = (
+    16.0,  # BNO055
     16.384,
     32.768,
     65.536,
@@ -71,12 +73,14 @@ def gyro_unit(
     *,
     shaken: bool = False,
     stated: StatedScale | None = None,
+    companion: Companion | None = None,
 ) -> TriadUnit:
     """Unit, scale and offset of gyros.
 
     **Arguments:** `hint` is what the file says in words of the columns; `in_motion` is how the force turns in a device
     that moves all along, or the Earth's field; `full_scale` (deg/s) is what the file says of the range; `shaken` says
-    that the force's size goes to and fro as in a hand; `stated` is the scale that the file states.
+    that the force's size goes to and fro as in a hand; `stated` is the scale that the file states, and `companion`
+    that of a chip whose accelerometers gravity tells.
     """
     counts, offset = whole(values), middle(values) or None
     if stated is not None:  # of coarse counts there are few
@@ -92,7 +96,7 @@ def gyro_unit(
     told = said_unit(hint)
     if turns is not None:
         wide = counts and offset is None and float(np.abs(values).max()) > _SIXTEEN
-        found = _by_turns(turns, counts, offset, stated, wide=wide)
+        found = _by_turns(turns, counts, offset, stated, companion, wide=wide)
         by_name = stated_rate_scale(hint) if counts else None
         if found is not None and stated is not None and found.factor == stated.factor:
             return found
@@ -126,6 +130,9 @@ def gyro_unit(
         if of_unit is not None:
             return of_unit
         missing = f"the file says {told}, in which no gyro turns as fast; {missing}"
+    if counts and companion is not None and offset is None and told is None and not full_scale:
+        scale = (companion.scale, "count per deg/s", None, DEGREE / companion.scale)
+        return TriadUnit("count", *scale, f"{missing}; {companion.text}", False)
     return moving or _by_magnitude(values, counts, offset, missing, full_scale, shaken)
 
 
@@ -173,6 +180,7 @@ def _by_turns(
     counts: bool,
     offset: float | None,
     stated: StatedScale | None = None,
+    companion: Companion | None = None,
     *,
     wide: bool = False,
 ) -> TriadUnit | None:
@@ -203,10 +211,14 @@ def _by_turns(
     per_degree = DEGREE / factor
     nominal = None
     if offset is None and not wide:
-        nominal = nearest(per_degree, GYRO_SCALES, 0.05)
+        own = () if companion is None else (companion.scale,)
+        sure = companion is not None and companion.sure and nearest(per_degree, own, 0.05)
+        nominal = nearest(per_degree, own if sure else (*own, *GYRO_SCALES), 0.05)
     scale = nominal or rounded(per_degree)
     text = f"{what(misfit)}; the scale that fits best is {per_degree:.4g} count per deg/s"
     several = turns.num_motions >= _MOTIONS_FOR_A_SCALE
+    if companion is not None and nominal == companion.scale:
+        several, text = several and companion.sure, f"{text}; {companion.text}"
     if wide:
         text = f"{text}, of more than 16 bits"
     elif nominal is None and offset is None:

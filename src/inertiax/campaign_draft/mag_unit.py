@@ -9,6 +9,7 @@ from jaxtyping import Float
 from ..data.formats.columns import MAG_UNITS
 from ..data.plausible_units import field_unit_guess, GREATEST_EARTH_FIELD, LEAST_EARTH_FIELD
 from .accel_unit import sphere
+from .companions import Companion
 from .converters import rounded, whole
 
 
@@ -42,16 +43,23 @@ class FieldUnit(NamedTuple):
 
 
 def field_unit(
-    outputs: Float[np.ndarray, "time 3"], names: tuple[str, str, str], hint: str
+    outputs: Float[np.ndarray, "time 3"],
+    names: tuple[str, str, str],
+    hint: str,
+    companion: Companion | None = None,
 ) -> FieldUnit | None:
     """The unit of magnetometers: by what they move by, else as the file says.
 
     Where neither tells it, canonical columns get the likely one, for without a line of their own they would be read in
     tesla; others get none.
 
-    **Arguments:** `hint` is what the file says in words of the columns.
+    **Arguments:** `hint` is what the file says in words of the columns; `companion` is the scale of a chip whose
+    accelerometers gravity tells.
     """
     told = mag_unit(outputs)
+    counts = None if companion is None else _of_chip(outputs, companion)
+    if counts is not None and said_field_unit(hint, outputs) is None:
+        return counts
     if told is not None:
         why = f"turned, the outputs move by the Earth's field in {told}, and by no other unit's"
         return FieldUnit(told, why, True)
@@ -63,6 +71,17 @@ def field_unit(
     likely = field_unit_guess(float(np.nanmedian(np.linalg.norm(outputs, axis=1))))
     why = "the device was not turned in all directions; likely by the size of a field"
     return FieldUnit(likely, why, False)
+
+
+def _of_chip(outputs: Float[np.ndarray, "time 3"], companion: Companion) -> FieldUnit | None:
+    """The scale of a chip, where whole numbers read a field of the Earth's size in it; other units may do so, too."""
+    read = outputs[np.isfinite(outputs).all(axis=1)]
+    if not len(read) or not whole(read):
+        return None
+    size = float(np.median(np.linalg.norm(read, axis=1))) / companion.scale
+    if not in_earths_field(size, "uT"):
+        return None
+    return FieldUnit("count", f"{companion.text}, {size:.3g} uT", False, companion.scale)
 
 
 def _counts(outputs: Float[np.ndarray, "time 3"]) -> FieldUnit | None:

@@ -24,6 +24,7 @@ from .accel_unit import (
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import roles_of, WITH_GRAVITY
+from .companions import gyro_companion
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole
 from .draft import Draft, draft_of
 from .further_columns import columns_table, ONE_AXIS
@@ -31,7 +32,8 @@ from .gyro_unit import clock_and_unit, gyro_unit
 from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
-from .mag_unit import about_center, field_unit
+from .mag_line import magnetometers
+from .mag_unit import about_center
 from .novatel_counts import of_novatel
 from .raw_log import read_log
 from .raw_triads import columns, RawTriads, read_triads
@@ -254,7 +256,10 @@ def _columns(
         moving, range_ = _in_motion(found), found.log.stated_range
         tossed = found.accel is not None and shaken(found.accel - middle(found.accel))
         words, stated = found.gyro_words, gyro_scale(found.gyro_words, found.log.preamble)
-        unit = gyro_unit(found.gyro, turns, words, moving, range_, shaken=tossed, stated=stated)
+        beside = gyro_companion(units.get("accel"))
+        unit = gyro_unit(
+            found.gyro, turns, words, moving, range_, shaken=tossed, stated=stated, companion=beside
+        )
         unit, rate = with_reference_rate(found, unit)
         unit = unit if step is None else of_increments(unit, step)
         unit = unit if told_by_counts is None else told_by_counts[1]
@@ -262,7 +267,7 @@ def _columns(
         lines.append(_triad("gyro", found.gyro_columns if named else None, unit))
         lines += rate
     if found.roles.mag is not None:
-        told, remark = _magnetometers(found, named)
+        told, remark = magnetometers(found, named, units.get("accel"))
         lines += told
         remarks += remark
     if rests.single_rows:
@@ -289,30 +294,6 @@ def _columns(
         else:
             lines.append(Line("temperature", told.of_column(name), told.why, told.certain))
     return tuple(lines), tuple(remarks), upright
-
-
-def _magnetometers(found: RawTriads, named: bool) -> tuple[list[Line], list[str]]:
-    """The magnetometers' line, or a remark that they are left out.
-
-    Raises `ValueError` where there is nothing else in the log.
-    """
-    log, names = found.log, found.roles.mag
-    assert names is not None
-    outputs = np.stack([log.numbers[n] for n in names], axis=1)
-    told = field_unit(outputs, names, " ".join(log.hint(n) for n in names))
-    if told is not None:
-        value: dict[str, object] = {"names": list(names)} if named else {}
-        by = found.roles.mag_by
-        why = told.why if by is None else f"{by}; {told.why}"
-        value["unit"] = told.unit
-        value |= {} if told.scale is None else {"scale": told.scale, "scale_unit": "count per uT"}
-        return [Line("mag", value, why, told.certain and by is None)], []
-    if found.accel is None and found.gyro is None:
-        raise ValueError(
-            f"{log.path}: {', '.join(names)} do not tell their unit, for the device was not turned in all "
-            "directions; turn it so, away from steel, or write campaign.toml by hand."
-        )
-    return [], [f"{CHECK} mag: {', '.join(names)} do not tell their unit; they are left out"]
 
 
 def _time(found: RawTriads) -> Line:

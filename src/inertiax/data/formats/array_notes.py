@@ -1,4 +1,4 @@
-"""What a file of arrays says beside them: a scalar `Fs` is their rate, a text `UNITS.gyro` the gyros' unit."""
+"""What a file of arrays says beside them: a scalar `Fs` is their rate, the text gyro of a struct UNITS a unit."""
 
 import re
 from collections.abc import Iterable, Mapping
