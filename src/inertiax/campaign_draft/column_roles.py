@@ -23,6 +23,7 @@ from .converters import ACCEL_SCALES, G, nearest, whole
 from .mag_unit import in_earths_field, mag_unit
 from .raw_log import RawLog
 from .split_stamps import EPOCH, is_since_1970, split_stamps
+from .tagged_rows import refuse_tagged_rows
 
 
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
@@ -31,7 +32,6 @@ _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers 
 _NEAR_DATA_SHEET = 0.05  # relative, of counts per g
 _MOST_LABELS = 32
 _UNIT = 1e-3  # of a quaternion's norm, as it is printed
-_MOST_SENSORS = 8  # words in a column that names each row's sensor
 
 
 WITH_GRAVITY = (
@@ -65,7 +65,7 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
     **Arguments:** `only` is "accel" or "gyro" for a file of that triad alone.
     Raises `ValueError` where no triad is found.
     """
-    _refuse_tagged(log)
+    refuse_tagged_rows(log)
     array = _is_one_array(log.names) or (
         means("time", log.names[0]) and _is_one_array(log.names[1:])
     )
@@ -95,26 +95,6 @@ def _is_one_array(names: tuple[str, ...]) -> bool:
     """Whether the columns are those of one array, as a MATLAB or HDF5 file holds it: numbered from 0, without names."""
     first = names[0].removesuffix("_0") if names else ""
     return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
-
-
-def _refuse_tagged(log: RawLog) -> None:
-    """Raises `ValueError` where each row holds one sensor, named in a column of words: `acc 2060 0.03 0.00 0.97`."""
-    for name, words in log.texts.items():
-        kinds = {w: k for w in words for k in ("accel", "gyro", "mag") if means(k, w)}
-        imu = next((w for w in words if w.lower() == "imu"), None)
-        if imu is not None and 1 < len(words) <= _MOST_SENSORS:
-            tags = ", ".join(map(repr, words))
-            raise ValueError(
-                f"{log.path.name}: each row is of one sensor, named in {name} ({tags}): write the IMU's rows into a "
-                f"file of its own (grep -w {imu} {log.path.name} > imu.csv), then `inertiax init imu.csv`."
-            )
-        if len(words) <= _MOST_SENSORS and len(set(kinds.values())) > 1:
-            tags = ", ".join(map(repr, sorted(kinds)))
-            raise ValueError(
-                f"{log.path.name}: each row is of one sensor, named in {name} ({tags}): write the rows of each into a "
-                f"file of its own (grep '^{min(kinds)}' {log.path.name} > accel.txt, and so on), then "
-                "`inertiax init accel.txt --gyro gyro.txt`."
-            )
 
 
 def _as_the_file_is_called(log: RawLog, roles: Roles) -> Roles:
@@ -291,8 +271,11 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     """Columns without names: a clock first, then threes; the accelerometers' norm is steadier than the gyros'."""
     names = list(log.names)
     time = next(iter(log.stamps), None)
-    if time is None and (_is_clock(log.numbers[names[0]]) or is_since_1970(log.numbers[names[0]])):
-        time = names.pop(0)
+    if time is None:
+        first = next((n for n in names if _varies(log.numbers[n])), names[0])
+        if _is_clock(log.numbers[first]) or is_since_1970(log.numbers[first]):
+            time = first
+            names = names[names.index(first) + 1 :]  # what a sensor or a device is called before
     split = split_stamps(log) if time is None and log.has_header is False else None
     if split is not None:
         names = _of_message(log, [n for n in names if n not in split.columns])
@@ -340,6 +323,11 @@ def _of_message(log: RawLog, names: list[str]) -> list[str]:
     names = [n for n in names if np.ptp(log.numbers[n]) > 0]
     norm = np.linalg.norm([log.numbers[n] for n in names[:4]], axis=0)
     return names[4:] if len(names) > 4 and np.all(np.abs(norm - 1.0) < _UNIT) else names
+
+
+def _varies(values: Float[np.ndarray, " rows"]) -> bool:
+    told = values[np.isfinite(values)]
+    return len(told) > 0 and bool(np.any(told != told[0]))
 
 
 def _is_clock(values: Float[np.ndarray, " rows"]) -> bool:
