@@ -18,6 +18,7 @@ from ..frames import TRIADS
 from ..recording import COLUMNS, Recording
 from . import lvm, novatel
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, numbered_name, shown
+from .nmea import refuse_satellites
 from .table import to_recordings
 from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout
 
@@ -54,7 +55,8 @@ def read_table(
 
 
 def text_of(path: Path) -> bytes:
-    """A file's text with line feeds at its lines' ends. Raises `ValueError` where it is empty or binary.
+    """A file's text with line feeds at its lines' ends. Raises `ValueError` where it is empty, binary, or a
+    satellite receiver's.
 
     Bytes of zero at the start and at the end, which an interrupted or a preallocating logger leaves, are no text and
     are left out; anywhere else they are refused.
@@ -73,6 +75,7 @@ def text_of(path: Path) -> bytes:
             f"{path.name}: the content is binary, not delimited text: byte {before + zero} (line {line}) is zero."
         )
     text = with_line_feeds(text.removeprefix(b"\xef\xbb\xbf"))
+    refuse_satellites(text, path.name)
     if novatel.is_novatel(text):
         return novatel.as_rows(text)
     return lvm.as_rows(text, path.name) if lvm.is_lvm(text) else text
