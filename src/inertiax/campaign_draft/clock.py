@@ -123,6 +123,8 @@ def _unit(
         return None, "", False
     step = float(np.median(np.diff(told))) if len(told) > 1 else 1.0
     mean = float((told[-1] - told[0]) / max(len(told) - 1, 1))
+    if np.any(np.diff(told) < 0) and _ANEW * mean < step:
+        mean = step  # from its first stamp to its last a log that begins anew may go back
     if not (step > 0 or mean > 0) or not np.isfinite(mean):
         return None, "", False
     long = said(LONG_TIME_UNITS, log.hint(name))

@@ -8,6 +8,16 @@ from jaxtyping import Float
 
 from .acceleration_parts import acceleration_parts, sole_gyros
 from .column_kinds import gyros_of_one_name, kind_of, STEADY, unsteadiness
+from .column_numbers import (
+    are_whole,
+    date_columns,
+    is_clock,
+    is_clock_set_back,
+    is_mark,
+    is_no_output,
+    rises,
+    varies,
+)
 from .column_triads import called, is_of_quaternion, of_one_six, triads_by_name
 from .column_words import (
     FILES,
@@ -22,7 +32,7 @@ from .column_words import (
 from .converters import ACCEL_SCALES, G, nearest, whole
 from .mag_unit import in_earths_field, mag_unit
 from .raw_log import RawLog
-from .split_stamps import EPOCH, is_since_1970, split_stamps
+from .split_stamps import is_since_1970, split_stamps
 from .tagged_rows import refuse_tagged_rows
 
 
@@ -30,7 +40,6 @@ from .tagged_rows import refuse_tagged_rows
 _NEAR_GRAVITY = 1.0  # m/s²
 _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
 _NEAR_DATA_SHEET = 0.05  # relative, of counts per g
-_MOST_LABELS = 32
 _UNIT = 1e-3  # of a quaternion's norm, as it is printed
 
 
@@ -201,7 +210,7 @@ def _by_name(log: RawLog) -> Roles:
     position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
     if not times:  # what rises throughout is a clock, whatever its name is but a counter's
-        times = [n for n in free if n in log.numbers and _rises(log, n) and not means("counter", n)]
+        times = [n for n in free if n in log.numbers and rises(log, n) and not means("counter", n)]
     return Roles(
         _best_time(log, times),
         next(iter(kinds["accel"]), None),
@@ -227,8 +236,8 @@ def _reads_nothing(log: RawLog, triad: tuple[str, str, str]) -> bool:
 
 def _t_that_is_no_time(log: RawLog, free: list[str]) -> list[str]:
     """A column T beside a clock that goes up and down: a temperature."""
-    ts = [n for n in free if plain(n) == "t" and n in log.numbers and not _rises(log, n)]
-    clock = log.stamps or any(_rises(log, n) for n in free if n in log.numbers and n not in ts)
+    ts = [n for n in free if plain(n) == "t" and n in log.numbers and not rises(log, n)]
+    clock = log.stamps or any(rises(log, n) for n in free if n in log.numbers and n not in ts)
     return ts if clock else []
 
 
@@ -256,13 +265,6 @@ def _best_time(log: RawLog, times: list[str]) -> str | None:
     return next(iter(steady or times), None)
 
 
-def _rises(log: RawLog, name: str) -> bool:
-    """Whether a column rises from row to row as a clock does: the longest step is no half of the whole."""
-    values = log.numbers[name]
-    steps = np.diff(values)
-    return _is_clock(values) and float(steps.max()) < 0.5 * float(steps.sum()) and len(steps) > 50
-
-
 def _values(log: RawLog, name: str) -> Float[np.ndarray, " rows"]:
     return log.stamps[name] if name in log.stamps else log.numbers[name]
 
@@ -272,20 +274,23 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     names = list(log.names)
     time = next(iter(log.stamps), None)
     if time is None:
-        first = next((n for n in names if _varies(log.numbers[n])), names[0])
-        if _is_clock(log.numbers[first]) or is_since_1970(log.numbers[first]):
+        first = next((n for n in names if varies(log.numbers[n])), names[0])
+        told = log.numbers[first]
+        if is_clock(told) or is_since_1970(told) or is_clock_set_back(told):
             time = first
             names = names[names.index(first) + 1 :]  # what a sensor or a device is called before
     split = split_stamps(log) if time is None and log.has_header is False else None
     if split is not None:
         names = _of_message(log, [n for n in names if n not in split.columns])
     if time is not None:  # a further one, which an app writes in another form
-        names = [n for n in names if not (_rises(log, n) or is_since_1970(log.numbers[n]))]
+        names = [n for n in names if not (rises(log, n) or is_since_1970(log.numbers[n]))]
+    date = date_columns(log, names) if time in log.stamps else ()
+    names = [n for n in names if n not in date]
     aside: list[str] = []
-    while names and _is_no_output(log, names):
+    while names and is_no_output(log, names):
         aside.append(names.pop(0))
-    marks = [n for n in names if _is_mark(log.numbers[n])]
-    if not any(_are_whole(log.numbers[n]) for n in names if n not in marks):
+    marks = [n for n in names if is_mark(log.numbers[n])]
+    if not any(are_whole(log.numbers[n]) for n in names if n not in marks):
         names = [n for n in names if n not in marks]
     threes = [(names[k], names[k + 1], names[k + 2]) for k in range(0, len(names) - 2, 3)]
     notes = (
@@ -323,51 +328,6 @@ def _of_message(log: RawLog, names: list[str]) -> list[str]:
     names = [n for n in names if np.ptp(log.numbers[n]) > 0]
     norm = np.linalg.norm([log.numbers[n] for n in names[:4]], axis=0)
     return names[4:] if len(names) > 4 and np.all(np.abs(norm - 1.0) < _UNIT) else names
-
-
-def _varies(values: Float[np.ndarray, " rows"]) -> bool:
-    told = values[np.isfinite(values)]
-    return len(told) > 0 and bool(np.any(told != told[0]))
-
-
-def _is_clock(values: Float[np.ndarray, " rows"]) -> bool:
-    """Whether a column never goes back and mostly goes on: a host may stamp rows alike that it read together."""
-    steps = np.diff(values)
-    rises = len(steps) > 0 and np.all(steps >= 0.0) and np.mean(steps > 0.0) > 0.5
-    return bool(rises) and not _is_counter(values)
-
-
-def _is_counter(values: Float[np.ndarray, " rows"]) -> bool:
-    """Row numbers: whole, one apart."""
-    return len(values) > 1 and bool(np.all(np.diff(values) == 1.0))
-
-
-def _is_no_output(log: RawLog, names: list[str]) -> bool:
-    """Whether the first column counts rows, holds whole seconds since 1970, or a few labels before numbers that are
-    not whole."""
-    first = log.numbers[names[0]]
-    if _is_counter(first):
-        return True
-    told = first[np.isfinite(first)]
-    if not _are_whole(told):
-        return False
-    if len(told) and EPOCH[0] < told.min() and told.max() < EPOCH[1]:
-        return True
-    others = [log.numbers[n] for n in names[1:]]
-    few = bool(others) and len(np.unique(told)) <= _MOST_LABELS
-    return few and not any(_are_whole(x) for x in others)
-
-
-def _is_mark(values: Float[np.ndarray, " rows"]) -> bool:
-    """Whether a column is one whole number but zero throughout: what kind of sensor follows, as phone apps write it."""
-    told = values[np.isfinite(values)]
-    return bool(len(told) > 0 and told[0] != 0.0 and _are_whole(told) and np.all(told == told[0]))
-
-
-def _are_whole(values: Float[np.ndarray, " rows"]) -> bool:
-    """Whether all numbers are whole, empty fields aside."""
-    told = values[np.isfinite(values)]
-    return bool(np.all(told == np.round(told)))
 
 
 def _is_specific_force(log: RawLog, triad: tuple[str, str, str]) -> bool:
